@@ -1,0 +1,25 @@
+// Small geometric value types shared by every stage.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+namespace swiftlet {
+
+// World frame: right-handed, x east, y north, z up (metres). Body frame: x forward, y left, z up.
+using Vec3 = Eigen::Vector3f;
+using Mat3 = Eigen::Matrix3f;
+// A rotation from body to world. Eigen keeps (x, y, z, w) in memory; arrays at the boundary are (w, x, y, z).
+using Quat = Eigen::Quaternionf;
+
+struct Pose {
+  Vec3 position = Vec3::Zero();       // m, world frame
+  Quat rotation = Quat::Identity();   // unit, body to world
+};
+
+struct Aabb {
+  Vec3 min = Vec3::Constant(0.0F);  // m
+  Vec3 max = Vec3::Constant(0.0F);  // m
+};
+
+}  // namespace swiftlet

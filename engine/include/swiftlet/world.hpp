@@ -1,0 +1,117 @@
+// World: immutable geometry, materials and named markers, shared by any number of drones and batches.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "swiftlet/pose.hpp"
+
+namespace swiftlet {
+
+namespace trace {
+class Scene;
+}
+
+// Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within.
+enum class PrimitiveKind : std::uint8_t { room, box, cylinder, sphere };
+
+struct Primitive {
+  PrimitiveKind kind = PrimitiveKind::box;
+  Vec3 center = Vec3::Zero();                // m, world frame
+  Quat rotation = Quat::Identity();          // local to world; identity for rooms and spheres
+  Vec3 half_extents = Vec3::Constant(0.5F);  // m. box, room: half sizes; cylinder: (radius, radius, half height),
+                                             // axis along local z, flat caps; sphere: (radius, radius, radius)
+  std::uint16_t material = 0;                // index into World::materials()
+};
+
+struct Material {
+  std::string name;
+  std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB in [0, 1]
+};
+
+struct TriangleMesh {
+  std::vector<Vec3> vertices;                        // m, world frame
+  std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
+  std::vector<std::uint16_t> materials;              // one per triangle, index into World::materials()
+};
+
+// Named places. A task reads them; nothing collides with them and no LiDAR sees them.
+struct Markers {
+  float radius = 0.25F;             // m, drawn size
+  std::optional<Vec3> start;        // m
+  std::vector<Vec3> waypoints;      // m, in the order of flight
+  std::optional<Vec3> goal;         // m
+  std::optional<Aabb> spawn_box;    // m; where a task may start drones at random
+};
+
+// What a scene file says, in memory: the one input a World is built from.
+struct SceneDescription {
+  std::string name = "unnamed";
+  std::vector<Material> materials{Material{"default", {0.8F, 0.8F, 0.8F}}};
+  std::vector<Primitive> primitives;
+  TriangleMesh mesh;  // all triangle meshes of the scene, merged
+  Markers markers;
+};
+
+// A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
+struct PlaygroundConfig {
+  std::uint64_t seed = 0;
+  int pillars = 12;                                    // how many, in [0, 200]
+  std::array<float, 3> size{14.0F, 14.0F, 5.25F};      // m, room
+  float pillar_radius_m = 0.25F;
+};
+
+struct RayHits {
+  std::vector<float> t_hit;             // (R,) m along the unit direction; inf on a miss
+  std::vector<Vec3> normal;             // (R,) unit, facing the ray's origin; 0 on a miss
+  std::vector<std::int32_t> primitive;  // (R,) index into primitives(), then primitives().size() + triangle; -1 on a miss
+};
+
+class World {
+ public:
+  // Reads a scene file (.json as scenes/schema.json describes) or a bare mesh (.obj).
+  // Throws std::invalid_argument naming the file and the offending field.
+  static std::shared_ptr<const World> load(const std::filesystem::path& path);
+  // The same from JSON text; mesh files are looked up relative to base_dir.
+  static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {});
+  // A generated playground; a free path for the default drone from start over the waypoints to the goal exists.
+  static std::shared_ptr<const World> playground(const PlaygroundConfig& config);
+
+  explicit World(SceneDescription description);  // validates: see scene.hpp
+  ~World();
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+
+  const std::string& name() const { return description_.name; }
+  std::span<const Material> materials() const { return description_.materials; }
+  std::span<const Primitive> primitives() const { return description_.primitives; }
+  const TriangleMesh& triangles() const { return description_.mesh; }
+  const Markers& markers() const { return description_.markers; }
+  const Aabb& bounds() const { return bounds_; }  // m, of all geometry
+
+  std::string to_json() const;                           // what save() writes; triangle meshes are written inline
+  void save(const std::filesystem::path& path) const;
+
+  // Everything as triangles; round primitives are tessellated so that no chord is farther than chord_error_m from the surface.
+  TriangleMesh mesh(float chord_error_m = 1e-3F) const;
+
+  // Nearest hits of R rays. Directions need not be unit (they are normalised); zero or non-finite ones are refused.
+  RayHits raycast(std::span<const float> origins, std::span<const float> directions, float max_range_m) const;
+
+  // The acceleration structure, built on first need (thread-safe).
+  const trace::Scene& scene() const;
+
+ private:
+  struct Lazy;
+  SceneDescription description_;
+  Aabb bounds_;
+  std::unique_ptr<Lazy> lazy_;
+};
+
+}  // namespace swiftlet
