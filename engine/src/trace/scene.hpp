@@ -1,32 +1,65 @@
-// trace::Scene: one world's acceleration structure (Embree), and the one question asked of it: what is the nearest thing along
-// these rays.
+// trace::Scene: one world's acceleration structure (Embree), and the question asked of it: what is the nearest thing along
+// these eight rays.
 #pragma once
 
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "swiftlet/world.hpp"
+#include "trace/embree.hpp"
+#include "trace/shape.hpp"
 
 namespace swiftlet::trace {
 
-// Called for every primitive (index into World::primitives(), then primitives().size() + triangle index) whose bounds come within the query radius.
+// Called for every element (index into World::primitives(), then primitives().size() + triangle index) near a point.
 using NearbyCallback = void (*)(void* context, std::uint32_t element);
+
+// Denormals as zero on this thread for as long as this lives: Embree asks for it.
+class FlushDenormals {
+ public:
+  FlushDenormals();
+  ~FlushDenormals();
+  FlushDenormals(const FlushDenormals&) = delete;
+  FlushDenormals& operator=(const FlushDenormals&) = delete;
+
+ private:
+  unsigned int saved_;
+};
 
 class Scene {
  public:
-  explicit Scene(const World& world);
+  explicit Scene(const World& world);  // keeps no reference to the world
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  // The broad phase of collision: calls back for each element whose bounding box comes within radius of center; may call back
-  // for some that do not. Allocates nothing; safe from many threads.
+  // Nearest hits: on a hit tfar becomes the distance and geomID is not RTC_INVALID_GEOMETRY_ID. A lane with tfar < 0 is
+  // left alone. A ray's result has the same bits in any packet. Call under FlushDenormals.
+  void intersect(std::span<RayPacket> packets, Coherence coherence) const;
+
+  // The element a lane hit; -1 on a miss.
+  std::int32_t element(const RayPacket& packet, int lane) const;
+
+  // The broad phase of collision: calls back for each element whose bounding box comes within radius (m) of center; may call
+  // back for some that do not. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  struct Release {
+    void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
+    void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
+  };
+  template <class Handle>
+  using Owned = std::unique_ptr<std::remove_pointer_t<Handle>, Release>;
+
+  void add_primitives(std::span<const Primitive> primitives);
+  void add_triangles(const TriangleMesh& mesh);
+
+  Owned<RTCDevice> device_;
+  Owned<RTCScene> scene_;
+  std::vector<Shape> shapes_;
 };
 
 }  // namespace swiftlet::trace

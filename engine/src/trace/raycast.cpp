@@ -1,0 +1,112 @@
+// World::raycast: single queries, with normals and the element that was hit.
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "swiftlet/world.hpp"
+#include "trace/scene.hpp"
+
+namespace swiftlet {
+namespace {
+
+using Vec3d = Eigen::Vector3d;
+
+// The outward normal of a primitive's surface at (or numerically near) a point of it.
+Vec3d surface_normal(const Primitive& primitive, const Vec3d& point) {
+  const Eigen::Matrix3d rotation = primitive.rotation.cast<double>().toRotationMatrix();
+  const Vec3d local = rotation.transpose() * (point - primitive.center.cast<double>());
+  const Vec3d half = primitive.half_extents.cast<double>();
+  if (primitive.kind == PrimitiveKind::sphere) return local.normalized();
+  if (primitive.kind == PrimitiveKind::cylinder) {
+    const double radial = std::hypot(local.x(), local.y());
+    const bool cap = std::abs(std::abs(local.z()) - half.z()) < std::abs(radial - half.x());
+    const Vec3d normal = cap ? Vec3d(0, 0, std::copysign(1.0, local.z())) : Vec3d(local.x() / radial, local.y() / radial, 0);
+    return rotation * normal;
+  }
+  int face = 0;  // the one whose plane is nearest
+  ((local.cwiseAbs() - half).cwiseAbs()).minCoeff(&face);
+  Vec3d normal = Vec3d::Zero();
+  normal[face] = std::copysign(1.0, local[face]);
+  return rotation * normal;
+}
+
+Vec3d triangle_normal(const TriangleMesh& mesh, std::size_t triangle) {
+  const auto& [a, b, c] = mesh.triangles[triangle];
+  const auto vertex = [&](std::int32_t i) { return mesh.vertices[static_cast<std::size_t>(i)].cast<double>(); };
+  const Vec3d origin = vertex(a);
+  return (vertex(b) - origin).cross(vertex(c) - origin).normalized();
+}
+
+void require_finite(std::span<const float> values, const char* field) {
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    if (!std::isfinite(values[i])) {
+      throw std::invalid_argument(std::string(field) + ": expected finite numbers, got " + std::to_string(values[i]) +
+                                  " in row " + std::to_string(i / 3));
+    }
+  }
+}
+
+}  // namespace
+
+RayHits World::raycast(std::span<const float> origins, std::span<const float> directions, float max_range_m) const {
+  if (origins.size() != directions.size() || origins.size() % 3 != 0) {
+    throw std::invalid_argument("directions: expected as many rows of 3 as origins (" + std::to_string(origins.size()) +
+                                " numbers), got " + std::to_string(directions.size()));
+  }
+  if (!(max_range_m > 0.0F)) {
+    throw std::invalid_argument("max_range: expected a number > 0, got " + std::to_string(max_range_m));
+  }
+  require_finite(origins, "origins");
+  require_finite(directions, "directions");
+  const std::size_t count = origins.size() / 3;
+  std::vector<Vec3> unit(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Vec3d direction(directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]);
+    const double length = direction.norm();
+    if (length == 0.0) throw std::invalid_argument("directions: expected non-zero rows, got zero in row " + std::to_string(i));
+    unit[i] = (direction / length).cast<float>();
+  }
+
+  RayHits hits;
+  hits.t_hit.assign(count, std::numeric_limits<float>::infinity());
+  hits.normal.assign(count, Vec3::Zero());
+  hits.primitive.assign(count, -1);
+  const trace::FlushDenormals flush;
+  for (std::size_t first = 0; first < count; first += trace::kPacketSize) {
+    trace::RayPacket packet{};
+    const std::size_t lanes = std::min<std::size_t>(trace::kPacketSize, count - first);
+    for (std::size_t lane = 0; lane < trace::kPacketSize; ++lane) {
+      packet.ray.tfar[lane] = lane < lanes ? max_range_m : -1.0F;
+      packet.ray.mask[lane] = 0xFFFFFFFFU;
+      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
+      packet.hit.primID[lane] = RTC_INVALID_GEOMETRY_ID;
+      if (lane >= lanes) continue;
+      packet.ray.org_x[lane] = origins[3 * (first + lane)];
+      packet.ray.org_y[lane] = origins[3 * (first + lane) + 1];
+      packet.ray.org_z[lane] = origins[3 * (first + lane) + 2];
+      packet.ray.dir_x[lane] = unit[first + lane].x();
+      packet.ray.dir_y[lane] = unit[first + lane].y();
+      packet.ray.dir_z[lane] = unit[first + lane].z();
+    }
+    scene().intersect({&packet, 1}, trace::Coherence::incoherent);
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      const std::int32_t element = scene().element(packet, static_cast<int>(lane));
+      if (element < 0) continue;
+      const std::size_t ray = first + lane;
+      const float t = packet.ray.tfar[lane];
+      const Vec3d origin(origins[3 * ray], origins[3 * ray + 1], origins[3 * ray + 2]);
+      const Vec3d direction = unit[ray].cast<double>();
+      const auto index = static_cast<std::size_t>(element);
+      Vec3d normal = index < primitives().size() ? surface_normal(primitives()[index], origin + t * direction)
+                                                 : triangle_normal(triangles(), index - primitives().size());
+      if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are seen from both sides
+      hits.t_hit[ray] = t;
+      hits.normal[ray] = normal.cast<float>();
+      hits.primitive[ray] = element;
+    }
+  }
+  return hits;
+}
+
+}  // namespace swiftlet

@@ -1,0 +1,126 @@
+#include "trace/scene.hpp"
+
+#include <stdexcept>
+#include <string>
+
+#include "trace/user_geometry.hpp"
+
+#if defined(__SSE__) || defined(_M_X64)
+#include <xmmintrin.h>
+#endif
+
+namespace swiftlet::trace {
+namespace {
+
+constexpr unsigned int kPrimitiveGeometry = 0;
+constexpr unsigned int kTriangleGeometry = 1;
+
+[[noreturn]] void throw_embree_error(RTCDevice device) {
+  throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(rtcGetDeviceError(device))));
+}
+
+}  // namespace
+
+#if defined(__SSE__) || defined(_M_X64)
+FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
+  constexpr unsigned int kFlushToZero = 0x8000;
+  constexpr unsigned int kDenormalsAreZero = 0x0040;
+  _mm_setcsr(saved_ | kFlushToZero | kDenormalsAreZero);
+}
+FlushDenormals::~FlushDenormals() { _mm_setcsr(saved_); }
+#else
+FlushDenormals::FlushDenormals() : saved_(0) {}
+FlushDenormals::~FlushDenormals() = default;
+#endif
+
+Scene::Scene(const World& world) : device_(rtcNewDevice(nullptr)) {
+  if (!device_) throw_embree_error(nullptr);
+  scene_.reset(rtcNewScene(device_.get()));
+  // ROBUST: without it rays leak through the edges that triangles share.
+  rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
+  rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_MEDIUM);
+  add_primitives(world.primitives());
+  add_triangles(world.triangles());
+  rtcCommitScene(scene_.get());
+  if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) throw_embree_error(device_.get());
+}
+
+Scene::~Scene() = default;
+
+void Scene::add_primitives(std::span<const Primitive> primitives) {
+  for (const Primitive& primitive : primitives) shapes_.push_back(make_shape(primitive));
+  if (shapes_.empty()) return;
+  RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER);
+  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(shapes_.size()));
+  rtcSetGeometryUserData(geometry, shapes_.data());
+  rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
+  rtcSetGeometryBoundsFunction(
+      geometry,
+      [](const RTCBoundsFunctionArguments* args) {
+        const Aabb& box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds;
+        *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
+      },
+      nullptr);
+  rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometryByID(scene_.get(), geometry, kPrimitiveGeometry);
+  rtcReleaseGeometry(geometry);
+}
+
+void Scene::add_triangles(const TriangleMesh& mesh) {
+  if (mesh.triangles.empty()) return;
+  RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                                               3 * sizeof(float), mesh.vertices.size()));
+  auto* indices = static_cast<unsigned int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                     3 * sizeof(unsigned int), mesh.triangles.size()));
+  if (vertices == nullptr || indices == nullptr) throw_embree_error(device_.get());
+  for (const Vec3& vertex : mesh.vertices) {
+    for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
+  }
+  for (const auto& triangle : mesh.triangles) {
+    for (const std::int32_t index : triangle) *indices++ = static_cast<unsigned int>(index);
+  }
+  rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometryByID(scene_.get(), geometry, kTriangleGeometry);
+  rtcReleaseGeometry(geometry);
+}
+
+void Scene::intersect(std::span<RayPacket> packets, Coherence coherence) const {
+  alignas(32) static constexpr int kAllLanes[kPacketSize] = {-1, -1, -1, -1, -1, -1, -1, -1};
+  for (RayPacket& packet : packets) intersect_packet(kAllLanes, scene_.get(), packet, coherence);
+}
+
+std::int32_t Scene::element(const RayPacket& packet, int lane) const {
+  const unsigned int geometry = packet.hit.geomID[lane];
+  if (geometry == RTC_INVALID_GEOMETRY_ID) return -1;
+  const auto first = geometry == kTriangleGeometry ? static_cast<std::int32_t>(shapes_.size()) : 0;
+  return first + static_cast<std::int32_t>(packet.hit.primID[lane]);
+}
+
+void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {
+  struct Visit {
+    NearbyCallback callback;
+    void* context;
+    std::uint32_t first_triangle;
+  } visit{callback, context, static_cast<std::uint32_t>(shapes_.size())};
+  RTCPointQuery query;
+  query.x = center.x();
+  query.y = center.y();
+  query.z = center.z();
+  query.time = 0.0F;
+  query.radius = radius;
+  RTCPointQueryContext instances;
+  rtcInitPointQueryContext(&instances);
+  rtcPointQuery(
+      scene_.get(), &query, &instances,
+      [](RTCPointQueryFunctionArguments* args) {
+        const auto& seen = *static_cast<Visit*>(args->userPtr);
+        seen.callback(seen.context, args->geomID == kTriangleGeometry ? seen.first_triangle + args->primID : args->primID);
+        return false;  // the radius did not change
+      },
+      &visit);
+}
+
+}  // namespace swiftlet::trace
