@@ -1,0 +1,99 @@
+#include "world/obj.hpp"
+
+#include <tiny_obj_loader.h>
+
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace swiftlet {
+namespace {
+
+[[noreturn]] void refuse(const std::filesystem::path& path, std::size_t line, const std::string& expected, std::string_view got) {
+  throw std::invalid_argument(path.string() + ':' + std::to_string(line) + ": expected " + expected + ", got \"" +
+                              std::string(got) + '"');
+}
+
+// The next word of a line, which it is removed from; empty at the end.
+std::string_view next_word(std::string_view& line) {
+  constexpr std::string_view kSpace = " \t\r";
+  line.remove_prefix(std::min(line.find_first_not_of(kSpace), line.size()));
+  const std::string_view word = line.substr(0, line.find_first_of(kSpace));
+  line.remove_prefix(word.size());
+  return word;
+}
+
+template <class Number>
+bool parse(std::string_view word, Number& value) {
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  return error == std::errc() && end == word.data() + word.size();
+}
+
+// tinyobjloader reads a malformed number as 0 and lets indices run out of range, so the lines that matter are checked here first.
+void check_lines(const std::filesystem::path& path, const std::string& text) {
+  std::istringstream lines(text);
+  std::string line;
+  long num_vertices = 0;
+  for (std::size_t number = 1; std::getline(lines, line); ++number) {
+    std::string_view rest = line;
+    const std::string_view keyword = next_word(rest);
+    if (keyword == "v") {
+      ++num_vertices;
+      for (int axis = 0; axis < 3; ++axis) {
+        const std::string_view word = next_word(rest);
+        float value = 0.0F;
+        if (!parse(word, value) || !std::isfinite(value)) refuse(path, number, "three finite coordinates after v", line);
+      }
+    } else if (keyword == "f") {
+      int corners = 0;
+      for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest), ++corners) {
+        const std::string_view vertex = word.substr(0, word.find('/'));
+        long index = 0;  // from 1, or counted back from the last vertex so far when negative
+        if (!parse(vertex, index)) refuse(path, number, "vertex indices after f", line);
+        if (index == 0 || index > num_vertices || index < -num_vertices) {
+          refuse(path, number, "a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
+        }
+      }
+      if (corners < 3) refuse(path, number, "at least three corners after f", line);
+    }
+  }
+}
+
+}  // namespace
+
+TriangleMesh load_obj(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::stringstream content;
+  if (!file || !(content << file.rdbuf())) {
+    throw std::invalid_argument(path.string() + ": cannot read an OBJ file: " + std::strerror(errno));
+  }
+  const std::string text = content.str();
+  check_lines(path, text);
+
+  tinyobj::ObjReader reader;
+  if (!reader.ParseFromString(text, "")) throw std::invalid_argument(path.string() + ": " + reader.Error());
+
+  TriangleMesh mesh;
+  const std::vector<tinyobj::real_t>& coordinates = reader.GetAttrib().vertices;
+  for (std::size_t i = 0; i + 2 < coordinates.size(); i += 3) {
+    mesh.vertices.emplace_back(static_cast<float>(coordinates[i]), static_cast<float>(coordinates[i + 1]),
+                               static_cast<float>(coordinates[i + 2]));
+  }
+  for (const tinyobj::shape_t& shape : reader.GetShapes()) {
+    const std::vector<tinyobj::index_t>& corners = shape.mesh.indices;
+    for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
+      mesh.triangles.push_back({corners[i].vertex_index, corners[i + 1].vertex_index, corners[i + 2].vertex_index});
+    }
+  }
+  if (mesh.triangles.empty()) throw std::invalid_argument(path.string() + ": expected at least one face, got none");
+  return mesh;
+}
+
+}  // namespace swiftlet

@@ -1,0 +1,180 @@
+#include "world/scene_description.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace swiftlet {
+namespace {
+
+[[noreturn]] void refuse(const std::string& field, const std::string& expected, const std::string& got) {
+  throw std::invalid_argument(field + ": expected " + expected + ", got " + got);
+}
+
+std::string text(const Vec3& v) {
+  std::ostringstream out;
+  out << '(' << v.x() << ", " << v.y() << ", " << v.z() << ')';
+  return out.str();
+}
+
+std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
+
+// Written so that NaN fails.
+bool is_coordinate(float value) { return std::abs(static_cast<double>(value)) <= kMaxCoordinate; }
+
+void check_point(const std::string& field, const Vec3& point) {
+  if (!(is_coordinate(point.x()) && is_coordinate(point.y()) && is_coordinate(point.z()))) {
+    refuse(field, "coordinates within +-1e+06 m", text(point));
+  }
+}
+
+void check_box(const std::string& field, const Aabb& box) {
+  check_point(field + ".min", box.min);
+  check_point(field + ".max", box.max);
+  if (!(box.min.array() <= box.max.array()).all()) refuse(field, "min <= max", text(box.min) + " and " + text(box.max));
+}
+
+void check_material(const std::string& field, std::size_t index, std::size_t count) {
+  if (index >= count) refuse(field, "an index below " + std::to_string(count), std::to_string(index));
+}
+
+void check_primitive(const std::string& field, Primitive& primitive, std::size_t num_materials) {
+  check_point(field + ".center", primitive.center);
+  const Vec3& half = primitive.half_extents;
+  check_point(field + ".half_extents", half);
+  if (!(half.minCoeff() >= static_cast<float>(kMinSize))) refuse(field + ".half_extents", "sizes >= 1e-06 m", text(half));
+
+  const Quat& q = primitive.rotation;
+  const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
+  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) {
+    refuse(field + ".rotation", "a unit quaternion", "norm " + std::to_string(wxyz.norm()));
+  }
+  primitive.rotation = unit_quaternion(wxyz);
+
+  const bool is_identity = q.w() == 1.0F && q.vec().isZero(0.0F);
+  switch (primitive.kind) {
+    case PrimitiveKind::room:
+      if (!is_identity) refuse(field + ".rotation", "the identity for a room", text(q.vec()));
+      break;
+    case PrimitiveKind::box:
+      break;
+    case PrimitiveKind::cylinder:
+      if (half.x() != half.y()) refuse(field + ".half_extents", "(radius, radius, half height)", text(half));
+      break;
+    case PrimitiveKind::sphere:
+      if (!is_identity) refuse(field + ".rotation", "the identity for a sphere", text(q.vec()));
+      if (half.x() != half.y() || half.x() != half.z()) refuse(field + ".half_extents", "(radius, radius, radius)", text(half));
+      break;
+    default:
+      refuse(field + ".kind", "a PrimitiveKind", std::to_string(static_cast<int>(primitive.kind)));
+  }
+  check_material(field + ".material", primitive.material, num_materials);
+}
+
+void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) check_point("mesh." + element("vertices", i), mesh.vertices[i]);
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto& triangle = mesh.triangles[i];
+    const auto field = [i] { return "mesh." + element("triangles", i); };
+    for (const std::int32_t index : triangle) {
+      if (index < 0 || static_cast<std::size_t>(index) >= mesh.vertices.size()) {
+        refuse(field(), "vertex indices in [0, " + std::to_string(mesh.vertices.size()) + ")", std::to_string(index));
+      }
+    }
+    const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
+    if (is_degenerate(corner(0), corner(1), corner(2))) {
+      refuse(field(), "a triangle with an area", text(corner(0)) + ' ' + text(corner(1)) + ' ' + text(corner(2)));
+    }
+  }
+  if (mesh.materials.empty()) mesh.materials.assign(mesh.triangles.size(), 0);
+  if (mesh.materials.size() != mesh.triangles.size()) {
+    refuse("mesh.materials", "one per triangle (" + std::to_string(mesh.triangles.size()) + ')',
+           std::to_string(mesh.materials.size()));
+  }
+  for (std::size_t i = 0; i < mesh.materials.size(); ++i) {
+    check_material("mesh." + element("materials", i), mesh.materials[i], num_materials);
+  }
+}
+
+void check_materials(const std::vector<Material>& materials) {
+  constexpr std::size_t kMaxMaterials = 65535;  // indices are 16 bits wide
+  if (materials.empty() || materials.size() > kMaxMaterials) {
+    refuse("materials", "1 to 65535 of them", std::to_string(materials.size()));
+  }
+  for (std::size_t i = 0; i < materials.size(); ++i) {
+    for (const float value : materials[i].base_color) {
+      if (!(value >= 0.0F && value <= 1.0F)) {
+        refuse(element("materials", i) + ".base_color", "numbers in [0, 1]", std::to_string(value));
+      }
+    }
+    for (std::size_t j = 0; j < i; ++j) {
+      if (materials[j].name == materials[i].name) {
+        refuse(element("materials", i) + ".name", "a name of its own", '"' + materials[i].name + '"');
+      }
+    }
+  }
+}
+
+void check_markers(const Markers& markers) {
+  if (!(markers.radius >= static_cast<float>(kMinSize) && is_coordinate(markers.radius))) {
+    refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
+  }
+  if (markers.start) check_point("markers.start", *markers.start);
+  if (markers.goal) check_point("markers.goal", *markers.goal);
+  for (std::size_t i = 0; i < markers.waypoints.size(); ++i) {
+    check_point("markers." + element("waypoints", i), markers.waypoints[i]);
+  }
+  if (markers.spawn_box) check_box("markers.spawn_box", *markers.spawn_box);
+}
+
+}  // namespace
+
+bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Eigen::Vector3d ab = (b - a).cast<double>();
+  const Eigen::Vector3d ac = (c - a).cast<double>();
+  const double longest_squared = std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
+  return !(ab.cross(ac).norm() > kDegenerateRatio * longest_squared);
+}
+
+Quat unit_quaternion(const Eigen::Vector4d& wxyz) {
+  // Rounding a unit quaternion to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
+  constexpr double kRounding = 1.2e-7;
+  const Eigen::Vector4d unit = std::abs(wxyz.squaredNorm() - 1.0) <= kRounding ? wxyz : wxyz.normalized();
+  const Eigen::Vector4f q = unit.cast<float>();
+  return Quat(q[0], q[1], q[2], q[3]);
+}
+
+SceneDescription canonical(SceneDescription description) {
+  check_materials(description.materials);
+  auto& primitives = description.primitives;
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    check_primitive(element("primitives", i), primitives[i], description.materials.size());
+  }
+  std::stable_sort(primitives.begin(), primitives.end(), [](const Primitive& a, const Primitive& b) { return a.kind < b.kind; });
+  if (primitives.size() > 1 && primitives[1].kind == PrimitiveKind::room) refuse("primitives", "at most one room", "several");
+  check_mesh(description.mesh, description.materials.size());
+  if (primitives.empty() && description.mesh.triangles.empty()) {
+    refuse("scene", "at least one primitive or triangle", "an empty scene");
+  }
+  check_markers(description.markers);
+  return description;
+}
+
+Aabb bounds(const Primitive& primitive) {
+  Vec3 reach = primitive.half_extents;
+  const Mat3 rotation = primitive.rotation.toRotationMatrix();
+  if (primitive.kind == PrimitiveKind::box) {
+    reach = rotation.cwiseAbs() * primitive.half_extents;
+  } else if (primitive.kind == PrimitiveKind::cylinder) {
+    // A disc of radius r with unit normal a reaches r * sqrt(1 - a_i^2) along axis i.
+    const Vec3 axis = rotation.col(2);
+    const Vec3 disc = (1.0F - axis.array().square()).max(0.0F).sqrt().matrix() * primitive.half_extents.x();
+    reach = axis.cwiseAbs() * primitive.half_extents.z() + disc;
+  }
+  return Aabb{primitive.center - reach, primitive.center + reach};
+}
+
+}  // namespace swiftlet

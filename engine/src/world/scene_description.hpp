@@ -1,0 +1,34 @@
+// The rules every scene obeys, wherever it came from.
+#pragma once
+
+#include <string_view>
+
+#include "swiftlet/world.hpp"
+
+namespace swiftlet {
+
+// Coordinates beyond this are refused: float32 resolves 6 cm there, and squares of it are far from overflow.
+inline constexpr double kMaxCoordinate = 1e6;  // m
+// Sizes below this are refused: their squares are still far from underflow.
+inline constexpr double kMinSize = 1e-6;  // m
+// How far the norm of a quaternion may be from 1 before it is taken for a mistake rather than for rounding.
+inline constexpr double kQuaternionTolerance = 1e-3;
+
+// Two times the area over the longest side squared, below which a triangle has no usable normal in float32.
+inline constexpr double kDegenerateRatio = 1e-7;
+
+// True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
+bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
+
+// (w, x, y, z) as a unit quaternion in float32; a quaternion that is already unit in float32 keeps its bits, so that writing and
+// reading it again changes nothing. The norm must be within kQuaternionTolerance of 1.
+Quat unit_quaternion(const Eigen::Vector4d& wxyz);
+
+// Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions unit, one
+// material index per triangle. Throws std::invalid_argument naming the field, what was expected and what came.
+SceneDescription canonical(SceneDescription description);
+
+// The smallest axis-aligned box around a primitive.
+Aabb bounds(const Primitive& primitive);
+
+}  // namespace swiftlet

@@ -1,0 +1,545 @@
+#include "world/scene_json.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <initializer_list>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+#include "world/obj.hpp"
+#include "world/scene_description.hpp"
+
+namespace swiftlet {
+namespace {
+
+using Json = nlohmann::ordered_json;  // keeps the order of materials, which their indices depend on
+using Vec3d = Eigen::Vector3d;        // numbers are rounded to float32 once, after all arithmetic
+
+constexpr int kVersion = 1;
+
+// ---------------------------------------------------------------------------------------------------------------- reading
+
+// A value of the document and the place it has there.
+struct Field {
+  const Json& value;
+  std::string pointer;  // RFC 6901
+  const std::string& source;
+};
+
+std::string shortened(std::string text) {
+  constexpr std::size_t kMaxLength = 60;
+  if (text.size() > kMaxLength) text = text.substr(0, kMaxLength) + "...";
+  return text;
+}
+
+[[noreturn]] void fail(const Field& field, const std::string& what) {
+  throw std::invalid_argument(field.source + ": " + (field.pointer.empty() ? "" : field.pointer + ": ") + what);
+}
+
+[[noreturn]] void refuse(const Field& field, const std::string& expected) {
+  fail(field, "expected " + expected + ", got " + shortened(field.value.dump()));
+}
+
+std::string escaped(std::string_view key) {
+  std::string token;
+  for (const char c : key) {
+    if (c == '~') {
+      token += "~0";
+    } else if (c == '/') {
+      token += "~1";
+    } else {
+      token += c;
+    }
+  }
+  return token;
+}
+
+Field child(const Field& parent, const std::string& key) {
+  return Field{parent.value.at(key), parent.pointer + '/' + escaped(key), parent.source};
+}
+
+Field child(const Field& parent, std::size_t index) {
+  return Field{parent.value.at(index), parent.pointer + '/' + std::to_string(index), parent.source};
+}
+
+std::optional<Field> find(const Field& object, const char* key) {
+  return object.value.contains(key) ? std::optional<Field>(child(object, key)) : std::nullopt;
+}
+
+Field require(const Field& object, const char* key) {
+  if (!object.value.contains(key)) fail(object, "expected a field \"" + std::string(key) + "\", found none");
+  return child(object, key);
+}
+
+void check_object(const Field& field, std::initializer_list<std::string_view> known) {
+  if (!field.value.is_object()) refuse(field, "an object");
+  for (const auto& [key, value] : field.value.items()) {
+    if (std::find(known.begin(), known.end(), key) != known.end()) continue;
+    std::string names;
+    for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
+    fail(child(field, key), "unknown field; expected one of " + names);
+  }
+}
+
+const Json& require_array(const Field& field, const char* expected) {
+  if (!field.value.is_array()) refuse(field, expected);
+  return field.value;
+}
+
+double number(const Field& field) {
+  if (!field.value.is_number()) refuse(field, "a number");
+  const double value = field.value.get<double>();
+  if (!(std::abs(value) <= kMaxCoordinate)) refuse(field, "a number within +-1e+06");
+  return value;
+}
+
+double positive(const Field& field) {
+  const double value = number(field);
+  if (value <= 0.0) refuse(field, "a number > 0");
+  if (value < kMinSize) refuse(field, "a number >= 1e-06");
+  return value;
+}
+
+Vec3d vec3(const Field& field) {
+  if (!field.value.is_array() || field.value.size() != 3) refuse(field, "an array of 3 numbers");
+  return Vec3d(number(child(field, 0)), number(child(field, 1)), number(child(field, 2)));
+}
+
+Vec3 point(const Field& field) { return vec3(field).cast<float>(); }
+
+Vec3 optional_point(const Field& object, const char* key) {
+  const std::optional<Field> field = find(object, key);
+  return field ? point(*field) : Vec3::Zero();
+}
+
+Quat optional_quaternion(const Field& object) {
+  const std::optional<Field> field = find(object, "quat_wxyz");
+  if (!field) return Quat::Identity();
+  if (!field->value.is_array() || field->value.size() != 4) refuse(*field, "an array of 4 numbers (w, x, y, z)");
+  Eigen::Vector4d wxyz;
+  for (std::size_t i = 0; i < 4; ++i) wxyz[static_cast<Eigen::Index>(i)] = number(child(*field, i));
+  if (!(std::abs(wxyz.norm() - 1.0) <= kQuaternionTolerance)) refuse(*field, "a quaternion (w, x, y, z) of norm 1");
+  return unit_quaternion(wxyz);
+}
+
+struct Box3d {
+  Vec3d min, max;
+};
+
+Box3d min_max(const Field& field, bool needs_volume) {
+  const Box3d box{vec3(require(field, "min")), vec3(require(field, "max"))};
+  const double least = needs_volume ? 2.0 * kMinSize : 0.0;
+  if (!((box.max - box.min).array() >= least).all()) refuse(field, needs_volume ? "min < max" : "min <= max");
+  return box;
+}
+
+class SceneReader {
+ public:
+  SceneReader(Field root, std::filesystem::path base_dir) : root_(std::move(root)), base_dir_(std::move(base_dir)) {}
+
+  SceneDescription read() {
+    check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
+                         "meshes", "markers"});
+    const Field version = require(root_, "swiftlet_scene");
+    if (version.value != kVersion) refuse(version, "version 1");
+    if (const auto name = find(root_, "name")) {
+      if (!name->value.is_string()) refuse(*name, "a string");
+      scene_.name = name->value.get<std::string>();
+    }
+    read_materials();
+    if (const auto room = find(root_, "room")) read_room(*room);
+    for_each("pillars", [this](const Field& field) { read_pillar(field); });
+    for_each("cylinders", [this](const Field& field) { read_cylinder(field); });
+    for_each("boxes", [this](const Field& field) { read_box(field); });
+    for_each("spheres", [this](const Field& field) { read_sphere(field); });
+    for_each("meshes", [this](const Field& field) { read_mesh(field); });
+    if (const auto markers = find(root_, "markers")) read_markers(*markers);
+    if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
+    if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
+      fail(root_, "expected at least one of room, pillars, cylinders, boxes, spheres, meshes, got an empty scene");
+    }
+    return std::move(scene_);
+  }
+
+ private:
+  template <class Function>
+  void for_each(const char* key, const Function& function) {
+    const std::optional<Field> list = find(root_, key);
+    if (!list) return;
+    const std::size_t count = require_array(*list, "an array").size();
+    for (std::size_t i = 0; i < count; ++i) function(child(*list, i));
+  }
+
+  void read_materials() {
+    scene_.materials.clear();
+    const std::optional<Field> materials = find(root_, "materials");
+    if (!materials) return;
+    if (!materials->value.is_object()) refuse(*materials, "an object");
+    if (materials->value.size() >= 65535) fail(*materials, "expected fewer than 65535 materials");
+    for (const auto& [name, value] : materials->value.items()) {
+      const Field field = child(*materials, name);
+      check_object(field, {"base_color"});
+      Material material{name};
+      const Field color = require(field, "base_color");
+      const Vec3d rgb = vec3(color);
+      if (!((rgb.array() >= 0.0).all() && (rgb.array() <= 1.0).all())) refuse(color, "3 numbers in [0, 1]");
+      for (int i = 0; i < 3; ++i) material.base_color[static_cast<std::size_t>(i)] = static_cast<float>(rgb[i]);
+      scene_.materials.push_back(std::move(material));
+    }
+  }
+
+  std::uint16_t material_index(const std::string& name) const {
+    const auto is_it = [&](const Material& material) { return material.name == name; };
+    const auto found = std::find_if(scene_.materials.begin(), scene_.materials.end(), is_it);
+    return static_cast<std::uint16_t>(found - scene_.materials.begin());
+  }
+
+  std::uint16_t named_material(const Field& field) const {
+    if (!field.value.is_string()) refuse(field, "the name of a material");
+    const std::uint16_t index = material_index(field.value.get<std::string>());
+    if (index == scene_.materials.size()) refuse(field, "a name listed in /materials");
+    return index;
+  }
+
+  std::uint16_t default_material() {
+    const std::uint16_t index = material_index("default");
+    if (index == scene_.materials.size()) scene_.materials.push_back(Material{"default"});
+    return index;
+  }
+
+  std::uint16_t read_material(const Field& object) {
+    const std::optional<Field> field = find(object, "material");
+    return field ? named_material(*field) : default_material();
+  }
+
+  void read_room(const Field& field) {
+    check_object(field, {"min", "max", "material"});
+    room_ = min_max(field, true);
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::room,
+                                          .center = ((room_->min + room_->max) / 2.0).cast<float>(),
+                                          .half_extents = ((room_->max - room_->min) / 2.0).cast<float>(),
+                                          .material = read_material(field)});
+  }
+
+  // A vertical cylinder that stands on the floor of the room and reaches its ceiling, unless z says otherwise.
+  void read_pillar(const Field& field) {
+    check_object(field, {"center", "radius", "z", "material"});
+    const Field center = require(field, "center");
+    if (!center.value.is_array() || center.value.size() != 2) refuse(center, "an array of 2 numbers (x, y)");
+    const double x = number(child(center, 0));
+    const double y = number(child(center, 1));
+    const float radius = static_cast<float>(positive(require(field, "radius")));
+    double low = 0.0;
+    double high = 0.0;
+    if (const auto z = find(field, "z")) {
+      if (!z->value.is_array() || z->value.size() != 2) refuse(*z, "an array of 2 numbers (low, high)");
+      low = number(child(*z, 0));
+      high = number(child(*z, 1));
+      if (!(high - low >= 2.0 * kMinSize)) refuse(*z, "low < high");
+    } else if (room_) {
+      low = room_->min.z();
+      high = room_->max.z();
+    } else {
+      fail(field, "expected a field \"z\" (the scene has no room to take the height from), found none");
+    }
+    const float half_height = static_cast<float>((high - low) / 2.0);
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
+                                          .center = Vec3d(x, y, (low + high) / 2.0).cast<float>(),
+                                          .half_extents = Vec3(radius, radius, half_height),
+                                          .material = read_material(field)});
+  }
+
+  void read_cylinder(const Field& field) {
+    check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
+    const float radius = static_cast<float>(positive(require(field, "radius")));
+    const Field height = require(field, "height");
+    const float half_height = half_size(height, positive(height));
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
+                                          .center = point(require(field, "center")),
+                                          .rotation = optional_quaternion(field),
+                                          .half_extents = Vec3(radius, radius, half_height),
+                                          .material = read_material(field)});
+  }
+
+  void read_box(const Field& field) {
+    check_object(field, {"center", "size", "quat_wxyz", "material"});
+    const Field size = require(field, "size");
+    Vec3 half_extents = vec3(size).cast<float>();
+    for (std::size_t i = 0; i < 3; ++i) {
+      const Field side = child(size, i);
+      half_extents[static_cast<Eigen::Index>(i)] = half_size(side, positive(side));
+    }
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::box,
+                                          .center = point(require(field, "center")),
+                                          .rotation = optional_quaternion(field),
+                                          .half_extents = half_extents,
+                                          .material = read_material(field)});
+  }
+
+  void read_sphere(const Field& field) {
+    check_object(field, {"center", "radius", "material"});
+    const float radius = static_cast<float>(positive(require(field, "radius")));
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::sphere,
+                                          .center = point(require(field, "center")),
+                                          .half_extents = Vec3::Constant(radius),
+                                          .material = read_material(field)});
+  }
+
+  static float half_size(const Field& field, double size) {
+    if (size < 2.0 * kMinSize) refuse(field, "a number >= 2e-06");
+    return static_cast<float>(size / 2.0);
+  }
+
+  // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
+  void read_mesh(const Field& field) {
+    check_object(field, {"file", "vertices", "triangles", "position", "quat_wxyz", "scale", "material"});
+    const bool has_file = field.value.contains("file");
+    if (has_file == (field.value.contains("vertices") || field.value.contains("triangles"))) {
+      fail(field, "expected either \"file\" or \"vertices\" and \"triangles\"");
+    }
+    const TriangleMesh part = has_file ? read_mesh_file(require(field, "file")) : read_inline_mesh(field);
+    const Quat rotation = optional_quaternion(field);
+    const Vec3 position = optional_point(field, "position");
+    const auto scale_field = find(field, "scale");
+    const float scale = scale_field ? static_cast<float>(positive(*scale_field)) : 1.0F;
+
+    TriangleMesh& mesh = scene_.mesh;
+    const auto first_vertex = static_cast<std::int32_t>(mesh.vertices.size());
+    const bool is_placed = scale_field || field.value.contains("quat_wxyz") || field.value.contains("position");
+    for (const Vec3& vertex : part.vertices) {
+      const Vec3 placed = is_placed ? Vec3(rotation * (vertex * scale) + position) : vertex;
+      if (!(placed.cwiseAbs().maxCoeff() <= static_cast<float>(kMaxCoordinate))) {
+        fail(field, "expected all vertices within +-1e+06 m of the origin");
+      }
+      mesh.vertices.push_back(placed);
+    }
+    for (std::size_t i = 0; i < part.triangles.size(); ++i) {
+      std::array<std::int32_t, 3> triangle = part.triangles[i];
+      for (std::int32_t& index : triangle) index += first_vertex;
+      const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
+      if (is_degenerate(corner(0), corner(1), corner(2))) {
+        const std::string where = has_file ? "triangle " + std::to_string(i) + " of the file" : "/triangles/" + std::to_string(i);
+        const Field at{field.value, field.pointer + (has_file ? "/file" : where), field.source};
+        fail(at, "expected a triangle with an area, got a degenerate one" + (has_file ? " (" + where + ')' : std::string()));
+      }
+      mesh.triangles.push_back(triangle);
+    }
+    read_mesh_materials(field, part.triangles.size());
+  }
+
+  TriangleMesh read_mesh_file(const Field& file) const {
+    if (!file.value.is_string()) refuse(file, "the path of an OBJ file");
+    const std::filesystem::path path = base_dir_ / file.value.get<std::string>();
+    try {
+      return load_obj(path);
+    } catch (const std::invalid_argument& error) {
+      fail(file, error.what());
+    }
+  }
+
+  static TriangleMesh read_inline_mesh(const Field& field) {
+    TriangleMesh mesh;
+    const Field vertices = require(field, "vertices");
+    const Field triangles = require(field, "triangles");
+    const std::size_t num_vertices = require_array(vertices, "an array of (x, y, z)").size();
+    for (std::size_t i = 0; i < num_vertices; ++i) mesh.vertices.push_back(point(child(vertices, i)));
+    const std::size_t num_triangles = require_array(triangles, "an array of vertex index triples").size();
+    for (std::size_t i = 0; i < num_triangles; ++i) {
+      const Field triangle = child(triangles, i);
+      if (!triangle.value.is_array() || triangle.value.size() != 3) refuse(triangle, "an array of 3 vertex indices");
+      std::array<std::int32_t, 3> indices{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Field index = child(triangle, k);
+        const bool in_range = index.value.is_number_unsigned() && index.value.get<std::uint64_t>() < num_vertices;
+        if (!in_range) refuse(index, "a vertex index in [0, " + std::to_string(num_vertices) + ')');
+        indices[k] = index.value.get<std::int32_t>();
+      }
+      mesh.triangles.push_back(indices);
+    }
+    return mesh;
+  }
+
+  // "material" is one name for the whole mesh, or an array with a name per triangle.
+  void read_mesh_materials(const Field& field, std::size_t num_triangles) {
+    std::vector<std::uint16_t>& materials = scene_.mesh.materials;
+    const std::optional<Field> material = find(field, "material");
+    if (!material || !material->value.is_array()) {
+      materials.insert(materials.end(), num_triangles, read_material(field));
+      return;
+    }
+    if (material->value.size() != num_triangles) {
+      fail(*material, "expected one name, or one per triangle (" + std::to_string(num_triangles) + "), got " +
+                          std::to_string(material->value.size()));
+    }
+    for (std::size_t i = 0; i < num_triangles; ++i) materials.push_back(named_material(child(*material, i)));
+  }
+
+  void read_markers(const Field& field) {
+    check_object(field, {"radius", "start", "waypoints", "goal", "spawn_box"});
+    Markers& markers = scene_.markers;
+    if (const auto radius = find(field, "radius")) markers.radius = static_cast<float>(positive(*radius));
+    if (const auto start = find(field, "start")) markers.start = point(*start);
+    if (const auto goal = find(field, "goal")) markers.goal = point(*goal);
+    if (const auto waypoints = find(field, "waypoints")) {
+      const std::size_t count = require_array(*waypoints, "an array of (x, y, z)").size();
+      for (std::size_t i = 0; i < count; ++i) markers.waypoints.push_back(point(child(*waypoints, i)));
+    }
+    if (const auto spawn_box = find(field, "spawn_box")) {
+      check_object(*spawn_box, {"min", "max"});
+      const Box3d box = min_max(*spawn_box, false);
+      markers.spawn_box = Aabb{box.min.cast<float>(), box.max.cast<float>()};
+    }
+  }
+
+  Field root_;
+  std::filesystem::path base_dir_;
+  std::optional<Box3d> room_;
+  SceneDescription scene_;
+};
+
+Json parse_json(const std::string& text, const std::string& source) {
+  // JSON leaves the meaning of a repeated field open; here it is a mistake.
+  std::vector<std::set<std::string>> open_objects;
+  const auto refuse_repeated_fields = [&](int /*depth*/, Json::parse_event_t event, Json& parsed) {
+    if (event == Json::parse_event_t::object_start) open_objects.emplace_back();
+    if (event == Json::parse_event_t::object_end) open_objects.pop_back();
+    if (event == Json::parse_event_t::key && !open_objects.back().insert(parsed.get<std::string>()).second) {
+      throw std::invalid_argument(source + ": expected each field once, got " + parsed.dump() + " twice in one object");
+    }
+    return true;
+  };
+  try {
+    return Json::parse(text, refuse_repeated_fields);
+  } catch (const Json::exception& error) {
+    const std::string what = error.what();  // "[json.exception.parse_error.101] parse error at line 3, column 7: ..."
+    const std::size_t prefix_end = what.find("] ");
+    throw std::invalid_argument(source + ": not valid JSON: " + (prefix_end == what.npos ? what : what.substr(prefix_end + 2)));
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------------------- writing
+
+// The double with the fewest digits that reads back as this value; a sum or difference of float32 may need more than float32
+// digits.
+double shortest(double value) {
+  const auto single = static_cast<float>(value);
+  if (static_cast<double>(single) != value) return value;
+  std::array<char, 32> digits{};
+  const auto written = std::to_chars(digits.data(), digits.data() + digits.size(), single);
+  double read = value;
+  std::from_chars(digits.data(), written.ptr, read);
+  return static_cast<float>(read) == single ? read : value;
+}
+
+Json numbers(const Vec3d& v) { return Json::array({shortest(v.x()), shortest(v.y()), shortest(v.z())}); }
+
+Json numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
+
+void write_rotation(Json& object, const Quat& q) {
+  if (q.w() == 1.0F && q.vec().isZero(0.0F)) return;
+  object["quat_wxyz"] = Json::array({shortest(q.w()), shortest(q.x()), shortest(q.y()), shortest(q.z())});
+}
+
+void write_primitive(Json& document, const Primitive& primitive, const std::string& material) {
+  const Vec3d center = primitive.center.cast<double>();
+  const Vec3d half = primitive.half_extents.cast<double>();
+  Json object;
+  switch (primitive.kind) {
+    case PrimitiveKind::room:
+      object = {{"min", numbers(Vec3d(center - half))}, {"max", numbers(Vec3d(center + half))}, {"material", material}};
+      document["room"] = std::move(object);
+      return;
+    case PrimitiveKind::box:
+      object = {{"center", numbers(center)}, {"size", numbers(Vec3d(2.0 * half))}};
+      write_rotation(object, primitive.rotation);
+      break;
+    case PrimitiveKind::cylinder:
+      object = {{"center", numbers(center)}, {"radius", shortest(half.x())}, {"height", shortest(2.0 * half.z())}};
+      write_rotation(object, primitive.rotation);
+      break;
+    case PrimitiveKind::sphere:
+      object = {{"center", numbers(center)}, {"radius", shortest(half.x())}};
+      break;
+  }
+  object["material"] = material;
+  const char* list = primitive.kind == PrimitiveKind::box        ? "boxes"
+                     : primitive.kind == PrimitiveKind::cylinder ? "cylinders"
+                                                                 : "spheres";
+  document[list].push_back(std::move(object));
+}
+
+Json write_mesh(const TriangleMesh& mesh, const std::vector<Material>& materials) {
+  Json object = {{"vertices", Json::array()}, {"triangles", Json::array()}, {"material", Json::array()}};
+  for (const Vec3& vertex : mesh.vertices) object["vertices"].push_back(numbers(vertex));
+  for (const auto& triangle : mesh.triangles) object["triangles"].push_back(triangle);
+  const auto differs = [&](std::uint16_t material) { return material != mesh.materials.front(); };
+  if (std::none_of(mesh.materials.begin(), mesh.materials.end(), differs)) {
+    object["material"] = materials[mesh.materials.front()].name;
+  } else {
+    for (const std::uint16_t material : mesh.materials) object["material"].push_back(materials[material].name);
+  }
+  return object;
+}
+
+Json write_markers(const Markers& markers) {
+  Json object = {{"radius", shortest(markers.radius)}};
+  if (markers.start) object["start"] = numbers(*markers.start);
+  if (!markers.waypoints.empty()) {
+    Json& waypoints = object["waypoints"] = Json::array();
+    for (const Vec3& waypoint : markers.waypoints) waypoints.push_back(numbers(waypoint));
+  }
+  if (markers.goal) object["goal"] = numbers(*markers.goal);
+  if (markers.spawn_box) {
+    object["spawn_box"] = {{"min", numbers(markers.spawn_box->min)}, {"max", numbers(markers.spawn_box->max)}};
+  }
+  return object;
+}
+
+// One line per top-level field, and per element where a field is a list of objects.
+std::string format(const Json& document) {
+  std::string text = "{";
+  const char* separator = "\n";
+  for (const auto& [key, value] : document.items()) {
+    text += separator + ("  " + Json(key).dump() + ": ");
+    separator = ",\n";
+    if (!value.is_array()) {
+      text += value.dump();
+      continue;
+    }
+    const char* element_separator = "[\n";
+    for (const Json& element : value) {
+      text += element_separator + ("    " + element.dump());
+      element_separator = ",\n";
+    }
+    text += "\n  ]";
+  }
+  return text + "\n}\n";
+}
+
+}  // namespace
+
+SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir) {
+  const Json document = parse_json(text, source);
+  return SceneReader(Field{document, "", source}, base_dir).read();
+}
+
+std::string write_scene(const SceneDescription& description) {
+  Json document = {{"swiftlet_scene", kVersion}, {"name", description.name}};
+  Json& materials = document["materials"] = Json::object();
+  for (const Material& material : description.materials) {
+    const auto& rgb = material.base_color;
+    materials[material.name] = {{"base_color", numbers(Vec3(rgb[0], rgb[1], rgb[2]))}};
+  }
+  for (const Primitive& primitive : description.primitives) {
+    write_primitive(document, primitive, description.materials[primitive.material].name);
+  }
+  if (!description.mesh.triangles.empty()) document["meshes"].push_back(write_mesh(description.mesh, description.materials));
+  document["markers"] = write_markers(description.markers);
+  return format(document);
+}
+
+}  // namespace swiftlet

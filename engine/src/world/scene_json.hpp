@@ -1,0 +1,18 @@
+// Scene files: the JSON that scenes/schema.json describes, read into and written from a SceneDescription.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "swiftlet/world.hpp"
+
+namespace swiftlet {
+
+// source names the text in error messages; mesh files are looked up relative to base_dir.
+// Throws std::invalid_argument: source, JSON pointer of the offending field, what was expected, what came.
+SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir);
+
+// Numbers are written so that reading them again gives the same float32 bits.
+std::string write_scene(const SceneDescription& description);
+
+}  // namespace swiftlet

@@ -1,0 +1,143 @@
+#include "world/tessellate.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+
+namespace swiftlet {
+namespace {
+
+// Appends triangles of one primitive, given in its local frame, to a mesh.
+class Patch {
+ public:
+  Patch(const Primitive& primitive, TriangleMesh& mesh) : primitive_(primitive), mesh_(mesh) {}
+
+  std::int32_t vertex(const Eigen::Vector3d& local) {
+    const Eigen::Vector3d world = primitive_.rotation.cast<double>() * local + primitive_.center.cast<double>();
+    mesh_.vertices.push_back(world.cast<float>());
+    return static_cast<std::int32_t>(mesh_.vertices.size()) - 1;
+  }
+
+  void triangle(std::int32_t a, std::int32_t b, std::int32_t c) {
+    mesh_.triangles.push_back({a, b, c});
+    mesh_.materials.push_back(primitive_.material);
+  }
+
+  void quad(std::int32_t a, std::int32_t b, std::int32_t c, std::int32_t d) {
+    triangle(a, b, c);
+    triangle(a, c, d);
+  }
+
+ private:
+  const Primitive& primitive_;
+  TriangleMesh& mesh_;
+};
+
+// The angle whose arc of radius r rises r (1 - cos(angle / 2)) = error above its chord: 1 - cos(x) = 2 sin^2(x / 2).
+double arc_within(double radius, double error) { return 4.0 * std::asin(std::sqrt(std::min(error / (2.0 * radius), 0.5))); }
+
+int parts(double whole, double part, int least) { return std::max(least, static_cast<int>(std::ceil(whole / part))); }
+
+void add_box(Patch patch, const Vec3& half_extents, bool facing_inward) {
+  std::array<std::int32_t, 8> corner{};  // bit 0: +x, bit 1: +y, bit 2: +z
+  for (unsigned i = 0; i < 8; ++i) {
+    const Eigen::Vector3d sign((i & 1U) != 0 ? 1.0 : -1.0, (i & 2U) != 0 ? 1.0 : -1.0, (i & 4U) != 0 ? 1.0 : -1.0);
+    corner[i] = patch.vertex(sign.cwiseProduct(half_extents.cast<double>()));
+  }
+  constexpr std::array<std::array<std::size_t, 4>, 6> kFaces{
+      {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}}};  // counter-clockwise from outside
+  for (const auto& [a, b, c, d] : kFaces) {
+    if (facing_inward) {
+      patch.quad(corner[d], corner[c], corner[b], corner[a]);
+    } else {
+      patch.quad(corner[a], corner[b], corner[c], corner[d]);
+    }
+  }
+}
+
+void add_cylinder(Patch patch, double radius, double half_height, double chord_error) {
+  const int sides = parts(2.0 * std::numbers::pi, arc_within(radius, chord_error), 8);
+  const std::int32_t bottom = patch.vertex({0.0, 0.0, -half_height});
+  const std::int32_t top = patch.vertex({0.0, 0.0, half_height});
+  const std::int32_t rim = top + 1;  // then bottom and top of each side in turn
+  for (int i = 0; i < sides; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / sides;
+    patch.vertex({radius * std::cos(angle), radius * std::sin(angle), -half_height});
+    patch.vertex({radius * std::cos(angle), radius * std::sin(angle), half_height});
+  }
+  for (int i = 0; i < sides; ++i) {
+    const std::int32_t here = rim + 2 * i;
+    const std::int32_t next = rim + 2 * ((i + 1) % sides);
+    patch.quad(here, next, next + 1, here + 1);
+    patch.triangle(bottom, next, here);
+    patch.triangle(top, here + 1, next + 1);
+  }
+}
+
+// Rings of latitude. A cell of equal steps in latitude and longitude is a planar trapezoid inscribed in a circle; the circle is
+// widest at the equator, where its angular radius is the cell's half diagonal, step / sqrt(2).
+void add_sphere(Patch patch, double radius, double chord_error) {
+  const double step = arc_within(radius, chord_error) / std::numbers::sqrt2;
+  const int rings = parts(std::numbers::pi, step, 4);
+  const int sides = parts(2.0 * std::numbers::pi, step, 8);
+  const std::int32_t south = patch.vertex({0.0, 0.0, -radius});
+  const std::int32_t north = patch.vertex({0.0, 0.0, radius});
+  const std::int32_t first = north + 1;
+  for (int i = 1; i < rings; ++i) {
+    const double latitude = std::numbers::pi * i / rings - std::numbers::pi / 2.0;
+    for (int j = 0; j < sides; ++j) {
+      const double longitude = 2.0 * std::numbers::pi * j / sides;
+      patch.vertex(radius * Eigen::Vector3d(std::cos(latitude) * std::cos(longitude), std::cos(latitude) * std::sin(longitude),
+                                            std::sin(latitude)));
+    }
+  }
+  for (int j = 0; j < sides; ++j) {
+    const int next = (j + 1) % sides;
+    const std::int32_t last = first + (rings - 2) * sides;
+    patch.triangle(south, first + next, first + j);
+    patch.triangle(north, last + j, last + next);
+    for (int i = 0; i + 2 < rings; ++i) {
+      const std::int32_t ring = first + i * sides;
+      patch.quad(ring + j, ring + next, ring + sides + next, ring + sides + j);
+    }
+  }
+}
+
+}  // namespace
+
+TriangleMesh tessellate(const SceneDescription& description, float chord_error_m) {
+  if (!(chord_error_m >= 1e-6F)) {
+    throw std::invalid_argument("chord_error_m: expected a number >= 1e-06, got " + std::to_string(chord_error_m));
+  }
+  TriangleMesh mesh;
+  for (const Primitive& primitive : description.primitives) {
+    const Vec3& half = primitive.half_extents;
+    Patch patch(primitive, mesh);
+    switch (primitive.kind) {
+      case PrimitiveKind::room:
+        add_box(patch, half, true);
+        break;
+      case PrimitiveKind::box:
+        add_box(patch, half, false);
+        break;
+      case PrimitiveKind::cylinder:
+        add_cylinder(patch, half.x(), half.z(), chord_error_m);
+        break;
+      case PrimitiveKind::sphere:
+        add_sphere(patch, half.x(), chord_error_m);
+        break;
+    }
+  }
+  const auto first_vertex = static_cast<std::int32_t>(mesh.vertices.size());
+  const TriangleMesh& rest = description.mesh;
+  mesh.vertices.insert(mesh.vertices.end(), rest.vertices.begin(), rest.vertices.end());
+  mesh.materials.insert(mesh.materials.end(), rest.materials.begin(), rest.materials.end());
+  for (const auto& [a, b, c] : rest.triangles) {
+    mesh.triangles.push_back({a + first_vertex, b + first_vertex, c + first_vertex});
+  }
+  return mesh;
+}
+
+}  // namespace swiftlet

@@ -1,0 +1,93 @@
+#include "swiftlet/world.hpp"
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <mutex>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include "trace/scene.hpp"
+#include "world/obj.hpp"
+#include "world/scene_description.hpp"
+#include "world/scene_json.hpp"
+#include "world/tessellate.hpp"
+
+namespace swiftlet {
+namespace {
+
+std::string read_file(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream content;
+  if (!file || !(content << file.rdbuf())) {
+    throw std::invalid_argument(path.string() + ": cannot read a scene file: " + std::strerror(errno));
+  }
+  return content.str();
+}
+
+Aabb bounds_of(const SceneDescription& description) {
+  Eigen::AlignedBox3f box;
+  for (const Primitive& primitive : description.primitives) {
+    const Aabb part = bounds(primitive);
+    box.extend(part.min).extend(part.max);
+  }
+  // Vertices that no triangle uses are not geometry.
+  for (const auto& triangle : description.mesh.triangles) {
+    for (const std::int32_t index : triangle) box.extend(description.mesh.vertices[static_cast<std::size_t>(index)]);
+  }
+  return Aabb{box.min(), box.max()};
+}
+
+}  // namespace
+
+// What is computed from the geometry on first need, and then kept.
+struct World::Lazy {
+  std::once_flag scene_once;
+  std::unique_ptr<const trace::Scene> scene;
+};
+
+std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
+  const std::string extension = path.extension().string();
+  if (extension == ".json") {
+    return std::make_shared<const World>(parse_scene(read_file(path), path.string(), path.parent_path()));
+  }
+  if (extension == ".obj") {
+    SceneDescription description;
+    description.name = path.stem().string();
+    description.mesh = load_obj(path);
+    try {
+      return std::make_shared<const World>(std::move(description));
+    } catch (const std::invalid_argument& error) {
+      throw std::invalid_argument(path.string() + ": " + error.what());
+    }
+  }
+  throw std::invalid_argument(path.string() + ": expected a file ending in .json or .obj, got \"" + extension + '"');
+}
+
+std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir) {
+  return std::make_shared<const World>(parse_scene(text, "scene", base_dir));
+}
+
+World::World(SceneDescription description)
+    : description_(canonical(std::move(description))), bounds_(bounds_of(description_)), lazy_(std::make_unique<Lazy>()) {}
+
+World::~World() = default;
+
+std::string World::to_json() const { return write_scene(description_); }
+
+void World::save(const std::filesystem::path& path) const {
+  std::ofstream file(path, std::ios::binary);
+  if (!(file << to_json()) || !file.flush()) {
+    throw std::invalid_argument(path.string() + ": cannot write a scene file: " + std::strerror(errno));
+  }
+}
+
+TriangleMesh World::mesh(float chord_error_m) const { return tessellate(description_, chord_error_m); }
+
+const trace::Scene& World::scene() const {
+  std::call_once(lazy_->scene_once, [this] { lazy_->scene = std::make_unique<const trace::Scene>(*this); });
+  return *lazy_->scene;
+}
+
+}  // namespace swiftlet
