@@ -1,0 +1,58 @@
+"""A batched drone simulator for reinforcement learning.
+
+>>> import gymnasium, swiftlet
+>>> envs = gymnasium.make_vec("swiftlet/LidarNavigation-v0", num_envs=1024, worlds="train")
+
+`World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment of
+it, `Task` is the base of a task of your own, `swiftlet.sb3` serves Stable-Baselines3 and `swiftlet.testing` checks any
+Gymnasium vector environment.
+"""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from swiftlet import registration, scenes
+from swiftlet._core import (
+    Batch,
+    Contact,
+    DroneModel,
+    LidarConfig,
+    NavigationConfig,
+    NavigationReward,
+    PoseSensorConfig,
+    World,
+    __version__,
+    plan,
+)
+from swiftlet.env import DroneEnv
+from swiftlet.task import Task
+from swiftlet.vector_env import DroneVectorEnv
+
+__all__ = [
+    "Batch",
+    "Contact",
+    "DroneEnv",
+    "DroneModel",
+    "DroneVectorEnv",
+    "LidarConfig",
+    "NavigationConfig",
+    "NavigationReward",
+    "PoseSensorConfig",
+    "Task",
+    "World",
+    "__version__",
+    "plan",
+    "sb3",
+    "scenes",
+    "testing",
+]
+
+registration.register()
+
+
+def __getattr__(name: str) -> ModuleType:
+    if name in ("sb3", "testing"):  # on first use: the one needs Stable-Baselines3, the other nobody but a test
+        return importlib.import_module(f"swiftlet.{name}")
+    raise AttributeError(f"module 'swiftlet' has no attribute {name!r}")

@@ -1,0 +1,50 @@
+"""One drone as a plain Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from swiftlet.vector_env import DroneVectorEnv
+
+
+class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
+    """A `DroneVectorEnv` of one drone, for `gymnasium.make` and whoever wants a single env.
+
+    Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``autoreset_mode`` and ``copy``. With several worlds the
+    drone stays in the first, unless ``random_world=True`` draws one for each episode.
+    """
+
+    metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}
+
+    def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
+        self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
+        self.render_mode = render_mode
+        self.observation_space = self.envs.single_observation_space
+        self.action_space = self.envs.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+        """Begin a new episode: the first one of ``seed``, or the next one of the present seed."""
+        super().reset(seed=seed)
+        observation, _ = self.envs.reset(seed=seed)
+        return observation[0], {}
+
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """Fly one step. The step that ends an episode has its return, length, success and crash in the info."""
+        observation, reward, terminated, truncated, infos = self.envs.step(np.asarray(action)[None])
+        info = {key: value[0].item() for key, value in infos.items() if not key.startswith("_")}
+        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return a view from above, (height, width, 3) uint8, or None without a render mode."""
+        frames = self.envs.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Release the batch."""
+        self.envs.close()

@@ -1,0 +1,17 @@
+"""The ids under which Gymnasium knows the environments of this package."""
+
+import gymnasium
+
+
+def register() -> None:
+    """Register the environments with Gymnasium; done by ``import swiftlet``.
+
+    No ``max_episode_steps`` here: the engine counts the steps itself, so that the time limit is one keyword for
+    `gymnasium.make_vec` and no `TimeLimit` wrapper is needed around a single environment.
+    """
+    if "swiftlet/LidarNavigation-v0" not in gymnasium.registry:
+        gymnasium.register(
+            id="swiftlet/LidarNavigation-v0",
+            entry_point="swiftlet.env:DroneEnv",
+            vector_entry_point="swiftlet.vector_env:DroneVectorEnv",
+        )

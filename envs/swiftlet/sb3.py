@@ -1,0 +1,148 @@
+"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones.
+
+>>> from stable_baselines3 import PPO
+>>> model = PPO("MlpPolicy", swiftlet.sb3.make_vec("swiftlet/LidarNavigation-v0", num_envs=1024))
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
+
+from swiftlet.task import Task
+from swiftlet.vector_env import DroneVectorEnv
+
+
+def make_vec(env: str | Task | DroneVectorEnv, num_envs: int = 1, **kwargs: Any) -> DroneVecEnv:
+    """Return a Stable-Baselines3 `VecEnv`.
+
+    Parameters
+    ----------
+    env
+        A Gymnasium id of this package, a `Task` of your own, or a ready `DroneVectorEnv` with same-step autoreset (then
+        without ``num_envs`` and keywords).
+    num_envs
+        Number of drones.
+    **kwargs
+        Keywords of `DroneVectorEnv`, except ``autoreset_mode`` and ``copy``.
+    """
+    if isinstance(env, DroneVectorEnv):
+        if num_envs not in (1, env.num_envs) or kwargs:
+            raise TypeError("make_vec: an env that is ready takes neither num_envs nor keywords")
+        return DroneVecEnv(env)
+    kwargs |= {"autoreset_mode": "same_step", "copy": False}
+    if isinstance(env, Task):
+        return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))
+    made = gymnasium.make_vec(env, num_envs, **kwargs)
+    if not isinstance(made, DroneVectorEnv):
+        made.close()
+        raise TypeError(f"make_vec: expected an id of this package, {env!r} is a {type(made).__name__}")
+    return DroneVecEnv(made)
+
+
+class DroneVecEnv(VecEnv):
+    """A `DroneVectorEnv` as Stable-Baselines3 wants it.
+
+    Observations are views of two slots that take turns, so the one before the last step is still whole when
+    Stable-Baselines3 stores it; rewards are new arrays, since it writes into them. The infos of envs whose episode goes on
+    are one and the same empty dict; do not write into it.
+
+    Infos at the end of an episode: ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, and as `Monitor`
+    gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made.
+    """
+
+    def __init__(self, env: DroneVectorEnv) -> None:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(f"env: expected same-step autoreset, got {env.autoreset_mode}")
+        self.env = env
+        self._stepper = env.stepper
+        self._actions: npt.NDArray[Any] | None = None
+        self._created = time.perf_counter()
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata["render_fps"] = env.metadata["render_fps"]
+
+    def reset(self) -> npt.NDArray[Any]:
+        """Begin new episodes, with the seeds given to `seed` since the last reset, and return the observation."""
+        seeds = [seed for seed in self._seeds if seed is not None]
+        observation, _ = self.env.reset(seed=seeds or None)
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: npt.NDArray[Any]) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Fly one step and return observation, reward, done, infos."""
+        assert self._actions is not None, "step_async comes first"
+        stepper = self._stepper
+        stepper.step(self._actions)
+        truncated = stepper.truncated
+        done = stepper.terminated | truncated
+        going_on: dict[str, Any] = {}
+        infos = [going_on] * self.num_envs
+        if np.count_nonzero(done):
+            self._add_ends(infos, np.flatnonzero(done), truncated)
+        return stepper.observation, stepper.reward.copy(), done, infos
+
+    def _add_ends(
+        self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
+    ) -> None:
+        stepper = self._stepper
+        seconds = round(time.perf_counter() - self._created, 6)
+        for index, final, cut, success, total, length in zip(
+            ended.tolist(),
+            stepper.final_observation[ended],
+            truncated[ended].tolist(),
+            stepper.success[ended].tolist(),
+            stepper.episode_return[ended].tolist(),
+            stepper.episode_length[ended].tolist(),
+            strict=True,
+        ):
+            infos[index] = {
+                "terminal_observation": final,
+                "TimeLimit.truncated": cut,
+                "is_success": success,
+                "episode": {"r": total, "l": length, "t": seconds},
+            }
+
+    def close(self) -> None:
+        """Close the env."""
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: None | int | Iterable[int] = None) -> list[Any]:
+        """Return an attribute of the env for each index: its rows if it has N of them, else the same value each time."""
+        values = self.env.get_attr(attr_name)
+        return [values[i] for i in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: None | int | Iterable[int] = None) -> None:
+        """Set an attribute of the env; all drones share it, so ``indices`` must mean all of them."""
+        if sorted(self._get_indices(indices)) != list(range(self.num_envs)):
+            raise ValueError(f"{attr_name}: the drones share it, so it cannot be set for some of them")
+        self.env.set_attr(attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: None | int | Iterable[int] = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the env once and return the result for each index."""
+        values = self.env.call(method_name, *method_args, **method_kwargs)
+        return [values[i] for i in self._get_indices(indices)]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: None | int | Iterable[int] = None
+    ) -> list[bool]:
+        """Return True for `Monitor` alone: the infos hold what it would add."""
+        return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
+        """Return a view from above of each env, (height, width, 3) uint8."""
+        return self.env.render() or [None] * self.num_envs

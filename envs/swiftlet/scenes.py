@@ -1,0 +1,99 @@
+"""The scenes that come with swiftlet: their names, the named sets, and where they lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TypeAlias
+
+from swiftlet._core import World
+
+WorldsLike: TypeAlias = str | PathLike[str] | World | Sequence[str | PathLike[str] | World]
+
+#: Names that stand for several scenes.
+SETS: dict[str, tuple[str, ...]] = {
+    "train": tuple(f"playground/train-{i}" for i in range(1, 6)),
+    "validation": ("playground/validation-1", "playground/validation-2"),
+    "camera-train": ("playground/camera-train-1", "playground/camera-train-2"),
+    "camera-validation": ("playground/camera-validation-1", "playground/camera-validation-2"),
+}
+
+_SUFFIXES = (".json", ".obj")
+
+
+def directory() -> Path:
+    """Return the folder of the shipped scenes: inside an installed package, or at the root of a checkout."""
+    package = Path(__file__).resolve().parent
+    installed = package / "scenes"
+    return installed if installed.is_dir() else package.parents[1] / "scenes"
+
+
+def names() -> list[str]:
+    """Return the names of the shipped scenes, sorted, such as ``"playground/train-1"``."""
+    root = directory()
+    return sorted(p.relative_to(root).with_suffix("").as_posix() for p in root.glob("*/*.json"))
+
+
+def resolve(source: str | PathLike[str]) -> Path:
+    """Return the file of a scene.
+
+    Parameters
+    ----------
+    source
+        A shipped name such as ``"playground/train-1"``, or the path of a ``.json`` or ``.obj`` file.
+
+    Raises
+    ------
+    FileNotFoundError
+        A path to a file that does not exist.
+    ValueError
+        Neither a shipped name nor a path; the message lists the names that exist.
+    """
+    path = Path(source)
+    if path.suffix.lower() in _SUFFIXES:
+        if not path.is_file():
+            raise FileNotFoundError(f"no such scene file: {path}")
+        return path
+    if isinstance(source, str) and source in names():
+        return directory() / f"{source}.json"
+    raise ValueError(
+        f"unknown scene {str(source)!r}: expected the path of a .json or .obj file, or one of {', '.join(names())}"
+    )
+
+
+def load(worlds: WorldsLike) -> list[World]:
+    """Return the worlds meant by a set name, a scene name, a path, a `World`, or a sequence of these.
+
+    A scene named more than once is loaded once and shared.
+
+    Raises
+    ------
+    FileNotFoundError
+        A path to a file that does not exist.
+    ValueError
+        An unknown name, an empty sequence, or a scene file with a mistake in it.
+    TypeError
+        Something that is neither a world nor the name of one.
+    """
+    sources = [worlds] if isinstance(worlds, (str, PathLike, World)) else list(worlds)
+    if not sources:
+        raise ValueError("worlds: expected at least one, got an empty sequence")
+    loaded: dict[Path, World] = {}
+    result = []
+    for source in sources:
+        if isinstance(source, World):
+            result.append(source)
+            continue
+        if not isinstance(source, (str, PathLike)):
+            raise TypeError(f"worlds: expected a name, a path or a World, got {type(source).__name__}")
+        members = SETS.get(source, (source,)) if isinstance(source, str) else (source,)
+        for member in members:
+            try:
+                path = resolve(member)
+            except ValueError as error:
+                raise ValueError(f"{error}; or one of the sets {', '.join(SETS)}") from None
+            if path not in loaded:
+                loaded[path] = World.load(path)
+            result.append(loaded[path])
+    return result

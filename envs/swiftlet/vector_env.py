@@ -1,0 +1,391 @@
+"""The Gymnasium vector environment over a `Batch`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from swiftlet import scenes
+from swiftlet._core import Batch, DroneModel, LidarConfig, NavigationConfig, NavigationReward, PoseSensorConfig
+from swiftlet.task import Task, TaskRunner
+
+if TYPE_CHECKING:
+    from typing_extensions import TypedDict, Unpack
+
+    from swiftlet.top_view import TopView
+
+    class NavigationFields(TypedDict, total=False):
+        """Fields of `NavigationConfig`, each a keyword of the env."""
+
+        action: str
+        reward: NavigationReward
+        step_m: float
+        yaw_step_deg: float
+        random_start: bool
+        random_world: bool
+        stagger_first_episode: bool
+
+
+Array: TypeAlias = npt.NDArray[Any]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+
+_MODES = {
+    "next_step": AutoresetMode.NEXT_STEP,
+    "same_step": AutoresetMode.SAME_STEP,
+    "disabled": AutoresetMode.DISABLED,
+}
+
+
+class Stepper(Protocol):
+    """What a `Batch` with a built-in task and a `TaskRunner` have in common."""
+
+    @property
+    def observation(self) -> Array: ...
+    @property
+    def final_observation(self) -> Array: ...
+    @property
+    def reward(self) -> Array: ...
+    @property
+    def terminated(self) -> BoolArray: ...
+    @property
+    def truncated(self) -> BoolArray: ...
+    @property
+    def success(self) -> BoolArray: ...
+    @property
+    def crashed(self) -> BoolArray: ...
+    @property
+    def episode_return(self) -> npt.NDArray[np.float64]: ...
+    @property
+    def episode_length(self) -> npt.NDArray[np.int64]: ...
+    def reset(self, seeds: npt.ArrayLike | None = None, mask: BoolArray | None = None) -> None: ...
+    def step(self, actions: npt.ArrayLike) -> None: ...
+    def snapshot(self) -> bytes: ...
+    def restore(self, blob: bytes) -> None: ...
+
+
+class DroneVectorEnv(VectorEnv[Array, Array, Array]):
+    """N drones, one call per step: the navigation task of the engine, or a `Task` of your own.
+
+    With the navigation task an observation is float32 of shape (3 + channels * beams,): the unit direction to the current
+    goal in the body frame, then the LiDAR ranges over the maximum range, 1 on a miss. Env i is in world i modulo the
+    number of worlds, unless ``random_world`` is set.
+
+    Parameters
+    ----------
+    num_envs
+        Number of drones.
+    worlds
+        A set of `swiftlet.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of these.
+    task
+        A `Task` instead of the navigation task.
+    lidar
+        Default: that of the thesis, 35 beams over 270 degrees and 3 m; with a `Task`, the one it asks for.
+    pose_sensor, drone
+        Default: an exact pose; the 650-class quadrotor.
+    max_episode_steps
+        Truncate episodes after so many steps, 0 for never. Default: 3000; with a `Task`, what it says.
+    autoreset_mode
+        ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
+    copy
+        True: every returned array is new. False: observation, reward and flags are views of two slots that take turns; a
+        view holds until the step or reset after the next one.
+    num_threads
+        0 means the physical cores this process may run on. No result depends on it.
+    render_mode
+        None, or ``"rgb_array"``: a view from above of each env.
+    **navigation
+        Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``), ``reward``,
+        ``step_m``, ``yaw_step_deg``, ``random_start``, ``random_world``, ``stagger_first_episode``.
+
+    Infos
+    -----
+    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success`` and ``crashed``,
+    each of length N with its mask ``_key``. With same-step autoreset these are inside ``final_info``, beside ``final_obs``.
+
+    Raises
+    ------
+    ValueError
+        A value out of its range; the message names it.
+    TypeError
+        A keyword that does not exist, or one of the navigation task beside a ``task``.
+    """
+
+    metadata: dict[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        worlds: scenes.WorldsLike = "train",
+        task: Task | None = None,
+        lidar: LidarConfig | None = None,
+        pose_sensor: PoseSensorConfig | None = None,
+        drone: DroneModel | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = "next_step",
+        copy: bool = True,
+        num_threads: int = 0,
+        render_mode: str | None = None,
+        **navigation: Unpack[NavigationFields],
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = render_mode
+        self.num_envs = num_envs
+        self.copy = copy
+        self.task = task
+
+        config: NavigationConfig | None = None
+        if task is None:
+            lidar = LidarConfig() if lidar is None else lidar
+            if max_episode_steps is not None:
+                config = NavigationConfig(max_episode_steps=max_episode_steps, **navigation)
+            else:
+                config = NavigationConfig(**navigation)
+        else:
+            if navigation:
+                raise TypeError(f"{', '.join(navigation)}: of the navigation task, but a task of your own is given")
+            if not isinstance(task, Task):
+                raise TypeError(f"task: expected a swiftlet.Task object, got {task!r}")
+            lidar = task.lidar if lidar is None else lidar
+        self.lidar = lidar
+        self._drone = drone
+
+        mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
+        self.batch = Batch(
+            scenes.load(worlds),
+            num_envs,
+            lidar=lidar,
+            pose_sensor=pose_sensor,
+            task=config,
+            drone=drone,
+            autoreset_mode=mode,
+            num_threads=num_threads,
+        )
+        self.stepper: Stepper
+        if task is None:
+            assert config is not None and lidar is not None
+            self.stepper = self.batch
+            self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config)
+        else:
+            limit = task.max_episode_steps if max_episode_steps is None else max_episode_steps
+            self.stepper = TaskRunner(self.batch, task, limit, mode)
+            self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+        self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        self._seeded = False  # every env has a seed, so an observation to return and an episode to go on from
+        self._top_view: TopView | None = None
+
+    def reset(
+        self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin new episodes.
+
+        Parameters
+        ----------
+        seed
+            s: env i gets the seed s + i. A sequence: env i gets seed[i]. None: each env goes on with the next episode of
+            the seed it has; the first time, seeds are drawn from `np_random`.
+        options
+            ``{"reset_mask": mask}`` with a bool array (N,) resets the envs where it is True. The dict is not changed.
+
+        Returns
+        -------
+        observation, infos
+            Of all envs, also of those that were not reset; infos is empty.
+        """
+        self._require_open()
+        mask = self._reset_mask(options)
+        seeds = self._seeds(seed)
+        if seeds is None and not self._seeded:
+            if mask is not None and not mask.all():
+                raise ResetNeeded("the first reset must be of all envs or come with a seed")
+            seeds = self._seeds(int(self.np_random.integers(1 << 62)))
+        if seeds is not None and not self._seeded and mask is not None and not mask.all():
+            self.stepper.reset(seeds)  # the envs outside the mask too: no env is ever without a state
+        self.stepper.reset(seeds, mask)
+        self._seeded = True
+        observation = self.stepper.observation
+        return observation.copy() if self.copy else observation, {}
+
+    def step(self, actions: npt.ArrayLike) -> tuple[Array, Array, BoolArray, BoolArray, dict[str, Any]]:
+        """Fly one step in every env.
+
+        Parameters
+        ----------
+        actions
+            (N,) integers, or (N, k) floats in [-1, 1], as `action_space` says.
+
+        Returns
+        -------
+        observation, reward, terminated, truncated, infos
+            Shapes (N, ...), (N,) float32, (N,) bool, (N,) bool; for the infos see the class.
+
+        Raises
+        ------
+        ValueError
+            Actions of a wrong shape or dtype, or not finite; nothing has changed then.
+        gymnasium.error.ResetNeeded
+            Before the first `reset`.
+        """
+        if not self._seeded:
+            self._require_open()
+            raise ResetNeeded("call reset before step")
+        stepper = self.stepper
+        stepper.step(actions)
+        observation, reward = stepper.observation, stepper.reward
+        terminated, truncated = stepper.terminated, stepper.truncated
+        ended = terminated | truncated
+        infos = self._infos(ended) if np.count_nonzero(ended) else {}
+        if self.copy:
+            return observation.copy(), reward.copy(), terminated.copy(), truncated.copy(), infos
+        return observation, reward, terminated, truncated, infos
+
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """Return a view from above of each env, (height, width, 3) uint8, or None without a render mode."""
+        self._require_open()
+        if self.render_mode is None:
+            return None
+        if self._top_view is None:
+            from swiftlet.top_view import TopView
+
+            self._top_view = TopView(self.batch, self._drone, self.lidar)
+        return tuple(self._top_view.frame(i) for i in range(self.num_envs))
+
+    def snapshot(self) -> bytes:
+        """Return everything the next step depends on, the state of a `Task` included."""
+        self._require_open()
+        if not self._seeded:
+            raise ResetNeeded("call reset before snapshot")
+        return self.stepper.snapshot()
+
+    def restore(self, blob: bytes) -> Array:
+        """Go back to a snapshot and return the observation (N, ...) it was taken at.
+
+        Raises
+        ------
+        ValueError
+            The snapshot is of an env with another configuration; nothing has changed then.
+        """
+        self._require_open()
+        self.stepper.restore(blob)
+        self._seeded = True
+        observation = self.stepper.observation
+        return observation.copy() if self.copy else observation
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Call a method of this env once, or read an attribute, and return the result for each env."""
+        value = getattr(self, name)
+        return self._per_env(value(*args, **kwargs) if callable(value) else value)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute for each env: its rows if it has N of them, else the same value N times."""
+        return self._per_env(getattr(self, name))
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of this env, which all its drones share.
+
+        Raises
+        ------
+        ValueError
+            A list or tuple that does not hold the same value N times.
+        """
+        if isinstance(values, (list, tuple)):
+            if len(values) != self.num_envs or any(value != values[0] for value in values):
+                raise ValueError(f"{name}: expected one value, or {self.num_envs} equal ones: the envs share it")
+            values = values[0]
+        setattr(self, name, values)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let go of the batch. Arrays handed out with ``copy=False`` stay valid."""
+        self._seeded = False
+        self._top_view = None
+        for name in ("batch", "stepper"):
+            self.__dict__.pop(name, None)
+
+    def _infos(self, ended: BoolArray) -> dict[str, Any]:
+        stepper = self.stepper
+        end_of_episode = {
+            "episode_return": np.where(ended, stepper.episode_return, 0.0),
+            "episode_length": np.where(ended, stepper.episode_length, 0),
+            "success": ended & stepper.success,
+            "crashed": ended & stepper.crashed,
+        }
+        infos: dict[str, Any] = {}
+        for key, value in end_of_episode.items():
+            infos[key] = value
+            infos[f"_{key}"] = ended.copy()
+        if not self._same_step:
+            return infos
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        indices = np.flatnonzero(ended)
+        for index, row in zip(indices.tolist(), stepper.final_observation[indices], strict=True):
+            final_obs[index] = row
+        return {"final_obs": final_obs, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
+
+    def _per_env(self, value: Any) -> tuple[Any, ...]:
+        if isinstance(value, (np.ndarray, list, tuple)) and len(value) == self.num_envs:
+            return tuple(value)
+        return (value,) * self.num_envs
+
+    def _require_open(self) -> None:
+        if self.closed:
+            raise RuntimeError("this env is closed")
+
+    def _seeds(self, seed: int | Sequence[int] | None) -> npt.NDArray[np.uint64] | None:
+        if seed is None:
+            return None
+        if isinstance(seed, (int, np.integer)):
+            super().reset(seed=int(seed))  # seeds np_random, and refuses a negative seed
+            if seed + self.num_envs > 1 << 64:
+                raise ValueError(f"seed: expected seed + num_envs of at most 2**64, got {seed}")
+            return np.arange(self.num_envs, dtype=np.uint64) + np.uint64(seed)
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed: expected one number or {self.num_envs} of them, got {len(seed)}")
+        if any(not 0 <= s < 1 << 64 for s in seed):
+            raise ValueError("seed: expected numbers from 0 to 2**64 - 1")
+        return np.array(seed, dtype=np.uint64)
+
+    def _reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray | None:
+        mask = None if options is None else options.get("reset_mask")
+        if mask is None:
+            return None
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            got = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
+            raise ValueError(f"options['reset_mask']: expected a bool array of shape ({self.num_envs},), got {got}")
+        if not mask.any():
+            raise ValueError("options['reset_mask']: expected at least one True")
+        return mask
+
+
+def navigation_spaces(lidar: LidarConfig, config: NavigationConfig) -> tuple[spaces.Box, spaces.Space[Any]]:
+    """Return the observation space and the action space of one env of the navigation task."""
+    ranges = int(np.prod(lidar.shape))
+    low = np.concatenate([np.full(3, -1.0), np.zeros(ranges)]).astype(np.float32)
+    observation_space = spaces.Box(low, np.ones(3 + ranges, np.float32), dtype=np.float32)
+    if config.action == "discrete":
+        return observation_space, spaces.Discrete(6)
+    return observation_space, spaces.Box(-1.0, 1.0, (3 if config.action == "displacement" else 4,), np.float32)
+
+
+def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    if isinstance(mode, AutoresetMode):
+        return mode
+    if mode not in _MODES:
+        raise ValueError(f"autoreset_mode: expected {', '.join(map(repr, _MODES))} or an AutoresetMode, got {mode!r}")
+    return _MODES[mode]
