@@ -1,0 +1,88 @@
+// Batch: N drone slots over W worlds, stepped together.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "swiftlet/config.hpp"
+#include "swiftlet/drone_model.hpp"
+#include "swiftlet/state.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet {
+
+// Run-time changes to the LiDARs of some drones; what is not set stays. The number of rays is fixed per batch.
+struct LidarChange {
+  std::optional<float> max_range_m;
+  std::optional<float> hfov_deg;
+  std::optional<float> vfov_deg;
+  std::optional<std::array<float, 3>> offset_m;
+  std::optional<std::array<float, 4>> quat_wxyz;
+};
+
+// All methods check their input before they change anything and throw std::invalid_argument naming the field, what was expected
+// and what came. A mask is (N,), 0 or 1, or empty for every active drone. Not thread-safe: one caller at a time.
+// A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
+class Batch {
+ public:
+  using Worlds = std::vector<std::shared_ptr<const World>>;
+  using Mask = std::span<const std::uint8_t>;
+
+  // world_index: (N,), or empty for drone i in world i mod W. Drones start at their world's start marker, else at the centre of its bounds.
+  Batch(BatchConfig config, Worlds worlds, DroneModel drone = DroneModel::quadrotor650(),
+        std::span<const std::int32_t> world_index = {});
+  ~Batch();
+  Batch(const Batch&) = delete;
+  Batch& operator=(const Batch&) = delete;
+
+  const BatchConfig& config() const;
+  const Worlds& worlds() const;
+  const DroneModel& drone() const;
+  int num_threads() const;  // what num_threads = 0 became
+  const State& state() const;
+
+  // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span keeps what is
+  void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});  // no collision check
+  void move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});      // swept; see state().contact
+  void sense(Mask mask = {});
+
+  // --- slots
+  void spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
+             std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span keeps what is
+  void remove(std::span<const std::int64_t> indices);
+  void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (N,)
+
+  // --- the LiDAR
+  void set_lidar(const LidarChange& change, Mask mask = {});
+  float lidar_max_range(int drone) const;                            // m
+  void lidar_directions(std::span<float> out) const;                 // (N, channels, beams, 3) unit, body frame
+  void lidar_points(std::span<float> out) const;                     // (N, channels, beams, 3) m, world frame, inf on a miss
+
+  // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
+  void seed(std::span<const std::uint64_t> seeds, Mask mask = {});   // (N,); episode counters go to 0
+  void begin_episode(Mask mask = {});                                // the next episode of each masked env
+  void random(std::uint32_t stream, int count, std::span<float> out) const;  // (N, count), uniform in [0, 1)
+
+  // --- the built-in task; std::logic_error without one, or before the first reset
+  int observation_size() const;
+  void reset(std::span<const std::uint64_t> seeds, Mask mask = {});  // seeds (N,), or empty: the next episode
+  void step(std::span<const std::int64_t> actions);                  // (N,) discrete
+  void step(std::span<const float> actions);                         // (N, 3) or (N, 4), clipped to [-1, 1]
+  const Outputs& outputs() const;                                    // of the last step or reset; intact during the next one
+  Outputs& outputs();
+  std::span<const std::int32_t> goal_index() const;                  // (N,) 0 .. number of waypoints
+
+  // --- all that the next step depends on, with a hash of the configuration that restore() checks
+  std::string snapshot() const;
+  void restore(const std::string& blob);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace swiftlet

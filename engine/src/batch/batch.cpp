@@ -1,0 +1,664 @@
+#include "swiftlet/batch.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "batch/arrays.hpp"
+#include "batch/draw.hpp"
+#include "batch/platform.hpp"
+#include "batch/require.hpp"
+#include "batch/schedule.hpp"
+#include "batch/snapshot.hpp"
+#include "batch/workers.hpp"
+#include "collision/sweep.hpp"
+#include "motion/pose_access.hpp"
+#include "sensors/lidar.hpp"
+#include "sensors/pose_sensor.hpp"
+#include "task/navigation.hpp"
+
+namespace swiftlet {
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr std::uint64_t kSnapshotMagic = 0x31304c5446495753ULL;  // "SWIFTL01"
+
+// The run-time setting of one drone's LiDAR, as it stands in a snapshot.
+struct LidarSetting {
+  float hfov_deg, vfov_deg, max_range_m;
+  std::array<float, 3> offset_m;
+  std::array<float, 4> quat_wxyz;
+};
+
+std::string row_of(std::string_view field, std::size_t row) { return std::string(field) + " (row " + std::to_string(row) + ")"; }
+
+void require_size(std::size_t size, std::size_t expected, const char* field) {
+  require(size == expected, field, std::to_string(expected) + " numbers", size);
+}
+
+BatchConfig validated(BatchConfig config) {
+  config.validate();
+  return config;
+}
+
+Batch::Worlds validated(Batch::Worlds worlds) {
+  require(!worlds.empty(), "worlds", "at least one world", "none");
+  for (const auto& world : worlds) require(world != nullptr, "worlds", "worlds", "a null pointer");
+  return worlds;
+}
+
+}  // namespace
+
+struct Batch::Impl {
+  Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index);
+
+  // --- one step, as a table of contents
+  void step();
+  void step_block(std::span<const std::uint32_t> drones, Scratch& scratch);
+  void wait_or_fly(std::uint32_t drone, Scratch& scratch);
+  void fly(std::uint32_t drone);
+  void sense(std::span<const std::uint32_t> drones, Scratch& scratch);
+  void evaluate(std::uint32_t drone);
+  void observe(std::uint32_t drone);
+  void reset_finished(Scratch& scratch);
+
+  // --- pieces shared with the other calls
+  Outputs& out() { return slots[current]; }
+  const Outputs& last() const { return slots[1 - current]; }
+  std::size_t size() const { return state.active.size(); }
+  bool chosen(Mask mask, std::size_t drone) const { return state.active[drone] && (mask.empty() || mask[drone]); }
+  std::span<const float> ranges_of(std::size_t drone) const { return std::span(state.lidar_ranges).subspan(drone * rays, rays); }
+  void sweep_to(std::size_t drone, const Pose& target);
+  void clear_contact(std::size_t drone);
+  void begin_next_episode(std::uint32_t drone, Scratch& scratch);
+  void clear_outputs(Outputs& outputs, std::size_t drone);
+  void mark_absent(std::size_t drone);
+  void reschedule_if_moved();
+  template <class F>
+  void for_each_chosen(Mask mask, const F& f);  // f(drone), on the calling thread
+  template <class F>
+  void run_blocks(const F& f);  // f(drones, scratch), on the workers
+
+  // --- refusing bad input
+  void require_own_process() const;
+  void require_task() const;
+  void require_begun() const;
+  void require_mask(Mask mask) const;
+  void require_poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows) const;
+  void require_world_index(std::span<const std::int32_t> world_index, std::size_t rows) const;
+  void require_indices(std::span<const std::int64_t> indices) const;
+  // The pose a row asks for: what is missing stays, quaternions are normalised.
+  Pose requested_pose(std::size_t drone, std::size_t row, std::span<const float> position, std::span<const float> quat_wxyz) const;
+
+  BatchConfig config;
+  Worlds worlds;
+  std::vector<const World*> world_pointers;
+  DroneModel drone_model;
+  std::size_t rays = 0;
+  std::size_t observation_size = 0;
+  State state;
+  std::optional<sensors::Lidar> lidar;
+  std::optional<task::Navigation> navigation;
+  std::vector<float> actions;     // (N, action size) of this step
+  std::array<Outputs, 2> slots;
+  std::size_t current = 0;        // the slot of the last step or reset
+  Schedule schedule;
+  Workers workers;
+  std::uint64_t hash = 0;         // of the configuration
+  long owner;                     // the process that made this batch
+};
+
+Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index)
+    : config(validated(std::move(config_in))),
+      worlds(validated(std::move(worlds_in))),
+      drone_model(std::move(drone_in)),
+      schedule(static_cast<std::size_t>(config.num_drones), worlds.size(), static_cast<std::size_t>(config.block_size)),
+      workers(config.num_threads > 0 ? config.num_threads : physical_cores(), static_cast<std::size_t>(config.block_size)),
+      owner(process_id()) {
+  const auto n = static_cast<std::size_t>(config.num_drones);
+  for (const auto& world : worlds) world_pointers.push_back(world.get());
+  require_world_index(world_index, n);
+  if (config.has_lidar) {
+    lidar.emplace(config.lidar, config.num_drones);
+    rays = lidar->rays_per_drone();
+  }
+  for_each_array(state, rays, [n](auto& array, std::size_t columns) { array.resize(n * columns); });
+  std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
+  std::fill(state.lidar_ranges.begin(), state.lidar_ranges.end(), kInfinity);
+  std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
+  for (std::size_t i = 0; i < n; ++i) {
+    state.world_index[i] = world_index.empty() ? static_cast<std::int32_t>(i % worlds.size()) : world_index[i];
+    const World& world = *worlds[static_cast<std::size_t>(state.world_index[i])];
+    set_pose_of(state, i, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
+    clear_contact(i);
+  }
+  state.sensed_position = state.position;
+  state.sensed_quat_wxyz = state.quat_wxyz;
+  if (config.task == TaskKind::navigation) {
+    navigation.emplace(config.navigation, world_pointers, drone_model, n);
+    observation_size = navigation->observation_size(rays);
+    actions.resize(n * navigation->action_size());
+    for (Outputs& slot : slots) {
+      for_each_output(observation_size, [&](auto member, std::size_t columns) { (slot.*member).resize(n * columns); });
+    }
+  }
+  schedule.rebuild(state);
+  hash = config_hash(config, worlds, drone_model);
+}
+
+// ---------------------------------------------------------------------------------------------------------------- one step
+
+void Batch::Impl::step() {
+  current = 1 - current;
+  run_blocks([this](std::span<const std::uint32_t> drones, Scratch& scratch) { step_block(drones, scratch); });
+  reschedule_if_moved();
+}
+
+void Batch::Impl::step_block(std::span<const std::uint32_t> drones, Scratch& scratch) {
+  scratch.flying.clear();
+  scratch.sensed.clear();
+  for (const std::uint32_t drone : drones) wait_or_fly(drone, scratch);
+  for (const std::uint32_t drone : scratch.flying) fly(drone);
+  sense(scratch.sensed, scratch);
+  for (const std::uint32_t drone : scratch.flying) evaluate(drone);
+  for (const std::uint32_t drone : scratch.sensed) observe(drone);
+  reset_finished(scratch);
+}
+
+// A drone whose episode ended before this step does not fly: it begins the next episode or holds still.
+void Batch::Impl::wait_or_fly(std::uint32_t drone, Scratch& scratch) {
+  if (!navigation->state().done[drone]) {
+    scratch.flying.push_back(drone);
+    scratch.sensed.push_back(drone);
+  } else if (config.autoreset_mode == AutoresetMode::next_step) {
+    begin_next_episode(drone, scratch);
+    clear_outputs(out(), drone);
+    scratch.sensed.push_back(drone);
+  } else {  // disabled: everything as the last step left it, but the reward
+    for_each_output(observation_size, [&](auto member, std::size_t columns) {
+      const auto row = static_cast<std::ptrdiff_t>(drone * columns);
+      std::copy_n((last().*member).begin() + row, columns, (out().*member).begin() + row);
+    });
+    out().reward[drone] = 0.0F;
+    std::fill_n(out().reward_terms.begin() + static_cast<std::ptrdiff_t>(drone) * kNumRewardTerms, kNumRewardTerms, 0.0F);
+  }
+}
+
+void Batch::Impl::fly(std::uint32_t drone) {
+  sweep_to(drone, navigation->target(pose_of(state, drone), actions.data() + drone * navigation->action_size()));
+}
+
+void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch) {
+  if (lidar) lidar->scan(drones, world_pointers, state, scratch.scan);
+  sensors::sense_pose(drones, config.pose_sensor, state);
+  for (const std::uint32_t drone : drones) ++state.scans[drone];
+}
+
+void Batch::Impl::evaluate(std::uint32_t drone) {
+  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), ranges_of(drone), lidar->max_range_of(drone),
+                       state, out());
+}
+
+void Batch::Impl::observe(std::uint32_t drone) {
+  navigation->observe(drone, ranges_of(drone), lidar->max_range_of(drone), state,
+                      out().observation.data() + drone * observation_size);
+}
+
+void Batch::Impl::reset_finished(Scratch& scratch) {
+  scratch.sensed.clear();
+  for (const std::uint32_t drone : scratch.flying) {
+    if (!navigation->state().done[drone]) continue;
+    const auto row = static_cast<std::ptrdiff_t>(drone * observation_size);
+    std::copy_n(out().observation.begin() + row, observation_size, out().final_observation.begin() + row);
+    if (config.autoreset_mode != AutoresetMode::same_step) continue;
+    begin_next_episode(drone, scratch);
+    scratch.sensed.push_back(drone);
+  }
+  if (scratch.sensed.empty()) return;
+  sense(scratch.sensed, scratch);
+  for (const std::uint32_t drone : scratch.sensed) observe(drone);
+}
+
+// ---------------------------------------------------------------------------------------------------------- shared pieces
+
+void Batch::Impl::sweep_to(std::size_t drone, const Pose& target) {
+  const Pose from = pose_of(state, drone);
+  const World& world = *world_pointers[static_cast<std::size_t>(state.world_index[drone])];
+  const collision::Contact contact = collision::sweep(world, drone_model, from, target);
+  set_pose_of(state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
+  state.contact.hit[drone] = contact.hit;
+  state.contact.inside[drone] = contact.inside;
+  state.contact.fraction[drone] = contact.fraction;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    state.contact.point[3 * drone + axis] = contact.point[static_cast<Eigen::Index>(axis)];
+    state.contact.normal[3 * drone + axis] = contact.normal[static_cast<Eigen::Index>(axis)];
+  }
+}
+
+void Batch::Impl::clear_contact(std::size_t drone) {
+  state.contact.hit[drone] = state.contact.inside[drone] = 0;
+  state.contact.fraction[drone] = 1.0F;
+  std::fill_n(state.contact.point.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
+  std::fill_n(state.contact.normal.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
+}
+
+void Batch::Impl::begin_next_episode(std::uint32_t drone, Scratch& scratch) {
+  ++state.episode[drone];
+  state.scans[drone] = 0;
+  const std::int32_t world = state.world_index[drone];
+  navigation->place(drone, state);
+  navigation->begin(drone, state);
+  clear_contact(drone);
+  scratch.changed_world |= world != state.world_index[drone];
+}
+
+void Batch::Impl::clear_outputs(Outputs& outputs, std::size_t drone) {
+  outputs.reward[drone] = 0.0F;
+  std::fill_n(outputs.reward_terms.begin() + static_cast<std::ptrdiff_t>(drone) * kNumRewardTerms, kNumRewardTerms, 0.0F);
+  outputs.terminated[drone] = outputs.truncated[drone] = outputs.success[drone] = outputs.crashed[drone] = 0;
+  outputs.episode_return[drone] = 0.0;
+  outputs.episode_length[drone] = 0;
+}
+
+// A removed slot reads as absent from now on, in both output slots: no step touches it.
+void Batch::Impl::mark_absent(std::size_t drone) {
+  state.active[drone] = 0;
+  std::fill_n(state.lidar_ranges.begin() + static_cast<std::ptrdiff_t>(drone * rays), rays, kInfinity);
+  clear_contact(drone);
+  if (!navigation) return;
+  for (Outputs& slot : slots) {
+    clear_outputs(slot, drone);
+    float* const observation = slot.observation.data() + drone * observation_size;
+    std::fill_n(observation, task::Navigation::kGoalSize, 0.0F);
+    std::fill_n(observation + task::Navigation::kGoalSize, rays, 1.0F);
+  }
+}
+
+void Batch::Impl::reschedule_if_moved() {
+  bool moved = false;
+  for (auto& scratch : workers.scratch()) moved |= std::exchange(scratch->changed_world, false);
+  if (moved) schedule.rebuild(state);
+}
+
+template <class F>
+void Batch::Impl::for_each_chosen(Mask mask, const F& f) {
+  for (std::size_t drone = 0; drone < size(); ++drone) {
+    if (chosen(mask, drone)) f(static_cast<std::uint32_t>(drone));
+  }
+}
+
+template <class F>
+void Batch::Impl::run_blocks(const F& f) {
+  workers.run(schedule.num_blocks(), [&](std::size_t block, Scratch& scratch) { f(schedule.drones(block), scratch); });
+}
+
+// ------------------------------------------------------------------------------------------------------ refusing bad input
+
+void Batch::Impl::require_own_process() const {
+  if (process_id() != owner) {
+    throw std::runtime_error("this Batch was made in process " + std::to_string(owner) + " and used in its child " +
+                             std::to_string(process_id()) + ": a batch does not survive fork(), make one in the child");
+  }
+}
+
+void Batch::Impl::require_task() const {
+  if (!navigation) throw std::logic_error("this Batch has no built-in task: give it one (task=...) to reset and step it");
+}
+
+void Batch::Impl::require_begun() const {
+  const task::NavigationState& task = navigation->state();
+  for (std::size_t drone = 0; drone < size(); ++drone) {
+    if (state.active[drone] && !task.begun[drone]) throw std::logic_error("reset() must come before the first step()");
+  }
+}
+
+void Batch::Impl::require_mask(Mask mask) const {
+  if (!mask.empty()) require(mask.size() == size(), "mask", std::to_string(size()) + " flags", mask.size());
+}
+
+void Batch::Impl::require_poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows) const {
+  if (!position.empty()) require_size(position.size(), 3 * rows, "position");
+  if (!quat_wxyz.empty()) require_size(quat_wxyz.size(), 4 * rows, "quat_wxyz");
+  for (std::size_t i = 0; i < position.size(); ++i) {
+    if (!std::isfinite(position[i])) refuse(row_of("position", i / 3), "finite numbers in float32's range", position[i]);
+  }
+  for (std::size_t row = 0; row < quat_wxyz.size() / 4; ++row) {
+    const float* const q = quat_wxyz.data() + 4 * row;
+    const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
+    if (!(std::abs(norm - 1.0) < 1e-2)) {
+      refuse(row_of("quat_wxyz", row), "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+    }
+  }
+}
+
+void Batch::Impl::require_world_index(std::span<const std::int32_t> world_index, std::size_t rows) const {
+  if (world_index.empty()) return;
+  require_size(world_index.size(), rows, "world_index");
+  for (std::size_t row = 0; row < rows; ++row) {
+    if (world_index[row] < 0 || static_cast<std::size_t>(world_index[row]) >= worlds.size()) {
+      refuse(row_of("world_index", row), "an integer in [0, " + std::to_string(worlds.size()) + ")", world_index[row]);
+    }
+  }
+}
+
+void Batch::Impl::require_indices(std::span<const std::int64_t> indices) const {
+  for (std::size_t row = 0; row < indices.size(); ++row) {
+    if (indices[row] < 0 || static_cast<std::size_t>(indices[row]) >= size()) {
+      refuse(row_of("indices", row), "an integer in [0, " + std::to_string(size()) + ")", indices[row]);
+    }
+  }
+}
+
+Pose Batch::Impl::requested_pose(std::size_t drone, std::size_t row, std::span<const float> position,
+                                 std::span<const float> quat_wxyz) const {
+  Pose pose = pose_of(state, drone);
+  if (!position.empty()) pose.position = Vec3(position[3 * row], position[3 * row + 1], position[3 * row + 2]);
+  if (!quat_wxyz.empty()) {
+    const float* const q = quat_wxyz.data() + 4 * row;
+    pose.rotation = Quat(q[0], q[1], q[2], q[3]).normalized();
+  }
+  return pose;
+}
+
+// ------------------------------------------------------------------------------------------------------------- public face
+
+Batch::Batch(BatchConfig config, Worlds worlds, DroneModel drone, std::span<const std::int32_t> world_index)
+    : impl_(std::make_unique<Impl>(std::move(config), std::move(worlds), std::move(drone), world_index)) {}
+
+Batch::~Batch() = default;
+
+const BatchConfig& Batch::config() const { return impl_->config; }
+const Batch::Worlds& Batch::worlds() const { return impl_->worlds; }
+const DroneModel& Batch::drone() const { return impl_->drone_model; }
+int Batch::num_threads() const { return impl_->workers.num_threads(); }
+const State& Batch::state() const { return impl_->state; }
+
+void Batch::set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  impl_->require_poses(position, quat_wxyz, impl_->size());
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) {
+    set_pose_of(impl_->state, drone, impl_->requested_pose(drone, drone, position, quat_wxyz));
+    impl_->clear_contact(drone);
+  });
+}
+
+void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  impl_->require_poses(position, quat_wxyz, impl_->size());
+  impl_->run_blocks([&](std::span<const std::uint32_t> drones, Scratch&) {
+    for (const std::uint32_t drone : drones) {
+      if (impl_->chosen(mask, drone)) impl_->sweep_to(drone, impl_->requested_pose(drone, drone, position, quat_wxyz));
+    }
+  });
+}
+
+void Batch::sense(Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  impl_->run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) {
+    scratch.sensed.clear();
+    for (const std::uint32_t drone : drones) {
+      if (impl_->chosen(mask, drone)) scratch.sensed.push_back(drone);
+    }
+    impl_->sense(scratch.sensed, scratch);
+  });
+}
+
+void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
+                  std::span<const std::int32_t> world_index) {
+  impl_->require_own_process();
+  impl_->require_indices(indices);
+  impl_->require_poses(position, quat_wxyz, indices.size());
+  impl_->require_world_index(world_index, indices.size());
+  Scratch& scratch = *impl_->workers.scratch()[0];
+  const trace::FlushDenormals flush;
+  for (std::size_t row = 0; row < indices.size(); ++row) {
+    const auto drone = static_cast<std::uint32_t>(indices[row]);
+    State& state = impl_->state;
+    if (!world_index.empty()) state.world_index[drone] = world_index[row];
+    state.active[drone] = 1;
+    state.scans[drone] = 0;
+    set_pose_of(state, drone, impl_->requested_pose(drone, row, position, quat_wxyz));
+    impl_->clear_contact(drone);
+    impl_->sense({&drone, 1}, scratch);
+    if (!impl_->navigation) continue;
+    impl_->navigation->begin(drone, state);
+    impl_->clear_outputs(impl_->out(), drone);
+    impl_->observe(drone);
+  }
+  impl_->schedule.rebuild(impl_->state);
+}
+
+void Batch::remove(std::span<const std::int64_t> indices) {
+  impl_->require_own_process();
+  impl_->require_indices(indices);
+  for (const std::int64_t index : indices) impl_->mark_absent(static_cast<std::size_t>(index));
+  impl_->schedule.rebuild(impl_->state);
+}
+
+void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  require_size(world_index.size(), impl_->size(), "world_index");
+  impl_->require_world_index(world_index, impl_->size());
+  for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+    if (mask.empty() || mask[drone]) impl_->state.world_index[drone] = world_index[drone];
+  }
+  impl_->schedule.rebuild(impl_->state);
+}
+
+void Batch::set_lidar(const LidarChange& change, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  if (!impl_->lidar) throw std::logic_error("this Batch has no LiDAR: give it one (lidar=...) to change it");
+  const bool beams_move = change.hfov_deg || change.vfov_deg;
+  require(!(beams_move && impl_->config.lidar.has_pattern()), "hfov_deg", "no field of view for a LiDAR made from a beam pattern",
+          change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
+  const auto changed = [&](std::size_t drone) {
+    LidarConfig config = impl_->lidar->config_of(drone);
+    config.max_range_m = change.max_range_m.value_or(config.max_range_m);
+    config.hfov_deg = change.hfov_deg.value_or(config.hfov_deg);
+    config.vfov_deg = change.vfov_deg.value_or(config.vfov_deg);
+    config.offset_m = change.offset_m.value_or(config.offset_m);
+    config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
+    return config;
+  };
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) { changed(drone).validate(); });
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) { impl_->lidar->set_config(drone, changed(drone)); });
+}
+
+float Batch::lidar_max_range(int drone) const {
+  return impl_->lidar ? impl_->lidar->max_range_of(static_cast<std::size_t>(drone)) : 0.0F;
+}
+
+void Batch::lidar_directions(std::span<float> out) const {
+  require_size(out.size(), 3 * impl_->size() * impl_->rays, "out");
+  for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+    float* row = out.data() + 3 * drone * impl_->rays;
+    for (std::size_t ray = 0; ray < impl_->rays; ++ray) {
+      const sensors::BeamPattern& pattern = impl_->lidar->pattern_of(drone);
+      *row++ = pattern.x[ray];
+      *row++ = pattern.y[ray];
+      *row++ = pattern.z[ray];
+    }
+  }
+}
+
+void Batch::lidar_points(std::span<float> out) const {
+  lidar_directions(out);
+  for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+    const Pose pose = pose_of(impl_->state, drone);
+    const auto& offset = impl_->lidar ? impl_->lidar->config_of(drone).offset_m : std::array<float, 3>{};
+    const Vec3 origin = pose.position + pose.rotation * Vec3(offset[0], offset[1], offset[2]);
+    for (std::size_t ray = 0; ray < impl_->rays; ++ray) {
+      float* const row = out.data() + 3 * (drone * impl_->rays + ray);
+      const float range = impl_->ranges_of(drone)[ray];
+      const Vec3 point = std::isfinite(range) ? Vec3(origin + range * (pose.rotation * Vec3(row[0], row[1], row[2])))
+                                              : Vec3::Constant(kInfinity);
+      for (int axis = 0; axis < 3; ++axis) row[axis] = point[axis];
+    }
+  }
+}
+
+void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  require_size(seeds.size(), impl_->size(), "seeds");
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) {
+    impl_->state.seed[drone] = seeds[drone];
+    impl_->state.episode[drone] = 0;
+    impl_->state.scans[drone] = 0;
+  });
+}
+
+void Batch::begin_episode(Mask mask) {
+  impl_->require_own_process();
+  impl_->require_mask(mask);
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) {
+    ++impl_->state.episode[drone];
+    impl_->state.scans[drone] = 0;
+  });
+}
+
+void Batch::random(std::uint32_t stream, int count, std::span<float> out) const {
+  require(stream < 0x80000000U, "stream", "an integer in [0, 2147483648)", stream);
+  require(count >= 0, "count", "an integer >= 0", count);
+  const auto columns = static_cast<std::size_t>(count);
+  require_size(out.size(), impl_->size() * columns, "out");
+  for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+    for (std::size_t k = 0; k < columns; ++k) {
+      const auto bits = draw(impl_->state.seed[drone], impl_->state.episode[drone], stream, static_cast<std::uint32_t>(k / 4));
+      out[drone * columns + k] = uniform01(bits[k % 4]);
+    }
+  }
+}
+
+int Batch::observation_size() const { return static_cast<int>(impl_->observation_size); }
+
+void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_task();
+  impl_->require_mask(mask);
+  if (!seeds.empty()) require_size(seeds.size(), impl_->size(), "seeds");
+  State& state = impl_->state;
+  task::NavigationState& navigation = impl_->navigation->state();
+  const std::size_t before = impl_->current;
+  impl_->current = 1 - before;
+  impl_->slots[impl_->current] = impl_->slots[before];  // what is not reset stays as it was
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) {
+    if (!seeds.empty()) {
+      state.seed[drone] = seeds[drone];
+      state.episode[drone] = 0;
+    } else if (navigation.begun[drone]) {
+      ++state.episode[drone];
+    }
+    state.scans[drone] = 0;
+    impl_->navigation->place(drone, state);
+    impl_->navigation->begin(drone, state);
+    impl_->clear_contact(drone);
+    impl_->clear_outputs(impl_->out(), drone);
+  });
+  impl_->schedule.rebuild(state);
+  impl_->run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) {
+    scratch.sensed.clear();
+    for (const std::uint32_t drone : drones) {
+      if (impl_->chosen(mask, drone)) scratch.sensed.push_back(drone);
+    }
+    impl_->sense(scratch.sensed, scratch);
+    for (const std::uint32_t drone : scratch.sensed) impl_->observe(drone);
+  });
+}
+
+void Batch::step(std::span<const std::int64_t> actions) {
+  impl_->require_own_process();
+  impl_->require_task();
+  require(impl_->config.navigation.action == ActionKind::discrete, "actions",
+          "floating-point numbers (the task's actions are displacements)", "integers");
+  require_size(actions.size(), impl_->size(), "actions");
+  for (std::size_t drone = 0; drone < actions.size(); ++drone) {
+    if (actions[drone] < 0 || actions[drone] >= 6) refuse(row_of("actions", drone), "an integer in [0, 6)", actions[drone]);
+  }
+  impl_->require_begun();
+  std::transform(actions.begin(), actions.end(), impl_->actions.begin(), [](std::int64_t action) { return static_cast<float>(action); });
+  impl_->step();
+}
+
+void Batch::step(std::span<const float> actions) {
+  impl_->require_own_process();
+  impl_->require_task();
+  require(impl_->config.navigation.action != ActionKind::discrete, "actions", "integers (the task's actions are discrete)",
+          "floating-point numbers");
+  require_size(actions.size(), impl_->actions.size(), "actions");
+  for (std::size_t i = 0; i < actions.size(); ++i) {
+    if (!std::isfinite(actions[i])) refuse(row_of("actions", i / impl_->navigation->action_size()), "finite numbers", actions[i]);
+  }
+  impl_->require_begun();
+  std::copy(actions.begin(), actions.end(), impl_->actions.begin());
+  impl_->step();
+}
+
+const Outputs& Batch::outputs() const { return impl_->slots[impl_->current]; }
+Outputs& Batch::outputs() { return impl_->slots[impl_->current]; }
+
+std::span<const std::int32_t> Batch::goal_index() const {
+  impl_->require_task();
+  return impl_->navigation->state().goal_index;
+}
+
+std::string Batch::snapshot() const {
+  impl_->require_own_process();
+  SnapshotWriter writer;
+  writer.value(kSnapshotMagic);
+  writer.value(impl_->hash);
+  const auto write = [&](const auto& array, std::size_t) { writer.array(array); };
+  for_each_array(impl_->state, impl_->rays, write);
+  for (std::size_t drone = 0; impl_->lidar && drone < impl_->size(); ++drone) {
+    const LidarConfig config = impl_->lidar->config_of(drone);
+    writer.value(LidarSetting{config.hfov_deg, config.vfov_deg, config.max_range_m, config.offset_m, config.quat_wxyz});
+  }
+  if (impl_->navigation) {
+    for_each_navigation_array(impl_->navigation->state(), write);
+    for_each_output(impl_->observation_size, [&](auto member, std::size_t) { writer.array(impl_->out().*member); });
+  }
+  return writer.take();
+}
+
+void Batch::restore(const std::string& blob) {
+  impl_->require_own_process();
+  SnapshotReader reader(blob);
+  require(reader.value<std::uint64_t>() == kSnapshotMagic, "snapshot", "the bytes of Batch.snapshot()", "something else");
+  require(reader.value<std::uint64_t>() == impl_->hash, "snapshot", "one of a batch with this configuration and these worlds",
+          "one of another");
+  // Everything is read before anything changes.
+  std::vector<std::function<void()>> changes;
+  const auto read = [&](auto& array, std::size_t) {
+    changes.emplace_back([&array, values = reader.array(array)] { std::copy(values.begin(), values.end(), array.begin()); });
+  };
+  for_each_array(impl_->state, impl_->rays, read);
+  for (std::size_t drone = 0; impl_->lidar && drone < impl_->size(); ++drone) {
+    const auto setting = reader.value<LidarSetting>();
+    LidarConfig config = impl_->config.lidar;
+    config.hfov_deg = setting.hfov_deg;
+    config.vfov_deg = setting.vfov_deg;
+    config.max_range_m = setting.max_range_m;
+    config.offset_m = setting.offset_m;
+    config.quat_wxyz = setting.quat_wxyz;
+    config.validate();
+    changes.emplace_back([this, drone, config] { impl_->lidar->set_config(drone, config); });
+  }
+  if (impl_->navigation) {
+    for_each_navigation_array(impl_->navigation->state(), read);
+    for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(impl_->out().*member, columns); });
+  }
+  reader.require_end();
+  for (const auto& change : changes) change();
+  impl_->schedule.rebuild(impl_->state);
+}
+
+}  // namespace swiftlet

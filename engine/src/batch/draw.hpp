@@ -1,0 +1,31 @@
+// Random numbers of a batch: counter-based, keyed by (env seed, episode, stream), so that an env's numbers depend on nothing
+// but these, and drawing needs no state.
+#pragma once
+
+#include <cstdint>
+
+#include "random/philox.hpp"
+#include "swiftlet/state.hpp"
+
+namespace swiftlet {
+
+// Streams of the engine have the top bit set; a user's are below.
+enum class Stream : std::uint32_t {
+  position_noise = 0x80000000U,
+  tilt_noise,
+  start,
+  world,
+  time_limit,
+};
+
+inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index) {
+  const auto e = static_cast<std::uint64_t>(episode);
+  return philox4x32({index, stream, static_cast<std::uint32_t>(e), static_cast<std::uint32_t>(e >> 32U)},
+                    {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)});
+}
+
+inline std::array<std::uint32_t, 4> draw(const State& state, std::size_t drone, Stream stream, std::uint32_t index) {
+  return draw(state.seed[drone], state.episode[drone], static_cast<std::uint32_t>(stream), index);
+}
+
+}  // namespace swiftlet

@@ -1,0 +1,46 @@
+#include "batch/platform.hpp"
+
+#include <algorithm>
+#include <thread>
+
+#if defined(_WIN32)
+#include <process.h>
+#else
+#include <unistd.h>
+#endif
+#if defined(__linux__)
+#include <sched.h>
+
+#include <fstream>
+#include <set>
+#include <string>
+#endif
+
+namespace swiftlet {
+
+#if defined(_WIN32)
+long process_id() { return _getpid(); }
+#else
+long process_id() { return static_cast<long>(getpid()); }
+#endif
+
+#if defined(__linux__)
+int physical_cores() {
+  cpu_set_t allowed;
+  CPU_ZERO(&allowed);
+  if (sched_getaffinity(0, sizeof(allowed), &allowed) != 0) return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  std::set<std::string> cores;  // siblings of one core name the same list
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+    if (!CPU_ISSET(static_cast<std::size_t>(cpu), &allowed)) continue;
+    const std::string number = std::to_string(cpu);
+    std::ifstream file("/sys/devices/system/cpu/cpu" + number + "/topology/thread_siblings_list");
+    std::string siblings;
+    cores.insert(std::getline(file, siblings) ? siblings : number);
+  }
+  return std::max(1, static_cast<int>(cores.size()));
+}
+#else
+int physical_cores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+#endif
+
+}  // namespace swiftlet

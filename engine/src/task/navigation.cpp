@@ -1,0 +1,202 @@
+#include "task/navigation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "batch/draw.hpp"
+#include "collision/sweep.hpp"
+#include "motion/pose_access.hpp"
+#include "world/markers.hpp"
+
+namespace swiftlet::task {
+namespace {
+
+constexpr double kCentimetresPerMetre = 100.0;
+constexpr int kStartTries = 64;  // random starts drawn before the start marker is taken
+
+double distance_m(const Vec3& a, const Vec3& b) { return (a.cast<double>() - b.cast<double>()).norm(); }
+
+float normalised(float range_m, float max_range_m) { return std::min(range_m / max_range_m, 1.0F); }
+
+}  // namespace
+
+NavigationState::NavigationState(std::size_t num_drones)
+    : goal_index(num_drones, 0),
+      last_distance(num_drones, 0.0),
+      last_action(num_drones, std::array<float, kMaxActionSize>{}),
+      step(num_drones, 0),
+      time_limit(num_drones, 0),
+      episode_return(num_drones, 0.0),
+      begun(num_drones, 0),
+      done(num_drones, 0) {}
+
+Navigation::Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone,
+                       std::size_t num_drones)
+    : config_(config), worlds_(worlds.begin(), worlds.end()), drone_(&drone), nav_(num_drones) {
+  for (const World* world : worlds_) require_navigable(*world, drone);
+}
+
+std::size_t Navigation::action_size() const {
+  switch (config_.action) {
+    case ActionKind::discrete:
+      return 1;
+    case ActionKind::displacement:
+      return 3;
+    default:
+      return 4;
+  }
+}
+
+Pose Navigation::target(const Pose& pose, const float* action) const {
+  Vec3 step = Vec3::Zero();
+  Quat turn = Quat::Identity();
+  if (config_.action == ActionKind::discrete) {
+    const int index = static_cast<int>(action[0]);  // +x, -x, +y, -y, +z, -z
+    step[index / 2] = index % 2 == 0 ? config_.step_m : -config_.step_m;
+  } else {
+    for (int axis = 0; axis < 3; ++axis) step[axis] = config_.step_m * std::clamp(action[axis], -1.0F, 1.0F);
+  }
+  if (config_.action == ActionKind::displacement_yaw) {
+    const float yaw = std::clamp(action[3], -1.0F, 1.0F) * config_.yaw_step_deg * std::numbers::pi_v<float> / 180.0F;
+    turn = Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2));
+  }
+  return {pose.position + pose.rotation * step, (pose.rotation * turn).normalized()};
+}
+
+const Vec3& Navigation::current_goal(std::size_t drone, const World& world) const {
+  const auto& waypoints = world.markers().waypoints;
+  const auto index = static_cast<std::size_t>(nav_.goal_index[drone]);
+  return index < waypoints.size() ? waypoints[index] : *world.markers().goal;
+}
+
+void Navigation::evaluate(std::size_t drone, const float* action, std::span<const float> ranges, float max_range,
+                          const State& state, Outputs& out) {
+  const NavigationReward& reward = config_.reward;
+  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
+  const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
+  const Vec3 position = position_of(state, drone);
+  const bool crashed = state.contact.hit[drone] != 0;
+
+  // distance and goals
+  const Vec3 goal = current_goal(drone, world);
+  const double distance = distance_m(goal, position);
+  const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
+  const bool at_final_goal = reached && nav_.goal_index[drone] == num_waypoints;
+  double distance_term = (nav_.last_distance[drone] - distance) * kCentimetresPerMetre;
+  nav_.last_distance[drone] = distance;
+  if (at_final_goal) {
+    distance_term = reward.goal_reward;
+  } else if (reached) {
+    distance_term = static_cast<double>(reward.goal_reward) * static_cast<double>(reward.waypoint_share) / num_waypoints;
+    ++nav_.goal_index[drone];
+    if (!reward.thesis_switch) nav_.last_distance[drone] = distance_m(current_goal(drone, world), position);
+  }
+
+  // clearance
+  const double clearance = reward.min_clearance;
+  double nearest = 1.0;
+  double free_space = 0.0;
+  for (const float range : ranges) {
+    const double l = normalised(range, max_range);
+    nearest = std::min(nearest, l);
+    free_space += l / clearance - 1.0;
+  }
+  const auto count = static_cast<double>(ranges.size());
+  const double free_space_term = free_space / (count / clearance - count);
+  double crash_term = 0.0;
+  if (crashed) {
+    crash_term = -static_cast<double>(reward.goal_reward);
+  } else if (nearest < clearance) {
+    crash_term = nearest - clearance;
+  }
+
+  const double step_term = -static_cast<double>(nav_.step[drone]) / static_cast<double>(reward.step_scale);
+
+  std::array<float, kMaxActionSize>& last_action = nav_.last_action[drone];
+  const bool same_action = std::equal(action, action + action_size(), last_action.begin());
+  std::copy_n(action, action_size(), last_action.begin());
+
+  const bool outran = reward.outrun_weight != 0.0F && position.x() > goal.x() + reward.goal_radius_m;
+
+  const std::array<double, kNumRewardTerms> terms{
+      static_cast<double>(reward.distance_weight) * distance_term,
+      static_cast<double>(reward.crash_weight) * crash_term,
+      static_cast<double>(reward.free_space_weight) * free_space_term,
+      static_cast<double>(reward.step_weight) * step_term,
+      static_cast<double>(reward.action_change_weight) * (same_action ? 0.0 : -1.0),
+      static_cast<double>(reward.outrun_weight) * (outran ? -static_cast<double>(reward.goal_reward) / 10.0 : 0.0),
+  };
+  double total = 0.0;
+  for (std::size_t k = 0; k < terms.size(); ++k) {
+    total += terms[k];
+    out.reward_terms[drone * kNumRewardTerms + k] = static_cast<float>(terms[k]);
+  }
+
+  ++nav_.step[drone];
+  nav_.episode_return[drone] += total;
+  const bool terminated = crashed || at_final_goal || outran;
+  const bool truncated = !terminated && nav_.time_limit[drone] > 0 && nav_.step[drone] >= nav_.time_limit[drone];
+  nav_.done[drone] = terminated || truncated;
+  out.reward[drone] = static_cast<float>(total);
+  out.terminated[drone] = terminated;
+  out.truncated[drone] = truncated;
+  out.success[drone] = at_final_goal && !crashed;
+  out.crashed[drone] = crashed;
+  out.episode_return[drone] = nav_.episode_return[drone];
+  out.episode_length[drone] = nav_.step[drone];
+}
+
+void Navigation::observe(std::size_t drone, std::span<const float> ranges, float max_range, const State& state,
+                         float* out) const {
+  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
+  const float* const p = state.sensed_position.data() + 3 * drone;
+  const float* const q = state.sensed_quat_wxyz.data() + 4 * drone;
+  const Vec3 offset = current_goal(drone, world) - Vec3(p[0], p[1], p[2]);
+  const float length = offset.norm();
+  const Vec3 direction = length > 0.0F ? Vec3(Quat(q[0], q[1], q[2], q[3]).conjugate() * (offset / length)) : Vec3::Zero();
+  for (int axis = 0; axis < 3; ++axis) out[axis] = std::clamp(direction[axis], -1.0F, 1.0F);
+  float* const scaled = out + kGoalSize;
+  for (std::size_t i = 0; i < ranges.size(); ++i) scaled[i] = normalised(ranges[i], max_range);
+}
+
+Vec3 Navigation::start_position(std::size_t drone, const State& state, const World& world) const {
+  const auto& box = world.markers().spawn_box;
+  if (config_.random_start && box) {
+    for (std::uint32_t attempt = 0; attempt < kStartTries; ++attempt) {
+      const auto bits = draw(state, drone, Stream::start, attempt);
+      const Vec3 unit(uniform01(bits[0]), uniform01(bits[1]), uniform01(bits[2]));
+      const Vec3 position = box->min + unit.cwiseProduct(box->max - box->min);
+      if (!collision::overlaps(world, *drone_, {position, Quat::Identity()})) return position;
+    }
+  }
+  return *world.markers().start;
+}
+
+void Navigation::place(std::size_t drone, State& state) const {
+  if (config_.random_world) {
+    const double u = uniform01(draw(state, drone, Stream::world, 0)[0]);
+    state.world_index[drone] = static_cast<std::int32_t>(u * static_cast<double>(worlds_.size()));
+  }
+  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
+  set_pose_of(state, drone, {start_position(drone, state, world), Quat::Identity()});
+}
+
+void Navigation::begin(std::size_t drone, const State& state) {
+  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
+  nav_.goal_index[drone] = 0;
+  nav_.last_distance[drone] = distance_m(current_goal(drone, world), position_of(state, drone));
+  nav_.last_action[drone].fill(std::numeric_limits<float>::quiet_NaN());
+  nav_.step[drone] = 0;
+  nav_.episode_return[drone] = 0.0;
+  nav_.begun[drone] = 1;
+  nav_.done[drone] = 0;
+  nav_.time_limit[drone] = config_.max_episode_steps;
+  if (config_.stagger_first_episode && state.episode[drone] == 0) {
+    const double u = uniform01(draw(state, drone, Stream::time_limit, 0)[0]);
+    nav_.time_limit[drone] = 1 + static_cast<std::int64_t>(u * config_.max_episode_steps);
+  }
+}
+
+}  // namespace swiftlet::task

@@ -1,0 +1,71 @@
+// The built-in navigation task: actions to target poses; reward, termination and observation from state and sensors; resets.
+// Each function works on the listed drones, in the order the step calls them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "swiftlet/config.hpp"
+#include "swiftlet/drone_model.hpp"
+#include "swiftlet/pose.hpp"
+#include "swiftlet/state.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet::task {
+
+inline constexpr std::size_t kMaxActionSize = 4;
+
+// (N,) each; written by navigation alone.
+struct NavigationState {
+  std::vector<std::int32_t> goal_index;    // waypoints reached; the final goal when it equals their number
+  std::vector<double> last_distance;       // m to the current goal, after the last step
+  std::vector<std::array<float, kMaxActionSize>> last_action;  // NaN before the first: a change whatever comes
+  std::vector<std::int64_t> step;          // number of the next step in the episode, from 0
+  std::vector<std::int64_t> time_limit;    // steps; 0: none
+  std::vector<double> episode_return;
+  FlagArray begun;                         // the first episode has begun
+  FlagArray done;                          // the episode ended and no reset has come since
+
+  explicit NavigationState(std::size_t num_drones);
+};
+
+class Navigation {
+ public:
+  Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone, std::size_t num_drones);
+
+  static constexpr std::size_t kGoalSize = 3;  // of the observation, before the ranges
+  std::size_t observation_size(std::size_t rays) const { return kGoalSize + rays; }
+  std::size_t action_size() const;  // 1, 3 or 4
+
+  // Where an action (action_size() numbers) takes a drone.
+  Pose target(const Pose& pose, const float* action) const;
+
+  // Reward, flags and episode figures of one step of a drone, after it moved and scanned.
+  // ranges are in metres, normalised by max_range.
+  void evaluate(std::size_t drone, const float* action, std::span<const float> ranges, float max_range, const State& state,
+                Outputs& out);
+
+  // Unit direction to the current goal in the sensed body frame, then the ranges over max_range (1 on a miss).
+  void observe(std::size_t drone, std::span<const float> ranges, float max_range, const State& state, float* out) const;
+
+  // Puts a drone where the episode that state.seed and state.episode name begins.
+  void place(std::size_t drone, State& state) const;
+  // Begins the episode from where the drone is.
+  void begin(std::size_t drone, const State& state);
+
+  NavigationState& state() { return nav_; }
+  const NavigationState& state() const { return nav_; }
+
+ private:
+  const Vec3& current_goal(std::size_t drone, const World& world) const;
+  Vec3 start_position(std::size_t drone, const State& state, const World& world) const;
+
+  NavigationConfig config_;
+  std::vector<const World*> worlds_;
+  const DroneModel* drone_;
+  NavigationState nav_;
+};
+
+}  // namespace swiftlet::task
