@@ -1,4 +1,4 @@
-// What a navigation task asks of a world's markers.
+// What a task that flies from marker to marker needs of a world.
 #pragma once
 
 #include "swiftlet/drone_model.hpp"
@@ -6,8 +6,8 @@
 
 namespace swiftlet {
 
-// Throws std::invalid_argument naming the world and the marker: start and goal must be there, all markers within the world's
-// bounds, and the drone at the start must touch nothing.
+// Throws std::invalid_argument naming the world and the marker unless start and goal are there, every marker lies within the
+// bounds of the world, and the drone at the start and in every corner of the spawn box (level, facing +x) touches nothing.
 void require_navigable(const World& world, const DroneModel& drone);
 
 }  // namespace swiftlet

@@ -1,0 +1,54 @@
+#include "world/markers.hpp"
+
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+#include "collision/sweep.hpp"
+
+namespace swiftlet {
+namespace {
+
+[[noreturn]] void refuse(const World& world, const std::string& marker, const std::string& expected) {
+  throw std::invalid_argument("world \"" + world.name() + "\": markers." + marker + ": expected " + expected);
+}
+
+std::string text(const Vec3& p) {
+  std::ostringstream out;
+  out << '(' << p.x() << ", " << p.y() << ", " << p.z() << ')';
+  return out.str();
+}
+
+void require_inside(const World& world, const std::string& marker, const Vec3& point) {
+  const Aabb& box = world.bounds();
+  if ((point.array() >= box.min.array()).all() && (point.array() <= box.max.array()).all()) return;
+  refuse(world, marker, "a point within the world, " + text(box.min) + " to " + text(box.max) + ", got " + text(point));
+}
+
+void require_free(const World& world, const DroneModel& drone, const std::string& marker, const Vec3& point) {
+  require_inside(world, marker, point);
+  if (!collision::overlaps(world, drone, Pose{.position = point})) return;
+  refuse(world, marker, "room for the drone, got " + text(point) + ", where it touches an obstacle");
+}
+
+}  // namespace
+
+void require_navigable(const World& world, const DroneModel& drone) {
+  const Markers& markers = world.markers();
+  if (!markers.start) refuse(world, "start", "a point, found none");
+  if (!markers.goal) refuse(world, "goal", "a point, found none");
+  require_free(world, drone, "start", *markers.start);
+  for (std::size_t i = 0; i < markers.waypoints.size(); ++i) {
+    require_inside(world, "waypoints[" + std::to_string(i) + ']', markers.waypoints[i]);
+  }
+  require_inside(world, "goal", *markers.goal);
+  if (!markers.spawn_box) return;
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    const Aabb& box = *markers.spawn_box;
+    require_free(world, drone, "spawn_box",
+                 Vec3((corner & 1U) != 0 ? box.max.x() : box.min.x(), (corner & 2U) != 0 ? box.max.y() : box.min.y(),
+                      (corner & 4U) != 0 ? box.max.z() : box.min.z()));
+  }
+}
+
+}  // namespace swiftlet
