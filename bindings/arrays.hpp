@@ -1,0 +1,81 @@
+// Arrays across the boundary: checked spans in, views out.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace swiftlet::bindings {
+
+namespace py = pybind11;
+using Shape = std::vector<py::ssize_t>;
+
+inline std::string text_of(const Shape& shape) {
+  return std::string(py::str(py::tuple(py::cast(shape))));
+}
+
+// An array argument as contiguous T, or nothing for None. Kinds are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.
+template <class T>
+class Input {
+ public:
+  // A -1 in the shape allows any length there.
+  Input(const py::object& object, const char* field, const Shape& shape, const char* kinds, const char* kinds_text) {
+    if (object.is_none()) return;
+    const py::array any = py::array::ensure(object);
+    if (!any) {
+      PyErr_Clear();
+      refuse(field, std::string("an array of ") + kinds_text, py::str(py::type::of(object)));
+    }
+    if (std::string(kinds).find(any.dtype().kind()) == std::string::npos) {
+      refuse(field, std::string("an array of ") + kinds_text, std::string("dtype ") + std::string(py::str(any.dtype())));
+    }
+    Shape got(any.shape(), any.shape() + any.ndim());
+    bool fits = got.size() == shape.size();
+    for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] == -1 || shape[i] == got[i];
+    if (!fits) refuse(field, "shape " + text_of(shape), "shape " + text_of(got));
+    array_.emplace(any);
+  }
+
+  operator std::span<const T>() const {  // NOLINT: a span is what this is for
+    return array_ ? std::span<const T>(array_->data(), static_cast<std::size_t>(array_->size())) : std::span<const T>();
+  }
+  bool given() const { return array_.has_value(); }
+  std::size_t rows() const { return static_cast<std::size_t>(array_->shape(0)); }
+
+ private:
+  [[noreturn]] static void refuse(const char* field, const std::string& expected, const std::string& got) {
+    throw py::value_error(std::string(field) + ": expected " + expected + ", got " + got);
+  }
+  using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+  std::optional<Array> array_;
+};
+
+inline Input<float> floats(const py::object& object, const char* field, const Shape& shape) {
+  return {object, field, shape, "fiu", "real numbers"};
+}
+template <class T>
+Input<T> integers(const py::object& object, const char* field, const Shape& shape) {
+  return {object, field, shape, "iu", "integers"};
+}
+
+// A bool mask as bytes.
+inline Input<std::uint8_t> flags(const py::object& object, const char* field, py::ssize_t n) {
+  return {object, field, {n}, "b", "bool"};
+}
+
+// A view of memory that `owner` keeps alive.
+template <class T, class Stored>
+py::array_t<T> view(const py::object& owner, const Stored* data, const Shape& shape, bool writable = false) {
+  static_assert(sizeof(T) == sizeof(Stored));
+  py::array_t<T> array(shape, reinterpret_cast<const T*>(data), owner);
+  if (!writable) py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return array;
+}
+
+}  // namespace swiftlet::bindings

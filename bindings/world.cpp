@@ -1,0 +1,116 @@
+#include "swiftlet/world.hpp"
+
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include "arrays.hpp"
+
+namespace swiftlet::bindings {
+namespace {
+
+// Scene names are resolved in Python, which knows where the package keeps its files.
+std::filesystem::path resolve(const py::object& source) {
+  return py::module_::import("swiftlet.scenes").attr("resolve")(source).cast<std::filesystem::path>();
+}
+
+py::array_t<float> rows(std::span<const Vec3> points) {
+  py::array_t<float> array({static_cast<py::ssize_t>(points.size()), py::ssize_t{3}});
+  float* out = array.mutable_data();
+  for (const Vec3& point : points) out = std::copy_n(point.data(), 3, out);
+  return array;
+}
+
+py::object row(const std::optional<Vec3>& point) {
+  if (!point) return py::none();
+  return rows({&*point, 1}).attr("reshape")(3);
+}
+
+py::array_t<float> box_rows(const Aabb& box) {
+  const std::array<Vec3, 2> corners{box.min, box.max};
+  return rows(corners);
+}
+
+const char* kind_name(PrimitiveKind kind) {
+  constexpr const char* kNames[] = {"room", "box", "cylinder", "sphere"};
+  return kNames[static_cast<int>(kind)];
+}
+
+py::list primitives(const World& world) {
+  py::list list;
+  for (const Primitive& primitive : world.primitives()) {
+    py::dict entry;
+    entry["kind"] = kind_name(primitive.kind);
+    entry["center"] = row(primitive.center);
+    const Quat& q = primitive.rotation;
+    entry["quat_wxyz"] = py::make_tuple(q.w(), q.x(), q.y(), q.z());
+    entry["half_extents"] = row(primitive.half_extents);
+    entry["material"] = world.materials()[primitive.material].name;
+    list.append(entry);
+  }
+  return list;
+}
+
+py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range) {
+  const Input<float> from = floats(origins, "origins", {-1, 3});
+  const Input<float> along = floats(directions, "directions", {-1, 3});
+  RayHits hits;
+  {
+    const py::gil_scoped_release release;
+    hits = world.raycast(from, along, max_range);
+  }
+  py::dict result;
+  result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
+  result["normal"] = rows(hits.normal);
+  result["primitive"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.primitive.size()), hits.primitive.data());
+  return result;
+}
+
+py::tuple mesh(const World& world, float chord_error_m) {
+  const TriangleMesh mesh = world.mesh(chord_error_m);
+  py::array_t<std::int32_t> triangles({static_cast<py::ssize_t>(mesh.triangles.size()), py::ssize_t{3}});
+  std::int32_t* out = triangles.mutable_data();
+  for (const auto& triangle : mesh.triangles) out = std::copy(triangle.begin(), triangle.end(), out);
+  return py::make_tuple(rows(mesh.vertices), triangles);
+}
+
+}  // namespace
+
+void register_world(py::module_& module) {
+
+  py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
+      .def_static("load", [](const py::object& source) { return std::const_pointer_cast<World>(World::load(resolve(source))); },
+                  py::arg("source"))
+      .def_static(
+          "from_dict",
+          [](const py::object& scene, const std::filesystem::path& base_dir) {
+            const auto text = py::module_::import("json").attr("dumps")(scene).cast<std::string>();
+            return std::const_pointer_cast<World>(World::from_json(text, base_dir));
+          },
+          py::arg("scene"), py::arg("base_dir") = "")
+      .def_static(
+          "playground",
+          [](std::uint64_t seed, int pillars, const std::array<float, 3>& size, float pillar_radius_m) {
+            return std::const_pointer_cast<World>(World::playground({seed, pillars, size, pillar_radius_m}));
+          },
+          py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size") = PlaygroundConfig().size,
+          py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)
+      .def_property_readonly("name", [](const World& world) { return world.name(); })
+      .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
+      .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })
+      .def_property_readonly("waypoints", [](const World& world) { return rows(world.markers().waypoints); })
+      .def_property_readonly("goal", [](const World& world) { return row(world.markers().goal); })
+      .def_property_readonly("spawn_box",
+                             [](const World& world) -> py::object {
+                               const auto& box = world.markers().spawn_box;
+                               return box ? py::object(box_rows(*box)) : py::none();
+                             })
+      .def_property_readonly("marker_radius", [](const World& world) { return world.markers().radius; })
+      .def_property_readonly("primitives", &primitives)
+      .def("to_dict", [](const World& world) { return py::module_::import("json").attr("loads")(world.to_json()); })
+      .def("save", &World::save, py::arg("path"))
+      .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
+      .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range"))
+      .def("__repr__", [](const World& world) { return "World('" + world.name() + "')"; });
+}
+
+}  // namespace swiftlet::bindings
