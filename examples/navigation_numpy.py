@@ -3,6 +3,8 @@
 python examples/navigation_numpy.py flies both side by side with the same actions and prints how far apart they are.
 """
 
+# ruff: noqa: D102 - the methods are those of swiftlet.Task, documented there
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -13,8 +15,7 @@ from gymnasium import spaces
 import swiftlet
 from swiftlet.task import Array, BoolArray, Target, rotate
 
-DIRECTIONS = np.float32([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-FORWARD = np.float32([1, 0, 0, 0])  # quaternion: facing +x
+DIRECTIONS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32)
 
 
 class Navigation(swiftlet.Task):
@@ -26,10 +27,11 @@ class Navigation(swiftlet.Task):
     def __init__(self, config: swiftlet.NavigationConfig, lidar: swiftlet.LidarConfig) -> None:
         self.config = config
         self.lidar = lidar
+        self.max_range_m = lidar.max_range_m
         self.max_episode_steps = config.max_episode_steps
         rays = lidar.shape[0] * lidar.shape[1]
-        low = np.repeat(np.float32([-1, 0]), [3, rays])
-        self.observation_space = spaces.Box(low, np.float32(1), dtype=np.float32)
+        low = np.repeat([-1.0, 0.0], [3, rays]).astype(np.float32)
+        self.observation_space = spaces.Box(low, np.ones_like(low), dtype=np.float32)
         size = {"displacement": 3, "displacement_yaw": 4}
         discrete = config.action == "discrete"
         self.action_space = spaces.Discrete(6) if discrete else spaces.Box(-1, 1, (size[config.action],), np.float32)
@@ -117,12 +119,13 @@ class Navigation(swiftlet.Task):
 
     def distance(self, batch: swiftlet.Batch) -> Array:
         """Return the distance of each drone to its current goal, (N,) m."""
-        return np.linalg.norm(self.goal(batch) - batch.position, axis=1)
+        distance: Array = np.linalg.norm(self.goal(batch) - batch.position, axis=1)
+        return distance
 
     def ranges(self, batch: swiftlet.Batch) -> Array:
         """Return the LiDAR ranges over the maximum range, (N, beams), 1 on a miss."""
         ranges = batch.lidar_ranges.reshape(batch.num_drones, -1).astype(float)
-        return np.minimum(ranges / self.lidar.max_range_m, 1)
+        return np.minimum(ranges / self.max_range_m, 1)
 
     def state(self) -> dict[str, Array]:
         names = ("goal_index", "last_distance", "last_action")
@@ -147,8 +150,9 @@ def main() -> None:
         a, b = engine.step(actions), twin.step(actions)
         worst_observation = max(worst_observation, float(np.abs(a[0] - b[0]).max()))
         worst_reward = max(worst_reward, float(np.abs(a[1] - b[1]).max()))
-        assert (a[2] == b[2]).all() and (a[3] == b[3]).all()
-    print(f"70,000 steps: observations within {worst_observation:.1e}, rewards within {worst_reward:.1e}, flags the same")
+        assert (a[2] == b[2]).all()
+        assert (a[3] == b[3]).all()
+    print(f"70,000 steps, flags the same: observations within {worst_observation:.1e}, rewards {worst_reward:.1e}")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 pip install 'swiftlet[sb3]', then: python examples/train_my_task.py
 """
 
+# ruff: noqa: D102 - the methods are those of swiftlet.Task, documented there
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3 import PPO
@@ -41,7 +42,8 @@ class FlyToPoint(swiftlet.Task):
         return self.target - batch.position
 
     def distance(self, batch: swiftlet.Batch) -> Array:
-        return np.linalg.norm(self.target - batch.position, axis=1)
+        distance: Array = np.linalg.norm(self.target - batch.position, axis=1)
+        return distance
 
 
 def main(total_timesteps: int = 300_000) -> float:
@@ -49,7 +51,8 @@ def main(total_timesteps: int = 300_000) -> float:
     envs = swiftlet.sb3.make_vec(FlyToPoint(), num_envs=64, worlds=swiftlet.World.from_dict(ROOM), num_threads=1)
     model = PPO("MlpPolicy", VecMonitor(envs), n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
     model.learn(total_timesteps)
-    observation, successes = envs.reset(), []
+    observation = envs.reset()
+    successes: list[bool] = []
     while len(successes) < 200:
         actions, _ = model.predict(observation, deterministic=True)
         observation, _, _, infos = envs.step(actions)

@@ -3,9 +3,9 @@
 >>> import gymnasium, swiftlet
 >>> envs = gymnasium.make_vec("swiftlet/LidarNavigation-v0", num_envs=1024, worlds="train")
 
-`World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment of
-it, `Task` is the base of a task of your own, `swiftlet.sb3` serves Stable-Baselines3 and `swiftlet.testing` checks any
-Gymnasium vector environment.
+`World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment
+of it, `Task` is the base of a task of your own, `swiftlet.sb3` serves Stable-Baselines3 and `swiftlet.testing` checks
+any Gymnasium vector environment.
 """
 
 from __future__ import annotations

@@ -1,38 +1,61 @@
-"""The native module. Arrays are float32 unless said otherwise; `N` is `num_drones`.
+"""The native module.
 
-Arrays returned as properties are read-only views owned by their batch (they keep it alive) and are written in place by the
-next call; copy what you keep. Bad input raises `ValueError` naming the field before anything changes.
+SI units; the world frame is right-handed with z up, the body frame x forward, y left, z up; quaternions are
+``(w, x, y, z)``, body to world. Arrays are float32 unless said otherwise. ``N`` is the number of drones of a batch.
+
+Bad input raises `ValueError` naming the field, what was expected and what came, before anything changes.
 """
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any, final
+from typing import Any, TypeAlias, final
 
 import numpy as np
 import numpy.typing as npt
 
-_F32 = npt.NDArray[np.float32]
-_F64 = npt.NDArray[np.float64]
-_I32 = npt.NDArray[np.int32]
-_I64 = npt.NDArray[np.int64]
-_U64 = npt.NDArray[np.uint64]
-_Bool = npt.NDArray[np.bool_]
+_F32: TypeAlias = npt.NDArray[np.float32]
+_F64: TypeAlias = npt.NDArray[np.float64]
+_I32: TypeAlias = npt.NDArray[np.int32]
+_I64: TypeAlias = npt.NDArray[np.int64]
+_Bool: TypeAlias = npt.NDArray[np.bool_]
 
 __version__: str
 embree_version: str
+"""Of the Embree library this module was built with, such as ``"4.3.0"``."""
 simd_target: str
+"""The instruction set that tracing runs on here, such as ``"AVX2"``."""
 
 @final
 class LidarConfig:
+    """A scanning LiDAR: a grid of channels x beams, or a beam pattern.
+
+    Parameters
+    ----------
+    channels
+        Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; one channel looks at elevation 0.
+    beams
+        Per channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is left out).
+    hfov_deg, vfov_deg
+        In (0, 360] and [0, 180].
+    max_range_m
+        Farther is a miss: inf.
+    offset_m
+        (3,) of the sensor in the body frame.
+    quat_wxyz
+        (4,) sensor to body; normalised if close to unit.
+    azimuth_deg, elevation_deg
+        Lists of equal length instead of the grid; a scan then has the shape (1, length).
+    """
+
     channels: int
     beams: int
     hfov_deg: float
     vfov_deg: float
     max_range_m: float
-    offset_m: tuple[float, float, float]
-    quat_wxyz: tuple[float, float, float, float]
-    azimuth_deg: list[float]
-    elevation_deg: list[float]
+    offset_m: Sequence[float]
+    quat_wxyz: Sequence[float]
+    azimuth_deg: Sequence[float]
+    elevation_deg: Sequence[float]
     def __init__(
         self,
         *,
@@ -47,72 +70,290 @@ class LidarConfig:
         elevation_deg: Sequence[float] = (),
     ) -> None: ...
     @property
-    def shape(self) -> tuple[int, int]: ...  # (channels, beams) of one scan
+    def shape(self) -> tuple[int, int]:
+        """(channels, beams) of one scan."""
 
 @final
 class PoseSensorConfig:
+    """Exact pose, with optional Gaussian noise.
+
+    Parameters
+    ----------
+    position_noise_std_m
+        Standard deviation per axis.
+    tilt_noise_std_deg
+        Standard deviation per axis of a rotation vector.
+    """
+
     position_noise_std_m: float
     tilt_noise_std_deg: float
     def __init__(self, *, position_noise_std_m: float = 0.0, tilt_noise_std_deg: float = 0.0) -> None: ...
 
 @final
 class NavigationReward:
-    # fields as in config.hpp: distance_weight, crash_weight, free_space_weight, step_weight, action_change_weight, outrun_weight,
-    # goal_reward, waypoint_share, goal_radius_m, min_clearance, step_scale, thesis_switch
-    def __init__(self, *, distance_weight: float = 1.0, crash_weight: float = 1.0) -> None: ...
+    """The reward of the navigation task: the sum of these terms, each times its weight.
+
+    l are the LiDAR ranges over the maximum range, |L| their number, M is ``min_clearance``, R is ``goal_reward``.
+
+    Parameters
+    ----------
+    distance_weight
+        R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; else the centimetres gained towards
+        the current goal.
+    crash_weight
+        -R on a collision; else min(l) - M where min(l) < M; else 0.
+    free_space_weight
+        sum(l / M - 1) / (|L| / M - |L|): 1 in the open.
+    step_weight
+        -(step number) / ``step_scale``, the first step being number 0.
+    action_change_weight
+        -1 if the action differs from the last one; the first action counts as a change.
+    outrun_weight
+        -R / 10 when x exceeds the goal's x + ``goal_radius_m``; if not 0, the episode ends there.
+    goal_reward
+        R.
+    waypoint_share
+        Of R, split among the waypoints.
+    goal_radius_m
+        The goal and the waypoints count as reached within it.
+    min_clearance
+        M, in (0, 1), in units of the maximum range.
+    step_scale
+        Steps.
+    thesis_switch
+        Keep the last distance when the current goal changes, as the thesis's program did.
+    """
+
+    distance_weight: float
+    crash_weight: float
+    free_space_weight: float
+    step_weight: float
+    action_change_weight: float
+    outrun_weight: float
+    goal_reward: float
+    waypoint_share: float
+    goal_radius_m: float
+    min_clearance: float
+    step_scale: float
+    thesis_switch: bool
+    def __init__(
+        self,
+        *,
+        distance_weight: float = 1.0,
+        crash_weight: float = 1.0,
+        free_space_weight: float = 1.0,
+        step_weight: float = 1.0,
+        action_change_weight: float = 1.0,
+        outrun_weight: float = 0.0,
+        goal_reward: float = 10000.0,
+        waypoint_share: float = 0.1,
+        goal_radius_m: float = 0.5,
+        min_clearance: float = 0.2,
+        step_scale: float = 3000.0,
+        thesis_switch: bool = False,
+    ) -> None: ...
 
 @final
 class NavigationConfig:
-    # fields as in config.hpp; action: "discrete" | "displacement" | "displacement_yaw"
-    def __init__(self, *, action: str = "discrete", step_m: float = 0.1) -> None: ...
+    """Fly from the start over the waypoints to the goal by LiDAR.
+
+    The observation (3 + channels * beams,) is the unit direction to the current goal in the body frame, as the pose sensor
+    has it, then the LiDAR ranges over the maximum range, 1 on a miss.
+
+    Parameters
+    ----------
+    action
+        ``"discrete"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. ``"displacement"``: (3,), clipped
+        to [-1, 1], times ``step_m``, body frame. ``"displacement_yaw"``: (4,), the same and a turn of up to
+        ``yaw_step_deg``, counter-clockwise positive.
+    step_m
+        Metres of a full action.
+    yaw_step_deg
+        Degrees of a full turn action, in (0, 180].
+    max_episode_steps
+        Truncate after so many steps; 0 means never.
+    reward
+        The terms of the reward.
+    random_start
+        Start anywhere in the world's spawn box instead of at its start marker.
+    random_world
+        Each reset draws one of the batch's worlds instead of keeping the drone's own.
+    stagger_first_episode
+        Spread the first time limits over [1, max_episode_steps], by seed, so that they do not all fall in one step.
+    """
+
+    action: str
+    step_m: float
+    yaw_step_deg: float
+    max_episode_steps: int
+    reward: NavigationReward
+    random_start: bool
+    random_world: bool
+    stagger_first_episode: bool
+    def __init__(
+        self,
+        *,
+        action: str = "discrete",
+        step_m: float = 0.1,
+        yaw_step_deg: float = 10.0,
+        max_episode_steps: int = 3000,
+        reward: NavigationReward = ...,
+        random_start: bool = False,
+        random_world: bool = False,
+        stagger_first_episode: bool = False,
+    ) -> None: ...
 
 @final
 class World:
+    """Immutable geometry, materials and named markers, shared by any number of drones and batches."""
+
     @staticmethod
-    def load(source: str | PathLike[str]) -> World: ...
+    def load(source: str | PathLike[str]) -> World:
+        """Load a shipped scene by its name, or a ``.json`` or ``.obj`` file by its path; see `swiftlet.scenes`."""
+
     @staticmethod
-    def from_dict(scene: Mapping[str, Any], base_dir: str | PathLike[str] = "") -> World: ...
+    def from_dict(scene: Mapping[str, Any], base_dir: str | PathLike[str] = "") -> World:
+        """Make a world of what a scene file says; mesh files are looked up relative to ``base_dir``."""
+
     @staticmethod
     def playground(
         seed: int, pillars: int = 12, size: Sequence[float] = (14.0, 14.0, 5.25), pillar_radius_m: float = 0.25
-    ) -> World: ...
+    ) -> World:
+        """Generate a room of ``size`` metres with full-height pillars, a start, waypoints and a goal.
+
+        The default drone can fly from the start over the waypoints to the goal. The same arguments make the same world.
+        """
+
     @property
     def name(self) -> str: ...
     @property
-    def bounds(self) -> _F32: ...  # (2, 3) m: min, max
+    def bounds(self) -> _F32:
+        """(2, 3) m: least and greatest corner of all geometry."""
+
     @property
-    def start(self) -> _F32 | None: ...  # (3,) m
+    def start(self) -> _F32 | None:
+        """(3,) m, or None."""
+
     @property
-    def waypoints(self) -> _F32: ...  # (K, 3) m
+    def waypoints(self) -> _F32:
+        """(K, 3) m, in the order of flight."""
+
     @property
-    def goal(self) -> _F32 | None: ...  # (3,) m
+    def goal(self) -> _F32 | None:
+        """(3,) m, or None."""
+
     @property
-    def spawn_box(self) -> _F32 | None: ...  # (2, 3) m
+    def spawn_box(self) -> _F32 | None:
+        """(2, 3) m: least and greatest corner of where a task may start drones, or None."""
+
     @property
-    def marker_radius(self) -> float: ...
+    def marker_radius(self) -> float:
+        """Metres, as drawn."""
+
     @property
-    def primitives(self) -> list[dict[str, Any]]: ...  # kind, center, quat_wxyz, half_extents, material
-    def to_dict(self) -> dict[str, Any]: ...
-    def save(self, path: str | PathLike[str]) -> None: ...
-    def mesh(self, chord_error_m: float = 1e-3) -> tuple[_F32, _I32]: ...
-    def raycast(self, origins: npt.ArrayLike, directions: npt.ArrayLike, max_range: float) -> dict[str, Any]: ...
+    def primitives(self) -> list[dict[str, Any]]:
+        """A dict for each: ``kind`` (``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``), ``center`` (3,) m,
+        ``quat_wxyz`` (4,), ``half_extents`` (3,) m (a cylinder's are radius, radius, half height), ``material``."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `save` writes; triangle meshes are inline."""
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a scene file (``.json``)."""
+
+    def mesh(self, chord_error_m: float = 1e-3) -> tuple[_F32, _I32]:
+        """Return everything as triangles: vertices (V, 3) m and indices (T, 3) int32.
+
+        Round primitives are tessellated so that no chord is farther than ``chord_error_m`` from the surface.
+        """
+
+    def raycast(
+        self, origins: npt.ArrayLike, directions: npt.ArrayLike, max_range: float
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Return the nearest hit of each of R rays.
+
+        Parameters
+        ----------
+        origins, directions
+            (R, 3) m; directions need not be unit, but not zero.
+        max_range
+            Metres.
+
+        Returns
+        -------
+        ``t_hit`` (R,) m, inf on a miss; ``normal`` (R, 3) unit, facing the ray's origin, 0 on a miss; ``primitive`` (R,)
+        int32, an index into `primitives`, then their number + the index of a triangle, -1 on a miss.
+        """
 
 @final
 class DroneModel:
+    """What a drone is made of: its convex hull is its collision body.
+
+    Parameters
+    ----------
+    hull
+        (V, 3) m in the body frame, 4 to 32 points with a volume. Default: a 650-class quadrotor, 0.93 x 0.59 x 0.20 m.
+    """
+
     def __init__(self, hull: npt.ArrayLike | None = None) -> None: ...
     @property
-    def hull(self) -> _F32: ...  # (V, 3) m, body frame
+    def hull(self) -> _F32:
+        """(V, 3) m, body frame."""
 
 @final
 class Contact:
-    hit: _Bool  # (N,)
-    inside: _Bool  # (N,) the motion began in penetration
-    fraction: _F32  # (N,) of the motion flown
-    point: _F32  # (N, 3) m, world frame
-    normal: _F32  # (N, 3) unit, from the obstacle towards the drone
+    """Where the last motion of each drone ended. Views into the batch, cleared by a teleport or a reset."""
+
+    @property
+    def hit(self) -> _Bool:
+        """(N,) something was touched."""
+
+    @property
+    def inside(self) -> _Bool:
+        """(N,) the motion began in penetration."""
+
+    @property
+    def fraction(self) -> _F32:
+        """(N,) of the motion that was flown."""
+
+    @property
+    def point(self) -> _F32:
+        """(N, 3) m, world frame, on the obstacle."""
+
+    @property
+    def normal(self) -> _F32:
+        """(N, 3) unit, world frame, from the obstacle towards the drone."""
 
 @final
 class Batch:
+    """N drone slots over W worlds, stepped together.
+
+    Arrays that are properties are read-only views, unless said to be copies: they are written in place by the next call,
+    and keep the batch alive. Masks are bool (N,); None means every active drone. One caller at a time. A batch does not
+    survive a fork: used in a child process, it raises `RuntimeError`.
+
+    Parameters
+    ----------
+    worlds
+        At least one.
+    num_drones
+        N, from 1 to 2**20.
+    lidar, pose_sensor
+        Sensors: none and an exact pose by default.
+    task
+        The built-in task that `reset` and `step` run; it needs a LiDAR.
+    drone
+        Default: the 650-class quadrotor.
+    autoreset_mode
+        ``"next_step"``, ``"same_step"`` or ``"disabled"``, as in `gymnasium.vector.AutoresetMode`.
+    num_threads
+        0 means the physical cores this process may run on.
+    block_size
+        Drones a thread takes at once. No result depends on it.
+    world_index
+        (N,) integers: the world of each drone. Default: drone i is in world i modulo W.
+    """
+
     def __init__(
         self,
         worlds: Sequence[World],
@@ -125,62 +366,197 @@ class Batch:
         autoreset_mode: str = "next_step",
         num_threads: int = 0,
         block_size: int = 64,
-        world_index: npt.ArrayLike | None = None,  # (N,) which world each drone is in; default i mod len(worlds)
+        world_index: npt.ArrayLike | None = None,
     ) -> None: ...
-    # -- what it is
-    num_drones: int
-    num_threads: int
-    worlds: list[World]
-    # -- state (views, read-only)
-    position: _F32  # (N, 3) m
-    quat_wxyz: _F32  # (N, 4)
-    active: _Bool  # (N,)
-    world_index: _I32  # (N,)
-    contact: Contact
-    lidar_ranges: _F32  # (N, channels, beams) m, inf on a miss
-    lidar_directions: _F32  # (N, channels, beams, 3) unit, body frame (a copy)
-    lidar_points: _F32  # (N, channels, beams, 3) m, world frame, inf on a miss (a copy)
-    sensed_position: _F32  # (N, 3) m, what the pose sensor says
-    sensed_quat_wxyz: _F32  # (N, 4)
-    # -- motion and sensing
-    def set_pose(self, position: Any = None, quat_wxyz: Any = None, mask: Any = None) -> None: ...
-    def move(self, position: Any = None, quat_wxyz: Any = None, mask: Any = None) -> Contact: ...
-    def sense(self, mask: Any = None) -> None: ...
-    def spawn(self, indices: Any, position: Any, quat_wxyz: Any = None, world_index: Any = None) -> None: ...
-    def remove(self, indices: Any) -> None: ...
-    def set_world(self, world_index: Any, mask: Any = None) -> None: ...
+    @property
+    def num_drones(self) -> int: ...
+    @property
+    def num_threads(self) -> int: ...
+    @property
+    def worlds(self) -> list[World]: ...
+    @property
+    def position(self) -> _F32:
+        """(N, 3) m, world frame."""
+
+    @property
+    def quat_wxyz(self) -> _F32:
+        """(N, 4) unit, body to world."""
+
+    @property
+    def active(self) -> _Bool:
+        """(N,) False: the slot is removed."""
+
+    @property
+    def world_index(self) -> _I32:
+        """(N,) index into `worlds`."""
+
+    @property
+    def contact(self) -> Contact:
+        """Where the last motion ended."""
+
+    @property
+    def lidar_ranges(self) -> _F32:
+        """(N, channels, beams) m, inf on a miss."""
+
+    @property
+    def lidar_directions(self) -> _F32:
+        """(N, channels, beams, 3) unit, body frame; a copy."""
+
+    @property
+    def lidar_points(self) -> _F32:
+        """(N, channels, beams, 3) m, world frame, inf on a miss; a copy. Exact only while the drone is where it sensed."""
+
+    @property
+    def sensed_position(self) -> _F32:
+        """(N, 3) m, as the pose sensor has it."""
+
+    @property
+    def sensed_quat_wxyz(self) -> _F32:
+        """(N, 4), as the pose sensor has it."""
+
+    @property
+    def episode(self) -> _I64:
+        """(N,) which episode of its seed each env is in, from 0."""
+
+    def set_pose(
+        self,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        """Teleport, without a collision check, to positions (N, 3) m and quaternions (N, 4); None keeps what is."""
+
+    def move(
+        self,
+        position: npt.ArrayLike | None = None,
+        quat_wxyz: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> Contact:
+        """Fly to positions (N, 3) m and quaternions (N, 4) on a straight line and the shortest arc; None keeps what is.
+
+        A drone that touches something stops at its last free pose.
+        """
+
+    def sense(self, mask: npt.ArrayLike | None = None) -> None:
+        """Read the sensors at the present poses."""
+
+    def spawn(
+        self,
+        indices: npt.ArrayLike,
+        position: npt.ArrayLike,
+        quat_wxyz: npt.ArrayLike | None = None,
+        world_index: npt.ArrayLike | None = None,
+    ) -> None:
+        """Bring slots (K,) to life at positions (K, 3) m, quaternions (K, 4), in worlds (K,)."""
+
+    def remove(self, indices: npt.ArrayLike) -> None:
+        """Empty slots (K,): they cost nothing and read as absent, with ranges of inf and the pose they had."""
+
+    def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
+        """Put drones into worlds (N,), where they are in the coordinates of."""
+
     def set_lidar(
         self,
-        mask: Any = None,
+        mask: npt.ArrayLike | None = None,
         *,
         max_range_m: float | None = None,
         hfov_deg: float | None = None,
         vfov_deg: float | None = None,
-        offset_m: Any = None,
-        quat_wxyz: Any = None,
-    ) -> None: ...
-    # -- random numbers: uniform in [0, 1), keyed by (env seed, episode, stream); no state
-    def seed(self, seeds: Any, mask: Any = None) -> None: ...  # (N,) uint64; also sets the masked envs' episode counter to 0
-    def begin_episode(self, mask: Any = None) -> None: ...  # advances the episode counter (a built-in task's reset does it itself)
-    def random(self, stream: int, count: int) -> _F32: ...  # (N, count)
-    episode: _I64  # (N,) which episode of its seed each env is in, from 0
-    # -- the built-in task (RuntimeError without one)
-    def reset(self, seeds: Any = None, mask: Any = None) -> None: ...
-    def step(self, actions: Any) -> None: ...
-    # views of the current slot; two slots rotate, one turn a step or reset
-    observation: _F32  # (N, obs)
-    final_observation: _F32  # (N, obs) valid where terminated or truncated
-    reward: _F32  # (N,) writable
-    terminated: _Bool  # (N,)
-    truncated: _Bool  # (N,)
-    reward_terms: _F32  # (N, 6)
-    success: _Bool  # (N,) the episode that ended in this step reached its final goal without a crash
-    crashed: _Bool  # (N,) the episode that ended in this step ended by a collision
-    episode_return: _F64  # (N,) of the episode that ended in this step, else of the current one so far
-    episode_length: _I64  # (N,) likewise
-    goal_index: _I32  # (N,) 0.. number of waypoints
-    # -- all that the next step depends on
-    def snapshot(self) -> bytes: ...
-    def restore(self, blob: bytes) -> None: ...
+        offset_m: Sequence[float] | None = None,
+        quat_wxyz: Sequence[float] | None = None,
+    ) -> None:
+        """Change the LiDARs of some drones from the next `sense` on; what is None stays."""
 
-def plan(world: World, start: npt.ArrayLike, goals: npt.ArrayLike, drone: DroneModel | None = None, cell_m: float = 0.1) -> _F32 | None: ...
+    def seed(self, seeds: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
+        """Set the env seeds (N,) uint64 and set the episode counters to 0. With a built-in task, `reset` does this."""
+
+    def begin_episode(self, mask: npt.ArrayLike | None = None) -> None:
+        """Advance the episode counters. With a built-in task, `reset` and `step` do this."""
+
+    def random(self, stream: int, count: int) -> _F32:
+        """Return uniform numbers in [0, 1), (N, count), a new array.
+
+        They depend on the env's seed, its episode and the stream (from 0 to 2**31 - 1) alone; drawing changes nothing.
+        """
+
+    def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
+        """Begin new episodes of the built-in task: the first ones of seeds (N,) uint64, or each env's next one.
+
+        Raises
+        ------
+        RuntimeError
+            The batch has no built-in task.
+        """
+
+    def step(self, actions: npt.ArrayLike) -> None:
+        """Fly one step of the built-in task: actions (N,) integers, or (N, 3) or (N, 4) floats.
+
+        Two slots of outputs take turns, so what `observation` and the like gave before a step is whole until the one after.
+
+        Raises
+        ------
+        RuntimeError
+            The batch has no built-in task, or `reset` has not been called.
+        """
+
+    @property
+    def observation(self) -> _F32:
+        """(N, observation size), after resets."""
+
+    @property
+    def final_observation(self) -> _F32:
+        """(N, observation size), the last of the episode, valid where `terminated` or `truncated`."""
+
+    @property
+    def reward(self) -> _F32:
+        """(N,); writable, and never read back."""
+
+    @property
+    def reward_terms(self) -> _F32:
+        """(N, 6): the weighted terms, in the order of the weights of `NavigationReward`; their sum is the reward."""
+
+    @property
+    def terminated(self) -> _Bool:
+        """(N,) crashed, at the final goal, or past it."""
+
+    @property
+    def truncated(self) -> _Bool:
+        """(N,) out of time, and not terminated."""
+
+    @property
+    def success(self) -> _Bool:
+        """(N,) the episode ended in this step at its final goal, without a crash."""
+
+    @property
+    def crashed(self) -> _Bool:
+        """(N,) the episode ended in this step by a collision."""
+
+    @property
+    def episode_return(self) -> _F64:
+        """(N,) of the episode that ended in this step, else of the present one so far."""
+
+    @property
+    def episode_length(self) -> _I64:
+        """(N,) steps, likewise."""
+
+    @property
+    def goal_index(self) -> _I32:
+        """(N,) waypoints reached; the final goal is next when it equals their number."""
+
+    def snapshot(self) -> bytes:
+        """Return everything the next step depends on."""
+
+    def restore(self, blob: bytes) -> None:
+        """Go back to a snapshot; `ValueError`, and no change, for one of another configuration or other worlds."""
+
+def plan(
+    world: World,
+    start: npt.ArrayLike,
+    goals: npt.ArrayLike,
+    drone: DroneModel | None = None,
+    cell_m: float = 0.1,
+) -> _F32 | None:
+    """Return a shortest path (P, 3) m from ``start`` (3,) over ``goals`` (K, 3) in their order, on a grid; None if there is none.
+
+    The drone faces +x all the way, and no part of it comes nearer than the grid's precision to an obstacle.
+    """

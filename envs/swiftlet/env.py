@@ -18,7 +18,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     drone stays in the first, unless ``random_world=True`` draws one for each episode.
     """
 
-    metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}
+    metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}  # noqa: RUF012
 
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
         self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
@@ -40,7 +40,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         info = {key: value[0].item() for key, value in infos.items() if not key.startswith("_")}
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
-    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> npt.NDArray[np.uint8] | None:
         """Return a view from above, (height, width, 3) uint8, or None without a render mode."""
         frames = self.envs.render()
         return None if frames is None else frames[0]

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from swiftlet.task import Task
 from swiftlet.vector_env import DroneVectorEnv
@@ -52,8 +52,8 @@ class DroneVecEnv(VecEnv):
     """A `DroneVectorEnv` as Stable-Baselines3 wants it.
 
     Observations are views of two slots that take turns, so the one before the last step is still whole when
-    Stable-Baselines3 stores it; rewards are new arrays, since it writes into them. The infos of envs whose episode goes on
-    are one and the same empty dict; do not write into it.
+    Stable-Baselines3 stores it; rewards are new arrays, since it writes into them. The infos of envs whose episode goes
+    on are one and the same empty dict; do not write into it.
 
     Infos at the end of an episode: ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, and as `Monitor`
     gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made.
@@ -119,26 +119,26 @@ class DroneVecEnv(VecEnv):
         """Close the env."""
         self.env.close()
 
-    def get_attr(self, attr_name: str, indices: None | int | Iterable[int] = None) -> list[Any]:
-        """Return an attribute of the env for each index: its rows if it has N of them, else the same value each time."""
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute of the env for each index: its rows if it has N of them, else the same value."""
         values = self.env.get_attr(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: None | int | Iterable[int] = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the env; all drones share it, so ``indices`` must mean all of them."""
         if sorted(self._get_indices(indices)) != list(range(self.num_envs)):
             raise ValueError(f"{attr_name}: the drones share it, so it cannot be set for some of them")
         self.env.set_attr(attr_name, value)
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: None | int | Iterable[int] = None, **method_kwargs: Any
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
         """Call a method of the env once and return the result for each index."""
         values = self.env.call(method_name, *method_args, **method_kwargs)
         return [values[i] for i in self._get_indices(indices)]
 
     def env_is_wrapped(
-        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: None | int | Iterable[int] = None
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
         """Return True for `Monitor` alone: the infos hold what it would add."""
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]

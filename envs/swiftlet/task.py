@@ -22,7 +22,7 @@ Target: TypeAlias = Array | tuple[Array, Array]
 
 
 def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
-    """Rotate vectors from the body frame to the world frame, or back with ``inverse=True``.
+    """Rotate vectors from the body frame to the world frame.
 
     Parameters
     ----------
@@ -30,6 +30,8 @@ def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
         Unit quaternions, body to world, shape (..., 4).
     vector
         Shape (..., 3), broadcast against ``quat_wxyz``.
+    inverse
+        Rotate from the world frame to the body frame.
     """
     w, axis = quat_wxyz[..., :1], quat_wxyz[..., 1:]
     if inverse:
@@ -89,10 +91,10 @@ class Task:
             if start is None:
                 raise ValueError(f"world {batch.worlds[index].name!r} has no start marker; override Task.reset")
             position[batch.world_index == index] = start
-        batch.set_pose(position, np.tile(np.float32([1, 0, 0, 0]), (batch.num_drones, 1)), mask)
+        batch.set_pose(position, np.tile(np.array([1, 0, 0, 0], np.float32), (batch.num_drones, 1)), mask)
 
     def act(self, batch: Batch, actions: Array) -> Target:
-        """Return where each drone flies to: positions (N, 3) in metres, or a pair of positions and quaternions (N, 4)."""
+        """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4)."""
         return batch.position + rotate(batch.quat_wxyz, np.float32(self.step_m) * actions.astype(np.float32))
 
     def step(self, batch: Batch) -> tuple[Array, BoolArray]:
@@ -264,9 +266,8 @@ class TaskRunner:
     def _row(self, name: str, value: Array) -> Array:
         array = np.asarray(value)
         if array.shape != (self._batch.num_drones,):
-            raise ValueError(
-                f"{type(self._task).__name__}.step: expected a {name} of shape ({self._batch.num_drones},), got {array.shape}"
-            )
+            expected = f"a {name} of shape ({self._batch.num_drones},)"
+            raise ValueError(f"{type(self._task).__name__}.step: expected {expected}, got {array.shape}")
         return array
 
     def _check(self, actions: npt.ArrayLike) -> Array:

@@ -60,8 +60,8 @@ class TopView:
         index = int(self._batch.world_index[env])
         canvas = self._canvases[index]
         if index not in self._backgrounds:
-            self._backgrounds[index] = canvas.world(self._batch.worlds[index])
-        image = self._backgrounds[index].copy()
+            self._backgrounds[index] = canvas.background(self._batch.worlds[index])
+        image: Image = self._backgrounds[index].copy()
         if not self._batch.active[env]:
             return image
         position = np.asarray(self._batch.position[env], float)
@@ -87,7 +87,7 @@ class _Canvas:
         self._px_per_m = size_px * (1 - 2 * _MARGIN) / float(max(high - low))
         self._center = (low + high) / 2
 
-    def world(self, world: World) -> Image:
+    def background(self, world: World) -> Image:
         """Return a new picture with all of the world that does not move."""
         image = np.full((self._size_px, self._size_px, 3), _OUTSIDE, np.uint8)
         solids = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -43,46 +43,24 @@ _MODES = {
 }
 
 
-class Stepper(Protocol):
-    """What a `Batch` with a built-in task and a `TaskRunner` have in common."""
-
-    @property
-    def observation(self) -> Array: ...
-    @property
-    def final_observation(self) -> Array: ...
-    @property
-    def reward(self) -> Array: ...
-    @property
-    def terminated(self) -> BoolArray: ...
-    @property
-    def truncated(self) -> BoolArray: ...
-    @property
-    def success(self) -> BoolArray: ...
-    @property
-    def crashed(self) -> BoolArray: ...
-    @property
-    def episode_return(self) -> npt.NDArray[np.float64]: ...
-    @property
-    def episode_length(self) -> npt.NDArray[np.int64]: ...
-    def reset(self, seeds: npt.ArrayLike | None = None, mask: BoolArray | None = None) -> None: ...
-    def step(self, actions: npt.ArrayLike) -> None: ...
-    def snapshot(self) -> bytes: ...
-    def restore(self, blob: bytes) -> None: ...
+#: Both have the same outputs and the same reset, step, snapshot and restore.
+Stepper: TypeAlias = Batch | TaskRunner
 
 
 class DroneVectorEnv(VectorEnv[Array, Array, Array]):
     """N drones, one call per step: the navigation task of the engine, or a `Task` of your own.
 
-    With the navigation task an observation is float32 of shape (3 + channels * beams,): the unit direction to the current
-    goal in the body frame, then the LiDAR ranges over the maximum range, 1 on a miss. Env i is in world i modulo the
-    number of worlds, unless ``random_world`` is set.
+    With the navigation task an observation is float32 of shape (3 + channels * beams,): the unit direction to the
+    current goal in the body frame, then the LiDAR ranges over the maximum range, 1 on a miss. Env i is in world i
+    modulo the number of worlds, unless ``random_world`` is set.
 
     Parameters
     ----------
     num_envs
         Number of drones.
     worlds
-        A set of `swiftlet.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of these.
+        A set of `swiftlet.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
+        these.
     task
         A `Task` instead of the navigation task.
     lidar
@@ -94,20 +72,21 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
     autoreset_mode
         ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
     copy
-        True: every returned array is new. False: observation, reward and flags are views of two slots that take turns; a
-        view holds until the step or reset after the next one.
+        True: every returned array is new. False: observation, reward and flags are views of two slots that take turns;
+        a view holds until the step or reset after the next one.
     num_threads
         0 means the physical cores this process may run on. No result depends on it.
     render_mode
         None, or ``"rgb_array"``: a view from above of each env.
     **navigation
-        Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``), ``reward``,
-        ``step_m``, ``yaw_step_deg``, ``random_start``, ``random_world``, ``stagger_first_episode``.
+        Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``),
+        ``reward``, ``step_m``, ``yaw_step_deg``, ``random_start``, ``random_world``, ``stagger_first_episode``.
 
     Infos
     -----
-    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success`` and ``crashed``,
-    each of length N with its mask ``_key``. With same-step autoreset these are inside ``final_info``, beside ``final_obs``.
+    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success`` and
+    ``crashed``, each of length N with its mask ``_key``. With same-step autoreset these are inside ``final_info``,
+    beside ``final_obs``.
 
     Raises
     ------
@@ -117,7 +96,7 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         A keyword that does not exist, or one of the navigation task beside a ``task``.
     """
 
-    metadata: dict[str, Any] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
@@ -177,7 +156,8 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         )
         self.stepper: Stepper
         if task is None:
-            assert config is not None and lidar is not None
+            assert config is not None
+            assert lidar is not None
             self.stepper = self.batch
             self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config)
         else:
@@ -199,8 +179,8 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         Parameters
         ----------
         seed
-            s: env i gets the seed s + i. A sequence: env i gets seed[i]. None: each env goes on with the next episode of
-            the seed it has; the first time, seeds are drawn from `np_random`.
+            s: env i gets the seed s + i. A sequence: env i gets seed[i]. None: each env goes on with the next episode
+            of the seed it has; the first time, seeds are drawn from `np_random`.
         options
             ``{"reset_mask": mask}`` with a bool array (N,) resets the envs where it is True. The dict is not changed.
 
@@ -256,7 +236,7 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
             return observation.copy(), reward.copy(), terminated.copy(), truncated.copy(), infos
         return observation, reward, terminated, truncated, infos
 
-    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """Return a view from above of each env, (height, width, 3) uint8, or None without a render mode."""
         self._require_open()
         if self.render_mode is None:
@@ -351,10 +331,12 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         if seed is None:
             return None
         if isinstance(seed, (int, np.integer)):
-            super().reset(seed=int(seed))  # seeds np_random, and refuses a negative seed
-            if seed + self.num_envs > 1 << 64:
-                raise ValueError(f"seed: expected seed + num_envs of at most 2**64, got {seed}")
-            return np.arange(self.num_envs, dtype=np.uint64) + np.uint64(seed)
+            first = int(seed)
+            if not 0 <= first <= (1 << 64) - self.num_envs:
+                raise ValueError(f"seed: expected a number from 0 to 2**64 - num_envs, got {first}")
+            super().reset(seed=first)  # seeds np_random
+            seeds: npt.NDArray[np.uint64] = np.arange(self.num_envs, dtype=np.uint64) + np.uint64(first)
+            return seeds
         if len(seed) != self.num_envs:
             raise ValueError(f"seed: expected one number or {self.num_envs} of them, got {len(seed)}")
         if any(not 0 <= s < 1 << 64 for s in seed):
