@@ -7,32 +7,22 @@
 #include <span>
 #include <vector>
 
+#include "sensors/beams.hpp"
 #include "swiftlet/config.hpp"
 #include "swiftlet/state.hpp"
 #include "swiftlet/world.hpp"
-#include "trace/embree.hpp"
+#include "trace/ray_block.hpp"
 
 namespace swiftlet::sensors {
 
-// The beams of one setting, in the body frame (mounting rotation included), structure of arrays.
-struct BeamPattern {
-  std::vector<float> x, y, z;  // (rows * columns,) unit
-  trace::Coherence coherence = trace::Coherence::incoherent;
-};
-
-BeamPattern make_pattern(const LidarConfig& config);
-
-// One worker's rays on their way to the tracer: a few KiB that stay in the first-level cache.
+// One worker's rays on their way to the tracer.
 struct ScanScratch {
-  static constexpr std::size_t kPackets = 32;
-  static constexpr std::size_t kRays = kPackets * trace::kPacketSize;
   struct Run {  // consecutive rays of one drone
     float* ranges;
     std::size_t count;
   };
-  alignas(64) std::array<trace::RayPacket, kPackets> packets;
-  std::array<Run, kRays> runs;
-  ScanScratch();
+  trace::RayBlock rays;
+  std::array<Run, trace::RayBlock::kRays> runs;
 };
 
 class Lidar {

@@ -7,17 +7,17 @@
 #include <embree3/rtcore.h>
 #endif
 
-#include <cstdint>
+#include <cstddef>
+
+#include "trace/ray_block.hpp"
 
 namespace swiftlet::trace {
 
-// Rays that start close together and point alike are coherent; Embree walks the tree for such packets together.
-enum class Coherence : std::uint8_t { incoherent, coherent };
+inline constexpr std::size_t kPacketSize = 16;
 
-inline constexpr int kPacketSize = 8;
-
-// Eight rays and their hits, structure of arrays, as Embree reads and writes them.
-using RayPacket = RTCRayHit8;
+// Sixteen rays and their hits, structure of arrays, as Embree reads and writes them. (Where registers hold eight, Embree
+// halves it itself.)
+using RayPacket = RTCRayHit16;
 
 #if SWIFTLET_EMBREE_MAJOR >= 4
 
@@ -25,7 +25,7 @@ inline void intersect_packet(const int* valid, RTCScene scene, RayPacket& packet
   RTCIntersectArguments arguments;
   rtcInitIntersectArguments(&arguments);
   arguments.flags = coherence == Coherence::coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
-  rtcIntersect8(valid, scene, &packet, &arguments);
+  rtcIntersect16(valid, scene, &packet, &arguments);
 }
 
 #else
@@ -34,7 +34,7 @@ inline void intersect_packet(const int* valid, RTCScene scene, RayPacket& packet
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   context.flags = coherence == Coherence::coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  rtcIntersect8(valid, scene, &context, &packet);
+  rtcIntersect16(valid, scene, &context, &packet);
 }
 
 #endif

@@ -1,4 +1,5 @@
 // World::raycast: single queries, with normals and the element that was hit.
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -73,37 +74,31 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
   hits.normal.assign(count, Vec3::Zero());
   hits.primitive.assign(count, -1);
   const trace::FlushDenormals flush;
-  for (std::size_t first = 0; first < count; first += trace::kPacketSize) {
-    trace::RayPacket packet{};
-    const std::size_t lanes = std::min<std::size_t>(trace::kPacketSize, count - first);
-    for (std::size_t lane = 0; lane < trace::kPacketSize; ++lane) {
-      packet.ray.tfar[lane] = lane < lanes ? max_range_m : -1.0F;
-      packet.ray.mask[lane] = 0xFFFFFFFFU;
-      packet.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
-      packet.hit.primID[lane] = RTC_INVALID_GEOMETRY_ID;
-      if (lane >= lanes) continue;
-      packet.ray.org_x[lane] = origins[3 * (first + lane)];
-      packet.ray.org_y[lane] = origins[3 * (first + lane) + 1];
-      packet.ray.org_z[lane] = origins[3 * (first + lane) + 2];
-      packet.ray.dir_x[lane] = unit[first + lane].x();
-      packet.ray.dir_y[lane] = unit[first + lane].y();
-      packet.ray.dir_z[lane] = unit[first + lane].z();
+  const auto rays = std::make_unique<trace::RayBlock>();
+  for (std::size_t first = 0; first < count; first += trace::RayBlock::kRays) {
+    rays->count = std::min(trace::RayBlock::kRays, count - first);
+    for (std::size_t i = 0; i < rays->count; ++i) {
+      rays->org_x[i] = origins[3 * (first + i)];
+      rays->org_y[i] = origins[3 * (first + i) + 1];
+      rays->org_z[i] = origins[3 * (first + i) + 2];
+      rays->dir_x[i] = unit[first + i].x();
+      rays->dir_y[i] = unit[first + i].y();
+      rays->dir_z[i] = unit[first + i].z();
+      rays->range[i] = max_range_m;
     }
-    scene().intersect({&packet, 1}, trace::Coherence::incoherent);
-    for (std::size_t lane = 0; lane < lanes; ++lane) {
-      const std::int32_t element = scene().element(packet, static_cast<int>(lane));
-      if (element < 0) continue;
-      const std::size_t ray = first + lane;
-      const float t = packet.ray.tfar[lane];
+    scene().intersect(*rays, trace::Coherence::incoherent);
+    for (std::size_t i = 0; i < rays->count; ++i) {
+      if (rays->element[i] < 0) continue;
+      const std::size_t ray = first + i;
+      const auto element = static_cast<std::size_t>(rays->element[i]);
       const Vec3d origin(origins[3 * ray], origins[3 * ray + 1], origins[3 * ray + 2]);
       const Vec3d direction = unit[ray].cast<double>();
-      const auto index = static_cast<std::size_t>(element);
-      Vec3d normal = index < primitives().size() ? surface_normal(primitives()[index], origin + t * direction)
-                                                 : triangle_normal(triangles(), index - primitives().size());
+      Vec3d normal = element < primitives().size() ? surface_normal(primitives()[element], origin + rays->t_hit[i] * direction)
+                                                   : triangle_normal(triangles(), element - primitives().size());
       if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are seen from both sides
-      hits.t_hit[ray] = t;
+      hits.t_hit[ray] = rays->t_hit[i];
       hits.normal[ray] = normal.cast<float>();
-      hits.primitive[ray] = element;
+      hits.primitive[ray] = rays->element[i];
     }
   }
   return hits;

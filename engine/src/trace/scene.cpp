@@ -3,6 +3,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
 #if defined(__SSE__) || defined(_M_X64)
@@ -69,6 +70,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
 
 void Scene::add_triangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
+  has_triangles_ = true;
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), mesh.vertices.size()));
@@ -87,16 +89,10 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   rtcReleaseGeometry(geometry);
 }
 
-void Scene::intersect(std::span<RayPacket> packets, Coherence coherence) const {
-  alignas(32) static constexpr int kAllLanes[kPacketSize] = {-1, -1, -1, -1, -1, -1, -1, -1};
-  for (RayPacket& packet : packets) intersect_packet(kAllLanes, scene_.get(), packet, coherence);
-}
-
-std::int32_t Scene::element(const RayPacket& packet, int lane) const {
-  const unsigned int geometry = packet.hit.geomID[lane];
-  if (geometry == RTC_INVALID_GEOMETRY_ID) return -1;
-  const auto first = geometry == kTriangleGeometry ? static_cast<std::int32_t>(shapes_.size()) : 0;
-  return first + static_cast<std::int32_t>(packet.hit.primID[lane]);
+void Scene::intersect(RayBlock& rays, Coherence coherence) const {
+  // Coherent traversal pays in a tree of triangles; with a few primitives it costs (`./dev bench lidar` measures both).
+  if (!has_triangles_) coherence = Coherence::incoherent;
+  trace_packets(scene_.get(), rays, coherence, kTriangleGeometry, static_cast<std::int32_t>(shapes_.size()));
 }
 
 void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {

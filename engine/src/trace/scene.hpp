@@ -1,5 +1,5 @@
 // trace::Scene: one world's acceleration structure (Embree), and the question asked of it: what is the nearest thing along
-// these eight rays.
+// these rays.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +9,7 @@
 
 #include "swiftlet/world.hpp"
 #include "trace/embree.hpp"
+#include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 
 namespace swiftlet::trace {
@@ -35,12 +36,9 @@ class Scene {
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  // Nearest hits: on a hit tfar becomes the distance and geomID is not RTC_INVALID_GEOMETRY_ID. A lane with tfar < 0 is
-  // left alone. A ray's result has the same bits in any packet. Call under FlushDenormals.
-  void intersect(std::span<RayPacket> packets, Coherence coherence) const;
-
-  // The element a lane hit; -1 on a miss.
-  std::int32_t element(const RayPacket& packet, int lane) const;
+  // Nearest hits of a block of rays: fills t_hit and element. A ray's result has the same bits in any block, beside any
+  // other rays. Call under FlushDenormals.
+  void intersect(RayBlock& rays, Coherence coherence) const;
 
   // The broad phase of collision: calls back for each element whose bounding box comes within radius (m) of center; may call
   // back for some that do not. Allocates nothing; safe from many threads.
@@ -60,6 +58,7 @@ class Scene {
   Owned<RTCDevice> device_;
   Owned<RTCScene> scene_;
   std::vector<Shape> shapes_;
+  bool has_triangles_ = false;
 };
 
 }  // namespace swiftlet::trace

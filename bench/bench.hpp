@@ -1,0 +1,74 @@
+// Timing for the C++ benchmarks: variants of one job take turns, so that a machine whose speed drifts is fair to all.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace bench {
+
+struct Variant {
+  std::string label;
+  std::function<void()> run;
+};
+
+using Times = std::vector<std::vector<double>>;  // [variant][run] in seconds
+
+inline double seconds(const std::function<void()>& run) {
+  const auto start = std::chrono::steady_clock::now();
+  run();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Each variant once for warm-up, then `runs` rounds of all; a measurement repeats its job until it lasts min_seconds.
+inline Times interleave(const std::vector<Variant>& variants, int runs, double min_seconds = 0.03) {
+  std::vector<int> repeats;
+  for (const Variant& variant : variants) {
+    variant.run();
+    repeats.push_back(1 + static_cast<int>(min_seconds / seconds(variant.run)));
+  }
+  Times times(variants.size());
+  for (int round = 0; round < runs; ++round) {
+    for (std::size_t v = 0; v < variants.size(); ++v) {
+      const double total = seconds([&] {
+        for (int i = 0; i < repeats[v]; ++i) variants[v].run();
+      });
+      times[v].push_back(total / repeats[v]);
+    }
+  }
+  return times;
+}
+
+inline double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+// Median over the rounds of a / b.
+inline double median_ratio(const std::vector<double>& a, const std::vector<double>& b) {
+  std::vector<double> ratios;
+  for (std::size_t i = 0; i < a.size(); ++i) ratios.push_back(a[i] / b[i]);
+  return median(ratios);
+}
+
+class Figures {
+ public:
+  void add(const std::string& name, double value, const std::string& unit, int runs) {
+    char line[512];
+    std::snprintf(line, sizeof(line), R"({"name": "%s", "value": %.6g, "unit": "%s", "runs": %d})", name.c_str(), value, unit.c_str(), runs);
+    lines_.emplace_back(line);
+  }
+  void print() const {
+    std::printf("[\n");
+    for (std::size_t i = 0; i < lines_.size(); ++i) std::printf("  %s%s\n", lines_[i].c_str(), i + 1 < lines_.size() ? "," : "");
+    std::printf("]\n");
+  }
+
+ private:
+  std::vector<std::string> lines_;
+};
+
+}  // namespace bench
