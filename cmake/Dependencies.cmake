@@ -1,0 +1,42 @@
+# The libraries of the engine, gathered in `swiftlet_dependencies`; the engine's own headers show none but Eigen.
+add_library(swiftlet_dependencies INTERFACE)
+
+find_package(Eigen3 REQUIRED NO_MODULE) # small vectors, poses
+find_package(TBB REQUIRED) # threads
+find_package(nlohmann_json REQUIRED) # scene files
+find_package(tinyobjloader REQUIRED) # meshes
+target_link_libraries(swiftlet_dependencies INTERFACE TBB::tbb nlohmann_json::nlohmann_json tinyobjloader::tinyobjloader)
+
+# Rays. Embree 4 where there is one, else 3.13; engine/src/trace/embree.hpp is the one place that knows the difference.
+find_package(embree 4 QUIET)
+if(NOT embree_FOUND)
+  find_package(embree 3.13 REQUIRED)
+endif()
+string(REGEX MATCH "^[0-9]+" embree_major "${embree_VERSION}")
+target_compile_definitions(swiftlet_dependencies INTERFACE SWIFTLET_EMBREE_MAJOR=${embree_major})
+target_link_libraries(swiftlet_dependencies INTERFACE embree)
+
+# SIMD with run-time dispatch. Distributions ship pkg-config files; upstream's install has a CMake package too.
+find_package(PkgConfig QUIET)
+if(PkgConfig_FOUND)
+  pkg_check_modules(HWY QUIET IMPORTED_TARGET libhwy)
+endif()
+if(HWY_FOUND)
+  target_link_libraries(swiftlet_dependencies INTERFACE PkgConfig::HWY)
+else()
+  find_package(hwy REQUIRED)
+  target_link_libraries(swiftlet_dependencies INTERFACE hwy::hwy)
+endif()
+
+# Convex distance: Bullet's GJK and EPA, which are templates in headers; nothing of Bullet is linked.
+find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet REQUIRED)
+target_include_directories(swiftlet_dependencies SYSTEM INTERFACE ${BULLET_INCLUDE_DIR})
+
+# Only the benchmarks; each is optional where no benchmark asks for it.
+if(SWIFTLET_BENCH)
+  find_package(benchmark QUIET)
+  if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/bench/convex_distance.cpp)
+    find_package(fcl REQUIRED)
+    find_package(ccd REQUIRED)
+  endif()
+endif()
