@@ -1,0 +1,287 @@
+// Generated playgrounds. Only the basic operations of IEEE arithmetic are used and every coordinate is rounded to a centimetre,
+// so that a seed means the same world on every machine.
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "collision/sweep.hpp"
+#include "random/philox.hpp"
+#include "swiftlet/plan.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet {
+namespace {
+
+using Vec2d = Eigen::Vector2d;
+using Vec3d = Eigen::Vector3d;
+
+// Lengths that a drone of 0.93 x 0.59 m asks for, whatever the size of the room (m).
+constexpr double kMarkerClearance = 0.9;    // from a pillar's surface to a marker
+constexpr double kPillarGap = 1.4;          // from surface to surface, where there is room for it
+constexpr double kSpawnReach = 0.25;        // half size of the spawn box: the drone fits anywhere in it, by kMarkerClearance
+constexpr double kVerticalClearance = 0.5;  // from a marker to floor and ceiling
+constexpr double kLaneHalfWidth = 0.6;      // more than half the drone's diagonal
+constexpr double kLaneDetour = 1.6;         // how far the lane swings out to pass the pillar in the way
+constexpr int kMaxWaypoints = 4;
+
+// The shipped playgrounds' room, and where its markers lie in it (m); other rooms scale these.
+constexpr double kRoom[3] = {14.0, 14.0, 5.25};
+constexpr double kStartX = 2.3;
+constexpr double kGoalX = 11.7;
+constexpr double kXSpread = 0.4;  // of every marker, to both sides
+constexpr double kYRange[2] = {2.7, 11.3};
+constexpr double kYStep = 3.2;  // most that y changes from marker to marker
+constexpr double kZRange[2] = {1.0, 4.0};
+
+// Uniform numbers keyed by (seed, attempt).
+class Draws {
+ public:
+  Draws(std::uint64_t seed, std::uint32_t attempt) : seed_(seed), attempt_(attempt) {}
+
+  double uniform(double low, double high) { return low + (high - low) * static_cast<double>(uniform01(bits())); }
+  int below(int count) { return static_cast<int>(uniform(0.0, count)); }
+
+ private:
+  std::uint32_t bits() {
+    constexpr std::uint32_t kPlaygrounds = 0x706C6179;  // keeps these apart from other users of the same seed
+    const std::uint32_t lane = count_ % 4;
+    if (lane == 0) {
+      words_ = philox4x32({count_ / 4, attempt_, kPlaygrounds, 0},
+                          {static_cast<std::uint32_t>(seed_), static_cast<std::uint32_t>(seed_ >> 32U)});
+    }
+    ++count_;
+    return words_[lane];
+  }
+
+  std::uint64_t seed_;
+  std::uint32_t attempt_;
+  std::uint32_t count_ = 0;
+  std::array<std::uint32_t, 4> words_{};
+};
+
+double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
+
+void check(const PlaygroundConfig& config) {
+  const auto refuse = [](const std::string& field, const std::string& expected, float got) {
+    std::ostringstream text;
+    text << "playground: " << field << ": expected " << expected << ", got " << got;
+    throw std::invalid_argument(text.str());
+  };
+  if (config.pillars < 0 || config.pillars > 200) {
+    throw std::invalid_argument("playground: pillars: expected an integer in [0, 200], got " + std::to_string(config.pillars));
+  }
+  constexpr std::array<float, 3> kLeast{6.0F, 6.0F, 1.5F};
+  constexpr std::array<float, 3> kMost{200.0F, 200.0F, 100.0F};
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (config.size[i] >= kLeast[i] && config.size[i] <= kMost[i]) continue;
+    std::ostringstream range;
+    range << "metres in [" << kLeast[i] << ", " << kMost[i] << ']';
+    refuse("size[" + std::to_string(i) + ']', range.str(), config.size[i]);
+  }
+  const float thickest = std::min(config.size[0], config.size[1]) / 14.0F;
+  if (!(config.pillar_radius_m >= 0.01F && config.pillar_radius_m <= thickest)) {
+    std::ostringstream range;
+    range << "metres in [0.01, " << thickest << "] (a fourteenth of the room)";
+    refuse("pillar_radius_m", range.str(), config.pillar_radius_m);
+  }
+}
+
+// Start, waypoints and goal, from low to high x.
+struct Route {
+  std::vector<Vec3d> markers;
+
+  std::size_t num_legs() const { return markers.size() - 1; }
+  Vec2d flat(std::size_t i) const { return markers[i].head<2>(); }
+};
+
+double distance_to_segment(const Vec2d& point, const Vec2d& a, const Vec2d& b) {
+  const Vec2d along = b - a;
+  const double t = std::clamp((point - a).dot(along) / along.squaredNorm(), 0.0, 1.0);
+  return (point - a - t * along).norm();
+}
+
+std::optional<Route> draw_route(Draws& draws, const PlaygroundConfig& config) {
+  const Vec3d scale(config.size[0] / kRoom[0], config.size[1] / kRoom[1], config.size[2] / kRoom[2]);
+  // A leg must hold a pillar that is clear of the markers at its ends.
+  const double shortest_leg = 2.0 * (kMarkerClearance + config.pillar_radius_m) + 0.1;
+  // Sideways steps make room for more legs than the room is long.
+  const int most_legs = static_cast<int>(1.4 * (kGoalX - kStartX) * scale.x() / shortest_leg);
+  const int num_legs = most_legs < 2 ? 1 : 2 + draws.below(std::min(most_legs, kMaxWaypoints + 1) - 1);
+
+  Route route;
+  for (int i = 0; i <= num_legs; ++i) {
+    const double spread = kXSpread / std::max(1, num_legs - 1);
+    const double x = kStartX + (kGoalX - kStartX) * i / num_legs + draws.uniform(-spread, spread);
+    double low = kYRange[0];
+    double high = kYRange[1];
+    if (i > 0) {
+      const double last = route.markers.back().y() / scale.y();
+      low = std::max(low, last - kYStep);
+      high = std::min(high, last + kYStep);
+    }
+    const double y = draws.uniform(low, high);
+    const double z =
+        std::clamp(draws.uniform(kZRange[0], kZRange[1]) * scale.z(), kVerticalClearance, config.size[2] - kVerticalClearance);
+    route.markers.emplace_back(centimetres(x * scale.x()), centimetres(y * scale.y()), centimetres(z));
+  }
+  for (std::size_t i = 0; i < route.num_legs(); ++i) {
+    if ((route.flat(i + 1) - route.flat(i)).norm() < shortest_leg) return std::nullopt;
+  }
+  return route;
+}
+
+class PillarField {
+ public:
+  PillarField(const PlaygroundConfig& config, const Route& route) : config_(config), route_(route) {}
+
+  // One pillar in the way of the straight flight, half of the others near the route, the rest anywhere. keeps_lane leaves a lane
+  // as wide as the drone is long free from marker to marker, for rooms so full that chance hardly ever leaves one.
+  bool fill(Draws& draws, bool keeps_lane) {
+    if (config_.pillars > 0 && !place([&] { return on_a_leg(draws, keeps_lane); })) return false;
+    while (static_cast<int>(centers_.size()) < config_.pillars) {
+      const bool near_route = draws.below(2) == 0;
+      if (!place([&] { return near_route ? beside_the_route(draws) : anywhere(draws); })) return false;
+    }
+    return true;
+  }
+
+  const std::vector<Vec2d>& centers() const { return centers_; }
+
+ private:
+  // Throws darts; the gap asked for shrinks when they keep missing, and stays so, which keeps crowded fields even.
+  template <class Dart>
+  bool place(const Dart& dart) {
+    constexpr int kDarts = 50;
+    constexpr double kShrink = 0.9;
+    constexpr double kLeastGap = 0.02;
+    for (; gap_ > kLeastGap; gap_ *= kShrink) {
+      for (int i = 0; i < kDarts; ++i) {
+        const Vec2d center = dart();
+        if (!fits(center)) continue;
+        centers_.push_back(center);
+        return true;
+      }
+    }
+    return false;
+  }
+
+  bool fits(const Vec2d& center) const {
+    const double radius = config_.pillar_radius_m;
+    const Vec2d size(config_.size[0], config_.size[1]);
+    if (!(center.minCoeff() >= radius && (size - center).minCoeff() >= radius)) return false;
+    for (std::size_t i = 0; i < route_.markers.size(); ++i) {
+      if ((center - route_.flat(i)).norm() < kMarkerClearance + radius) return false;
+    }
+    for (std::size_t i = 0; i + 1 < lane_.size(); ++i) {
+      if (distance_to_segment(center, lane_[i], lane_[i + 1]) < kLaneHalfWidth + radius) return false;
+    }
+    return std::all_of(centers_.begin(), centers_.end(),
+                       [&](const Vec2d& other) { return (center - other).norm() >= gap_ + 2.0 * radius; });
+  }
+
+  Vec2d on_a_leg(Draws& draws, bool keeps_lane) {
+    const auto leg = static_cast<std::size_t>(draws.below(static_cast<int>(route_.num_legs())));
+    const Vec2d along = route_.flat(leg + 1) - route_.flat(leg);
+    const Vec2d point = route_.flat(leg) + draws.uniform(0.2, 0.8) * along;
+    if (keeps_lane) lay_lane(leg, point + (draws.below(2) == 0 ? 1.0 : -1.0) * kLaneDetour * across(along));
+    return rounded(point + Vec2d(draws.uniform(-0.15, 0.15), draws.uniform(-0.15, 0.15)));
+  }
+
+  // The lane follows the route, but for one leg, where it goes over a point beside it.
+  void lay_lane(std::size_t leg, const Vec2d& detour) {
+    lane_.clear();
+    for (std::size_t i = 0; i < route_.markers.size(); ++i) {
+      lane_.push_back(route_.flat(i));
+      if (i != leg) continue;
+      const Vec2d size(config_.size[0], config_.size[1]);
+      const Vec2d margin = Vec2d::Constant(kLaneHalfWidth);
+      lane_.push_back(detour.cwiseMax(margin).cwiseMin(size - margin));
+    }
+  }
+
+  static Vec2d across(const Vec2d& v) { return Vec2d(-v.y(), v.x()) / v.norm(); }
+
+  Vec2d beside_the_route(Draws& draws) const {
+    const double reach = 2.0 * config_.size[1] / kRoom[1];
+    const auto leg = static_cast<std::size_t>(draws.below(static_cast<int>(route_.num_legs())));
+    const Vec2d point = route_.flat(leg) + draws.uniform(0.0, 1.0) * (route_.flat(leg + 1) - route_.flat(leg));
+    return rounded(point + Vec2d(draws.uniform(-reach, reach), draws.uniform(-reach, reach)));
+  }
+
+  Vec2d anywhere(Draws& draws) const {
+    return rounded(Vec2d(draws.uniform(0.0, config_.size[0]), draws.uniform(0.0, config_.size[1])));
+  }
+
+  static Vec2d rounded(const Vec2d& point) { return {centimetres(point.x()), centimetres(point.y())}; }
+
+  const PlaygroundConfig& config_;
+  const Route& route_;
+  double gap_ = kPillarGap;
+  std::vector<Vec2d> lane_;  // empty: none is kept
+  std::vector<Vec2d> centers_;
+};
+
+SceneDescription describe(const PlaygroundConfig& config, const Route& route, const std::vector<Vec2d>& pillars) {
+  SceneDescription scene;
+  scene.name = "playground/seed-" + std::to_string(config.seed);
+  scene.materials = {Material{"white", {0.9F, 0.9F, 0.9F}}, Material{"pillar", {0.35F, 0.45F, 0.6F}}};
+  const Vec3 half = Vec3(config.size[0], config.size[1], config.size[2]) / 2.0F;
+  scene.primitives.push_back(Primitive{.kind = PrimitiveKind::room, .center = half, .half_extents = half, .material = 0});
+  for (const Vec2d& center : pillars) {
+    scene.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
+                                         .center = Vec3(static_cast<float>(center.x()), static_cast<float>(center.y()), half.z()),
+                                         .half_extents = Vec3(config.pillar_radius_m, config.pillar_radius_m, half.z()),
+                                         .material = 1});
+  }
+  Markers& markers = scene.markers;
+  markers.start = route.markers.front().cast<float>();
+  markers.goal = route.markers.back().cast<float>();
+  for (std::size_t i = 1; i + 1 < route.markers.size(); ++i) markers.waypoints.push_back(route.markers[i].cast<float>());
+  const Vec3d reach = Vec3d::Constant(kSpawnReach);
+  markers.spawn_box = Aabb{(route.markers.front() - reach).cast<float>(), (route.markers.front() + reach).cast<float>()};
+  return scene;
+}
+
+bool straight_flight_crashes(const World& world, const DroneModel& drone, const Vec3& start, const std::vector<Vec3>& goals) {
+  Pose from{.position = start};
+  for (const Vec3& goal : goals) {
+    const Pose to{.position = goal};
+    if (collision::sweep(world, drone, from, to).hit) return true;
+    from = to;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::shared_ptr<const World> World::playground(const PlaygroundConfig& config) {
+  constexpr std::uint32_t kAttempts = 256;
+  constexpr std::uint32_t kFreeAttempts = 4;  // then a lane is kept
+  check(config);
+  const DroneModel drone = DroneModel::quadrotor650();
+  for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
+    Draws draws(config.seed, attempt);
+    const std::optional<Route> route = draw_route(draws, config);
+    if (!route) continue;
+    PillarField field(config, *route);
+    if (!field.fill(draws, attempt >= kFreeAttempts)) continue;
+
+    auto world = std::make_shared<const World>(describe(config, *route, field.centers()));
+    const Vec3 start = *world->markers().start;
+    std::vector<Vec3> goals = world->markers().waypoints;
+    goals.push_back(*world->markers().goal);
+    if (config.pillars > 0 && !straight_flight_crashes(*world, drone, start, goals)) continue;
+    if (plan(*world, drone, start, goals)) return world;
+  }
+  std::ostringstream text;
+  text << "playground: pillars: expected few enough for a free path through " << config.size[0] << " x " << config.size[1]
+       << " m, got " << config.pillars << " of radius " << config.pillar_radius_m << " m (no path in " << kAttempts
+       << " layouts)";
+  throw std::invalid_argument(text.str());
+}
+
+}  // namespace swiftlet
