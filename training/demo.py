@@ -1,0 +1,91 @@
+"""What `./dev demo` runs: train the LiDAR task, fly the result through every playground, leave pictures."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import tyro
+from evaluate import UNSEEN_SEED, fly, generated_worlds, greedy, summary
+from plot_paths import animate, picture_name, plot_flight, plot_overview
+from train_ppo import Args as TrainingArgs
+from train_ppo import Outcome, train
+
+import swiftlet
+
+
+@dataclass
+class Args:
+    """Train, fly, draw."""
+
+    out: Path = Path("out/demo")
+    """Folder for the pictures and the policy."""
+    seed: int = 0
+    """Of the training."""
+    total_steps: int = 3_000_000
+    """Step budget; training stops earlier once every evaluation flight succeeds."""
+    max_minutes: float = 15.0
+    """Time budget."""
+
+
+def plot_reward(progress: Path, path: Path) -> None:
+    """Write the reward curve of a training's progress.csv."""
+    with progress.open() as file:
+        rows = [row for row in csv.DictReader(file) if row.get("rollout/ep_rew_mean")]
+    steps = [float(row["time/total_timesteps"]) / 1e6 for row in rows]
+    figure, reward = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    reward.plot(steps, [float(row["rollout/ep_rew_mean"]) for row in rows], color="tab:blue")
+    reward.set_xlabel("million steps")
+    reward.set_ylabel("mean episode reward", color="tab:blue")
+    success = reward.twinx()
+    success.plot(steps, [100 * float(row["rollout/success_rate"] or 0) for row in rows], color="tab:green")
+    success.set_ylabel("episodes that reach the goal / %", color="tab:green")
+    success.set_ylim(0, 100)
+    reward.set_title("Training: exploring policy, random playgrounds")
+    reward.grid(alpha=0.3)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def tell(args: Args, outcome: Outcome, flown: int, playgrounds: int, generated: float) -> None:
+    """Say in plain words what happened and where the files are."""
+    time = f"{outcome.seconds / 60:.1f} minutes" if outcome.seconds >= 90 else f"{outcome.seconds:.0f} seconds"
+    print(f"""
+A policy learned to fly by LiDAR from scratch: {outcome.steps:,} steps in {time} ({outcome.steps_per_second:,.0f} steps/s).
+On its own, without exploring, it flies from the start to the goal of {flown} of the {playgrounds} playgrounds without a crash,
+and of {generated:.0%} of 100 generated playgrounds that it has never seen.
+
+In {args.out}/
+  paths.png            its paths through all playgrounds, from above
+  path-*.png           each path, from above and from the side
+  flight.gif           one flight with the LiDAR's beams
+  reward.png           how the reward grew
+  policy.zip           the policy, for training/evaluate.py and training/plot_paths.py
+
+Next: .venv/bin/python training/train_ppo.py --help""")
+
+
+def main(args: Args) -> None:
+    """Train, fly, draw and tell."""
+    args.out.mkdir(parents=True, exist_ok=True)
+    print("Training a policy that flies by LiDAR through playgrounds full of pillars ...")
+    model, outcome = train(
+        TrainingArgs(out=args.out, seed=args.seed, total_steps=args.total_steps, max_minutes=args.max_minutes)
+    )
+    policy = greedy(model)
+    worlds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
+    flights = fly(policy, worlds)
+    print("Drawing ...")
+    for world, flight in zip(worlds, flights, strict=True):
+        plot_flight(world, flight, args.out / picture_name(world))
+    plot_overview(worlds, flights, args.out / "paths.png")
+    animate(policy, worlds[0], args.out / "flight.gif")
+    plot_reward(args.out / "progress.csv", args.out / "reward.png")
+    unseen = summary(fly(policy, generated_worlds(UNSEEN_SEED, 100), 1000))["success_rate"]
+    tell(args, outcome, sum(flight.outcome == "success" for flight in flights), len(worlds), unseen)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))

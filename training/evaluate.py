@@ -1,0 +1,150 @@
+"""Fly a trained policy once through each world: success, crash and time-out rate, path length against the shortest path.
+
+    .venv/bin/python training/evaluate.py out/demo/policy.zip
+    .venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+import tyro
+from stable_baselines3 import PPO
+
+import swiftlet
+
+#: Playgrounds generated from these seeds on are for evaluation alone: no training uses them.
+UNSEEN_SEED = 1_000_000
+
+Policy = Callable[[npt.NDArray[np.float32]], npt.NDArray[Any]]
+
+
+@dataclass
+class Flight:
+    """One flight from start to end of its episode."""
+
+    world: str
+    outcome: str  # "success", "crash" or "time-out"
+    steps: int
+    reward: float  # the task's own, unscaled sum
+    path_length_m: float
+    shortest_path_m: float | None
+    trail: npt.NDArray[np.float32] = field(repr=False)  # (steps + 1, 3) m
+
+
+def greedy(model: PPO) -> Policy:
+    """Return the deterministic policy of a model: the likeliest action of each observation."""
+
+    def act(observation: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
+        with torch.no_grad():
+            actions, _ = model.predict(observation, deterministic=True)
+        return actions
+
+    return act
+
+
+def fly(policy: Policy, worlds: Sequence[swiftlet.World], max_episode_steps: int = 3000, shortest: bool = False) -> list[Flight]:
+    """Fly one episode in each world, all at once."""
+    envs = swiftlet.DroneVectorEnv(
+        len(worlds), worlds=list(worlds), max_episode_steps=max_episode_steps, autoreset_mode="disabled"
+    )
+    observation, _ = envs.reset(seed=0)
+    trails = [[position] for position in envs.batch.position.copy()]
+    ended = np.zeros(len(worlds), bool)
+    flights: list[Flight | None] = [None] * len(worlds)
+    while not ended.all():
+        observation, _, terminated, truncated, infos = envs.step(policy(observation))
+        for i in np.flatnonzero(~ended):
+            trails[i].append(envs.batch.position[i].copy())
+        for i in np.flatnonzero((terminated | truncated) & ~ended):
+            trail = np.array(trails[i])
+            flights[i] = Flight(
+                world=worlds[i].name,
+                outcome="success" if infos["success"][i] else "crash" if infos["crashed"][i] else "time-out",
+                steps=int(infos["episode_length"][i]),
+                reward=float(infos["episode_return"][i]),
+                path_length_m=length_m(trail),
+                shortest_path_m=shortest_path_m(worlds[i]) if shortest else None,
+                trail=trail,
+            )
+        ended |= terminated | truncated
+    envs.close()
+    return [flight for flight in flights if flight is not None]
+
+
+def length_m(path: npt.NDArray[np.float32]) -> float:
+    """Return the length of a polyline (K, 3) in metres."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def shortest_path_m(world: swiftlet.World) -> float | None:
+    """Return the length of the shortest collision-free path over the markers, or None if there is none."""
+    path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+    return None if path is None else length_m(path)
+
+
+def generated_worlds(seed: int, count: int) -> list[swiftlet.World]:
+    """Return playgrounds generated from the seeds seed, seed + 1, ..."""
+    return [swiftlet.World.playground(seed=seed + i) for i in range(count)]
+
+
+def summary(flights: Sequence[Flight]) -> dict[str, Any]:
+    """Return rates over the flights and, over the successful ones, the path length against the shortest path."""
+    count = max(len(flights), 1)
+    detours = [f.path_length_m / f.shortest_path_m for f in flights if f.outcome == "success" and f.shortest_path_m]
+    return {
+        "flights": len(flights),
+        "success_rate": sum(f.outcome == "success" for f in flights) / count,
+        "crash_rate": sum(f.outcome == "crash" for f in flights) / count,
+        "time_out_rate": sum(f.outcome == "time-out" for f in flights) / count,
+        "path_over_shortest": float(np.median(detours)) if detours else None,
+    }
+
+
+@dataclass
+class Args:
+    """Evaluate a trained policy."""
+
+    policy: tyro.conf.Positional[Path]
+    """A model saved by training/train_ppo.py (.zip)."""
+    worlds: tuple[str, ...] = ("train", "validation")
+    """Sets of scenes, scene names or paths."""
+    generated: int = 100
+    """How many generated playgrounds, never seen in training, to add."""
+    max_episode_steps: int = 3000
+    """A flight that takes longer is a time-out."""
+    shortest: bool = True
+    """Plan the shortest path in every world, too."""
+    json: Path | None = None
+    """Where to write the result; printed either way."""
+
+
+def main(args: Args) -> None:
+    """Evaluate, print and write."""
+    policy = greedy(PPO.load(args.policy, device="cpu"))
+    groups = {name: swiftlet.scenes.load(name) for name in args.worlds}
+    if args.generated:
+        groups["generated"] = generated_worlds(UNSEEN_SEED, args.generated)
+    result: dict[str, Any] = {}
+    for name, worlds in groups.items():
+        flights = fly(policy, worlds, args.max_episode_steps, args.shortest)
+        rows = [{k: v for k, v in asdict(flight).items() if k != "trail"} for flight in flights]
+        result[name] = {"summary": summary(flights), "flights": rows}
+        print(name, json.dumps(result[name]["summary"]))
+        for flight in flights:
+            if name != "generated" or flight.outcome != "success":
+                print(f"  {flight.world}: {flight.outcome} after {flight.steps} steps, reward {flight.reward:,.1f}")
+    if args.json:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        args.json.write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))

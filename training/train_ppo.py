@@ -1,0 +1,287 @@
+"""Train the LiDAR navigation task with Stable-Baselines3 PPO.
+
+    .venv/bin/python training/train_ppo.py --task lidar
+    .venv/bin/python training/train_ppo.py --seed 1 --max-minutes 5 --out out/train/seed1
+    .venv/bin/python training/train_ppo.py --resume out/train/lidar/policy.zip
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+import tyro
+from evaluate import fly, generated_worlds, greedy
+from policy import LogRangeFeatures
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from tqdm import tqdm
+
+import swiftlet
+import swiftlet.sb3
+
+#: Seeds of generated playgrounds: for training, and to decide when to stop. evaluate.py has its own.
+TRAINING_SEED = 0
+STOPPING_SEED = 500_000
+
+
+@dataclass
+class Args:
+    """Train a policy. Every hyperparameter is free; the defaults are what the README's figures were made with."""
+
+    task: Literal["lidar"] = "lidar"
+    """What to train."""
+    seed: int = 0
+    """Of the environments, the network and the sampling of actions."""
+    out: Path = Path("out/train/lidar")
+    """Where policy.zip, progress.csv, TensorBoard logs and result.json go."""
+    resume: Path | None = None
+    """A policy.zip to go on from."""
+    total_steps: int = 3_000_000
+    """Step budget; learning rate and entropy bonus reach their ends with it."""
+    max_minutes: float | None = None
+    """Time budget."""
+    stop_when_solved: bool = True
+    """Stop when an evaluation succeeds in all playgrounds and in enough generated ones."""
+    solved_generated: float = 0.96
+    """Enough: this share of the generated playgrounds kept for evaluation."""
+    evaluate_every: int = 250_000
+    """Steps between evaluations."""
+    num_envs: int = 512
+    """Drones flying at once."""
+    generated: int = 400
+    """Generated playgrounds to train in, beside the five of the set "train"."""
+    playground_share: float = 0.3
+    """Share of episodes flown in those five."""
+    max_episode_steps: int = 400
+    """Training episodes are cut here: a policy that stalls gets no more reward."""
+    reward_scale: float = 0.1
+    """Training sees reward * reward_scale ..."""
+    reward_clip: float = 10.0
+    """... clipped to +- this. Everything reported is unscaled."""
+    steps_per_update: int = 64
+    """Steps of each env between updates."""
+    batch_size: int = 4096
+    """Minibatch size."""
+    epochs: int = 4
+    """Passes over the steps of an update."""
+    learning_rate: float = 3e-3
+    """At the start; falls to zero linearly."""
+    entropy: float = 0.03
+    """Entropy bonus at the start; falls to zero over the first 80 % of the steps."""
+    gamma: float = 0.98
+    """Discount."""
+    gae_lambda: float = 0.95
+    """Of generalised advantage estimation."""
+    clip_range: float = 0.2
+    """Of PPO."""
+    net: tuple[int, ...] = (64, 64)
+    """Hidden layers of actor and critic."""
+    num_threads: int = 0
+    """Of the simulator; 0 means physical cores."""
+    progress: bool = True
+    """Show the progress bar."""
+
+
+class ScaledReward(VecEnvWrapper):
+    """Rewards scaled and clipped for the learner; episode returns in the infos stay as they are."""
+
+    def __init__(self, venv: VecEnv, scale: float, clip: float) -> None:
+        super().__init__(venv)
+        self.scale, self.clip = scale, clip
+
+    def reset(self) -> Any:
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        observation, reward, done, infos = self.venv.step_wait()
+        return observation, np.clip(reward * self.scale, -self.clip, self.clip), done, infos
+
+
+class Supervisor(BaseCallback):
+    """Progress bar, schedules, evaluations, the end of training, and where the time goes."""
+
+    def __init__(self, args: Args) -> None:
+        super().__init__()
+        self.args = args
+        self.playgrounds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
+        self.kept = generated_worlds(STOPPING_SEED, 50)
+        self.next_evaluation = args.evaluate_every
+        self.started = time.perf_counter()
+        self.evaluating_s = self.evaluating_in_rollouts_s = 0.0
+        self.best: tuple[float, float] = (-1.0, -1.0)
+        self.solved = False
+        self.evaluations: list[dict[str, float]] = []
+        self.successes: list[bool] = []
+
+    def _on_training_start(self) -> None:
+        # The model's counter starts where a resumed one stopped.
+        self.first_step = self.num_timesteps
+        self.bar = tqdm(
+            total=self.args.total_steps,
+            unit=" steps",
+            unit_scale=True,
+            disable=not self.args.progress,
+            dynamic_ncols=True,
+            desc="training",
+        )
+
+    def _on_rollout_start(self) -> None:
+        done = (self.num_timesteps - self.first_step) / self.args.total_steps
+        self.model.ent_coef = self.args.entropy * max(0.0, 1.0 - done / 0.8)
+        if self.num_timesteps - self.first_step >= self.next_evaluation:
+            self.next_evaluation += self.args.evaluate_every
+            self.evaluate()
+            self.evaluating_in_rollouts_s = self.evaluating_s
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if info:
+                self.successes.append(info["is_success"])
+        minutes = (time.perf_counter() - self.started) / 60
+        out_of_time = self.args.max_minutes is not None and minutes > self.args.max_minutes
+        return not (out_of_time or (self.solved and self.args.stop_when_solved))
+
+    def _on_rollout_end(self) -> None:
+        recent = self.successes[-1000:]
+        self.successes = recent
+        rate = sum(recent) / max(len(recent), 1)
+        self.logger.record("rollout/success_rate", rate)
+        self.bar.update(self.num_timesteps - self.first_step - self.bar.n)
+        self.bar.set_postfix_str(f"success {rate:.0%}")
+
+    def _on_training_end(self) -> None:
+        if not self.solved:
+            self.evaluate()
+        self.bar.close()
+
+    def evaluate(self) -> None:
+        """Fly the deterministic policy everywhere; keep the model if it is the best so far."""
+        before = time.perf_counter()
+        outcomes = [f.outcome == "success" for f in fly(greedy(self.model), self.playgrounds + self.kept, 1000)]
+        playgrounds = float(np.mean(outcomes[: len(self.playgrounds)]))
+        generated = float(np.mean(outcomes[len(self.playgrounds) :]))
+        self.logger.record("eval/playgrounds_success_rate", playgrounds)
+        self.logger.record("eval/generated_success_rate", generated)
+        self.evaluations.append({"steps": self.num_timesteps, "playgrounds": playgrounds, "generated": generated})
+        self.bar.write(
+            f"  {self.num_timesteps:>9,} steps: flies {sum(outcomes[:7])} of 7 playgrounds and "
+            f"{generated:.0%} of generated ones it does not train in"
+        )
+        self.solved = playgrounds == 1.0 and generated >= self.args.solved_generated
+        if (playgrounds, generated) >= self.best:
+            self.best = (playgrounds, generated)
+            self.model.save(self.args.out / "policy.zip")
+        self.evaluating_s += time.perf_counter() - before
+
+
+@dataclass
+class Outcome:
+    """What a training reached, and what it took."""
+
+    solved: bool
+    steps: int
+    seconds: float
+    steps_per_second: float
+    seconds_by_part: dict[str, float]
+    evaluations: list[dict[str, float]]
+
+
+def timed(owner: Any, name: str, seconds: dict[str, float], part: str) -> None:
+    """Let owner.name() add the time it takes to seconds[part]."""
+    function = getattr(owner, name)
+
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
+        before = time.perf_counter()
+        try:
+            return function(*args, **kwargs)
+        finally:
+            seconds[part] += time.perf_counter() - before
+
+    setattr(owner, name, wrapper)
+
+
+def make_envs(args: Args) -> ScaledReward:
+    """Return the training environments: each episode is flown in a world drawn at random."""
+    playgrounds = swiftlet.scenes.load("train")
+    worlds = playgrounds + generated_worlds(TRAINING_SEED, args.generated)
+    if 0 < args.playground_share < 1 and args.generated:
+        # A world is drawn as often as it stands in the list.
+        repeats = round(args.playground_share / (1 - args.playground_share) * args.generated / len(playgrounds))
+        worlds += playgrounds * max(repeats - 1, 0)
+    venv = swiftlet.sb3.make_vec(
+        "swiftlet/LidarNavigation-v0",
+        num_envs=args.num_envs,
+        worlds=worlds,
+        max_episode_steps=args.max_episode_steps,
+        random_world=True,
+        stagger_first_episode=True,
+        num_threads=args.num_threads,
+    )
+    return ScaledReward(venv, args.reward_scale, args.reward_clip)
+
+
+def train(args: Args) -> tuple[PPO, Outcome]:
+    """Train; return the best model of all evaluations and what it took."""
+    torch.set_num_threads(1)  # the networks are small: more threads cost more than they bring
+    torch.distributions.Distribution.set_default_validate_args(False)
+    args.out.mkdir(parents=True, exist_ok=True)
+    venv = make_envs(args)
+    venv.seed(args.seed * args.num_envs)
+    if args.resume:
+        model = PPO.load(args.resume, env=venv, device="cpu")
+    else:
+        model = PPO(
+            "MlpPolicy",
+            venv,
+            n_steps=args.steps_per_update,
+            batch_size=args.batch_size,
+            n_epochs=args.epochs,
+            learning_rate=LinearSchedule(args.learning_rate, 0.0, 1.0),
+            gamma=args.gamma,
+            gae_lambda=args.gae_lambda,
+            clip_range=args.clip_range,
+            ent_coef=args.entropy,
+            policy_kwargs={
+                "net_arch": list(args.net),
+                "activation_fn": torch.nn.ReLU,
+                "features_extractor_class": LogRangeFeatures,
+            },
+            seed=args.seed,
+            device="cpu",
+        )
+    model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
+    seconds = {"environment": 0.0, "policy": 0.0, "rollout": 0.0, "update": 0.0}
+    timed(venv, "step_wait", seconds, "environment")
+    timed(model.policy, "forward", seconds, "policy")
+    timed(model, "collect_rollouts", seconds, "rollout")
+    timed(model, "train", seconds, "update")
+
+    supervisor = Supervisor(args)
+    before = time.perf_counter()
+    model.learn(args.total_steps, callback=supervisor, reset_num_timesteps=args.resume is None, log_interval=4)
+    elapsed = time.perf_counter() - before - supervisor.evaluating_s
+    steps = model.num_timesteps - supervisor.first_step
+    in_rollouts = seconds.pop("rollout") - supervisor.evaluating_in_rollouts_s
+    seconds["rollout, the rest"] = in_rollouts - seconds["environment"] - seconds["policy"]
+    venv.close()
+    outcome = Outcome(supervisor.solved, steps, elapsed, steps / elapsed, seconds, supervisor.evaluations)
+    described = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(args).items()}
+    (args.out / "result.json").write_text(json.dumps({"args": described, **asdict(outcome)}, indent=1) + "\n")
+    return PPO.load(args.out / "policy.zip", device="cpu"), outcome
+
+
+if __name__ == "__main__":
+    arguments = tyro.cli(Args)
+    _, result = train(arguments)
+    print(f"{'Solved' if result.solved else 'Not solved yet'} after {result.steps:,} steps and {result.seconds:.0f} s")
+    print(f"{result.steps_per_second:,.0f} steps/s; policy and logs are in {arguments.out}/")
