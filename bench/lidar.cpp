@@ -186,7 +186,7 @@ std::vector<Vec3> free_positions(const swiftlet::World& world, int count, std::u
   return positions;
 }
 
-void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int num_drones, const swiftlet::Batch::Worlds& worlds,
+void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int num_drones, const swiftlet::Batch::Worlds& worlds, int runs,
                 bench::Figures& figures) {
   swiftlet::BatchConfig config;
   config.num_drones = num_drones;
@@ -244,7 +244,7 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
     }
   }
   const swiftlet::trace::FlushDenormals flush;
-  bench::Times times = bench::interleave(variants, kRuns);
+  bench::Times times = bench::interleave(variants, runs);
 
   std::size_t best = 1;
   for (std::size_t v = 1; v < variants.size(); ++v) {
@@ -253,25 +253,30 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
   }
   std::fprintf(stderr, "  %-36s %8.3f M rays/s (best bare: %s)\n", "engine", static_cast<double>(n * per_drone) / bench::median(times[0]) / 1e6,
                variants[best].label.c_str());
-  figures.add("lidar/" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[0]), "1", kRuns);
-  figures.add("lidar/" + name + "/scans_per_second", static_cast<double>(n) / bench::median(times[0]), "1/s", kRuns);
-  figures.add("lidar/" + name + "/bare_embree_scans_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s", kRuns);
+  figures.add("lidar/" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[0]), "1", runs);
+  figures.add("lidar/" + name + "/scans_per_second", static_cast<double>(n) / bench::median(times[0]), "1/s", runs);
+  figures.add("lidar/" + name + "/bare_embree_scans_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s", runs);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::string scenes = argc > 1 ? argv[1] : "scenes";
   swiftlet::Batch::Worlds worlds;
-  for (int i = 1; i <= 5; ++i) worlds.push_back(swiftlet::World::load(scenes + "/playground/train-" + std::to_string(i) + ".json"));
+  for (int i = 1; i <= 5; ++i) {
+    worlds.push_back(swiftlet::World::load(SWIFTLET_SCENES "/playground/train-" + std::to_string(i) + ".json"));
+  }
+  // With "fan" only the first case, quickly: what bench/run.py divides by while it times the steps of an environment.
+  const bool quick = argc > 1 && std::string(argv[1]) == "fan";
   bench::Figures figures;
-  bench_case("fan35x1024", {}, 1024, worlds, figures);
-  swiftlet::LidarConfig grid;
-  grid.channels = 16;
-  grid.beams = 360;
-  grid.hfov_deg = 360.0F;
-  grid.vfov_deg = 30.0F;
-  grid.max_range_m = 30.0F;
-  bench_case("grid16x360x256", grid, 256, worlds, figures);
+  bench_case("fan35x1024", {}, 1024, worlds, quick ? 1 : kRuns, figures);
+  if (!quick) {
+    swiftlet::LidarConfig grid;
+    grid.channels = 16;
+    grid.beams = 360;
+    grid.hfov_deg = 360.0F;
+    grid.vfov_deg = 30.0F;
+    grid.max_range_m = 30.0F;
+    bench_case("grid16x360x256", grid, 256, worlds, kRuns, figures);
+  }
   figures.print();
 }

@@ -190,7 +190,8 @@ class Outcome:
 
     solved: bool
     steps: int
-    seconds: float
+    seconds: float  # evaluations apart
+    evaluation_seconds: float
     steps_per_second: float
     seconds_by_part: dict[str, float]
     evaluations: list[dict[str, float]]
@@ -274,7 +275,7 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     in_rollouts = seconds.pop("rollout") - supervisor.evaluating_in_rollouts_s
     seconds["rollout, the rest"] = in_rollouts - seconds["environment"] - seconds["policy"]
     venv.close()
-    outcome = Outcome(supervisor.solved, steps, elapsed, steps / elapsed, seconds, supervisor.evaluations)
+    outcome = Outcome(supervisor.solved, steps, elapsed, supervisor.evaluating_s, steps / elapsed, seconds, supervisor.evaluations)
     described = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(args).items()}
     (args.out / "result.json").write_text(json.dumps({"args": described, **asdict(outcome)}, indent=1) + "\n")
     return PPO.load(args.out / "policy.zip", device="cpu"), outcome

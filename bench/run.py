@@ -1,0 +1,184 @@
+"""What `./dev bench [NAME]` runs: each benchmark writes its figures to out/bench/NAME.json.
+
+lidar   the LiDAR stage against bare Embree
+step    a whole step of the vector environment, and its memory
+train   PPO from scratch until it flies everywhere, several seeds
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import swiftlet
+from swiftlet import _core
+
+ROOT = Path(__file__).resolve().parent.parent
+OUT = ROOT / "out" / "bench"
+RUNS = 7
+SIZES = (1, 16, 256, 1024, 4096, 16384)
+SEEDS = (0, 1, 2, 3, 4)
+
+Figure = dict[str, Any]
+
+
+def figure(name: str, value: float, unit: str, runs: int) -> Figure:
+    return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
+
+
+def native(name: str, *args: str) -> list[Figure]:
+    """Run a C++ benchmark and return the figures it prints."""
+    folder = Path(os.environ["SWIFTLET_BENCH_DIR"])
+    result = subprocess.run([folder / name, *args], check=True, stdout=subprocess.PIPE, text=True)
+    figures: list[Figure] = json.loads(result.stdout)
+    return figures
+
+
+def bench_lidar() -> list[Figure]:
+    return native("lidar")
+
+
+def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) -> float:
+    """Time calls until they have lasted long enough; the argument counts them."""
+    count = 0
+    before = time.perf_counter()
+    while (elapsed := time.perf_counter() - before) < at_least_s:
+        for _ in range(8):
+            call(count)
+            count += 1
+    return elapsed / count
+
+
+def bench_step() -> list[Figure]:
+    """Time `DroneVectorEnv.step` of the LiDAR task under random actions, from steady state, resets included."""
+    rng = np.random.default_rng(0)
+    steps: dict[int, Callable[[int], object]] = {}
+    for n in SIZES:
+        envs = swiftlet.DroneVectorEnv(n, worlds="train", num_threads=1)
+        envs.reset(seed=0)
+        actions = rng.integers(0, 6, (64, n))
+        steps[n] = lambda i, envs=envs, actions=actions: envs.step(actions[i % 64])
+        for i in range(1000 if n <= 4096 else 300):  # until drones are everywhere and episodes end all the time
+            steps[n](i)
+    times: dict[int, list[float]] = {n: [] for n in SIZES}
+    ratios = []
+    for _ in range(RUNS):
+        for n in SIZES:
+            times[n].append(seconds_per_call(steps[n]))
+        bare = next(f["value"] for f in native("lidar", "fan") if f["name"].endswith("/bare_embree_scans_per_second"))
+        again = seconds_per_call(steps[1024])
+        ratios.append(1024 / statistics.mean((times[1024][-1], again)) / bare)
+    figures = [figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES]
+    figures.append(figure("step/n1024/ratio_to_bare_lidar", statistics.median(ratios), "1", RUNS))
+    figures.append(figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS))
+    figures.append(figure("step/bytes_per_drone", bytes_per_drone(), "B", 1))
+    return figures
+
+
+def bytes_per_drone(count: int = 1 << 17) -> float:
+    """Return the memory of one more drone of the LiDAR task, its observations in both output slots included."""
+    code = (
+        "import resource, sys, numpy as np, swiftlet\n"
+        "def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024\n"
+        "n = int(sys.argv[1])\n"
+        "worlds = swiftlet.scenes.load('train')\n"
+        "def make(n):\n"
+        "    batch = swiftlet.Batch(worlds, n, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(), num_threads=1)\n"
+        "    batch.reset(); batch.step(np.zeros(n, np.int64)); batch.step(np.zeros(n, np.int64)); return batch\n"
+        "small = make(1); before = peak(); large = make(n); print((peak() - before) / n)\n"
+    )
+    output = subprocess.run([sys.executable, "-c", code, str(count)], check=True, stdout=subprocess.PIPE, text=True).stdout
+    return float(output)
+
+
+def bench_train() -> list[Figure]:
+    """Train each seed from scratch until it flies everywhere, then fly what no training has seen."""
+    sys.path.insert(0, str(ROOT / "training"))
+    import evaluate
+    import train_ppo
+
+    playgrounds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
+    unseen = evaluate.generated_worlds(evaluate.UNSEEN_SEED, 100)
+    figures, outcomes = [], []
+    for seed in SEEDS:
+        args = train_ppo.Args(seed=seed, out=OUT / "train" / f"seed{seed}", progress=False)
+        if seed == SEEDS[0]:
+            print("hyperparameters:", args)
+        model, outcome = train_ppo.train(args)
+        policy = evaluate.greedy(model)
+        flown = evaluate.summary(evaluate.fly(policy, playgrounds))["success_rate"]
+        generated = evaluate.summary(evaluate.fly(policy, unseen, 1000))["success_rate"]
+        total = outcome.seconds + outcome.evaluation_seconds
+        print(f"seed {seed}: {outcome.steps:,} steps, {total:.0f} s, playgrounds {flown:.0%}, unseen {generated:.0%}")
+        outcomes.append(outcome)
+        figures += [
+            figure(f"train/lidar/seed{seed}/seconds", total, "s", 1),
+            figure(f"train/lidar/seed{seed}/steps", outcome.steps, "1", 1),
+            figure(f"train/lidar/seed{seed}/playgrounds_success_rate", flown, "1", len(playgrounds)),
+            figure(f"train/lidar/seed{seed}/unseen_success_rate", generated, "1", len(unseen)),
+        ]
+    rates = [outcome.steps_per_second for outcome in outcomes]
+    figures.append(figure("train/lidar/steps_per_second", statistics.median(rates), "1/s", len(rates)))
+    for part in outcomes[0].seconds_by_part:
+        shares = [1e6 * o.seconds_by_part[part] / o.steps for o in outcomes]
+        name = part.replace(", ", "_").replace(" ", "_")
+        figures.append(figure(f"train/lidar/microseconds_per_step/{name}", statistics.median(shares), "us", len(shares)))
+    return figures
+
+
+BENCHES: dict[str, Callable[[], list[Figure]]] = {"lidar": bench_lidar, "step": bench_step, "train": bench_train}
+
+
+def machine() -> dict[str, Any]:
+    """Describe where the figures were measured."""
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        cpu = next((line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu)
+    return {
+        "cpu": cpu,
+        "logical_processors": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "embree": _core.embree_version,
+        "simd": _core.simd_target,
+    }
+
+
+def commit() -> str:
+    def git(*args: str) -> str:
+        return subprocess.run(["git", *args], cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True).stdout.strip()
+
+    return git("rev-parse", "HEAD") + ("-dirty" if git("status", "--porcelain", "--untracked-files=no") else "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHES)}; all without one")
+    names = parser.parse_args().names or list(BENCHES)
+    for name in names:
+        if name not in BENCHES:
+            parser.error(f"no benchmark {name!r}: there are {', '.join(BENCHES)}")
+    for name in names:
+        print(f"== {name}")
+        figures = BENCHES[name]()
+        OUT.mkdir(parents=True, exist_ok=True)
+        result = {"machine": machine(), "commit": commit(), "figures": figures}
+        (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        for f in figures:
+            print(f"   {f['name']:55} {f['value']:>12,.6g} {f['unit']}")
+
+
+if __name__ == "__main__":
+    main()
