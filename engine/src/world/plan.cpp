@@ -259,8 +259,8 @@ std::optional<Path> plan_leg(const Space& space, const Aabb& region, bool full_h
     const Vec3 goal_below(goal.x(), goal.y(), start.z());
     const std::optional<Path> flat = search(space, Grid(region, start, goal_below, cell, true));
     if (!flat) return std::nullopt;
-    std::optional<Path> path = lifted(space, shortened(space, *flat), goal.z());
-    if (path) return path;
+    if (std::optional<Path> path = lifted(space, shortened(space, *flat), goal.z())) return path;
+    if (std::optional<Path> path = lifted(space, *flat, goal.z())) return path;  // where shortening left it grazing something
   }
   const std::optional<Path> path = search(space, Grid(region, start, goal, cell, false));
   return path ? std::optional<Path>(shortened(space, *path)) : std::nullopt;

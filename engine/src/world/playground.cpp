@@ -104,6 +104,17 @@ double distance_to_segment(const Vec2d& point, const Vec2d& a, const Vec2d& b) {
   return (point - a - t * along).norm();
 }
 
+// A step to the left or right, long enough for the leg, that stays in range if either does. x and y in the shipped room's scale.
+double next_y(Draws& draws, const Vec3d& last, double x, const Vec3d& scale, double shortest_leg) {
+  const double dx = x * scale.x() - last.x();
+  const double least = std::sqrt(std::max(0.0, shortest_leg * shortest_leg - dx * dx)) / scale.y() + 0.02;
+  const double step = draws.uniform(std::min(least, kYStep), kYStep);
+  const double from = last.y() / scale.y();
+  const double sign = draws.below(2) == 0 ? -1.0 : 1.0;
+  const auto in_range = [](double y) { return y >= kYRange[0] && y <= kYRange[1]; };
+  return in_range(from + sign * step) ? from + sign * step : from - sign * step;
+}
+
 std::optional<Route> draw_route(Draws& draws, const PlaygroundConfig& config) {
   const Vec3d scale(config.size[0] / kRoom[0], config.size[1] / kRoom[1], config.size[2] / kRoom[2]);
   // A leg must hold a pillar that is clear of the markers at its ends.
@@ -116,14 +127,7 @@ std::optional<Route> draw_route(Draws& draws, const PlaygroundConfig& config) {
   for (int i = 0; i <= num_legs; ++i) {
     const double spread = kXSpread / std::max(1, num_legs - 1);
     const double x = kStartX + (kGoalX - kStartX) * i / num_legs + draws.uniform(-spread, spread);
-    double low = kYRange[0];
-    double high = kYRange[1];
-    if (i > 0) {
-      const double last = route.markers.back().y() / scale.y();
-      low = std::max(low, last - kYStep);
-      high = std::min(high, last + kYStep);
-    }
-    const double y = draws.uniform(low, high);
+    const double y = i == 0 ? draws.uniform(kYRange[0], kYRange[1]) : next_y(draws, route.markers.back(), x, scale, shortest_leg);
     const double z =
         std::clamp(draws.uniform(kZRange[0], kZRange[1]) * scale.z(), kVerticalClearance, config.size[2] - kVerticalClearance);
     route.markers.emplace_back(centimetres(x * scale.x()), centimetres(y * scale.y()), centimetres(z));
@@ -152,7 +156,7 @@ class PillarField {
   const std::vector<Vec2d>& centers() const { return centers_; }
 
  private:
-  // Throws darts; the gap asked for shrinks when they keep missing, and stays so, which keeps crowded fields even.
+  // Throws darts; the gap asked for shrinks when they keep missing, and stays so, so that crowded fields come out even.
   template <class Dart>
   bool place(const Dart& dart) {
     constexpr int kDarts = 50;
