@@ -137,9 +137,8 @@ void trace_bare(RTCScene scene, Rays& rays, bool coherent) {
     std::fill_n(packet.hit.geomID, kLanes, RTC_INVALID_GEOMETRY_ID);
     if (lanes == kLanes) {
       fill(first, kLanes);
-    } else {
+    } else {  // the unused lanes keep the rays of the packet before
       fill(first, lanes);
-      std::fill(packet.ray.tfar + lanes, packet.ray.tfar + kLanes, -1.0F);
     }
     trace_packet(scene, packet, coherent);
     for (std::size_t i = 0; i < lanes; ++i) {

@@ -226,7 +226,7 @@ void register_batch(py::module_& module) {
           },
           py::arg("seeds") = none, py::arg("mask") = none)
       .def("step", &step, py::arg("actions"))
-      .def_property_readonly("observation", output_view<float>(&Outputs::observation, -1))
+      .def_property_readonly("observation", output_view<float>(&Outputs::observation, -1, true))
       .def_property_readonly("final_observation", output_view<float>(&Outputs::final_observation, -1))
       .def_property_readonly("reward", output_view<float>(&Outputs::reward, 0, true))
       .def_property_readonly("reward_terms", output_view<float>(&Outputs::reward_terms, kNumRewardTerms))

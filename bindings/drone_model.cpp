@@ -13,15 +13,18 @@ DroneModel make_drone_model(const py::object& hull) {
   return DroneModel(std::move(points));
 }
 
+py::array_t<float> hull_of(const py::object& self) {
+  const std::span<const Vec3> hull = self.cast<const DroneModel&>().hull();
+  return view<float>(self, hull.front().data(), {static_cast<py::ssize_t>(hull.size()), 3});
+}
+
 }  // namespace
 
 void register_drone_model(py::module_& module) {
   py::class_<DroneModel>(module, "DroneModel", "What a drone is made of: its convex hull is its collision body.")
       .def(py::init(&make_drone_model), py::arg("hull") = py::none())
-      .def_property_readonly("hull", [](const py::object& self) {
-        const std::span<const Vec3> hull = self.cast<const DroneModel&>().hull();
-        return view<float>(self, hull.front().data(), {static_cast<py::ssize_t>(hull.size()), 3});
-      });
+      .def_property_readonly("hull", &hull_of)
+      .def(py::pickle([](const py::object& self) { return hull_of(self).attr("tolist")(); }, &make_drone_model));
 }
 
 }  // namespace swiftlet::bindings

@@ -110,6 +110,10 @@ void register_world(py::module_& module) {
       .def("save", &World::save, py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range"))
+      .def("__copy__", [](const py::object& self) { return self; })  // immutable
+      .def("__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))
+      .def(py::pickle([](const World& world) { return world.to_json(); },
+                      [](const std::string& json) { return std::const_pointer_cast<World>(World::from_json(json)); }))
       .def("__repr__", [](const World& world) { return "World('" + world.name() + "')"; });
 }
 

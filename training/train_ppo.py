@@ -98,13 +98,34 @@ class ScaledReward(VecEnvWrapper):
     def __init__(self, venv: VecEnv, scale: float, clip: float) -> None:
         super().__init__(venv)
         self.scale, self.clip = scale, clip
+        self.seconds = 0.0  # spent in the environment
 
     def reset(self) -> Any:
         return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
+        before = time.perf_counter()
         observation, reward, done, infos = self.venv.step_wait()
+        self.seconds += time.perf_counter() - before
         return observation, np.clip(reward * self.scale, -self.clip, self.clip), done, infos
+
+
+class TimedPPO(PPO):
+    """PPO that notes how long it collects and how long it learns."""
+
+    collecting_s = 0.0
+    learning_s = 0.0
+
+    def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
+        before = time.perf_counter()
+        go_on = super().collect_rollouts(*args, **kwargs)
+        self.collecting_s += time.perf_counter() - before
+        return go_on
+
+    def train(self) -> None:
+        before = time.perf_counter()
+        super().train()
+        self.learning_s += time.perf_counter() - before
 
 
 class Supervisor(BaseCallback):
@@ -197,20 +218,6 @@ class Outcome:
     evaluations: list[dict[str, float]]
 
 
-def timed(owner: Any, name: str, seconds: dict[str, float], part: str) -> None:
-    """Let owner.name() add the time it takes to seconds[part]."""
-    function = getattr(owner, name)
-
-    def wrapper(*args: Any, **kwargs: Any) -> Any:
-        before = time.perf_counter()
-        try:
-            return function(*args, **kwargs)
-        finally:
-            seconds[part] += time.perf_counter() - before
-
-    setattr(owner, name, wrapper)
-
-
 def make_envs(args: Args) -> ScaledReward:
     """Return the training environments: each episode is flown in a world drawn at random."""
     playgrounds = swiftlet.scenes.load("train")
@@ -239,9 +246,9 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     venv = make_envs(args)
     venv.seed(args.seed * args.num_envs)
     if args.resume:
-        model = PPO.load(args.resume, env=venv, device="cpu")
+        model = TimedPPO.load(args.resume, env=venv, device="cpu")
     else:
-        model = PPO(
+        model = TimedPPO(
             "MlpPolicy",
             venv,
             n_steps=args.steps_per_update,
@@ -261,19 +268,17 @@ def train(args: Args) -> tuple[PPO, Outcome]:
             device="cpu",
         )
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
-    seconds = {"environment": 0.0, "policy": 0.0, "rollout": 0.0, "update": 0.0}
-    timed(venv, "step_wait", seconds, "environment")
-    timed(model.policy, "forward", seconds, "policy")
-    timed(model, "collect_rollouts", seconds, "rollout")
-    timed(model, "train", seconds, "update")
 
     supervisor = Supervisor(args)
     before = time.perf_counter()
     model.learn(args.total_steps, callback=supervisor, reset_num_timesteps=args.resume is None, log_interval=4)
     elapsed = time.perf_counter() - before - supervisor.evaluating_s
     steps = model.num_timesteps - supervisor.first_step
-    in_rollouts = seconds.pop("rollout") - supervisor.evaluating_in_rollouts_s
-    seconds["rollout, the rest"] = in_rollouts - seconds["environment"] - seconds["policy"]
+    seconds = {
+        "environment": venv.seconds,
+        "policy and rollout buffer": model.collecting_s - venv.seconds - supervisor.evaluating_in_rollouts_s,
+        "update": model.learning_s,
+    }
     venv.close()
     outcome = Outcome(supervisor.solved, steps, elapsed, supervisor.evaluating_s, steps / elapsed, seconds, supervisor.evaluations)
     described = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(args).items()}

@@ -6,6 +6,7 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
+#include <algorithm>
 #include <limits>
 
 HWY_BEFORE_NAMESPACE();
@@ -14,7 +15,6 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 void trace_packets(RTCScene scene, RayBlock& rays, Coherence coherence, unsigned int triangle_geometry,
                    std::int32_t first_triangle) {
-  alignas(64) static constexpr std::int32_t kAllLanes[kPacketSize] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
   const hn::CappedTag<float, kPacketSize> d;
   const hn::RebindToSigned<decltype(d)> di;
   const std::size_t lanes = hn::Lanes(d);
@@ -31,10 +31,11 @@ void trace_packets(RTCScene scene, RayBlock& rays, Coherence coherence, unsigned
     hn::Store(miss, di, reinterpret_cast<std::int32_t*>(packet.hit.primID + i));
     hn::Store(miss, di, reinterpret_cast<std::int32_t*>(packet.hit.instID[0] + i));
   }
-  // The last packet's unused lanes are switched off by an empty interval.
-  for (std::size_t i = rays.count; i % kPacketSize != 0; ++i) rays.range[i] = -1.0F;
+  alignas(64) std::int32_t valid[kPacketSize];
+  std::fill_n(valid, kPacketSize, -1);
 
   for (std::size_t first = 0; first < rays.count; first += kPacketSize) {
+    if (rays.count - first < kPacketSize) std::fill(valid + (rays.count - first), valid + kPacketSize, 0);
     for (std::size_t i = 0; i < kPacketSize; i += lanes) {
       hn::Store(hn::Load(d, rays.org_x + first + i), d, packet.ray.org_x + i);
       hn::Store(hn::Load(d, rays.org_y + first + i), d, packet.ray.org_y + i);
@@ -45,7 +46,7 @@ void trace_packets(RTCScene scene, RayBlock& rays, Coherence coherence, unsigned
       hn::Store(hn::Load(d, rays.range + first + i), d, packet.ray.tfar + i);
       hn::Store(miss, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + i));
     }
-    intersect_packet(kAllLanes, scene, packet, coherence);
+    intersect_packet(valid, scene, packet, coherence);
     for (std::size_t i = 0; i < kPacketSize; i += lanes) {
       const auto geometry = hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + i));
       const auto primitive = hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + i));
