@@ -7,7 +7,6 @@ pip install 'swiftlet[sb3]', then: python examples/train_my_task.py
 import numpy as np
 from gymnasium import spaces
 from stable_baselines3 import PPO
-from stable_baselines3.common.vec_env import VecMonitor
 
 import swiftlet
 from swiftlet.task import Array, BoolArray
@@ -46,10 +45,10 @@ class FlyToPoint(swiftlet.Task):
         return distance
 
 
-def main(total_timesteps: int = 300_000) -> float:
+def main(total_timesteps: int = 150_000) -> float:
     """Train, then return the share of episodes that reached the target."""
     envs = swiftlet.sb3.make_vec(FlyToPoint(), num_envs=64, worlds=swiftlet.World.from_dict(ROOM), num_threads=1)
-    model = PPO("MlpPolicy", VecMonitor(envs), n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
+    model = PPO("MlpPolicy", envs, n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
     model.learn(total_timesteps)
     observation = envs.reset()
     successes: list[bool] = []

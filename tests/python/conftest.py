@@ -1,0 +1,70 @@
+"""Worlds, env factories and examples shared by the tests."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import swiftlet
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Small enough that random flight ends soon: one pillar, one waypoint.
+ROOM: dict[str, Any] = {
+    "swiftlet_scene": 1,
+    "name": "room",
+    "room": {"min": [0, 0, 0], "max": [8, 8, 4]},
+    "pillars": [{"center": [4, 4.5], "radius": 0.25}],
+    "markers": {
+        "start": [2, 4, 2],
+        "waypoints": [[4, 2.5, 2]],
+        "goal": [6, 4, 2],
+        "spawn_box": {"min": [1, 3, 1], "max": [3, 5, 3]},
+    },
+}
+
+# Barely larger than the drone: a random walk crashes within a few steps.
+CLOSET: dict[str, Any] = {
+    "swiftlet_scene": 1,
+    "name": "closet",
+    "room": {"min": [0, 0, 0], "max": [2, 2, 1.2]},
+    "markers": {"start": [1, 1, 0.6], "goal": [1.3, 1.65, 0.6]},
+}
+
+
+@pytest.fixture(scope="session")
+def room() -> swiftlet.World:
+    return swiftlet.World.from_dict(ROOM)
+
+
+@pytest.fixture(scope="session")
+def closet() -> swiftlet.World:
+    return swiftlet.World.from_dict(CLOSET)
+
+
+@pytest.fixture(scope="session")
+def playgrounds() -> list[swiftlet.World]:
+    return swiftlet.scenes.load("train")
+
+
+@pytest.fixture(scope="session")
+def example() -> Callable[[str], ModuleType]:
+    """Import a script of examples/ by its name."""
+
+    def load(name: str) -> ModuleType:
+        if name not in sys.modules:
+            spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
+            assert spec is not None
+            assert spec.loader is not None
+            module = importlib.util.module_from_spec(spec)
+            sys.modules[name] = module
+            spec.loader.exec_module(module)
+        return sys.modules[name]
+
+    return load

@@ -1,0 +1,254 @@
+"""Bad input is refused where it enters, with the field, what was expected and what came, and nothing changes."""
+
+import numpy as np
+import pytest
+
+import swiftlet
+
+BIG = np.float64(1e39)  # beyond float32
+
+
+@pytest.fixture
+def batch(room):
+    batch = swiftlet.Batch(
+        [room], 2, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(), autoreset_mode="disabled", num_threads=1
+    )
+    batch.reset([0, 1])
+    batch.step([0, 2])
+    return batch
+
+
+def refused(batch, call, match):
+    before = batch.snapshot()
+    observation = batch.observation.copy()
+    with pytest.raises(ValueError, match=f"(?s){match}"):
+        call()
+    assert batch.snapshot() == before, "a refused call changed the batch"
+    np.testing.assert_array_equal(batch.observation, observation)
+
+
+@pytest.mark.parametrize(
+    ("actions", "match"),
+    [
+        ([0], r"actions: expected shape \(2,\), got shape \(1,\)"),
+        ([[0], [0]], "actions.*shape"),
+        ([0.0, 1.0], "actions.*integers.*float64"),
+        ([0, 6], r"actions \(row 1\).*\[0, 6\).*6"),
+        ([-1, 0], r"actions \(row 0\)"),
+        (None, "actions"),
+        (["a", "b"], "actions"),
+        ([True, False], "actions.*integers.*bool"),
+    ],
+)
+def test_discrete_actions(batch, actions, match):
+    refused(batch, lambda: batch.step(actions), match)
+
+
+@pytest.mark.parametrize("kind", ["displacement", "displacement_yaw"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, BIG])
+def test_continuous_actions_must_be_finite(room, kind, bad):
+    task = swiftlet.NavigationConfig(action=kind)
+    batch = swiftlet.Batch([room], 2, lidar=swiftlet.LidarConfig(), task=task)
+    batch.reset([0, 1])
+    actions = np.zeros((2, 3 if kind == "displacement" else 4))
+    actions[1, 2] = bad
+    refused(batch, lambda: batch.step(actions), r"actions.*finite")
+
+
+def test_continuous_actions_must_have_their_shape_and_dtype(room):
+    batch = swiftlet.Batch([room], 2, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(action="displacement"))
+    batch.reset([0, 1])
+    refused(batch, lambda: batch.step(np.zeros((2, 4), np.float32)), r"actions.*\(2, 3\).*\(2, 4\)")
+    refused(batch, lambda: batch.step(np.zeros((2, 3), complex)), "actions.*complex")
+
+
+@pytest.mark.parametrize("method", ["set_pose", "move"])
+@pytest.mark.parametrize(
+    ("position", "quat_wxyz", "mask", "match"),
+    [
+        ([[0, 0, np.nan]] * 2, None, None, r"position \(row 0\).*finite.*nan"),
+        ([[0, 0, 1], [np.inf, 0, 0]], None, None, r"position \(row 1\).*finite.*inf"),
+        ([[0, 0, BIG]] * 2, None, None, "position.*finite"),
+        ([[0, 0]] * 2, None, None, r"position.*shape \(2, 3\).*\(2, 2\)"),
+        ([[0, 0, 1]], None, None, "position.*shape"),
+        (["abc"] * 2, None, None, "position"),
+        (None, [[0, 0, 0, 0]] * 2, None, r"quat_wxyz \(row 0\).*unit.*0"),
+        (None, [[1, 0, 0, 0], [2, 0, 0, 0]], None, r"quat_wxyz \(row 1\).*unit.*2"),
+        (None, [[np.nan, 0, 0, 0]] * 2, None, "quat_wxyz"),
+        (None, [[1, 0, 0]] * 2, None, "quat_wxyz.*shape"),
+        ([[2, 4, 2]] * 2, None, [True], "mask.*shape"),
+        ([[2, 4, 2]] * 2, None, [1, 0], "mask.*bool.*int"),
+    ],
+)
+def test_poses(batch, method, position, quat_wxyz, mask, match):
+    refused(batch, lambda: getattr(batch, method)(position, quat_wxyz, mask), match)
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda b: b.spawn([5], [[0, 0, 0]]), r"indices \(row 0\).*\[0, 2\).*5"),
+        (lambda b: b.spawn([-1], [[0, 0, 0]]), "indices"),
+        (lambda b: b.spawn([0], [[0, 0, 0], [1, 1, 1]]), "position.*shape"),
+        (lambda b: b.spawn([0], [[2, 4, 2]], None, [3]), "world_index.*3"),
+        (lambda b: b.spawn([0.5], [[2, 4, 2]]), "indices.*integers"),
+        (lambda b: b.remove([2]), "indices"),
+        (lambda b: b.set_world([0, 1]), r"world_index \(row 1\).*1"),
+        (lambda b: b.set_world([0]), "world_index.*shape"),
+        (lambda b: b.set_lidar(max_range_m=0.0), "max_range_m.*> 0"),
+        (lambda b: b.set_lidar(hfov_deg=400.0), "hfov_deg"),
+        (lambda b: b.set_lidar(quat_wxyz=(0, 0, 0, 0)), "quat_wxyz"),
+        (lambda b: b.set_lidar(offset_m=(np.nan, 0, 0)), "offset_m"),
+        (lambda b: b.seed([1]), "seeds.*shape"),
+        (lambda b: b.seed([0.5, 1.5]), "seeds.*integers"),
+        (lambda b: b.random(2**31, 1), "stream"),
+        (lambda b: b.random(0, -1), "count"),
+        (lambda b: b.reset([1, 2, 3]), "seeds.*shape"),
+        (lambda b: b.reset(None, [True, False, True]), "mask.*shape"),
+        (lambda b: b.restore(b"nonsense"), "snapshot"),
+    ],
+)
+def test_other_calls(batch, call, match):
+    refused(batch, lambda: call(batch), match)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"num_drones": 0}, "num_drones.*0"),
+        ({"num_drones": -3}, "num_drones.*-3"),
+        ({"num_drones": 1 << 21}, "num_drones"),
+        ({"num_threads": -1}, "num_threads"),
+        ({"block_size": 0}, "block_size"),
+        ({"autoreset_mode": "sometimes"}, "autoreset_mode.*sometimes"),
+        ({"world_index": [1]}, "world_index"),
+        ({"world_index": [0, 0]}, "world_index.*shape"),
+        ({"task": swiftlet.NavigationConfig()}, "lidar"),
+    ],
+)
+def test_a_batch_that_cannot_be(room, arguments, match):
+    with pytest.raises(ValueError, match=f"(?s){match}"):
+        swiftlet.Batch([room], **arguments)
+
+
+def test_no_worlds():
+    with pytest.raises(ValueError, match="worlds"):
+        swiftlet.Batch([])
+
+
+@pytest.mark.parametrize(
+    ("fields", "match"),
+    [
+        ({"beams": 0}, "beams.*0"),
+        ({"beams": 1_000_000}, "beams.*1000000"),
+        ({"channels": 0}, "channels"),
+        ({"channels": 1000, "beams": 1000}, "rays"),
+        ({"hfov_deg": 0.0}, "hfov_deg"),
+        ({"hfov_deg": 361.0}, "hfov_deg"),
+        ({"hfov_deg": np.nan}, "hfov_deg.*nan"),
+        ({"vfov_deg": -1.0}, "vfov_deg"),
+        ({"max_range_m": 0.0}, "max_range_m"),
+        ({"max_range_m": np.inf}, "max_range_m"),
+        ({"offset_m": (0, np.inf, 0)}, "offset_m"),
+        ({"quat_wxyz": (0, 0, 0, 0)}, "quat_wxyz"),
+        ({"azimuth_deg": [0, 1], "elevation_deg": [0]}, "elevation_deg"),
+        ({"azimuth_deg": [np.nan], "elevation_deg": [0]}, "azimuth_deg"),
+    ],
+)
+def test_lidars(fields, match):
+    with pytest.raises(ValueError, match=f"(?s){match}"):
+        swiftlet.LidarConfig(**fields)
+
+
+@pytest.mark.parametrize(
+    ("config", "fields", "match"),
+    [
+        (swiftlet.NavigationReward, {"goal_radius_m": 0.0}, "goal_radius_m"),
+        (swiftlet.NavigationReward, {"min_clearance": 1.0}, "min_clearance"),
+        (swiftlet.NavigationReward, {"step_scale": 0.0}, "step_scale"),
+        (swiftlet.NavigationReward, {"crash_weight": np.nan}, "crash_weight"),
+        (swiftlet.NavigationConfig, {"action": "jump"}, "action.*jump"),
+        (swiftlet.NavigationConfig, {"step_m": 0.0}, "step_m"),
+        (swiftlet.NavigationConfig, {"step_m": np.nan}, "step_m"),
+        (swiftlet.NavigationConfig, {"yaw_step_deg": 181.0}, "yaw_step_deg"),
+        (swiftlet.NavigationConfig, {"max_episode_steps": -1}, "max_episode_steps"),
+        (swiftlet.PoseSensorConfig, {"position_noise_std_m": -1.0}, "position_noise_std_m"),
+        (swiftlet.PoseSensorConfig, {"tilt_noise_std_deg": np.inf}, "tilt_noise_std_deg"),
+    ],
+)
+def test_configs(config, fields, match):
+    with pytest.raises(ValueError, match=f"(?s){match}"):
+        config(**fields)
+
+
+@pytest.mark.parametrize("config", [swiftlet.LidarConfig, swiftlet.NavigationReward, swiftlet.NavigationConfig])
+def test_unknown_fields(config):
+    with pytest.raises(TypeError, match="nonsense"):
+        config(nonsense=1)
+
+
+@pytest.mark.parametrize(
+    ("markers", "match"),
+    [
+        ({"start": [1, 1, 0.6]}, "goal"),
+        ({"goal": [1, 1, 0.6]}, "start"),
+        ({"start": [1.9, 1, 0.6], "goal": [1, 1, 0.6]}, "start"),  # in the wall
+    ],
+)
+def test_worlds_that_cannot_be_navigated(closet, markers, match):
+    world = swiftlet.World.from_dict({**closet.to_dict(), "markers": markers})
+    with pytest.raises(ValueError, match=match):
+        swiftlet.Batch([world], lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+
+
+def test_a_start_inside_a_pillar(room):
+    scene = room.to_dict()
+    scene["markers"]["start"] = [4, 4.5, 2]
+    with pytest.raises(ValueError, match="start"):
+        swiftlet.DroneVectorEnv(1, worlds=swiftlet.World.from_dict(scene))
+
+
+@pytest.mark.parametrize(
+    ("hull", "match"),
+    [
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "hull"),  # flat
+        ([[0, 0, 0]], "hull"),
+        (np.random.default_rng(0).normal(size=(33, 3)), "hull"),
+        ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, np.nan]], "hull"),
+        ([[0, 0]], "hull"),
+    ],
+)
+def test_hulls(hull, match):
+    with pytest.raises(ValueError, match=match):
+        swiftlet.DroneModel(hull)
+
+
+@pytest.mark.parametrize(
+    ("origins", "directions", "max_range", "match"),
+    [
+        ([[0, 0, 1]], [[0, 0, 0]], 1.0, "directions"),
+        ([[0, 0, 1]], [[np.nan, 0, 0]], 1.0, "directions"),
+        ([[0, 0, np.inf]], [[1, 0, 0]], 1.0, "origins"),
+        ([[0, 0, 1]], [[1, 0, 0]], -1.0, "max_range"),
+        ([[0, 0, 1]], [[1, 0, 0]], np.nan, "max_range"),
+        ([[0, 0, 1]], [[1, 0, 0]] * 2, 1.0, "directions"),
+        ([0, 0, 1], [[1, 0, 0]], 1.0, "origins"),
+    ],
+)
+def test_rays(room, origins, directions, max_range, match):
+    with pytest.raises(ValueError, match=match):
+        room.raycast(origins, directions, max_range)
+
+
+def test_a_batch_without_a_task_has_no_step(room):
+    batch = swiftlet.Batch([room])
+    with pytest.raises(RuntimeError, match="task"):
+        batch.step([0])
+    with pytest.raises(RuntimeError, match="task"):
+        batch.observation  # noqa: B018
+
+
+def test_step_before_reset(room):
+    batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+    with pytest.raises(RuntimeError, match="reset"):
+        batch.step([0])

@@ -1,0 +1,320 @@
+"""The batch by itself: motion, sensors, slots, random numbers, lifetimes, snapshots."""
+
+import gc
+import multiprocessing
+import os
+
+import numpy as np
+import pytest
+
+import swiftlet
+
+FACING_X = np.array([1, 0, 0, 0], np.float32)
+
+
+def yaw(degrees):
+    half = np.radians(degrees) / 2
+    return np.array([np.cos(half), 0, 0, np.sin(half)], np.float32)
+
+
+@pytest.fixture
+def batch(room):
+    return swiftlet.Batch([room], 3, lidar=swiftlet.LidarConfig(), num_threads=1)
+
+
+class TestMotion:
+    def test_starts_at_the_start_marker(self, batch, room):
+        np.testing.assert_array_equal(batch.position, [room.start] * 3)
+        np.testing.assert_array_equal(batch.quat_wxyz, [FACING_X] * 3)
+
+    def test_free_flight_arrives(self, batch):
+        target = batch.position + np.float32([0.5, -0.5, 0.2])
+        contact = batch.move(target)
+        np.testing.assert_array_equal(batch.position, target)
+        assert not contact.hit.any()
+        np.testing.assert_array_equal(contact.fraction, 1)
+
+    def test_a_wall_stops_a_long_flight(self, batch):
+        contact = batch.move(batch.position + np.float32([100, 0, 0]), mask=np.array([True, False, False]))
+        # the room ends at x = 8, half the drone is 0.465 m; but the pillar at (4, 4.5) is not in the way at y = 4 - 0.295
+        assert contact.hit.tolist() == [True, False, False]
+        assert 2 < batch.position[0, 0] < 8 - 0.46
+        np.testing.assert_array_equal(batch.position[1:, 0], 2)
+
+    def test_stops_where_the_hull_touches_the_wall(self, closet):
+        batch = swiftlet.Batch([closet], num_threads=1)
+        contact = batch.move([[2.0, 1, 0.6]])
+        assert batch.position[0, 0] == pytest.approx(2 - 0.465, abs=1e-3)
+        assert contact.fraction[0] == pytest.approx((1 - 0.465) / 1.0, abs=1e-3)
+        assert contact.point[0, 0] == pytest.approx(2, abs=2e-3)
+        np.testing.assert_allclose(contact.normal[0], [-1, 0, 0], atol=1e-3)
+
+    def test_turning_into_a_wall_is_contact_too(self, closet):
+        batch = swiftlet.Batch([closet], num_threads=1)
+        batch.set_pose([[1, 0.31, 0.6]])
+        contact = batch.move(None, yaw(90)[None])
+        assert contact.hit[0]
+        assert 0 < contact.fraction[0] < 1
+
+    def test_a_start_in_penetration_is_reported_and_not_moved(self, closet):
+        batch = swiftlet.Batch([closet], num_threads=1)
+        batch.set_pose([[1.9, 1, 0.6]])
+        contact = batch.move([[3.0, 1, 0.6]])
+        assert contact.inside[0]
+        assert contact.hit[0]
+        assert contact.fraction[0] == 0
+        np.testing.assert_allclose(batch.position[0], [1.9, 1, 0.6], rtol=1e-6)
+
+    def test_teleport_does_not_collide(self, batch):
+        batch.set_pose(np.float32([[4, 4.5, 2]] * 3))
+        np.testing.assert_array_equal(batch.position, np.float32([[4, 4.5, 2]] * 3))
+        assert not batch.contact.hit.any()
+
+    def test_quaternions_close_to_unit_are_normalised(self, batch):
+        batch.set_pose(None, np.tile(1.001 * yaw(30), (3, 1)))
+        np.testing.assert_allclose(np.linalg.norm(batch.quat_wxyz, axis=1), 1, atol=1e-6)
+
+
+class TestLidar:
+    def test_the_fan_runs_counter_clockwise_with_both_ends(self, batch):
+        directions = batch.lidar_directions[0, 0]
+        angles = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
+        np.testing.assert_allclose(angles, np.linspace(-135, 135, 35), atol=1e-3)
+
+    def test_a_full_turn_leaves_out_the_end(self, room):
+        batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig(beams=4, hfov_deg=360))
+        directions = batch.lidar_directions[0, 0]
+        angles = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
+        np.testing.assert_allclose(np.mod(angles, 360), [180, 270, 0, 90], atol=1e-3)
+
+    def test_ranges_are_those_of_the_world(self, batch, room):
+        batch.set_pose(np.float32([[1, 1, 1], [4, 2, 3], [7, 6, 2]]), np.stack([yaw(20), yaw(-100), FACING_X]))
+        batch.sense()
+        for i in range(3):
+            directions = batch.lidar_directions[i, 0].astype(float)
+            w, z = batch.quat_wxyz[i, [0, 3]].astype(float)
+            cos, sin = w * w - z * z, 2 * w * z
+            turned = directions @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+            expected = room.raycast(np.tile(batch.position[i], (35, 1)), turned, 3.0)["t_hit"]
+            np.testing.assert_allclose(batch.lidar_ranges[i, 0], expected, atol=1e-4)
+
+    def test_points_lie_where_the_ranges_say(self, batch):
+        batch.sense()
+        points, ranges = batch.lidar_points, batch.lidar_ranges
+        hit = np.isfinite(ranges)
+        assert hit.any()
+        assert not hit.all()
+        distance = np.linalg.norm(points - batch.position[:, None, None], axis=-1)
+        np.testing.assert_allclose(distance[hit], ranges[hit], rtol=1e-5)
+        assert np.isinf(points[~hit]).all()
+
+    def test_a_pattern(self, room):
+        lidar = swiftlet.LidarConfig(azimuth_deg=[0, 90, 0], elevation_deg=[0, 0, -90], max_range_m=10)
+        batch = swiftlet.Batch([room], lidar=lidar)
+        batch.sense()
+        assert batch.lidar_ranges.shape == (1, 1, 3)
+        np.testing.assert_allclose(batch.lidar_ranges[0, 0], [6, 4, 2], atol=1e-5)
+
+    def test_mounting(self, room):
+        lidar = swiftlet.LidarConfig(
+            azimuth_deg=[0], elevation_deg=[0], max_range_m=10, offset_m=(0.5, 0, 0), quat_wxyz=yaw(180)
+        )
+        batch = swiftlet.Batch([room], lidar=lidar)
+        batch.sense()
+        np.testing.assert_allclose(batch.lidar_ranges[0, 0], [2.5], atol=1e-5)
+
+    def test_range_can_be_changed_per_drone(self, batch):
+        batch.set_lidar(np.array([False, True, False]), max_range_m=1.0)
+        batch.sense()
+        assert np.isinf(batch.lidar_ranges[1]).all()  # the walls are farther than 1 m
+        np.testing.assert_array_equal(batch.lidar_ranges[0], batch.lidar_ranges[2])
+        assert np.isfinite(batch.lidar_ranges[0]).any()
+
+
+class TestPoseSensor:
+    def test_is_exact_by_default(self, batch):
+        batch.move(batch.position + np.float32([0.1, 0, 0]))
+        batch.sense()
+        np.testing.assert_array_equal(batch.sensed_position, batch.position)
+        np.testing.assert_array_equal(batch.sensed_quat_wxyz, batch.quat_wxyz)
+
+    def test_noise_has_the_standard_deviation_it_says(self, room):
+        n = 4000
+        noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.02, tilt_noise_std_deg=3)
+        batch = swiftlet.Batch([room], n, pose_sensor=noise)
+        batch.seed(np.arange(n))
+        batch.sense()
+        error = batch.sensed_position - batch.position
+        np.testing.assert_allclose(error.std(axis=0), 0.02, rtol=0.1)
+        np.testing.assert_allclose(error.mean(axis=0), 0, atol=0.002)
+        tilt = 2 * np.degrees(batch.sensed_quat_wxyz[:, 1:])  # small angles: twice the vector part
+        np.testing.assert_allclose(tilt.std(axis=0), 3, rtol=0.1)
+
+
+class TestSlots:
+    def test_a_removed_slot_reads_as_absent(self, batch):
+        batch.sense()
+        batch.remove([1])
+        assert batch.active.tolist() == [True, False, True]
+        pose = batch.position[1].copy()
+        batch.move(batch.position + np.float32([0.1, 0, 0]))
+        batch.sense()
+        assert np.isinf(batch.lidar_ranges[1]).all()
+        np.testing.assert_array_equal(batch.position[1], pose)
+        assert np.isfinite(batch.lidar_ranges[0]).any()
+
+    def test_spawn_brings_it_back_and_senses(self, batch):
+        batch.remove([0, 1])
+        batch.spawn([1], [[1, 1, 1]])
+        assert batch.active.tolist() == [False, True, True]
+        np.testing.assert_array_equal(batch.position[1], [1, 1, 1])
+        assert np.isfinite(batch.lidar_ranges[1]).any()
+
+    def test_a_drone_can_change_worlds(self, room, closet):
+        batch = swiftlet.Batch([room, closet], 2, lidar=swiftlet.LidarConfig(azimuth_deg=[0], elevation_deg=[0]))
+        batch.set_pose(np.float32([[1, 1, 0.6]] * 2))
+        batch.sense()
+        assert np.isinf(batch.lidar_ranges[0, 0, 0])
+        assert batch.lidar_ranges[1, 0, 0] == pytest.approx(1, abs=1e-5)
+        batch.set_world([1, 0])
+        batch.sense()
+        assert batch.lidar_ranges[0, 0, 0] == pytest.approx(1, abs=1e-5)
+        assert np.isinf(batch.lidar_ranges[1, 0, 0])
+
+    def test_worlds_are_dealt_in_turn(self, room, closet):
+        assert swiftlet.Batch([room, closet], 5).world_index.tolist() == [0, 1, 0, 1, 0]
+        assert swiftlet.Batch([room, closet], 3, world_index=[1, 1, 0]).world_index.tolist() == [1, 1, 0]
+
+
+class TestRandom:
+    def test_depends_on_seed_episode_and_stream_alone(self, room):
+        few, many = swiftlet.Batch([room], 4), swiftlet.Batch([room], 100)
+        few.seed(np.arange(4) + 7)
+        many.seed(np.arange(100) + 7)
+        numbers = few.random(3, 5)
+        np.testing.assert_array_equal(numbers, many.random(3, 5)[:4])
+        np.testing.assert_array_equal(numbers, few.random(3, 5))
+        np.testing.assert_array_equal(numbers[:, :2], few.random(3, 2))
+        assert not np.isin(few.random(4, 5), numbers).any()
+        few.begin_episode()
+        assert not np.isin(few.random(3, 5), numbers).any()
+        few.seed(np.arange(4) + 7)
+        np.testing.assert_array_equal(numbers, few.random(3, 5))
+
+    def test_is_uniform(self, room):
+        batch = swiftlet.Batch([room], 1000)
+        batch.seed(np.arange(1000))
+        numbers = batch.random(0, 50)
+        assert numbers.min() >= 0
+        assert numbers.max() < 1
+        np.testing.assert_allclose(np.histogram(numbers, 10, (0, 1))[0] / 50_000, 0.1, atol=0.01)
+
+    def test_episodes_are_counted_where_the_mask_says(self, batch):
+        batch.begin_episode(np.array([True, False, True]))
+        assert batch.episode.tolist() == [1, 0, 1]
+
+
+class TestLifetime:
+    def test_views_are_read_only_and_updated_in_place(self, batch):
+        view = batch.position
+        assert not view.flags.writeable
+        batch.move(batch.position + np.float32([0.1, 0, 0]))
+        np.testing.assert_array_equal(view, batch.position)
+
+    def test_a_view_outlives_its_batch(self, room):
+        views = []
+        for _ in range(20):
+            batch = swiftlet.Batch([room], 500, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+            batch.reset(np.arange(500))
+            views.append((batch.position, batch.observation, batch.contact.hit, batch.lidar_ranges))
+            del batch
+        gc.collect()
+        for position, observation, hit, ranges in views:
+            np.testing.assert_array_equal(position, np.tile(room.start, (500, 1)))
+            assert np.isfinite(observation).all()
+            assert not hit.any()
+            assert not np.isnan(ranges).any()
+
+    def test_a_hull_outlives_its_model(self):
+        hull = swiftlet.DroneModel().hull
+        gc.collect()
+        np.testing.assert_allclose(np.ptp(hull, axis=0), [0.93, 0.59, 0.20], atol=1e-6)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+class TestFork:
+    @staticmethod
+    def in_child(function):
+        context = multiprocessing.get_context("fork")
+        receiver, sender = context.Pipe(duplex=False)
+        child = context.Process(target=lambda: sender.send(function()))
+        child.start()
+        assert receiver.poll(60), "the child hangs"
+        result = receiver.recv()
+        child.join(60)
+        return result
+
+    def test_a_batch_can_be_made_in_a_child(self, room):
+        swiftlet.Batch([room], 200, num_threads=4, lidar=swiftlet.LidarConfig()).sense()  # the parent has used its own
+
+        def use():
+            batch = swiftlet.Batch([room], 200, num_threads=4, lidar=swiftlet.LidarConfig())
+            batch.sense()
+            return bool(np.isfinite(batch.lidar_ranges).any())
+
+        assert self.in_child(use)
+
+    def test_a_batch_of_the_parent_raises_in_a_child(self, batch):
+        def use():
+            try:
+                batch.sense()
+            except RuntimeError as error:
+                return str(error)
+            return "no error"
+
+        assert "fork" in self.in_child(use)
+
+
+class TestSnapshot:
+    def test_goes_back(self, batch):
+        batch.seed(np.arange(3))
+        batch.sense()
+        blob = batch.snapshot()
+        before = [batch.position.copy(), batch.lidar_ranges.copy(), batch.episode.copy()]
+        batch.begin_episode()
+        batch.move(batch.position + np.float32([0.5, 0, 0]))
+        batch.sense()
+        batch.restore(blob)
+        for array, expected in zip([batch.position, batch.lidar_ranges, batch.episode], before, strict=True):
+            np.testing.assert_array_equal(array, expected)
+
+    def test_keeps_changed_lidars_and_removed_slots(self, batch):
+        batch.set_lidar(max_range_m=1.5)
+        batch.remove([2])
+        blob = batch.snapshot()
+        batch.set_lidar(max_range_m=3.0)
+        batch.spawn([2], [[2, 4, 2]])
+        batch.restore(blob)
+        batch.sense()
+        assert np.isinf(batch.lidar_ranges).all()
+        assert batch.active.tolist() == [True, True, False]
+
+    @pytest.mark.parametrize("other", [{"num_drones": 4}, {"lidar": swiftlet.LidarConfig(beams=34)}, {"lidar": None}])
+    def test_is_refused_by_another_configuration(self, batch, room, other):
+        arguments = {"num_drones": 3, "lidar": swiftlet.LidarConfig(), **other}
+        with pytest.raises(ValueError, match="snapshot"):
+            swiftlet.Batch([room], **arguments).restore(batch.snapshot())
+
+    def test_is_refused_by_other_worlds(self, batch, closet):
+        with pytest.raises(ValueError, match="snapshot"):
+            swiftlet.Batch([closet], 3, lidar=swiftlet.LidarConfig()).restore(batch.snapshot())
+
+    @pytest.mark.parametrize("damage", [lambda b: b[:-1], lambda b: b + b"x", lambda b: b"", lambda b: b"x" * len(b)])
+    def test_damaged_ones_change_nothing(self, batch, damage):
+        blob = batch.snapshot()
+        batch.move(batch.position + np.float32([0.5, 0, 0]))
+        position = batch.position.copy()
+        with pytest.raises(ValueError, match="snapshot"):
+            batch.restore(damage(blob))
+        np.testing.assert_array_equal(batch.position, position)

@@ -1,0 +1,293 @@
+"""`check_vector_env` finds what is wrong with envs that are broken on purpose, and nothing wrong with good ones."""
+
+import copy
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from swiftlet.testing import CHECKS, check_vector_env
+
+NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
+
+
+class Counter(VectorEnv):
+    """A good env: counts to a random limit; each subclass below breaks one thing."""
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+    mode = NEXT
+
+    def __init__(self, num_envs):
+        self.num_envs = num_envs
+        self.metadata = {**self.metadata, "autoreset_mode": self.mode}
+        self.render_mode = "rgb_array"
+        self.single_observation_space = spaces.Box(0, 100, (2,), np.float32)
+        self.single_action_space = spaces.Box(-1, 1, (1,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.generators = [np.random.default_rng() for _ in range(num_envs)]
+        self.count, self.limit = np.zeros(num_envs), np.ones(num_envs)
+        self.ended = np.zeros(num_envs, bool)
+
+    def begin(self, i):
+        self.count[i], self.limit[i] = 0, self.generators[i].integers(2, 9)
+
+    def observe(self):
+        return np.stack([self.count, self.limit], axis=1).astype(np.float32)
+
+    def seeded(self, seed, i):
+        return np.random.default_rng(seed + i)
+
+    def reset(self, *, seed=None, options=None):
+        mask = np.ones(self.num_envs, bool) if not options else options["reset_mask"]
+        for i in np.flatnonzero(mask):
+            if seed is not None:
+                self.generators[i] = self.seeded(seed, i)
+            self.begin(i)
+        self.ended = self.ended & ~mask
+        return self.observe(), {}
+
+    def step(self, actions):
+        if np.shape(actions) != (self.num_envs, 1) or not np.isfinite(actions).all():
+            raise ValueError("actions")
+        before = self.ended if self.mode is not SAME else np.zeros_like(self.ended)
+        self.count = self.count + ~before * (1 + (np.asarray(actions)[:, 0] > 0))
+        ended = ~before & (self.count >= self.limit)
+        reward = np.where(before, 0, self.count).astype(np.float32)
+        infos = {"count": self.count.copy(), "_count": ended.copy()} if ended.any() else {}
+        if self.mode is SAME and ended.any():
+            final = np.full(self.num_envs, None, object)
+            for i in np.flatnonzero(ended):
+                final[i] = self.observe()[i]
+            infos = {"final_obs": final, "_final_obs": ended.copy(), "final_info": infos, "_final_info": ended.copy()}
+        for i in np.flatnonzero({NEXT: before, SAME: ended}.get(self.mode, np.zeros_like(ended))):
+            self.begin(i)
+        self.ended = ended if self.mode is not DISABLED else self.ended | ended
+        return self.observe(), reward, ended, np.zeros(self.num_envs, bool), infos
+
+    def render(self):
+        return tuple(np.zeros((8, 8, 3), np.uint8) for _ in range(self.num_envs))
+
+
+class SameStepCounter(Counter):
+    mode = SAME
+
+
+class DisabledCounter(Counter):
+    mode = DISABLED
+
+
+@pytest.mark.parametrize("env", [Counter, SameStepCounter, DisabledCounter])
+def test_a_good_env_passes(env):
+    check_vector_env(env)
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED])
+def test_gymnasiums_own_envs_pass_but_for_two_known_things(mode):
+    def make(n):
+        return gymnasium.make_vec("CartPole-v1", n, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode})
+
+    check_vector_env(make, skip={"reset_mask"})
+    if mode is DISABLED:
+        with pytest.raises(AssertionError, match="changed the options"):
+            check_vector_env(make)
+
+
+def broken(base=Counter, **members):
+    return type("Broken", (base,), members)
+
+
+def wrapping(method, change):
+    """A method that calls the good one and changes what it returns."""
+
+    def replacement(self, *args, **kwargs):
+        return change(self, getattr(super(type(self), self), method)(*args, **kwargs))
+
+    return replacement
+
+
+def on_step(change, base=Counter):
+    def step(self, actions):
+        return change(self, *base.step(self, actions))
+
+    return broken(base, step=step)
+
+
+def with_infos(key, value):
+    return on_step(lambda self, o, r, t, u, i: (o, r, t, u, {**i, key: value(self)}))
+
+
+class Reused(Counter):
+    """Returns one buffer again and again."""
+
+    def observe(self):
+        if not hasattr(self, "buffer"):
+            self.buffer = super().observe()
+        self.buffer[:] = super().observe()
+        return self.buffer
+
+
+class ReadsBack(Counter):
+    """Keeps counting in the array it handed out."""
+
+    def observe(self):
+        self.handed = super().observe()
+        return self.handed
+
+    def step(self, actions):
+        if hasattr(self, "handed"):
+            self.count = self.handed[:, 0].astype(float)
+        return super().step(actions)
+
+
+class SharedGenerator(Counter):
+    def seeded(self, seed, i):
+        if i == 0:
+            self.shared = np.random.default_rng(seed + self.num_envs)
+        return self.shared
+
+
+class SameSeedForAll(Counter):
+    def seeded(self, seed, i):
+        return np.random.default_rng(seed)
+
+
+class PopsTheMask(DisabledCounter):
+    def reset(self, *, seed=None, options=None):
+        given = None if options is None else {"reset_mask": options.pop("reset_mask")}
+        return super().reset(seed=seed, options=given)
+
+
+class IgnoresTheMask(DisabledCounter):
+    def reset(self, *, seed=None, options=None):
+        return super().reset(seed=seed)
+
+
+class ActsOnResetRows(Counter):
+    def step(self, actions):
+        waiting = self.ended.copy()
+        result = super().step(actions)
+        self.limit = self.limit + waiting * (np.asarray(actions)[:, 0] > 0)
+        return self.observe(), *result[1:]
+
+
+class ClosesOnce(Counter):
+    def close(self, **kwargs):
+        if self.closed:
+            raise RuntimeError("closed already")
+        self.closed = True
+
+
+class SharedMetadata(Counter):
+    metadata = {"render_modes": ["rgb_array"], "autoreset_mode": NEXT}
+
+    def __init__(self, num_envs):
+        super().__init__(num_envs)
+        del self.metadata
+        self.metadata["autoreset_mode"] = self.mode
+
+
+def unbatched_space(self, num_envs):
+    Counter.__init__(self, num_envs)
+    self.observation_space = self.single_observation_space
+
+
+def no_mode(self, num_envs):
+    Counter.__init__(self, num_envs)
+    self.metadata["autoreset_mode"] = "NextStep"
+
+
+def changes_actions(self, actions):
+    result = Counter.step(self, actions)
+    actions[:] = 0
+    return result
+
+
+FAULTS = {
+    "spaces": [
+        (broken(__init__=unbatched_space), "observation_space.*batch_space"),
+        (broken(__init__=no_mode), "AutoresetMode.*'NextStep'"),
+        (SharedMetadata, "share one metadata"),
+        (broken(autoreset_mode=SAME), "attribute autoreset_mode"),
+    ],
+    "values": [
+        (on_step(lambda s, o, r, t, u, i: (o.astype(float), r, t, u, i)), "observation.*float32.*float64"),
+        (on_step(lambda s, o, r, t, u, i: (o + 1000, r, t, u, i)), "not in the observation space"),
+        (on_step(lambda s, o, r, t, u, i: (o, r.astype(int), t, u, i)), "reward.*int64"),
+        (on_step(lambda s, o, r, t, u, i: (o, r * np.nan, t, u, i)), "reward.*finite"),
+        (on_step(lambda s, o, r, t, u, i: (o, r[:1], t, u, i)), r"reward.*shape"),
+        (on_step(lambda s, o, r, t, u, i: (o, r, t.astype(int), u, i)), "terminated.*bool"),
+        (on_step(lambda s, o, r, t, u, i: (o, r, t, list(u), i)), "truncated.*list"),
+        (on_step(lambda s, o, r, t, u, i: (o, r, t, u, [])), "infos.*dict"),
+        (with_infos("total", lambda s: 3), "infos.*total.*length 4"),
+        (with_infos("total", lambda s: np.zeros(3)), "infos.*total.*length 4"),
+        (with_infos("_total", lambda s: np.zeros(4, bool)), "mask of nothing"),
+        (with_infos("_count", lambda s: np.zeros(4, int)), "mask of dtype bool|mask of nothing"),
+        (with_infos("episode", lambda s: np.zeros(4)), "belongs to RecordEpisodeStatistics"),
+    ],
+    "determinism": [(broken(seeded=lambda self, seed, i: np.random.default_rng()), "same seed and actions")],
+    "num_envs": [(SharedGenerator, "env i of 4 should do what env i of 9 does")],
+    "seed_offset": [(SameSeedForAll, r"seeded s \+ 3")],
+    "autoreset": [
+        (on_step(lambda s, o, r, t, u, i: (o, r, t & False, u, {})), "no episode ended"),
+        (on_step(lambda s, o, r, t, u, i: (o, r + 1, t, u, i)), "reward of the step after"),
+        (ActsOnResetRows, "should be ignored"),
+        (on_step(lambda s, o, r, t, u, i: (o, r, t, u, {}), SameStepCounter), "no 'final_obs'"),
+        (
+            on_step(
+                lambda s, o, r, t, u, i: (o, r, t, u, i and {**i, "_final_obs": ~t}),
+                SameStepCounter,
+            ),
+            "_final_obs.*terminated",
+        ),
+        (
+            on_step(
+                lambda s, o, r, t, u, i: (o, r, t, u, i and {**i, "final_obs": np.array([*o, None], object)[:-1]}),
+                SameStepCounter,
+            ),
+            "final_obs.*(object array|it goes on|view)",
+        ),
+    ],
+    "reset_mask": [(PopsTheMask, "changed the options"), (IgnoresTheMask, "outside")],
+    "ownership": [
+        (Reused, "written again"),
+        (ReadsBack, "wrote into the arrays"),
+        (broken(step=changes_actions), "changed the actions"),
+    ],
+    "bad_actions": [
+        (broken(step=lambda self, a: Counter.step(self, np.nan_to_num(a))), "nan"),
+        (broken(step=lambda self, a: Counter.step(self, np.asarray(a)[: self.num_envs])), "actions for 5 envs"),
+    ],
+    "render": [
+        (broken(render=lambda self: None), "NoneType"),
+        (broken(render=lambda self: Counter.render(self)[:1]), "expected 4 frames"),
+        (broken(render=lambda self: tuple(np.zeros((8, 8)) for _ in range(4))), "uint8"),
+    ],
+    "close": [(ClosesOnce, "closing twice"), (broken(close=lambda self: None), "closed should be True")],
+}
+
+
+def test_every_check_is_tested():
+    assert FAULTS.keys() == CHECKS.keys()
+
+
+@pytest.mark.parametrize(
+    ("check", "env", "message"), [(check, env, message) for check, faults in FAULTS.items() for env, message in faults]
+)
+def test_a_fault_is_found_and_named(check, env, message):
+    with pytest.raises(AssertionError, match=f"(?s){message}"):
+        check_vector_env(env, skip=set(CHECKS) - {check})
+
+
+def test_bad_arguments():
+    with pytest.raises(ValueError, match="weather"):
+        check_vector_env(Counter, skip={"weather"})
+    with pytest.raises(ValueError, match="num_envs"):
+        check_vector_env(Counter, num_envs=1)
+
+
+def test_the_counter_can_be_copied():
+    assert copy.deepcopy(Counter(2)).num_envs == 2

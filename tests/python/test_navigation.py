@@ -1,0 +1,199 @@
+"""The engine's navigation task against its NumPy twin, and against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+import swiftlet
+
+OUTRUN = swiftlet.NavigationReward(outrun_weight=1.0, thesis_switch=True)
+WEIGHTED = swiftlet.NavigationReward(
+    distance_weight=2.0,
+    crash_weight=0.5,
+    free_space_weight=3.0,
+    step_weight=0.1,
+    action_change_weight=0.2,
+    goal_reward=500.0,
+    waypoint_share=0.3,
+    goal_radius_m=0.8,
+    min_clearance=0.4,
+    step_scale=50.0,
+)
+
+
+def homing(batch, rng, kind):
+    """Actions towards the current goal most of the time, so that waypoints and goals are reached, else random ones."""
+    n = batch.num_drones
+    goals = [np.concatenate([w.waypoints, w.goal[None]]) for w in batch.worlds]
+    goal = np.stack([goals[w][g] for w, g in zip(batch.world_index, batch.goal_index, strict=True)])
+    offset = goal - batch.position
+    w, z = batch.quat_wxyz[:, 0], batch.quat_wxyz[:, 3]
+    cos, sin = w * w - z * z, 2 * w * z
+    offset = np.stack(
+        [cos * offset[:, 0] + sin * offset[:, 1], cos * offset[:, 1] - sin * offset[:, 0], offset[:, 2]], axis=1
+    )
+    wild = rng.random(n) < 0.2
+    if kind == "discrete":
+        axis = np.abs(offset).argmax(axis=1)
+        towards = 2 * axis + (offset[np.arange(n), axis] < 0)
+        return np.where(wild, rng.integers(6, size=n), towards)
+    size = 3 if kind == "displacement" else 4
+    actions = rng.uniform(-1.5, 1.5, (n, size)).astype(np.float32)
+    actions[~wild, :3] = (offset / np.linalg.norm(offset, axis=1, keepdims=True))[~wild]
+    return np.where(rng.random((n, 1)) < 0.2, np.float32(0.5), actions)  # now and then the same one again
+
+
+@pytest.mark.parametrize("kind", ["discrete", "displacement", "displacement_yaw"])
+@pytest.mark.parametrize("reward", [swiftlet.NavigationReward(), WEIGHTED, OUTRUN], ids=["thesis", "weighted", "outrun"])
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
+    worlds = [room, closet, *playgrounds]
+    lidar = swiftlet.LidarConfig()
+    config = swiftlet.NavigationConfig(action=kind, reward=reward, max_episode_steps=120)
+    twin_task = example("navigation_numpy").Navigation(config, lidar)
+    arguments = {"worlds": worlds, "lidar": lidar, "autoreset_mode": mode, "max_episode_steps": 120, "num_threads": 1}
+    engine = swiftlet.DroneVectorEnv(28, action=kind, reward=reward, **arguments)
+    twin = swiftlet.DroneVectorEnv(28, task=twin_task, **arguments)
+    rng = np.random.default_rng(0)
+    np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
+    crashed = succeeded = 0
+    waiting = np.zeros(28, bool)
+    for _ in range(400):
+        actions = homing(engine.batch, rng, kind)
+        ours, theirs = engine.step(actions), twin.step(actions)
+        ended = ours[2] | ours[3]
+        np.testing.assert_allclose(ours[0], theirs[0], atol=2e-5)
+        np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=3e-3)  # centimetres of float32 positions
+        np.testing.assert_array_equal(ours[2], theirs[2])
+        np.testing.assert_array_equal(ours[3], theirs[3])
+        if mode != "disabled":  # there, terms of finished envs are cleared by the engine alone
+            resetting = waiting if mode == "next_step" else np.zeros(28, bool)
+            np.testing.assert_allclose(
+                engine.batch.reward_terms[~resetting], twin_task.reward_terms[~resetting], rtol=1e-5, atol=3e-3
+            )
+        assert ours[4].keys() == theirs[4].keys()
+        infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
+        if ended.any():
+            for key in ("episode_length", "success", "crashed"):
+                np.testing.assert_array_equal(infos[key], expected[key])
+            np.testing.assert_allclose(infos["episode_return"], expected["episode_return"], rtol=1e-5, atol=0.5)
+            crashed += infos["crashed"].sum()
+            succeeded += infos["success"].sum()
+        if mode == "disabled" and ended.any():
+            options = {"reset_mask": ended}
+            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=1e-6)
+        waiting = ended
+        # float32 rounding would let the two drift apart
+        twin.batch.set_pose(engine.batch.position, engine.batch.quat_wxyz, ~ended)
+    assert crashed > 10
+    assert succeeded > 5
+
+
+class TestByHand:
+    @pytest.fixture
+    def env(self, room):
+        env = swiftlet.DroneVectorEnv(1, worlds=room, num_threads=1)
+        env.reset(seed=0)
+        return env
+
+    def test_the_first_observation(self, env):
+        observation = env.reset()[0][0]
+        offset = np.array([2, -1.5, 0])  # from the start to the waypoint
+        np.testing.assert_allclose(observation[:3], offset / np.linalg.norm(offset), atol=1e-6)
+        assert observation[3 + 17] == pytest.approx((4 - 0.25 * np.cos(0) - 2) / 3, abs=0.5)
+        np.testing.assert_allclose(observation[3], min(1, 2 / np.cos(np.radians(45)) / 3), atol=1e-5)
+
+    def test_the_first_step(self, env):
+        _, reward, _, _, _ = env.step([0])
+        before, after = np.hypot(2, 1.5), np.hypot(1.9, 1.5)
+        ranges = np.minimum(env.batch.lidar_ranges[0, 0] / 3, 1)
+        free = (ranges / 0.2 - 1).sum() / (35 / 0.2 - 35)
+        assert reward[0] == pytest.approx(100 * (before - after) + free - 0 - 1, abs=1e-3)
+        np.testing.assert_allclose(
+            env.batch.reward_terms[0], [100 * (before - after), 0, free, 0, -1, 0], atol=1e-3
+        )
+
+    def test_the_same_action_again_is_no_change_and_steps_are_counted_from_zero(self, env):
+        env.step([0])
+        env.step([0])
+        assert env.batch.reward_terms[0, 3] == pytest.approx(-1 / 3000)
+        assert env.batch.reward_terms[0, 4] == 0
+
+    def test_a_waypoint_and_the_switch(self, room):
+        for thesis_switch in (False, True):
+            reward = swiftlet.NavigationReward(thesis_switch=thesis_switch)
+            env = swiftlet.DroneVectorEnv(1, worlds=room, reward=reward)
+            env.reset(seed=0)
+            env.batch.set_pose([[3.55, 2.5, 2]])
+            env.step([0])  # to 0.35 m before the waypoint (4, 2.5)
+            assert env.batch.goal_index[0] == 1
+            assert env.batch.reward_terms[0, 0] == pytest.approx(1000)
+            observation = env.step([0])[0][0]
+            to_goal = np.array([6 - 3.75, 1.5, 0])
+            np.testing.assert_allclose(observation[:3], to_goal / np.linalg.norm(to_goal), atol=1e-5)
+            last = 0.35 if thesis_switch else np.hypot(6 - 3.65, 1.5)
+            expected = 100 * (last - np.hypot(6 - 3.75, 1.5))
+            assert env.batch.reward_terms[0, 0] == pytest.approx(expected, abs=1e-3)
+
+    def test_the_goal(self, env):
+        env.batch.set_pose([[3.55, 2.5, 2]])
+        env.step([0])
+        env.batch.set_pose([[5.45, 4, 2]])
+        _, _, terminated, truncated, infos = env.step([0])
+        assert terminated[0]
+        assert not truncated[0]
+        assert infos["success"][0]
+        assert not infos["crashed"][0]
+        assert env.batch.reward_terms[0, 0] == 10000
+
+    def test_a_crash(self, env):
+        env.batch.set_pose([[7.5, 4, 2]])
+        _, _, terminated, _, infos = env.step([0])
+        assert terminated[0]
+        assert infos["crashed"][0]
+        assert env.batch.reward_terms[0, 1] == -10000
+
+    def test_too_near(self, env):
+        env.batch.set_pose([[7.4, 4, 2]])
+        env.step([1])
+        assert env.batch.reward_terms[0, 1] == pytest.approx((8 - 7.3) / 3 - 0.2 if 0.7 / 3 < 0.2 else 0, abs=1e-5)
+        env.step([0])
+        env.step([5])
+        assert env.batch.reward_terms[0, 1] == pytest.approx(0, abs=1e-5)
+        env.batch.set_pose([[7.5, 4, 2]])
+        env.step([2])
+        assert env.batch.reward_terms[0, 1] == pytest.approx(0.5 / 3 - 0.2, abs=1e-5)
+
+    def test_outrunning_the_goal(self, room):
+        scene = room.to_dict()
+        scene["markers"]["waypoints"] = []
+        world = swiftlet.World.from_dict(scene)
+        env = swiftlet.DroneVectorEnv(1, worlds=world, reward=OUTRUN)
+        env.reset(seed=0)
+        env.batch.set_pose([[6.45, 6, 2]])
+        _, _, terminated, _, infos = env.step([0])
+        assert terminated[0]
+        assert not infos["success"][0]
+        assert not infos["crashed"][0]
+        assert env.batch.reward_terms[0, 5] == -1000
+
+
+def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
+    """Flying a shortest path earns about what the thesis reports: 11,344.6, 11,435.5 and 11,250.5 on train-2, 3 and 4."""
+    env = swiftlet.DroneVectorEnv(
+        1, worlds=playgrounds[2], action="displacement", reward=swiftlet.NavigationReward(thesis_switch=True)
+    )
+    world = playgrounds[2]
+    path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+    env.reset(seed=0)
+    total, target = 0.0, 1
+    for _ in range(1000):
+        while target < len(path) - 1 and np.linalg.norm(path[target] - env.batch.position[0]) < 0.15:
+            target += 1
+        offset = (path[target] - env.batch.position[0]) / 0.1
+        action = offset / max(1.0, float(np.abs(offset).max()))
+        _, reward, terminated, _, infos = env.step(action[None].astype(np.float32))
+        total += float(reward[0])
+        if terminated[0]:
+            break
+    assert infos["success"][0]
+    assert 10_500 < total < 12_000

@@ -1,0 +1,219 @@
+"""Stable-Baselines3 over a batch."""
+
+import gymnasium
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+
+import swiftlet
+
+ID = "swiftlet/LidarNavigation-v0"
+
+
+@pytest.fixture
+def make(closet):
+    def make(num_envs=6, **arguments):
+        arguments = {"worlds": closet, "max_episode_steps": 10, "num_threads": 1, **arguments}
+        return swiftlet.sb3.make_vec(ID, num_envs, **arguments)
+
+    return make
+
+
+@pytest.mark.parametrize("action", ["discrete", "displacement", "displacement_yaw"])
+@pytest.mark.filterwarnings("ignore:.*action space.*:UserWarning")
+def test_sb3_likes_the_single_env(room, action):
+    check_env(gymnasium.make(ID, worlds=room, action=action).unwrapped)
+
+
+def test_is_a_direct_vec_env(make):
+    envs = make()
+    assert type(envs).__base__ is VecEnv
+    assert envs.num_envs == 6
+    assert envs.observation_space.shape == (38,)
+    assert envs.action_space == gymnasium.spaces.Discrete(6)
+    assert envs.metadata["render_fps"] > 0
+    assert envs.render_mode is None
+
+
+def test_steps_agree_with_the_gymnasium_env(make, closet):
+    envs = make()
+    plain = gymnasium.make_vec(
+        ID, 6, worlds=closet, max_episode_steps=10, num_threads=1, autoreset_mode="same_step"
+    )
+    envs.seed(3)
+    np.testing.assert_array_equal(envs.reset(), plain.reset(seed=3)[0])
+    rng = np.random.default_rng(0)
+    ends = 0
+    for _ in range(100):
+        actions = rng.integers(6, size=6)
+        observation, reward, done, infos = envs.step(actions)
+        expected = plain.step(actions)
+        np.testing.assert_array_equal(observation, expected[0])
+        np.testing.assert_array_equal(reward, expected[1])
+        np.testing.assert_array_equal(done, expected[2] | expected[3])
+        assert len(infos) == 6
+        for i in range(6):
+            if not done[i]:
+                assert infos[i] == {}
+                continue
+            ends += 1
+            final = expected[4]["final_info"]
+            np.testing.assert_array_equal(infos[i]["terminal_observation"], expected[4]["final_obs"][i])
+            assert infos[i]["TimeLimit.truncated"] == expected[3][i]
+            assert infos[i]["is_success"] == final["success"][i]
+            assert infos[i]["episode"]["r"] == final["episode_return"][i]
+            assert infos[i]["episode"]["l"] == final["episode_length"][i]
+            assert infos[i]["episode"]["t"] > 0
+    assert ends > 20
+
+
+def test_the_infos_list_and_rewards_are_the_callers(make):
+    envs = make()
+    envs.reset()
+    _, first_reward, _, first = envs.step(np.zeros(6, int))
+    kept = first_reward.copy()
+    first[0] = {"mine": True}
+    first_reward += 100
+    _, _, _, second = envs.step(np.zeros(6, int))
+    assert second[0] == {}
+    np.testing.assert_array_equal(first_reward, kept + 100)
+
+
+def test_seeds_are_taken_once(make):
+    envs = make(random_start=True)
+    assert envs.seed(5) == [5, 6, 7, 8, 9, 10]
+    first = envs.reset().copy()
+    second = envs.reset().copy()
+    assert (first != second).any()
+    envs.seed(5)
+    np.testing.assert_array_equal(envs.reset(), first)
+
+
+class TestPoisonedSlots:
+    """What Stable-Baselines3 stores is whole though the arrays it was handed are used again."""
+
+    def test_the_previous_observation_survives_a_step(self, make):
+        envs = make()
+        previous = envs.reset()
+        for _ in range(30):
+            kept = previous.copy()
+            observation = envs.step(np.random.default_rng(0).integers(6, size=6))[0]
+            np.testing.assert_array_equal(previous, kept)
+            assert not np.shares_memory(previous, observation)
+            previous = observation
+
+    def test_rollouts_are_those_of_an_adapter_that_copies_and_poisons(self, closet):
+        def rollout(poison):
+            env = swiftlet.DroneVectorEnv(
+                8, worlds=closet, max_episode_steps=10, autoreset_mode="same_step", copy=False, num_threads=1
+            )
+            envs = swiftlet.sb3.make_vec(env)
+            if poison:
+                # Hand out private arrays, and fill each with NaN as soon as it may be used again: after the next step.
+                step_wait, reset = envs.step_wait, envs.reset
+                handed = []
+
+                def private(observation):
+                    handed.append(observation.copy())
+                    if len(handed) > 2:
+                        handed.pop(0).fill(np.nan)
+                    return handed[-1]
+
+                def poisoned_step_wait():
+                    observation, *rest = step_wait()
+                    return (private(observation), *rest)
+
+                envs.step_wait, envs.reset = poisoned_step_wait, lambda: private(reset())
+            model = PPO("MlpPolicy", envs, n_steps=32, batch_size=64, n_epochs=1, seed=0, device="cpu")
+            model.learn(32 * 8)
+            buffer = model.rollout_buffer
+            return buffer.observations.copy(), buffer.rewards.copy(), buffer.actions.copy()
+
+        for a, b in zip(rollout(poison=False), rollout(poison=True), strict=True):
+            assert np.isfinite(a).all()
+            np.testing.assert_array_equal(a, b)
+
+
+class TestAttributes:
+    def test_are_read_for_indices(self, make):
+        envs = make()
+        assert envs.get_attr("render_mode") == [None] * 6
+        assert envs.get_attr("num_envs", [1, 2]) == [6, 6]
+        assert envs.get_attr("num_envs", 3) == [6]
+        assert not envs.has_attr("nothing")
+
+    def test_are_set_for_all(self, make):
+        envs = make()
+        envs.set_attr("note", 4)
+        assert envs.get_attr("note") == [4] * 6
+        with pytest.raises(ValueError, match="note"):
+            envs.set_attr("note", 5, indices=[0])
+
+    def test_methods(self, make):
+        envs = make(render_mode="rgb_array")
+        envs.reset()
+        assert len(envs.env_method("render", indices=[0, 1])) == 2
+
+    def test_monitor_counts_as_wrapped(self, make):
+        assert make().env_is_wrapped(Monitor) == [True] * 6
+        assert make().env_is_wrapped(gymnasium.wrappers.TimeLimit, [0]) == [False]
+
+    def test_images(self, make):
+        envs = make(render_mode="rgb_array")
+        envs.reset()
+        assert envs.render("rgb_array").shape == (3 * 256, 2 * 256, 3)
+
+
+class TestMaking:
+    def test_of_a_task(self, closet):
+        from gymnasium import spaces
+
+        class Still(swiftlet.Task):
+            observation_space = spaces.Box(-10, 10, (3,), np.float32)
+
+            def step(self, batch):
+                return np.zeros(batch.num_drones), batch.contact.hit
+
+            def observe(self, batch):
+                return batch.position
+
+        envs = swiftlet.sb3.make_vec(Still(), 3, worlds=closet)
+        assert envs.reset().shape == (3, 3)
+
+    def test_of_a_ready_env(self, closet):
+        ready = swiftlet.DroneVectorEnv(3, worlds=closet, autoreset_mode="same_step")
+        assert swiftlet.sb3.make_vec(ready).num_envs == 3
+        with pytest.raises(TypeError, match="ready"):
+            swiftlet.sb3.make_vec(ready, 5)
+        with pytest.raises(ValueError, match="same-step"):
+            swiftlet.sb3.make_vec(swiftlet.DroneVectorEnv(3, worlds=closet))
+
+    def test_of_another_packages_id(self):
+        with pytest.raises(TypeError, match="CartPole"):
+            swiftlet.sb3.make_vec("CartPole-v1", 2)
+
+
+def test_training_and_evaluation_run_without_a_warning(make):
+    envs = make(num_envs=16)
+    model = PPO("MlpPolicy", envs, n_steps=32, batch_size=128, n_epochs=2, seed=0, device="cpu")
+    model.learn(32 * 16 * 3)
+    assert len(model.ep_info_buffer) > 0
+    assert len(model.ep_success_buffer) > 0
+    mean, _ = evaluate_policy(model, envs, n_eval_episodes=20)
+    assert np.isfinite(mean)
+
+
+@pytest.mark.filterwarnings("ignore:The environment is already wrapped with a `Monitor`:UserWarning")
+def test_sb3_wrappers(make):
+    envs = VecNormalize(VecMonitor(make()), norm_obs=True)
+    observation = envs.reset()
+    for _ in range(30):
+        observation, reward, done, infos = envs.step(np.zeros(6, int))
+        assert np.isfinite(observation).all()
+        for i in np.flatnonzero(done):
+            assert infos[i]["terminal_observation"].shape == (38,)
+            assert infos[i]["episode"]["l"] <= 10

@@ -1,0 +1,257 @@
+"""Tasks written in Python, and snapshots of the env."""
+
+import ast
+import inspect
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import swiftlet
+from swiftlet.task import rotate
+from swiftlet.testing import check_vector_env
+
+MODES = ["next_step", "same_step", "disabled"]
+
+
+class Climb(swiftlet.Task):
+    """As little as a task can be: earn height, end at 3 m."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (4,), np.float32)
+    max_episode_steps = 12
+
+    def setup(self, batch):
+        self.bonus = np.zeros(batch.num_drones)
+
+    def reset(self, batch, mask):
+        super().reset(batch, mask)
+        self.bonus[mask] = batch.random(0, 1)[mask, 0]
+
+    def step(self, batch):
+        self.success[:] = batch.position[:, 2] > 2.35
+        return batch.position[:, 2] - 2 + self.bonus, self.success | batch.contact.hit
+
+    def observe(self, batch):
+        return np.concatenate([batch.position, self.bonus[:, None]], axis=1)
+
+    def state(self):
+        return {"bonus": self.bonus}
+
+    def load(self, state):
+        self.bonus[:] = state["bonus"]
+
+
+class TestRotate:
+    def test_agrees_with_rotation_matrices(self):
+        rng = np.random.default_rng(0)
+        q = rng.normal(size=(50, 4))
+        q /= np.linalg.norm(q, axis=1, keepdims=True)
+        v = rng.normal(size=(50, 3))
+        w, x, y, z = q.T
+        matrix = np.moveaxis(
+            np.array(
+                [
+                    [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+                ]
+            ),
+            2,
+            0,
+        )
+        np.testing.assert_allclose(rotate(q, v), np.einsum("nij,nj->ni", matrix, v), atol=1e-12)
+        np.testing.assert_allclose(rotate(q, rotate(q, v), inverse=True), v, atol=1e-12)
+
+    def test_identity_is_exact_in_float32(self):
+        v = np.random.default_rng(0).normal(size=(100, 3)).astype(np.float32)
+        turned = rotate(np.tile(np.float32([1, 0, 0, 0]), (100, 1)), v)
+        assert turned.dtype == np.float32
+        np.testing.assert_array_equal(turned, v)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_small_task_passes_the_checker(room, mode):
+    check_vector_env(lambda n: swiftlet.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_numpy_twin_passes_the_checker(closet, mode, example):
+    lidar, config = swiftlet.LidarConfig(), swiftlet.NavigationConfig(action="displacement", max_episode_steps=10)
+    check_vector_env(
+        lambda n: swiftlet.DroneVectorEnv(
+            n, worlds=closet, task=example("navigation_numpy").Navigation(config, lidar), autoreset_mode=mode, num_threads=1
+        )
+    )
+
+
+def test_statistics_of_episodes(room):
+    env = swiftlet.DroneVectorEnv(2, worlds=room, task=Climb())
+    observation, _ = env.reset(seed=0)
+    bonus = observation[:, 3].astype(float)
+    up, down = np.float32([0, 0, 1]), np.float32([0, 0, -0.5])
+    rewards, ended = [], None
+    for i in range(12):
+        _, reward, terminated, truncated, infos = env.step(np.stack([up, down]))
+        rewards.append(reward)
+        assert terminated.tolist() == [i == 3, False]
+        assert truncated.tolist() == [False, i == 11]
+        if i == 3:
+            ended = infos
+    assert ended["success"].tolist() == [True, False]
+    assert ended["crashed"].tolist() == [False, False]
+    assert ended["episode_length"].tolist() == [4, 0]
+    np.testing.assert_allclose(ended["episode_return"], [1.0 + 4 * bonus[0], 0], rtol=1e-6)
+    assert infos["episode_length"].tolist() == [0, 12]
+    np.testing.assert_allclose(infos["episode_return"][1], np.sum(rewards, axis=0)[1], rtol=1e-5)
+
+
+def test_steps_and_flying_are_what_they_say(room):
+    class Probe(Climb):
+        def step(self, batch):
+            seen.append((self.steps.copy(), self.flying.copy()))
+            return super().step(batch)
+
+    seen = []
+    env = swiftlet.DroneVectorEnv(2, worlds=room, task=Probe(), max_episode_steps=3)
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(np.zeros((2, 3), np.float32))
+    assert [s[0][0] for s in seen] == [1, 2, 3, 3, 1]
+    assert [bool(s[1][0]) for s in seen] == [True, True, True, False, True]
+
+
+def test_own_tasks_observe_with_a_lidar_of_their_own(room):
+    class Seeing(Climb):
+        lidar = swiftlet.LidarConfig(beams=5)
+        observation_space = spaces.Box(0, np.inf, (5,), np.float32)
+
+        def observe(self, batch):
+            return batch.lidar_ranges[:, 0]
+
+    env = swiftlet.DroneVectorEnv(2, worlds=room, task=Seeing())
+    observation, _ = env.reset(seed=0)
+    kept = observation.copy()
+    env.step(np.ones((2, 3), np.float32))
+    np.testing.assert_array_equal(observation, kept)  # though observe() returned a view
+
+
+class TestMistakes:
+    def env(self, room, **members):
+        task = type("Broken", (Climb,), members)()
+        return swiftlet.DroneVectorEnv(2, worlds=room, task=task)
+
+    def test_reward_of_a_wrong_shape(self, room):
+        env = self.env(room, step=lambda self, batch: (np.zeros(3), np.zeros(2, bool)))
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=r"Broken\.step.*reward.*\(2,\).*\(3,\)"):
+            env.step(np.zeros((2, 3)))
+
+    def test_observation_of_a_wrong_shape(self, room):
+        with pytest.raises(ValueError, match=r"Broken\.observe.*\(2, 4\).*\(2, 3\)"):
+            self.env(room, observe=lambda self, batch: batch.position).reset(seed=0)
+
+    def test_no_observation_space(self, room):
+        with pytest.raises(TypeError, match="observation_space"):
+            self.env(room, observation_space=None)
+
+    def test_a_class_instead_of_an_object(self, room):
+        with pytest.raises(TypeError, match="task"):
+            swiftlet.DroneVectorEnv(2, worlds=room, task=Climb)
+
+    def test_fields_of_the_navigation_task(self, room):
+        with pytest.raises(TypeError, match="action"):
+            swiftlet.DroneVectorEnv(2, worlds=room, task=Climb(), action="discrete")
+
+    def test_a_world_without_a_start(self):
+        world = swiftlet.World.from_dict({"swiftlet_scene": 1, "room": {"min": [0, 0, 0], "max": [3, 3, 3]}})
+        with pytest.raises(ValueError, match="start marker"):
+            swiftlet.DroneVectorEnv(2, worlds=world, task=Climb()).reset(seed=0)
+
+    @pytest.mark.parametrize(
+        ("actions", "match"),
+        [
+            (np.zeros((2, 2)), r"actions.*\(2, 3\)"),
+            (np.full((2, 3), np.nan), "actions.*finite"),
+            (np.full((2, 3), "x"), "actions.*numbers"),
+        ],
+    )
+    def test_bad_actions_change_nothing(self, room, actions, match):
+        env = self.env(room)
+        env.reset(seed=0)
+        before = env.snapshot()
+        with pytest.raises(ValueError, match=match):
+            env.step(actions)
+        assert env.snapshot() == before
+
+    @pytest.mark.parametrize(("actions", "match"), [([0, 6], "0 to 5"), ([0.0, 1.0], "integers"), ([0], "shape")])
+    def test_bad_discrete_actions(self, room, actions, match, example):
+        task = example("navigation_numpy").Navigation(swiftlet.NavigationConfig(), swiftlet.LidarConfig())
+        env = swiftlet.DroneVectorEnv(2, worlds=room, task=task)
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=f"actions.*{match}"):
+            env.step(actions)
+
+
+class TestSnapshot:
+    @pytest.fixture(params=["engine", "python"])
+    def make(self, request, room):
+        def make(**arguments):
+            if request.param == "python":
+                return swiftlet.DroneVectorEnv(5, worlds=room, task=Climb(), **arguments)
+            return swiftlet.DroneVectorEnv(
+                5, **{"worlds": room, "action": "displacement", "max_episode_steps": 12, "random_start": True, **arguments}
+            )
+
+        return make
+
+    @pytest.mark.parametrize("mode", MODES)
+    def test_restored_equals_uninterrupted(self, make, mode):
+        one, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
+        rng = np.random.default_rng(0)
+        one.reset(seed=0)
+        for i in range(60):
+            if i % 7 == 3:
+                other = make(autoreset_mode=mode)
+                observation = other.restore(one.snapshot())
+                np.testing.assert_array_equal(observation, last[0])
+            actions = rng.uniform(-1, 1, (5, 3)).astype(np.float32)
+            last = one.step(actions)
+            if i >= 3:
+                for a, b in zip(last[:4], other.step(actions)[:4], strict=True):
+                    np.testing.assert_array_equal(a, b)
+            ended = last[2] | last[3]
+            if mode == "disabled" and ended.all():
+                last = one.reset()
+                if i >= 3:
+                    np.testing.assert_array_equal(last[0], other.reset()[0])
+
+    def test_is_refused_by_another_configuration(self, make):
+        env = make()
+        env.reset(seed=0)
+        for other in (make(autoreset_mode="same_step"), make(max_episode_steps=13)):
+            other.reset(seed=1)
+            before = other.snapshot()
+            with pytest.raises(ValueError, match="snapshot"):
+                other.restore(env.snapshot())
+            assert other.snapshot() == before
+
+    def test_nonsense_is_refused(self, make):
+        env = make()
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match="snapshot"):
+            env.restore(b"nonsense")
+
+
+class TestExamples:
+    def test_a_task_of_ones_own_takes_at_most_forty_lines(self, example):
+        module = example("train_my_task")
+        source = inspect.getsource(module)
+        (task,) = [node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)]
+        assert task.end_lineno - task.lineno + 1 <= 40
+
+    def test_it_trains(self, example):
+        assert example("train_my_task").main(total_timesteps=60_000) > 0.5
+
+    def test_the_twin_stays_close(self, example, capsys):
+        example("navigation_numpy").main()
+        assert "flags the same" in capsys.readouterr().out

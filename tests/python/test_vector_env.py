@@ -1,0 +1,434 @@
+"""The vector env under Gymnasium's rules: the checker, Gymnasium's wrappers, and what only this env promises."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as wrappers
+
+import swiftlet
+from swiftlet.testing import check_vector_env
+
+MODES = ["next_step", "same_step", "disabled"]
+ID = "swiftlet/LidarNavigation-v0"
+
+
+def make(closet, num_envs=4, **kwargs):
+    return gymnasium.make_vec(ID, num_envs, **{"worlds": closet, "max_episode_steps": 12, "num_threads": 1, **kwargs})
+
+
+def fly(envs, steps, seed=0):
+    """Step with random actions, resetting finished envs where they do not reset themselves."""
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        if isinstance(envs.single_action_space, gymnasium.spaces.Discrete):
+            actions = rng.integers(6, size=envs.num_envs)
+        else:
+            actions = rng.uniform(-1, 1, envs.action_space.shape).astype(np.float32)
+        step = envs.step(actions)
+        yield step
+        ended = step[2] | step[3]
+        if envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ended.any():
+            envs.reset(options={"reset_mask": ended})
+
+
+class TestChecker:
+    @pytest.mark.parametrize("mode", MODES)
+    @pytest.mark.parametrize("action", ["discrete", "displacement", "displacement_yaw"])
+    def test_navigation(self, closet, mode, action):
+        check_vector_env(lambda n: make(closet, n, action=action, autoreset_mode=mode))
+
+    @pytest.mark.parametrize("mode", MODES)
+    def test_everything_random(self, room, closet, mode):
+        check_vector_env(
+            lambda n: make(
+                [room, closet],
+                n,
+                random_world=True,
+                random_start=True,
+                stagger_first_episode=True,
+                pose_sensor=swiftlet.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=1.0),
+                autoreset_mode=mode,
+                num_threads=3,
+                render_mode="rgb_array",
+            )
+        )
+
+    def test_shipped_playgrounds(self):
+        # the envs of a batch are in different worlds, so env i is not env 0 with another seed
+        check_vector_env(lambda n: gymnasium.make_vec(ID, n, max_episode_steps=30), skip={"seed_offset"})
+
+
+class TestSingle:
+    @pytest.mark.parametrize("action", ["discrete", "displacement", "displacement_yaw"])
+    def test_check_env(self, room, action):
+        env = gymnasium.make(ID, worlds=room, action=action, render_mode="rgb_array")
+        check_env(env.unwrapped)
+        env.close()
+
+    def test_is_the_batch_of_one(self, closet):
+        env, envs = gymnasium.make(ID, worlds=closet), make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000)
+        rng = np.random.default_rng(0)
+        np.testing.assert_array_equal(env.reset(seed=5)[0], envs.reset(seed=5)[0][0])
+        for _ in range(200):
+            action = rng.integers(6)
+            observation, reward, terminated, truncated, info = env.step(action)
+            batched = envs.step([action])
+            np.testing.assert_array_equal(observation, batched[0][0])
+            assert (reward, terminated, truncated) == (batched[1][0], batched[2][0], batched[3][0])
+            if terminated or truncated:
+                assert info == {key: batched[4][key][0] for key in info}
+                assert set(info) == {"episode_return", "episode_length", "success", "crashed"}
+                np.testing.assert_array_equal(env.reset()[0], envs.reset()[0][0])
+
+    def test_closes_twice(self, room):
+        env = gymnasium.make(ID, worlds=room)
+        env.close()
+        env.close()
+
+
+class TestWrappers:
+    @pytest.mark.parametrize("mode", MODES)
+    def test_record_episode_statistics_agrees_with_the_infos(self, closet, mode):
+        envs = wrappers.RecordEpisodeStatistics(make(closet, autoreset_mode=mode))
+        envs.reset(seed=0)
+        ended = 0
+        rng = np.random.default_rng(0)
+        for _ in range(150):
+            _, _, terminated, truncated, infos = envs.step(rng.integers(6, size=4))
+            done = terminated | truncated
+            if done.any():
+                ended += done.sum()
+                ours = infos.get("final_info", infos)
+                np.testing.assert_array_equal(infos["episode"]["l"][done], ours["episode_length"][done])
+                np.testing.assert_allclose(infos["episode"]["r"][done], ours["episode_return"][done], rtol=1e-5, atol=1e-2)
+                if mode == "disabled":
+                    envs.reset(options={"reset_mask": done})
+        assert ended > 20
+
+    def test_normalize_observation(self, closet):
+        envs = wrappers.NormalizeObservation(make(closet))
+        envs.reset(seed=0)
+        observations = np.concatenate([step[0] for step in fly(envs, 100)])
+        assert np.abs(observations.mean(axis=0)).max() < 1
+
+    @pytest.mark.parametrize(
+        "wrap",
+        [
+            wrappers.NormalizeReward,
+            lambda e: wrappers.ClipReward(e, -1, 1),
+            lambda e: wrappers.TransformReward(e, lambda r: r / 10),
+            wrappers.FlattenObservation,
+            lambda e: wrappers.RescaleObservation(e, -1, 1),
+            lambda e: wrappers.DtypeObservation(e, np.float64),
+            wrappers.DictInfoToList,
+        ],
+    )
+    def test_others_without_a_warning(self, closet, wrap):
+        envs = wrap(make(closet))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            envs.reset(seed=0)
+            for step in fly(envs, 30):
+                assert len(step) == 5
+        envs.close()
+
+    def test_clip_and_rescale_action(self, closet):
+        envs = wrappers.RescaleAction(make(closet, action="displacement"), -2.0, 2.0)
+        envs.reset(seed=0)
+        before = envs.unwrapped.batch.position.copy()
+        envs.step(np.full((4, 3), 1.0, np.float32))
+        np.testing.assert_allclose(envs.unwrapped.batch.position - before, 0.05, atol=1e-6)
+
+    def test_dict_info_to_list(self, closet):
+        envs = wrappers.DictInfoToList(make(closet))
+        envs.reset(seed=0)
+        infos = [info for step in fly(envs, 60) for info in step[4] if info]
+        assert infos
+        assert all(set(i) == {"episode_return", "episode_length", "success", "crashed"} for i in infos)
+
+    def test_record_video(self, closet, tmp_path, monkeypatch):
+        written = []
+        try:
+            import moviepy  # noqa: F401
+        except ImportError:  # what RecordVideo collects is tested all the same
+            import sys
+            from types import ModuleType
+
+            class Clip:
+                def __init__(self, frames, fps):
+                    written.append((len(frames), frames[0].shape, fps))
+
+                def write_videofile(self, path, logger):
+                    with open(path, "w"):
+                        pass
+
+            for name in ("moviepy", "moviepy.video", "moviepy.video.io", "moviepy.video.io.ImageSequenceClip"):
+                monkeypatch.setitem(sys.modules, name, ModuleType(name))
+            sys.modules["moviepy.video.io.ImageSequenceClip"].ImageSequenceClip = Clip
+        envs = make(closet, render_mode="rgb_array")
+        envs = wrappers.RecordVideo(envs, str(tmp_path / "video"), step_trigger=lambda s: s == 0, video_length=5)
+        envs.reset(seed=0)
+        list(fly(envs, 10))
+        envs.close()
+        assert [p.suffix for p in (tmp_path / "video").iterdir()] == [".mp4"]
+        assert written in ([], [(6, (512, 512, 3), 20)], [(5, (512, 512, 3), 20)])
+
+
+class TestReset:
+    def test_env_i_of_a_batch_seeded_s_is_the_env_seeded_s_plus_i(self, room):
+        noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.01)
+        envs = make(room, 4, random_start=True, pose_sensor=noise)
+        observation, _ = envs.reset(seed=40)
+        for i in range(4):
+            alone, _ = make(room, 1, random_start=True, pose_sensor=noise).reset(seed=40 + i)
+            np.testing.assert_array_equal(alone[0], observation[i])
+        np.testing.assert_array_equal(envs.reset(seed=[40, 43, 42, 41])[0], observation[[0, 3, 2, 1]])
+
+    def test_without_a_seed_the_next_episode_follows(self, room):
+        envs = make(room, random_start=True)
+        first, _ = envs.reset(seed=1)
+        second, _ = envs.reset()
+        assert not np.isin(second, first).all(axis=1).any()
+        np.testing.assert_array_equal(envs.reset(seed=1)[0], first)
+        np.testing.assert_array_equal(envs.reset()[0], second)
+
+    def test_never_seeded_envs_differ(self, room):
+        a, b = make(room, random_start=True), make(room, random_start=True)
+        assert (a.reset()[0] != b.reset()[0]).any()
+
+    def test_np_random_seeds_the_first_reset(self, room):
+        a, b = make(room, random_start=True), make(room, random_start=True)
+        a.np_random, b.np_random = np.random.default_rng(3), np.random.default_rng(3)
+        np.testing.assert_array_equal(a.reset()[0], b.reset()[0])
+
+    @pytest.mark.parametrize("mode", MODES)
+    def test_a_mask_resets_those_envs_alone(self, room, mode):
+        envs = make(room, random_start=True, autoreset_mode=mode)
+        envs.reset(seed=0)
+        observation = envs.step([0, 1, 2, 3])[0]
+        mask = np.array([False, True, False, True])
+        options = {"reset_mask": mask, "more": 1}
+        after, infos = envs.reset(seed=[7, 8, 9, 10], options=options)
+        assert list(options) == ["reset_mask", "more"]
+        assert mask.tolist() == [False, True, False, True]
+        assert infos == {}
+        np.testing.assert_array_equal(after[~mask], observation[~mask])
+        expected, _ = make(room, random_start=True).reset(seed=[7, 8, 9, 10])
+        np.testing.assert_array_equal(after[mask], expected[mask])
+
+    @pytest.mark.parametrize(
+        ("mask", "match"),
+        [
+            ([True] * 4, "list"),
+            (np.ones(3, bool), r"bool \(3,\)"),
+            (np.ones(4, int), "int64"),
+            (np.zeros(4, bool), "at least one"),
+        ],
+    )
+    def test_bad_masks(self, room, mask, match):
+        envs = make(room)
+        envs.reset(seed=0)
+        with pytest.raises(ValueError, match=f"reset_mask.*{match}"):
+            envs.reset(options={"reset_mask": mask})
+
+    @pytest.mark.parametrize("seed", [-1, 1 << 64, [1, 2], [0, 1, 2, -3]])
+    def test_bad_seeds(self, room, seed):
+        with pytest.raises(ValueError, match="seed"):
+            make(room).reset(seed=seed)
+
+    def test_the_greatest_seed(self, room):
+        make(room).reset(seed=(1 << 64) - 4)
+
+    def test_a_partial_first_reset_needs_a_seed(self, room):
+        mask = np.array([True, False, False, False])
+        envs = make(room)
+        with pytest.raises(ResetNeeded):
+            envs.reset(options={"reset_mask": mask})
+        envs.reset(seed=0, options={"reset_mask": mask})
+        envs.step([0, 0, 0, 0])
+
+    def test_step_before_reset(self, room):
+        with pytest.raises(ResetNeeded):
+            make(room).step([0] * 4)
+
+
+class TestCopies:
+    def test_slots_last_for_one_more_step(self, closet):
+        plain, slots = make(closet), make(closet, copy=False)
+        plain.reset(seed=0)
+        last = slots.reset(seed=0)[0]
+        expected_last = last.copy()
+        rng = np.random.default_rng(0)
+        for _ in range(50):
+            actions = rng.integers(6, size=4)
+            expected, got = plain.step(actions), slots.step(actions)
+            np.testing.assert_array_equal(last, expected_last)
+            for a, b in zip(expected[:4], got[:4], strict=True):
+                np.testing.assert_array_equal(a, b)
+            last, expected_last = got[0], expected[0]
+
+    def test_slots_are_views_that_take_turns(self, closet):
+        envs = make(closet, copy=False)
+        a, b, c = envs.reset(seed=0)[0], envs.step([0] * 4)[0], envs.step([0] * 4)[0]
+        assert np.shares_memory(a, c)
+        assert not np.shares_memory(a, b)
+
+    def test_slots_outlive_the_env(self, closet):
+        envs = make(closet, 300, copy=False)
+        observation = envs.reset(seed=0)[0]
+        expected = observation.copy()
+        envs.close()
+        del envs
+        np.testing.assert_array_equal(observation, expected)
+
+
+class TestEpisodes:
+    def test_infos_only_where_episodes_end(self, closet):
+        envs = make(closet, 8)
+        envs.reset(seed=0)
+        lengths = np.zeros(8, int)
+        returns = np.zeros(8)
+        ended = np.zeros(8, bool)
+        for step in fly(envs, 100):
+            lengths = np.where(ended, 0, lengths + 1)
+            returns = np.where(ended, 0, returns + step[1])
+            ended = step[2] | step[3]
+            infos = step[4]
+            if not ended.any():
+                assert infos == {}
+                continue
+            for key in ("episode_return", "episode_length", "success", "crashed"):
+                np.testing.assert_array_equal(infos[f"_{key}"], ended)
+                assert not infos[key][~ended].any()
+            np.testing.assert_array_equal(infos["episode_length"][ended], lengths[ended])
+            np.testing.assert_allclose(infos["episode_return"][ended], returns[ended], rtol=1e-6, atol=1e-2)
+            np.testing.assert_array_equal(infos["success"] | infos["crashed"], step[2])
+            assert not (infos["success"] & infos["crashed"]).any()
+
+    def test_a_finished_env_holds_still_with_autoreset_disabled(self, closet):
+        envs = make(closet, 8, autoreset_mode="disabled")
+        envs.reset(seed=0)
+        rng = np.random.default_rng(0)
+        last = envs.step(rng.integers(6, size=8))
+        for _ in range(30):
+            ended = last[2] | last[3]
+            pose = envs.batch.position[ended]
+            step = envs.step(rng.integers(6, size=8))
+            np.testing.assert_array_equal(step[0][ended], last[0][ended])
+            np.testing.assert_array_equal(step[1][ended], 0)
+            np.testing.assert_array_equal(step[2][ended], last[2][ended])
+            np.testing.assert_array_equal(step[3][ended], last[3][ended])
+            np.testing.assert_array_equal(envs.batch.position[ended], pose)
+            if ended.any():
+                for key in ("episode_return", "episode_length", "success", "crashed"):
+                    np.testing.assert_array_equal(step[4][key][ended], last[4][key][ended])
+            last = step
+        assert (last[2] | last[3]).all()
+
+    def test_time_limit(self, room):
+        envs = make(room, 2, max_episode_steps=3, autoreset_mode="same_step")
+        envs.reset(seed=0)
+        truncated = [envs.step([0, 1])[3].tolist() for _ in range(6)]
+        assert truncated == [[False] * 2, [False] * 2, [True] * 2] * 2
+
+    def test_no_time_limit(self, room):
+        envs = make(room, 1, max_episode_steps=0)
+        envs.reset(seed=0)
+        for i in range(3500):
+            assert not envs.step([4 + i % 2])[3][0]
+
+    def test_staggered_first_episodes(self, room):
+        envs = make(room, 64, max_episode_steps=20, stagger_first_episode=True, autoreset_mode="same_step")
+        envs.reset(seed=0)
+        lengths: list[list[int]] = [[] for _ in range(64)]
+        for i in range(60):
+            infos = envs.step(np.full(64, 4 + i % 2))[4]
+            for k in np.flatnonzero(infos.get("_final_obs", [])):
+                lengths[k].append(int(infos["final_info"]["episode_length"][k]))
+        assert len({row[0] for row in lengths}) > 10
+        assert {length for row in lengths for length in row[1:]} == {20}
+
+
+class TestActions:
+    def test_discrete_ones_move_along_the_axes(self, room):
+        envs = make(room, 6)
+        envs.reset(seed=0)
+        before = envs.batch.position.copy()
+        envs.step(np.arange(6))
+        moved = envs.batch.position - before
+        expected = 0.1 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+        np.testing.assert_allclose(moved, expected, atol=1e-6)
+
+    def test_displacements_are_clipped_and_follow_the_heading(self, room):
+        envs = make(room, 1, action="displacement_yaw", yaw_step_deg=90.0)
+        envs.reset(seed=0)
+        envs.step(np.float32([[0, 0, 0, 1]]))
+        before = envs.batch.position.copy()
+        envs.step(np.float32([[5, 0, 0, 0]]))
+        np.testing.assert_allclose(envs.batch.position - before, [[0, 0.1, 0]], atol=1e-6)
+
+    def test_refused_actions_change_nothing(self, closet):
+        a, b = make(closet, action="displacement"), make(closet, action="displacement")
+        a.reset(seed=0)
+        b.reset(seed=0)
+        for step in range(5):
+            actions = np.full((4, 3), 0.1 * step, np.float32)
+            for bad in (np.full((4, 3), np.nan), np.zeros((3, 3)), np.zeros((4, 4)), None, "up"):
+                with pytest.raises(ValueError, match="actions"):
+                    b.step(bad)
+            for x, y in zip(a.step(actions)[:4], b.step(actions)[:4], strict=True):
+                np.testing.assert_array_equal(x, y)
+
+
+class TestMaking:
+    def test_metadata_is_an_instances_own(self, room):
+        assert make(room, autoreset_mode="same_step").metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+        assert make(room).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+        assert make(room, autoreset_mode=AutoresetMode.DISABLED).autoreset_mode is AutoresetMode.DISABLED
+
+    def test_env_i_is_in_world_i_modulo_w(self, room, closet):
+        assert make([room, closet], 5).batch.world_index.tolist() == [0, 1, 0, 1, 0]
+
+    def test_is_a_direct_subclass(self):
+        assert swiftlet.DroneVectorEnv.__base__ is gymnasium.vector.VectorEnv
+
+    @pytest.mark.parametrize(
+        ("arguments", "error", "match"),
+        [
+            ({"autoreset_mode": "never"}, ValueError, "autoreset_mode.*never"),
+            ({"render_mode": "human"}, ValueError, "render_mode.*human"),
+            ({"action": "jump"}, ValueError, "jump"),
+            ({"num_envs": 0}, ValueError, "num_drones"),
+            ({"max_episode_steps": -1}, ValueError, "max_episode_steps"),
+            ({"colour": "red"}, TypeError, "colour"),
+            ({"task": object()}, TypeError, "task"),
+            ({"worlds": "playground/none"}, ValueError, "playground/none"),
+        ],
+    )
+    def test_bad_arguments(self, room, arguments, error, match):
+        with pytest.raises(error, match=match):
+            swiftlet.DroneVectorEnv(**{"worlds": room, **arguments})
+
+    def test_attributes_per_env(self, room):
+        envs = make(room, 3, render_mode="rgb_array")
+        assert envs.get_attr("render_mode") == ("rgb_array",) * 3
+        envs.reset(seed=0)
+        assert [frame.shape for frame in envs.call("render")] == [(256, 256, 3)] * 3
+        envs.set_attr("note", [1, 1, 1])
+        assert envs.get_attr("note") == (1, 1, 1)
+        with pytest.raises(ValueError, match="note"):
+            envs.set_attr("note", [1, 2, 3])
+
+    def test_a_closed_env_says_so(self, room):
+        envs = make(room)
+        envs.reset(seed=0)
+        envs.close()
+        envs.close()
+        for call in (envs.reset, envs.render, envs.snapshot, lambda: envs.step([0] * 4)):
+            with pytest.raises(RuntimeError, match="closed"):
+                call()

@@ -1,0 +1,202 @@
+"""Worlds: rays against two oracles, meshes, generated playgrounds, shortest paths."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import swiftlet
+
+SCENE = {
+    "swiftlet_scene": 1,
+    "name": "shapes",
+    "room": {"min": [-5, -5, 0], "max": [5, 5, 4]},
+    "cylinders": [{"center": [-2, 1, 1.5], "radius": 0.5, "height": 2, "quat_wxyz": [0.8, 0.6, 0, 0]}],
+    "boxes": [{"center": [2, -1, 1], "size": [1, 2, 0.5], "quat_wxyz": [0.96, 0, 0.28, 0]}],
+    "spheres": [{"center": [1, 2.5, 2], "radius": 0.7}],
+}
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    return swiftlet.World.from_dict(SCENE)
+
+
+def interval(primitive, origin, direction):
+    """Where the lines are inside a convex primitive: (enter, exit) in float64, from its equations."""
+    w, *axis = np.asarray(primitive["quat_wxyz"], float)
+    x, y, z = axis
+    to_world = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    half = np.asarray(primitive["half_extents"], float)
+    o = (origin - np.asarray(primitive["center"], float)) @ to_world
+    d = direction @ to_world
+
+    def slab(axes):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            a, b = (-half[axes] - o[:, axes]) / d[:, axes], (half[axes] - o[:, axes]) / d[:, axes]
+        return np.minimum(a, b).max(axis=1), np.maximum(a, b).min(axis=1)
+
+    def ball(axes):
+        a = (d[:, axes] ** 2).sum(axis=1)
+        b = (o[:, axes] * d[:, axes]).sum(axis=1)
+        c = (o[:, axes] ** 2).sum(axis=1) - half[0] ** 2
+        root = np.sqrt(np.maximum(b * b - a * c, 0))
+        missed = b * b < a * c
+        return np.where(missed, np.inf, (-b - root) / a), np.where(missed, -np.inf, (-b + root) / a)
+
+    if primitive["kind"] in ("room", "box"):
+        return slab([0, 1, 2])
+    if primitive["kind"] == "sphere":
+        return ball([0, 1, 2])
+    (enter, leave), (low, high) = ball([0, 1]), slab([2])
+    return np.maximum(enter, low), np.minimum(leave, high)
+
+
+def analytic(world, origin, direction):
+    """Nearest hits (R,) and how clearly they are hits or misses (R,) m."""
+    nearest, margin = np.full(len(origin), np.inf), np.full(len(origin), np.inf)
+    for primitive in world.primitives:
+        enter, leave = interval(primitive, origin, direction)
+        hit = (enter <= leave) & (leave >= 0)
+        t = np.where(hit, np.where(enter >= 0, enter, leave), np.inf)
+        with np.errstate(invalid="ignore"):
+            margin = np.fmin(margin, np.abs(leave - enter))
+        nearest = np.minimum(nearest, t)
+    return nearest, margin
+
+
+def brute_force(vertices, triangles, origin, direction):
+    """Nearest hits (R,) of rays with triangles, by Moeller and Trumbore, in float64."""
+    a, b, c = np.moveaxis(vertices.astype(float)[triangles], 1, 0)
+    p = np.cross(direction[:, None], (c - a)[None])
+    determinant = ((b - a)[None] * p).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = origin[:, None] - a[None]
+        u = (s * p).sum(axis=-1) / determinant
+        q = np.cross(s, (b - a)[None])
+        v = (direction[:, None] * q).sum(axis=-1) / determinant
+        t = ((c - a)[None] * q).sum(axis=-1) / determinant
+        return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0), t, np.inf).min(axis=1)
+
+
+def rays(count, seed=0):
+    rng = np.random.default_rng(seed)
+    origin = rng.uniform([-4.9, -4.9, 0.1], [4.9, 4.9, 3.9], (count, 3)).astype(np.float32)
+    direction = rng.normal(size=(count, 3))
+    direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
+    return origin, direction
+
+
+class TestRaycast:
+    def test_agrees_with_the_equations_of_the_primitives(self, shapes):
+        origin, direction = rays(20_000)
+        hits = shapes.raycast(origin, direction, 100.0)
+        d = direction.astype(float)
+        expected, margin = analytic(shapes, origin.astype(float), d / np.linalg.norm(d, axis=1, keepdims=True))
+        clear = margin > 1e-2  # a ray that grazes an edge may go either way
+        assert clear.mean() > 0.95
+        np.testing.assert_allclose(hits["t_hit"][clear], expected[clear], atol=2e-5)
+
+    def test_agrees_with_brute_force_over_its_own_mesh(self, shapes):
+        origin, direction = rays(500, seed=1)
+        vertices, triangles = shapes.mesh(chord_error_m=1e-4)
+        expected = brute_force(vertices, triangles, origin.astype(float), direction.astype(float))
+        got = shapes.raycast(origin, direction, 100.0)["t_hit"]
+        assert np.mean(np.abs(got - expected) < 5e-3) > 0.98
+        assert np.median(np.abs(got - expected)) < 1e-5
+
+    def test_a_triangle_mesh(self, tmp_path):
+        path = tmp_path / "mesh.obj"
+        rng = np.random.default_rng(2)
+        corners = rng.uniform(-1, 1, (60, 3))
+        lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {i} {i + 1} {i + 2}" for i in range(1, 59, 3)]
+        path.write_text("\n".join(lines))
+        world = swiftlet.World.load(path)
+        origin, direction = rng.uniform(-2, 2, (2000, 3)).astype(np.float32), rng.normal(size=(2000, 3))
+        direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
+        expected = brute_force(*world.mesh(), origin.astype(float), direction.astype(float))
+        got = world.raycast(origin, direction, 10.0)["t_hit"]
+        agree = np.isclose(got, expected, atol=1e-4) | (np.isinf(got) & np.isinf(expected))
+        assert agree.mean() > 0.999
+
+    def test_lengths_of_directions_do_not_matter(self, shapes):
+        origin, direction = rays(100)
+        np.testing.assert_allclose(
+            shapes.raycast(origin, 7 * direction, 100.0)["t_hit"],
+            shapes.raycast(origin, direction, 100.0)["t_hit"],
+            rtol=1e-6,
+        )
+
+    def test_a_miss(self, room):
+        hits = room.raycast([[4, 2, 2]], [[0, 0, 1]], 1.5)
+        assert hits["t_hit"][0] == np.inf
+        assert hits["primitive"][0] == -1
+        np.testing.assert_array_equal(hits["normal"], [[0, 0, 0]])
+
+    def test_normals_face_the_origin(self, shapes):
+        origin, direction = rays(1000)
+        normal = shapes.raycast(origin, direction, 100.0)["normal"]
+        assert ((normal * direction).sum(axis=1) <= 1e-6).all()
+        np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, atol=1e-5)
+
+    def test_one_ray_has_the_same_bits_alone(self, shapes):
+        origin, direction = rays(64)
+        together = shapes.raycast(origin, direction, 100.0)["t_hit"]
+        alone = [shapes.raycast(origin[i : i + 1], direction[i : i + 1], 100.0)["t_hit"][0] for i in range(64)]
+        np.testing.assert_array_equal(together, alone)
+
+    def test_no_rays(self, room):
+        assert room.raycast(np.zeros((0, 3)), np.zeros((0, 3)), 1.0)["t_hit"].shape == (0,)
+
+
+class TestPlayground:
+    @settings(max_examples=10, deadline=None)
+    @given(st.integers(0, 2**32))
+    def test_is_a_function_of_its_seed_and_can_be_flown(self, seed):
+        world = swiftlet.World.playground(seed)
+        assert world.to_dict() == swiftlet.World.playground(seed).to_dict()
+        assert len([p for p in world.primitives if p["kind"] == "cylinder"]) == 12
+        path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+        assert path is not None
+
+    def test_seeds_differ(self):
+        assert swiftlet.World.playground(1).to_dict() != swiftlet.World.playground(2).to_dict()
+
+    @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size": (1, 1, 1)}, {"pillar_radius_m": 0}])
+    def test_refuses_what_cannot_be(self, arguments):
+        with pytest.raises(ValueError, match=r".+"):
+            swiftlet.World.playground(0, **arguments)
+
+
+@pytest.mark.parametrize("name", [n for n in swiftlet.scenes.names() if n.startswith("playground/")])
+def test_a_shortest_path_can_be_flown_and_the_straight_one_cannot(name):
+    world = swiftlet.World.load(name)
+    goals = [*world.waypoints, world.goal]
+    path = swiftlet.plan(world, world.start, goals)
+    assert path is not None
+    batch = swiftlet.Batch([world])
+
+    def hits(points):
+        batch.set_pose(world.start[None])
+        return [bool(batch.move(np.float32([p])).hit[0]) for p in points]
+
+    assert not any(hits(path)), "the planned path crashes"
+    for goal in goals:
+        assert np.linalg.norm(path - goal, axis=1).min() < 0.5
+    assert any(hits(goals)), "the straight flight from marker to marker is free"
+
+
+def test_plan_says_so_when_there_is_no_path():
+    scene = {
+        "swiftlet_scene": 1,
+        "name": "walled",
+        "room": {"min": [0, 0, 0], "max": [6, 3, 2]},
+        "boxes": [{"center": [3, 1.5, 1], "size": [0.2, 3, 2]}],
+    }
+    assert swiftlet.plan(swiftlet.World.from_dict(scene), [1, 1.5, 1], [[5, 1.5, 1]]) is None
