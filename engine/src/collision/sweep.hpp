@@ -1,6 +1,8 @@
 // The swept hull: continuous collision of one moving convex hull against a world.
 #pragma once
 
+#include "collision/hull.hpp"
+#include "collision/obstacles.hpp"
 #include "swiftlet/drone_model.hpp"
 #include "swiftlet/pose.hpp"
 #include "swiftlet/world.hpp"
@@ -9,20 +11,28 @@ namespace swiftlet::collision {
 
 // Where a motion ended.
 struct Contact {
-  bool hit = false;              // something was touched, or the motion began in penetration
-  bool inside = false;           // the motion began in penetration; fraction is 0 and nothing moved
-  float fraction = 1.0F;         // of the motion that was flown, in [0, 1]
-  Vec3 point = Vec3::Zero();     // m, world frame, on the obstacle's surface
-  Vec3 normal = Vec3::Zero();    // unit, world frame, from the obstacle towards the drone
+  bool hit = false;            // something was touched, or the motion began in penetration
+  bool inside = false;         // the motion began in penetration; fraction is 0 and nothing moved
+  float fraction = 1.0F;       // of the motion that was flown, in [0, 1]
+  Vec3 point = Vec3::Zero();   // m, world frame, on the obstacle's surface; 0 without a hit
+  Vec3 normal = Vec3::Zero();  // unit, world frame, from the obstacle towards the drone; 0 without a hit
 };
+
+// The hull stops this far (m) from what it hits, and a few float32 steps of its coordinates more, so that its rounded pose is
+// free.
+inline constexpr double kStandoff = 1e-4;
 
 // Position moves along the segment from `from` to `to`, rotation along the shortest arc, both uniformly in time.
 Pose interpolate(const Pose& from, const Pose& to, float fraction);
 
-// Sweeps the hull; on a hit the pose at `fraction` is the last free one. Allocates nothing.
+// Sweeps the hull; on a hit the pose interpolated at `fraction` is the last free one. A hull that rests at the standoff may leave
+// or slide along; pressed further it is hit at fraction 0. Of several first contacts the element of least index is reported.
+// Allocates nothing; a function of its arguments alone.
+Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to);
 Contact sweep(const World& world, const DroneModel& drone, const Pose& from, const Pose& to);
 
-// True if the hull at this pose touches or penetrates anything.
+// True if the hull at this pose touches or penetrates anything: a sweep from here would begin inside.
+bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose);
 bool overlaps(const World& world, const DroneModel& drone, const Pose& pose);
 
 }  // namespace swiftlet::collision

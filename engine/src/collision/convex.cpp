@@ -1,0 +1,117 @@
+#include "collision/convex.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+namespace swiftlet::collision {
+
+namespace {
+
+// Nearest point of triangle abc by the Voronoi regions of its features (Ericson, Real-Time Collision Detection, 5.1.5).
+Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  const Vec3d ab = b - a;
+  const Vec3d ac = c - a;
+  const auto on_edge = [&p](const Vec3d& from, const Vec3d& edge) -> Vec3d {
+    const double length2 = edge.squaredNorm();
+    const double s = length2 > 0.0 ? std::clamp(edge.dot(p - from) / length2, 0.0, 1.0) : 0.0;
+    return from + s * edge;
+  };
+  const Vec3d n = ab.cross(ac);
+  const double area2 = n.squaredNorm();
+  if (area2 > 0.0) {
+    const double v = n.dot((p - a).cross(ac)) / area2;  // barycentric coordinates of p's projection
+    const double w = n.dot(ab.cross(p - a)) / area2;
+    if (v >= 0.0 && w >= 0.0 && v + w <= 1.0) {
+      return a + v * ab + w * ac;
+    }
+  }
+  Vec3d best = on_edge(a, ab);
+  for (const Vec3d& candidate : {on_edge(b, c - b), on_edge(a, ac)}) {
+    best = (candidate - p).squaredNorm() < (best - p).squaredNorm() ? candidate : best;
+  }
+  return best;
+}
+
+}  // namespace
+
+Convex make_convex(const Primitive& primitive) {
+  Convex convex;
+  convex.center = primitive.center.cast<double>();
+  convex.rotation = primitive.rotation.cast<double>().normalized().toRotationMatrix();
+  convex.half_extents = primitive.half_extents.cast<double>();
+  switch (primitive.kind) {
+    case PrimitiveKind::box:
+      convex.kind = Convex::Kind::box;
+      break;
+    case PrimitiveKind::cylinder:
+      convex.kind = Convex::Kind::cylinder;
+      break;
+    case PrimitiveKind::sphere:
+      convex.kind = Convex::Kind::sphere;
+      break;
+    case PrimitiveKind::room:
+      assert(false && "a room is not convex from within");
+      break;
+  }
+  return convex;
+}
+
+Convex make_triangle(const Vec3& a, const Vec3& b, const Vec3& c) {
+  Convex convex;
+  convex.kind = Convex::Kind::triangle;
+  convex.center = a.cast<double>();
+  convex.corners = {Vec3d::Zero(), b.cast<double>() - convex.center, c.cast<double>() - convex.center};
+  return convex;
+}
+
+Vec3d support(const Convex& convex, const Vec3d& direction) {
+  const Vec3d& h = convex.half_extents;
+  switch (convex.kind) {
+    case Convex::Kind::box:
+      return {std::copysign(h.x(), direction.x()), std::copysign(h.y(), direction.y()), std::copysign(h.z(), direction.z())};
+    case Convex::Kind::cylinder: {
+      const double across = std::hypot(direction.x(), direction.y());
+      const double scale = across > 0.0 ? h.x() / across : 0.0;
+      return {scale * direction.x(), scale * direction.y(), std::copysign(h.z(), direction.z())};
+    }
+    case Convex::Kind::sphere: {
+      const double length = direction.norm();
+      return length > 0.0 ? Vec3d(direction * (h.x() / length)) : Vec3d(h.x(), 0.0, 0.0);
+    }
+    case Convex::Kind::triangle: {
+      const auto& corners = convex.corners;
+      const double a = direction.dot(corners[0]);
+      const double b = direction.dot(corners[1]);
+      const double c = direction.dot(corners[2]);
+      return a >= b && a >= c ? corners[0] : (b >= c ? corners[1] : corners[2]);
+    }
+  }
+  return Vec3d::Zero();
+}
+
+Vec3d closest_point(const Convex& convex, const Vec3d& point) {
+  if (convex.kind == Convex::Kind::sphere) {
+    const Vec3d from_center = point - convex.center;
+    const double distance = from_center.norm();
+    return distance > convex.half_extents.x() ? Vec3d(convex.center + from_center * (convex.half_extents.x() / distance)) : point;
+  }
+  if (convex.kind == Convex::Kind::triangle) {
+    const auto& corners = convex.corners;
+    return convex.center + closest_on_triangle(point - convex.center, corners[0], corners[1], corners[2]);
+  }
+  const Vec3d& h = convex.half_extents;
+  Vec3d local = convex.rotation.transpose() * (point - convex.center);
+  if (convex.kind == Convex::Kind::box) {
+    local = local.cwiseMax(-h).cwiseMin(h);
+  } else {
+    const double across = std::hypot(local.x(), local.y());
+    if (across > h.x()) {
+      local.head<2>() *= h.x() / across;
+    }
+    local.z() = std::clamp(local.z(), -h.z(), h.z());
+  }
+  return convex.center + convex.rotation * local;
+}
+
+}  // namespace swiftlet::collision

@@ -1,0 +1,114 @@
+#include "collision/convex_distance.hpp"
+
+// Bullet's GJK and EPA are templates over the shape, so nothing of the library is linked, and nothing outside this file sees it.
+#define BT_USE_DOUBLE_PRECISION
+#include <BulletCollision/NarrowPhaseCollision/btGjkEpa3.h>
+
+#include <cmath>
+
+namespace swiftlet::collision {
+
+namespace {
+
+// Bullet treats points within 1e-2 of each other as one and distances below 1e-4 as zero, in its own units. In millimetres these
+// are 10 um and 0.1 um.
+constexpr double kUnitsPerMetre = 1000.0;
+constexpr double kRelativeError = 3e-4;
+constexpr double kAbsoluteError = 1e-6;  // m
+constexpr int kMaxRestarts = 8;
+constexpr double kZeroDistance = 1e-4;  // Bullet units; Bullet does not normalise the direction of shorter ones
+
+btVector3 to_bullet(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
+Vec3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
+
+// Either side of the pair, as Bullet's templates ask for it: a support function and a place. The common frame is the body's.
+class Side {
+ public:
+  explicit Side(const Hull& hull) : hull_(&hull), transform_(btMatrix3x3::getIdentity()) {}
+  Side(const Convex& obstacle, const Mat3d& rotation, const Vec3d& position) : obstacle_(&obstacle) {
+    const Mat3d r = rotation.transpose() * obstacle.rotation;
+    const Vec3d p = kUnitsPerMetre * (rotation.transpose() * (obstacle.center - position));
+    transform_ =
+        btTransform(btMatrix3x3(r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)), to_bullet(p));
+  }
+
+  btVector3 getLocalSupportWithMargin(const btVector3& direction) const {
+    const Vec3d d = from_bullet(direction);
+    return to_bullet(kUnitsPerMetre * (hull_ ? hull_->vertex(hull_->support(d.cast<float>())) : support(*obstacle_, d)));
+  }
+  const btTransform& getWorldTransform() const { return transform_; }
+
+ private:
+  const Hull* hull_ = nullptr;
+  const Convex* obstacle_ = nullptr;
+  btTransform transform_;
+};
+
+Separation search(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Side& a,
+                  const Side& b, const Vec3d& guess) {
+  btGjkEpaSolver3::sResults found;
+  Separation result;
+  if (!btGjkEpaSolver3_Distance(a, b, to_bullet(rotation.transpose() * guess), found) || found.distance <= kZeroDistance) {
+    result.overlapping = true;
+    return result;
+  }
+  const Vec3d body_normal = from_bullet(found.normal).normalized();
+  const Vec3d normal = rotation * body_normal;
+  result.plane = supporting_plane(obstacle, normal);
+  const int nearest = hull.support(-body_normal.cast<float>());
+  result.gap = normal.dot(position) - result.plane.offset + body_normal.dot(hull.vertex(nearest));
+  result.distance = found.distance / kUnitsPerMetre;
+  result.point = position + rotation * (from_bullet(found.witnesses[1]) / kUnitsPerMetre);
+  return result;
+}
+
+bool is_certain(const Separation& s) { return s.distance - s.gap <= kRelativeError * s.distance + kAbsoluteError; }
+
+}  // namespace
+
+Plane supporting_plane(const Convex& obstacle, const Vec3d& normal) {
+  const Vec3d local = obstacle.rotation.transpose() * normal;
+  return {normal, normal.dot(obstacle.center) + local.dot(support(obstacle, local))};
+}
+
+// About one search in a thousand ends early in a flat simplex, as those of other libraries do. The two bounds tell, and another
+// start helps.
+Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Vec3d& guess) {
+  const Side a(hull);
+  const Side b(obstacle, rotation, position);
+  Separation best = search(hull, rotation, position, obstacle, a, b, guess);
+  for (int attempt = 0; attempt < kMaxRestarts && !best.overlapping && !is_certain(best); ++attempt) {
+    const Vec3d start = attempt == 0   ? best.plane.normal
+                        : attempt == 1 ? Vec3d(position - obstacle.center + 1e-3 * Vec3d::Ones())
+                                       : (attempt % 2 == 0 ? 1.0 : -1.0) * Vec3d::Unit(attempt / 2 - 1);
+    const Separation next = search(hull, rotation, position, obstacle, a, b, start);
+    if (!next.overlapping && next.gap > best.gap) {
+      best.plane = next.plane;
+      best.gap = next.gap;
+    }
+    if (!next.overlapping && next.distance < best.distance) {
+      best.distance = next.distance;
+      best.point = next.point;
+    }
+  }
+  return best;
+}
+
+Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle) {
+  Vec3d outwards = position - obstacle.center;
+  if (outwards.squaredNorm() == 0.0) {
+    outwards = Vec3d::UnitZ();
+  }
+  const Side a(hull);
+  const Side b(obstacle, rotation, position);
+  btGjkEpaSolver3::sResults found;
+  Penetration result{outwards.normalized(), closest_point(obstacle, position)};
+  if (btGjkEpaSolver3_Penetration(a, b, to_bullet(rotation.transpose() * -outwards), found) &&
+      std::abs(found.normal.length2() - 1.0) < 1e-6) {
+    result.normal = (rotation * from_bullet(found.normal)).normalized();
+    result.point = position + rotation * (from_bullet(found.witnesses[1]) / kUnitsPerMetre);
+  }
+  return result;
+}
+
+}  // namespace swiftlet::collision

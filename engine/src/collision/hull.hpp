@@ -1,0 +1,36 @@
+// Hull: the drone's convex hull, laid out for the one question asked of it: which vertex is farthest along a direction.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#include "swiftlet/drone_model.hpp"
+
+namespace swiftlet::collision {
+
+class Hull {
+ public:
+  explicit Hull(const DroneModel& drone);
+
+  // Index of a vertex farthest along the direction (body frame, any length). Compared in float32: the vertex may fall short of
+  // the farthest one by 1e-7 m, never more.
+  int support(const Vec3& direction) const;
+
+  Eigen::Vector3d vertex(int index) const {  // m, body frame
+    const auto i = static_cast<std::size_t>(index);
+    return {static_cast<double>(x_[i]), static_cast<double>(y_[i]), static_cast<double>(z_[i])};
+  }
+  int count() const { return count_; }
+  float radius() const { return radius_; }  // m, of the ball about the body origin that holds the hull
+
+ private:
+  using Lane = std::array<float, kMaxHullVertices>;
+  // (kMaxHullVertices,) m, body frame; the last vertex is repeated up to the end
+  alignas(64) Lane x_;
+  alignas(64) Lane y_;
+  alignas(64) Lane z_;
+  int count_ = 0;
+  float radius_ = 0.0F;
+};
+
+}  // namespace swiftlet::collision

@@ -1,0 +1,55 @@
+// Path: the motion from one pose to another, in double.
+#pragma once
+
+#include <cmath>
+
+#include "swiftlet/pose.hpp"
+
+namespace swiftlet::collision {
+
+// The position moves along the segment, the rotation along the shortest arc, both uniformly over time 0 to 1. Since the rotation
+// turns about one axis, which it leaves in place, R(t) = R(0) exp(t angle [axis]) with the axis in the body frame.
+struct Path {
+  Path(const Pose& from, const Pose& to)
+      : start(from.position.cast<double>()),
+        velocity(to.position.cast<double>() - start),
+        first(from.rotation.cast<double>().normalized()),
+        first_matrix(first.toRotationMatrix()) {
+    if (from.rotation.coeffs() == to.rotation.coeffs()) {
+      return;
+    }
+    Eigen::Quaterniond turn = first.conjugate() * to.rotation.cast<double>().normalized();
+    if (turn.w() < 0.0) {  // q and -q are the same rotation: the shorter way
+      turn.coeffs() = -turn.coeffs();
+    }
+    const double sine = turn.vec().norm();
+    if (sine > kLeastSine) {
+      axis = turn.vec() / sine;
+      angle = 2.0 * std::atan2(sine, turn.w());
+    }
+  }
+
+  Eigen::Vector3d position(double time) const { return start + time * velocity; }
+
+  Eigen::Quaterniond rotation(double time) const {
+    return angle == 0.0 ? first : first * Eigen::Quaterniond(Eigen::AngleAxisd(time * angle, axis));
+  }
+
+  Eigen::Matrix3d matrix(double time) const {
+    if (angle == 0.0 || time == 0.0) {
+      return first_matrix;
+    }
+    return first_matrix * Eigen::AngleAxisd(time * angle, axis).toRotationMatrix();
+  }
+
+  static constexpr double kLeastSine = 1e-9;  // a smaller turn moves nothing by what a float could tell
+
+  Eigen::Vector3d start;                            // m, world frame
+  Eigen::Vector3d velocity;                         // m per unit of time
+  Eigen::Quaterniond first;                         // rotation at time 0
+  Eigen::Matrix3d first_matrix;                     // the same
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit, body frame
+  double angle = 0.0;                               // rad per unit of time, in [0, pi]
+};
+
+}  // namespace swiftlet::collision

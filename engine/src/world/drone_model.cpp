@@ -1,0 +1,97 @@
+#include "swiftlet/drone_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace swiftlet {
+
+namespace {
+
+// Corners of a hull flatter than this (m, in any direction) are refused: its volume would drown in rounding.
+constexpr double kMinThickness = 1e-4;
+
+constexpr float kMaxHullReach = 100.0F;  // m; float32 resolves 10 um at this distance
+
+// The extent of the points in their thinnest direction, bounded from above: of the normals of all planes through three points.
+double thickness(std::span<const Vec3> points) {
+  double thinnest = std::numeric_limits<double>::infinity();
+  bool spans_a_plane = false;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    for (std::size_t j = i + 1; j < points.size(); ++j) {
+      for (std::size_t k = j + 1; k < points.size(); ++k) {
+        const Eigen::Vector3d origin = points[i].cast<double>();
+        const Eigen::Vector3d ij = points[j].cast<double>() - origin;
+        const Eigen::Vector3d ik = points[k].cast<double>() - origin;
+        const Eigen::Vector3d normal = ij.cross(ik);
+        if (normal.norm() <= 1e-9 * std::max(ij.squaredNorm(), ik.squaredNorm())) {
+          continue;  // three points on a line
+        }
+        spans_a_plane = true;
+        double low = 0.0;
+        double high = 0.0;
+        for (const Vec3& point : points) {
+          const double height = normal.normalized().dot(point.cast<double>() - origin);
+          low = std::min(low, height);
+          high = std::max(high, height);
+        }
+        thinnest = std::min(thinnest, high - low);
+      }
+    }
+  }
+  return spans_a_plane ? thinnest : 0.0;
+}
+
+}  // namespace
+
+DroneModel::DroneModel(std::vector<Vec3> hull) : hull_(std::move(hull)) {
+  if (hull_.size() < 4 || hull_.size() > static_cast<std::size_t>(kMaxHullVertices)) {
+    throw std::invalid_argument("hull: expected 4 to " + std::to_string(kMaxHullVertices) + " points, got " +
+                                std::to_string(hull_.size()));
+  }
+  for (std::size_t i = 0; i < hull_.size(); ++i) {
+    if (!hull_[i].allFinite() || hull_[i].cwiseAbs().maxCoeff() > kMaxHullReach) {
+      throw std::invalid_argument("hull[" + std::to_string(i) + "]: expected finite coordinates of at most " +
+                                  std::to_string(static_cast<int>(kMaxHullReach)) + " m, got one that is not");
+    }
+  }
+  if (const double thin = thickness(hull_); thin < kMinThickness) {
+    throw std::invalid_argument("hull: expected a body with a volume, at least 0.0001 m thick, got one " + std::to_string(thin) +
+                                " m thick");
+  }
+  extents_ = {hull_[0], hull_[0]};
+  for (const Vec3& vertex : hull_) {
+    extents_.min = extents_.min.cwiseMin(vertex);
+    extents_.max = extents_.max.cwiseMax(vertex);
+    // Rounded up, so that the ball really holds the hull.
+    const float distance = std::nextafter(static_cast<float>(vertex.cast<double>().norm()), std::numeric_limits<float>::max());
+    radius_ = std::max(radius_, distance);
+  }
+}
+
+// Frame arms and propeller guards form a belt with cut corners; battery plate below and electronics above are narrower.
+DroneModel DroneModel::quadrotor650() {
+  constexpr float kHalfLength = 0.465F;
+  constexpr float kHalfWidth = 0.295F;
+  constexpr float kHalfHeight = 0.1F;
+  constexpr float kCut = 0.13F;         // off each corner of the belt, along x and y
+  constexpr float kBeltHeight = 0.04F;  // half
+  constexpr float kPlateLength = 0.3F;  // half
+  constexpr float kPlateWidth = 0.15F;  // half
+  std::vector<Vec3> hull;
+  for (const float z : {-1.0F, 1.0F}) {
+    for (const float y : {-1.0F, 1.0F}) {
+      for (const float x : {-1.0F, 1.0F}) {
+        hull.emplace_back(x * kHalfLength, y * (kHalfWidth - kCut), z * kBeltHeight);
+        hull.emplace_back(x * (kHalfLength - kCut), y * kHalfWidth, z * kBeltHeight);
+        hull.emplace_back(x * kPlateLength, y * kPlateWidth, z * kHalfHeight);
+      }
+    }
+  }
+  return DroneModel(std::move(hull));
+}
+
+}  // namespace swiftlet

@@ -1,0 +1,133 @@
+// An independent distance between convex sets, slow and plain: Wolfe's nearest point algorithm on their Minkowski difference.
+// It knows nothing of the engine's geometry code or of its library; both of its answers are certificates.
+#pragma once
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+#include "swiftlet/drone_model.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet::oracle {
+
+using Vec3d = Eigen::Vector3d;
+
+// The point of a convex set farthest along a direction, world frame.
+using Support = std::function<Vec3d(const Vec3d& direction)>;
+
+inline Support polytope(std::vector<Vec3d> points) {
+  return [points = std::move(points)](const Vec3d& d) {
+    Vec3d best = points.front();
+    for (const Vec3d& p : points) {
+      best = p.dot(d) > best.dot(d) ? p : best;
+    }
+    return best;
+  };
+}
+
+inline Support hull_at(const DroneModel& drone, const Vec3d& position, const Eigen::Quaterniond& rotation) {
+  std::vector<Vec3d> points;
+  for (const Vec3& p : drone.hull()) {
+    points.push_back(position + rotation.normalized() * p.cast<double>());
+  }
+  return polytope(std::move(points));
+}
+
+inline Support solid(const Primitive& primitive) {
+  const Vec3d c = primitive.center.cast<double>();
+  const Eigen::Quaterniond r = primitive.rotation.cast<double>().normalized();
+  const Vec3d h = primitive.half_extents.cast<double>();
+  if (primitive.kind == PrimitiveKind::sphere) {
+    return [=](const Vec3d& d) -> Vec3d { return c + h.x() * d.normalized(); };
+  }
+  if (primitive.kind == PrimitiveKind::cylinder) {
+    return [=](const Vec3d& d) -> Vec3d {
+      const Vec3d axis = r * Vec3d::UnitZ();
+      const Vec3d across = d - axis.dot(d) * axis;
+      const Vec3d rim = across.norm() > 1e-12 ? Vec3d(h.x() * across.normalized()) : Vec3d::Zero();
+      return c + rim + (axis.dot(d) > 0 ? 1.0 : -1.0) * h.z() * axis;
+    };
+  }
+  std::vector<Vec3d> corners;
+  for (int i = 0; i < 8; ++i) {
+    corners.push_back(c + r * Vec3d((i & 1 ? 1 : -1) * h.x(), (i & 2 ? 1 : -1) * h.y(), (i & 4 ? 1 : -1) * h.z()));
+  }
+  return polytope(std::move(corners));
+}
+
+struct Distance {
+  double lower = 0.0;  // m; a separating plane with this gap exists
+  double upper = 0.0;  // m; two points this close exist
+};
+
+// P. Wolfe, "Finding the nearest point in a polytope", Mathematical Programming 11 (1976), with a support function for the
+// vertices. Overlapping sets give 0 from above and something not positive from below.
+inline Distance distance(const Support& a, const Support& b) {
+  const auto farthest = [&](const Vec3d& d) -> Vec3d { return a(d) - b(-d); };
+  std::vector<Vec3d> points{farthest(Vec3d(1, 0.5, 0.25))};
+  std::vector<double> weights{1.0};
+  Vec3d x = points[0];
+  Distance result{-1.0, x.norm()};
+  for (int major = 0; major < 500; ++major) {
+    const double length = x.norm();
+    result.upper = std::min(result.upper, length);
+    if (length < 1e-9) {
+      return {std::min(result.lower, 0.0), 0.0};
+    }
+    const Vec3d q = farthest(-x);
+    result.lower = std::max(result.lower, x.dot(q) / length);
+    const bool known = std::any_of(points.begin(), points.end(), [&q](const Vec3d& p) { return p == q; });
+    if (known || length - x.dot(q) / length < 1e-9) {
+      break;
+    }
+    points.push_back(q);
+    weights.push_back(0.0);
+    while (true) {  // the nearest point of the affine hull, or of a smaller face where that lies outside
+      const auto n = static_cast<Eigen::Index>(points.size());
+      Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n + 1, n + 1);
+      for (Eigen::Index i = 0; i < n; ++i) {
+        system(i, n) = system(n, i) = 1.0;
+        for (Eigen::Index j = 0; j < n; ++j) {
+          system(i, j) = points[static_cast<std::size_t>(i)].dot(points[static_cast<std::size_t>(j)]);
+        }
+      }
+      Eigen::VectorXd right = Eigen::VectorXd::Zero(n + 1);
+      right(n) = 1.0;
+      const Eigen::VectorXd affine = system.fullPivLu().solve(right);
+      double step = 1.0;
+      for (std::size_t i = 0; i < points.size(); ++i) {
+        const double target = affine(static_cast<Eigen::Index>(i));
+        if (target < 1e-13 && weights[i] > target) {
+          step = std::min(step, weights[i] / (weights[i] - target));
+        }
+      }
+      bool dropped = false;
+      for (std::size_t i = points.size(); i-- > 0;) {
+        weights[i] += step * (affine(static_cast<Eigen::Index>(i)) - weights[i]);
+        if (step < 1.0 && weights[i] < 1e-13) {
+          points.erase(points.begin() + static_cast<std::ptrdiff_t>(i));
+          weights.erase(weights.begin() + static_cast<std::ptrdiff_t>(i));
+          dropped = true;
+        }
+      }
+      if (!dropped || points.size() == 1) {
+        break;
+      }
+    }
+    double total = 0.0;
+    for (const double w : weights) {
+      total += w;
+    }
+    x.setZero();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      weights[i] /= total;
+      x += weights[i] * points[i];
+    }
+  }
+  return result;
+}
+
+}  // namespace swiftlet::oracle
