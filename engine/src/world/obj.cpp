@@ -2,16 +2,17 @@
 
 #include <tiny_obj_loader.h>
 
-#include <cerrno>
+#include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstring>
-#include <fstream>
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "world/text_file.hpp"
 
 namespace swiftlet {
 namespace {
@@ -32,6 +33,7 @@ std::string_view next_word(std::string_view& line) {
 
 template <class Number>
 bool parse(std::string_view word, Number& value) {
+  if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);  // which from_chars does not take
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
   return error == std::errc() && end == word.data() + word.size();
 }
@@ -48,8 +50,9 @@ void check_lines(const std::filesystem::path& path, const std::string& text) {
       ++num_vertices;
       for (int axis = 0; axis < 3; ++axis) {
         const std::string_view word = next_word(rest);
-        float value = 0.0F;
-        if (!parse(word, value) || !std::isfinite(value)) refuse(path, number, "three finite coordinates after v", line);
+        double value = 0.0;
+        const bool is_good = parse(word, value) && std::abs(value) <= std::numeric_limits<float>::max();
+        if (!is_good) refuse(path, number, "three finite coordinates after v", line);
       }
     } else if (keyword == "f") {
       int corners = 0;
@@ -69,12 +72,7 @@ void check_lines(const std::filesystem::path& path, const std::string& text) {
 }  // namespace
 
 TriangleMesh load_obj(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::stringstream content;
-  if (!file || !(content << file.rdbuf())) {
-    throw std::invalid_argument(path.string() + ": cannot read an OBJ file: " + std::strerror(errno));
-  }
-  const std::string text = content.str();
+  const std::string text = read_text_file(path, "an OBJ file");
   check_lines(path, text);
 
   tinyobj::ObjReader reader;

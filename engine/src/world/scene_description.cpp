@@ -142,8 +142,9 @@ bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
 Quat unit_quaternion(const Eigen::Vector4d& wxyz) {
   // Rounding a unit quaternion to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
   constexpr double kRounding = 1.2e-7;
-  const Eigen::Vector4d unit = std::abs(wxyz.squaredNorm() - 1.0) <= kRounding ? wxyz : wxyz.normalized();
-  const Eigen::Vector4f q = unit.cast<float>();
+  const Eigen::Vector4f rounded = wxyz.cast<float>();
+  const bool is_unit = std::abs(rounded.cast<double>().squaredNorm() - 1.0) <= kRounding;
+  const Eigen::Vector4f q = is_unit ? rounded : wxyz.normalized().cast<float>();
   return Quat(q[0], q[1], q[2], q[3]);
 }
 

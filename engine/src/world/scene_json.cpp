@@ -1,5 +1,7 @@
 #include "world/scene_json.hpp"
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <initializer_list>
@@ -439,6 +441,26 @@ Json numbers(const Vec3d& v) { return Json::array({shortest(v.x()), shortest(v.y
 
 Json numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
 
+// Halves of sums and differences of the corners must give the room's centre and half extents again: their digits are cut short
+// only if they still do.
+Json write_room(const Primitive& room, const std::string& material) {
+  const Vec3d center = room.center.cast<double>();
+  const Vec3d half = room.half_extents.cast<double>();
+  Json min = Json::array();
+  Json max = Json::array();
+  for (int axis = 0; axis < 3; ++axis) {
+    const double low = center[axis] - half[axis];
+    const double high = center[axis] + half[axis];
+    const double short_low = shortest(low);
+    const double short_high = shortest(high);
+    const bool same = static_cast<float>((short_low + short_high) / 2.0) == room.center[axis] &&
+                      static_cast<float>((short_high - short_low) / 2.0) == room.half_extents[axis];
+    min.push_back(same ? short_low : low);
+    max.push_back(same ? short_high : high);
+  }
+  return {{"min", min}, {"max", max}, {"material", material}};
+}
+
 void write_rotation(Json& object, const Quat& q) {
   if (q.w() == 1.0F && q.vec().isZero(0.0F)) return;
   object["quat_wxyz"] = Json::array({shortest(q.w()), shortest(q.x()), shortest(q.y()), shortest(q.z())});
@@ -450,8 +472,7 @@ void write_primitive(Json& document, const Primitive& primitive, const std::stri
   Json object;
   switch (primitive.kind) {
     case PrimitiveKind::room:
-      object = {{"min", numbers(Vec3d(center - half))}, {"max", numbers(Vec3d(center + half))}, {"material", material}};
-      document["room"] = std::move(object);
+      document["room"] = write_room(primitive, material);
       return;
     case PrimitiveKind::box:
       object = {{"center", numbers(center)}, {"size", numbers(Vec3d(2.0 * half))}};

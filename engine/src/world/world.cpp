@@ -1,30 +1,22 @@
 #include "swiftlet/world.hpp"
 
-#include <cerrno>
-#include <cstring>
-#include <fstream>
 #include <mutex>
-#include <sstream>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
+#include "collision/obstacles.hpp"
 #include "trace/scene.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
 #include "world/tessellate.hpp"
+#include "world/text_file.hpp"
 
 namespace swiftlet {
 namespace {
 
-std::string read_file(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream content;
-  if (!file || !(content << file.rdbuf())) {
-    throw std::invalid_argument(path.string() + ": cannot read a scene file: " + std::strerror(errno));
-  }
-  return content.str();
-}
+constexpr const char* kSceneFile = "a scene file";
 
 Aabb bounds_of(const SceneDescription& description) {
   Eigen::AlignedBox3f box;
@@ -45,12 +37,14 @@ Aabb bounds_of(const SceneDescription& description) {
 struct World::Lazy {
   std::once_flag scene_once;
   std::unique_ptr<const trace::Scene> scene;
+  std::once_flag obstacles_once;
+  std::unique_ptr<const collision::Obstacles> obstacles;
 };
 
 std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
   const std::string extension = path.extension().string();
   if (extension == ".json") {
-    return std::make_shared<const World>(parse_scene(read_file(path), path.string(), path.parent_path()));
+    return std::make_shared<const World>(parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path()));
   }
   if (extension == ".obj") {
     SceneDescription description;
@@ -76,18 +70,18 @@ World::~World() = default;
 
 std::string World::to_json() const { return write_scene(description_); }
 
-void World::save(const std::filesystem::path& path) const {
-  std::ofstream file(path, std::ios::binary);
-  if (!(file << to_json()) || !file.flush()) {
-    throw std::invalid_argument(path.string() + ": cannot write a scene file: " + std::strerror(errno));
-  }
-}
+void World::save(const std::filesystem::path& path) const { write_text_file(path, kSceneFile, to_json()); }
 
 TriangleMesh World::mesh(float chord_error_m) const { return tessellate(description_, chord_error_m); }
 
 const trace::Scene& World::scene() const {
   std::call_once(lazy_->scene_once, [this] { lazy_->scene = std::make_unique<const trace::Scene>(*this); });
   return *lazy_->scene;
+}
+
+const collision::Obstacles& World::obstacles() const {
+  std::call_once(lazy_->obstacles_once, [this] { lazy_->obstacles = std::make_unique<const collision::Obstacles>(*this); });
+  return *lazy_->obstacles;
 }
 
 }  // namespace swiftlet

@@ -1,0 +1,342 @@
+#include "world/scene_json.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "world/scene_description.hpp"
+
+namespace swiftlet {
+namespace {
+
+std::string scene(const std::string& fields) { return R"({"swiftlet_scene": 1, )" + fields + "}"; }
+
+const std::string kRoom = R"("room": {"min": [0, 0, 0], "max": [4, 6, 2]})";
+
+std::string message_of(const std::string& text) {
+  try {
+    parse_scene(text, "x.json", {});
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+template <class T>
+void expect_same_bits(const T& a, const T& b, const std::string& what) {
+  EXPECT_EQ(std::memcmp(&a, &b, sizeof(T)), 0) << what;
+}
+
+void expect_same(const World& a, const World& b) {
+  EXPECT_EQ(a.name(), b.name());
+  ASSERT_EQ(a.materials().size(), b.materials().size());
+  for (std::size_t i = 0; i < a.materials().size(); ++i) {
+    EXPECT_EQ(a.materials()[i].name, b.materials()[i].name);
+    EXPECT_EQ(a.materials()[i].base_color, b.materials()[i].base_color);
+  }
+  ASSERT_EQ(a.primitives().size(), b.primitives().size());
+  for (std::size_t i = 0; i < a.primitives().size(); ++i) {
+    const std::string what = "primitive " + std::to_string(i);
+    const Primitive& p = a.primitives()[i];
+    const Primitive& q = b.primitives()[i];
+    EXPECT_EQ(p.kind, q.kind) << what;
+    EXPECT_EQ(p.material, q.material) << what;
+    expect_same_bits(p.center, q.center, what);
+    expect_same_bits(p.rotation.coeffs(), q.rotation.coeffs(), what);
+    expect_same_bits(p.half_extents, q.half_extents, what);
+  }
+  EXPECT_EQ(a.triangles().triangles, b.triangles().triangles);
+  EXPECT_EQ(a.triangles().materials, b.triangles().materials);
+  ASSERT_EQ(a.triangles().vertices.size(), b.triangles().vertices.size());
+  for (std::size_t i = 0; i < a.triangles().vertices.size(); ++i) {
+    expect_same_bits(a.triangles().vertices[i], b.triangles().vertices[i], "vertex " + std::to_string(i));
+  }
+  const Markers& m = a.markers();
+  const Markers& n = b.markers();
+  EXPECT_EQ(m.radius, n.radius);
+  EXPECT_EQ(m.start, n.start);
+  EXPECT_EQ(m.waypoints, n.waypoints);
+  EXPECT_EQ(m.goal, n.goal);
+  ASSERT_EQ(m.spawn_box.has_value(), n.spawn_box.has_value());
+  if (m.spawn_box) {
+    EXPECT_EQ(m.spawn_box->min, n.spawn_box->min);
+    EXPECT_EQ(m.spawn_box->max, n.spawn_box->max);
+  }
+}
+
+TEST(SceneJson, ReadsEveryKindOfThing) {
+  const SceneDescription read = parse_scene(scene(R"(
+      "name": "all of it",
+      "materials": {"red": {"base_color": [1, 0, 0.5]}},
+      "room": {"min": [0, -1, 0], "max": [4, 5, 2], "material": "red"},
+      "pillars": [{"center": [1, 2], "radius": 0.25}, {"center": [1, 3], "radius": 0.5, "z": [0.5, 1.5]}],
+      "cylinders": [{"center": [2, 2, 1], "radius": 0.1, "height": 0.6, "quat_wxyz": [0, 1, 0, 0]}],
+      "boxes": [{"center": [3, 3, 1], "size": [0.2, 0.4, 0.6], "material": "red"}],
+      "spheres": [{"center": [1, 1, 1], "radius": 0.3}],
+      "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]],
+                  "scale": 2, "quat_wxyz": [0.70710678, 0, 0, 0.70710678], "position": [1, 1, 1]}],
+      "markers": {"radius": 0.2, "start": [1, 0, 1], "waypoints": [[2, 0, 1]], "goal": [3, 0, 1],
+                  "spawn_box": {"min": [0.5, -0.5, 0.5], "max": [1.5, 0.5, 1.5]}})"),
+                                            "x.json", {});
+  EXPECT_EQ(read.name, "all of it");
+  ASSERT_EQ(read.materials.size(), 2U);
+  EXPECT_EQ(read.materials[0].name, "red");
+  EXPECT_EQ(read.materials[0].base_color, (std::array<float, 3>{1.0F, 0.0F, 0.5F}));
+  EXPECT_EQ(read.materials[1].name, "default");
+
+  ASSERT_EQ(read.primitives.size(), 6U);
+  const auto expect = [&](std::size_t i, PrimitiveKind kind, const Vec3& center, const Vec3& half, int material) {
+    EXPECT_EQ(read.primitives[i].kind, kind) << i;
+    EXPECT_TRUE(read.primitives[i].center.isApprox(center)) << i << ": " << read.primitives[i].center.transpose();
+    EXPECT_TRUE(read.primitives[i].half_extents.isApprox(half)) << i << ": " << read.primitives[i].half_extents.transpose();
+    EXPECT_EQ(read.primitives[i].material, material) << i;
+  };
+  expect(0, PrimitiveKind::room, {2, 2, 1}, {2, 3, 1}, 0);
+  expect(1, PrimitiveKind::cylinder, {1, 2, 1}, {0.25F, 0.25F, 1}, 1);
+  expect(2, PrimitiveKind::cylinder, {1, 3, 1}, {0.5F, 0.5F, 0.5F}, 1);
+  expect(3, PrimitiveKind::cylinder, {2, 2, 1}, {0.1F, 0.1F, 0.3F}, 1);
+  expect(4, PrimitiveKind::box, {3, 3, 1}, {0.1F, 0.2F, 0.3F}, 0);
+  expect(5, PrimitiveKind::sphere, {1, 1, 1}, {0.3F, 0.3F, 0.3F}, 1);
+  EXPECT_EQ(read.primitives[3].rotation.x(), 1.0F);
+
+  // A quarter turn about z takes (2, 0, 0) to (0, 2, 0).
+  ASSERT_EQ(read.mesh.vertices.size(), 3U);
+  EXPECT_TRUE(read.mesh.vertices[1].isApprox(Vec3(1, 3, 1), 1e-6F)) << read.mesh.vertices[1].transpose();
+  EXPECT_TRUE(read.mesh.vertices[2].isApprox(Vec3(-1, 1, 1), 1e-6F)) << read.mesh.vertices[2].transpose();
+  EXPECT_EQ(read.mesh.materials, std::vector<std::uint16_t>{1});
+
+  EXPECT_EQ(read.markers.radius, 0.2F);
+  EXPECT_EQ(read.markers.start, Vec3(1, 0, 1));
+  EXPECT_EQ(read.markers.waypoints, std::vector<Vec3>{Vec3(2, 0, 1)});
+  EXPECT_EQ(read.markers.goal, Vec3(3, 0, 1));
+  ASSERT_TRUE(read.markers.spawn_box);
+  EXPECT_EQ(read.markers.spawn_box->max, Vec3(1.5F, 0.5F, 1.5F));
+}
+
+TEST(SceneJson, NothingButAVersionAndASolidIsNeeded) {
+  const SceneDescription read = parse_scene(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1}])"), "x.json", {});
+  EXPECT_EQ(read.name, "unnamed");
+  EXPECT_FALSE(read.markers.start);
+  EXPECT_FALSE(read.markers.goal);
+}
+
+TEST(SceneJson, QuaternionsNearUnitAreNormalised) {
+  const auto rotation = [](const std::string& wxyz) {
+    return parse_scene(scene(R"("boxes": [{"center": [0, 0, 0], "size": [1, 1, 1], "quat_wxyz": )" + wxyz + "}]"), "x.json", {})
+        .primitives[0]
+        .rotation;
+  };
+  EXPECT_EQ(rotation("[1.0009, 0, 0, 0]").w(), 1.0F);
+  EXPECT_NEAR(rotation("[0.6, 0.8004, 0, 0]").norm(), 1.0F, 1e-7F);
+}
+
+struct BadScene {
+  const char* what;
+  std::string text;
+  std::string message;
+};
+
+TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
+  const std::vector<BadScene> cases{
+      {"not an object", "[]", "x.json: expected an object, got []"},
+      {"no version", "{" + kRoom + "}", "x.json: expected a field \"swiftlet_scene\", found none"},
+      {"another version", R"({"swiftlet_scene": 2})", "x.json: /swiftlet_scene: expected version 1, got 2"},
+      {"a version that is no number", R"({"swiftlet_scene": "1"})", "x.json: /swiftlet_scene: expected version 1, got \"1\""},
+      {"empty scene", R"({"swiftlet_scene": 1})",
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, meshes, got an empty scene"},
+      {"empty lists", scene(R"("boxes": [])"),
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, meshes, got an empty scene"},
+      {"unknown field at the top", scene(R"("rooms": {})"),
+       "x.json: /rooms: unknown field; expected one of swiftlet_scene, $schema, name, materials, room, pillars, cylinders, "
+       "boxes, "
+       "spheres, meshes, markers"},
+      {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
+       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material"},
+      {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),
+       "x.json: /markers/a~1b~0c: unknown field; expected one of radius, start, waypoints, goal, spawn_box"},
+      {"field given twice", scene(kRoom + ", " + kRoom), "x.json: expected each field once, got \"room\" twice in one object"},
+      {"name that is no string", scene(R"("name": 3)"), "x.json: /name: expected a string, got 3"},
+      {"field missing", scene(kRoom + R"(, "pillars": [{"center": [1, 1]}])"),
+       "x.json: /pillars/0: expected a field \"radius\", found none"},
+      {"negative radius", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "radius": 1}, {"center": [1, 1], "radius": -1}])"),
+       "x.json: /pillars/1/radius: expected a number > 0, got -1"},
+      {"zero radius", scene(R"("spheres": [{"center": [1, 1, 1], "radius": 0}])"),
+       "x.json: /spheres/0/radius: expected a number > 0, got 0"},
+      {"vanishing radius", scene(R"("spheres": [{"center": [1, 1, 1], "radius": 1e-30}])"),
+       "x.json: /spheres/0/radius: expected a number >= 1e-06, got 1e-30"},
+      {"text for a number", scene(R"("spheres": [{"center": [1, 1, 1], "radius": "1"}])"),
+       "x.json: /spheres/0/radius: expected a number, got \"1\""},
+      {"true for a number", scene(R"("spheres": [{"center": [1, true, 1], "radius": 1}])"),
+       "x.json: /spheres/0/center/1: expected a number, got true"},
+      {"beyond float32", scene(R"("spheres": [{"center": [1, 1, 1e39], "radius": 1}])"),
+       "x.json: /spheres/0/center/2: expected a number within +-1e+06, got 1e+39"},
+      {"two coordinates", scene(R"("spheres": [{"center": [1, 1], "radius": 1}])"),
+       "x.json: /spheres/0/center: expected an array of 3 numbers, got [1,1]"},
+      {"three coordinates of a pillar", scene(kRoom + R"(, "pillars": [{"center": [1, 1, 1], "radius": 1}])"),
+       "x.json: /pillars/0/center: expected an array of 2 numbers (x, y), got [1,1,1]"},
+      {"list that is none", scene(R"("boxes": {"center": [1, 1, 1], "size": [1, 1, 1]})"),
+       "x.json: /boxes: expected an array, got {\"center\":[1,1,1],\"size\":[1,1,1]}"},
+      {"element that is no object", scene(R"("boxes": [3])"), "x.json: /boxes/0: expected an object, got 3"},
+      {"flat box", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 0, 1]}])"),
+       "x.json: /boxes/0/size/1: expected a number > 0, got 0"},
+      {"negative height", scene(R"("cylinders": [{"center": [1, 1, 1], "radius": 1, "height": -2}])"),
+       "x.json: /cylinders/0/height: expected a number > 0, got -2"},
+      {"room inside out", scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"),
+       "x.json: /room: expected min < max, got {\"min\":[0,0,0],\"max\":[1,-1,1]}"},
+      {"pillar without a height", scene(R"("pillars": [{"center": [1, 1], "radius": 1}])"),
+       "x.json: /pillars/0: expected a field \"z\" (the scene has no room to take the height from), found none"},
+      {"pillar upside down", scene(R"("pillars": [{"center": [1, 1], "radius": 1, "z": [2, 1]}])"),
+       "x.json: /pillars/0/z: expected low < high, got [2,1]"},
+      {"zero quaternion", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [0, 0, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
+      {"quaternion far from unit", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1.01, 0, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [1.01,0,0,0]"},
+      {"short quaternion", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: expected an array of 4 numbers (w, x, y, z), got [1,0,0]"},
+      {"unlisted material", scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": "red"})"),
+       "x.json: /room/material: expected a name listed in /materials, got \"red\""},
+      {"material that is no name", scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": 0})"),
+       "x.json: /room/material: expected the name of a material, got 0"},
+      {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
+       "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
+      {"materials as a list", scene(R"("materials": [])"), "x.json: /materials: expected an object, got []"},
+      {"index out of range", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,3]]}])"),
+       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 3"},
+      {"negative index", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,-1]]}])"),
+       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got -1"},
+      {"fractional index", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,1.5]]}])"),
+       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 1.5"},
+      {"quad", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2,0]]}])"),
+       "x.json: /meshes/0/triangles/0: expected an array of 3 vertex indices, got [0,1,2,0]"},
+      {"corner used twice", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2],[0,1,1]]}])"),
+       "x.json: /meshes/0/triangles/1: expected a triangle with an area, got a degenerate one"},
+      {"corners on a line", scene(R"("meshes": [{"vertices": [[0,0,0],[0.1,0.1,0.1],[0.3,0.3,0.3]], "triangles": [[0,1,2]]}])"),
+       "x.json: /meshes/0/triangles/0: expected a triangle with an area, got a degenerate one"},
+      {"neither file nor vertices", scene(R"("meshes": [{"scale": 1}])"),
+       "x.json: /meshes/0: expected either \"file\" or \"vertices\" and \"triangles\""},
+      {"file and vertices", scene(R"("meshes": [{"file": "a.obj", "vertices": []}])"),
+       "x.json: /meshes/0: expected either \"file\" or \"vertices\" and \"triangles\""},
+      {"missing mesh file", scene(R"("meshes": [{"file": "no-such.obj"}])"),
+       "x.json: /meshes/0/file: no-such.obj: cannot read an OBJ file: No such file or directory"},
+      {"mesh moved out of range",
+       scene(R"("meshes": [{"vertices": [[0,0,0],[1e6,0,0],[0,1,0]], "triangles": [[0,1,2]], "scale": 2}])"),
+       "x.json: /meshes/0: expected all vertices within +-1e+06 m of the origin"},
+      {"materials of too few triangles", scene(R"("materials": {"a": {"base_color": [0,0,0]}},
+                "meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2]], "material": ["a", "a"]}])"),
+       "x.json: /meshes/0/material: expected one name, or one per triangle (1), got 2"},
+      {"start that is no point", scene(kRoom + R"(, "markers": {"start": [1, 2, null]})"),
+       "x.json: /markers/start/2: expected a number, got null"},
+      {"waypoints that are no list", scene(kRoom + R"(, "markers": {"waypoints": 3})"),
+       "x.json: /markers/waypoints: expected an array of (x, y, z), got 3"},
+      {"spawn box inside out", scene(kRoom + R"(, "markers": {"spawn_box": {"min": [1, 1, 1], "max": [2, 2, 0]}})"),
+       "x.json: /markers/spawn_box: expected min <= max, got {\"min\":[1,1,1],\"max\":[2,2,0]}"},
+      {"long values are shortened", scene(R"("name": [)" + std::string(200, '1') + "]"),
+       "x.json: /name: expected a string, got [" /* and so on */},
+  };
+  for (const BadScene& bad : cases) {
+    const std::string message = message_of(bad.text);
+    if (bad.what == std::string("long values are shortened")) {
+      EXPECT_EQ(message.rfind("x.json: ", 0), 0U) << message;
+      EXPECT_LT(message.size(), 150U) << message;
+    } else {
+      EXPECT_EQ(message, bad.message) << bad.what;
+    }
+  }
+}
+
+TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
+  const auto expect_starts = [](const std::string& text, const std::string& start) {
+    EXPECT_EQ(message_of(text).rfind(start, 0), 0U) << message_of(text);
+  };
+  expect_starts("", "x.json: not valid JSON: parse error at line 1, column 1");
+  expect_starts("{\"swiftlet_scene\": 1,\n \"room\": {\"min\": [0, 0",
+                "x.json: not valid JSON: parse error at line 2, column 23");
+  expect_starts("{\"swiftlet_scene\": NaN}", "x.json: not valid JSON: parse error at line 1, column 20");
+  expect_starts("{\"swiftlet_scene\": Infinity}", "x.json: not valid JSON: parse error at line 1, column 20");
+  expect_starts("{\"swiftlet_scene\": 1e999}", "x.json: not valid JSON: number overflow");
+}
+
+// Every prefix of a scene is an error, none a crash or a world.
+TEST(SceneJson, TruncatedAnywhereIsRefused) {
+  const std::string whole = scene(kRoom + R"(, "pillars": [{"center": [1.5, 1], "radius": 0.25}])");
+  for (std::size_t length = 0; length < whole.size(); ++length) {
+    EXPECT_EQ(message_of(whole.substr(0, length)).rfind("x.json: not valid JSON: parse error at line 1", 0), 0U) << length;
+  }
+  EXPECT_EQ(message_of(whole), "accepted");
+}
+
+TEST(SceneJson, RoundTripKeepsEveryBit) {
+  std::mt19937 random(1);
+  const auto draw = [&random](float low, float high) { return std::uniform_real_distribution<float>(low, high)(random); };
+  for (int round = 0; round < 50; ++round) {
+    SceneDescription description;
+    description.name = "round \"" + std::to_string(round) + "\" / \\ \n ü";
+    description.materials = {{"a", {draw(0, 1), draw(0, 1), draw(0, 1)}}, {"b/~", {0.1F, 0.2F, 0.3F}}, {"unused", {1, 1, 1}}};
+    const float magnitude = std::pow(10.0F, draw(-3, 5));
+    const auto point = [&] {
+      return Vec3(draw(-magnitude, magnitude), draw(-magnitude, magnitude), draw(-magnitude, magnitude));
+    };
+    const auto size = [&] { return draw(1e-5F, 1.0F) * std::pow(10.0F, draw(-1, 3)); };
+    for (const PrimitiveKind kind : {PrimitiveKind::sphere, PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::room,
+                                     PrimitiveKind::box, PrimitiveKind::cylinder}) {
+      Primitive primitive{.kind = kind, .center = point(), .half_extents = Vec3(size(), size(), size())};
+      if (kind == PrimitiveKind::box || kind == PrimitiveKind::cylinder) primitive.rotation = Quat::UnitRandom();
+      if (kind == PrimitiveKind::cylinder || kind == PrimitiveKind::sphere) {
+        primitive.half_extents.y() = primitive.half_extents.x();
+      }
+      if (kind == PrimitiveKind::sphere) primitive.half_extents.z() = primitive.half_extents.x();
+      primitive.material = static_cast<std::uint16_t>(random() % 2);
+      description.primitives.push_back(primitive);
+    }
+    for (std::int32_t i = 0; i < 9; ++i) description.mesh.vertices.push_back(point());
+    description.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {0, 4, 7}};  // vertices 6 and 8 are not used
+    description.mesh.materials = {0, static_cast<std::uint16_t>(round % 2), 0};
+    if (round % 3 != 0) {
+      description.markers =
+          Markers{size(), point(), {point(), point()}, point(), Aabb{Vec3::Constant(-1.1F), Vec3::Constant(0.7F)}};
+    }
+    const World world(description);
+    const auto again = World::from_json(world.to_json());
+    expect_same(world, *again);
+    EXPECT_TRUE(world.to_json() == again->to_json());
+  }
+}
+
+TEST(SceneJson, ShippedScenesRoundTrip) {
+  int count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(SWIFTLET_SCENES) / "playground")) {
+    const auto world = World::load(entry.path());
+    expect_same(*world, *World::from_json(world->to_json()));
+    EXPECT_EQ(world->name(), "playground/" + entry.path().stem().string());
+    ++count;
+  }
+  EXPECT_EQ(count, 11);
+}
+
+TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "swiftlet_scene_json_test";
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "a.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  std::ofstream(folder / "flat.obj") << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
+  std::ofstream(folder / "a.json") << scene(R"("meshes": [{"file": "a.obj", "position": [0, 0, 5]}])");
+  EXPECT_EQ(World::load(folder / "a.json")->bounds().max, Vec3(1, 1, 5));
+
+  std::ofstream(folder / "b.json") << scene(R"("meshes": [{"file": "flat.obj"}])");
+  try {
+    World::load(folder / "b.json");
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_EQ(std::string(error.what()), (folder / "b.json").string() +
+                                             ": /meshes/0/file: expected a triangle with an area, got a degenerate one "
+                                             "(triangle 0 of the file)");
+  }
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace swiftlet

@@ -1,0 +1,137 @@
+#include "world/tessellate.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <utility>
+
+namespace swiftlet {
+namespace {
+
+using Vec3d = Eigen::Vector3d;
+
+// Distance from a point to the surface of a primitive, by its textbook formula.
+double distance_to_surface(const Primitive& primitive, const Vec3& point) {
+  const Vec3d local = primitive.rotation.cast<double>().conjugate() * (point - primitive.center).cast<double>();
+  const Vec3d half = primitive.half_extents.cast<double>();
+  if (primitive.kind == PrimitiveKind::sphere) return std::abs(local.norm() - half.x());
+  Eigen::VectorXd outside;  // signed distances to the faces, of which the body is the intersection
+  if (primitive.kind == PrimitiveKind::cylinder) {
+    outside = Eigen::Vector2d(local.head<2>().norm() - half.x(), std::abs(local.z()) - half.z());
+  } else {
+    outside = local.cwiseAbs() - half;
+  }
+  const double depth = outside.maxCoeff();
+  return depth <= 0.0 ? -depth : outside.cwiseMax(0.0).norm();
+}
+
+struct Shape {
+  Primitive primitive;
+  double volume;
+};
+
+std::vector<Shape> shapes() {
+  const Quat turn(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
+  constexpr double kPi = std::numbers::pi;
+  return {
+      {{.kind = PrimitiveKind::box, .center = {1, 2, 3}, .rotation = turn, .half_extents = {0.5F, 1, 2}}, 8.0},
+      {{.kind = PrimitiveKind::room, .center = {7, 7, 2.625F}, .half_extents = {7, 7, 2.625F}}, -14.0 * 14.0 * 5.25},
+      {{.kind = PrimitiveKind::cylinder, .center = {-1, 0, 2}, .rotation = turn, .half_extents = {0.5F, 0.5F, 2}}, kPi},
+      {{.kind = PrimitiveKind::sphere, .center = {3, -2, 1}, .half_extents = {1.5F, 1.5F, 1.5F}}, 4.5 * kPi},
+  };
+}
+
+TriangleMesh triangles_of(const Primitive& primitive, float chord_error_m) {
+  SceneDescription description;
+  description.primitives = {primitive};
+  return tessellate(description, chord_error_m);
+}
+
+Vec3 corner(const TriangleMesh& mesh, std::size_t triangle, std::size_t k) {
+  return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])];
+}
+
+// Positive where triangles are counter-clockwise seen from outside (divergence theorem).
+double volume(const TriangleMesh& mesh) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const Vec3d a = corner(mesh, i, 0).cast<double>();
+    sum += a.dot(corner(mesh, i, 1).cast<double>().cross(corner(mesh, i, 2).cast<double>())) / 6.0;
+  }
+  return sum;
+}
+
+TEST(Tessellate, SurfacesAreClosedAndFaceFreeSpace) {
+  for (const Shape& shape : shapes()) {
+    const TriangleMesh mesh = triangles_of(shape.primitive, 1e-4F);
+    EXPECT_NEAR(volume(mesh) / shape.volume, 1.0, 2e-3);
+    std::map<std::pair<std::int32_t, std::int32_t>, int> edges;
+    for (const auto& [a, b, c] : mesh.triangles) {
+      ++edges[{a, b}];
+      ++edges[{b, c}];
+      ++edges[{c, a}];
+    }
+    for (const auto& [edge, count] : edges) {
+      ASSERT_EQ(count, 1);
+      ASSERT_TRUE(edges.contains({edge.second, edge.first}));
+    }
+  }
+}
+
+TEST(Tessellate, ChordErrorIsHonouredAndUsed) {
+  constexpr int kSteps = 12;
+  for (const float chord_error : {0.1F, 1e-2F, 1e-3F, 1e-4F}) {
+    for (const Shape& shape : shapes()) {
+      const TriangleMesh mesh = triangles_of(shape.primitive, chord_error);
+      double largest = 0.0;
+      for (const Vec3& vertex : mesh.vertices) ASSERT_LT(distance_to_surface(shape.primitive, vertex), 2e-6);
+      for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+        const Vec3 a = corner(mesh, i, 0);
+        const Vec3 ab = corner(mesh, i, 1) - a;
+        const Vec3 ac = corner(mesh, i, 2) - a;
+        for (int u = 0; u <= kSteps; ++u) {
+          for (int v = 0; u + v <= kSteps; ++v) {
+            const Vec3 point = a + ab * (static_cast<float>(u) / kSteps) + ac * (static_cast<float>(v) / kSteps);
+            largest = std::max(largest, distance_to_surface(shape.primitive, point));
+          }
+        }
+      }
+      EXPECT_LE(largest, chord_error + 2e-6);
+      const bool is_round = shape.primitive.kind == PrimitiveKind::cylinder || shape.primitive.kind == PrimitiveKind::sphere;
+      // Not many times finer than asked for either; the coarsest mesh has a least number of sides.
+      if (is_round && chord_error < 0.1F) {
+        EXPECT_GE(largest, 0.5 * chord_error);
+      }
+    }
+  }
+}
+
+TEST(Tessellate, PrimitivesComeInOrderThenMeshes) {
+  SceneDescription description;
+  description.materials = {{"a"}, {"b"}, {"c"}};
+  description.primitives = {{.kind = PrimitiveKind::room, .material = 2}, {.kind = PrimitiveKind::box, .material = 1}};
+  description.mesh = {{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitY()}, {{0, 1, 2}}, {0}};
+  const TriangleMesh mesh = tessellate(description, 1e-3F);
+  ASSERT_EQ(mesh.triangles.size(), 25U);
+  ASSERT_EQ(mesh.materials.size(), 25U);
+  EXPECT_EQ(mesh.materials[0], 2);
+  EXPECT_EQ(mesh.materials[12], 1);
+  EXPECT_EQ(mesh.materials[24], 0);
+  EXPECT_EQ(mesh.triangles[24], (std::array<std::int32_t, 3>{16, 17, 18}));
+  EXPECT_EQ(mesh.vertices[17], Vec3(Vec3::UnitX()));
+}
+
+TEST(Tessellate, BadChordErrorsAreRefused) {
+  SceneDescription description;
+  description.primitives = {Primitive{}};
+  for (const float bad : {0.0F, -1.0F, 1e-9F, std::numeric_limits<float>::quiet_NaN()}) {
+    EXPECT_THROW(tessellate(description, bad), std::invalid_argument) << bad;
+  }
+  EXPECT_EQ(tessellate(description, std::numeric_limits<float>::infinity()).triangles.size(), 12U);
+}
+
+}  // namespace
+}  // namespace swiftlet
