@@ -5,11 +5,14 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
+
+#include "swiftlet/pose.hpp"
 
 namespace swiftlet::bindings {
 
@@ -75,6 +78,14 @@ py::array_t<T> view(const py::object& owner, const Stored* data, const Shape& sh
   static_assert(sizeof(T) == sizeof(Stored));
   py::array_t<T> array(shape, reinterpret_cast<const T*>(data), owner);
   if (!writable) py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+  return array;
+}
+
+// Points as an (R, 3) array.
+inline py::array_t<float> rows(std::span<const Vec3> points) {
+  py::array_t<float> array({static_cast<py::ssize_t>(points.size()), py::ssize_t{3}});
+  float* out = array.mutable_data();
+  for (const Vec3& point : points) out = std::copy_n(point.data(), 3, out);
   return array;
 }
 

@@ -1,9 +1,34 @@
 #include "swiftlet/plan.hpp"
 
-#include <pybind11/stl.h>
-
 #include "arrays.hpp"
 
 namespace swiftlet::bindings {
-void register_plan(py::module_& module);
+namespace {
+
+py::object plan_path(const World& world, const py::object& start, const py::object& goals, const std::optional<DroneModel>& drone,
+                     float cell_m) {
+  const Input<float> start_input = floats(start, "start", {3});
+  const std::span<const float> from = start_input;
+  const Input<float> goal_input = floats(goals, "goals", {-1, 3});
+  const std::span<const float> over = goal_input;
+  std::vector<Vec3> points;
+  for (std::size_t i = 0; i < over.size(); i += 3) points.emplace_back(over[i], over[i + 1], over[i + 2]);
+  const DroneModel model = drone.value_or(DroneModel::quadrotor650());
+  const Vec3 first(from[0], from[1], from[2]);
+  std::optional<std::vector<Vec3>> path;
+  {
+    const py::gil_scoped_release release;
+    path = plan(world, model, first, points, cell_m);
+  }
+  if (!path) return py::none();
+  return rows(*path);
 }
+
+}  // namespace
+
+void register_plan(py::module_& module) {
+  module.def("plan", &plan_path, py::arg("world"), py::arg("start"), py::arg("goals"), py::arg("drone") = py::none(),
+             py::arg("cell_m") = 0.1F);
+}
+
+}  // namespace swiftlet::bindings

@@ -13,13 +13,6 @@ std::filesystem::path resolve(const py::object& source) {
   return py::module_::import("swiftlet.scenes").attr("resolve")(source).cast<std::filesystem::path>();
 }
 
-py::array_t<float> rows(std::span<const Vec3> points) {
-  py::array_t<float> array({static_cast<py::ssize_t>(points.size()), py::ssize_t{3}});
-  float* out = array.mutable_data();
-  for (const Vec3& point : points) out = std::copy_n(point.data(), 3, out);
-  return array;
-}
-
 py::object row(const std::optional<Vec3>& point) {
   if (!point) return py::none();
   return rows({&*point, 1}).attr("reshape")(3);

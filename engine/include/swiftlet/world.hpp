@@ -17,6 +17,9 @@ namespace swiftlet {
 namespace trace {
 class Scene;
 }
+namespace collision {
+class Obstacles;
+}
 
 // Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within.
 enum class PrimitiveKind : std::uint8_t { room, box, cylinder, sphere };
@@ -106,6 +109,8 @@ class World {
 
   // The acceleration structure, built on first need (thread-safe).
   const trace::Scene& scene() const;
+  // The same for collision.
+  const collision::Obstacles& obstacles() const;
 
  private:
   struct Lazy;

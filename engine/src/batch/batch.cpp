@@ -63,7 +63,9 @@ struct Batch::Impl {
   void fly(std::uint32_t drone);
   void sense(std::span<const std::uint32_t> drones, Scratch& scratch);
   void evaluate(std::uint32_t drone);
-  void observe(std::uint32_t drone);
+  void observe_ranges(std::uint32_t drone);
+  void observe_goal(std::uint32_t drone);
+  void observe(std::span<const std::uint32_t> drones);
   void reset_finished(Scratch& scratch);
 
   // --- pieces shared with the other calls
@@ -98,6 +100,7 @@ struct Batch::Impl {
   Worlds worlds;
   std::vector<const World*> world_pointers;
   DroneModel drone_model;
+  collision::Hull hull;
   std::size_t rays = 0;
   std::size_t observation_size = 0;
   State state;
@@ -116,6 +119,7 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
     : config(validated(std::move(config_in))),
       worlds(validated(std::move(worlds_in))),
       drone_model(std::move(drone_in)),
+      hull(drone_model),
       schedule(static_cast<std::size_t>(config.num_drones), worlds.size(), static_cast<std::size_t>(config.block_size)),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores(), static_cast<std::size_t>(config.block_size)),
       owner(process_id()) {
@@ -164,8 +168,9 @@ void Batch::Impl::step_block(std::span<const std::uint32_t> drones, Scratch& scr
   for (const std::uint32_t drone : drones) wait_or_fly(drone, scratch);
   for (const std::uint32_t drone : scratch.flying) fly(drone);
   sense(scratch.sensed, scratch);
+  for (const std::uint32_t drone : scratch.sensed) observe_ranges(drone);
   for (const std::uint32_t drone : scratch.flying) evaluate(drone);
-  for (const std::uint32_t drone : scratch.sensed) observe(drone);
+  for (const std::uint32_t drone : scratch.sensed) observe_goal(drone);
   reset_finished(scratch);
 }
 
@@ -199,13 +204,22 @@ void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch)
 }
 
 void Batch::Impl::evaluate(std::uint32_t drone) {
-  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), ranges_of(drone), lidar->max_range_of(drone),
+  const std::span<const float> observation = std::span(out().observation).subspan(drone * observation_size, observation_size);
+  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), observation.subspan(task::Navigation::kGoalSize),
                        state, out());
 }
 
-void Batch::Impl::observe(std::uint32_t drone) {
-  navigation->observe(drone, ranges_of(drone), lidar->max_range_of(drone), state,
-                      out().observation.data() + drone * observation_size);
+void Batch::Impl::observe_ranges(std::uint32_t drone) {
+  task::Navigation::observe_ranges(ranges_of(drone), lidar->max_range_of(drone), out().observation.data() + drone * observation_size);
+}
+
+void Batch::Impl::observe_goal(std::uint32_t drone) {
+  navigation->observe_goal(drone, state, out().observation.data() + drone * observation_size);
+}
+
+void Batch::Impl::observe(std::span<const std::uint32_t> drones) {
+  for (const std::uint32_t drone : drones) observe_ranges(drone);
+  for (const std::uint32_t drone : drones) observe_goal(drone);
 }
 
 void Batch::Impl::reset_finished(Scratch& scratch) {
@@ -220,7 +234,7 @@ void Batch::Impl::reset_finished(Scratch& scratch) {
   }
   if (scratch.sensed.empty()) return;
   sense(scratch.sensed, scratch);
-  for (const std::uint32_t drone : scratch.sensed) observe(drone);
+  observe(scratch.sensed);
 }
 
 // ---------------------------------------------------------------------------------------------------------- shared pieces
@@ -228,7 +242,7 @@ void Batch::Impl::reset_finished(Scratch& scratch) {
 void Batch::Impl::sweep_to(std::size_t drone, const Pose& target) {
   const Pose from = pose_of(state, drone);
   const World& world = *world_pointers[static_cast<std::size_t>(state.world_index[drone])];
-  const collision::Contact contact = collision::sweep(world, drone_model, from, target);
+  const collision::Contact contact = collision::sweep(world.obstacles(), hull, from, target);
   set_pose_of(state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   state.contact.hit[drone] = contact.hit;
   state.contact.inside[drone] = contact.inside;
@@ -430,7 +444,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
     if (!impl_->navigation) continue;
     impl_->navigation->begin(drone, state);
     impl_->clear_outputs(impl_->out(), drone);
-    impl_->observe(drone);
+    impl_->observe({&drone, 1});
   }
   impl_->schedule.rebuild(impl_->state);
 }
@@ -571,7 +585,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
       if (impl_->chosen(mask, drone)) scratch.sensed.push_back(drone);
     }
     impl_->sense(scratch.sensed, scratch);
-    for (const std::uint32_t drone : scratch.sensed) impl_->observe(drone);
+    impl_->observe(scratch.sensed);
   });
 }
 

@@ -18,7 +18,30 @@ constexpr int kStartTries = 64;  // random starts drawn before the start marker 
 
 double distance_m(const Vec3& a, const Vec3& b) { return (a.cast<double>() - b.cast<double>()).norm(); }
 
-float normalised(float range_m, float max_range_m) { return std::min(range_m / max_range_m, 1.0F); }
+struct Clearance {
+  double nearest;  // smallest of the ranges, at most 1
+  double sum;      // of the ranges
+};
+
+// Four sums side by side: one after the other, each addition would wait for the one before.
+Clearance clearance_of(std::span<const float> ranges) {
+  constexpr std::size_t kLanes = 4;
+  std::array<double, kLanes> sum{};
+  std::array<float, kLanes> nearest{1.0F, 1.0F, 1.0F, 1.0F};
+  std::size_t i = 0;
+  for (; i + kLanes <= ranges.size(); i += kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      sum[lane] += static_cast<double>(ranges[i + lane]);
+      nearest[lane] = std::min(nearest[lane], ranges[i + lane]);
+    }
+  }
+  for (; i < ranges.size(); ++i) {
+    sum[0] += static_cast<double>(ranges[i]);
+    nearest[0] = std::min(nearest[0], ranges[i]);
+  }
+  return {static_cast<double>(std::min(std::min(nearest[0], nearest[1]), std::min(nearest[2], nearest[3]))),
+          (sum[0] + sum[1]) + (sum[2] + sum[3])};
+}
 
 }  // namespace
 
@@ -51,7 +74,7 @@ std::size_t Navigation::action_size() const {
 
 Pose Navigation::target(const Pose& pose, const float* action) const {
   Vec3 step = Vec3::Zero();
-  Quat turn = Quat::Identity();
+  Quat rotation = pose.rotation;
   if (config_.action == ActionKind::discrete) {
     const int index = static_cast<int>(action[0]);  // +x, -x, +y, -y, +z, -z
     step[index / 2] = index % 2 == 0 ? config_.step_m : -config_.step_m;
@@ -60,9 +83,9 @@ Pose Navigation::target(const Pose& pose, const float* action) const {
   }
   if (config_.action == ActionKind::displacement_yaw) {
     const float yaw = std::clamp(action[3], -1.0F, 1.0F) * config_.yaw_step_deg * std::numbers::pi_v<float> / 180.0F;
-    turn = Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2));
+    rotation = (rotation * Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))).normalized();
   }
-  return {pose.position + pose.rotation * step, (pose.rotation * turn).normalized()};
+  return {pose.position + pose.rotation * step, rotation};
 }
 
 const Vec3& Navigation::current_goal(std::size_t drone, const World& world) const {
@@ -71,8 +94,8 @@ const Vec3& Navigation::current_goal(std::size_t drone, const World& world) cons
   return index < waypoints.size() ? waypoints[index] : *world.markers().goal;
 }
 
-void Navigation::evaluate(std::size_t drone, const float* action, std::span<const float> ranges, float max_range,
-                          const State& state, Outputs& out) {
+void Navigation::evaluate(std::size_t drone, const float* action, std::span<const float> normalised_ranges, const State& state,
+                          Outputs& out) {
   const NavigationReward& reward = config_.reward;
   const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
   const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
@@ -94,22 +117,16 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::span<cons
     if (!reward.thesis_switch) nav_.last_distance[drone] = distance_m(current_goal(drone, world), position);
   }
 
-  // clearance
-  const double clearance = reward.min_clearance;
-  double nearest = 1.0;
-  double free_space = 0.0;
-  for (const float range : ranges) {
-    const double l = normalised(range, max_range);
-    nearest = std::min(nearest, l);
-    free_space += l / clearance - 1.0;
-  }
-  const auto count = static_cast<double>(ranges.size());
-  const double free_space_term = free_space / (count / clearance - count);
+  // clearance; sum(l / M - 1) / (|L| / M - |L|), written so that the ranges are only summed
+  const double min_clearance = reward.min_clearance;
+  const auto [nearest, sum] = clearance_of(normalised_ranges);
+  const auto count = static_cast<double>(normalised_ranges.size());
+  const double free_space_term = (sum / min_clearance - count) / (count / min_clearance - count);
   double crash_term = 0.0;
   if (crashed) {
     crash_term = -static_cast<double>(reward.goal_reward);
-  } else if (nearest < clearance) {
-    crash_term = nearest - clearance;
+  } else if (nearest < min_clearance) {
+    crash_term = nearest - min_clearance;
   }
 
   const double step_term = -static_cast<double>(nav_.step[drone]) / static_cast<double>(reward.step_scale);
@@ -148,17 +165,19 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::span<cons
   out.episode_length[drone] = nav_.step[drone];
 }
 
-void Navigation::observe(std::size_t drone, std::span<const float> ranges, float max_range, const State& state,
-                         float* out) const {
+void Navigation::observe_ranges(std::span<const float> ranges, float max_range, float* observation) {
+  float* const out = observation + kGoalSize;
+  for (std::size_t i = 0; i < ranges.size(); ++i) out[i] = std::min(ranges[i] / max_range, 1.0F);
+}
+
+void Navigation::observe_goal(std::size_t drone, const State& state, float* observation) const {
   const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
   const float* const p = state.sensed_position.data() + 3 * drone;
   const float* const q = state.sensed_quat_wxyz.data() + 4 * drone;
   const Vec3 offset = current_goal(drone, world) - Vec3(p[0], p[1], p[2]);
   const float length = offset.norm();
   const Vec3 direction = length > 0.0F ? Vec3(Quat(q[0], q[1], q[2], q[3]).conjugate() * (offset / length)) : Vec3::Zero();
-  for (int axis = 0; axis < 3; ++axis) out[axis] = std::clamp(direction[axis], -1.0F, 1.0F);
-  float* const scaled = out + kGoalSize;
-  for (std::size_t i = 0; i < ranges.size(); ++i) scaled[i] = normalised(ranges[i], max_range);
+  for (int axis = 0; axis < 3; ++axis) observation[axis] = std::clamp(direction[axis], -1.0F, 1.0F);
 }
 
 Vec3 Navigation::start_position(std::size_t drone, const State& state, const World& world) const {

@@ -42,13 +42,14 @@ class Navigation {
   // Where an action (action_size() numbers) takes a drone.
   Pose target(const Pose& pose, const float* action) const;
 
-  // Reward, flags and episode figures of one step of a drone, after it moved and scanned.
-  // ranges are in metres, normalised by max_range.
-  void evaluate(std::size_t drone, const float* action, std::span<const float> ranges, float max_range, const State& state,
-                Outputs& out);
+  // Writes the ranges (m) over max_range, 1 on a miss, into the observation row of a drone.
+  static void observe_ranges(std::span<const float> ranges, float max_range, float* observation);
 
-  // Unit direction to the current goal in the sensed body frame, then the ranges over max_range (1 on a miss).
-  void observe(std::size_t drone, std::span<const float> ranges, float max_range, const State& state, float* out) const;
+  // Reward, flags and episode figures of one step of a drone, after it moved and its ranges were observed.
+  void evaluate(std::size_t drone, const float* action, std::span<const float> normalised_ranges, const State& state, Outputs& out);
+
+  // Writes the unit direction to the current goal, in the sensed body frame, into the observation row of a drone.
+  void observe_goal(std::size_t drone, const State& state, float* observation) const;
 
   // Puts a drone where the episode that state.seed and state.episode name begins.
   void place(std::size_t drone, State& state) const;
