@@ -194,19 +194,24 @@ Path without_detours(const Space& space, const Path& path) {
   return shorter;
 }
 
-// Pulls the path taut: each corner moves towards the line between its neighbours as far as it can.
+// Pulls the path taut: each corner moves towards its neighbours and towards the line between them as far as it can. All three
+// shorten the path; together they let a corner slide along what it touches.
 void pull_taut(const Space& space, Path& path) {
   constexpr int kRounds = 4;
-  constexpr int kHalvings = 5;
+  constexpr float kLargestStep = 0.5F;  // of the way
+  constexpr float kSmallestStep = 0.01F;
   for (int round = 0; round < kRounds; ++round) {
     for (std::size_t i = 1; i + 1 < path.size(); ++i) {
-      const Vec3 chord = path[i + 1] - path[i - 1];
-      const float along = (path[i] - path[i - 1]).dot(chord) / std::max(chord.squaredNorm(), 1e-12F);
-      const Vec3 target = path[i - 1] + std::clamp(along, 0.0F, 1.0F) * chord;
-      float step = 0.5F;
-      for (int halving = 0; halving < kHalvings; ++halving, step *= 0.5F) {
-        const Vec3 corner = path[i] + step * (target - path[i]);
-        if (space.is_clear(path[i - 1], corner) && space.is_clear(corner, path[i + 1])) path[i] = corner;
+      const Vec3& before = path[i - 1];
+      const Vec3& after = path[i + 1];
+      const Vec3 chord = after - before;
+      const float along = (path[i] - before).dot(chord) / std::max(chord.squaredNorm(), 1e-12F);
+      const Vec3 foot = before + std::clamp(along, 0.0F, 1.0F) * chord;
+      for (float step = kLargestStep; step > kSmallestStep; step *= 0.5F) {
+        for (const Vec3& target : {foot, before, after}) {
+          const Vec3 corner = path[i] + step * (target - path[i]);
+          if (space.is_clear(before, corner) && space.is_clear(corner, after)) path[i] = corner;
+        }
       }
     }
   }
