@@ -49,7 +49,14 @@ Scene::Scene(const World& world) : device_(rtcNewDevice(nullptr)) {
 Scene::~Scene() = default;
 
 void Scene::add_primitives(std::span<const Primitive> primitives) {
-  for (const Primitive& primitive : primitives) shapes_.push_back(make_shape(primitive));
+  for (const Primitive& primitive : primitives) {
+    shapes_.push_back(make_shape(primitive));
+    if (primitive.kind == PrimitiveKind::room) {
+      rooms_.push_back({shapes_.back(), static_cast<std::int32_t>(shapes_.size()) - 1});
+      // Rooms are traced directly: an empty box keeps them out of the tree, and the indices of the others as they are.
+      shapes_.back().bounds = {Vec3::Constant(1.0F), Vec3::Constant(-1.0F)};
+    }
+  }
   if (shapes_.empty()) return;
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER);
   rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(shapes_.size()));
@@ -92,7 +99,12 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
 void Scene::intersect(RayBlock& rays, Coherence coherence) const {
   // Coherent traversal pays in a tree of triangles; with a few primitives it costs (`./dev bench lidar` measures both).
   if (!has_triangles_) coherence = Coherence::incoherent;
-  trace_packets(scene_.get(), rays, coherence, kTriangleGeometry, static_cast<std::int32_t>(shapes_.size()));
+  trace_packets({.rooms = rooms_,
+                 .scene = scene_.get(),
+                 .primitive_geometry = kPrimitiveGeometry,
+                 .triangle_geometry = kTriangleGeometry,
+                 .first_triangle = static_cast<std::int32_t>(shapes_.size())},
+                rays, coherence);
 }
 
 void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {

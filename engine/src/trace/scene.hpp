@@ -9,6 +9,7 @@
 
 #include "swiftlet/world.hpp"
 #include "trace/embree.hpp"
+#include "trace/packets.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 
@@ -58,6 +59,7 @@ class Scene {
   Owned<RTCDevice> device_;
   Owned<RTCScene> scene_;
   std::vector<Shape> shapes_;
+  std::vector<RoomShape> rooms_;
   bool has_triangles_ = false;
 };
 
