@@ -276,10 +276,14 @@ std::unique_ptr<Place> random_place(Random& random, int elements) {
     primitives.push_back(make(PrimitiveKind::room, 0.3F * random.normal(), Vec3(3, 2.5F, 2)));
   }
   for (int i = 0; i < elements; ++i) {
-    const Vec3 center = 1.5F * random.normal();
-    const float a = random.uniform(0.01F, 0.7F);
-    const float b = random.uniform(0.01F, 0.7F);
-    const Vec3 half(a, b, random.uniform(0.01F, 1.5F));
+    const Vec3 center = 0.9F * std::cbrt(static_cast<float>(elements)) * random.normal();
+    // From a wire to a wall: sizes over three decades.
+    const auto size = [&] {
+      return random.chance(0.2F) ? random.uniform(0.001F, 0.01F) : random.uniform(0.01F, random.chance(0.1F) ? 4.0F : 0.7F);
+    };
+    const float a = size();
+    const float b = size();
+    const Vec3 half(a, b, size());
     const Quat rotation = random.chance(0.4F) ? Quat::Identity() : random.rotation();
     switch (static_cast<int>(random.uniform(0, 4))) {
       case 0:

@@ -71,7 +71,7 @@ Vec3d support(const Convex& convex, const Vec3d& direction) {
     case Convex::Kind::box:
       return {std::copysign(h.x(), direction.x()), std::copysign(h.y(), direction.y()), std::copysign(h.z(), direction.z())};
     case Convex::Kind::cylinder: {
-      const double across = std::hypot(direction.x(), direction.y());
+      const double across = std::sqrt(direction.x() * direction.x() + direction.y() * direction.y());
       const double scale = across > 0.0 ? h.x() / across : 0.0;
       return {scale * direction.x(), scale * direction.y(), std::copysign(h.z(), direction.z())};
     }
@@ -105,7 +105,7 @@ Vec3d closest_point(const Convex& convex, const Vec3d& point) {
   if (convex.kind == Convex::Kind::box) {
     local = local.cwiseMax(-h).cwiseMin(h);
   } else {
-    const double across = std::hypot(local.x(), local.y());
+    const double across = local.head<2>().norm();
     if (across > h.x()) {
       local.head<2>() *= h.x() / across;
     }

@@ -18,6 +18,9 @@ constexpr double kTouching = 1e-6;      // m; hulls closer than this overlap
 constexpr double kResolution = 2e-6;    // m; how near to its target gap an advance ends
 constexpr double kSlack = 1e-5;         // m; what a hull that rests may lose of its gap before that counts as pressing
 constexpr double kFloatStep = 0x1p-23;  // of a coordinate
+constexpr int kBallTurns = 4;
+constexpr double kBallStep = 0.1;  // m; the path's nearest point is good enough if it moves by less
+constexpr int kPlaneSteps = 4;
 constexpr int kMaxAdvances = 1000;
 constexpr int kRewinds = 24;  // halvings of the time: 10 m to a micrometre
 
@@ -32,13 +35,16 @@ struct Margins {
     standoff = kStandoff + rounding;
     slack = kSlack + rounding;
   }
+
+  double resting() const { return standoff + slack; }  // a smaller gap at the start is that of a hull at rest
 };
 
 // What lies between hull and obstacle at one time.
 struct Clearance {
   bool overlapping = false;
   Plane plane;
-  double gap = 0.0;  // m, from the plane to the hull
+  double gap = 0.0;             // m, from the plane to the hull
+  Vec3d point = Vec3d::Zero();  // m, on the obstacle
 };
 
 // The first contact with one obstacle or one wall of a room.
@@ -47,6 +53,7 @@ struct Touch {
   bool inside = false;
   double time = 1.0;
   Vec3d normal = Vec3d::Zero();
+  Vec3d point = Vec3d::Zero();
 };
 
 // The moving hull.
@@ -64,7 +71,7 @@ class Mover {
 
   Clearance clearance(const Convex& obstacle, double time, const Vec3d& guess) const {
     const Separation s = separate(hull_, path_.matrix(time), path_.position(time), obstacle, guess);
-    return {s.overlapping, s.plane, s.gap};
+    return {s.overlapping, s.plane, s.gap, s.point};
   }
 
   // Until when, from `time` on, the hull surely stays `target` (m) away from the plane; 1 at the latest.
@@ -102,67 +109,65 @@ class Mover {
   }
 
   // Conservative advancement (B. Mirtich, "Impulse-based Dynamic Simulation of Rigid Body Systems", 1996, 2.3), over planes that
-  // separate. clearance(time, guess) is what lies between at a time. Contacts after `limit` need not be found.
+  // separate. `now` is what lies between at the start, clearance(time, guess) what lies there at a time. Contacts after `limit`
+  // need not be found.
   template <class ClearanceAt>
-  Touch first_touch(const ClearanceAt& clearance, const Vec3d& guess, const Margins& margins, double limit) const {
-    Touch touch;
-    Clearance now = clearance(0.0, guess);
-    touch.normal = now.plane.normal;
+  Touch first_touch(Clearance now, const ClearanceAt& clearance, const Margins& margins, double limit) const {
     if (now.overlapping || now.gap <= kTouching) {
-      touch.hit = touch.inside = true;
-      touch.time = 0.0;
-      return touch;
+      return {true, true, 0.0, now.plane.normal, now.point};
     }
     // A hull that starts at the standoff, where an earlier motion left it, must not come nearer, but may stay.
-    const double first_gap = now.gap;
-    const bool resting = first_gap < margins.standoff + margins.slack;
-    const double target = resting ? std::max(first_gap - margins.slack, 0.5 * kTouching) : margins.standoff;
+    const Clearance first = now;
+    const bool resting = first.gap < margins.resting();
+    const double target = resting ? std::max(first.gap - margins.slack, 0.5 * kTouching) : margins.standoff;
     double time = 0.0;
     for (int advance = 0; advance < kMaxAdvances; ++advance) {
       const double clear = clear_until(now.plane, time, target);
       if (clear >= 1.0 || (!resting && clear > limit)) {
-        return touch;
+        return {};
       }
       const bool stuck = clear <= time;
       time = clear;
-      now = clearance(time, now.plane.normal);
-      if (now.overlapping) {
+      const Clearance next = clearance(time, now.plane.normal);
+      if (next.overlapping) {
         break;
       }
-      touch.normal = now.plane.normal;
+      now = next;
       if (stuck || now.gap <= target + kResolution) {
         break;
       }
     }
-    touch.hit = true;
-    touch.time = resting ? rewind(clearance, touch.normal, first_gap, time) : time;
-    return touch;
+    if (!resting) {
+      return {true, false, time, now.plane.normal, now.point};
+    }
+    return rewind(clearance, first, now.plane.normal, time);
   }
 
  private:
-  // A time up to `time` when the gap was no smaller than at first. Convex bodies that only translate approach ever faster, so
-  // the hull has been pressing from the start.
+  // The touch of a hull that rested: at a time up to `time` when the gap was no smaller than at first. Convex bodies that only
+  // translate approach ever faster, so there the hull has been pressing from the start.
   template <class ClearanceAt>
-  double rewind(const ClearanceAt& clearance, const Vec3d& guess, double first_gap, double time) const {
-    double free = 0.0;
+  Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Vec3d& guess, double time) const {
+    Touch touch{true, false, 0.0, first.plane.normal, first.point};
     for (int halving = 0; halving < kRewinds && path_.angle > 0.0; ++halving) {
-      const double middle = 0.5 * (free + time);
+      const double middle = 0.5 * (touch.time + time);
       const Clearance there = clearance(middle, guess);
-      (!there.overlapping && there.gap >= first_gap ? free : time) = middle;
+      if (!there.overlapping && there.gap >= first.gap) {
+        touch = {true, false, middle, there.plane.normal, there.point};
+      } else {
+        time = middle;
+      }
     }
-    return free;
+    return touch;
   }
 
   const Hull& hull_;
   Path path_;
 };
 
-// The walls of a room as planes, x low, x high, y low, ...
-Plane wall_plane(const Room& room, int wall) {
-  const int axis = wall / 2;
-  const bool low = wall % 2 == 0;
-  const double at = static_cast<double>(low ? room.inside.min[axis] : room.inside.max[axis]);
-  return {(low ? 1.0 : -1.0) * Vec3d::Unit(axis), low ? at : -at};
+Plane wall_plane(const Room& room, int axis, bool low) {
+  return low ? Plane{Vec3d::Unit(axis), static_cast<double>(room.inside.min[axis])}
+             : Plane{-Vec3d::Unit(axis), -static_cast<double>(room.inside.max[axis])};
 }
 
 // Where the hull is nearest to the wall: the middle of the vertices that are.
@@ -193,51 +198,99 @@ class Search {
         to_(to),
         margins_(from, to),
         middle_(0.5F * (from.position + to.position)),
-        reach_(hull.radius() + 0.5F * (to.position - from.position).norm() +
-               static_cast<float>(2.0 * (margins_.standoff + margins_.slack))) {}
+        reach_(hull.radius() + 0.5F * (to.position - from.position).norm() + static_cast<float>(2.0 * margins_.resting())) {}
 
   // The ball that holds the hull all the way.
   const Vec3& middle() const { return middle_; }
   float reach() const { return reach_; }
 
   void meet(const Room& room) {
-    const double away = static_cast<double>(hull_.radius()) + margins_.standoff + margins_.slack;
-    for (int wall = 0; wall < 6; ++wall) {
-      const Plane plane = wall_plane(room, wall);
-      if (std::min(plane.normal.dot(from_.position.cast<double>()), plane.normal.dot(to_.position.cast<double>())) -
-              plane.offset <=
-          away) {
-        const auto clearance = [this, &plane](double time, const Vec3d&) {
-          return Clearance{false, plane, mover().gap(plane, time)};
-        };
-        take(mover().first_touch(clearance, plane.normal, margins_, limit()), room.element, plane);
+    const Vec3 away = Vec3::Constant(hull_.radius() + static_cast<float>(margins_.resting()));
+    const Vec3 low = from_.position.cwiseMin(to_.position) - away;
+    const Vec3 high = from_.position.cwiseMax(to_.position) + away;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (low[axis] <= room.inside.min[axis]) {
+        meet(wall_plane(room, axis, true), room.element);
+      }
+      if (high[axis] >= room.inside.max[axis]) {
+        meet(wall_plane(room, axis, false), room.element);
       }
     }
   }
 
   void meet(const Convex& obstacle, std::uint32_t element) {
-    const Vec3d middle = middle_.cast<double>();
-    Vec3d guess = middle - closest_point(obstacle, middle);
-    const double distance = guess.norm();
-    if (distance > static_cast<double>(reach_)) {
-      return;
-    }
-    if (distance > kTouching) {
-      const Plane plane = supporting_plane(obstacle, guess / distance);
-      if (mover().gap(plane, 0.0) > margins_.standoff + margins_.slack &&
-          mover().clear_until(plane, 0.0, margins_.standoff) >= 1.0) {
+    const Vec3d start = from_.position.cast<double>();
+    const Vec3d way = to_.position.cast<double>() - start;
+    const double length2 = way.squaredNorm();
+
+    // The ball around the hull, by planes between nearest points of its path and the obstacle.
+    double time = 0.5;
+    Vec3d center = start + time * way;
+    Vec3d nearest = closest_point(obstacle, center);
+    for (int turn = 0; turn < kBallTurns; ++turn) {
+      const Vec3d apart = center - nearest;
+      const double distance = apart.norm();
+      const double margin = distance * (static_cast<double>(hull_.radius()) + margins_.resting());
+      const double height = apart.dot(start - nearest);  // times distance
+      if (std::min(height, height + apart.dot(way)) > margin) {
         return;
       }
-    } else {
-      guess = from_.position.cast<double>() - obstacle.center + kTouching * Vec3d::Ones();
+      const double closer = length2 > 0.0 ? std::clamp(way.dot(nearest - start) / length2, 0.0, 1.0) : 0.5;
+      if (std::abs(closer - time) * std::sqrt(length2) < kBallStep) {
+        break;
+      }
+      time = closer;
+      center = start + time * way;
+      nearest = closest_point(obstacle, center);
     }
-    const auto clearance = [this, &obstacle](double time, const Vec3d& start) {
-      return mover().clearance(obstacle, time, start);
-    };
-    take(mover().first_touch(clearance, guess, margins_, limit()), element, Plane{});
+
+    // A few steps towards the nearest points of hull and obstacle (M. Frank and P. Wolfe, 1956): most often a plane between them
+    // is good for the whole motion, at a tenth of the cost of a full search.
+    const Mat3d& rotation = mover().path().first_matrix;
+    Vec3d point = center;
+    Clearance best;
+    double best_clear = -1.0;
+    for (int step = 0; step < kPlaneSteps; ++step) {
+      const Vec3d apart = point - nearest;
+      const double distance = apart.norm();
+      if (distance <= kTouching) {
+        break;
+      }
+      const Vec3d normal = apart / distance;
+      const Plane plane{normal, normal.dot(nearest)};
+      const double gap = mover().gap(plane, 0.0);
+      if (gap > margins_.resting()) {
+        const double clear = mover().clear_until(plane, 0.0, margins_.standoff);
+        if (clear >= 1.0) {
+          return;
+        }
+        if (clear > best_clear) {
+          best_clear = clear;
+          best = {false, plane, gap, nearest};
+        }
+      }
+      const Vec3d body_normal = rotation.transpose() * normal;
+      const Vec3d vertex = center + rotation * hull_.vertex(hull_.support(-body_normal.cast<float>()));
+      const Vec3d along = vertex - point;
+      point += std::clamp(-along.dot(apart) / along.squaredNorm(), 0.0, 1.0) * along;
+      nearest = closest_point(obstacle, point);
+    }
+
+    const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
+    if (best_clear < 0.0) {
+      const Vec3d guess = point - nearest;
+      best = clearance(0.0, guess.norm() > kTouching ? guess : Vec3d(start - obstacle.center + kTouching * Vec3d::Ones()));
+    }
+    Touch touch = mover().first_touch(best, clearance, margins_, first_.time);
+    if (touch.inside) {
+      const Penetration out = penetrate(hull_, rotation, start, obstacle);
+      touch.normal = out.normal;
+      touch.point = out.point;
+    }
+    take(touch, element);
   }
 
-  Contact contact(const Obstacles& obstacles) {
+  Contact contact() const {
     Contact contact;
     if (!first_.hit) {
       return contact;
@@ -248,24 +301,7 @@ class Search {
     if (static_cast<double>(contact.fraction) > first_.time) {
       contact.fraction = std::nextafter(contact.fraction, 0.0F);
     }
-    const Mat3d rotation = mover().path().matrix(first_.time);
-    const Vec3d position = mover().path().position(first_.time);
-    Vec3d point;
-    if (is_room(obstacles)) {
-      point = point_on_wall(hull_, rotation, position, wall_);
-    } else {
-      const Convex obstacle = obstacles.convex(element_);
-      const Separation s = separate(hull_, rotation, position, obstacle, first_.normal);
-      if (first_.inside || s.overlapping) {
-        const Penetration p = penetrate(hull_, rotation, position, obstacle);
-        point = p.point;
-        first_.normal = p.normal;
-      } else {
-        point = s.point;
-        first_.normal = s.plane.normal;
-      }
-    }
-    contact.point = point.cast<float>();
+    contact.point = first_.point.cast<float>();
     contact.normal = first_.normal.cast<float>().normalized();
     return contact;
   }
@@ -279,22 +315,22 @@ class Search {
     return *mover_;
   }
 
-  double limit() const { return first_.time; }
-
-  bool is_room(const Obstacles& obstacles) const {
-    return std::any_of(obstacles.rooms().begin(), obstacles.rooms().end(),
-                       [this](const Room& room) { return room.element == element_; });
+  void meet(const Plane& wall, std::uint32_t element) {
+    const auto clearance = [this, &wall](double time, const Vec3d&) {
+      return Clearance{false, wall, mover().gap(wall, time), Vec3d::Zero()};
+    };
+    Touch touch = mover().first_touch(clearance(0.0, wall.normal), clearance, margins_, first_.time);
+    if (touch.hit) {
+      touch.point = point_on_wall(hull_, mover().path().matrix(touch.time), mover().path().position(touch.time), wall);
+      take(touch, element);
+    }
   }
 
-  void take(const Touch& touch, std::uint32_t element, const Plane& wall) {
-    if (!touch.hit) {
-      return;
-    }
-    const auto key = [](const Touch& t, std::uint32_t e) { return std::tuple(!t.inside, t.time, e); };
-    if (!first_.hit || key(touch, element) < key(first_, element_)) {
+  void take(const Touch& touch, std::uint32_t element) {
+    const auto key = [](const Touch& t, std::uint32_t e) { return std::tuple(!t.hit, !t.inside, t.time, e); };
+    if (key(touch, element) < key(first_, element_)) {
       first_ = touch;
       element_ = element;
-      wall_ = wall;
     }
   }
 
@@ -307,7 +343,6 @@ class Search {
   std::optional<Mover> mover_;
   Touch first_;
   std::uint32_t element_ = 0;
-  Plane wall_;
 };
 
 }  // namespace
@@ -331,7 +366,7 @@ Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, co
   }
   obstacles.for_each_near(search.middle(), search.reach(),
                           [&](std::uint32_t element) { search.meet(obstacles.convex(element), element); });
-  return search.contact(obstacles);
+  return search.contact();
 }
 
 bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose) {
