@@ -1,0 +1,108 @@
+"""Writes the README's table of figures from the results of `./dev bench`.
+
+python3 bench/table.py                  from out/bench/*.json, else from the results kept in bench/results/
+python3 bench/table.py bench/results    from the JSON files in a folder
+python3 bench/table.py --keep           copy out/bench/*.json to bench/results/ first
+python3 bench/table.py --check          change nothing; exit 1 if the README is not what the kept results make it
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+FRESH = ROOT / "out" / "bench"
+KEPT = ROOT / "bench" / "results"
+NAMES = ("lidar", "step", "train")
+BEGIN, END = "<!-- figures -->", "<!-- /figures -->"
+
+Result = dict[str, Any]
+
+
+def read(folder: Path) -> dict[str, Result]:
+    """Return the results in a folder by the name of their benchmark, the known ones in the order they run in."""
+    found = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
+    return {
+        name: found[name] for name in sorted(found, key=lambda n: (NAMES.index(n) if n in NAMES else len(NAMES), n))
+    }
+
+
+def number(value: float) -> str:
+    """Four digits, never an exponent: 0.9134, 23,460."""
+    if value == int(value) or abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{float(f'{value:.4g}'):,}"
+
+
+def source(name: str, result: Result) -> str:
+    """Say where and from what a benchmark's figures were measured."""
+    machine, commit = result["machine"], result["commit"]
+    return (
+        f"`{name}`: {machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
+        f"Embree {machine['embree']}, Python {machine['python']}; commit {commit[:12]}"
+        + (" with changes" if commit.endswith("-dirty") else "")
+    )
+
+
+def table(results: dict[str, Result]) -> str:
+    """Return what stands between the markers."""
+    if not results:
+        return "Not measured yet.\n"
+    lines = ["| figure | value | unit |", "|---|---:|---|"]
+    for result in results.values():
+        for figure in result["figures"]:
+            unit = "" if figure["unit"] == "1" else figure["unit"]
+            lines.append(f"| `{figure['name']}` | {number(figure['value'])} | {unit} |")
+    missing = [name for name in NAMES if name not in results]
+    lines += [f"| `{name}` | not measured yet | |" for name in missing]
+    lines += ["", *(f"- {source(name, result)}" for name, result in results.items())]
+    return "\n".join(lines) + "\n"
+
+
+def with_table(text: str, content: str) -> str:
+    """Return the README with the content between its markers."""
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        sys.exit(f"{README}: expected one {BEGIN} and after it one {END}")
+    before, rest = text.split(BEGIN)
+    return f"{before}{BEGIN}\n{content}{END}{rest.split(END)[1]}"
+
+
+def keep() -> None:
+    """Copy fresh results to where they are committed."""
+    fresh = sorted(FRESH.glob("*.json"))
+    if not fresh:
+        sys.exit(f"{FRESH}: no results; run ./dev bench first")
+    KEPT.mkdir(parents=True, exist_ok=True)
+    for path in fresh:
+        shutil.copy(path, KEPT / path.name)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, help="folder of the results")
+    parser.add_argument("--keep", action="store_true", help="copy out/bench/*.json to bench/results/ first")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 if the README is out of date")
+    args = parser.parse_args()
+    if args.check and args.keep:
+        parser.error("--check changes nothing, --keep does")
+    if args.keep:
+        keep()
+    # What is checked must not depend on what happens to lie in out/; what is kept is the whole of bench/results/.
+    default = KEPT if args.check or args.keep or not any(FRESH.glob("*.json")) else FRESH
+    old = README.read_text(encoding="utf-8")
+    new = with_table(old, table(read(args.folder or default)))
+    if args.check:
+        if new != old:
+            sys.exit("README.md: the table of figures is out of date; python3 bench/table.py --keep mends it")
+    elif new != old:
+        README.write_text(new, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
