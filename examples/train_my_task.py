@@ -5,6 +5,7 @@ pip install 'swiftlet[sb3]', then: python examples/train_my_task.py
 
 # ruff: noqa: D102 - the methods are those of swiftlet.Task, documented there
 import numpy as np
+import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 
@@ -47,6 +48,7 @@ class FlyToPoint(swiftlet.Task):
 
 def main(total_timesteps: int = 150_000) -> float:
     """Train, then return the share of episodes that reached the target."""
+    torch.set_num_threads(1)  # the network is small
     envs = swiftlet.sb3.make_vec(FlyToPoint(), num_envs=64, worlds=swiftlet.World.from_dict(ROOM), num_threads=1)
     model = PPO("MlpPolicy", envs, n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
     model.learn(total_timesteps)

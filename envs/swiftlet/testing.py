@@ -3,8 +3,6 @@
 >>> check_vector_env(lambda n: gymnasium.make_vec("swiftlet/LidarNavigation-v0", n, max_episode_steps=20))
 """
 
-# ruff: noqa: PT018 - an assertion here is one rule, whatever its parts
-
 from __future__ import annotations
 
 import copy

@@ -309,14 +309,14 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         infos: dict[str, Any] = {}
         for key, value in end_of_episode.items():
             infos[key] = value
-            infos[f"_{key}"] = ended.copy()
+            infos[f"_{key}"] = ended
         if not self._same_step:
             return infos
         final_obs = np.full(self.num_envs, None, dtype=object)
         indices = np.flatnonzero(ended)
         for index, row in zip(indices.tolist(), stepper.final_observation[indices], strict=True):
             final_obs[index] = row
-        return {"final_obs": final_obs, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
+        return {"final_obs": final_obs, "_final_obs": ended, "final_info": infos, "_final_info": ended}
 
     def _per_env(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, (np.ndarray, list, tuple)) and len(value) == self.num_envs:

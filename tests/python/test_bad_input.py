@@ -7,11 +7,18 @@ import swiftlet
 
 BIG = np.float64(1e39)  # beyond float32
 
+pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered in cast:RuntimeWarning")
+
 
 @pytest.fixture
 def batch(room):
     batch = swiftlet.Batch(
-        [room], 2, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(), autoreset_mode="disabled", num_threads=1
+        [room],
+        2,
+        lidar=swiftlet.LidarConfig(),
+        task=swiftlet.NavigationConfig(),
+        autoreset_mode="disabled",
+        num_threads=1,
     )
     batch.reset([0, 1])
     batch.step([0, 2])
@@ -56,7 +63,9 @@ def test_continuous_actions_must_be_finite(room, kind, bad):
 
 
 def test_continuous_actions_must_have_their_shape_and_dtype(room):
-    batch = swiftlet.Batch([room], 2, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(action="displacement"))
+    batch = swiftlet.Batch(
+        [room], 2, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(action="displacement")
+    )
     batch.reset([0, 1])
     refused(batch, lambda: batch.step(np.zeros((2, 4), np.float32)), r"actions.*\(2, 3\).*\(2, 4\)")
     refused(batch, lambda: batch.step(np.zeros((2, 3), complex)), "actions.*complex")

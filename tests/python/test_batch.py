@@ -36,7 +36,7 @@ class TestMotion:
 
     def test_a_wall_stops_a_long_flight(self, batch):
         contact = batch.move(batch.position + np.float32([100, 0, 0]), mask=np.array([True, False, False]))
-        # the room ends at x = 8, half the drone is 0.465 m; but the pillar at (4, 4.5) is not in the way at y = 4 - 0.295
+        # the room ends at x = 8, half the drone is 0.465 m long
         assert contact.hit.tolist() == [True, False, False]
         assert 2 < batch.position[0, 0] < 8 - 0.46
         np.testing.assert_array_equal(batch.position[1:, 0], 2)

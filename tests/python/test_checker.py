@@ -17,7 +17,7 @@ NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, Autores
 class Counter(VectorEnv):
     """A good env: counts to a random limit; each subclass below breaks one thing."""
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
     mode = NEXT
 
     def __init__(self, num_envs):
@@ -66,7 +66,7 @@ class Counter(VectorEnv):
         for i in np.flatnonzero({NEXT: before, SAME: ended}.get(self.mode, np.zeros_like(ended))):
             self.begin(i)
         self.ended = ended if self.mode is not DISABLED else self.ended | ended
-        return self.observe(), reward, ended, np.zeros(self.num_envs, bool), infos
+        return self.observe(), reward, ended.copy(), np.zeros(self.num_envs, bool), infos
 
     def render(self):
         return tuple(np.zeros((8, 8, 3), np.uint8) for _ in range(self.num_envs))
@@ -182,7 +182,7 @@ class ClosesOnce(Counter):
 
 
 class SharedMetadata(Counter):
-    metadata = {"render_modes": ["rgb_array"], "autoreset_mode": NEXT}
+    metadata = {"render_modes": ["rgb_array"], "autoreset_mode": NEXT}  # noqa: RUF012
 
     def __init__(self, num_envs):
         super().__init__(num_envs)

@@ -18,6 +18,7 @@ WEIGHTED = swiftlet.NavigationReward(
     min_clearance=0.4,
     step_scale=50.0,
 )
+ATOL = 2e-4  # of observations: a beam that grazes a pillar magnifies the rounding of a pose
 
 
 def homing(batch, rng, kind):
@@ -43,7 +44,9 @@ def homing(batch, rng, kind):
 
 
 @pytest.mark.parametrize("kind", ["discrete", "displacement", "displacement_yaw"])
-@pytest.mark.parametrize("reward", [swiftlet.NavigationReward(), WEIGHTED, OUTRUN], ids=["thesis", "weighted", "outrun"])
+@pytest.mark.parametrize(
+    "reward", [swiftlet.NavigationReward(), WEIGHTED, OUTRUN], ids=["thesis", "weighted", "outrun"]
+)
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
     worlds = [room, closet, *playgrounds]
@@ -61,7 +64,7 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
         actions = homing(engine.batch, rng, kind)
         ours, theirs = engine.step(actions), twin.step(actions)
         ended = ours[2] | ours[3]
-        np.testing.assert_allclose(ours[0], theirs[0], atol=2e-5)
+        np.testing.assert_allclose(ours[0], theirs[0], atol=ATOL)
         np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=3e-3)  # centimetres of float32 positions
         np.testing.assert_array_equal(ours[2], theirs[2])
         np.testing.assert_array_equal(ours[3], theirs[3])
@@ -80,7 +83,7 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
             succeeded += infos["success"].sum()
         if mode == "disabled" and ended.any():
             options = {"reset_mask": ended}
-            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=1e-6)
+            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=ATOL)
         waiting = ended
         # float32 rounding would let the two drift apart
         twin.batch.set_pose(engine.batch.position, engine.batch.quat_wxyz, ~ended)
@@ -108,9 +111,7 @@ class TestByHand:
         ranges = np.minimum(env.batch.lidar_ranges[0, 0] / 3, 1)
         free = (ranges / 0.2 - 1).sum() / (35 / 0.2 - 35)
         assert reward[0] == pytest.approx(100 * (before - after) + free - 0 - 1, abs=1e-3)
-        np.testing.assert_allclose(
-            env.batch.reward_terms[0], [100 * (before - after), 0, free, 0, -1, 0], atol=1e-3
-        )
+        np.testing.assert_allclose(env.batch.reward_terms[0], [100 * (before - after), 0, free, 0, -1, 0], atol=1e-3)
 
     def test_the_same_action_again_is_no_change_and_steps_are_counted_from_zero(self, env):
         env.step([0])
@@ -178,7 +179,7 @@ class TestByHand:
 
 
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
-    """Flying a shortest path earns about what the thesis reports: 11,344.6, 11,435.5 and 11,250.5 on train-2, 3 and 4."""
+    """Flying a shortest path earns about what the thesis reports: 11,435.5 on train-3."""
     env = swiftlet.DroneVectorEnv(
         1, worlds=playgrounds[2], action="displacement", reward=swiftlet.NavigationReward(thesis_switch=True)
     )
@@ -187,7 +188,7 @@ def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     env.reset(seed=0)
     total, target = 0.0, 1
     for _ in range(1000):
-        while target < len(path) - 1 and np.linalg.norm(path[target] - env.batch.position[0]) < 0.15:
+        while target < len(path) - 1 and np.linalg.norm(path[target] - env.batch.position[0]) < 1e-3:
             target += 1
         offset = (path[target] - env.batch.position[0]) / 0.1
         action = offset / max(1.0, float(np.abs(offset).max()))

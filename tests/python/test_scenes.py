@@ -82,11 +82,13 @@ class TestLoad:
         assert first is second
 
     def test_an_unknown_name_lists_those_that_exist(self):
-        with pytest.raises(ValueError, match=r"unknown scene 'playground/x'.*playground/train-1.*sets train, validation"):
+        with pytest.raises(
+            ValueError, match=r"unknown scene 'playground/x'.*playground/train-1.*sets train, validation"
+        ):
             scenes.load("playground/x")
 
     def test_a_missing_file(self):
-        with pytest.raises(FileNotFoundError, match="nowhere.json"):
+        with pytest.raises(FileNotFoundError, match=r"nowhere\.json"):
             scenes.load(Path("nowhere.json"))
 
     def test_no_world_at_all(self):

@@ -71,7 +71,9 @@ class TestRotate:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_small_task_passes_the_checker(room, mode):
-    check_vector_env(lambda n: swiftlet.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1))
+    check_vector_env(
+        lambda n: swiftlet.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1)
+    )
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -79,7 +81,11 @@ def test_the_numpy_twin_passes_the_checker(closet, mode, example):
     lidar, config = swiftlet.LidarConfig(), swiftlet.NavigationConfig(action="displacement", max_episode_steps=10)
     check_vector_env(
         lambda n: swiftlet.DroneVectorEnv(
-            n, worlds=closet, task=example("navigation_numpy").Navigation(config, lidar), autoreset_mode=mode, num_threads=1
+            n,
+            worlds=closet,
+            task=example("navigation_numpy").Navigation(config, lidar),
+            autoreset_mode=mode,
+            num_threads=1,
         )
     )
 
@@ -93,7 +99,7 @@ def test_statistics_of_episodes(room):
     for i in range(12):
         _, reward, terminated, truncated, infos = env.step(np.stack([up, down]))
         rewards.append(reward)
-        assert terminated.tolist() == [i == 3, False]
+        assert terminated.tolist() == [i in (3, 8), False]  # the step after the end resets
         assert truncated.tolist() == [False, i == 11]
         if i == 3:
             ended = infos
@@ -199,7 +205,14 @@ class TestSnapshot:
             if request.param == "python":
                 return swiftlet.DroneVectorEnv(5, worlds=room, task=Climb(), **arguments)
             return swiftlet.DroneVectorEnv(
-                5, **{"worlds": room, "action": "displacement", "max_episode_steps": 12, "random_start": True, **arguments}
+                5,
+                **{
+                    "worlds": room,
+                    "action": "displacement",
+                    "max_episode_steps": 12,
+                    "random_start": True,
+                    **arguments,
+                },
             )
 
         return make
@@ -208,7 +221,7 @@ class TestSnapshot:
     def test_restored_equals_uninterrupted(self, make, mode):
         one, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
         rng = np.random.default_rng(0)
-        one.reset(seed=0)
+        last = one.reset(seed=0)
         for i in range(60):
             if i % 7 == 3:
                 other = make(autoreset_mode=mode)
@@ -250,7 +263,7 @@ class TestExamples:
         assert task.end_lineno - task.lineno + 1 <= 40
 
     def test_it_trains(self, example):
-        assert example("train_my_task").main(total_timesteps=60_000) > 0.5
+        assert example("train_my_task").main(total_timesteps=40_000) > 0.5
 
     def test_the_twin_stays_close(self, example, capsys):
         example("navigation_numpy").main()

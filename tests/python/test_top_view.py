@@ -11,7 +11,7 @@ FLOOR, SOLID, GOAL, DRONE = (255, 255, 255), (120, 124, 132), (52, 160, 80), (35
 def pixel(image, x, y, world):
     """The colour at a place of an 8 x 8 m room."""
     scale = 256 * 0.96 / 8
-    return tuple(image[int(round(127.5 - (y - 4) * scale)), int(round(127.5 + (x - 4) * scale))])
+    return tuple(image[round(127.5 - (y - 4) * scale), round(127.5 + (x - 4) * scale)])
 
 
 def test_things_are_where_they_are(room):

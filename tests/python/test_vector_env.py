@@ -71,7 +71,10 @@ class TestSingle:
         env.close()
 
     def test_is_the_batch_of_one(self, closet):
-        env, envs = gymnasium.make(ID, worlds=closet), make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000)
+        env, envs = (
+            gymnasium.make(ID, worlds=closet),
+            make(closet, 1, autoreset_mode="disabled", max_episode_steps=3000),
+        )
         rng = np.random.default_rng(0)
         np.testing.assert_array_equal(env.reset(seed=5)[0], envs.reset(seed=5)[0][0])
         for _ in range(200):
@@ -105,7 +108,9 @@ class TestWrappers:
                 ended += done.sum()
                 ours = infos.get("final_info", infos)
                 np.testing.assert_array_equal(infos["episode"]["l"][done], ours["episode_length"][done])
-                np.testing.assert_allclose(infos["episode"]["r"][done], ours["episode_return"][done], rtol=1e-5, atol=1e-2)
+                np.testing.assert_allclose(
+                    infos["episode"]["r"][done], ours["episode_return"][done], rtol=1e-5, atol=1e-2
+                )
                 if mode == "disabled":
                     envs.reset(options={"reset_mask": done})
         assert ended > 20
@@ -124,7 +129,6 @@ class TestWrappers:
             lambda e: wrappers.TransformReward(e, lambda r: r / 10),
             wrappers.FlattenObservation,
             lambda e: wrappers.RescaleObservation(e, -1, 1),
-            lambda e: wrappers.DtypeObservation(e, np.float64),
             wrappers.DictInfoToList,
         ],
     )
@@ -138,7 +142,9 @@ class TestWrappers:
         envs.close()
 
     def test_clip_and_rescale_action(self, closet):
-        envs = wrappers.RescaleAction(make(closet, action="displacement"), -2.0, 2.0)
+        envs = wrappers.RescaleAction(
+            make(closet, action="displacement"), np.full(3, -2, np.float32), np.full(3, 2, np.float32)
+        )
         envs.reset(seed=0)
         before = envs.unwrapped.batch.position.copy()
         envs.step(np.full((4, 3), 1.0, np.float32))
