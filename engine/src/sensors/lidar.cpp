@@ -69,6 +69,14 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* c
     const Mat3 rotation = pose.rotation.toRotationMatrix();
     const Vec3 origin = pose.position + rotation * offset_[drone];
     float* const ranges = state.lidar_ranges.data() + drone * rays_;
+    if (rays_ <= trace::RayBlock::kRays) {
+      scratch.own.count = 0;
+      append_rays(pattern, 0, rays_, rotation, origin, max_range_[drone], scratch.own);
+      if (world->scene().intersect_nearby(origin, max_range_[drone], scratch.own)) {
+        std::copy_n(scratch.own.t_hit, rays_, ranges);
+        continue;
+      }
+    }
     for (std::size_t first = 0; first < rays_;) {
       const std::size_t count = std::min(trace::RayBlock::kRays - rays.count, rays_ - first);
       append_rays(pattern, first, count, rotation, origin, max_range_[drone], rays);

@@ -21,7 +21,8 @@ struct ScanScratch {
     float* ranges;
     std::size_t count;
   };
-  trace::RayBlock rays;
+  trace::RayBlock rays;  // of several drones
+  trace::RayBlock own;   // of one
   std::array<Run, trace::RayBlock::kRays> runs;
 };
 

@@ -1,5 +1,6 @@
 #include "trace/scene.hpp"
 
+#include <array>
 #include <stdexcept>
 #include <string>
 
@@ -15,6 +16,13 @@ namespace {
 
 constexpr unsigned int kPrimitiveGeometry = 0;
 constexpr unsigned int kTriangleGeometry = 1;
+
+constexpr std::size_t kMaxCulled = 64;  // primitives of a world that are worth a look each, for every scan
+constexpr std::size_t kMaxDirect = 6;   // primitives within reach that are faster tested than searched for in a tree
+
+float squared_distance(const Aabb& box, const Vec3& point) {
+  return (box.min - point).cwiseMax(point - box.max).cwiseMax(0.0F).squaredNorm();
+}
 
 [[noreturn]] void throw_embree_error(RTCDevice device) {
   throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(rtcGetDeviceError(device))));
@@ -58,6 +66,11 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
     }
   }
   if (shapes_.empty()) return;
+  if (shapes_.size() <= kMaxCulled) {
+    for (const Primitive& primitive : primitives) {
+      numbered_.push_back({make_shape(primitive), static_cast<std::int32_t>(numbered_.size())});
+    }
+  }
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER);
   rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(shapes_.size()));
   rtcSetGeometryUserData(geometry, shapes_.data());
@@ -78,6 +91,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
 void Scene::add_triangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
   has_triangles_ = true;
+  numbered_.clear();
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                3 * sizeof(float), mesh.vertices.size()));
@@ -105,6 +119,19 @@ void Scene::intersect(RayBlock& rays, Coherence coherence) const {
                  .triangle_geometry = kTriangleGeometry,
                  .first_triangle = static_cast<std::int32_t>(shapes_.size())},
                 rays, coherence);
+}
+
+bool Scene::intersect_nearby(const Vec3& origin, float range_m, RayBlock& rays) const {
+  if (numbered_.empty()) return false;
+  std::array<const NumberedShape*, kMaxDirect> near;
+  std::size_t count = 0;
+  for (const NumberedShape& shape : numbered_) {
+    if (squared_distance(shape.shape.bounds, origin) > range_m * range_m) continue;
+    if (count == kMaxDirect) return false;
+    near[count++] = &shape;
+  }
+  trace_shapes({near.data(), count}, rays);
+  return true;
 }
 
 void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {

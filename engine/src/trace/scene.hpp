@@ -41,6 +41,10 @@ class Scene {
   // other rays. Call under FlushDenormals.
   void intersect(RayBlock& rays, Coherence coherence) const;
 
+  // The same for rays that all start at the origin and have the same range. True if so little is within reach that it was
+  // answered directly; false if nothing was done and the rays are to go through intersect(), best together with others'.
+  bool intersect_nearby(const Vec3& origin, float range_m, RayBlock& rays) const;
+
   // The broad phase of collision: calls back for each element whose bounding box comes within radius (m) of center; may call
   // back for some that do not. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
@@ -59,7 +63,8 @@ class Scene {
   Owned<RTCDevice> device_;
   Owned<RTCScene> scene_;
   std::vector<Shape> shapes_;
-  std::vector<RoomShape> rooms_;
+  std::vector<NumberedShape> rooms_;
+  std::vector<NumberedShape> numbered_;  // every primitive, if they are all there is and not many; else empty
   bool has_triangles_ = false;
 };
 
