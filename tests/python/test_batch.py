@@ -6,6 +6,8 @@ import os
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import swiftlet
 
@@ -73,6 +75,22 @@ class TestMotion:
     def test_quaternions_close_to_unit_are_normalised(self, batch):
         batch.set_pose(None, np.tile(1.001 * yaw(30), (3, 1)))
         np.testing.assert_allclose(np.linalg.norm(batch.quat_wxyz, axis=1), 1, atol=1e-6)
+
+    @settings(max_examples=30, deadline=None)
+    @given(st.integers(0, 2**32))
+    def test_no_flight_ends_inside_something(self, room, seed):
+        rng = np.random.default_rng(seed)
+        batch = swiftlet.Batch([room], 16, num_threads=1)
+        for _ in range(5):
+            target = batch.position + rng.normal(scale=3, size=(16, 3))
+            quat = rng.normal(size=(16, 4))
+            contact = batch.move(target, quat / np.linalg.norm(quat, axis=1, keepdims=True))
+            assert not contact.inside.any()
+            assert (contact.fraction[~contact.hit] == 1).all()
+            reached = np.linalg.norm(batch.position - target, axis=1) < 1e-5
+            assert reached[~contact.hit].all()
+            # The pose where a drone stopped is free: a flight from it does not begin in penetration.
+            assert not batch.move(batch.position + 1e-4).inside.any()
 
 
 class TestLidar:

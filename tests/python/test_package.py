@@ -1,5 +1,7 @@
 """What `import swiftlet` brings, and what it does not."""
 
+import copy
+import pickle
 import subprocess
 import sys
 
@@ -37,6 +39,30 @@ def test_envs_are_registered_by_import():
     spec = gymnasium.spec("swiftlet/LidarNavigation-v0")
     assert spec.vector_entry_point is not None
     assert spec.max_episode_steps is None  # the engine counts
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        swiftlet.LidarConfig(beams=7, offset_m=(0.1, 0, 0)),
+        swiftlet.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10]),
+        swiftlet.PoseSensorConfig(tilt_noise_std_deg=2.0),
+        swiftlet.NavigationReward(crash_weight=0.5),
+        swiftlet.NavigationConfig(action="displacement", reward=swiftlet.NavigationReward(step_scale=7.0)),
+    ],
+)
+def test_configs_can_be_copied_pickled_compared_and_read(config):
+    for other in (copy.copy(config), copy.deepcopy(config), pickle.loads(pickle.dumps(config))):
+        assert other == config
+        assert repr(other) == repr(config)
+    assert config != type(config)()
+    assert repr(config).startswith(type(config).__name__)
+
+
+def test_worlds_can_be_copied_into_a_spec(room):
+    spec = gymnasium.make("swiftlet/LidarNavigation-v0", worlds=room, lidar=swiftlet.LidarConfig(beams=9)).spec
+    assert spec is not None
+    assert gymnasium.make(spec).observation_space.shape == (12,)
 
 
 def test_version():
