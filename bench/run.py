@@ -94,11 +94,14 @@ def bytes_per_drone(count: int = 1 << 17) -> float:
         "n = int(sys.argv[1])\n"
         "worlds = swiftlet.scenes.load('train')\n"
         "def make(n):\n"
-        "    batch = swiftlet.Batch(worlds, n, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(), num_threads=1)\n"
+        "    lidar, task = swiftlet.LidarConfig(), swiftlet.NavigationConfig()\n"
+        "    batch = swiftlet.Batch(worlds, n, lidar=lidar, task=task, num_threads=1)\n"
         "    batch.reset(); batch.step(np.zeros(n, np.int64)); batch.step(np.zeros(n, np.int64)); return batch\n"
         "small = make(1); before = peak(); large = make(n); print((peak() - before) / n)\n"
     )
-    output = subprocess.run([sys.executable, "-c", code, str(count)], check=True, stdout=subprocess.PIPE, text=True).stdout
+    output = subprocess.run(
+        [sys.executable, "-c", code, str(count)], check=True, stdout=subprocess.PIPE, text=True
+    ).stdout
     return float(output)
 
 
@@ -133,7 +136,9 @@ def bench_train() -> list[Figure]:
     for part in outcomes[0].seconds_by_part:
         shares = [1e6 * o.seconds_by_part[part] / o.steps for o in outcomes]
         name = part.replace(", ", "_").replace(" ", "_")
-        figures.append(figure(f"train/lidar/microseconds_per_step/{name}", statistics.median(shares), "us", len(shares)))
+        figures.append(
+            figure(f"train/lidar/microseconds_per_step/{name}", statistics.median(shares), "us", len(shares))
+        )
     return figures
 
 
@@ -145,7 +150,9 @@ def machine() -> dict[str, Any]:
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
-        cpu = next((line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu)
+        cpu = next(
+            (line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu
+        )
     return {
         "cpu": cpu,
         "logical_processors": os.cpu_count(),

@@ -6,10 +6,13 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "swiftlet/pose.hpp"
@@ -42,6 +45,9 @@ class Input {
     bool fits = got.size() == shape.size();
     for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] == -1 || shape[i] == got[i];
     if (!fits) refuse(field, "shape " + text_of(shape), "shape " + text_of(got));
+    if constexpr (std::is_same_v<T, float>) {
+      if (any.dtype().kind() == 'f' && any.dtype().itemsize() > 4) require_float_range(field, any);
+    }
     array_.emplace(any);
   }
 
@@ -55,6 +61,16 @@ class Input {
   [[noreturn]] static void refuse(const char* field, const std::string& expected, const std::string& got) {
     throw py::value_error(std::string(field) + ": expected " + expected + ", got " + got);
   }
+  // A double too large for float32 would become infinite, with NumPy's warning and no name.
+  static void require_float_range(const char* field, const py::array_t<double, py::array::c_style | py::array::forcecast>& wide) {
+    for (py::ssize_t i = 0; i < wide.size(); ++i) {
+      const double value = wide.data()[i];
+      if (std::isfinite(value) && std::abs(value) > static_cast<double>(std::numeric_limits<float>::max())) {
+        refuse(field, "finite numbers in float32's range", py::str(py::float_(value)));
+      }
+    }
+  }
+
   using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
   std::optional<Array> array_;
 };

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import tyro
+
+import swiftlet
 from evaluate import UNSEEN_SEED, fly, generated_worlds, greedy, summary
 from plot_paths import animate, picture_name, plot_flight, plot_overview
 from train_ppo import Args as TrainingArgs
 from train_ppo import Outcome, train
-
-import swiftlet
 
 
 @dataclass
@@ -53,9 +53,10 @@ def tell(args: Args, outcome: Outcome, flown: int, playgrounds: int, generated: 
     """Say in plain words what happened and where the files are."""
     time = f"{outcome.seconds / 60:.1f} minutes" if outcome.seconds >= 90 else f"{outcome.seconds:.0f} seconds"
     print(f"""
-A policy learned to fly by LiDAR from scratch: {outcome.steps:,} steps in {time} ({outcome.steps_per_second:,.0f} steps/s).
-On its own, without exploring, it flies from the start to the goal of {flown} of the {playgrounds} playgrounds without a crash,
-and of {generated:.0%} of 100 generated playgrounds that it has never seen.
+A policy learned to fly by LiDAR from scratch: {outcome.steps:,} steps in {time}
+({outcome.steps_per_second:,.0f} steps/s). On its own, without exploring, it flies from the start to the goal of
+{flown} of the {playgrounds} playgrounds without a crash, and of {generated:.0%} of 100 generated playgrounds that
+it has never seen.
 
 In {args.out}/
   paths.png            its paths through all playgrounds, from above

@@ -1,7 +1,7 @@
-"""Fly a trained policy once through each world: success, crash and time-out rate, path length against the shortest path.
+"""Fly a trained policy once through each world: success, crash and time-out rate, path against the shortest path.
 
-    .venv/bin/python training/evaluate.py out/demo/policy.zip
-    .venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
+.venv/bin/python training/evaluate.py out/demo/policy.zip
+.venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
 """
 
 from __future__ import annotations
@@ -50,7 +50,9 @@ def greedy(model: PPO) -> Policy:
     return act
 
 
-def fly(policy: Policy, worlds: Sequence[swiftlet.World], max_episode_steps: int = 3000, shortest: bool = False) -> list[Flight]:
+def fly(
+    policy: Policy, worlds: Sequence[swiftlet.World], max_episode_steps: int = 3000, shortest: bool = False
+) -> list[Flight]:
     """Fly one episode in each world, all at once."""
     envs = swiftlet.DroneVectorEnv(
         len(worlds), worlds=list(worlds), max_episode_steps=max_episode_steps, autoreset_mode="disabled"

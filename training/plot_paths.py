@@ -1,6 +1,6 @@
 """Pictures of flights: every playground from above and from the side, and an animation with the LiDAR's beams.
 
-    .venv/bin/python training/plot_paths.py out/demo/policy.zip --out out/paths
+.venv/bin/python training/plot_paths.py out/demo/policy.zip --out out/paths
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import imageio.v3 as imageio
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
-from evaluate import Flight, Policy, fly, greedy
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from stable_baselines3 import PPO
 
 import swiftlet
+from evaluate import Flight, Policy, fly, greedy
 
 OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "time-out": "tab:orange"}
 MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
@@ -82,7 +82,9 @@ def plot_overview(worlds: Sequence[swiftlet.World], flights: Sequence[Flight], p
     plt.close(figure)
 
 
-def animate(policy: Policy, world: swiftlet.World, path: Path, max_steps: int = 400, frames_per_second: int = 30) -> None:
+def animate(
+    policy: Policy, world: swiftlet.World, path: Path, max_steps: int = 400, frames_per_second: int = 30
+) -> None:
     """Write an animation of one flight from above, with the LiDAR's beams."""
     envs = swiftlet.DroneVectorEnv(1, worlds=[world], render_mode="rgb_array", autoreset_mode="disabled")
     observation, _ = envs.reset(seed=0)

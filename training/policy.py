@@ -21,5 +21,6 @@ class LogRangeFeatures(BaseFeaturesExtractor):
         super().__init__(observation_space, features_dim=observation_space.shape[0])
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Turn observations (N, 3 + rays) into features of the same shape."""
         direction, ranges = observations[:, :DIRECTION_SIZE], observations[:, DIRECTION_SIZE:]
         return torch.cat([DIRECTION_GAIN * direction, -torch.log(ranges + NEAREST)], dim=1)

@@ -1,8 +1,8 @@
 """Train the LiDAR navigation task with Stable-Baselines3 PPO.
 
-    .venv/bin/python training/train_ppo.py --task lidar
-    .venv/bin/python training/train_ppo.py --seed 1 --max-minutes 5 --out out/train/seed1
-    .venv/bin/python training/train_ppo.py --resume out/train/lidar/policy.zip
+.venv/bin/python training/train_ppo.py --task lidar
+.venv/bin/python training/train_ppo.py --seed 1 --max-minutes 5 --out out/train/seed1
+.venv/bin/python training/train_ppo.py --resume out/train/lidar/policy.zip
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from typing import Any, Literal
 import numpy as np
 import torch
 import tyro
-from evaluate import fly, generated_worlds, greedy
-from policy import LogRangeFeatures
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
@@ -28,6 +26,8 @@ from tqdm import tqdm
 
 import swiftlet
 import swiftlet.sb3
+from evaluate import fly, generated_worlds, greedy
+from policy import LogRangeFeatures
 
 #: Seeds of generated playgrounds: for training, and to decide when to stop. evaluate.py has its own.
 TRAINING_SEED = 0
@@ -101,9 +101,11 @@ class ScaledReward(VecEnvWrapper):
         self.seconds = 0.0  # spent in the environment
 
     def reset(self) -> Any:
+        """Begin new episodes."""
         return self.venv.reset()
 
     def step_wait(self) -> VecEnvStepReturn:
+        """Fly one step; the reward is scaled and clipped."""
         before = time.perf_counter()
         observation, reward, done, infos = self.venv.step_wait()
         self.seconds += time.perf_counter() - before
@@ -117,12 +119,14 @@ class TimedPPO(PPO):
     learning_s = 0.0
 
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
+        """Fly the steps of one update."""
         before = time.perf_counter()
         go_on = super().collect_rollouts(*args, **kwargs)
         self.collecting_s += time.perf_counter() - before
         return go_on
 
     def train(self) -> None:
+        """Learn from them."""
         before = time.perf_counter()
         super().train()
         self.learning_s += time.perf_counter() - before
@@ -280,7 +284,9 @@ def train(args: Args) -> tuple[PPO, Outcome]:
         "update": model.learning_s,
     }
     venv.close()
-    outcome = Outcome(supervisor.solved, steps, elapsed, supervisor.evaluating_s, steps / elapsed, seconds, supervisor.evaluations)
+    outcome = Outcome(
+        supervisor.solved, steps, elapsed, supervisor.evaluating_s, steps / elapsed, seconds, supervisor.evaluations
+    )
     described = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(args).items()}
     (args.out / "result.json").write_text(json.dumps({"args": described, **asdict(outcome)}, indent=1) + "\n")
     return PPO.load(args.out / "policy.zip", device="cpu"), outcome

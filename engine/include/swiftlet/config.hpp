@@ -61,7 +61,7 @@ struct NavigationReward {
   float free_space_weight = 1.0F;     // sum(l / M - 1) / (|L| / M - |L|): 1 in the open
   float step_weight = 1.0F;           // -(step number) / step_scale, the first step being number 0
   float action_change_weight = 1.0F;  // -1 if the action differs from the last one; the first action counts as a change
-  float outrun_weight = 0.0F;         // -R / 10 when x exceeds the goal's x + goal_radius_m; non-zero also ends the episode there
+  float outrun_weight = 0.0F;         // -R / 10 when x exceeds the current goal's x + goal_radius_m; non-zero also ends the episode there
 
   float goal_reward = 10000.0F;       // R
   float waypoint_share = 0.1F;        // of R, split among the waypoints
