@@ -44,6 +44,19 @@ class Side {
   btTransform transform_;
 };
 
+}  // namespace
+
+}  // namespace swiftlet::collision
+
+// Bullet leaves its flag for margins unset and copies it, which is undefined; we have no margins.
+template <>
+MinkowskiDiff<swiftlet::collision::Side>::MinkowskiDiff(const swiftlet::collision::Side& a, const swiftlet::collision::Side& b)
+    : m_convexAPtr(&a), m_convexBPtr(&b), m_enableMargin(false) {}
+
+namespace swiftlet::collision {
+
+namespace {
+
 Separation search(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Side& a,
                   const Side& b, const Vec3d& guess) {
   btGjkEpaSolver3::sResults found;

@@ -219,71 +219,18 @@ class Search {
   }
 
   void meet(const Convex& obstacle, std::uint32_t element) {
-    const Vec3d start = from_.position.cast<double>();
-    const Vec3d way = to_.position.cast<double>() - start;
-    const double length2 = way.squaredNorm();
-
-    // The ball around the hull, by planes between nearest points of its path and the obstacle.
-    double time = 0.5;
-    Vec3d center = start + time * way;
-    Vec3d nearest = closest_point(obstacle, center);
-    for (int turn = 0; turn < kBallTurns; ++turn) {
-      const Vec3d apart = center - nearest;
-      const double distance = apart.norm();
-      const double margin = distance * (static_cast<double>(hull_.radius()) + margins_.resting());
-      const double height = apart.dot(start - nearest);  // times distance
-      if (std::min(height, height + apart.dot(way)) > margin) {
-        return;
-      }
-      const double closer = length2 > 0.0 ? std::clamp(way.dot(nearest - start) / length2, 0.0, 1.0) : 0.5;
-      if (std::abs(closer - time) * std::sqrt(length2) < kBallStep) {
-        break;
-      }
-      time = closer;
-      center = start + time * way;
-      nearest = closest_point(obstacle, center);
+    const std::optional<Approach> approach = approach_of_ball(obstacle);
+    if (!approach) {
+      return;
     }
-
-    // A few steps towards the nearest points of hull and obstacle (M. Frank and P. Wolfe, 1956): most often a plane between them
-    // is good for the whole motion, at a tenth of the cost of a full search.
-    const Mat3d& rotation = mover().path().first_matrix;
-    Vec3d point = center;
-    Clearance best;
-    double best_clear = -1.0;
-    for (int step = 0; step < kPlaneSteps; ++step) {
-      const Vec3d apart = point - nearest;
-      const double distance = apart.norm();
-      if (distance <= kTouching) {
-        break;
-      }
-      const Vec3d normal = apart / distance;
-      const Plane plane{normal, normal.dot(nearest)};
-      const double gap = mover().gap(plane, 0.0);
-      if (gap > margins_.resting()) {
-        const double clear = mover().clear_until(plane, 0.0, margins_.standoff);
-        if (clear >= 1.0) {
-          return;
-        }
-        if (clear > best_clear) {
-          best_clear = clear;
-          best = {false, plane, gap, nearest};
-        }
-      }
-      const Vec3d body_normal = rotation.transpose() * normal;
-      const Vec3d vertex = center + rotation * hull_.vertex(hull_.support(-body_normal.cast<float>()));
-      const Vec3d along = vertex - point;
-      point += std::clamp(-along.dot(apart) / along.squaredNorm(), 0.0, 1.0) * along;
-      nearest = closest_point(obstacle, point);
+    const std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
+    if (!start) {
+      return;
     }
-
     const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
-    if (best_clear < 0.0) {
-      const Vec3d guess = point - nearest;
-      best = clearance(0.0, guess.norm() > kTouching ? guess : Vec3d(start - obstacle.center + kTouching * Vec3d::Ones()));
-    }
-    Touch touch = mover().first_touch(best, clearance, margins_, first_.time);
+    Touch touch = mover().first_touch(*start, clearance, margins_, first_.time);
     if (touch.inside) {
-      const Penetration out = penetrate(hull_, rotation, start, obstacle);
+      const Penetration out = penetrate(hull_, mover().path().matrix(0.0), mover().path().position(0.0), obstacle);
       touch.normal = out.normal;
       touch.point = out.point;
     }
@@ -324,6 +271,81 @@ class Search {
       touch.point = point_on_wall(hull_, mover().path().matrix(touch.time), mover().path().position(touch.time), wall);
       take(touch, element);
     }
+  }
+
+  // A place of the body's origin on its way, and the obstacle's point nearest to it.
+  struct Approach {
+    Vec3d center;
+    Vec3d nearest;
+  };
+
+  // Nothing if a plane keeps the ball around the hull clear of the obstacle all the way. Nearest points of way and obstacle are
+  // found by turns.
+  std::optional<Approach> approach_of_ball(const Convex& obstacle) const {
+    const Vec3d start = from_.position.cast<double>();
+    const Vec3d way = to_.position.cast<double>() - start;
+    const double length2 = way.squaredNorm();
+    double time = 0.5;
+    Approach found{start + time * way, closest_point(obstacle, start + time * way)};
+    for (int turn = 0; turn < kBallTurns; ++turn) {
+      const Vec3d apart = found.center - found.nearest;  // the plane's normal but for its length
+      const double before = apart.dot(start - found.nearest);
+      const double after = before + apart.dot(way);
+      if (std::min(before, after) > apart.norm() * (static_cast<double>(hull_.radius()) + margins_.resting())) {
+        return std::nullopt;
+      }
+      const double nearer = length2 > 0.0 ? std::clamp(way.dot(found.nearest - start) / length2, 0.0, 1.0) : time;
+      if (std::abs(nearer - time) * std::sqrt(length2) < kBallStep) {
+        break;
+      }
+      time = nearer;
+      found = {start + time * way, closest_point(obstacle, start + time * way)};
+    }
+    return found;
+  }
+
+  // What lies between at the start, seen by a plane that stays good for long; nothing if it is good for the whole motion. Most
+  // often a few steps towards the nearest points of hull and obstacle find one (M. Frank and P. Wolfe, "An algorithm for
+  // quadratic programming", 1956, along the hull's farthest vertices), at a tenth of the cost of a full search.
+  std::optional<Clearance> clearance_at_start(const Convex& obstacle, const Approach& approach) {
+    const Mat3d rotation = mover().path().matrix(0.0);
+    Vec3d point = approach.center;  // of the hull
+    Vec3d nearest = approach.nearest;
+    std::optional<Clearance> best;
+    double best_until = 0.0;
+    for (int step = 0; step < kPlaneSteps; ++step) {
+      const Vec3d apart = point - nearest;
+      const double distance = apart.norm();
+      if (distance <= kTouching) {
+        break;
+      }
+      const Plane plane{apart / distance, apart.dot(nearest) / distance};
+      const double gap = mover().gap(plane, 0.0);
+      if (gap > margins_.resting()) {
+        const double until = mover().clear_until(plane, 0.0, margins_.standoff);
+        if (until >= 1.0) {
+          return std::nullopt;
+        }
+        if (until > best_until) {
+          best_until = until;
+          best = Clearance{false, plane, gap, nearest};
+        }
+      }
+      const Vec3d inwards = -(rotation.transpose() * plane.normal);
+      const Vec3d along = approach.center + rotation * hull_.vertex(hull_.support(inwards.cast<float>())) - point;
+      const double gain = -along.dot(apart);
+      if (gain <= 0.0) {
+        break;
+      }
+      point += std::min(gain / along.squaredNorm(), 1.0) * along;
+      nearest = closest_point(obstacle, point);
+    }
+    if (best) {
+      return best;
+    }
+    const Vec3d guess = point - nearest;
+    const Vec3d outwards = mover().path().start - obstacle.center + kTouching * Vec3d::Ones();  // never quite zero
+    return mover().clearance(obstacle, 0.0, guess.norm() > kTouching ? guess : outwards);
   }
 
   void take(const Touch& touch, std::uint32_t element) {
