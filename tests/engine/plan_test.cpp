@@ -151,8 +151,8 @@ class VisibilityGraph {
 
   double shortest(const Vec2d& start, const Vec2d& goal) const {
     std::vector<Vec2d> nodes{start, goal};
-    constexpr int kRimPoints = 80;
-    constexpr double kOutside = 1.003;  // chords between rim points stay clear of the rim
+    constexpr int kRimPoints = 60;
+    constexpr double kOutside = 1.002;  // chords between rim points stay clear of the rim
     for (const Vec2d& pillar : pillars_) {
       for (int i = 0; i < kRimPoints; ++i) {
         const double angle = 2.0 * std::numbers::pi * (i + 0.5) / kRimPoints;
@@ -186,16 +186,35 @@ class VisibilityGraph {
     for (const Vec2d& end : {a, b}) {
       if ((end - half).minCoeff() < 0.0 || (size_ - end - half).minCoeff() < 0.0) return false;
     }
-    const int steps = 1 + static_cast<int>((b - a).norm() / 0.01);
-    return std::all_of(pillars_.begin(), pillars_.end(), [&](const Vec2d& pillar) {
-      const double along = std::clamp((pillar - a).dot(b - a) / std::max((b - a).squaredNorm(), 1e-12), 0.0, 1.0);
-      if ((pillar - a - along * (b - a)).norm() > radius_ + half.norm()) return true;
-      for (int i = 0; i <= steps; ++i) {
-        const Vec2d point = a + (b - a) * (static_cast<double>(i) / steps);
-        if (((point - pillar).cwiseAbs() - half).cwiseMax(0.0).norm() < radius_) return false;
+    return std::all_of(pillars_.begin(), pillars_.end(),
+                       [&](const Vec2d& pillar) { return distance_to_rectangle(a - pillar, b - pillar, half) >= radius_; });
+  }
+
+  // From the segment ab to the rectangle of these half sizes around the origin.
+  static double distance_to_rectangle(const Vec2d& a, const Vec2d& b, const Vec2d& half) {
+    // Clips the segment to the rectangle, axis by axis.
+    const Vec2d along = b - a;
+    double enter = 0.0;
+    double leave = 1.0;
+    for (int axis = 0; axis < 2; ++axis) {
+      if (along[axis] == 0.0) {
+        if (std::abs(a[axis]) > half[axis]) leave = -1.0;
+        continue;
       }
-      return true;
-    });
+      const double t = (-half[axis] - a[axis]) / along[axis];
+      const double u = (half[axis] - a[axis]) / along[axis];
+      enter = std::max(enter, std::min(t, u));
+      leave = std::min(leave, std::max(t, u));
+    }
+    if (enter <= leave) return 0.0;
+    // Apart, two convex shapes are nearest at a corner of one of them.
+    double distance = std::min((a.cwiseAbs() - half).cwiseMax(0.0).norm(), (b.cwiseAbs() - half).cwiseMax(0.0).norm());
+    for (const Vec2d& sign : {Vec2d(1, 1), Vec2d(1, -1), Vec2d(-1, 1), Vec2d(-1, -1)}) {
+      const Vec2d corner = sign.cwiseProduct(half);
+      const double t = std::clamp((corner - a).dot(along) / std::max(along.squaredNorm(), 1e-12), 0.0, 1.0);
+      distance = std::min(distance, (corner - a - t * along).norm());
+    }
+    return distance;
   }
 
   Vec2d size_;

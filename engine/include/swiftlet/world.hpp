@@ -39,18 +39,18 @@ struct Material {
 };
 
 struct TriangleMesh {
-  std::vector<Vec3> vertices;                        // m, world frame
+  std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
-  std::vector<std::uint16_t> materials;              // one per triangle, index into World::materials()
+  std::vector<std::uint16_t> materials;                // one per triangle, index into World::materials()
 };
 
 // Named places. A task reads them; nothing collides with them and no LiDAR sees them.
 struct Markers {
-  float radius = 0.25F;             // m, drawn size
-  std::optional<Vec3> start;        // m
-  std::vector<Vec3> waypoints;      // m, in the order of flight
-  std::optional<Vec3> goal;         // m
-  std::optional<Aabb> spawn_box;    // m; where a task may start drones at random
+  float radius = 0.25F;           // m, drawn size
+  std::optional<Vec3> start;      // m
+  std::vector<Vec3> waypoints;    // m, in the order of flight
+  std::optional<Vec3> goal;       // m
+  std::optional<Aabb> spawn_box;  // m; where a task may start drones at random
 };
 
 // What a scene file says, in memory: the one input a World is built from.
@@ -65,9 +65,9 @@ struct SceneDescription {
 // A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
 struct PlaygroundConfig {
   std::uint64_t seed = 0;
-  int pillars = 12;                                    // how many, in [0, 200]
-  std::array<float, 3> size{14.0F, 14.0F, 5.25F};      // m, room
-  float pillar_radius_m = 0.25F;
+  int pillars = 12;                                // how many, in [0, 200]
+  std::array<float, 3> size{14.0F, 14.0F, 5.25F};  // m, room
+  float pillar_radius_m = 0.25F;                   // at least 0.01, at most a fourteenth of the shorter side of the room
 };
 
 struct RayHits {
@@ -83,10 +83,14 @@ class World {
   static std::shared_ptr<const World> load(const std::filesystem::path& path);
   // The same from JSON text; mesh files are looked up relative to base_dir.
   static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {});
-  // A generated playground; a free path for the default drone from start over the waypoints to the goal exists.
+  // A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
+  // the goal crashes (if there are pillars), and a free path exists. Throws std::invalid_argument on a bad config, or where no
+  // path is found in many layouts because of too many pillars.
   static std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
-  explicit World(SceneDescription description);  // validates: see scene.hpp
+  // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
+  // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, quaternions unit, a material for each triangle.
+  explicit World(SceneDescription description);
   ~World();
   World(const World&) = delete;
   World& operator=(const World&) = delete;
@@ -98,7 +102,7 @@ class World {
   const Markers& markers() const { return description_.markers; }
   const Aabb& bounds() const { return bounds_; }  // m, of all geometry
 
-  std::string to_json() const;                           // what save() writes; triangle meshes are written inline
+  std::string to_json() const;  // what save() writes; triangle meshes are written inline
   void save(const std::filesystem::path& path) const;
 
   // Everything as triangles; round primitives are tessellated so that no chord is farther than chord_error_m from the surface.

@@ -25,12 +25,12 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // The world as this drone meets it.
 struct Space {
-  const World& world;
-  const DroneModel& drone;
+  const collision::Obstacles& obstacles;
+  collision::Hull hull;
 
-  bool is_free(const Vec3& point) const { return !collision::overlaps(world, drone, Pose{.position = point}); }
+  bool is_free(const Vec3& point) const { return !collision::overlaps(obstacles, hull, Pose{.position = point}); }
   bool is_clear(const Vec3& from, const Vec3& to) const {
-    return !collision::sweep(world, drone, Pose{.position = from}, Pose{.position = to}).hit;
+    return !collision::sweep(obstacles, hull, Pose{.position = from}, Pose{.position = to}).hit;
   }
 };
 
@@ -288,7 +288,7 @@ void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
 std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
                                       float cell_m) {
   check(start, goals, cell_m);
-  const Space space{world, drone};
+  const Space space{world.obstacles(), collision::Hull(drone)};
   const bool full_height = is_full_height(world);
   // Without a room around it, wide enough to fly around everything.
   const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
