@@ -58,7 +58,8 @@ class Figures {
  public:
   void add(const std::string& name, double value, const std::string& unit, int runs) {
     char line[512];
-    std::snprintf(line, sizeof(line), R"({"name": "%s", "value": %.6g, "unit": "%s", "runs": %d})", name.c_str(), value, unit.c_str(), runs);
+    std::snprintf(line, sizeof(line), R"({"name": "%s", "value": %.6g, "unit": "%s", "runs": %d})", name.c_str(), value,
+                  unit.c_str(), runs);
     lines_.emplace_back(line);
   }
   void print() const {

@@ -5,6 +5,7 @@
 // coherent or incoherent. Engine: Batch::sense on one thread, from the poses. All variants take turns within one run.
 // Prints a JSON list of figures.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -86,39 +87,53 @@ std::unique_ptr<BareScene> triangle_scene(const swiftlet::World& world) {
   const swiftlet::TriangleMesh mesh = world.mesh(1.0001F * chord_error);
   auto bare = std::make_unique<BareScene>();
   RTCGeometry geometry = rtcNewGeometry(bare->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh.vertices.size()));
-  auto* indices = static_cast<int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, mesh.triangles.size()));
+  auto* vertices = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh.vertices.size()));
+  auto* indices =
+      static_cast<int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, mesh.triangles.size()));
   for (const Vec3& vertex : mesh.vertices) vertices = std::copy_n(vertex.data(), 3, vertices);
   for (const auto& triangle : mesh.triangles) indices = std::copy(triangle.begin(), triangle.end(), indices);
   bare->finish(geometry);
   return bare;
 }
 
-void trace_packet(RTCScene scene, RTCRayHit16& packet, bool coherent) {
-  alignas(64) static constexpr int kAll[16] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
-  swiftlet::trace::intersect_packet(kAll, scene, packet,
-                                    coherent ? swiftlet::trace::Coherence::coherent : swiftlet::trace::Coherence::incoherent);
-}
-
-void trace_packet(RTCScene scene, RTCRayHit8& packet, bool coherent) {
-  alignas(64) static constexpr int kAll[8] = {-1, -1, -1, -1, -1, -1, -1, -1};
 #if SWIFTLET_EMBREE_MAJOR >= 4
-  RTCIntersectArguments arguments;
-  rtcInitIntersectArguments(&arguments);
-  arguments.flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
-  rtcIntersect8(kAll, scene, &packet, &arguments);
-#else
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  rtcIntersect8(kAll, scene, &context, &packet);
-#endif
+using Query = RTCIntersectArguments;
+Query make_query(bool coherent) {
+  Query query;
+  rtcInitIntersectArguments(&query);
+  query.flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
+  return query;
 }
+void trace_packet(RTCScene scene, const int* valid, RTCRayHit8& packet, Query& query) {
+  rtcIntersect8(valid, scene, &packet, &query);
+}
+void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, Query& query) {
+  rtcIntersect16(valid, scene, &packet, &query);
+}
+#else
+using Query = RTCIntersectContext;
+Query make_query(bool coherent) {
+  Query query;
+  rtcInitIntersectContext(&query);
+  query.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
+  return query;
+}
+void trace_packet(RTCScene scene, const int* valid, RTCRayHit8& packet, Query& query) {
+  rtcIntersect8(valid, scene, &query, &packet);
+}
+void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, Query& query) {
+  rtcIntersect16(valid, scene, &query, &packet);
+}
+#endif
 
 // The bare loop.
 template <class Packet, std::size_t kLanes>
 void trace_bare(RTCScene scene, Rays& rays, bool coherent) {
   alignas(64) Packet packet{};
+  alignas(64) std::array<int, kLanes> valid;
+  valid.fill(-1);
+  Query query = make_query(coherent);
   std::fill_n(packet.ray.mask, kLanes, 0xFFFFFFFFU);
   const std::size_t count = rays.t.size();
   const auto fill = [&](std::size_t first, std::size_t lanes) {
@@ -140,9 +155,10 @@ void trace_bare(RTCScene scene, Rays& rays, bool coherent) {
     } else {  // the unused lanes keep the rays of the packet before
       fill(first, lanes);
     }
-    trace_packet(scene, packet, coherent);
+    trace_packet(scene, valid.data(), packet, query);
     for (std::size_t i = 0; i < lanes; ++i) {
-      rays.t[first + i] = packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ? std::numeric_limits<float>::infinity() : packet.ray.tfar[i];
+      rays.t[first + i] =
+          packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ? std::numeric_limits<float>::infinity() : packet.ray.tfar[i];
     }
   }
 }
@@ -185,8 +201,8 @@ std::vector<Vec3> free_positions(const swiftlet::World& world, int count, std::u
   return positions;
 }
 
-void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int num_drones, const swiftlet::Batch::Worlds& worlds, int runs,
-                bench::Figures& figures) {
+void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int num_drones,
+                const swiftlet::Batch::Worlds& worlds, int runs, bench::Figures& figures) {
   swiftlet::BatchConfig config;
   config.num_drones = num_drones;
   config.num_threads = 1;
@@ -197,7 +213,8 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
   std::vector<float> position(3 * n);
   for (std::size_t w = 0; w < worlds.size(); ++w) {
     const auto free = free_positions(*worlds[w], num_drones, static_cast<std::uint32_t>(w));
-    for (std::size_t i = w; i < n; i += worlds.size()) std::copy_n(free[i].data(), 3, position.begin() + static_cast<std::ptrdiff_t>(3 * i));
+    for (std::size_t i = w; i < n; i += worlds.size())
+      std::copy_n(free[i].data(), 3, position.begin() + static_cast<std::ptrdiff_t>(3 * i));
   }
   batch.set_pose(position, {});
   batch.sense();
@@ -238,8 +255,10 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
     add("bare " + geometry + " 1", [&](std::size_t w) { trace_bare_single(scenes[w]->scene, rays[w]); });
     for (const bool coherent : {false, true}) {
       const std::string flag = coherent ? " coherent" : " incoherent";
-      add("bare " + geometry + " 8" + flag, [&, coherent](std::size_t w) { trace_bare<RTCRayHit8, 8>(scenes[w]->scene, rays[w], coherent); });
-      add("bare " + geometry + " 16" + flag, [&, coherent](std::size_t w) { trace_bare<RTCRayHit16, 16>(scenes[w]->scene, rays[w], coherent); });
+      add("bare " + geometry + " 8" + flag,
+          [&, coherent](std::size_t w) { trace_bare<RTCRayHit8, 8>(scenes[w]->scene, rays[w], coherent); });
+      add("bare " + geometry + " 16" + flag,
+          [&, coherent](std::size_t w) { trace_bare<RTCRayHit16, 16>(scenes[w]->scene, rays[w], coherent); });
     }
   }
   const swiftlet::trace::FlushDenormals flush;
@@ -247,14 +266,16 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
 
   std::size_t best = 1;
   for (std::size_t v = 1; v < variants.size(); ++v) {
-    std::fprintf(stderr, "  %-36s %8.3f M rays/s\n", variants[v].label.c_str(), static_cast<double>(n * per_drone) / bench::median(times[v]) / 1e6);
+    std::fprintf(stderr, "  %-36s %8.3f M rays/s\n", variants[v].label.c_str(),
+                 static_cast<double>(n * per_drone) / bench::median(times[v]) / 1e6);
     if (bench::median(times[v]) < bench::median(times[best])) best = v;
   }
-  std::fprintf(stderr, "  %-36s %8.3f M rays/s (best bare: %s)\n", "engine", static_cast<double>(n * per_drone) / bench::median(times[0]) / 1e6,
-               variants[best].label.c_str());
+  std::fprintf(stderr, "  %-36s %8.3f M rays/s (best bare: %s)\n", "engine",
+               static_cast<double>(n * per_drone) / bench::median(times[0]) / 1e6, variants[best].label.c_str());
   figures.add("lidar/" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[0]), "1", runs);
   figures.add("lidar/" + name + "/scans_per_second", static_cast<double>(n) / bench::median(times[0]), "1/s", runs);
-  figures.add("lidar/" + name + "/bare_embree_scans_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s", runs);
+  figures.add("lidar/" + name + "/bare_embree_scans_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s",
+              runs);
 }
 
 }  // namespace

@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 import platform
+import shutil
 import statistics
 import subprocess
 import sys
@@ -164,6 +165,9 @@ def machine() -> dict[str, Any]:
 
 
 def commit() -> str:
+    if shutil.which("git") is None:
+        return "unknown"
+
     def git(*args: str) -> str:
         return subprocess.run(["git", *args], cwd=ROOT, check=False, stdout=subprocess.PIPE, text=True).stdout.strip()
 

@@ -22,9 +22,7 @@ namespace swiftlet::bindings {
 namespace py = pybind11;
 using Shape = std::vector<py::ssize_t>;
 
-inline std::string text_of(const Shape& shape) {
-  return std::string(py::str(py::tuple(py::cast(shape))));
-}
+inline std::string text_of(const Shape& shape) { return std::string(py::str(py::tuple(py::cast(shape)))); }
 
 // An array argument as contiguous T, or nothing for None. Kinds are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.
 template <class T>

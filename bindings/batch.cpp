@@ -126,8 +126,9 @@ void register_batch(py::module_& module) {
   const auto none = py::none();
   py::class_<Batch>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
-           py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("autoreset_mode") = "next_step",
-           py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
+           py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none,
+           py::arg("autoreset_mode") = "next_step", py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
+           py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones; })
       .def_property_readonly("num_threads", &Batch::num_threads)
       .def_property_readonly("worlds",
@@ -189,8 +190,10 @@ void register_batch(py::module_& module) {
                         integers<std::int32_t>(world_index, "world_index", {n}));
           },
           py::arg("indices"), py::arg("position"), py::arg("quat_wxyz") = none, py::arg("world_index") = none)
-      .def("remove", [](Batch& batch, const py::object& indices) { batch.remove(integers<std::int64_t>(indices, "indices", {-1})); },
-           py::arg("indices"))
+      .def(
+          "remove",
+          [](Batch& batch, const py::object& indices) { batch.remove(integers<std::int64_t>(indices, "indices", {-1})); },
+          py::arg("indices"))
       .def(
           "set_world",
           [](Batch& batch, const py::object& world_index, const py::object& mask) {
@@ -213,9 +216,9 @@ void register_batch(py::module_& module) {
             batch.seed(integers<std::uint64_t>(seeds, "seeds", {size_of(batch)}), flags(mask, "mask", size_of(batch)));
           },
           py::arg("seeds"), py::arg("mask") = none)
-      .def("begin_episode",
-           [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", size_of(batch))); },
-           py::arg("mask") = none)
+      .def(
+          "begin_episode", [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", size_of(batch))); },
+          py::arg("mask") = none)
       .def("random", &random, py::arg("stream"), py::arg("count"))
       .def(
           "reset",

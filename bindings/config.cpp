@@ -67,8 +67,7 @@ void add_common(py::class_<Config>& cls, std::vector<const char*> fields) {
 
 void register_config(py::module_& module) {
   py::class_<LidarConfig> lidar(module, "LidarConfig", "A scanning LiDAR: a grid of channels x beams, or a beam pattern.");
-  lidar
-      .def_readwrite("channels", &LidarConfig::channels)
+  lidar.def_readwrite("channels", &LidarConfig::channels)
       .def_readwrite("beams", &LidarConfig::beams)
       .def_readwrite("hfov_deg", &LidarConfig::hfov_deg)
       .def_readwrite("vfov_deg", &LidarConfig::vfov_deg)
@@ -78,17 +77,16 @@ void register_config(py::module_& module) {
       .def_readwrite("azimuth_deg", &LidarConfig::azimuth_deg)
       .def_readwrite("elevation_deg", &LidarConfig::elevation_deg)
       .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); });
-  add_common(lidar, {"channels", "beams", "hfov_deg", "vfov_deg", "max_range_m", "offset_m", "quat_wxyz", "azimuth_deg", "elevation_deg"});
+  add_common(lidar, {"channels", "beams", "hfov_deg", "vfov_deg", "max_range_m", "offset_m", "quat_wxyz", "azimuth_deg",
+                     "elevation_deg"});
 
   py::class_<PoseSensorConfig> pose_sensor(module, "PoseSensorConfig", "Exact pose, with optional Gaussian noise.");
-  pose_sensor
-      .def_readwrite("position_noise_std_m", &PoseSensorConfig::position_noise_std_m)
+  pose_sensor.def_readwrite("position_noise_std_m", &PoseSensorConfig::position_noise_std_m)
       .def_readwrite("tilt_noise_std_deg", &PoseSensorConfig::tilt_noise_std_deg);
   add_common(pose_sensor, {"position_noise_std_m", "tilt_noise_std_deg"});
 
   py::class_<NavigationReward> reward(module, "NavigationReward", "The terms of the navigation reward and their weights.");
-  reward
-      .def_readwrite("distance_weight", &NavigationReward::distance_weight)
+  reward.def_readwrite("distance_weight", &NavigationReward::distance_weight)
       .def_readwrite("crash_weight", &NavigationReward::crash_weight)
       .def_readwrite("free_space_weight", &NavigationReward::free_space_weight)
       .def_readwrite("step_weight", &NavigationReward::step_weight)
@@ -100,9 +98,12 @@ void register_config(py::module_& module) {
       .def_readwrite("min_clearance", &NavigationReward::min_clearance)
       .def_readwrite("step_scale", &NavigationReward::step_scale)
       .def_readwrite("thesis_switch", &NavigationReward::thesis_switch);
-  add_common(reward, {"distance_weight", "crash_weight", "free_space_weight", "step_weight", "action_change_weight", "outrun_weight", "goal_reward", "waypoint_share", "goal_radius_m", "min_clearance", "step_scale", "thesis_switch"});
+  add_common(reward,
+             {"distance_weight", "crash_weight", "free_space_weight", "step_weight", "action_change_weight", "outrun_weight",
+              "goal_reward", "waypoint_share", "goal_radius_m", "min_clearance", "step_scale", "thesis_switch"});
 
-  py::class_<NavigationConfig> navigation(module, "NavigationConfig", "Fly from the start over the waypoints to the goal by LiDAR.");
+  py::class_<NavigationConfig> navigation(module, "NavigationConfig",
+                                          "Fly from the start over the waypoints to the goal by LiDAR.");
   navigation
       .def_property(
           "action", [](const NavigationConfig& c) { return kActions[static_cast<int>(c.action)].text; },
@@ -114,7 +115,8 @@ void register_config(py::module_& module) {
       .def_readwrite("random_start", &NavigationConfig::random_start)
       .def_readwrite("random_world", &NavigationConfig::random_world)
       .def_readwrite("stagger_first_episode", &NavigationConfig::stagger_first_episode);
-  add_common(navigation, {"action", "step_m", "yaw_step_deg", "max_episode_steps", "reward", "random_start", "random_world", "stagger_first_episode"});
+  add_common(navigation, {"action", "step_m", "yaw_step_deg", "max_episode_steps", "reward", "random_start", "random_world",
+                          "stagger_first_episode"});
 }
 
 }  // namespace swiftlet::bindings

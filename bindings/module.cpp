@@ -15,8 +15,8 @@ void register_batch(pybind11::module_& module);
 PYBIND11_MODULE(_core, module) {
   module.doc() = "The native module of swiftlet.";
   module.attr("__version__") = SWIFTLET_VERSION;
-  module.attr("embree_version") = std::to_string(RTC_VERSION_MAJOR) + "." + std::to_string(RTC_VERSION_MINOR) + "." +
-                                  std::to_string(RTC_VERSION_PATCH);
+  module.attr("embree_version") =
+      std::to_string(RTC_VERSION_MAJOR) + "." + std::to_string(RTC_VERSION_MINOR) + "." + std::to_string(RTC_VERSION_PATCH);
   module.attr("simd_target") = swiftlet::trace::simd_target();
   swiftlet::bindings::register_config(module);
   swiftlet::bindings::register_drone_model(module);

@@ -69,10 +69,10 @@ py::tuple mesh(const World& world, float chord_error_m) {
 }  // namespace
 
 void register_world(py::module_& module) {
-
   py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
-      .def_static("load", [](const py::object& source) { return std::const_pointer_cast<World>(World::load(resolve(source))); },
-                  py::arg("source"))
+      .def_static(
+          "load", [](const py::object& source) { return std::const_pointer_cast<World>(World::load(resolve(source))); },
+          py::arg("source"))
       .def_static(
           "from_dict",
           [](const py::object& scene, const std::filesystem::path& base_dir) {
@@ -104,7 +104,8 @@ void register_world(py::module_& module) {
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range"))
       .def("__copy__", [](const py::object& self) { return self; })  // immutable
-      .def("__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))
+      .def(
+          "__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))
       .def(py::pickle([](const World& world) { return world.to_json(); },
                       [](const std::string& json) { return std::const_pointer_cast<World>(World::from_json(json)); }))
       .def("__repr__", [](const World& world) { return "World('" + world.name() + "')"; });

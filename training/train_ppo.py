@@ -275,7 +275,7 @@ def train(args: Args) -> tuple[PPO, Outcome]:
 
     supervisor = Supervisor(args)
     before = time.perf_counter()
-    model.learn(args.total_steps, callback=supervisor, reset_num_timesteps=args.resume is None, log_interval=4)
+    model.learn(args.total_steps, callback=supervisor, reset_num_timesteps=args.resume is None, log_interval=1)
     elapsed = time.perf_counter() - before - supervisor.evaluating_s
     steps = model.num_timesteps - supervisor.first_step
     seconds = {

@@ -406,8 +406,7 @@ struct Answers {
 };
 
 // Traces the rays in the given order, in blocks of block_size, each ray's answer at its own index.
-Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std::size_t>& order, std::size_t block_size,
-                     trace::Coherence coherence) {
+Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std::size_t>& order, std::size_t block_size) {
   Answers answers{std::vector<float>(rays.size()), std::vector<std::int32_t>(rays.size())};
   const trace::FlushDenormals flush;
   const auto block = std::make_unique<trace::RayBlock>();
@@ -424,7 +423,7 @@ Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std
       block->dir_z[k] = direction.z();
       block->range[k] = 25.0F;
     }
-    world.scene().intersect(*block, coherence);
+    world.scene().intersect(*block);
     for (std::size_t k = 0; k < block->count; ++k) {
       answers.t[order[first + k]] = block->t_hit[k];
       answers.element[order[first + k]] = block->element[k];
@@ -436,29 +435,27 @@ Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std
 void expect_same_in_any_block(const World& world, const Rays& rays, Random& random) {
   std::vector<std::size_t> order(rays.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  for (const auto coherence : {trace::Coherence::incoherent, trace::Coherence::coherent}) {
-    const Answers alone = trace_blocks(world, rays, order, 1, coherence);
-    EXPECT_GT(std::count_if(alone.element.begin(), alone.element.end(), [](auto e) { return e >= 0; }),
-              static_cast<std::ptrdiff_t>(rays.size() / 4));
-    const auto expect_same = [&](const Answers& other, const char* how) {
-      std::size_t different = 0;
-      for (std::size_t i = 0; i < rays.size(); ++i) {
-        if (same_bits(std::span(&alone.t[i], 1), std::span(&other.t[i], 1)) && alone.element[i] == other.element[i]) continue;
-        if (different++ > 0) continue;
-        ADD_FAILURE() << how << ", first ray that differs: origin " << rays.origin(i).transpose() << ", direction "
-                      << rays.unit(i).transpose() << ": " << alone.t[i] << " (" << alone.element[i] << ") alone, " << other.t[i]
-                      << " (" << other.element[i] << ") in company";
-      }
-      EXPECT_EQ(different, 0U) << how << ", of " << rays.size();
-    };
-    for (const std::size_t block_size : {5U, 16U, 19U, 256U}) {
-      expect_same(trace_blocks(world, rays, order, block_size, coherence), "in order");
+  const Answers alone = trace_blocks(world, rays, order, 1);
+  EXPECT_GT(std::count_if(alone.element.begin(), alone.element.end(), [](auto e) { return e >= 0; }),
+            static_cast<std::ptrdiff_t>(rays.size() / 4));
+  const auto expect_same = [&](const Answers& other, const char* how) {
+    std::size_t different = 0;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      if (same_bits(std::span(&alone.t[i], 1), std::span(&other.t[i], 1)) && alone.element[i] == other.element[i]) continue;
+      if (different++ > 0) continue;
+      ADD_FAILURE() << how << ", first ray that differs: origin " << rays.origin(i).transpose() << ", direction "
+                    << rays.unit(i).transpose() << ": " << alone.t[i] << " (" << alone.element[i] << ") alone, " << other.t[i]
+                    << " (" << other.element[i] << ") in company";
     }
-    std::vector<std::size_t> shuffled = order;
-    for (const std::size_t block_size : {16U, 256U}) {
-      std::shuffle(shuffled.begin(), shuffled.end(), random.generator());
-      expect_same(trace_blocks(world, rays, shuffled, block_size, coherence), "shuffled");
-    }
+    EXPECT_EQ(different, 0U) << how << ", of " << rays.size();
+  };
+  for (const std::size_t block_size : {5U, 16U, 19U, 256U}) {
+    expect_same(trace_blocks(world, rays, order, block_size), "in order");
+  }
+  std::vector<std::size_t> shuffled = order;
+  for (const std::size_t block_size : {16U, 256U}) {
+    std::shuffle(shuffled.begin(), shuffled.end(), random.generator());
+    expect_same(trace_blocks(world, rays, shuffled, block_size), "shuffled");
   }
 }
 

@@ -99,10 +99,7 @@ TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {[](auto& d) { d.mesh.triangles[0][0] = -1; }, "mesh.triangles[0]: expected vertex indices in [0, 3), got -1"},
       {[](auto& d) { d.mesh.vertices[2] = Vec3(2, 0, 0); },
        "mesh.triangles[0]: expected a triangle with an area, got (0, 0, 0) (1, 0, 0) (2, 0, 0)"},
-      {[](auto& d) {
-         d.mesh.materials = {0, 0};
-       },
-       "mesh.materials: expected one per triangle (1), got 2"},
+      {[](auto& d) { d.mesh.materials = {0, 0}; }, "mesh.materials: expected one per triangle (1), got 2"},
       {[](auto& d) { d.mesh.materials = {7}; }, "mesh.materials[0]: expected an index below 1, got 7"},
       {[](auto& d) {
          d.primitives.clear();
@@ -112,13 +109,9 @@ TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {[](auto& d) { d.markers.radius = 0; }, "markers.radius: expected a number > 0, got 0.000000"},
       {[](auto& d) { d.markers.goal = Vec3(0, kNan, 0); },
        "markers.goal: expected coordinates within +-1e+06 m, got (0, nan, 0)"},
-      {[](auto& d) {
-         d.markers.waypoints = {Vec3::Zero(), Vec3(0, 0, kNan)};
-       },
+      {[](auto& d) { d.markers.waypoints = {Vec3::Zero(), Vec3(0, 0, kNan)}; },
        "markers.waypoints[1]: expected coordinates within +-1e+06 m, got (0, 0, nan)"},
-      {[](auto& d) {
-         d.markers.spawn_box = Aabb{Vec3::Ones(), Vec3::Zero()};
-       },
+      {[](auto& d) { d.markers.spawn_box = Aabb{Vec3::Ones(), Vec3::Zero()}; },
        "markers.spawn_box: expected min <= max, got (1, 1, 1) and (0, 0, 0)"},
   };
   EXPECT_NO_THROW(World{valid()});

@@ -32,7 +32,8 @@ class Batch {
   using Worlds = std::vector<std::shared_ptr<const World>>;
   using Mask = std::span<const std::uint8_t>;
 
-  // world_index: (N,), or empty for drone i in world i mod W. Drones start at their world's start marker, else at the centre of its bounds.
+  // world_index: (N,), or empty for drone i in world i mod W. Drones start at their world's start marker, else at the centre of
+  // its bounds.
   Batch(BatchConfig config, Worlds worlds, DroneModel drone = DroneModel::quadrotor650(),
         std::span<const std::int32_t> world_index = {});
   ~Batch();
@@ -58,13 +59,13 @@ class Batch {
 
   // --- the LiDAR
   void set_lidar(const LidarChange& change, Mask mask = {});
-  float lidar_max_range(int drone) const;                            // m
-  void lidar_directions(std::span<float> out) const;                 // (N, channels, beams, 3) unit, body frame
-  void lidar_points(std::span<float> out) const;                     // (N, channels, beams, 3) m, world frame, inf on a miss
+  float lidar_max_range(int drone) const;             // m
+  void lidar_directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
+  void lidar_points(std::span<float> out) const;      // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
-  void seed(std::span<const std::uint64_t> seeds, Mask mask = {});   // (N,); episode counters go to 0
-  void begin_episode(Mask mask = {});                                // the next episode of each masked env
+  void seed(std::span<const std::uint64_t> seeds, Mask mask = {});           // (N,); episode counters go to 0
+  void begin_episode(Mask mask = {});                                        // the next episode of each masked env
   void random(std::uint32_t stream, int count, std::span<float> out) const;  // (N, count), uniform in [0, 1)
 
   // --- the built-in task; std::logic_error without one, or before the first reset
@@ -74,7 +75,7 @@ class Batch {
   void step(std::span<const float> actions);                         // (N, 3) or (N, 4), clipped to [-1, 1]
   const Outputs& outputs() const;                                    // of the last step or reset; intact during the next one
   Outputs& outputs();
-  std::span<const std::int32_t> goal_index() const;                  // (N,) 0 .. number of waypoints
+  std::span<const std::int32_t> goal_index() const;  // (N,) 0 .. number of waypoints
 
   // --- all that the next step depends on, with a hash of the configuration that restore() checks
   std::string snapshot() const;

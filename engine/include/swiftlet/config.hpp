@@ -56,19 +56,20 @@ enum class AutoresetMode : std::uint8_t {
 // Source: the LiDAR and camera experiments of the thesis "Drone Simulation Using Unreal Engine", chapter 6.
 // l are the LiDAR ranges over max_range_m, |L| their number, M = min_clearance, R = goal_reward.
 struct NavigationReward {
-  float distance_weight = 1.0F;       // R at the goal; R * waypoint_share / #waypoints at a waypoint; else cm gained towards the goal
-  float crash_weight = 1.0F;          // -R on a collision; else min(l) - M where min(l) < M; else 0
+  float distance_weight = 1.0F;  // R at the goal; R * waypoint_share / #waypoints at a waypoint; else cm gained towards the goal
+  float crash_weight = 1.0F;     // -R on a collision; else min(l) - M where min(l) < M; else 0
   float free_space_weight = 1.0F;     // sum(l / M - 1) / (|L| / M - |L|): 1 in the open
   float step_weight = 1.0F;           // -(step number) / step_scale, the first step being number 0
   float action_change_weight = 1.0F;  // -1 if the action differs from the last one; the first action counts as a change
-  float outrun_weight = 0.0F;         // -R / 10 when x exceeds the current goal's x + goal_radius_m; non-zero also ends the episode there
+  float outrun_weight =
+      0.0F;  // -R / 10 when x exceeds the current goal's x + goal_radius_m; non-zero also ends the episode there
 
-  float goal_reward = 10000.0F;       // R
-  float waypoint_share = 0.1F;        // of R, split among the waypoints
-  float goal_radius_m = 0.5F;         // T, > 0: goal and waypoints count as reached within it
-  float min_clearance = 0.2F;         // M, in (0, 1), in units of max_range_m
-  float step_scale = 3000.0F;         // > 0
-  bool thesis_switch = false;         // keep the last distance when the goal changes, as the thesis's program did
+  float goal_reward = 10000.0F;  // R
+  float waypoint_share = 0.1F;   // of R, split among the waypoints
+  float goal_radius_m = 0.5F;    // T, > 0: goal and waypoints count as reached within it
+  float min_clearance = 0.2F;    // M, in (0, 1), in units of max_range_m
+  float step_scale = 3000.0F;    // > 0
+  bool thesis_switch = false;    // keep the last distance when the goal changes, as the thesis's program did
 
   void validate() const;
 };
@@ -79,13 +80,13 @@ inline constexpr int kNumRewardTerms = 6;  // in the order of the weights above
 // Observation (3 + rows * columns,): unit direction to the current goal in the body frame, then the normalised ranges.
 struct NavigationConfig {
   ActionKind action = ActionKind::discrete;
-  float step_m = 0.1F;                     // > 0
-  float yaw_step_deg = 10.0F;              // in (0, 180]
-  int max_episode_steps = 3000;            // truncation; 0: never
+  float step_m = 0.1F;           // > 0
+  float yaw_step_deg = 10.0F;    // in (0, 180]
+  int max_episode_steps = 3000;  // truncation; 0: never
   NavigationReward reward;
-  bool random_start = false;               // start uniformly in the world's spawn box instead of at its start marker
-  bool random_world = false;               // each reset draws a world at random instead of keeping the env's own
-  bool stagger_first_episode = false;      // first time limits spread over [1, max_episode_steps], keyed by seed
+  bool random_start = false;           // start uniformly in the world's spawn box instead of at its start marker
+  bool random_world = false;           // each reset draws a world at random instead of keeping the env's own
+  bool stagger_first_episode = false;  // first time limits spread over [1, max_episode_steps], keyed by seed
 
   void validate() const;
 };
@@ -93,15 +94,15 @@ struct NavigationConfig {
 enum class TaskKind : std::uint8_t { none, navigation };
 
 struct BatchConfig {
-  int num_drones = 1;                      // N, in [1, 1 << 20]
-  int num_threads = 0;                     // 0: physical cores in the affinity mask
+  int num_drones = 1;   // N, in [1, 1 << 20]
+  int num_threads = 0;  // 0: physical cores in the affinity mask
   bool has_lidar = false;
   LidarConfig lidar;
   PoseSensorConfig pose_sensor;
-  TaskKind task = TaskKind::none;          // navigation requires a LiDAR
+  TaskKind task = TaskKind::none;  // navigation requires a LiDAR
   NavigationConfig navigation;
   AutoresetMode autoreset_mode = AutoresetMode::next_step;
-  int block_size = 64;                     // drones a thread takes at once, > 0; no result depends on it
+  int block_size = 64;  // drones a thread takes at once, > 0; no result depends on it
 
   void validate() const;
 };

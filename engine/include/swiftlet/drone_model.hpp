@@ -19,7 +19,7 @@ class DroneModel {
   explicit DroneModel(std::vector<Vec3> hull);
 
   std::span<const Vec3> hull() const { return hull_; }
-  float radius() const { return radius_; }    // m, of the smallest ball about the body origin that holds the hull
+  float radius() const { return radius_; }          // m, of the smallest ball about the body origin that holds the hull
   const Aabb& extents() const { return extents_; }  // m, body frame
 
  private:

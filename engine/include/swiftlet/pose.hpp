@@ -13,8 +13,8 @@ using Mat3 = Eigen::Matrix3f;
 using Quat = Eigen::Quaternionf;
 
 struct Pose {
-  Vec3 position = Vec3::Zero();       // m, world frame
-  Quat rotation = Quat::Identity();   // unit, body to world
+  Vec3 position = Vec3::Zero();      // m, world frame
+  Quat rotation = Quat::Identity();  // unit, body to world
 };
 
 struct Aabb {

@@ -8,41 +8,41 @@ namespace swiftlet {
 
 using FlagArray = std::vector<std::uint8_t>;  // 0 or 1, viewed as bool
 
-struct ContactState {            // written by collision, cleared by a reset or teleport
-  FlagArray hit;                 // (N,) something was touched
-  FlagArray inside;              // (N,) the motion began in penetration
-  std::vector<float> fraction;   // (N,) of the motion that was flown
-  std::vector<float> point;      // (N, 3) m, world frame, on the obstacle
-  std::vector<float> normal;     // (N, 3) unit, world frame, from the obstacle towards the drone
+struct ContactState {           // written by collision, cleared by a reset or teleport
+  FlagArray hit;                // (N,) something was touched
+  FlagArray inside;             // (N,) the motion began in penetration
+  std::vector<float> fraction;  // (N,) of the motion that was flown
+  std::vector<float> point;     // (N, 3) m, world frame, on the obstacle
+  std::vector<float> normal;    // (N, 3) unit, world frame, from the obstacle towards the drone
 };
 
 struct State {
   // hot: read and written every step
-  std::vector<float> position;             // (N, 3) m, world frame; written by motion, collision, reset
-  std::vector<float> quat_wxyz;            // (N, 4) unit, body to world; written by motion, collision, reset
-  ContactState contact;                    // written by collision
-  std::vector<float> lidar_ranges;         // (N, channels, beams) m, inf on a miss; written by sensors
-  std::vector<float> sensed_position;      // (N, 3) m; written by sensors
-  std::vector<float> sensed_quat_wxyz;     // (N, 4); written by sensors
+  std::vector<float> position;          // (N, 3) m, world frame; written by motion, collision, reset
+  std::vector<float> quat_wxyz;         // (N, 4) unit, body to world; written by motion, collision, reset
+  ContactState contact;                 // written by collision
+  std::vector<float> lidar_ranges;      // (N, channels, beams) m, inf on a miss; written by sensors
+  std::vector<float> sensed_position;   // (N, 3) m; written by sensors
+  std::vector<float> sensed_quat_wxyz;  // (N, 4); written by sensors
   // cold
-  FlagArray active;                        // (N,) 0: the slot is removed
-  std::vector<std::int32_t> world_index;   // (N,) into the batch's worlds
-  std::vector<std::uint64_t> seed;         // (N,) key of the env's random numbers
-  std::vector<std::int64_t> episode;       // (N,) which episode of its seed, from 0
-  std::vector<std::int64_t> scans;         // (N,) how often sensed in this episode: counter of the sensor noise
+  FlagArray active;                       // (N,) 0: the slot is removed
+  std::vector<std::int32_t> world_index;  // (N,) into the batch's worlds
+  std::vector<std::uint64_t> seed;        // (N,) key of the env's random numbers
+  std::vector<std::int64_t> episode;      // (N,) which episode of its seed, from 0
+  std::vector<std::int64_t> scans;        // (N,) how often sensed in this episode: counter of the sensor noise
 };
 
 // What a step or reset returns. Two of these rotate, so that what one returned stays intact during the next.
 struct Outputs {
-  std::vector<float> observation;        // (N, observation size)
-  std::vector<float> final_observation;  // (N, observation size), valid where terminated or truncated
-  std::vector<float> reward;             // (N,)
-  std::vector<float> reward_terms;       // (N, kNumRewardTerms), weighted; their sum is the reward
-  FlagArray terminated;                  // (N,)
-  FlagArray truncated;                   // (N,)
-  FlagArray success;                     // (N,) ended here at the final goal, without a crash
-  FlagArray crashed;                     // (N,) ended here by a collision
-  std::vector<double> episode_return;    // (N,) of the episode that ended here, else of the current one so far
+  std::vector<float> observation;            // (N, observation size)
+  std::vector<float> final_observation;      // (N, observation size), valid where terminated or truncated
+  std::vector<float> reward;                 // (N,)
+  std::vector<float> reward_terms;           // (N, kNumRewardTerms), weighted; their sum is the reward
+  FlagArray terminated;                      // (N,)
+  FlagArray truncated;                       // (N,)
+  FlagArray success;                         // (N,) ended here at the final goal, without a crash
+  FlagArray crashed;                         // (N,) ended here by a collision
+  std::vector<double> episode_return;        // (N,) of the episode that ended here, else of the current one so far
   std::vector<std::int64_t> episode_length;  // (N,) likewise, in steps
 };
 

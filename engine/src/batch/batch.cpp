@@ -94,7 +94,8 @@ struct Batch::Impl {
   void require_world_index(std::span<const std::int32_t> world_index, std::size_t rows) const;
   void require_indices(std::span<const std::int64_t> indices) const;
   // The pose a row asks for: what is missing stays, quaternions are normalised.
-  Pose requested_pose(std::size_t drone, std::size_t row, std::span<const float> position, std::span<const float> quat_wxyz) const;
+  Pose requested_pose(std::size_t drone, std::size_t row, std::span<const float> position,
+                      std::span<const float> quat_wxyz) const;
 
   BatchConfig config;
   Worlds worlds;
@@ -106,13 +107,13 @@ struct Batch::Impl {
   State state;
   std::optional<sensors::Lidar> lidar;
   std::optional<task::Navigation> navigation;
-  std::vector<float> actions;     // (N, action size) of this step
+  std::vector<float> actions;  // (N, action size) of this step
   std::array<Outputs, 2> slots;
-  std::size_t current = 0;        // the slot of the last step or reset
+  std::size_t current = 0;  // the slot of the last step or reset
   Schedule schedule;
   Workers workers;
-  std::uint64_t hash = 0;         // of the configuration
-  long owner;                     // the process that made this batch
+  std::uint64_t hash = 0;  // of the configuration
+  long owner;              // the process that made this batch
 };
 
 Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index)
@@ -124,7 +125,12 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
       workers(config.num_threads > 0 ? config.num_threads : physical_cores(), static_cast<std::size_t>(config.block_size)),
       owner(process_id()) {
   const auto n = static_cast<std::size_t>(config.num_drones);
-  for (const auto& world : worlds) world_pointers.push_back(world.get());
+  for (const auto& world : worlds) {
+    world_pointers.push_back(world.get());
+    // Built here, not by whichever thread first needs them in the middle of a step.
+    world->obstacles();
+    if (config.has_lidar) world->scene();
+  }
   require_world_index(world_index, n);
   if (config.has_lidar) {
     lidar.emplace(config.lidar, config.num_drones);
@@ -205,12 +211,13 @@ void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch)
 
 void Batch::Impl::evaluate(std::uint32_t drone) {
   const std::span<const float> observation = std::span(out().observation).subspan(drone * observation_size, observation_size);
-  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), observation.subspan(task::Navigation::kGoalSize),
-                       state, out());
+  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(),
+                       observation.subspan(task::Navigation::kGoalSize), state, out());
 }
 
 void Batch::Impl::observe_ranges(std::uint32_t drone) {
-  task::Navigation::observe_ranges(ranges_of(drone), lidar->max_range_of(drone), out().observation.data() + drone * observation_size);
+  task::Navigation::observe_ranges(ranges_of(drone), lidar->max_range_of(drone),
+                                   out().observation.data() + drone * observation_size);
 }
 
 void Batch::Impl::observe_goal(std::uint32_t drone) {
@@ -599,7 +606,8 @@ void Batch::step(std::span<const std::int64_t> actions) {
     if (actions[drone] < 0 || actions[drone] >= 6) refuse(row_of("actions", drone), "an integer in [0, 6)", actions[drone]);
   }
   impl_->require_begun();
-  std::transform(actions.begin(), actions.end(), impl_->actions.begin(), [](std::int64_t action) { return static_cast<float>(action); });
+  std::transform(actions.begin(), actions.end(), impl_->actions.begin(),
+                 [](std::int64_t action) { return static_cast<float>(action); });
   impl_->step();
 }
 
@@ -651,8 +659,13 @@ void Batch::restore(const std::string& blob) {
           "one of another");
   // Everything is read before anything changes.
   std::vector<std::function<void()>> changes;
+  std::vector<std::int32_t> world_index;
   const auto read = [&](auto& array, std::size_t) {
-    changes.emplace_back([&array, values = reader.array(array)] { std::copy(values.begin(), values.end(), array.begin()); });
+    auto values = reader.array(array);
+    if constexpr (std::is_same_v<decltype(values), std::vector<std::int32_t>>) {
+      if (&array == &impl_->state.world_index) world_index = values;
+    }
+    changes.emplace_back([&array, values = std::move(values)] { std::copy(values.begin(), values.end(), array.begin()); });
   };
   for_each_array(impl_->state, impl_->rays, read);
   for (std::size_t drone = 0; impl_->lidar && drone < impl_->size(); ++drone) {
@@ -671,6 +684,10 @@ void Batch::restore(const std::string& blob) {
     for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(impl_->out().*member, columns); });
   }
   reader.require_end();
+  const auto moved = std::find_if(world_index.begin(), world_index.end(), [this](std::int32_t world) {
+    return world < 0 || static_cast<std::size_t>(world) >= impl_->worlds.size();
+  });
+  if (moved != world_index.end()) refuse("snapshot", "world indices below " + std::to_string(impl_->worlds.size()), *moved);
   for (const auto& change : changes) change();
   impl_->schedule.rebuild(impl_->state);
 }

@@ -31,7 +31,8 @@ void LidarConfig::validate() const {
   float norm = 0.0F;
   for (const float value : quat_wxyz) norm += value * value;
   norm = std::sqrt(norm);
-  require(std::abs(norm - 1.0F) < 1e-2F, "lidar.quat_wxyz", "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+  require(std::abs(norm - 1.0F) < 1e-2F, "lidar.quat_wxyz", "a unit quaternion (w, x, y, z)",
+          "one of norm " + std::to_string(norm));
   require(azimuth_deg.size() == elevation_deg.size(), "lidar.elevation_deg",
           "as many values as azimuth_deg (" + std::to_string(azimuth_deg.size()) + ")", elevation_deg.size());
   for (const float value : azimuth_deg) {

@@ -23,7 +23,8 @@ inline std::uint64_t hash_bytes(std::string_view bytes) {
 }
 
 // Of everything that decides what a step does; not of the thread count or block size, which decide nothing.
-std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shared_ptr<const World>>& worlds, const DroneModel& drone);
+std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shared_ptr<const World>>& worlds,
+                          const DroneModel& drone);
 
 class SnapshotWriter {
  public:

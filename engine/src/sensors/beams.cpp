@@ -43,9 +43,6 @@ HWY_AFTER_NAMESPACE();
 namespace swiftlet::sensors {
 namespace {
 
-// Beams closer than this are coherent. Calibrated by `./dev bench lidar`, which tries both.
-constexpr double kCoherentSpacingDeg = 2.0;
-
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
 // Evenly spaced over [-fov/2, fov/2]; the end is left out where it would be the beginning again.
@@ -76,9 +73,6 @@ BeamPattern make_pattern(const LidarConfig& config) {
     for (int channel = 0; channel < config.channels; ++channel) {
       const double elevation = spread_deg(channel, config.channels, config.vfov_deg);
       for (int beam = 0; beam < config.beams; ++beam) add(spread_deg(beam, config.beams, config.hfov_deg), elevation);
-    }
-    if (config.beams > 1 && config.hfov_deg / static_cast<float>(config.beams - 1) < kCoherentSpacingDeg) {
-      pattern.coherence = trace::Coherence::coherent;
     }
   }
   for (auto* component : {&pattern.x, &pattern.y, &pattern.z}) component->resize(component->size() + trace::RayBlock::kPadding);

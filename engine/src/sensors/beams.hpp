@@ -13,7 +13,6 @@ namespace swiftlet::sensors {
 // The beams of one setting (mounting rotation included), structure of arrays, padded so that whole vectors can be read.
 struct BeamPattern {
   std::vector<float> x, y, z;  // (rays + RayBlock::kPadding,) unit, body frame
-  trace::Coherence coherence = trace::Coherence::incoherent;
 };
 
 BeamPattern make_pattern(const LidarConfig& config);

@@ -45,11 +45,10 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* c
   trace::RayBlock& rays = scratch.rays;
   std::size_t runs = 0;
   const World* world = nullptr;
-  trace::Coherence coherence = trace::Coherence::incoherent;
 
   const auto flush = [&] {
     if (rays.count == 0) return;
-    world->scene().intersect(rays, coherence);
+    world->scene().intersect(rays);
     const float* t = rays.t_hit;
     for (std::size_t i = 0; i < runs; ++i) {
       std::copy_n(t, scratch.runs[i].count, scratch.runs[i].ranges);
@@ -61,9 +60,8 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* c
   for (const std::uint32_t drone : drones) {
     const World* const its_world = worlds[static_cast<std::size_t>(state.world_index[drone])];
     const BeamPattern& pattern = pattern_of(drone);
-    if (its_world != world || pattern.coherence != coherence) flush();
+    if (its_world != world) flush();
     world = its_world;
-    coherence = pattern.coherence;
 
     const Pose pose = pose_of(state, drone);
     const Mat3 rotation = pose.rotation.toRotationMatrix();

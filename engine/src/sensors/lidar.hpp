@@ -38,7 +38,8 @@ class Lidar {
   void set_config(std::size_t drone, const LidarConfig& config);  // of the same number of rays
 
   // Scans the listed drones into state.lidar_ranges. Rays of consecutive drones in the same world share packets.
-  void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state, ScanScratch& scratch) const;
+  void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
+            ScanScratch& scratch) const;
 
  private:
   std::size_t rays_;

@@ -23,7 +23,8 @@ void sense_pose(std::span<const std::uint32_t> drones, const PoseSensorConfig& c
       const float angle = rotation_vector.norm();
       if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
     }
-    store_pose(state.sensed_position.data() + 3 * std::size_t{drone}, state.sensed_quat_wxyz.data() + 4 * std::size_t{drone}, pose);
+    store_pose(state.sensed_position.data() + 3 * std::size_t{drone}, state.sensed_quat_wxyz.data() + 4 * std::size_t{drone},
+               pose);
   }
 }
 

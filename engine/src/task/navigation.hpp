@@ -19,21 +19,22 @@ inline constexpr std::size_t kMaxActionSize = 4;
 
 // (N,) each; written by navigation alone.
 struct NavigationState {
-  std::vector<std::int32_t> goal_index;    // waypoints reached; the final goal when it equals their number
-  std::vector<double> last_distance;       // m to the current goal, after the last step
+  std::vector<std::int32_t> goal_index;                        // waypoints reached; the final goal when it equals their number
+  std::vector<double> last_distance;                           // m to the current goal, after the last step
   std::vector<std::array<float, kMaxActionSize>> last_action;  // NaN before the first: a change whatever comes
-  std::vector<std::int64_t> step;          // number of the next step in the episode, from 0
-  std::vector<std::int64_t> time_limit;    // steps; 0: none
+  std::vector<std::int64_t> step;                              // number of the next step in the episode, from 0
+  std::vector<std::int64_t> time_limit;                        // steps; 0: none
   std::vector<double> episode_return;
-  FlagArray begun;                         // the first episode has begun
-  FlagArray done;                          // the episode ended and no reset has come since
+  FlagArray begun;  // the first episode has begun
+  FlagArray done;   // the episode ended and no reset has come since
 
   explicit NavigationState(std::size_t num_drones);
 };
 
 class Navigation {
  public:
-  Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone, std::size_t num_drones);
+  Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone,
+             std::size_t num_drones);
 
   static constexpr std::size_t kGoalSize = 3;  // of the observation, before the ranges
   std::size_t observation_size(std::size_t rays) const { return kGoalSize + rays; }
@@ -46,7 +47,8 @@ class Navigation {
   static void observe_ranges(std::span<const float> ranges, float max_range, float* observation);
 
   // Reward, flags and episode figures of one step of a drone, after it moved and its ranges were observed.
-  void evaluate(std::size_t drone, const float* action, std::span<const float> normalised_ranges, const State& state, Outputs& out);
+  void evaluate(std::size_t drone, const float* action, std::span<const float> normalised_ranges, const State& state,
+                Outputs& out);
 
   // Writes the unit direction to the current goal, in the sensed body frame, into the observation row of a drone.
   void observe_goal(std::size_t drone, const State& state, float* observation) const;

@@ -9,8 +9,6 @@
 
 #include <cstddef>
 
-#include "trace/ray_block.hpp"
-
 namespace swiftlet::trace {
 
 inline constexpr std::size_t kPacketSize = 16;
@@ -19,24 +17,16 @@ inline constexpr std::size_t kPacketSize = 16;
 // halves it itself.)
 using RayPacket = RTCRayHit16;
 
+// Traces a packet. Always incoherent: Embree's coherent traversal lets a ray's last bits, at the edges triangles share, depend on
+// the rays beside it; and with few primitives it is the slower one.
+inline void intersect_packet(const int* valid, RTCScene scene, RayPacket& packet) {
 #if SWIFTLET_EMBREE_MAJOR >= 4
-
-inline void intersect_packet(const int* valid, RTCScene scene, RayPacket& packet, Coherence coherence) {
-  RTCIntersectArguments arguments;
-  rtcInitIntersectArguments(&arguments);
-  arguments.flags = coherence == Coherence::coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
-  rtcIntersect16(valid, scene, &packet, &arguments);
-}
-
+  rtcIntersect16(valid, scene, &packet, nullptr);
 #else
-
-inline void intersect_packet(const int* valid, RTCScene scene, RayPacket& packet, Coherence coherence) {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = coherence == Coherence::coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
   rtcIntersect16(valid, scene, &context, &packet);
-}
-
 #endif
+}
 
 }  // namespace swiftlet::trace

@@ -51,7 +51,7 @@ void trace_shapes(std::span<const NumberedShape* const> shapes, RayBlock& rays) 
   }
 }
 
-void trace_packets(const PacketTarget& target, RayBlock& rays, Coherence coherence) {
+void trace_packets(const PacketTarget& target, RayBlock& rays) {
   const hn::CappedTag<float, kPacketSize> d;
   const hn::RebindToSigned<decltype(d)> di;
   using Floats = hn::Vec<decltype(d)>;
@@ -93,7 +93,7 @@ void trace_packets(const PacketTarget& target, RayBlock& rays, Coherence coheren
       hn::Store(geometry, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + i));
       hn::Store(nearest.element, di, reinterpret_cast<std::int32_t*>(packet.hit.primID + i));
     }
-    if (target.scene != nullptr) intersect_packet(valid, target.scene, packet, coherence);
+    if (target.scene != nullptr) intersect_packet(valid, target.scene, packet);
     for (std::size_t i = 0; i < kPacketSize; i += lanes) {
       const auto geometry = hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + i));
       const auto primitive = hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + i));
@@ -115,11 +115,11 @@ namespace swiftlet::trace {
 HWY_EXPORT(trace_packets);
 HWY_EXPORT(trace_shapes);
 
-void trace_shapes(std::span<const NumberedShape* const> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_shapes)(shapes, rays); }
-
-void trace_packets(const PacketTarget& target, RayBlock& rays, Coherence coherence) {
-  HWY_DYNAMIC_DISPATCH(trace_packets)(target, rays, coherence);
+void trace_shapes(std::span<const NumberedShape* const> shapes, RayBlock& rays) {
+  HWY_DYNAMIC_DISPATCH(trace_shapes)(shapes, rays);
 }
+
+void trace_packets(const PacketTarget& target, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_packets)(target, rays); }
 
 }  // namespace swiftlet::trace
 #endif

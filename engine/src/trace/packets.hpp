@@ -18,10 +18,10 @@ struct NumberedShape {
 
 // What trace_packets looks for hits in.
 struct PacketTarget {
-  std::span<const NumberedShape> rooms;   // traced directly: every ray inside meets them, no tree helps
-  RTCScene scene = nullptr;           // all the rest; null if there is nothing else
-  unsigned int primitive_geometry;    // primID there is the element
-  unsigned int triangle_geometry;     // primID there is the element less first_triangle
+  std::span<const NumberedShape> rooms;  // traced directly: every ray inside meets them, no tree helps
+  RTCScene scene = nullptr;              // all the rest; null if there is nothing else
+  unsigned int primitive_geometry;       // primID there is the element
+  unsigned int triangle_geometry;        // primID there is the element less first_triangle
   std::int32_t first_triangle;
 };
 
@@ -29,6 +29,6 @@ struct PacketTarget {
 void trace_shapes(std::span<const NumberedShape* const> shapes, RayBlock& rays);
 
 // Traces all rays of the block, a packet at a time.
-void trace_packets(const PacketTarget& target, RayBlock& rays, Coherence coherence);
+void trace_packets(const PacketTarget& target, RayBlock& rays);
 
 }  // namespace swiftlet::trace

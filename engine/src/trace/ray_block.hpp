@@ -6,9 +6,6 @@
 
 namespace swiftlet::trace {
 
-// Rays that start close together and point alike are coherent; Embree walks a tree of triangles for such packets together.
-enum class Coherence : std::uint8_t { incoherent, coherent };
-
 struct RayBlock {
   static constexpr std::size_t kRays = 256;
   static constexpr std::size_t kPadding = 16;  // whole vectors may be written past the last ray
@@ -20,8 +17,8 @@ struct RayBlock {
   alignas(64) float dir_x[kRays + kPadding];  // unit, world frame
   alignas(64) float dir_y[kRays + kPadding];
   alignas(64) float dir_z[kRays + kPadding];
-  alignas(64) float range[kRays + kPadding];  // m; a hit is in [0, range]
-  alignas(64) float t_hit[kRays + kPadding];  // m, inf on a miss; written by Scene::intersect
+  alignas(64) float range[kRays + kPadding];           // m; a hit is in [0, range]
+  alignas(64) float t_hit[kRays + kPadding];           // m, inf on a miss; written by Scene::intersect
   alignas(64) std::int32_t element[kRays + kPadding];  // index as World::raycast gives it, -1 on a miss; likewise
 };
 

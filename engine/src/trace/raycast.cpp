@@ -86,7 +86,7 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
       rays->dir_z[i] = unit[first + i].z();
       rays->range[i] = max_range_m;
     }
-    scene().intersect(*rays, trace::Coherence::incoherent);
+    scene().intersect(*rays);
     for (std::size_t i = 0; i < rays->count; ++i) {
       if (rays->element[i] < 0) continue;
       const std::size_t ray = first + i;

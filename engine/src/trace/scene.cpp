@@ -1,9 +1,12 @@
 #include "trace/scene.hpp"
 
 #include <array>
+#include <memory>
+#include <mutex>
 #include <stdexcept>
 #include <string>
 
+#include "batch/platform.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -28,6 +31,25 @@ float squared_distance(const Aabb& box, const Vec3& point) {
   throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(rtcGetDeviceError(device))));
 }
 
+// Embree's device, one for all scenes of the process: it is costly, and some thousands of them are more than Embree can make. It
+// goes with the last scene. A forked child cannot use its parent's and makes its own.
+std::shared_ptr<RTCDeviceTy> shared_device() {
+  static std::mutex mutex;
+  static std::weak_ptr<RTCDeviceTy> current;
+  static long owner = 0;
+  const std::lock_guard lock(mutex);
+  std::shared_ptr<RTCDeviceTy> device = owner == process_id() ? current.lock() : nullptr;
+  if (!device) {
+    device.reset(rtcNewDevice(nullptr), [](RTCDevice made) {
+      if (made != nullptr) rtcReleaseDevice(made);
+    });
+    if (!device) throw_embree_error(nullptr);
+    current = device;
+    owner = process_id();
+  }
+  return device;
+}
+
 }  // namespace
 
 #if defined(__SSE__) || defined(_M_X64)
@@ -42,8 +64,7 @@ FlushDenormals::FlushDenormals() : saved_(0) {}
 FlushDenormals::~FlushDenormals() = default;
 #endif
 
-Scene::Scene(const World& world) : device_(rtcNewDevice(nullptr)) {
-  if (!device_) throw_embree_error(nullptr);
+Scene::Scene(const World& world) : device_(shared_device()) {
   scene_.reset(rtcNewScene(device_.get()));
   // ROBUST: without it rays leak through the edges that triangles share.
   rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
@@ -90,11 +111,10 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
 
 void Scene::add_triangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
-  has_triangles_ = true;
   numbered_.clear();
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                               3 * sizeof(float), mesh.vertices.size()));
+  auto* vertices = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
   auto* indices = static_cast<unsigned int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                                                      3 * sizeof(unsigned int), mesh.triangles.size()));
   if (vertices == nullptr || indices == nullptr) throw_embree_error(device_.get());
@@ -110,15 +130,13 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   rtcReleaseGeometry(geometry);
 }
 
-void Scene::intersect(RayBlock& rays, Coherence coherence) const {
-  // Coherent traversal pays in a tree of triangles; with a few primitives it costs (`./dev bench lidar` measures both).
-  if (!has_triangles_) coherence = Coherence::incoherent;
+void Scene::intersect(RayBlock& rays) const {
   trace_packets({.rooms = rooms_,
                  .scene = scene_.get(),
                  .primitive_geometry = kPrimitiveGeometry,
                  .triangle_geometry = kTriangleGeometry,
                  .first_triangle = static_cast<std::int32_t>(shapes_.size())},
-                rays, coherence);
+                rays);
 }
 
 bool Scene::intersect_nearby(const Vec3& origin, float range_m, RayBlock& rays) const {

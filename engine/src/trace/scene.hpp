@@ -39,7 +39,7 @@ class Scene {
 
   // Nearest hits of a block of rays: fills t_hit and element. A ray's result has the same bits in any block, beside any
   // other rays. Call under FlushDenormals.
-  void intersect(RayBlock& rays, Coherence coherence) const;
+  void intersect(RayBlock& rays) const;
 
   // The same for rays that all start at the origin and have the same range. True if so little is within reach that it was
   // answered directly; false if nothing was done and the rays are to go through intersect(), best together with others'.
@@ -51,21 +51,17 @@ class Scene {
 
  private:
   struct Release {
-    void operator()(RTCDevice device) const { rtcReleaseDevice(device); }
     void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
   };
-  template <class Handle>
-  using Owned = std::unique_ptr<std::remove_pointer_t<Handle>, Release>;
 
   void add_primitives(std::span<const Primitive> primitives);
   void add_triangles(const TriangleMesh& mesh);
 
-  Owned<RTCDevice> device_;
-  Owned<RTCScene> scene_;
+  std::shared_ptr<RTCDeviceTy> device_;
+  std::unique_ptr<RTCSceneTy, Release> scene_;
   std::vector<Shape> shapes_;
   std::vector<NumberedShape> rooms_;
   std::vector<NumberedShape> numbered_;  // every primitive, if they are all there is and not many; else empty
-  bool has_triangles_ = false;
 };
 
 }  // namespace swiftlet::trace

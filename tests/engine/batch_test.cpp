@@ -1,0 +1,118 @@
+#include "swiftlet/batch.hpp"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+#include <random>
+#include <vector>
+
+#include "allocation_counter.hpp"
+
+namespace swiftlet {
+namespace {
+
+Batch::Worlds playgrounds() {
+  Batch::Worlds worlds;
+  for (int i = 1; i <= 5; ++i) {
+    worlds.push_back(World::load(SWIFTLET_SCENES "/playground/train-" + std::to_string(i) + ".json"));
+  }
+  return worlds;
+}
+
+BatchConfig navigation(int num_drones) {
+  BatchConfig config;
+  config.num_drones = num_drones;
+  config.num_threads = 1;
+  config.has_lidar = true;
+  config.task = TaskKind::navigation;
+  config.navigation.max_episode_steps = 60;
+  config.autoreset_mode = AutoresetMode::same_step;
+  return config;
+}
+
+std::vector<std::vector<std::int64_t>> random_actions(std::size_t steps, std::size_t num_drones) {
+  std::mt19937 random(7);
+  std::vector<std::vector<std::int64_t>> actions(steps, std::vector<std::int64_t>(num_drones));
+  for (auto& step : actions) {
+    for (auto& action : step) action = static_cast<std::int64_t>(random() % 6);
+  }
+  return actions;
+}
+
+TEST(Batch, AStepAllocatesNothingContactsAndResetsIncluded) {
+  BatchConfig config = navigation(256);
+  config.navigation.random_world = true;
+  config.navigation.max_episode_steps = 3000;
+  Batch batch(config, playgrounds());
+  batch.reset({});
+  const auto actions = random_actions(400, 256);
+  for (int i = 0; i < 100; ++i) batch.step(std::span<const std::int64_t>(actions[static_cast<std::size_t>(i)]));
+  int crashes = 0;
+  const std::uint64_t before = testing::allocations();
+  for (std::size_t i = 100; i < actions.size(); ++i) {
+    batch.step(std::span<const std::int64_t>(actions[i]));
+    const FlagArray& crashed = batch.outputs().crashed;
+    crashes += std::accumulate(crashed.begin(), crashed.end(), 0);
+  }
+  EXPECT_EQ(testing::allocations() - before, 0U);
+  EXPECT_GT(crashes, 0) << "the test means to have contacts";
+}
+
+TEST(Batch, EnvsDependOnNothingBesideThem) {
+  // The same five worlds and seeds: 20 envs in blocks of 3 on four threads, and 200 on one.
+  BatchConfig few_config = navigation(20);
+  few_config.block_size = 3;
+  few_config.num_threads = 4;
+  Batch few(few_config, playgrounds());
+  Batch many(navigation(200), playgrounds());
+  std::vector<std::uint64_t> seeds(200);
+  std::iota(seeds.begin(), seeds.end(), std::uint64_t{11});
+  few.reset(std::span(seeds).first(20));
+  many.reset(seeds);
+  const auto actions = random_actions(300, 200);
+  for (const auto& step : actions) {
+    many.step(std::span<const std::int64_t>(step));
+    few.step(std::span<const std::int64_t>(step).first(20));
+    const Outputs& a = few.outputs();
+    const Outputs& b = many.outputs();
+    const auto size = static_cast<std::ptrdiff_t>(few.observation_size());
+    ASSERT_TRUE(std::equal(a.observation.begin(), a.observation.begin() + 20 * size, b.observation.begin()));
+    ASSERT_TRUE(std::equal(a.reward.begin(), a.reward.end(), b.reward.begin()));
+    ASSERT_TRUE(std::equal(a.terminated.begin(), a.terminated.end(), b.terminated.begin()));
+    ASSERT_TRUE(std::equal(a.truncated.begin(), a.truncated.end(), b.truncated.begin()));
+  }
+}
+
+TEST(Batch, DirectTracingAndEmbreeAgree) {
+  // With a range of 3 m few shapes are near, and traced directly; a raycast goes through Embree.
+  BatchConfig config = navigation(50);
+  config.task = TaskKind::none;
+  const Batch::Worlds worlds = playgrounds();
+  Batch batch(config, worlds);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> across(0.5F, 13.5F);
+  std::vector<float> position;
+  for (int i = 0; i < 50; ++i) position.insert(position.end(), {across(random), across(random), 2.0F});
+  batch.set_pose(position, {});
+  batch.sense();
+  std::vector<float> directions(3 * 50 * 35);
+  batch.lidar_directions(directions);
+  for (std::size_t drone = 0; drone < 50; ++drone) {
+    std::vector<float> origins;
+    for (int ray = 0; ray < 35; ++ray) {
+      origins.insert(origins.end(), position.begin() + static_cast<std::ptrdiff_t>(3 * drone),
+                     position.begin() + static_cast<std::ptrdiff_t>(3 * drone + 3));
+    }
+    const RayHits hits =
+        worlds[drone % 5]->raycast(origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
+    for (std::size_t ray = 0; ray < 35; ++ray) {
+      // raycast() normalises the directions again: the last bit of a beam may move.
+      const float range = batch.state().lidar_ranges[35 * drone + ray];
+      if (range == hits.t_hit[ray]) continue;
+      ASSERT_NEAR(range, hits.t_hit[ray], 2e-6F) << drone << ' ' << ray;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace swiftlet
