@@ -41,7 +41,7 @@ struct Material {
 struct TriangleMesh {
   std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
-  std::vector<std::uint16_t> materials;                // one per triangle, index into World::materials()
+  std::vector<std::uint16_t> materials;                // one per triangle, index into World::materials(); none: all 0
 };
 
 // Named places. A task reads them; nothing collides with them and no LiDAR sees them.
@@ -66,7 +66,7 @@ struct SceneDescription {
 struct PlaygroundConfig {
   std::uint64_t seed = 0;
   int pillars = 12;                                // how many, in [0, 200]
-  std::array<float, 3> size{14.0F, 14.0F, 5.25F};  // m, room
+  std::array<float, 3> size{14.0F, 14.0F, 5.25F};  // m, room: x and y in [6, 200], z in [1.5, 100]
   float pillar_radius_m = 0.25F;                   // at least 0.01, at most a fourteenth of the shorter side of the room
 };
 
