@@ -143,13 +143,12 @@ class PillarField {
  public:
   PillarField(const PlaygroundConfig& config, const Route& route) : config_(config), route_(route) {}
 
-  // One pillar in the way of the straight flight, half of the others near the route, the rest anywhere. keeps_lane leaves a lane
-  // as wide as the drone is long free from marker to marker, for rooms so full that chance hardly ever leaves one.
+  // One pillar in the way of the straight flight, the others about half near the route and half anywhere. keeps_lane leaves a
+  // lane free from marker to marker, wide enough for the drone, in rooms so full that chance hardly ever leaves one.
   bool fill(Draws& draws, bool keeps_lane) {
     if (config_.pillars > 0 && !place([&] { return on_a_leg(draws, keeps_lane); })) return false;
     while (static_cast<int>(centers_.size()) < config_.pillars) {
-      const bool near_route = draws.below(2) == 0;
-      if (!place([&] { return near_route ? beside_the_route(draws) : anywhere(draws); })) return false;
+      if (!place([&] { return draws.below(2) == 0 ? beside_the_route(draws) : anywhere(draws); })) return false;
     }
     return true;
   }
@@ -160,7 +159,7 @@ class PillarField {
   // Throws darts; the gap asked for shrinks when they keep missing, and stays so, so that crowded fields come out even.
   template <class Dart>
   bool place(const Dart& dart) {
-    constexpr int kDarts = 50;
+    constexpr int kDarts = 100;
     constexpr double kShrink = 0.9;
     constexpr double kLeastGap = 0.02;
     for (; gap_ > kLeastGap; gap_ *= kShrink) {
