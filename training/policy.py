@@ -12,10 +12,7 @@ NEAREST = 0.05  # of the maximum range: keeps the logarithm finite, and flat whe
 
 
 class LogRangeFeatures(BaseFeaturesExtractor):
-    """The direction to the goal, scaled, and the negative logarithm of each range: what is near stands out.
-
-    Without the logarithm, policies trained on the same steps succeed in about 15 of 100 unseen playgrounds fewer.
-    """
+    """The direction to the goal, scaled, and the negative logarithm of each range: what is near stands out."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
         super().__init__(observation_space, features_dim=observation_space.shape[0])

@@ -7,8 +7,6 @@ import swiftlet
 
 BIG = np.float64(1e39)  # beyond float32
 
-pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered in cast:RuntimeWarning")
-
 
 @pytest.fixture
 def batch(room):
