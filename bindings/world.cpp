@@ -24,7 +24,7 @@ py::array_t<float> box_rows(const Aabb& box) {
 }
 
 const char* kind_name(PrimitiveKind kind) {
-  constexpr const char* kNames[] = {"room", "box", "cylinder", "sphere"};
+  constexpr const char* kNames[] = {"room", "box", "cylinder", "sphere", "capsule", "plane", "disc"};
   return kNames[static_cast<int>(kind)];
 }
 

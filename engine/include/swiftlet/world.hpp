@@ -21,15 +21,18 @@ namespace collision {
 class Obstacles;
 }
 
-// Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within.
-enum class PrimitiveKind : std::uint8_t { room, box, cylinder, sphere };
+// Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within. A plane
+// (a rectangle) and a disc have no thickness and are seen and hit from both sides.
+enum class PrimitiveKind : std::uint8_t { room, box, cylinder, sphere, capsule, plane, disc };
 
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::box;
   Vec3 center = Vec3::Zero();                // m, world frame
   Quat rotation = Quat::Identity();          // local to world; identity for rooms and spheres
   Vec3 half_extents = Vec3::Constant(0.5F);  // m. box, room: half sizes; cylinder: (radius, radius, half height),
-                                             // axis along local z, flat caps; sphere: (radius, radius, radius)
+                                             // axis along local z, flat caps; sphere: (radius, radius, radius);
+                                             // capsule: (radius, radius, half height, round caps included); plane: (half
+                                             // sizes, 0) and disc: (radius, radius, 0), both normal to local z
   std::uint16_t material = 0;                // index into World::materials()
 };
 

@@ -500,14 +500,9 @@ float Batch::lidar_max_range(int drone) const {
 
 void Batch::lidar_directions(std::span<float> out) const {
   require_size(out.size(), 3 * impl_->size() * impl_->rays, "out");
+  if (!impl_->lidar) return;
   for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
-    float* row = out.data() + 3 * drone * impl_->rays;
-    for (std::size_t ray = 0; ray < impl_->rays; ++ray) {
-      const sensors::BeamPattern& pattern = impl_->lidar->pattern_of(drone);
-      *row++ = pattern.x[ray];
-      *row++ = pattern.y[ray];
-      *row++ = pattern.z[ray];
-    }
+    sensors::write_directions(impl_->lidar->pattern_of(drone), out.data() + 3 * drone * impl_->rays);
   }
 }
 

@@ -42,10 +42,15 @@ Convex make_convex(const Primitive& primitive) {
   convex.half_extents = primitive.half_extents.cast<double>();
   switch (primitive.kind) {
     case PrimitiveKind::box:
+    case PrimitiveKind::plane:
       convex.kind = Convex::Kind::box;
       break;
     case PrimitiveKind::cylinder:
+    case PrimitiveKind::disc:
       convex.kind = Convex::Kind::cylinder;
+      break;
+    case PrimitiveKind::capsule:
+      convex.kind = Convex::Kind::capsule;
       break;
     case PrimitiveKind::sphere:
       convex.kind = Convex::Kind::sphere;
@@ -75,6 +80,11 @@ Vec3d support(const Convex& convex, const Vec3d& direction) {
       const double scale = across > 0.0 ? h.x() / across : 0.0;
       return {scale * direction.x(), scale * direction.y(), std::copysign(h.z(), direction.z())};
     }
+    case Convex::Kind::capsule: {
+      const double length = direction.norm();
+      const Vec3d cap(0.0, 0.0, std::copysign(h.z() - h.x(), direction.z()));
+      return length > 0.0 ? Vec3d(cap + direction * (h.x() / length)) : cap;
+    }
     case Convex::Kind::sphere: {
       const double length = direction.norm();
       return length > 0.0 ? Vec3d(direction * (h.x() / length)) : Vec3d(h.x(), 0.0, 0.0);
@@ -101,6 +111,14 @@ Vec3d closest_point(const Convex& convex, const Vec3d& point) {
     return convex.center + closest_on_triangle(point - convex.center, corners[0], corners[1], corners[2]);
   }
   const Vec3d& h = convex.half_extents;
+  if (convex.kind == Convex::Kind::capsule) {
+    const Vec3d axis = convex.rotation.col(2);
+    const double middle = h.z() - h.x();
+    const Vec3d on_axis = convex.center + std::clamp(axis.dot(point - convex.center), -middle, middle) * axis;
+    const Vec3d apart = point - on_axis;
+    const double distance = apart.norm();
+    return distance > h.x() ? Vec3d(on_axis + apart * (h.x() / distance)) : point;
+  }
   Vec3d local = convex.rotation.transpose() * (point - convex.center);
   if (convex.kind == Convex::Kind::box) {
     local = local.cwiseMax(-h).cwiseMin(h);

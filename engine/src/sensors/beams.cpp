@@ -6,6 +6,7 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -13,27 +14,21 @@ HWY_BEFORE_NAMESPACE();
 namespace swiftlet::sensors::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-void append_rays(const BeamPattern& pattern, std::size_t first, std::size_t count, const Mat3& rotation, const Vec3& origin,
-                 float max_range_m, trace::RayBlock& rays) {
-  const hn::CappedTag<float, trace::RayBlock::kPadding> d;
+void rotate_beams(const BeamPattern& pattern, const Tile& tile, const Mat3& rotation, trace::RayBundle& rays) {
+  const hn::CappedTag<float, trace::kRayPadding> d;
   const auto rotated = [&](int row, auto x, auto y, auto z) HWY_ATTR {
     return hn::Add(hn::Add(hn::Mul(hn::Set(d, rotation(row, 0)), x), hn::Mul(hn::Set(d, rotation(row, 1)), y)),
                    hn::Mul(hn::Set(d, rotation(row, 2)), z));
   };
-  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
-    const std::size_t at = rays.count + i;
-    const auto x = hn::LoadU(d, pattern.x.data() + first + i);
-    const auto y = hn::LoadU(d, pattern.y.data() + first + i);
-    const auto z = hn::LoadU(d, pattern.z.data() + first + i);
-    hn::StoreU(rotated(0, x, y, z), d, rays.dir_x + at);
-    hn::StoreU(rotated(1, x, y, z), d, rays.dir_y + at);
-    hn::StoreU(rotated(2, x, y, z), d, rays.dir_z + at);
-    hn::StoreU(hn::Set(d, origin.x()), d, rays.org_x + at);
-    hn::StoreU(hn::Set(d, origin.y()), d, rays.org_y + at);
-    hn::StoreU(hn::Set(d, origin.z()), d, rays.org_z + at);
-    hn::StoreU(hn::Set(d, max_range_m), d, rays.range + at);
+  rays.count = tile.rows * tile.width;
+  for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
+    const auto x = hn::LoadU(d, pattern.x.data() + tile.first + i);
+    const auto y = hn::LoadU(d, pattern.y.data() + tile.first + i);
+    const auto z = hn::LoadU(d, pattern.z.data() + tile.first + i);
+    hn::Store(rotated(0, x, y, z), d, rays.dir_x + i);
+    hn::Store(rotated(1, x, y, z), d, rays.dir_y + i);
+    hn::Store(rotated(2, x, y, z), d, rays.dir_z + i);
   }
-  rays.count += count;
 }
 
 }  // namespace swiftlet::sensors::HWY_NAMESPACE
@@ -44,6 +39,8 @@ namespace swiftlet::sensors {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+constexpr std::size_t kTileWidth = 16;  // beams: a vector, and a narrow view
+constexpr std::size_t kFan = 64;        // beams of a single channel that are worth only one view
 
 // Evenly spaced over [-fov/2, fov/2]; the end is left out where it would be the beginning again.
 double spread_deg(int index, int count, double fov_deg) {
@@ -52,38 +49,72 @@ double spread_deg(int index, int count, double fov_deg) {
   return fov_deg * (static_cast<double>(index) / intervals - 0.5);
 }
 
+// Unit, body frame.
+Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, std::size_t beam) {
+  double azimuth_deg = 0.0;
+  double elevation_deg = 0.0;
+  if (config.has_pattern()) {
+    azimuth_deg = config.azimuth_deg[beam];
+    elevation_deg = config.elevation_deg[beam];
+  } else {
+    azimuth_deg = spread_deg(static_cast<int>(beam), config.beams, config.hfov_deg);
+    elevation_deg = spread_deg(static_cast<int>(channel), config.channels, config.vfov_deg);
+  }
+  const double azimuth = azimuth_deg * kRadPerDeg;
+  const double elevation = elevation_deg * kRadPerDeg;
+  return {std::cos(elevation) * std::cos(azimuth), std::cos(elevation) * std::sin(azimuth), std::sin(elevation)};
+}
+
+// Calls f(out index, tile index) for each beam of the tile.
+template <class F>
+void for_each_beam(const BeamPattern& pattern, const Tile& tile, const F& f) {
+  for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
+    f((tile.channel + i / tile.width) * pattern.columns + tile.beam + i % tile.width, tile.first + i);
+  }
+}
+
 }  // namespace
 
 BeamPattern make_pattern(const LidarConfig& config) {
   const auto& q = config.quat_wxyz;
   const Eigen::Matrix3d mounting = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+  const auto channels = static_cast<std::size_t>(config.rows());
   BeamPattern pattern;
-  const auto add = [&](double azimuth_deg, double elevation_deg) {
-    const double azimuth = azimuth_deg * kRadPerDeg;
-    const double elevation = elevation_deg * kRadPerDeg;
-    const Eigen::Vector3d beam = mounting * Eigen::Vector3d(std::cos(elevation) * std::cos(azimuth),
-                                                            std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
-    pattern.x.push_back(static_cast<float>(beam.x()));
-    pattern.y.push_back(static_cast<float>(beam.y()));
-    pattern.z.push_back(static_cast<float>(beam.z()));
-  };
-  if (config.has_pattern()) {
-    for (std::size_t i = 0; i < config.azimuth_deg.size(); ++i) add(config.azimuth_deg[i], config.elevation_deg[i]);
-  } else {
-    for (int channel = 0; channel < config.channels; ++channel) {
-      const double elevation = spread_deg(channel, config.channels, config.vfov_deg);
-      for (int beam = 0; beam < config.beams; ++beam) add(spread_deg(beam, config.beams, config.hfov_deg), elevation);
+  pattern.columns = static_cast<std::size_t>(config.columns());
+  const std::size_t height = std::min(channels, trace::kMaxRays / kTileWidth);
+  const std::size_t width = channels == 1 && pattern.columns <= kFan ? pattern.columns : kTileWidth;
+  for (std::size_t channel = 0; channel < channels; channel += height) {
+    for (std::size_t beam = 0; beam < pattern.columns; beam += width) {
+      Tile tile{pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}};
+      for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
+        const Eigen::Vector3d direction = mounting * beam_direction(config, channel + i / tile.width, beam + i % tile.width);
+        pattern.x.push_back(static_cast<float>(direction.x()));
+        pattern.y.push_back(static_cast<float>(direction.y()));
+        pattern.z.push_back(static_cast<float>(direction.z()));
+      }
+      const auto part = [&tile](const std::vector<float>& all) { return std::span(all).subspan(tile.first); };
+      tile.view = trace::make_view(part(pattern.x), part(pattern.y), part(pattern.z));
+      pattern.tiles.push_back(tile);
     }
   }
-  for (auto* component : {&pattern.x, &pattern.y, &pattern.z}) component->resize(component->size() + trace::RayBlock::kPadding);
+  for (auto* component : {&pattern.x, &pattern.y, &pattern.z}) component->resize(component->size() + trace::kRayPadding);
   return pattern;
 }
 
-HWY_EXPORT(append_rays);
+void write_directions(const BeamPattern& pattern, float* out) {
+  for (const Tile& tile : pattern.tiles) {
+    for_each_beam(pattern, tile, [&](std::size_t to, std::size_t from) {
+      out[3 * to] = pattern.x[from];
+      out[3 * to + 1] = pattern.y[from];
+      out[3 * to + 2] = pattern.z[from];
+    });
+  }
+}
 
-void append_rays(const BeamPattern& pattern, std::size_t first, std::size_t count, const Mat3& rotation, const Vec3& origin,
-                 float max_range_m, trace::RayBlock& rays) {
-  HWY_DYNAMIC_DISPATCH(append_rays)(pattern, first, count, rotation, origin, max_range_m, rays);
+HWY_EXPORT(rotate_beams);
+
+void rotate_beams(const BeamPattern& pattern, const Tile& tile, const Mat3& rotation, trace::RayBundle& rays) {
+  HWY_DYNAMIC_DISPATCH(rotate_beams)(pattern, tile, rotation, rays);
 }
 
 }  // namespace swiftlet::sensors

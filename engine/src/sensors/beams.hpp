@@ -7,18 +7,32 @@
 #include "swiftlet/config.hpp"
 #include "swiftlet/pose.hpp"
 #include "trace/ray_block.hpp"
+#include "trace/view.hpp"
 
 namespace swiftlet::sensors {
 
-// The beams of one setting (mounting rotation included), structure of arrays, padded so that whole vectors can be read.
+// A part of a pattern that is traced at once: a rectangle of its grid, so that its beams point much the same way.
+struct Tile {
+  std::size_t first;         // of its beams in the pattern's arrays; there they follow row by row
+  std::size_t rows, width;   // rows * width beams
+  std::size_t channel, beam;  // of its first
+  trace::View view;          // body frame
+};
+
+// The beams of one setting (mounting rotation included), structure of arrays, tile by tile, padded so that whole vectors can be
+// read.
 struct BeamPattern {
-  std::vector<float> x, y, z;  // (rays + RayBlock::kPadding,) unit, body frame
+  std::vector<float> x, y, z;  // (rays + trace::kRayPadding,) unit, body frame
+  std::vector<Tile> tiles;
+  std::size_t columns;  // beams per channel
 };
 
 BeamPattern make_pattern(const LidarConfig& config);
 
-// Appends beams [first, first + count) of a drone to the block: rotation is body to world. The block has room for them.
-void append_rays(const BeamPattern& pattern, std::size_t first, std::size_t count, const Mat3& rotation, const Vec3& origin,
-                 float max_range_m, trace::RayBlock& rays);
+// Writes the pattern's directions to out (channels, beams, 3).
+void write_directions(const BeamPattern& pattern, float* out);
+
+// Makes the tile's beams the bundle's directions: rotation is body to world.
+void rotate_beams(const BeamPattern& pattern, const Tile& tile, const Mat3& rotation, trace::RayBundle& rays);
 
 }  // namespace swiftlet::sensors

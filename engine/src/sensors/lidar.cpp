@@ -1,15 +1,50 @@
 #include "sensors/lidar.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "motion/pose_access.hpp"
-#include "trace/scene.hpp"
 
 namespace swiftlet::sensors {
 namespace {
 
 bool same_beams(const LidarConfig& a, const LidarConfig& b) {
   return a.hfov_deg == b.hfov_deg && a.vfov_deg == b.vfov_deg && a.quat_wxyz == b.quat_wxyz;
+}
+
+// Traces what waits and hands out the results.
+template <class Trace>
+void finish(WaitingRays& waiting, const Trace& trace) {
+  if (waiting.rays.count == 0) return;
+  trace(waiting.rays);
+  for (std::size_t i = 0; i < waiting.rays.count; ++i) *waiting.ranges[i] = waiting.rays.t_hit[i];
+  waiting.rays.count = 0;
+}
+
+void finish(const trace::Scene& scene, ScanScratch& scratch) {
+  finish(scratch.crowd, [&](trace::RayBlock& block) { scene.intersect(block); });
+  finish(scratch.meshes, [&](trace::RayBlock& block) { scene.intersect_meshes(block); });
+}
+
+// Lets a tile's rays join those that wait, with what they have hit so far.
+template <class Trace>
+void wait(const trace::RayBundle& bundle, const Tile& tile, float* out, std::size_t columns, WaitingRays& waiting,
+          const Trace& trace) {
+  trace::RayBlock& rays = waiting.rays;
+  for (std::size_t i = 0; i < bundle.count; ++i) {
+    const std::size_t at = rays.count++;
+    rays.org_x[at] = bundle.origin.x();
+    rays.org_y[at] = bundle.origin.y();
+    rays.org_z[at] = bundle.origin.z();
+    rays.dir_x[at] = bundle.dir_x[i];
+    rays.dir_y[at] = bundle.dir_y[i];
+    rays.dir_z[at] = bundle.dir_z[i];
+    rays.range[at] = bundle.range;
+    rays.t_hit[at] = bundle.t_hit[i];
+    rays.element[at] = bundle.element[i];
+    waiting.ranges[at] = out + (i / tile.width) * columns + i % tile.width;
+    if (rays.count == trace::kMaxRays) finish(waiting, trace);
+  }
 }
 
 }  // namespace
@@ -42,48 +77,42 @@ void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
 
 void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
                  ScanScratch& scratch) const {
-  trace::RayBlock& rays = scratch.rays;
-  std::size_t runs = 0;
   const World* world = nullptr;
-
-  const auto flush = [&] {
-    if (rays.count == 0) return;
-    world->scene().intersect(rays);
-    const float* t = rays.t_hit;
-    for (std::size_t i = 0; i < runs; ++i) {
-      std::copy_n(t, scratch.runs[i].count, scratch.runs[i].ranges);
-      t += scratch.runs[i].count;
-    }
-    rays.count = runs = 0;
-  };
-
   for (const std::uint32_t drone : drones) {
     const World* const its_world = worlds[static_cast<std::size_t>(state.world_index[drone])];
-    const BeamPattern& pattern = pattern_of(drone);
-    if (its_world != world) flush();
+    if (its_world != world && world != nullptr) finish(world->scene(), scratch);
     world = its_world;
+    scan(*world, pose_of(state, drone), drone, state.lidar_ranges.data() + drone * rays_, scratch);
+  }
+  if (world != nullptr) finish(world->scene(), scratch);
+}
 
-    const Pose pose = pose_of(state, drone);
-    const Mat3 rotation = pose.rotation.toRotationMatrix();
-    const Vec3 origin = pose.position + rotation * offset_[drone];
-    float* const ranges = state.lidar_ranges.data() + drone * rays_;
-    if (rays_ <= trace::RayBlock::kRays) {
-      scratch.own.count = 0;
-      append_rays(pattern, 0, rays_, rotation, origin, max_range_[drone], scratch.own);
-      if (world->scene().intersect_nearby(origin, max_range_[drone], scratch.own)) {
-        std::copy_n(scratch.own.t_hit, rays_, ranges);
-        continue;
-      }
-    }
-    for (std::size_t first = 0; first < rays_;) {
-      const std::size_t count = std::min(trace::RayBlock::kRays - rays.count, rays_ - first);
-      append_rays(pattern, first, count, rotation, origin, max_range_[drone], rays);
-      scratch.runs[runs++] = {ranges + first, count};
-      if (rays.count == trace::RayBlock::kRays) flush();
-      first += count;
+void Lidar::scan(const World& world, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const {
+  const trace::Scene& scene = world.scene();
+  const BeamPattern& pattern = pattern_of(drone);
+  const Mat3 rotation = pose.rotation.toRotationMatrix();
+  trace::RayBundle& rays = scratch.bundle;
+  rays.origin = pose.position + rotation * offset_[drone];
+  rays.range = max_range_[drone];
+  scene.gather(rays.origin, rays.range, scratch.reach);
+  for (const Tile& tile : pattern.tiles) {
+    rotate_beams(pattern, tile, rotation, rays);
+    float* const out = ranges + tile.channel * pattern.columns + tile.beam;
+    switch (scene.intersect(scratch.reach, trace::rotated(tile.view, rotation), rays)) {
+      case trace::Traced::fully:
+        for (std::size_t row = 0; row < tile.rows; ++row) {
+          std::copy_n(rays.t_hit + row * tile.width, tile.width, out + row * pattern.columns);
+        }
+        break;
+      case trace::Traced::primitives_only:
+        wait(rays, tile, out, pattern.columns, scratch.meshes, [&](trace::RayBlock& block) { scene.intersect_meshes(block); });
+        break;
+      case trace::Traced::nothing:
+        std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
+        std::fill_n(rays.element, rays.count, -1);
+        wait(rays, tile, out, pattern.columns, scratch.crowd, [&](trace::RayBlock& block) { scene.intersect(block); });
     }
   }
-  flush();
 }
 
 }  // namespace swiftlet::sensors

@@ -11,19 +11,21 @@
 #include "swiftlet/config.hpp"
 #include "swiftlet/state.hpp"
 #include "swiftlet/world.hpp"
-#include "trace/ray_block.hpp"
+#include "trace/scene.hpp"
 
 namespace swiftlet::sensors {
 
+// Rays of several drones in one world that wait until they fill a block.
+struct WaitingRays {
+  trace::RayBlock rays;
+  std::array<float*, trace::kMaxRays> ranges;  // where each one's result goes
+};
+
 // One worker's rays on their way to the tracer.
 struct ScanScratch {
-  struct Run {  // consecutive rays of one drone
-    float* ranges;
-    std::size_t count;
-  };
-  trace::RayBlock rays;  // of several drones
-  trace::RayBlock own;   // of one
-  std::array<Run, trace::RayBlock::kRays> runs;
+  trace::RayBundle bundle;    // of one drone
+  trace::Reach reach;         // of that drone
+  WaitingRays crowd, meshes;  // to go through Embree: for everything, for what is nearer among triangles
 };
 
 class Lidar {
@@ -37,11 +39,14 @@ class Lidar {
   LidarConfig config_of(std::size_t drone) const;
   void set_config(std::size_t drone, const LidarConfig& config);  // of the same number of rays
 
-  // Scans the listed drones into state.lidar_ranges. Rays of consecutive drones in the same world share packets.
+  // Scans the listed drones into state.lidar_ranges. Where rays go through Embree, consecutive drones in the same world share
+  // packets.
   void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
             ScanScratch& scratch) const;
 
  private:
+  void scan(const World& world, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
+
   std::size_t rays_;
   // Drones of equal FOV and mounting share a pattern: these are the distinct ones, with the configs they came from.
   std::vector<LidarConfig> configs_;

@@ -1,8 +1,11 @@
 // Ray against primitive, several rays at a time. Included once per SIMD target (Highway's foreach_target).
 //
 // Every primitive is convex, so a ray's line is inside it on one interval [enter, exit]. Its surface is seen from both sides:
-// the hit is `enter` from outside and `exit` from inside. Only correctly rounded operations are used and nothing is
-// contracted, so a ray's result has the same bits on every target and beside any other rays.
+// the hit is `enter` from outside and `exit` from inside.
+//
+// Distances stay fractions: what is nearer is decided by multiplying crosswise, and one division at the end gives the nearest
+// hit's distance. Only correctly rounded operations are used and nothing is contracted, so a ray's result has the same bits on
+// every target and beside any other rays. Branches on "no ray of this vector" save work and change no bit.
 #if defined(SWIFTLET_TRACE_INTERSECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef SWIFTLET_TRACE_INTERSECT_INL_HPP
 #undef SWIFTLET_TRACE_INTERSECT_INL_HPP
@@ -12,6 +15,7 @@
 
 #include <hwy/highway.h>
 
+#include <cstdint>
 #include <limits>
 
 #include "trace/shape.hpp"
@@ -25,54 +29,97 @@ struct Vec3V {
   V x, y, z;
 };
 
+// num / den, den >= 0; x / 0 is infinite, with x's sign.
 template <class V>
-struct Interval {
-  V enter, exit;  // m along the ray; empty when enter > exit
+struct Fraction {
+  V num, den;
 };
+
+template <class V>
+HWY_INLINE auto is_less(const Fraction<V>& a, const Fraction<V>& b) {
+  return hn::Lt(hn::Mul(a.num, b.den), hn::Mul(b.num, a.den));
+}
+
+template <class M, class V>
+HWY_INLINE Fraction<V> select(M mask, const Fraction<V>& yes, const Fraction<V>& no) {
+  return {hn::IfThenElse(mask, yes.num, no.num), hn::IfThenElse(mask, yes.den, no.den)};
+}
+
+template <class V>
+HWY_INLINE Fraction<V> earlier(const Fraction<V>& a, const Fraction<V>& b) {
+  return select(is_less(b, a), b, a);
+}
+
+template <class V>
+HWY_INLINE Fraction<V> later(const Fraction<V>& a, const Fraction<V>& b) {
+  return select(is_less(a, b), b, a);
+}
+
+// Where a line is inside, in m along the ray; where `meets` is false or enter > exit it never is.
+template <class V, class M>
+struct Interval {
+  Fraction<V> enter, exit;
+  M meets;
+};
+
+template <class D>
+using IntervalOf = Interval<hn::Vec<D>, hn::Mask<D>>;
+
+template <class V, class M>
+HWY_INLINE Interval<V, M> intersection(const Interval<V, M>& a, const Interval<V, M>& b) {
+  return {later(a.enter, b.enter), earlier(a.exit, b.exit), hn::And(a.meets, b.meets)};
+}
+
+// The least interval that holds both.
+template <class V, class M>
+HWY_INLINE Interval<V, M> hull(const Interval<V, M>& a, const Interval<V, M>& b) {
+  const auto only_b = hn::Not(a.meets);
+  const auto b_first = hn::And(b.meets, hn::Or(only_b, is_less(b.enter, a.enter)));
+  const auto b_last = hn::And(b.meets, hn::Or(only_b, is_less(a.exit, b.exit)));
+  return {select(b_first, b.enter, a.enter), select(b_last, b.exit, a.exit), hn::Or(a.meets, b.meets)};
+}
+
+// When the ray leaves [-half, half], given that it starts within: at the face it moves towards.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE Fraction<V> slab_exit(D d, V origin, V direction, float half) {
+  const V along = hn::Xor(origin, hn::And(direction, hn::SignBit(d)));  // the origin, counted in the ray's direction
+  return {hn::Sub(hn::Set(d, half), along), hn::Abs(direction)};
+}
 
 // Where o + t d lies within [-half, half].
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Interval<V> slab(D d, V origin, V direction, float half) {
-  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+HWY_INLINE IntervalOf<D> slab(D d, V origin, V direction, float half) {
   const V h = hn::Set(d, half);
-  const V towards = hn::CopySign(h, direction);  // the face the ray moves towards
-  const auto parallel = hn::Eq(direction, hn::Zero(d));
-  const auto within = hn::Le(hn::Abs(origin), h);
-  const V divisor = hn::IfThenElse(parallel, hn::Set(d, 1.0F), direction);
-  const V exit = hn::Div(hn::Sub(towards, origin), divisor);
-  const V enter = hn::Div(hn::Neg(hn::Add(towards, origin)), divisor);
-  const V always = hn::IfThenElse(within, infinity, hn::Neg(infinity));
-  return {hn::IfThenElse(parallel, hn::Neg(always), enter), hn::IfThenElse(parallel, always, exit)};
-}
-
-template <class V>
-HWY_INLINE Interval<V> intersection(const Interval<V>& a, const Interval<V>& b) {
-  return {hn::Max(a.enter, b.enter), hn::Min(a.exit, b.exit)};
-}
-
-// Where |o + t d| <= r, given the closest approach t = -o.d / d.d and the distance there (as distance^2 * d.d).
-// Taking the distance at the closest approach from a cross product, not from o.o - (o.d)^2 / d.d, keeps thin far
-// primitives exact: there is no difference of two large squares.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE Interval<V> ball(D d, V o_dot_d, V d_dot_d, V cross_squared, float radius) {
+  const V along = hn::Xor(origin, hn::And(direction, hn::SignBit(d)));
+  const V speed = hn::Abs(direction);
   const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
-  const auto parallel = hn::Eq(d_dot_d, hn::Zero(d));  // only for a cylinder's circle
-  const V divisor = hn::IfThenElse(parallel, hn::Set(d, 1.0F), d_dot_d);
-  const V square = hn::Sub(hn::Mul(hn::Set(d, radius * radius), d_dot_d), cross_squared);
-  const auto miss = hn::Lt(square, hn::Zero(d));
-  const V half_chord = hn::Div(hn::Sqrt(hn::Max(square, hn::Zero(d))), divisor);
-  const V middle = hn::Div(hn::Neg(o_dot_d), divisor);
-  return {hn::IfThenElse(miss, infinity, hn::Sub(middle, half_chord)),
-          hn::IfThenElse(miss, hn::Neg(infinity), hn::Add(middle, half_chord))};
+  const auto parallel = hn::Eq(speed, hn::Zero(d));  // inside always or never
+  const V den = hn::IfThenElse(parallel, hn::Set(d, 1.0F), speed);
+  return {{hn::IfThenElse(parallel, hn::Neg(infinity), hn::Neg(hn::Add(h, along))), den},
+          {hn::IfThenElse(parallel, infinity, hn::Sub(h, along)), den},
+          hn::Or(hn::Not(parallel), hn::Le(hn::Abs(origin), h))};
 }
 
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Interval<V> box_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, const float* half) {
+HWY_INLINE IntervalOf<D> box_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, const float* half) {
   return intersection(intersection(slab(d, o.x, dir.x, half[0]), slab(d, o.y, dir.y, half[1])), slab(d, o.z, dir.z, half[2]));
 }
 
+// Where |o + t d| <= r, as the roots (-o.d -+ sqrt(r^2 d.d - |o x d|^2)) / d.d of a quadratic. Taking the distance of the line
+// from the centre out of a cross product, and not out of o.o - (o.d)^2 / d.d, keeps thin far primitives exact: there is no
+// difference of two large squares. Meets nothing where the ball is missed or wholly behind.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Interval<V> sphere_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, float radius) {
+HWY_INLINE IntervalOf<D> ball(D d, V o_dot_d, V d_dot_d, V cross_squared, float radius) {
+  const V square = hn::Sub(hn::Mul(hn::Set(d, radius * radius), d_dot_d), cross_squared);
+  const auto ahead = hn::Or(hn::Lt(o_dot_d, hn::Zero(d)), hn::Ge(square, hn::Mul(o_dot_d, o_dot_d)));
+  const auto meets = hn::And(hn::Ge(square, hn::Zero(d)), ahead);
+  if (hn::AllFalse(d, meets)) return {{hn::Zero(d), d_dot_d}, {hn::Zero(d), d_dot_d}, meets};
+  const V half_chord = hn::Sqrt(hn::Max(square, hn::Zero(d)));
+  return {{hn::Sub(hn::Neg(o_dot_d), half_chord), d_dot_d}, {hn::Sub(half_chord, o_dot_d), d_dot_d}, meets};
+}
+
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE IntervalOf<D> sphere_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, float radius) {
   const V cx = hn::Sub(hn::Mul(o.y, dir.z), hn::Mul(o.z, dir.y));
   const V cy = hn::Sub(hn::Mul(o.z, dir.x), hn::Mul(o.x, dir.z));
   const V cz = hn::Sub(hn::Mul(o.x, dir.y), hn::Mul(o.y, dir.x));
@@ -84,22 +131,50 @@ HWY_INLINE Interval<V> sphere_interval(D d, const Vec3V<V>& o, const Vec3V<V>& d
 
 // A full cylinder about local z: its circle in x and y, and the slab between its caps.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE Interval<V> cylinder_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, const float* half) {
-  const float radius = half[0];
+HWY_INLINE IntervalOf<D> cylinder_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, float radius, float half_height) {
   const V cross = hn::Sub(hn::Mul(o.x, dir.y), hn::Mul(o.y, dir.x));
   const V o_dot_d = hn::Add(hn::Mul(o.x, dir.x), hn::Mul(o.y, dir.y));
   const V d_dot_d = hn::Add(hn::Mul(dir.x, dir.x), hn::Mul(dir.y, dir.y));
-  Interval<V> circle = ball(d, o_dot_d, d_dot_d, hn::Mul(cross, cross), radius);
+  IntervalOf<D> circle = ball(d, o_dot_d, d_dot_d, hn::Mul(cross, cross), radius);
+  if (hn::AllFalse(d, circle.meets)) return circle;
   // A ray along the axis stays within the circle or never comes in.
-  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
   const auto parallel = hn::Eq(d_dot_d, hn::Zero(d));
+  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+  const V one = hn::Set(d, 1.0F);
   const V o_dot_o = hn::Add(hn::Mul(o.x, o.x), hn::Mul(o.y, o.y));
-  const V always = hn::IfThenElse(hn::Le(o_dot_o, hn::Set(d, radius * radius)), infinity, hn::Neg(infinity));
-  circle.enter = hn::IfThenElse(parallel, hn::Neg(always), circle.enter);
-  circle.exit = hn::IfThenElse(parallel, always, circle.exit);
-  return intersection(circle, slab(d, o.z, dir.z, half[2]));
+  circle.enter = select(parallel, {hn::Neg(infinity), one}, circle.enter);
+  circle.exit = select(parallel, {infinity, one}, circle.exit);
+  circle.meets = hn::And(circle.meets, hn::Or(hn::Not(parallel), hn::Le(o_dot_o, hn::Set(d, radius * radius))));
+  return intersection(circle, slab(d, o.z, dir.z, half_height));
 }
 
+// A cylinder and two balls: being convex, it is the hull of what the line has in common with each.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE IntervalOf<D> capsule_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, float radius, float half_height) {
+  const float middle = half_height - radius;
+  IntervalOf<D> body = cylinder_interval(d, o, dir, radius, middle);
+  body.meets = hn::And(body.meets, hn::Not(is_less(body.exit, body.enter)));
+  const V up = hn::Set(d, middle);
+  return hull(hull(body, sphere_interval(d, {o.x, o.y, hn::Sub(o.z, up)}, dir, radius)),
+              sphere_interval(d, {o.x, o.y, hn::Add(o.z, up)}, dir, radius));
+}
+
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE IntervalOf<D> interval(D d, const Shape& shape, const Vec3V<V>& o, const Vec3V<V>& dir) {
+  const float* const half = shape.half_extents;
+  switch (shape.kind) {
+    case ShapeKind::cylinder:
+      return cylinder_interval(d, o, dir, half[0], half[2]);
+    case ShapeKind::sphere:
+      return sphere_interval(d, o, dir, half[0]);
+    case ShapeKind::capsule:
+      return capsule_interval(d, o, dir, half[0], half[2]);
+    default:
+      return box_interval(d, o, dir, half);
+  }
+}
+
+// World to local.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE Vec3V<V> rotate(D d, const float* m, const Vec3V<V>& v) {
   const auto row = [&](int i) HWY_ATTR {
@@ -109,31 +184,49 @@ HWY_INLINE Vec3V<V> rotate(D d, const float* m, const Vec3V<V>& v) {
   return {row(0), row(1), row(2)};
 }
 
-// Distance to the shape's surface along the ray, in [t_near, inf]; inf on a miss.
+// What one vector of rays has hit so far.
+template <class D>
+struct Nearest {
+  using V = hn::Vec<D>;
+  using I = hn::Vec<hn::RebindToSigned<D>>;
+  Fraction<V> distance;  // m, infinite where nothing is hit
+  I element;             // -1 where nothing is hit
+
+  HWY_INLINE explicit Nearest(D d)
+      : distance{hn::Set(d, std::numeric_limits<float>::infinity()), hn::Set(d, 1.0F)},
+        element(hn::Set(hn::RebindToSigned<D>(), -1)) {}
+
+  // Takes a hit at a smaller distance; of two at one distance that of the lower element.
+  HWY_INLINE void take(D d, const Fraction<V>& hit, hn::Mask<D> valid, std::int32_t number) {
+    const hn::RebindToSigned<D> di;
+    const V left = hn::Mul(hit.num, distance.den);
+    const V right = hn::Mul(distance.num, hit.den);
+    const I its = hn::Set(di, number);
+    const auto before = hn::RebindMask(d, hn::Lt(its, element));
+    const auto nearer = hn::And(valid, hn::Or(hn::Lt(left, right), hn::And(hn::Eq(left, right), before)));
+    distance = select(nearer, hit, distance);
+    element = hn::IfThenElse(hn::RebindMask(di, nearer), its, element);
+  }
+
+  HWY_INLINE void meet(D d, const IntervalOf<D>& inside, std::int32_t number) {
+    const V zero = hn::Zero(d);
+    const auto valid =
+        hn::And(inside.meets, hn::And(hn::Ge(inside.exit.num, zero), hn::Not(is_less(inside.exit, inside.enter))));
+    if (hn::AllFalse(d, valid)) return;
+    take(d, select(hn::Ge(inside.enter.num, zero), inside.enter, inside.exit), valid, number);
+  }
+
+  // m; inf where nothing is hit.
+  HWY_INLINE V metres() const { return hn::Div(distance.num, distance.den); }
+};
+
+// The shape met by rays of any origin, in the world frame.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE V hit_distance(D d, const Shape& shape, const Vec3V<V>& origin, const Vec3V<V>& direction, V t_near) {
-  Vec3V<V> o{hn::Sub(origin.x, hn::Set(d, shape.center[0])), hn::Sub(origin.y, hn::Set(d, shape.center[1])),
-             hn::Sub(origin.z, hn::Set(d, shape.center[2]))};
-  Vec3V<V> dir = direction;
-  if (!shape.aligned) {
-    o = rotate(d, shape.to_local, o);
-    dir = rotate(d, shape.to_local, dir);
-  }
-  Interval<V> inside;
-  switch (shape.kind) {
-    case PrimitiveKind::cylinder:
-      inside = cylinder_interval(d, o, dir, shape.half_extents);
-      break;
-    case PrimitiveKind::sphere:
-      inside = sphere_interval(d, o, dir, shape.half_extents[0]);
-      break;
-    default:
-      inside = box_interval(d, o, dir, shape.half_extents);
-  }
-  const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
-  const V t = hn::IfThenElse(hn::Ge(inside.enter, t_near), inside.enter, inside.exit);
-  const auto hit = hn::And(hn::Le(inside.enter, inside.exit), hn::Ge(t, t_near));
-  return hn::IfThenElse(hit, t, infinity);
+HWY_INLINE IntervalOf<D> world_interval(D d, const Shape& shape, const Vec3V<V>& origin, const Vec3V<V>& direction) {
+  const Vec3V<V> o{hn::Sub(origin.x, hn::Set(d, shape.center[0])), hn::Sub(origin.y, hn::Set(d, shape.center[1])),
+                   hn::Sub(origin.z, hn::Set(d, shape.center[2]))};
+  if (shape.aligned) return interval(d, shape, o, direction);
+  return interval(d, shape, rotate(d, shape.to_local, o), rotate(d, shape.to_local, direction));
 }
 
 }  // namespace swiftlet::trace::HWY_NAMESPACE

@@ -19,6 +19,11 @@ Vec3d surface_normal(const Primitive& primitive, const Vec3d& point) {
   const Vec3d local = rotation.transpose() * (point - primitive.center.cast<double>());
   const Vec3d half = primitive.half_extents.cast<double>();
   if (primitive.kind == PrimitiveKind::sphere) return local.normalized();
+  if (primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc) return rotation.col(2);
+  if (primitive.kind == PrimitiveKind::capsule) {
+    const double middle = half.z() - half.x();
+    return rotation * (local - Vec3d(0, 0, std::clamp(local.z(), -middle, middle))).normalized();
+  }
   if (primitive.kind == PrimitiveKind::cylinder) {
     const double radial = std::hypot(local.x(), local.y());
     const bool cap = std::abs(std::abs(local.z()) - half.z()) < std::abs(radial - half.x());
@@ -75,8 +80,8 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
   hits.primitive.assign(count, -1);
   const trace::FlushDenormals flush;
   const auto rays = std::make_unique<trace::RayBlock>();
-  for (std::size_t first = 0; first < count; first += trace::RayBlock::kRays) {
-    rays->count = std::min(trace::RayBlock::kRays, count - first);
+  for (std::size_t first = 0; first < count; first += trace::kMaxRays) {
+    rays->count = std::min(trace::kMaxRays, count - first);
     for (std::size_t i = 0; i < rays->count; ++i) {
       rays->org_x[i] = origins[3 * (first + i)];
       rays->org_y[i] = origins[3 * (first + i) + 1];

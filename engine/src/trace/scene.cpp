@@ -1,12 +1,14 @@
 #include "trace/scene.hpp"
 
 #include <array>
+#include <cmath>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
 #include <string>
 
 #include "batch/platform.hpp"
+#include "trace/calibrated.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -17,15 +19,9 @@
 namespace swiftlet::trace {
 namespace {
 
-constexpr unsigned int kPrimitiveGeometry = 0;
-constexpr unsigned int kTriangleGeometry = 1;
+constexpr float kRounding = 1e-5F;  // of coordinates: bounds are this much wider, so that no rounding hides a hit
 
-constexpr std::size_t kMaxCulled = 64;  // primitives of a world that are worth a look each, for every scan
-constexpr std::size_t kMaxDirect = 6;   // primitives within reach that are faster tested than searched for in a tree
-
-float squared_distance(const Aabb& box, const Vec3& point) {
-  return (box.min - point).cwiseMax(point - box.max).cwiseMax(0.0F).squaredNorm();
-}
+float squared_distance(const Vec3& center, const Vec3& half) { return (center.cwiseAbs() - half).cwiseMax(0.0F).squaredNorm(); }
 
 [[noreturn]] void throw_embree_error(RTCDevice device) {
   throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(rtcGetDeviceError(device))));
@@ -50,6 +46,20 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
   return device;
 }
 
+Candidate candidate_of(const NumberedShape& numbered, const Vec3& origin) {
+  const Shape& shape = numbered.shape;
+  Candidate candidate{&shape, numbered.element, false, {}, {}, {}, {}};
+  candidate.center = 0.5F * (shape.bounds.min + shape.bounds.max) - origin;
+  candidate.half = 0.5F * (shape.bounds.max - shape.bounds.min);
+  const Vec3 offset = origin - Eigen::Map<const Vec3>(shape.center);
+  for (std::size_t row = 0; row < 3; ++row) {
+    const float* const m = shape.to_local + 3 * row;
+    candidate.local_origin[row] =
+        shape.aligned ? offset[static_cast<int>(row)] : m[0] * offset[0] + m[1] * offset[1] + m[2] * offset[2];
+  }
+  return candidate;
+}
+
 }  // namespace
 
 #if defined(__SSE__) || defined(_M_X64)
@@ -64,37 +74,51 @@ FlushDenormals::FlushDenormals() : saved_(0) {}
 FlushDenormals::~FlushDenormals() = default;
 #endif
 
-Scene::Scene(const World& world) : device_(shared_device()) {
-  scene_.reset(rtcNewScene(device_.get()));
-  // ROBUST: without it rays leak through the edges that triangles share.
-  rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
-  rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_MEDIUM);
+Scene::Scene(const World& world) {
   add_primitives(world.primitives());
   add_triangles(world.triangles());
-  rtcCommitScene(scene_.get());
-  if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) throw_embree_error(device_.get());
 }
 
 Scene::~Scene() = default;
 
+Scene::EmbreeScene Scene::new_scene() {
+  if (!device_) device_ = shared_device();
+  EmbreeScene scene(rtcNewScene(device_.get()));
+  // ROBUST: without it rays leak through the edges that triangles share.
+  rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
+  rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_MEDIUM);
+  return scene;
+}
+
+void Scene::commit(RTCScene scene) const {
+  rtcCommitScene(scene);
+  if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) throw_embree_error(device_.get());
+}
+
 void Scene::add_primitives(std::span<const Primitive> primitives) {
+  std::vector<Aabb> boxes;
+  std::vector<std::uint32_t> numbers;
   for (const Primitive& primitive : primitives) {
-    shapes_.push_back(make_shape(primitive));
+    const auto element = static_cast<std::uint32_t>(shapes_.size());
+    shapes_.push_back({make_shape(primitive), static_cast<std::int32_t>(element)});
     if (primitive.kind == PrimitiveKind::room) {
-      rooms_.push_back({shapes_.back(), static_cast<std::int32_t>(shapes_.size()) - 1});
-      // Rooms are traced directly: an empty box keeps them out of the tree, and the indices of the others as they are.
-      shapes_.back().bounds = {Vec3::Constant(1.0F), Vec3::Constant(-1.0F)};
+      ++num_rooms_;
+    } else {
+      boxes.push_back(shapes_.back().shape.bounds);
+      numbers.push_back(element);
     }
   }
-  if (shapes_.empty()) return;
-  if (shapes_.size() <= kMaxCulled) {
-    for (const Primitive& primitive : primitives) {
-      numbered_.push_back({make_shape(primitive), static_cast<std::int32_t>(numbered_.size())});
-    }
+  tree_ = ShapeTree(boxes, numbers);
+  if (shapes_.size() <= kMaxDirectAnyOrigin) return;  // every bundle has few enough, too
+  for (const NumberedShape& shape : shapes_) {
+    crowd_shapes_.push_back(shape.shape);
+    // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
+    if (crowd_shapes_.size() <= num_rooms_) crowd_shapes_.back().bounds = {Vec3::Constant(1.0F), Vec3::Constant(-1.0F)};
   }
+  crowd_ = new_scene();
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(shapes_.size()));
-  rtcSetGeometryUserData(geometry, shapes_.data());
+  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(crowd_shapes_.size()));
+  rtcSetGeometryUserData(geometry, crowd_shapes_.data());
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
   rtcSetGeometryBoundsFunction(
       geometry,
@@ -105,13 +129,14 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
       nullptr);
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
   rtcCommitGeometry(geometry);
-  rtcAttachGeometryByID(scene_.get(), geometry, kPrimitiveGeometry);
+  rtcAttachGeometry(crowd_.get(), geometry);
   rtcReleaseGeometry(geometry);
+  commit(crowd_.get());
 }
 
 void Scene::add_triangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
-  numbered_.clear();
+  meshes_ = new_scene();
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(
       rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
@@ -121,38 +146,80 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   for (const Vec3& vertex : mesh.vertices) {
     for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
   }
+  Eigen::AlignedBox3f box;
   for (const auto& triangle : mesh.triangles) {
-    for (const std::int32_t index : triangle) *indices++ = static_cast<unsigned int>(index);
+    for (const std::int32_t index : triangle) {
+      *indices++ = static_cast<unsigned int>(index);
+      box.extend(mesh.vertices[static_cast<std::size_t>(index)]);
+    }
   }
+  const Vec3 margin = kRounding * (Vec3::Ones() + box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()));
+  mesh_bounds_ = {box.min() - margin, box.max() + margin};
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
   rtcCommitGeometry(geometry);
-  rtcAttachGeometryByID(scene_.get(), geometry, kTriangleGeometry);
+  rtcAttachGeometry(meshes_.get(), geometry);
   rtcReleaseGeometry(geometry);
+  commit(meshes_.get());
 }
 
 void Scene::intersect(RayBlock& rays) const {
-  trace_packets({.rooms = rooms_,
-                 .scene = scene_.get(),
-                 .primitive_geometry = kPrimitiveGeometry,
-                 .triangle_geometry = kTriangleGeometry,
-                 .first_triangle = static_cast<std::int32_t>(shapes_.size())},
-                rays);
+  if (!crowd_) {
+    trace_direct(shapes_, rays);
+  } else {
+    trace_direct(std::span(shapes_).first(num_rooms_), rays);
+    trace_packets(crowd_.get(), 0, rays);
+  }
+  intersect_meshes(rays);
 }
 
-bool Scene::intersect_nearby(const Vec3& origin, float range_m, RayBlock& rays) const {
-  if (numbered_.empty()) return false;
-  std::array<const NumberedShape*, kMaxDirect> near;
-  std::size_t count = 0;
-  for (const NumberedShape& shape : numbered_) {
-    if (squared_distance(shape.shape.bounds, origin) > range_m * range_m) continue;
-    if (count == kMaxDirect) return false;
-    near[count++] = &shape;
+void Scene::intersect_meshes(RayBlock& rays) const {
+  if (meshes_) trace_packets(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays);
+}
+
+void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {
+  reach.count = 0;
+  reach.crowded = false;
+  const auto near = [&](const Vec3& center, const Vec3& half) {
+    return squared_distance(center - origin, half) <= range_m * range_m;
+  };
+  const auto add = [&](std::uint32_t element) {
+    if (reach.count == Reach::kMaxCandidates) {
+      reach.crowded = true;
+      return;
+    }
+    reach.candidates[reach.count++] = candidate_of(shapes_[element], origin);
+  };
+  for (std::uint32_t room = 0; room < num_rooms_; ++room) {
+    add(room);
+    Candidate& candidate = reach.candidates[reach.count - 1];
+    const Eigen::Map<const Vec3> half(candidate.shape->half_extents);
+    const Vec3 offset = -candidate.center;
+    candidate.from_within = (offset.cwiseAbs().array() <= half.array()).all();
+    if (!candidate.from_within) continue;
+    // A wall farther than the range is never hit.
+    for (int axis = 0; axis < 3; ++axis) candidate.walls[axis] = half[axis] - std::abs(offset[axis]) <= range_m;
+    if (!candidate.walls[0] && !candidate.walls[1] && !candidate.walls[2]) --reach.count;
   }
-  trace_shapes({near.data(), count}, rays);
-  return true;
+  tree_.for_each_near(origin, range_m, add);
+  reach.meshes = meshes_ && near(0.5F * (mesh_bounds_.min + mesh_bounds_.max), 0.5F * (mesh_bounds_.max - mesh_bounds_.min));
+}
+
+Traced Scene::intersect(const Reach& reach, const View& view, RayBundle& rays) const {
+  if (reach.crowded) return Traced::nothing;
+  std::array<const Candidate*, kMaxDirect> seen;
+  std::size_t count = 0;
+  for (const Candidate& candidate : std::span(reach.candidates).first(reach.count)) {
+    if (!sees(view, rays.range, candidate.center, candidate.half)) continue;
+    if (count == kMaxDirect) return Traced::nothing;
+    seen[count++] = &candidate;
+  }
+  trace_direct(std::span(seen).first(count), rays);
+  return reach.meshes ? Traced::primitives_only : Traced::fully;
 }
 
 void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {
+  tree_.for_each_near(center, radius, [&](std::uint32_t element) { callback(context, element); });
+  if (!meshes_) return;
   struct Visit {
     NearbyCallback callback;
     void* context;
@@ -167,10 +234,10 @@ void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback cal
   RTCPointQueryContext instances;
   rtcInitPointQueryContext(&instances);
   rtcPointQuery(
-      scene_.get(), &query, &instances,
+      meshes_.get(), &query, &instances,
       [](RTCPointQueryFunctionArguments* args) {
         const auto& seen = *static_cast<Visit*>(args->userPtr);
-        seen.callback(seen.context, args->geomID == kTriangleGeometry ? seen.first_triangle + args->primID : args->primID);
+        seen.callback(seen.context, seen.first_triangle + args->primID);
         return false;  // the radius did not change
       },
       &visit);

@@ -1,17 +1,22 @@
-// trace::Scene: one world's acceleration structure (Embree), and the question asked of it: what is the nearest thing along
-// these rays.
+// trace::Scene: one world as rays meet it, and the question asked of it: what is the nearest thing along these rays.
+//
+// Primitives are traced directly where few are within reach (see Reach), and by Embree where many are; triangles always by
+// Embree.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
 
 #include "swiftlet/world.hpp"
+#include "trace/direct.hpp"
 #include "trace/embree.hpp"
-#include "trace/packets.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
+#include "trace/shape_tree.hpp"
+#include "trace/view.hpp"
 
 namespace swiftlet::trace {
 
@@ -30,6 +35,22 @@ class FlushDenormals {
   unsigned int saved_;
 };
 
+// What the rays of one sensor may meet: the shapes whose bounding boxes come within its range. Filled by Scene::gather.
+struct Reach {
+  static constexpr std::size_t kMaxCandidates = 128;
+  std::array<Candidate, kMaxCandidates> candidates;
+  std::size_t count = 0;
+  bool crowded = false;  // there are more
+  bool meshes = false;   // triangles are within range
+};
+
+// How far Scene::intersect(Reach) came with a bundle.
+enum class Traced : std::uint8_t {
+  fully,
+  primitives_only,  // meshes are left to do, by Scene::intersect_meshes with what was found so far
+  nothing,          // too many shapes: all is left to do, by Scene::intersect
+};
+
 class Scene {
  public:
   explicit Scene(const World& world);  // keeps no reference to the world
@@ -40,28 +61,37 @@ class Scene {
   // Nearest hits of a block of rays: fills t_hit and element. A ray's result has the same bits in any block, beside any
   // other rays. Call under FlushDenormals.
   void intersect(RayBlock& rays) const;
+  // The same for what only the triangles can add to t_hit and element.
+  void intersect_meshes(RayBlock& rays) const;
 
-  // The same for rays that all start at the origin and have the same range. True if so little is within reach that it was
-  // answered directly; false if nothing was done and the rays are to go through intersect(), best together with others'.
-  bool intersect_nearby(const Vec3& origin, float range_m, RayBlock& rays) const;
+  // For many rays of one origin and range: gather once, then trace bundle after bundle, each with the view that holds its
+  // directions (world frame).
+  void gather(const Vec3& origin, float range_m, Reach& reach) const;
+  Traced intersect(const Reach& reach, const View& view, RayBundle& rays) const;
 
-  // The broad phase of collision: calls back for each element whose bounding box comes within radius (m) of center; may call
-  // back for some that do not. Allocates nothing; safe from many threads.
+  // The broad phase of collision: calls back for each element but rooms whose bounding box comes within radius (m) of center;
+  // may call back for some that do not. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
 
  private:
   struct Release {
     void operator()(RTCScene scene) const { rtcReleaseScene(scene); }
   };
+  using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
+  EmbreeScene new_scene();
   void add_primitives(std::span<const Primitive> primitives);
   void add_triangles(const TriangleMesh& mesh);
+  void commit(RTCScene scene) const;
 
-  std::shared_ptr<RTCDeviceTy> device_;
-  std::unique_ptr<RTCSceneTy, Release> scene_;
-  std::vector<Shape> shapes_;
-  std::vector<NumberedShape> rooms_;
-  std::vector<NumberedShape> numbered_;  // every primitive, if they are all there is and not many; else empty
+  std::vector<NumberedShape> shapes_;  // all primitives, in the order of their elements: rooms first
+  std::size_t num_rooms_ = 0;
+  ShapeTree tree_;  // of all but the rooms
+  std::vector<Shape> crowd_shapes_;
+  Aabb mesh_bounds_;
+  std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
+  EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few
+  EmbreeScene meshes_;                   // all triangles; null without any
 };
 
 }  // namespace swiftlet::trace

@@ -1,20 +1,28 @@
 // Shape: a primitive as the ray kernels want it, its rotation as a matrix.
 #pragma once
 
-#include <span>
-#include <vector>
+#include <cstdint>
 
 #include "swiftlet/world.hpp"
 
 namespace swiftlet::trace {
 
+// A convex solid. A plane is a box, a disc a cylinder of no thickness; a room is a box seen from within.
+enum class ShapeKind : std::uint8_t { box, cylinder, capsule, sphere };
+
 struct Shape {
-  PrimitiveKind kind = PrimitiveKind::box;
+  ShapeKind kind = ShapeKind::box;
   bool aligned = true;                // the rotation is the identity: the kernels skip it
   float center[3] = {0, 0, 0};        // m, world frame
   float to_local[9] = {};             // row-major rotation, world to local
   float half_extents[3] = {0, 0, 0};  // m, as in Primitive
   Aabb bounds;                        // m, world frame; a little wider than the shape, so that no rounding hides a hit
+};
+
+// A shape and its index into World::primitives().
+struct NumberedShape {
+  Shape shape;
+  std::int32_t element;
 };
 
 Shape make_shape(const Primitive& primitive);

@@ -23,18 +23,18 @@ HWY_INLINE void intersect_lanes(D d, const RTCIntersectFunctionNArguments* args,
   std::int32_t* const ids = reinterpret_cast<std::int32_t*>(args->rayhit) + first;
   const auto load = [&](std::size_t field) HWY_ATTR { return hn::LoadU(d, rays + field * n); };
 
-  const auto distance =
-      hit_distance(d, shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}, load(t_near));
+  Nearest<D> found(d);
+  found.meet(d, world_interval(d, shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0);
+  const auto distance = found.metres();
   // Of two primitives at the same distance the one of the lower index is taken, whichever Embree visits first.
   const auto nearest = load(t_far);
   const auto prim = hn::Set(di, static_cast<std::int32_t>(args->primID));
   const auto geom = hn::LoadU(di, ids + geom_id * n);
-  const auto before =
-      hn::Or(hn::Ne(geom, hn::Set(di, static_cast<std::int32_t>(args->geomID))), hn::Lt(prim, hn::LoadU(di, ids + prim_id * n)));
+  const auto before = hn::And(hn::Eq(geom, hn::Set(di, static_cast<std::int32_t>(args->geomID))),
+                              hn::Lt(prim, hn::LoadU(di, ids + prim_id * n)));
   const auto active = hn::RebindMask(d, hn::Ne(hn::LoadU(di, args->valid + first), hn::Zero(di)));
   const auto nearer = hn::Or(hn::Lt(distance, nearest), hn::And(hn::Eq(distance, nearest), hn::RebindMask(d, before)));
-  const auto hit = hn::Lt(distance, hn::Set(d, std::numeric_limits<float>::infinity()));
-  const auto take = hn::And(hn::And(active, hit), nearer);
+  const auto take = hn::And(active, hn::And(nearer, hn::RebindMask(d, hn::Eq(found.element, hn::Zero(di)))));
   const auto take_ids = hn::RebindMask(di, take);
   hn::StoreU(hn::IfThenElse(take, distance, nearest), d, rays + t_far * n);
   hn::StoreU(hn::IfThenElse(take_ids, prim, hn::LoadU(di, ids + prim_id * n)), di, ids + prim_id * n);

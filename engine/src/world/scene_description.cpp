@@ -45,7 +45,11 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   check_point(field + ".center", primitive.center);
   const Vec3& half = primitive.half_extents;
   check_point(field + ".half_extents", half);
-  if (!(half.minCoeff() >= static_cast<float>(kMinSize))) refuse(field + ".half_extents", "sizes >= 1e-06 m", text(half));
+  const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
+  if (is_flat && half.z() != 0.0F) refuse(field + ".half_extents", "thickness 0", text(half));
+  if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize))) {
+    refuse(field + ".half_extents", "sizes >= 1e-06 m", text(half));
+  }
 
   const Quat& q = primitive.rotation;
   const Eigen::Vector4d wxyz(q.w(), q.x(), q.y(), q.z());
@@ -60,9 +64,16 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
       if (!is_identity) refuse(field + ".rotation", "the identity for a room", text(q.vec()));
       break;
     case PrimitiveKind::box:
+    case PrimitiveKind::plane:
       break;
     case PrimitiveKind::cylinder:
+    case PrimitiveKind::disc:
       if (half.x() != half.y()) refuse(field + ".half_extents", "(radius, radius, half height)", text(half));
+      break;
+    case PrimitiveKind::capsule:
+      if (half.x() != half.y() || half.z() < half.x()) {
+        refuse(field + ".half_extents", "(radius, radius, half height >= radius)", text(half));
+      }
       break;
     case PrimitiveKind::sphere:
       if (!is_identity) refuse(field + ".rotation", "the identity for a sphere", text(q.vec()));
@@ -165,15 +176,25 @@ SceneDescription canonical(SceneDescription description) {
 }
 
 Aabb bounds(const Primitive& primitive) {
-  Vec3 reach = primitive.half_extents;
+  const Vec3& half = primitive.half_extents;
   const Mat3 rotation = primitive.rotation.toRotationMatrix();
-  if (primitive.kind == PrimitiveKind::box) {
-    reach = rotation.cwiseAbs() * primitive.half_extents;
-  } else if (primitive.kind == PrimitiveKind::cylinder) {
-    // A disc of radius r with unit normal a reaches r * sqrt(1 - a_i^2) along axis i.
-    const Vec3 axis = rotation.col(2);
-    const Vec3 disc = (1.0F - axis.array().square()).max(0.0F).sqrt().matrix() * primitive.half_extents.x();
-    reach = axis.cwiseAbs() * primitive.half_extents.z() + disc;
+  const Vec3 axis = rotation.col(2);
+  Vec3 reach = half;  // rooms and spheres
+  switch (primitive.kind) {
+    case PrimitiveKind::box:
+    case PrimitiveKind::plane:
+      reach = rotation.cwiseAbs() * half;
+      break;
+    case PrimitiveKind::cylinder:
+    case PrimitiveKind::disc:
+      // A disc of radius r with unit normal a reaches r * sqrt(1 - a_i^2) along axis i.
+      reach = half.z() * axis.cwiseAbs() + half.x() * (1.0F - axis.array().square()).max(0.0F).sqrt().matrix();
+      break;
+    case PrimitiveKind::capsule:
+      reach = (half.z() - half.x()) * axis.cwiseAbs() + Vec3::Constant(half.x());
+      break;
+    default:
+      break;
   }
   return Aabb{primitive.center - reach, primitive.center + reach};
 }

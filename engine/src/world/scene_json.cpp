@@ -144,7 +144,7 @@ class SceneReader {
   SceneReader(Field root, std::filesystem::path base_dir) : root_(std::move(root)), base_dir_(std::move(base_dir)) {}
 
   SceneDescription read() {
-    check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
+    check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres", "capsules", "planes", "discs",
                          "meshes", "markers"});
     const Field version = require(root_, "swiftlet_scene");
     if (version.value != kVersion) refuse(version, "version 1");
@@ -158,11 +158,14 @@ class SceneReader {
     for_each("cylinders", [this](const Field& field) { read_cylinder(field); });
     for_each("boxes", [this](const Field& field) { read_box(field); });
     for_each("spheres", [this](const Field& field) { read_sphere(field); });
+    for_each("capsules", [this](const Field& field) { read_capsule(field); });
+    for_each("planes", [this](const Field& field) { read_plane(field); });
+    for_each("discs", [this](const Field& field) { read_disc(field); });
     for_each("meshes", [this](const Field& field) { read_mesh(field); });
     if (const auto markers = find(root_, "markers")) read_markers(*markers);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
-      fail(root_, "expected at least one of room, pillars, cylinders, boxes, spheres, meshes, got an empty scene");
+      fail(root_, "expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty scene");
     }
     return std::move(scene_);
   }
@@ -288,6 +291,43 @@ class SceneReader {
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::sphere,
                                           .center = point(require(field, "center")),
                                           .half_extents = Vec3::Constant(radius),
+                                          .material = read_material(field)});
+  }
+
+  // The height includes the round caps.
+  void read_capsule(const Field& field) {
+    check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
+    const float radius = static_cast<float>(positive(require(field, "radius")));
+    const Field height = require(field, "height");
+    const float half_height = half_size(height, positive(height));
+    if (half_height < radius) refuse(height, "a number >= twice the radius");
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::capsule,
+                                          .center = point(require(field, "center")),
+                                          .rotation = optional_quaternion(field),
+                                          .half_extents = Vec3(radius, radius, half_height),
+                                          .material = read_material(field)});
+  }
+
+  void read_plane(const Field& field) {
+    check_object(field, {"center", "size", "quat_wxyz", "material"});
+    const Field size = require(field, "size");
+    if (!size.value.is_array() || size.value.size() != 2) refuse(size, "an array of 2 numbers (along local x, y)");
+    const Field x = child(size, 0);
+    const Field y = child(size, 1);
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::plane,
+                                          .center = point(require(field, "center")),
+                                          .rotation = optional_quaternion(field),
+                                          .half_extents = Vec3(half_size(x, positive(x)), half_size(y, positive(y)), 0.0F),
+                                          .material = read_material(field)});
+  }
+
+  void read_disc(const Field& field) {
+    check_object(field, {"center", "radius", "quat_wxyz", "material"});
+    const float radius = static_cast<float>(positive(require(field, "radius")));
+    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::disc,
+                                          .center = point(require(field, "center")),
+                                          .rotation = optional_quaternion(field),
+                                          .half_extents = Vec3(radius, radius, 0.0F),
                                           .material = read_material(field)});
   }
 
@@ -479,18 +519,25 @@ void write_primitive(Json& document, const Primitive& primitive, const std::stri
       write_rotation(object, primitive.rotation);
       break;
     case PrimitiveKind::cylinder:
+    case PrimitiveKind::capsule:
       object = {{"center", numbers(center)}, {"radius", shortest(half.x())}, {"height", shortest(2.0 * half.z())}};
       write_rotation(object, primitive.rotation);
       break;
     case PrimitiveKind::sphere:
       object = {{"center", numbers(center)}, {"radius", shortest(half.x())}};
       break;
+    case PrimitiveKind::plane:
+      object = {{"center", numbers(center)}, {"size", {shortest(2.0 * half.x()), shortest(2.0 * half.y())}}};
+      write_rotation(object, primitive.rotation);
+      break;
+    case PrimitiveKind::disc:
+      object = {{"center", numbers(center)}, {"radius", shortest(half.x())}};
+      write_rotation(object, primitive.rotation);
+      break;
   }
   object["material"] = material;
-  const char* list = primitive.kind == PrimitiveKind::box        ? "boxes"
-                     : primitive.kind == PrimitiveKind::cylinder ? "cylinders"
-                                                                 : "spheres";
-  document[list].push_back(std::move(object));
+  constexpr const char* kLists[] = {"room", "boxes", "cylinders", "spheres", "capsules", "planes", "discs"};
+  document[kLists[static_cast<std::size_t>(primitive.kind)]].push_back(std::move(object));
 }
 
 Json write_mesh(const TriangleMesh& mesh, const std::vector<Material>& materials) {

@@ -76,29 +76,44 @@ void add_cylinder(Patch patch, double radius, double half_height, double chord_e
   }
 }
 
-// Rings of latitude. A cell of equal steps in latitude and longitude is a planar trapezoid inscribed in a circle; the circle is
-// widest at the equator, where its angular radius is the cell's half diagonal, step / sqrt(2).
-void add_sphere(Patch patch, double radius, double chord_error) {
+void add_disc(Patch patch, double radius, double chord_error) {
+  const int sides = parts(2.0 * std::numbers::pi, arc_within(radius, chord_error), 8);
+  const std::int32_t middle = patch.vertex({0.0, 0.0, 0.0});
+  for (int i = 0; i < sides; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / sides;
+    patch.vertex({radius * std::cos(angle), radius * std::sin(angle), 0.0});
+  }
+  for (int i = 0; i < sides; ++i) patch.triangle(middle, middle + 1 + i, middle + 1 + (i + 1) % sides);
+}
+
+// Two half balls about (0, 0, -+middle), and what lies between them; a ball if middle is 0. Rings of latitude: a cell of equal
+// steps in latitude and longitude is a planar trapezoid inscribed in a circle; the circle is widest at the equator, where its
+// angular radius is the cell's half diagonal, step / sqrt(2).
+void add_capsule(Patch patch, double radius, double middle, double chord_error) {
   const double step = arc_within(radius, chord_error) / std::numbers::sqrt2;
-  const int rings = parts(std::numbers::pi, step, 4);
+  const int half_rings = parts(std::numbers::pi / 2.0, step, 2);
   const int sides = parts(2.0 * std::numbers::pi, step, 8);
-  const std::int32_t south = patch.vertex({0.0, 0.0, -radius});
-  const std::int32_t north = patch.vertex({0.0, 0.0, radius});
+  const std::int32_t south = patch.vertex({0.0, 0.0, -middle - radius});
+  const std::int32_t north = patch.vertex({0.0, 0.0, middle + radius});
   const std::int32_t first = north + 1;
-  for (int i = 1; i < rings; ++i) {
-    const double latitude = std::numbers::pi * i / rings - std::numbers::pi / 2.0;
+  int rings = 0;
+  const auto add_ring = [&](int i, double z) {
+    const double latitude = std::numbers::pi / 2.0 * i / half_rings;
     for (int j = 0; j < sides; ++j) {
       const double longitude = 2.0 * std::numbers::pi * j / sides;
-      patch.vertex(radius * Eigen::Vector3d(std::cos(latitude) * std::cos(longitude), std::cos(latitude) * std::sin(longitude),
-                                            std::sin(latitude)));
+      const double across = radius * std::cos(latitude);
+      patch.vertex({across * std::cos(longitude), across * std::sin(longitude), z + radius * std::sin(latitude)});
     }
-  }
+    ++rings;
+  };
+  for (int i = 1 - half_rings; i <= 0; ++i) add_ring(i, -middle);
+  for (int i = middle > 0.0 ? 0 : 1; i < half_rings; ++i) add_ring(i, middle);
   for (int j = 0; j < sides; ++j) {
     const int next = (j + 1) % sides;
-    const std::int32_t last = first + (rings - 2) * sides;
+    const std::int32_t last = first + (rings - 1) * sides;
     patch.triangle(south, first + next, first + j);
     patch.triangle(north, last + j, last + next);
-    for (int i = 0; i + 2 < rings; ++i) {
+    for (int i = 0; i + 1 < rings; ++i) {
       const std::int32_t ring = first + i * sides;
       patch.quad(ring + j, ring + next, ring + sides + next, ring + sides + j);
     }
@@ -126,7 +141,18 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
         add_cylinder(patch, half.x(), half.z(), chord_error_m);
         break;
       case PrimitiveKind::sphere:
-        add_sphere(patch, half.x(), chord_error_m);
+      case PrimitiveKind::capsule:
+        add_capsule(patch, half.x(), half.z() - half.x(), chord_error_m);
+        break;
+      case PrimitiveKind::plane: {
+        const std::int32_t a = patch.vertex({-half.x(), -half.y(), 0.0});
+        const std::int32_t b = patch.vertex({half.x(), -half.y(), 0.0});
+        const std::int32_t c = patch.vertex({half.x(), half.y(), 0.0});
+        patch.quad(a, b, c, patch.vertex({-half.x(), half.y(), 0.0}));
+        break;
+      }
+      case PrimitiveKind::disc:
+        add_disc(patch, half.x(), chord_error_m);
         break;
     }
   }

@@ -1,0 +1,78 @@
+#include "trace/view.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace swiftlet::trace {
+namespace {
+
+constexpr float kMargin = 1e-5F;       // of the range: for rounding in rotated normals
+constexpr double kNarrow = 0.1736482;  // cosine of 80 degrees
+
+}  // namespace
+
+View make_view(std::span<const float> x, std::span<const float> y, std::span<const float> z) {
+  using Vec3d = Eigen::Vector3d;
+  const auto direction = [&](std::size_t i) { return Vec3d(x[i], y[i], z[i]); };
+  Vec3d mean = Vec3d::Zero();
+  for (std::size_t i = 0; i < x.size(); ++i) mean += direction(i);
+  const bool has_mean = mean.norm() > 1e-6 * static_cast<double>(x.size());
+  if (has_mean) mean.normalize();
+  const Vec3d side = Vec3d::Unit(std::abs(mean.z()) < 0.9 ? 2 : 0).cross(mean).normalized();
+  const Vec3d up = mean.cross(side);
+  double narrowest = has_mean ? 1.0 : 0.0;
+  double slope[4] = {-1e9, -1e9, -1e9, -1e9};  // towards side, -side, up, -up
+  double elevation[2] = {-1.0, -1.0};          // towards z, -z
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Vec3d d = direction(i);
+    const double ahead = d.dot(mean);
+    narrowest = std::min(narrowest, ahead);
+    slope[0] = std::max(slope[0], d.dot(side) / ahead);
+    slope[1] = std::max(slope[1], -d.dot(side) / ahead);
+    slope[2] = std::max(slope[2], d.dot(up) / ahead);
+    slope[3] = std::max(slope[3], -d.dot(up) / ahead);
+    elevation[0] = std::max(elevation[0], d.z());
+    elevation[1] = std::max(elevation[1], -d.z());
+  }
+  View view{};
+  const auto set = [&view](std::size_t plane, const Vec3d& normal, double reach) {
+    view.x[plane] = static_cast<float>(normal.x());
+    view.y[plane] = static_cast<float>(normal.y());
+    view.z[plane] = static_cast<float>(normal.z());
+    view.reach[plane] = static_cast<float>(std::max(reach, 0.0)) + kMargin;
+  };
+  if (narrowest > kNarrow) {
+    for (std::size_t plane = 0; plane < View::kPlanes; ++plane) {
+      const Vec3d across = plane < 2 ? side : up;
+      set(plane, ((plane % 2 == 0 ? 1.0 : -1.0) * across - slope[plane] * mean).normalized(), 0.0);
+    }
+  } else {
+    set(0, Vec3d::UnitZ(), elevation[0]);
+    set(1, -Vec3d::UnitZ(), elevation[1]);
+  }
+  return view;
+}
+
+View rotated(const View& view, const Mat3& rotation) {
+  View result;
+  for (std::size_t i = 0; i < View::kPlanes; ++i) {
+    result.x[i] = rotation(0, 0) * view.x[i] + rotation(0, 1) * view.y[i] + rotation(0, 2) * view.z[i];
+    result.y[i] = rotation(1, 0) * view.x[i] + rotation(1, 1) * view.y[i] + rotation(1, 2) * view.z[i];
+    result.z[i] = rotation(2, 0) * view.x[i] + rotation(2, 1) * view.y[i] + rotation(2, 2) * view.z[i];
+    result.reach[i] = view.reach[i];
+  }
+  return result;
+}
+
+// The box's point farthest against the normal n lies at n . center - |n| . half.
+bool sees(const View& view, float range, const Vec3& center, const Vec3& half) {
+  bool hidden = false;
+  for (std::size_t i = 0; i < View::kPlanes; ++i) {
+    const float nearest = view.x[i] * center.x() + view.y[i] * center.y() + view.z[i] * center.z() -
+                          (std::abs(view.x[i]) * half.x() + std::abs(view.y[i]) * half.y() + std::abs(view.z[i]) * half.z());
+    hidden |= nearest > range * view.reach[i];
+  }
+  return !hidden;
+}
+
+}  // namespace swiftlet::trace

@@ -1,0 +1,29 @@
+// View: four half spaces that hold whatever a set of directions can reach.
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "swiftlet/pose.hpp"
+
+namespace swiftlet::trace {
+
+// All points p that rays of these directions reach within a range R satisfy n . p <= R * reach for each of the four normals n.
+// A narrow set (all within 80 degrees of their mean) has the sides of a pyramid, reach 0; a wide one, like a fan, the two planes
+// above and below it. Both exact up to rounding, for which `reach` has a margin.
+struct View {
+  static constexpr std::size_t kPlanes = 4;
+  alignas(16) std::array<float, kPlanes> x, y, z;  // unit normals; zero where there is no plane
+  alignas(16) std::array<float, kPlanes> reach;    // in units of the range
+};
+
+// Of unit directions, in their frame.
+View make_view(std::span<const float> x, std::span<const float> y, std::span<const float> z);
+
+// The same view from a frame turned by the rotation.
+View rotated(const View& view, const Mat3& rotation);
+
+// False only if no ray of the view reaches the box: its centre is relative to the rays' origin (m).
+bool sees(const View& view, float range, const Vec3& center, const Vec3& half);
+
+}  // namespace swiftlet::trace
