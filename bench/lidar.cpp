@@ -68,7 +68,7 @@ std::unique_ptr<BareScene> analytic_scene(const swiftlet::World& world) {
   rtcSetGeometryBoundsFunction(
       geometry,
       [](const RTCBoundsFunctionArguments* args) {
-        const swiftlet::Aabb& box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds;
+        const swiftlet::Aabb box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds();
         *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
       },
       nullptr);

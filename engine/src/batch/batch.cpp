@@ -100,6 +100,7 @@ struct Batch::Impl {
   BatchConfig config;
   Worlds worlds;
   std::vector<const World*> world_pointers;
+  std::vector<const collision::Obstacles*> obstacles;  // of each world
   DroneModel drone_model;
   collision::Hull hull;
   std::size_t rays = 0;
@@ -128,8 +129,7 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
   for (const auto& world : worlds) {
     world_pointers.push_back(world.get());
     // Built here, not by whichever thread first needs them in the middle of a step.
-    world->obstacles();
-    if (config.has_lidar) world->scene();
+    obstacles.push_back(&world->obstacles());
   }
   require_world_index(world_index, n);
   if (config.has_lidar) {
@@ -210,14 +210,12 @@ void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch)
 }
 
 void Batch::Impl::evaluate(std::uint32_t drone) {
-  const std::span<const float> observation = std::span(out().observation).subspan(drone * observation_size, observation_size);
-  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(),
-                       observation.subspan(task::Navigation::kGoalSize), state, out());
+  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), rays, state, out());
 }
 
 void Batch::Impl::observe_ranges(std::uint32_t drone) {
-  task::Navigation::observe_ranges(ranges_of(drone), lidar->max_range_of(drone),
-                                   out().observation.data() + drone * observation_size);
+  navigation->observe_ranges(drone, ranges_of(drone), lidar->max_range_of(drone),
+                             out().observation.data() + drone * observation_size);
 }
 
 void Batch::Impl::observe_goal(std::uint32_t drone) {
@@ -248,8 +246,8 @@ void Batch::Impl::reset_finished(Scratch& scratch) {
 
 void Batch::Impl::sweep_to(std::size_t drone, const Pose& target) {
   const Pose from = pose_of(state, drone);
-  const World& world = *world_pointers[static_cast<std::size_t>(state.world_index[drone])];
-  const collision::Contact contact = collision::sweep(world.obstacles(), hull, from, target);
+  const collision::Obstacles& its_obstacles = *obstacles[static_cast<std::size_t>(state.world_index[drone])];
+  const collision::Contact contact = collision::sweep(its_obstacles, hull, from, target);
   set_pose_of(state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   state.contact.hit[drone] = contact.hit;
   state.contact.inside[drone] = contact.inside;

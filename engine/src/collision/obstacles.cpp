@@ -2,7 +2,7 @@
 
 namespace swiftlet::collision {
 
-Obstacles::Obstacles(const World& world) : world_(&world) {
+Obstacles::Obstacles(const World& world) : world_(&world), scene_(&world.scene()) {
   for (const Primitive& primitive : world.primitives()) {
     if (primitive.kind == PrimitiveKind::room) {
       const auto element = static_cast<std::uint32_t>(convexes_.size());

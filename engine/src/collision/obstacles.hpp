@@ -31,11 +31,12 @@ class Obstacles {
   template <class Visit>
   void for_each_near(const Vec3& center, float radius, Visit&& visit) const {
     const auto call = [](void* context, std::uint32_t element) { (*static_cast<std::remove_reference_t<Visit>*>(context))(element); };
-    world_->scene().for_each_nearby(center, radius, call, &visit);
+    scene_->for_each_nearby(center, radius, call, &visit);
   }
 
  private:
   const World* world_;
+  const trace::Scene* scene_;  // its
   std::vector<Room> rooms_;
   std::vector<Convex> convexes_;  // one per primitive; unused where it is a room
 };

@@ -1,40 +1,9 @@
 #include "sensors/beams.hpp"
 
-#undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "sensors/beams.cpp"
-#include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
-#include <hwy/highway.h>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
-HWY_BEFORE_NAMESPACE();
-namespace swiftlet::sensors::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-
-void rotate_beams(const BeamPattern& pattern, const Tile& tile, const Mat3& rotation, trace::RayBundle& rays) {
-  const hn::CappedTag<float, trace::kRayPadding> d;
-  const auto rotated = [&](int row, auto x, auto y, auto z) HWY_ATTR {
-    return hn::Add(hn::Add(hn::Mul(hn::Set(d, rotation(row, 0)), x), hn::Mul(hn::Set(d, rotation(row, 1)), y)),
-                   hn::Mul(hn::Set(d, rotation(row, 2)), z));
-  };
-  rays.count = tile.rows * tile.width;
-  for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
-    const auto x = hn::LoadU(d, pattern.x.data() + tile.first + i);
-    const auto y = hn::LoadU(d, pattern.y.data() + tile.first + i);
-    const auto z = hn::LoadU(d, pattern.z.data() + tile.first + i);
-    hn::Store(rotated(0, x, y, z), d, rays.dir_x + i);
-    hn::Store(rotated(1, x, y, z), d, rays.dir_y + i);
-    hn::Store(rotated(2, x, y, z), d, rays.dir_z + i);
-  }
-}
-
-}  // namespace swiftlet::sensors::HWY_NAMESPACE
-HWY_AFTER_NAMESPACE();
-
-#if HWY_ONCE
 namespace swiftlet::sensors {
 namespace {
 
@@ -111,11 +80,4 @@ void write_directions(const BeamPattern& pattern, float* out) {
   }
 }
 
-HWY_EXPORT(rotate_beams);
-
-void rotate_beams(const BeamPattern& pattern, const Tile& tile, const Mat3& rotation, trace::RayBundle& rays) {
-  HWY_DYNAMIC_DISPATCH(rotate_beams)(pattern, tile, rotation, rays);
-}
-
 }  // namespace swiftlet::sensors
-#endif

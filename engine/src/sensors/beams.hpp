@@ -32,7 +32,4 @@ BeamPattern make_pattern(const LidarConfig& config);
 // Writes the pattern's directions to out (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);
 
-// Makes the tile's beams the bundle's directions: rotation is body to world.
-void rotate_beams(const BeamPattern& pattern, const Tile& tile, const Mat3& rotation, trace::RayBundle& rays);
-
 }  // namespace swiftlet::sensors

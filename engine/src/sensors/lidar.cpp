@@ -36,9 +36,10 @@ void wait(const trace::RayBundle& bundle, const Tile& tile, float* out, std::siz
     rays.org_x[at] = bundle.origin.x();
     rays.org_y[at] = bundle.origin.y();
     rays.org_z[at] = bundle.origin.z();
-    rays.dir_x[at] = bundle.dir_x[i];
-    rays.dir_y[at] = bundle.dir_y[i];
-    rays.dir_z[at] = bundle.dir_z[i];
+    const Vec3 direction = bundle.direction(i);
+    rays.dir_x[at] = direction.x();
+    rays.dir_y[at] = direction.y();
+    rays.dir_z[at] = direction.z();
     rays.range[at] = bundle.range;
     rays.t_hit[at] = bundle.t_hit[i];
     rays.element[at] = bundle.element[i];
@@ -78,27 +79,34 @@ void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
 void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
                  ScanScratch& scratch) const {
   const World* world = nullptr;
+  const trace::Scene* scene = nullptr;
   for (const std::uint32_t drone : drones) {
     const World* const its_world = worlds[static_cast<std::size_t>(state.world_index[drone])];
-    if (its_world != world && world != nullptr) finish(world->scene(), scratch);
-    world = its_world;
-    scan(*world, pose_of(state, drone), drone, state.lidar_ranges.data() + drone * rays_, scratch);
+    if (its_world != world) {
+      if (scene != nullptr) finish(*scene, scratch);
+      world = its_world;
+      scene = &world->scene();
+    }
+    scan(*scene, pose_of(state, drone), drone, state.lidar_ranges.data() + drone * rays_, scratch);
   }
-  if (world != nullptr) finish(world->scene(), scratch);
+  if (scene != nullptr) finish(*scene, scratch);
 }
 
-void Lidar::scan(const World& world, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const {
-  const trace::Scene& scene = world.scene();
+void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const {
   const BeamPattern& pattern = pattern_of(drone);
-  const Mat3 rotation = pose.rotation.toRotationMatrix();
   trace::RayBundle& rays = scratch.bundle;
-  rays.origin = pose.position + rotation * offset_[drone];
+  rays.rotation = pose.rotation.toRotationMatrix();
+  rays.origin = pose.position + rays.rotation * offset_[drone];
   rays.range = max_range_[drone];
   scene.gather(rays.origin, rays.range, scratch.reach);
   for (const Tile& tile : pattern.tiles) {
-    rotate_beams(pattern, tile, rotation, rays);
+    rays.x = pattern.x.data() + tile.first;
+    rays.y = pattern.y.data() + tile.first;
+    rays.z = pattern.z.data() + tile.first;
+    rays.count = tile.rows * tile.width;
+    rays.view = &tile.view;
     float* const out = ranges + tile.channel * pattern.columns + tile.beam;
-    switch (scene.intersect(scratch.reach, trace::rotated(tile.view, rotation), rays)) {
+    switch (scene.intersect(scratch.reach, rays)) {
       case trace::Traced::fully:
         for (std::size_t row = 0; row < tile.rows; ++row) {
           std::copy_n(rays.t_hit + row * tile.width, tile.width, out + row * pattern.columns);

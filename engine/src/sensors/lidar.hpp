@@ -45,7 +45,7 @@ class Lidar {
             ScanScratch& scratch) const;
 
  private:
-  void scan(const World& world, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
+  void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
 
   std::size_t rays_;
   // Drones of equal FOV and mounting share a pattern: these are the distinct ones, with the configs they came from.

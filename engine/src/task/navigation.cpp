@@ -18,31 +18,6 @@ constexpr int kStartTries = 64;  // random starts drawn before the start marker 
 
 double distance_m(const Vec3& a, const Vec3& b) { return (a.cast<double>() - b.cast<double>()).norm(); }
 
-struct Clearance {
-  double nearest;  // smallest of the ranges, at most 1
-  double sum;      // of the ranges
-};
-
-// Four sums side by side: one after the other, each addition would wait for the one before.
-Clearance clearance_of(std::span<const float> ranges) {
-  constexpr std::size_t kLanes = 4;
-  std::array<double, kLanes> sum{};
-  std::array<float, kLanes> nearest{1.0F, 1.0F, 1.0F, 1.0F};
-  std::size_t i = 0;
-  for (; i + kLanes <= ranges.size(); i += kLanes) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      sum[lane] += static_cast<double>(ranges[i + lane]);
-      nearest[lane] = std::min(nearest[lane], ranges[i + lane]);
-    }
-  }
-  for (; i < ranges.size(); ++i) {
-    sum[0] += static_cast<double>(ranges[i]);
-    nearest[0] = std::min(nearest[0], ranges[i]);
-  }
-  return {static_cast<double>(std::min(std::min(nearest[0], nearest[1]), std::min(nearest[2], nearest[3]))),
-          (sum[0] + sum[1]) + (sum[2] + sum[3])};
-}
-
 }  // namespace
 
 NavigationState::NavigationState(std::size_t num_drones)
@@ -57,7 +32,7 @@ NavigationState::NavigationState(std::size_t num_drones)
 
 Navigation::Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone,
                        std::size_t num_drones)
-    : config_(config), worlds_(worlds.begin(), worlds.end()), drone_(&drone), nav_(num_drones) {
+    : config_(config), worlds_(worlds.begin(), worlds.end()), drone_(&drone), nav_(num_drones), clearance_(num_drones) {
   for (const World* world : worlds_) require_navigable(*world, drone);
 }
 
@@ -94,8 +69,7 @@ const Vec3& Navigation::current_goal(std::size_t drone, const World& world) cons
   return index < waypoints.size() ? waypoints[index] : *world.markers().goal;
 }
 
-void Navigation::evaluate(std::size_t drone, const float* action, std::span<const float> normalised_ranges, const State& state,
-                          Outputs& out) {
+void Navigation::evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, Outputs& out) {
   const NavigationReward& reward = config_.reward;
   const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
   const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
@@ -119,8 +93,8 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::span<cons
 
   // clearance; sum(l / M - 1) / (|L| / M - |L|), written so that the ranges are only summed
   const double min_clearance = reward.min_clearance;
-  const auto [nearest, sum] = clearance_of(normalised_ranges);
-  const auto count = static_cast<double>(normalised_ranges.size());
+  const auto [nearest, sum] = clearance_[drone];
+  const auto count = static_cast<double>(num_ranges);
   const double free_space_term = (sum / min_clearance - count) / (count / min_clearance - count);
   double crash_term = 0.0;
   if (crashed) {
@@ -165,9 +139,8 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::span<cons
   out.episode_length[drone] = nav_.step[drone];
 }
 
-void Navigation::observe_ranges(std::span<const float> ranges, float max_range, float* observation) {
-  float* const out = observation + kGoalSize;
-  for (std::size_t i = 0; i < ranges.size(); ++i) out[i] = std::min(ranges[i] / max_range, 1.0F);
+void Navigation::observe_ranges(std::size_t drone, std::span<const float> ranges, float max_range, float* observation) {
+  clearance_[drone] = normalise(ranges, max_range, observation + kGoalSize);
 }
 
 void Navigation::observe_goal(std::size_t drone, const State& state, float* observation) const {

@@ -12,6 +12,7 @@
 #include "swiftlet/pose.hpp"
 #include "swiftlet/state.hpp"
 #include "swiftlet/world.hpp"
+#include "task/ranges.hpp"
 
 namespace swiftlet::task {
 
@@ -44,11 +45,10 @@ class Navigation {
   Pose target(const Pose& pose, const float* action) const;
 
   // Writes the ranges (m) over max_range, 1 on a miss, into the observation row of a drone.
-  static void observe_ranges(std::span<const float> ranges, float max_range, float* observation);
+  void observe_ranges(std::size_t drone, std::span<const float> ranges, float max_range, float* observation);
 
   // Reward, flags and episode figures of one step of a drone, after it moved and its ranges were observed.
-  void evaluate(std::size_t drone, const float* action, std::span<const float> normalised_ranges, const State& state,
-                Outputs& out);
+  void evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, Outputs& out);
 
   // Writes the unit direction to the current goal, in the sensed body frame, into the observation row of a drone.
   void observe_goal(std::size_t drone, const State& state, float* observation) const;
@@ -69,6 +69,7 @@ class Navigation {
   std::vector<const World*> worlds_;
   const DroneModel* drone_;
   NavigationState nav_;
+  std::vector<Clearance> clearance_;  // (N,) of the ranges last observed
 };
 
 }  // namespace swiftlet::task

@@ -8,11 +8,14 @@
 
 #include <limits>
 
+#include "trace/calibrated.hpp"
 #include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace swiftlet::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
+
+constexpr std::size_t kMinCulled = 4;  // candidates; to look whether fewer are in view costs as much as to test them
 
 // A hit at the range itself counts, at infinity none does.
 template <class D, class V = hn::Vec<D>>
@@ -25,29 +28,90 @@ HWY_INLINE void store(D d, const Nearest<D>& nearest, V range, float* t_hit, std
   hn::Store(hn::IfThenElse(hn::RebindMask(di, hit), nearest.element, hn::Set(di, -1)), di, element);
 }
 
-void trace_bundle(std::span<const Candidate* const> candidates, RayBundle& rays) {
+// The ray leaves the room through the first of the walls ahead. Those out of reach are left out.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE void leave_room(D d, const Candidate& room, const Vec3V<V>& o, const Vec3V<V>& direction, Nearest<D>& nearest) {
+  const float* const half = room.shape->half_extents;
+  Fraction<V> first{hn::Set(d, std::numeric_limits<float>::infinity()), hn::Set(d, 1.0F)};
+  if (room.walls[0]) first = earlier(first, slab_exit(d, o.x, direction.x, half[0]));
+  if (room.walls[1]) first = earlier(first, slab_exit(d, o.y, direction.y, half[1]));
+  if (room.walls[2]) first = earlier(first, slab_exit(d, o.z, direction.z, half[2]));
+  nearest.take(d, first, hn::Lt(first.num, hn::Set(d, std::numeric_limits<float>::infinity())), room.element);
+}
+
+// The candidates whose bounding boxes are in view: of a box, the point farthest against a normal n lies at n . centre - |n| . half.
+// Their number, or kMaxDirect + 1 if there are more than kMaxDirect.
+std::size_t select_seen(std::span<const Candidate> candidates, const RayBundle& rays, const Candidate** seen) {
+  const hn::CappedTag<float, View::kPlanes> d;
+  using V = hn::Vec<decltype(d)>;
+  alignas(16) float x[View::kPlanes], y[View::kPlanes], z[View::kPlanes], reach[View::kPlanes];  // world frame
+  for (std::size_t i = 0; i < View::kPlanes; i += hn::Lanes(d)) {
+    const View& view = *rays.view;
+    const Vec3V<V> normal = rotate(d, rays.rotation, {hn::Load(d, view.x.data() + i), hn::Load(d, view.y.data() + i), hn::Load(d, view.z.data() + i)});
+    hn::Store(normal.x, d, x + i);
+    hn::Store(normal.y, d, y + i);
+    hn::Store(normal.z, d, z + i);
+    hn::Store(hn::Mul(hn::Set(d, rays.range), hn::Load(d, view.reach.data() + i)), d, reach + i);
+  }
+  std::size_t count = 0;
+  for (const Candidate& candidate : candidates) {
+    const Vec3 center = candidate.shape->box_center - rays.origin;
+    const Vec3& half = candidate.shape->box_half;
+    bool hidden = false;
+    for (std::size_t i = 0; i < View::kPlanes; i += hn::Lanes(d)) {
+      const auto along = [&](int axis, const float* normal) HWY_ATTR {
+        const V n = hn::Load(d, normal + i);
+        return hn::Sub(hn::Mul(n, hn::Set(d, center[axis])), hn::Mul(hn::Abs(n), hn::Set(d, half[axis])));
+      };
+      const V nearest = hn::Add(hn::Add(along(0, x), along(1, y)), along(2, z));
+      hidden |= !hn::AllFalse(d, hn::Gt(nearest, hn::Load(d, reach + i)));
+    }
+    if (hidden) continue;
+    if (count == kMaxDirect) return kMaxDirect + 1;
+    seen[count++] = &candidate;
+  }
+  return count;
+}
+
+// A candidate met by one vector of rays.
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction, Nearest<D>& nearest) {
+  const Shape& shape = *candidate.shape;
+  const auto& local = candidate.local_origin;
+  const Vec3V<V> o{hn::Set(d, local[0]), hn::Set(d, local[1]), hn::Set(d, local[2])};
+  if (candidate.place == Place::in_room) {
+    leave_room(d, candidate, o, direction, nearest);
+    return;
+  }
+  const Vec3V<V> dir = shape.aligned ? direction : rotate(d, shape.to_local, direction);
+  if (candidate.place == Place::beside_cylinder) {
+    const auto entry = cylinder_side(d, o, dir, shape.half_extents[0], shape.half_extents[2]);
+    if (!hn::AllFalse(d, entry.valid)) nearest.take(d, entry.at, entry.valid, candidate.element);
+  } else {
+    nearest.meet(d, interval(d, shape, o, dir), candidate.element);
+  }
+}
+
+bool trace_bundle(std::span<const Candidate> candidates, RayBundle& rays) {
+  const Candidate* seen[kMaxDirect];
+  std::size_t count = candidates.size();
+  if (count <= kMinCulled) {
+    for (std::size_t i = 0; i < count; ++i) seen[i] = &candidates[i];
+  } else {
+    count = select_seen(candidates, rays, seen);
+    if (count > kMaxDirect) return false;
+  }
   const hn::CappedTag<float, kRayPadding> d;
   using V = hn::Vec<decltype(d)>;
   const V range = hn::Set(d, rays.range);
   for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
-    const Vec3V<V> direction{hn::Load(d, rays.dir_x + i), hn::Load(d, rays.dir_y + i), hn::Load(d, rays.dir_z + i)};
+    const Vec3V<V> direction =
+        rotate(d, rays.rotation, {hn::LoadU(d, rays.x + i), hn::LoadU(d, rays.y + i), hn::LoadU(d, rays.z + i)});
     Nearest nearest(d);
-    for (const Candidate* candidate : candidates) {
-      const Shape& shape = *candidate->shape;
-      const auto& local = candidate->local_origin;
-      const Vec3V<V> o{hn::Set(d, local[0]), hn::Set(d, local[1]), hn::Set(d, local[2])};
-      if (candidate->from_within) {  // the ray ends at the first wall that it leaves through
-        const auto always = hn::FirstN(d, hn::Lanes(d));
-        if (candidate->walls[0]) nearest.take(d, slab_exit(d, o.x, direction.x, shape.half_extents[0]), always, candidate->element);
-        if (candidate->walls[1]) nearest.take(d, slab_exit(d, o.y, direction.y, shape.half_extents[1]), always, candidate->element);
-        if (candidate->walls[2]) nearest.take(d, slab_exit(d, o.z, direction.z, shape.half_extents[2]), always, candidate->element);
-      } else {
-        const Vec3V<V> dir = shape.aligned ? direction : rotate(d, shape.to_local, direction);
-        nearest.meet(d, interval(d, shape, o, dir), candidate->element);
-      }
-    }
+    for (std::size_t k = 0; k < count; ++k) meet(d, *seen[k], direction, nearest);
     store(d, nearest, range, rays.t_hit + i, rays.element + i);
   }
+  return true;
 }
 
 void trace_block(std::span<const NumberedShape> shapes, RayBlock& rays) {
@@ -71,8 +135,8 @@ namespace swiftlet::trace {
 HWY_EXPORT(trace_bundle);
 HWY_EXPORT(trace_block);
 
-void trace_direct(std::span<const Candidate* const> candidates, RayBundle& rays) {
-  HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, rays);
+bool trace_direct(std::span<const Candidate> candidates, RayBundle& rays) {
+  return HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, rays);
 }
 
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_block)(shapes, rays); }

@@ -11,18 +11,25 @@
 
 namespace swiftlet::trace {
 
+// Where the sensor is, which may leave little to test.
+enum class Place : std::uint8_t {
+  anywhere,
+  in_room,          // its inside: only walls within reach can be hit
+  beside_cylinder,  // outside it, between the planes of its caps: only its side can be hit
+};
+
 // A shape within reach of a sensor, and what all rays of that sensor have in common.
 struct Candidate {
   const Shape* shape;
   std::int32_t element;
-  bool from_within;           // a room with the sensor in it
-  std::array<bool, 3> walls;  // of such a room: the axes across which a wall is within reach
+  Place place;
+  std::array<bool, 3> walls;          // of a room: the axes across which a wall is within reach
   std::array<float, 3> local_origin;  // m, of the rays, in the shape's frame
-  Vec3 center, half;                  // m, of the bounding box; centre relative to the rays' origin
 };
 
-// Traces all rays of the bundle against these candidates alone.
-void trace_direct(std::span<const Candidate* const> candidates, RayBundle& rays);
+// Traces all rays of the bundle against those of the candidates that its view sees. False, and nothing done, if these are more
+// than kMaxDirect.
+bool trace_direct(std::span<const Candidate> candidates, RayBundle& rays);
 
 // Traces all rays of the block against these shapes alone.
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays);

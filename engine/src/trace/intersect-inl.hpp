@@ -148,6 +148,26 @@ HWY_INLINE IntervalOf<D> cylinder_interval(D d, const Vec3V<V>& o, const Vec3V<V
   return intersection(circle, slab(d, o.z, dir.z, half_height));
 }
 
+// Where a ray enters a cylinder through its side, given that it starts beside it: outside its circle, between the planes of its
+// caps. Where the circle is entered above or below the caps, the ray has left their slab for good.
+template <class V, class M>
+struct Entry {
+  Fraction<V> at;
+  M valid;
+};
+template <class D, class V = hn::Vec<D>>
+HWY_INLINE Entry<V, hn::Mask<D>> cylinder_side(D d, const Vec3V<V>& o, const Vec3V<V>& dir, float radius, float half_height) {
+  const V cross = hn::Sub(hn::Mul(o.x, dir.y), hn::Mul(o.y, dir.x));
+  const V o_dot_d = hn::Add(hn::Mul(o.x, dir.x), hn::Mul(o.y, dir.y));
+  const V d_dot_d = hn::Add(hn::Mul(dir.x, dir.x), hn::Mul(dir.y, dir.y));
+  const V square = hn::Sub(hn::Mul(hn::Set(d, radius * radius), d_dot_d), hn::Mul(cross, cross));
+  const auto ahead = hn::And(hn::Ge(square, hn::Zero(d)), hn::Lt(o_dot_d, hn::Zero(d)));
+  if (hn::AllFalse(d, ahead)) return {{hn::Zero(d), d_dot_d}, ahead};
+  const V enter = hn::Sub(hn::Neg(o_dot_d), hn::Sqrt(hn::Max(square, hn::Zero(d))));
+  const V height = hn::Add(hn::Mul(o.z, d_dot_d), hn::Mul(enter, dir.z));  // times d.d, as `enter` is
+  return {{enter, d_dot_d}, hn::And(ahead, hn::Le(hn::Abs(height), hn::Mul(hn::Set(d, half_height), d_dot_d)))};
+}
+
 // A cylinder and two balls: being convex, it is the hull of what the line has in common with each.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE IntervalOf<D> capsule_interval(D d, const Vec3V<V>& o, const Vec3V<V>& dir, float radius, float half_height) {
@@ -174,12 +194,12 @@ HWY_INLINE IntervalOf<D> interval(D d, const Shape& shape, const Vec3V<V>& o, co
   }
 }
 
-// World to local.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE Vec3V<V> rotate(D d, const float* m, const Vec3V<V>& v) {
+// m: a matrix as m(row, column).
+template <class D, class Matrix, class V = hn::Vec<D>>
+HWY_INLINE Vec3V<V> rotate(D d, const Matrix& m, const Vec3V<V>& v) {
   const auto row = [&](int i) HWY_ATTR {
-    return hn::Add(hn::Add(hn::Mul(hn::Set(d, m[3 * i]), v.x), hn::Mul(hn::Set(d, m[3 * i + 1]), v.y)),
-                   hn::Mul(hn::Set(d, m[3 * i + 2]), v.z));
+    return hn::Add(hn::Add(hn::Mul(hn::Set(d, m(i, 0)), v.x), hn::Mul(hn::Set(d, m(i, 1)), v.y)),
+                   hn::Mul(hn::Set(d, m(i, 2)), v.z));
   };
   return {row(0), row(1), row(2)};
 }
@@ -196,7 +216,7 @@ struct Nearest {
       : distance{hn::Set(d, std::numeric_limits<float>::infinity()), hn::Set(d, 1.0F)},
         element(hn::Set(hn::RebindToSigned<D>(), -1)) {}
 
-  // Takes a hit at a smaller distance; of two at one distance that of the lower element.
+  // Takes a hit at a smaller distance; of two at one distance that of the lower element. Distances >= 0.
   HWY_INLINE void take(D d, const Fraction<V>& hit, hn::Mask<D> valid, std::int32_t number) {
     const hn::RebindToSigned<D> di;
     const V left = hn::Mul(hit.num, distance.den);

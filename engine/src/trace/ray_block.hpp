@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "swiftlet/pose.hpp"
+#include "trace/view.hpp"
 
 namespace swiftlet::trace {
 
@@ -14,16 +15,18 @@ inline constexpr std::size_t kRayPadding = 16;  // whole vectors may be read and
 using RayFloats = float[kMaxRays + kRayPadding];
 using RayInts = std::int32_t[kMaxRays + kRayPadding];
 
-// Rays that share their origin and range.
+// Rays of one sensor: they share origin and range, and their directions are the same in its frame at every pose.
 struct RayBundle {
-  std::size_t count = 0;
-  Vec3 origin;                // m, world frame
-  float range;                // m; a hit is in [0, range]
-  alignas(64) RayFloats dir_x;  // unit, world frame
-  alignas(64) RayFloats dir_y;
-  alignas(64) RayFloats dir_z;
-  alignas(64) RayFloats t_hit;  // m, inf on a miss; written by Scene::intersect
-  alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
+  Vec3 origin;    // m, world frame
+  Mat3 rotation;  // sensor to world
+  float range;    // m; a hit is in [0, range]
+  std::size_t count = 0;          // at most kMaxRays
+  const float *x, *y, *z;         // (count + kRayPadding,) unit directions, sensor frame
+  const View* view;               // that holds them, sensor frame
+  alignas(64) RayFloats t_hit;    // m, inf on a miss; written by Scene::intersect
+  alignas(64) RayInts element;    // index as World::raycast gives it, -1 on a miss; likewise
+
+  Vec3 direction(std::size_t i) const { return rotation * Vec3(x[i], y[i], z[i]); }  // world frame
 };
 
 // Rays of any origins and ranges.

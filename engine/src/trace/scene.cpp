@@ -46,18 +46,15 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
   return device;
 }
 
-Candidate candidate_of(const NumberedShape& numbered, const Vec3& origin) {
-  const Shape& shape = numbered.shape;
-  Candidate candidate{&shape, numbered.element, false, {}, {}, {}, {}};
-  candidate.center = 0.5F * (shape.bounds.min + shape.bounds.max) - origin;
-  candidate.half = 0.5F * (shape.bounds.max - shape.bounds.min);
-  const Vec3 offset = origin - Eigen::Map<const Vec3>(shape.center);
-  for (std::size_t row = 0; row < 3; ++row) {
-    const float* const m = shape.to_local + 3 * row;
-    candidate.local_origin[row] =
-        shape.aligned ? offset[static_cast<int>(row)] : m[0] * offset[0] + m[1] * offset[1] + m[2] * offset[2];
+Place place_of(const Shape& shape, bool is_room, const std::array<float, 3>& o) {
+  const float* const half = shape.half_extents;
+  if (is_room) {
+    const bool within = std::abs(o[0]) <= half[0] && std::abs(o[1]) <= half[1] && std::abs(o[2]) <= half[2];
+    return within ? Place::in_room : Place::anywhere;
   }
-  return candidate;
+  const bool beside =
+      shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > half[0] * half[0] && std::abs(o[2]) <= half[2];
+  return beside ? Place::beside_cylinder : Place::anywhere;
 }
 
 }  // namespace
@@ -104,7 +101,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
     if (primitive.kind == PrimitiveKind::room) {
       ++num_rooms_;
     } else {
-      boxes.push_back(shapes_.back().shape.bounds);
+      boxes.push_back(shapes_.back().shape.bounds());
       numbers.push_back(element);
     }
   }
@@ -113,7 +110,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
   for (const NumberedShape& shape : shapes_) {
     crowd_shapes_.push_back(shape.shape);
     // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
-    if (crowd_shapes_.size() <= num_rooms_) crowd_shapes_.back().bounds = {Vec3::Constant(1.0F), Vec3::Constant(-1.0F)};
+    if (crowd_shapes_.size() <= num_rooms_) crowd_shapes_.back().box_half = Vec3::Constant(-1.0F);
   }
   crowd_ = new_scene();
   RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER);
@@ -123,7 +120,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
   rtcSetGeometryBoundsFunction(
       geometry,
       [](const RTCBoundsFunctionArguments* args) {
-        const Aabb& box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds;
+        const Aabb box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds();
         *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
       },
       nullptr);
@@ -153,8 +150,8 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
       box.extend(mesh.vertices[static_cast<std::size_t>(index)]);
     }
   }
-  const Vec3 margin = kRounding * (Vec3::Ones() + box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()));
-  mesh_bounds_ = {box.min() - margin, box.max() + margin};
+  mesh_center_ = box.center();
+  mesh_half_ = 0.5F * box.sizes() + kRounding * (Vec3::Ones() + box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()));
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(meshes_.get(), geometry);
@@ -179,41 +176,37 @@ void Scene::intersect_meshes(RayBlock& rays) const {
 void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {
   reach.count = 0;
   reach.crowded = false;
-  const auto near = [&](const Vec3& center, const Vec3& half) {
-    return squared_distance(center - origin, half) <= range_m * range_m;
-  };
   const auto add = [&](std::uint32_t element) {
     if (reach.count == Reach::kMaxCandidates) {
       reach.crowded = true;
       return;
     }
-    reach.candidates[reach.count++] = candidate_of(shapes_[element], origin);
+    const Shape& shape = shapes_[element].shape;
+    Candidate& candidate = reach.candidates[reach.count++];
+    candidate.shape = &shape;
+    candidate.element = static_cast<std::int32_t>(element);
+    const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
+    const Vec3 local = shape.aligned ? offset : Vec3(shape.to_local * offset);
+    candidate.local_origin = {local.x(), local.y(), local.z()};
+    candidate.place = place_of(shape, element < num_rooms_, candidate.local_origin);
   };
   for (std::uint32_t room = 0; room < num_rooms_; ++room) {
     add(room);
     Candidate& candidate = reach.candidates[reach.count - 1];
-    const Eigen::Map<const Vec3> half(candidate.shape->half_extents);
-    const Vec3 offset = -candidate.center;
-    candidate.from_within = (offset.cwiseAbs().array() <= half.array()).all();
-    if (!candidate.from_within) continue;
-    // A wall farther than the range is never hit.
-    for (int axis = 0; axis < 3; ++axis) candidate.walls[axis] = half[axis] - std::abs(offset[axis]) <= range_m;
-    if (!candidate.walls[0] && !candidate.walls[1] && !candidate.walls[2]) --reach.count;
+    if (candidate.place != Place::in_room) continue;
+    bool reachable = false;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      candidate.walls[axis] = candidate.shape->half_extents[axis] - std::abs(candidate.local_origin[axis]) <= range_m;
+      reachable |= candidate.walls[axis];
+    }
+    if (!reachable) --reach.count;
   }
   tree_.for_each_near(origin, range_m, add);
-  reach.meshes = meshes_ && near(0.5F * (mesh_bounds_.min + mesh_bounds_.max), 0.5F * (mesh_bounds_.max - mesh_bounds_.min));
+  reach.meshes = meshes_ && squared_distance(mesh_center_ - origin, mesh_half_) <= range_m * range_m;
 }
 
-Traced Scene::intersect(const Reach& reach, const View& view, RayBundle& rays) const {
-  if (reach.crowded) return Traced::nothing;
-  std::array<const Candidate*, kMaxDirect> seen;
-  std::size_t count = 0;
-  for (const Candidate& candidate : std::span(reach.candidates).first(reach.count)) {
-    if (!sees(view, rays.range, candidate.center, candidate.half)) continue;
-    if (count == kMaxDirect) return Traced::nothing;
-    seen[count++] = &candidate;
-  }
-  trace_direct(std::span(seen).first(count), rays);
+Traced Scene::intersect(const Reach& reach, RayBundle& rays) const {
+  if (reach.crowded || !trace_direct(std::span(reach.candidates).first(reach.count), rays)) return Traced::nothing;
   return reach.meshes ? Traced::primitives_only : Traced::fully;
 }
 

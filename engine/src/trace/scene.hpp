@@ -16,7 +16,6 @@
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 #include "trace/shape_tree.hpp"
-#include "trace/view.hpp"
 
 namespace swiftlet::trace {
 
@@ -64,10 +63,9 @@ class Scene {
   // The same for what only the triangles can add to t_hit and element.
   void intersect_meshes(RayBlock& rays) const;
 
-  // For many rays of one origin and range: gather once, then trace bundle after bundle, each with the view that holds its
-  // directions (world frame).
+  // For many rays of one origin and range: gather once, then trace bundle after bundle.
   void gather(const Vec3& origin, float range_m, Reach& reach) const;
-  Traced intersect(const Reach& reach, const View& view, RayBundle& rays) const;
+  Traced intersect(const Reach& reach, RayBundle& rays) const;
 
   // The broad phase of collision: calls back for each element but rooms whose bounding box comes within radius (m) of center;
   // may call back for some that do not. Allocates nothing; safe from many threads.
@@ -88,7 +86,7 @@ class Scene {
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
   std::vector<Shape> crowd_shapes_;
-  Aabb mesh_bounds_;
+  Vec3 mesh_center_, mesh_half_;  // m, of the bounding box, a little wider than the triangles
   std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
   EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few
   EmbreeScene meshes_;                   // all triangles; null without any

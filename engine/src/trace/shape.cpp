@@ -5,12 +5,6 @@
 namespace swiftlet::trace {
 namespace {
 
-// Wider than the shape, so that no rounding hides a hit.
-Aabb widened(const Aabb& box) {
-  const Vec3 margin = 1e-5F * (Vec3::Ones() + box.min.cwiseAbs().cwiseMax(box.max.cwiseAbs()));
-  return {box.min - margin, box.max + margin};
-}
-
 ShapeKind kind_of(PrimitiveKind kind) {
   switch (kind) {
     case PrimitiveKind::cylinder:
@@ -30,13 +24,14 @@ ShapeKind kind_of(PrimitiveKind kind) {
 Shape make_shape(const Primitive& primitive) {
   Shape shape;
   shape.kind = kind_of(primitive.kind);
-  shape.bounds = widened(bounds(primitive));
+  const Aabb box = bounds(primitive);
+  shape.box_center = 0.5F * (box.min + box.max);
+  shape.box_half = 0.5F * (box.max - box.min) + 1e-5F * (Vec3::Ones() + box.min.cwiseAbs().cwiseMax(box.max.cwiseAbs()));
   shape.aligned = primitive.rotation.coeffs() == Quat::Identity().coeffs();
-  const Mat3 to_local = primitive.rotation.toRotationMatrix().transpose();
-  for (int row = 0; row < 3; ++row) {
-    shape.center[row] = primitive.center[row];
-    shape.half_extents[row] = primitive.half_extents[row];
-    for (int column = 0; column < 3; ++column) shape.to_local[3 * row + column] = to_local(row, column);
+  shape.to_local = primitive.rotation.toRotationMatrix().transpose();
+  for (int axis = 0; axis < 3; ++axis) {
+    shape.center[axis] = primitive.center[axis];
+    shape.half_extents[axis] = primitive.half_extents[axis];
   }
   return shape;
 }

@@ -14,9 +14,12 @@ struct Shape {
   ShapeKind kind = ShapeKind::box;
   bool aligned = true;                // the rotation is the identity: the kernels skip it
   float center[3] = {0, 0, 0};        // m, world frame
-  float to_local[9] = {};             // row-major rotation, world to local
+  Mat3 to_local = Mat3::Identity();   // rotation, world to local
   float half_extents[3] = {0, 0, 0};  // m, as in Primitive
-  Aabb bounds;                        // m, world frame; a little wider than the shape, so that no rounding hides a hit
+  // m, world frame: the bounding box, a little wider than the shape, so that no rounding hides a hit
+  Vec3 box_center, box_half;
+
+  Aabb bounds() const { return {box_center - box_half, box_center + box_half}; }
 };
 
 // A shape and its index into World::primitives().

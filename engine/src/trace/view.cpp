@@ -53,26 +53,4 @@ View make_view(std::span<const float> x, std::span<const float> y, std::span<con
   return view;
 }
 
-View rotated(const View& view, const Mat3& rotation) {
-  View result;
-  for (std::size_t i = 0; i < View::kPlanes; ++i) {
-    result.x[i] = rotation(0, 0) * view.x[i] + rotation(0, 1) * view.y[i] + rotation(0, 2) * view.z[i];
-    result.y[i] = rotation(1, 0) * view.x[i] + rotation(1, 1) * view.y[i] + rotation(1, 2) * view.z[i];
-    result.z[i] = rotation(2, 0) * view.x[i] + rotation(2, 1) * view.y[i] + rotation(2, 2) * view.z[i];
-    result.reach[i] = view.reach[i];
-  }
-  return result;
-}
-
-// The box's point farthest against the normal n lies at n . center - |n| . half.
-bool sees(const View& view, float range, const Vec3& center, const Vec3& half) {
-  bool hidden = false;
-  for (std::size_t i = 0; i < View::kPlanes; ++i) {
-    const float nearest = view.x[i] * center.x() + view.y[i] * center.y() + view.z[i] * center.z() -
-                          (std::abs(view.x[i]) * half.x() + std::abs(view.y[i]) * half.y() + std::abs(view.z[i]) * half.z());
-    hidden |= nearest > range * view.reach[i];
-  }
-  return !hidden;
-}
-
 }  // namespace swiftlet::trace

@@ -20,10 +20,4 @@ struct View {
 // Of unit directions, in their frame.
 View make_view(std::span<const float> x, std::span<const float> y, std::span<const float> z);
 
-// The same view from a frame turned by the rotation.
-View rotated(const View& view, const Mat3& rotation);
-
-// False only if no ray of the view reaches the box: its centre is relative to the rays' origin (m).
-bool sees(const View& view, float range, const Vec3& center, const Vec3& half);
-
 }  // namespace swiftlet::trace
