@@ -1,9 +1,19 @@
-// How near the engine's LiDAR stage comes to bare Embree.
+// How the engine's LiDAR stage compares with the bare limits of the same work, over the very same rays, on one thread.
 //
-// Bare: a plain loop over the very same rays and scene with no engine: packets filled from precomputed arrays, traced, and the
-// distances stored. It takes the best of: pillars tessellated to 16-gons or analytic user geometry; packets of 1, 8 or 16;
-// coherent or incoherent. Engine: Batch::sense on one thread, from the poses. All variants take turns within one run.
-// Prints a JSON list of figures.
+// Bare Embree: a plain loop with no engine: packets filled from precomputed rays, traced, and the distances stored. The best of
+// packets of 1, 8 or 16, coherent or incoherent; over the room and its pillars tessellated to 16-gons, as any program that hands
+// Embree triangles would have it, and over analytic user geometry, whose callback is the engine's own SIMD kernel.
+// Bare direct: bare_direct-inl.hpp, the least code that traces primitives with no tree.
+// Engine: Batch::sense, from the poses. All variants take turns within one run. Prints a JSON list of figures.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "lidar.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include "bare_direct-inl.hpp"
+
+#if HWY_ONCE
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -16,6 +26,7 @@
 #include <numbers>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bench.hpp"
@@ -23,6 +34,14 @@
 #include "swiftlet/batch.hpp"
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
+
+namespace bench {
+HWY_EXPORT(scan);
+
+void scan_direct(const Sensors& sensors, const std::vector<Shape>& shapes, float* ranges) {
+  HWY_DYNAMIC_DISPATCH(scan)(sensors, shapes, ranges);
+}
+}  // namespace bench
 
 namespace {
 
@@ -77,14 +96,17 @@ std::unique_ptr<BareScene> analytic_scene(const swiftlet::World& world) {
   return bare;
 }
 
-std::unique_ptr<BareScene> triangle_scene(const swiftlet::World& world) {
-  float radius = 0.0F;
+// That makes pillars polygons of kPillarSides: of k sides, it is r (1 - cos(pi / k)).
+float chord_error(const swiftlet::World& world) {
+  float radius = 1.0F;
   for (const auto& primitive : world.primitives()) {
     if (primitive.kind == swiftlet::PrimitiveKind::cylinder) radius = primitive.half_extents.x();
   }
-  // The chord error of a polygon of k sides is r (1 - cos(pi / k)).
-  const float chord_error = radius * (1.0F - std::cos(std::numbers::pi_v<float> / kPillarSides));
-  const swiftlet::TriangleMesh mesh = world.mesh(1.0001F * chord_error);
+  return 1.0001F * radius * (1.0F - std::cos(std::numbers::pi_v<float> / kPillarSides));
+}
+
+std::unique_ptr<BareScene> triangle_scene(const swiftlet::World& world) {
+  const swiftlet::TriangleMesh mesh = world.mesh(chord_error(world));
   auto bare = std::make_unique<BareScene>();
   RTCGeometry geometry = rtcNewGeometry(bare->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(
@@ -201,6 +223,43 @@ std::vector<Vec3> free_positions(const swiftlet::World& world, int count, std::u
   return positions;
 }
 
+// The poses, beams and shapes of one world, and the bare direct loop over them.
+struct BareDirect {
+  std::vector<bench::Shape> shapes;
+  std::vector<float> position, rotation, ranges;
+
+  explicit BareDirect(const swiftlet::World& world) {
+    for (const swiftlet::Primitive& primitive : world.primitives()) {
+      const Shape from = swiftlet::trace::make_shape(primitive);
+      bench::Shape& to = shapes.emplace_back();
+      to.kind = primitive.kind == swiftlet::PrimitiveKind::cylinder ? bench::Kind::cylinder
+                : primitive.kind == swiftlet::PrimitiveKind::sphere ? bench::Kind::sphere
+                                                                    : bench::Kind::box;
+      to.turned = !from.aligned;
+      for (int i = 0; i < 3; ++i) {
+        to.center[i] = from.center[i];
+        to.half[i] = from.half_extents[i];
+        to.bounds[i] = from.box_half[i];
+        for (int k = 0; k < 3; ++k) to.to_local[3 * i + k] = from.to_local(i, k);
+      }
+    }
+  }
+
+  void add(const float* at) {
+    position.insert(position.end(), at, at + 3);
+    rotation.insert(rotation.end(), {1, 0, 0, 0, 1, 0, 0, 0, 1});
+  }
+
+  // beams: (3, beams + padding), by component
+  void scan(const std::array<std::vector<float>, 3>& beams, std::size_t count, float range) {
+    const std::size_t sensors = position.size() / 3;
+    const std::size_t stride = count + 15;
+    ranges.resize(sensors * stride);
+    bench::scan_direct({sensors, position.data(), rotation.data(), count, beams[0].data(), beams[1].data(), beams[2].data(), range, stride},
+                       shapes, ranges.data());
+  }
+};
+
 void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int num_drones,
                 const swiftlet::Batch::Worlds& worlds, int runs, bench::Figures& figures) {
   swiftlet::BatchConfig config;
@@ -224,12 +283,20 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
   batch.lidar_directions(directions);  // drones are level: body frame and world frame agree
   std::vector<Rays> rays(worlds.size());
   std::vector<std::unique_ptr<BareScene>> analytic, triangles;
+  std::vector<BareDirect> direct;
+  const bool has_primitives = !worlds[0]->primitives().empty();
   for (const auto& world : worlds) {
-    analytic.push_back(analytic_scene(*world));
     triangles.push_back(triangle_scene(*world));
+    if (has_primitives) analytic.push_back(analytic_scene(*world));
+    direct.emplace_back(*world);
+  }
+  std::array<std::vector<float>, 3> beams;
+  for (std::size_t k = 0; k < per_drone + 15; ++k) {
+    for (std::size_t axis = 0; axis < 3; ++axis) beams[axis].push_back(k < per_drone ? directions[3 * k + axis] : 0.0F);
   }
   for (std::size_t i = 0; i < n; ++i) {
     Rays& r = rays[i % worlds.size()];
+    direct[i % worlds.size()].add(position.data() + 3 * i);
     for (std::size_t k = 0; k < per_drone; ++k) {
       r.ox.push_back(position[3 * i]);
       r.oy.push_back(position[3 * i + 1]);
@@ -249,7 +316,12 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
                         }});
   };
   variants.push_back({"engine", [&batch] { batch.sense(); }});
+  if (has_primitives) add("bare direct", [&](std::size_t w) { direct[w].scan(beams, per_drone, lidar.max_range_m); });
+  const std::size_t first_analytic = variants.size();
+  std::size_t first_triangles = first_analytic;
   for (const bool tessellated : {false, true}) {
+    if (!tessellated && !has_primitives) continue;
+    if (tessellated) first_triangles = variants.size();
     const auto& scenes = tessellated ? triangles : analytic;
     const std::string geometry = tessellated ? "triangles" : "analytic";
     add("bare " + geometry + " 1", [&](std::size_t w) { trace_bare_single(scenes[w]->scene, rays[w]); });
@@ -264,18 +336,42 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
   const swiftlet::trace::FlushDenormals flush;
   bench::Times times = bench::interleave(variants, runs);
 
-  std::size_t best = 1;
-  for (std::size_t v = 1; v < variants.size(); ++v) {
+  const auto fastest = [&](std::size_t first, std::size_t end) {
+    std::size_t best = first;
+    for (std::size_t v = first; v < end; ++v) {
+      if (bench::median(times[v]) < bench::median(times[best])) best = v;
+    }
+    return best;
+  };
+  for (std::size_t v = 0; v < variants.size(); ++v) {
     std::fprintf(stderr, "  %-36s %8.3f M rays/s\n", variants[v].label.c_str(),
                  static_cast<double>(n * per_drone) / bench::median(times[v]) / 1e6);
-    if (bench::median(times[v]) < bench::median(times[best])) best = v;
   }
-  std::fprintf(stderr, "  %-36s %8.3f M rays/s (best bare: %s)\n", "engine",
-               static_cast<double>(n * per_drone) / bench::median(times[0]) / 1e6, variants[best].label.c_str());
-  figures.add("lidar/" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[0]), "1", runs);
-  figures.add("lidar/" + name + "/scans_per_second", static_cast<double>(n) / bench::median(times[0]), "1/s", runs);
-  figures.add("lidar/" + name + "/bare_embree_scans_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s",
-              runs);
+  const auto per_second = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
+  const auto ratio = [&](const std::string& figure, std::size_t v) {
+    figures.add("lidar/" + figure, bench::median_ratio(times[v], times[0]), "1", runs);
+  };
+  const std::size_t best = fastest(first_analytic, variants.size());
+  ratio(name + "/ratio_to_bare_embree", best);
+  figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", runs);
+  figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", runs);
+  if (!has_primitives) return;
+  const std::size_t best_triangles = fastest(first_triangles, variants.size());
+  ratio("direct_" + name + "/ratio_to_bare_embree", best_triangles);
+  ratio("direct_" + name + "/ratio_to_bare_direct", 1);
+  figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", runs);
+}
+
+// The same worlds as triangles only.
+swiftlet::Batch::Worlds tessellated(const swiftlet::Batch::Worlds& worlds) {
+  swiftlet::Batch::Worlds meshes;
+  for (const auto& world : worlds) {
+    swiftlet::SceneDescription description;
+    description.mesh = world->mesh(chord_error(*world));
+    description.materials.assign(world->materials().begin(), world->materials().end());
+    meshes.push_back(std::make_shared<const swiftlet::World>(std::move(description)));
+  }
+  return meshes;
 }
 
 }  // namespace
@@ -297,6 +393,10 @@ int main(int argc, char** argv) {
     grid.vfov_deg = 30.0F;
     grid.max_range_m = 30.0F;
     bench_case("grid16x360x256", grid, 256, worlds, kRuns, figures);
+    const swiftlet::Batch::Worlds meshes = tessellated(worlds);
+    bench_case("mesh_fan35x1024", {}, 1024, meshes, kRuns, figures);
+    bench_case("mesh_grid16x360x256", grid, 256, meshes, kRuns, figures);
   }
   figures.print();
 }
+#endif  // HWY_ONCE

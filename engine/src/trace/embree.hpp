@@ -11,22 +11,38 @@
 
 namespace swiftlet::trace {
 
-inline constexpr std::size_t kPacketSize = 16;
-
-// Sixteen rays and their hits, structure of arrays, as Embree reads and writes them. (Where registers hold eight, Embree
-// halves it itself.)
-using RayPacket = RTCRayHit16;
+// Sixteen or eight rays and their hits, structure of arrays, as Embree reads and writes them.
+template <std::size_t kSize>
+struct Packet;
+template <>
+struct Packet<8> {
+  RTCRayHit8 rays;
+};
+template <>
+struct Packet<16> {
+  RTCRayHit16 rays;
+};
 
 // Traces a packet. Always incoherent: Embree's coherent traversal lets a ray's last bits, at the edges triangles share, depend on
-// the rays beside it; and with few primitives it is the slower one.
-inline void intersect_packet(const int* valid, RTCScene scene, RayPacket& packet) {
+// the rays beside it.
 #if SWIFTLET_EMBREE_MAJOR >= 4
-  rtcIntersect16(valid, scene, &packet, nullptr);
+inline void intersect_packet(const int* valid, RTCScene scene, Packet<8>& packet) {
+  rtcIntersect8(valid, scene, &packet.rays, nullptr);
+}
+inline void intersect_packet(const int* valid, RTCScene scene, Packet<16>& packet) {
+  rtcIntersect16(valid, scene, &packet.rays, nullptr);
+}
 #else
+inline void intersect_packet(const int* valid, RTCScene scene, Packet<8>& packet) {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcIntersect16(valid, scene, &context, &packet);
-#endif
+  rtcIntersect8(valid, scene, &context, &packet.rays);
 }
+inline void intersect_packet(const int* valid, RTCScene scene, Packet<16>& packet) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect16(valid, scene, &context, &packet.rays);
+}
+#endif
 
 }  // namespace swiftlet::trace

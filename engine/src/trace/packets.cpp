@@ -13,15 +13,17 @@ HWY_BEFORE_NAMESPACE();
 namespace swiftlet::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
+template <std::size_t kSize>
 void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
-  const hn::CappedTag<float, kPacketSize> d;
+  const hn::CappedTag<float, kSize> d;
   const hn::RebindToSigned<decltype(d)> di;
   const std::size_t lanes = hn::Lanes(d);
   const auto invalid = hn::Set(di, -1);  // RTC_INVALID_GEOMETRY_ID
   const auto infinity = hn::Set(d, std::numeric_limits<float>::infinity());
 
-  alignas(64) RayPacket packet;
-  for (std::size_t i = 0; i < kPacketSize; i += lanes) {
+  alignas(64) Packet<kSize> buffer;
+  auto& packet = buffer.rays;
+  for (std::size_t i = 0; i < kSize; i += lanes) {
     hn::Store(hn::Zero(d), d, packet.ray.tnear + i);
     hn::Store(hn::Zero(d), d, packet.ray.time + i);
     hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.id + i));
@@ -29,12 +31,12 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
     hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.ray.mask + i));
     hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.instID[0] + i));
   }
-  alignas(64) std::int32_t valid[kPacketSize];
-  std::fill_n(valid, kPacketSize, -1);
+  alignas(64) std::int32_t valid[kSize];
+  std::fill_n(valid, kSize, -1);
 
-  for (std::size_t first = 0; first < rays.count; first += kPacketSize) {
-    if (rays.count - first < kPacketSize) std::fill(valid + (rays.count - first), valid + kPacketSize, 0);
-    for (std::size_t i = 0; i < kPacketSize; i += lanes) {
+  for (std::size_t first = 0; first < rays.count; first += kSize) {
+    if (rays.count - first < kSize) std::fill(valid + (rays.count - first), valid + kSize, 0);
+    for (std::size_t i = 0; i < kSize; i += lanes) {
       const std::size_t ray = first + i;
       hn::Store(hn::Load(d, rays.org_x + ray), d, packet.ray.org_x + i);
       hn::Store(hn::Load(d, rays.org_y + ray), d, packet.ray.org_y + i);
@@ -49,8 +51,8 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
       hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + i);
       hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + i));
     }
-    intersect_packet(valid, scene, packet);
-    for (std::size_t i = 0; i < kPacketSize; i += lanes) {
+    intersect_packet(valid, scene, buffer);
+    for (std::size_t i = 0; i < kSize; i += lanes) {
       const std::size_t ray = first + i;
       const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + i)), invalid);
       const auto distance = hn::Load(d, packet.ray.tfar + i);
@@ -63,16 +65,23 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   }
 }
 
+void trace_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<16>(scene, first_element, rays); }
+void trace_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<8>(scene, first_element, rays); }
+
 }  // namespace swiftlet::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
 namespace swiftlet::trace {
 
-HWY_EXPORT(trace_packets);
+HWY_EXPORT(trace_16);
+HWY_EXPORT(trace_8);
 
-void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
-  HWY_DYNAMIC_DISPATCH(trace_packets)(scene, first_element, rays);
+void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
+  HWY_DYNAMIC_DISPATCH(trace_16)(scene, first_element, rays);
+}
+void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
+  HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays);
 }
 
 }  // namespace swiftlet::trace

@@ -8,7 +8,11 @@
 
 namespace swiftlet::trace {
 
-// Takes what the scene has nearer than the block's t_hit and element. Hits get the element first_element + primID.
-void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays);
+// Each takes what the scene has nearer than the block's t_hit and element; a hit gets the element first_element + primID.
+
+// Packets of 16, for geometry whose callback intersects a whole packet at once.
+void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& rays);
+// Packets of 8, for triangles: incoherent packets go through their tree ray by ray, and larger ones only cost more to fill.
+void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays);
 
 }  // namespace swiftlet::trace

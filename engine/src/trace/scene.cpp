@@ -164,13 +164,13 @@ void Scene::intersect(RayBlock& rays) const {
     trace_direct(shapes_, rays);
   } else {
     trace_direct(std::span(shapes_).first(num_rooms_), rays);
-    trace_packets(crowd_.get(), 0, rays);
+    trace_packets_of_16(crowd_.get(), 0, rays);
   }
   intersect_meshes(rays);
 }
 
 void Scene::intersect_meshes(RayBlock& rays) const {
-  if (meshes_) trace_packets(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays);
+  if (meshes_) trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays);
 }
 
 void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {

@@ -43,7 +43,7 @@ HWY_INLINE void intersect_lanes(D d, const RTCIntersectFunctionNArguments* args,
 
 void intersect_primitive(const RTCIntersectFunctionNArguments* args) {
   const Shape& shape = static_cast<const Shape*>(args->geometryUserPtr)[args->primID];
-  const hn::CappedTag<float, kPacketSize> wide;
+  const hn::CappedTag<float, 16> wide;
   const std::size_t lanes = hn::Lanes(wide);
   std::size_t first = 0;
   for (; first + lanes <= args->N; first += lanes) intersect_lanes(wide, args, shape, first);
