@@ -315,5 +315,5 @@ def train(args: Args) -> tuple[PPO, Outcome]:
 if __name__ == "__main__":
     arguments = tyro.cli(Args)
     _, result = train(arguments)
-    print(f"{'Solved' if result.solved else 'Not solved yet'} after {result.steps:,} steps and {result.seconds:.0f} s")
+    print(f"{'Solved' if result.solved else 'Not solved yet'}: {result.steps:,} steps in {result.seconds:.0f} s")
     print(f"{result.steps_per_second:,.0f} steps/s; policy and logs are in {arguments.out}/")
