@@ -35,6 +35,9 @@ from policy import LogRangeFeatures
 TRAINING_SEED = 0
 CHOOSING_SEED = 500_000
 
+#: An evaluation flight that takes longer has failed: those that reach the goal take half as long.
+EVALUATION_STEPS = 500
+
 # Options of glibc's mallopt, from malloc.h.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
@@ -199,7 +202,8 @@ class Supervisor(BaseCallback):
     def evaluate(self) -> None:
         """Fly the deterministic policy everywhere; keep the model if it is the best so far."""
         before = time.perf_counter()
-        outcomes = [f.outcome == "success" for f in fly(greedy(self.model), self.playgrounds + self.kept, 1000)]
+        flights = fly(greedy(self.model), self.playgrounds + self.kept, EVALUATION_STEPS)
+        outcomes = [flight.outcome == "success" for flight in flights]
         shipped = len(self.playgrounds)
         playgrounds, generated = float(np.mean(outcomes[:shipped])), float(np.mean(outcomes[shipped:]))
         self.logger.record("eval/playgrounds_success_rate", playgrounds)
