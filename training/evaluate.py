@@ -58,15 +58,14 @@ def fly(
         len(worlds), worlds=list(worlds), max_episode_steps=max_episode_steps, autoreset_mode="disabled"
     )
     observation, _ = envs.reset(seed=0)
-    trails = [[position] for position in envs.batch.position.copy()]
+    positions = [envs.batch.position.copy()]
     ended = np.zeros(len(worlds), bool)
     flights: list[Flight | None] = [None] * len(worlds)
     while not ended.all():
         observation, _, terminated, truncated, infos = envs.step(policy(observation))
-        for i in np.flatnonzero(~ended):
-            trails[i].append(envs.batch.position[i].copy())
+        positions.append(envs.batch.position.copy())
         for i in np.flatnonzero((terminated | truncated) & ~ended):
-            trail = np.array(trails[i])
+            trail = np.stack([row[i] for row in positions])
             flights[i] = Flight(
                 world=worlds[i].name,
                 outcome="success" if infos["success"][i] else "crash" if infos["crashed"][i] else "time-out",

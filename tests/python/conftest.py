@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
 from collections.abc import Callable
@@ -51,6 +52,19 @@ def closet() -> swiftlet.World:
 @pytest.fixture(scope="session")
 def playgrounds() -> list[swiftlet.World]:
     return swiftlet.scenes.load("train")
+
+
+@pytest.fixture(scope="session")
+def training() -> Callable[[str], ModuleType]:
+    """Import a script of training/ by its name; they import each other, so their folder goes on the path."""
+
+    def load(name: str) -> ModuleType:
+        folder = str(ROOT / "training")
+        if folder not in sys.path:
+            sys.path.insert(0, folder)
+        return importlib.import_module(name)
+
+    return load
 
 
 @pytest.fixture(scope="session")
