@@ -79,8 +79,6 @@ def main(args: Args) -> None:
             total_steps=args.total_steps,
             max_minutes=args.max_minutes,
             evaluate_every=100_000,
-            solved_generated=0.98,
-            stop_when_solved=True,
         )
     )
     policy = greedy(model)

@@ -154,7 +154,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"unknown field at the top", scene(R"("rooms": {})"),
        "x.json: /rooms: unknown field; expected one of swiftlet_scene, $schema, name, materials, room, pillars, cylinders, "
        "boxes, "
-       "spheres, meshes, markers"},
+       "spheres, capsules, planes, discs, meshes, markers"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
        "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material"},
       {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),

@@ -62,15 +62,15 @@ def test_the_same_seed_gives_the_same_policy(train, flown):
 
 def test_the_best_model_of_all_evaluations_is_returned(train, flown):
     policies = flown([True] * 7 + [False, True], [True] * 9, [False] + [True] * 8)
-    model, outcome = train(total_steps=3072)
+    model, outcome = train(total_steps=3072, stop_when_solved=False)
     assert [e["generated"] for e in outcome.evaluations] == [0.5, 1.0, 1.0]
     assert outcome.solved
     assert torch.equal(weights(model), policies[1])
 
 
-def test_stops_when_solved_if_asked_to(train, flown, tmp_path):
+def test_stops_when_solved(train, flown, tmp_path):
     flown([True] * 9)
-    _, outcome = train(total_steps=100_000, stop_when_solved=True)
+    _, outcome = train(total_steps=100_000)
     assert outcome.solved
     assert outcome.steps < 2 * 1024 + 64
     assert json.loads((tmp_path / "one" / "result.json").read_text())["steps"] == outcome.steps
