@@ -59,7 +59,7 @@ class Batch {
 
   // --- the LiDAR
   void set_lidar(const LidarChange& change, Mask mask = {});
-  float lidar_max_range(int drone) const;             // m
+  std::span<const float> lidar_max_range_m() const;   // (N,) m, of each drone; std::logic_error without a LiDAR
   void lidar_directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out) const;      // (N, channels, beams, 3) m, world frame, inf on a miss
 
