@@ -688,7 +688,10 @@ void Batch::restore(const std::string& blob) {
   }
   if (impl_->navigation) {
     for_each_navigation_array(impl_->navigation->state(), read);
-    for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(impl_->out().*member, columns); });
+    // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
+    Outputs& next = impl_->slots[1 - impl_->current];
+    for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(next.*member, columns); });
+    changes.emplace_back([this] { impl_->current = 1 - impl_->current; });
   }
   reader.require_end();
   const auto moved = std::find_if(world_index.begin(), world_index.end(), [this](std::int32_t world) {
@@ -696,6 +699,9 @@ void Batch::restore(const std::string& blob) {
   });
   if (moved != world_index.end()) refuse("snapshot", "world indices below " + std::to_string(impl_->worlds.size()), *moved);
   for (const auto& change : changes) change();
+  for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+    if (!impl_->state.active[drone]) impl_->mark_absent(drone);  // in the other slot too, where it may have been alive
+  }
   impl_->schedule.rebuild(impl_->state);
 }
 
