@@ -7,6 +7,7 @@
 #include <string>
 
 #include "batch/platform.hpp"
+#include "trace/handover.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -71,7 +72,9 @@ Scene::Scene(const World& world) : device_(shared_device()) {
   rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_MEDIUM);
   add_primitives(world.primitives());
   add_triangles(world.triangles());
+  handover::release(shapes_.data());  // to Embree's builders, and back
   rtcCommitScene(scene_.get());
+  handover::acquire(shapes_.data());
   if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) throw_embree_error(device_.get());
 }
 
@@ -99,8 +102,10 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
   rtcSetGeometryBoundsFunction(
       geometry,
       [](const RTCBoundsFunctionArguments* args) {
+        handover::acquire(args->geometryUserPtr);
         const Aabb& box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds;
         *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
+        handover::release(args->geometryUserPtr);
       },
       nullptr);
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
