@@ -34,6 +34,16 @@ inline std::shared_ptr<const World> make_world(std::vector<Primitive> primitives
   return std::make_shared<const World>(std::move(description));
 }
 
+// Small enough that a random flight ends soon, in every way.
+inline std::shared_ptr<const World> closet() {
+  return make_world({primitive(PrimitiveKind::room, {1, 1, 0.75F}, {1.25F, 1.25F, 0.75F}),
+                     primitive(PrimitiveKind::cylinder, {1.9F, 1.9F, 0.75F}, {0.125F, 0.125F, 0.75F})},
+                    {.start = Vec3(1, 1, 0.75F),
+                     .waypoints = {{1, 0.5F, 0.75F}},
+                     .goal = Vec3(1, 1.25F, 0.75F),
+                     .spawn_box = Aabb{.min = Vec3(0.75F, 0.5F, 0.5F), .max = Vec3(1.25F, 1, 1)}});
+}
+
 inline BatchConfig lidar_batch(int num_drones, const LidarConfig& lidar = {}) {
   BatchConfig config;
   config.num_drones = num_drones;

@@ -11,6 +11,7 @@
 #include <numeric>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "batch_helpers.hpp"
@@ -22,6 +23,7 @@ namespace swiftlet {
 namespace {
 
 using testing::bytes_of;
+using testing::closet;
 using testing::lidar_batch;
 using testing::make_world;
 using testing::primitive;
@@ -425,16 +427,6 @@ TEST(NavigationEpisode, StaggeredLimitsAreOfTheFirstEpisodeAlone) {
 
 // -- Autoreset.
 
-// Small enough that a random flight ends soon, in every way.
-std::shared_ptr<const World> closet() {
-  return make_world({primitive(PrimitiveKind::room, {1, 1, 0.75F}, {1.25F, 1.25F, 0.75F}),
-                     primitive(PrimitiveKind::cylinder, {1.9F, 1.9F, 0.75F}, {0.125F, 0.125F, 0.75F})},
-                    {.start = Vec3(1, 1, 0.75F),
-                     .waypoints = {{1, 0.5F, 0.75F}},
-                     .goal = Vec3(1, 1.25F, 0.75F),
-                     .spawn_box = Aabb{.min = Vec3(0.75F, 0.5F, 0.5F), .max = Vec3(1.25F, 1, 1)}});
-}
-
 BatchConfig lively(int num_drones, AutoresetMode mode) {
   BatchConfig config = lidar_batch(num_drones);
   config.task = TaskKind::navigation;
@@ -446,7 +438,12 @@ BatchConfig lively(int num_drones, AutoresetMode mode) {
   return config;
 }
 
-Batch::Worlds lively_worlds() { return {closet(), testing::playground("train-1"), hall(), testing::playground("train-4")}; }
+// Among 120 pillars the rays go through Embree, elsewhere they are traced directly.
+Batch::Worlds lively_worlds() {
+  static const auto one = World::playground({.seed = 1, .pillars = 120});
+  static const auto other = World::playground({.seed = 2, .pillars = 120});
+  return {closet(), one, hall(), other};
+}
 
 TEST(NavigationAutoreset, NextStepReturnsTheResetAndTakesNoAction) {
   BatchConfig config = one_drone();
@@ -503,12 +500,16 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
     Outputs& out = batch.outputs();
     for (std::size_t i = 0; i < kDrones; ++i) {
       if (!out.terminated[i] && !out.truncated[i]) continue;
-      const auto terms = row(out.reward_terms, i, kNumRewardTerms);
+      const auto terms = std::span(out.reward_terms).subspan(i * kNumRewardTerms, kNumRewardTerms);
       if (when_it_ended[i].empty()) {
         EXPECT_NE(out.reward[i], 0.0F);
-        out.reward[i] = 0.0F;  // the engine never reads it back
-        std::fill_n(out.reward_terms.begin() + static_cast<std::ptrdiff_t>(i) * kNumRewardTerms, kNumRewardTerms, 0.0F);
+        // As it is, but for the reward.
+        const float reward = std::exchange(out.reward[i], 0.0F);
+        const std::vector<float> kept(terms.begin(), terms.end());
+        std::fill(terms.begin(), terms.end(), 0.0F);
         when_it_ended[i] = bytes_of(batch, i);
+        out.reward[i] = reward;
+        std::copy(kept.begin(), kept.end(), terms.begin());
         EXPECT_TRUE(same_bits(row(out.observation, i, 38), row(out.final_observation, i, 38)));
       } else {
         ++held;
@@ -630,6 +631,24 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
     EXPECT_FALSE(collision::overlaps(*worlds[index], batch.drone(), {.position = start})) << i;
   }
   for (const int count : visits) EXPECT_NEAR(count, 100, 40);  // five standard deviations
+  // The start has nothing to do with which world it is in: in each, it is anywhere in the box.
+  for (std::int32_t world = 0; world < 3; ++world) {
+    const Aabb& box = worlds[static_cast<std::size_t>(world)]->markers().spawn_box.value();
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto k = static_cast<Eigen::Index>(axis);
+      if (box.max[k] <= box.min[k]) continue;
+      float least = 1.0F;
+      float greatest = 0.0F;
+      for (std::size_t i = 0; i < kDrones; ++i) {
+        if (world_index[i] != world) continue;
+        const float at = (position[3 * i + axis] - box.min[k]) / (box.max[k] - box.min[k]);
+        least = std::min(least, at);
+        greatest = std::max(greatest, at);
+      }
+      EXPECT_LT(least, 0.2F) << world << ' ' << axis;
+      EXPECT_GT(greatest, 0.8F) << world << ' ' << axis;
+    }
+  }
   std::set<float> distinct;
   for (std::size_t i = 0; i < kDrones; ++i) distinct.insert(position[3 * i]);
   EXPECT_GT(distinct.size(), 290U);
@@ -651,6 +670,24 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
   for (std::uint64_t& seed : seeds) ++seed;
   one_more.reset(seeds);
   EXPECT_TRUE(same_bits(std::span(one_more.state().position).first(3 * (kDrones - 1)), std::span(position).subspan(3)));
+}
+
+TEST(NavigationRandom, StartsTouchNothing) {
+  // A pillar in the middle of the spawn box, of which it takes about a tenth.
+  const auto world =
+      make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5}),
+                  primitive(PrimitiveKind::cylinder, {10, 10, 5}, {0.25F, 0.25F, 5})},
+                 {.start = kStart, .goal = kGoal, .spawn_box = Aabb{.min = Vec3(8.5F, 8.5F, 4), .max = Vec3(11.5F, 11.5F, 6)}});
+  BatchConfig config = one_drone();
+  config.num_drones = 300;
+  config.navigation.random_start = true;
+  Batch batch(config, {world});
+  batch.reset({});
+  for (std::size_t i = 0; i < 300; ++i) {
+    const Vec3 start(batch.state().position.data() + 3 * i);
+    EXPECT_FALSE(collision::overlaps(*world, batch.drone(), {.position = start})) << i;
+    EXPECT_NE(start, kStart);
+  }
 }
 
 TEST(NavigationRandom, WithoutABoxTheStartMarkerIsTaken) {

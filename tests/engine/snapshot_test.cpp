@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 #include <functional>
+#include <memory>
 #include <numeric>
 #include <string>
 #include <vector>
@@ -38,8 +39,7 @@ BatchConfig lively(AutoresetMode mode) {
 }
 
 const Batch::Worlds& worlds() {
-  static const Batch::Worlds shared{testing::playground("train-1"), testing::playground("train-2"),
-                                    testing::playground("validation-1")};
+  static const Batch::Worlds shared{testing::playground("train-1"), testing::playground("validation-1"), testing::closet()};
   return shared;
 }
 
@@ -53,11 +53,13 @@ class Pilot {
  public:
   explicit Pilot(unsigned seed) : random_(seed) {}
   void step(const std::vector<Batch*>& batches) {
-    std::vector<float> actions(4 * kDrones);
-    for (float& action : actions) action = random_.within(-1.0F, 1.0F);
+    for (std::size_t i = 0; i < kDrones; ++i) {
+      if (steps_ > 0 && random_.within(0, 1) < 0.5F) continue;  // the same again: no change of action
+      for (std::size_t k = 0; k < 4; ++k) actions_[4 * i + k] = random_.within(-1.0F, 1.0F);
+    }
     ++steps_;
     for (Batch* batch : batches) {
-      batch->step(std::span<const float>(actions));
+      batch->step(std::span<const float>(actions_));
       if (batch->config().autoreset_mode != AutoresetMode::disabled || steps_ % 9 != 0) continue;
       std::vector<std::uint8_t> ended(kDrones);
       for (std::size_t i = 0; i < kDrones; ++i) ended[i] = batch->outputs().terminated[i] || batch->outputs().truncated[i];
@@ -67,6 +69,7 @@ class Pilot {
 
  private:
   Random random_;
+  std::vector<float> actions_ = std::vector<float>(4 * kDrones);
   int steps_ = 0;
 };
 
@@ -118,7 +121,7 @@ TEST(Snapshot, RestoredIsUninterrupted) {
       ends += std::accumulate(one.outputs().terminated.begin(), one.outputs().terminated.end(), 0);
       if (step == 100) {
         for (Batch* batch : {&one, &fresh, &lived})
-          batch->spawn(std::vector<std::int64_t>{9}, std::vector<float>{2, 2, 2}, {}, {});
+          batch->spawn(std::vector<std::int64_t>{9}, std::vector<float>{2, 2, 2}, {}, std::vector<std::int32_t>{0});
       }
     }
     EXPECT_GT(ends, 20);
@@ -195,9 +198,9 @@ TEST(Snapshot, WithoutATask) {
 
 // -- Refusals: a ValueError's message, and nothing has changed.
 
-class Refusals : public ::testing::Test {
+class SnapshotRefusal : public ::testing::Test {
  protected:
-  Refusals() : batch_(lively(AutoresetMode::next_step), worlds()) {
+  SnapshotRefusal() : batch_(lively(AutoresetMode::next_step), worlds()) {
     batch_.reset({});
     Pilot pilot(6);
     fly(batch_, pilot, 20);
@@ -227,22 +230,22 @@ class Refusals : public ::testing::Test {
   std::string blob_, before_;
 };
 
-TEST_F(Refusals, WouldNotRefuseWhatIsSound) {
+TEST_F(SnapshotRefusal, WouldNotRefuseWhatIsSound) {
   batch_.restore(blob_);
   EXPECT_TRUE(same_bytes(batch_.snapshot(), blob_));
 }
 
-TEST_F(Refusals, ATruncatedOne) {
+TEST_F(SnapshotRefusal, ATruncatedOne) {
   for (std::size_t length = 0; length < blob_.size(); length += length < 64 ? 1 : 97) expect_refused(blob_.substr(0, length));
   for (std::size_t missing = 1; missing <= 16; ++missing) expect_refused(blob_.substr(0, blob_.size() - missing));
 }
 
-TEST_F(Refusals, TrailingBytes) {
+TEST_F(SnapshotRefusal, TrailingBytes) {
   expect_refused(blob_ + '\0');
   expect_refused(blob_ + blob_);
 }
 
-TEST_F(Refusals, AFlippedBitOfTheHeader) {
+TEST_F(SnapshotRefusal, AFlippedBitOfTheHeader) {
   for (std::size_t byte = 0; byte < 16; ++byte) {
     for (const int bit : {0, 7}) {
       std::string damaged = blob_;
@@ -252,7 +255,7 @@ TEST_F(Refusals, AFlippedBitOfTheHeader) {
   }
 }
 
-TEST_F(Refusals, ALengthThatIsNotTheArrays) {
+TEST_F(SnapshotRefusal, ALengthThatIsNotTheArrays) {
   for (const void* array :
        {static_cast<const void*>(&batch_.state().position), static_cast<const void*>(&batch_.state().scans)}) {
     for (const std::size_t byte : {0U, 7U}) {
@@ -263,7 +266,7 @@ TEST_F(Refusals, ALengthThatIsNotTheArrays) {
   }
 }
 
-TEST_F(Refusals, AWorldThatIsNotThere) {
+TEST_F(SnapshotRefusal, AWorldThatIsNotThere) {
   for (const std::int32_t world : {-1, 3, 1 << 30}) {
     std::string damaged = blob_;
     std::memcpy(damaged.data() + offset_of(&batch_.state().world_index) + 8 + 4 * (kDrones - 1), &world, 4);
@@ -271,7 +274,7 @@ TEST_F(Refusals, AWorldThatIsNotThere) {
   }
 }
 
-TEST_F(Refusals, ALidarThatCannotBe) {
+TEST_F(SnapshotRefusal, ALidarThatCannotBe) {
   // hfov, vfov, range of the first drone come after the state.
   const float range = -1.0F;
   std::string damaged = blob_;
@@ -279,7 +282,7 @@ TEST_F(Refusals, ALidarThatCannotBe) {
   expect_refused(damaged, "max_range_m");
 }
 
-TEST_F(Refusals, OneOfAnotherConfiguration) {
+TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
   const std::vector<std::function<void(BatchConfig&)>> changes{
       [](BatchConfig& c) { c.num_drones = kDrones + 1; },
       [](BatchConfig& c) { c.autoreset_mode = AutoresetMode::same_step; },
@@ -323,7 +326,18 @@ TEST_F(Refusals, OneOfAnotherConfiguration) {
   }
 }
 
-TEST_F(Refusals, OneOfOtherWorldsOrAnotherDrone) {
+TEST(Snapshot, IsRefusedByAnotherPattern) {
+  const auto batch_of = [](std::vector<float> azimuth_deg, std::vector<float> elevation_deg) {
+    return std::make_unique<Batch>(
+        lidar_batch(2, {.azimuth_deg = std::move(azimuth_deg), .elevation_deg = std::move(elevation_deg)}), worlds());
+  };
+  const auto batch = batch_of({0, 10}, {0, 20});
+  EXPECT_NO_THROW(batch->restore(batch_of({0, 10}, {0, 20})->snapshot()));
+  EXPECT_REFUSED(batch->restore(batch_of({0, 11}, {0, 20})->snapshot()), "snapshot");
+  EXPECT_REFUSED(batch->restore(batch_of({0, 10}, {0, 21})->snapshot()), "snapshot");
+}
+
+TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
   const BatchConfig config = lively(AutoresetMode::next_step);
   Batch::Worlds swapped = worlds();
   std::swap(swapped[0], swapped[1]);
