@@ -63,6 +63,7 @@ def test_the_measure_sees_one_batch_kept_per_round(room):
     assert growth(leak) > ROUNDS * BATCH_BYTES // 2
 
 
+# oneTBB 2021.8 now and then keeps 7 kB, an arena whose worker came late (oneTBB issue 396): far less than a batch.
 @pytest.mark.parametrize("num_threads", [1, 2])
 def test_batches(room, num_threads):
     assert growth(lambda: use_batch(room, num_threads)) < ROUNDS * BATCH_BYTES // 4
