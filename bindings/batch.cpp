@@ -153,6 +153,11 @@ void register_batch(py::module_& module) {
                                const auto& batch = self.cast<const Batch&>();
                                return view<float>(self, batch.state().lidar_ranges.data(), scan_shape(batch));
                              })
+      .def_property_readonly("lidar_max_range_m",
+                             [](const py::object& self) {
+                               const auto& batch = self.cast<const Batch&>();
+                               return view<float>(self, batch.lidar_max_range_m().data(), {size_of(batch)});
+                             })
       .def_property_readonly("lidar_directions", [](const Batch& batch) { return per_ray(batch, &Batch::lidar_directions); })
       .def_property_readonly("lidar_points", [](const Batch& batch) { return per_ray(batch, &Batch::lidar_points); })
       .def(

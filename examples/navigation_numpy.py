@@ -27,7 +27,6 @@ class Navigation(swiftlet.Task):
     def __init__(self, config: swiftlet.NavigationConfig, lidar: swiftlet.LidarConfig) -> None:
         self.config = config
         self.lidar = lidar
-        self.max_range_m = lidar.max_range_m
         self.max_episode_steps = config.max_episode_steps
         rays = lidar.shape[0] * lidar.shape[1]
         low = np.repeat([-1.0, 0.0], [3, rays]).astype(np.float32)
@@ -125,7 +124,7 @@ class Navigation(swiftlet.Task):
     def ranges(self, batch: swiftlet.Batch) -> Array:
         """Return the LiDAR ranges over the maximum range, (N, beams), 1 on a miss."""
         ranges = batch.lidar_ranges.reshape(batch.num_drones, -1).astype(float)
-        return np.minimum(ranges / self.max_range_m, 1)
+        return np.minimum(ranges / batch.lidar_max_range_m[:, None], 1)
 
     def state(self) -> dict[str, Array]:
         names = ("goal_index", "last_distance", "last_action")

@@ -401,6 +401,10 @@ class Batch:
         """(N, channels, beams) m, inf on a miss."""
 
     @property
+    def lidar_max_range_m(self) -> _F32:
+        """(N,) m, of each drone's LiDAR as `set_lidar` left it; `RuntimeError` without a LiDAR."""
+
+    @property
     def lidar_directions(self) -> _F32:
         """(N, channels, beams, 3) unit, body frame; a copy."""
 

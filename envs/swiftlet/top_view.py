@@ -40,7 +40,7 @@ class TopView:
     drone
         The batch's drone model; None for the default one.
     lidar
-        The batch's LiDAR; its range is drawn where a beam hits nothing. None draws no beams.
+        The batch's LiDAR. A beam that hits nothing is drawn as long as the drone's range. None draws no beams.
     size_px
         Side of the picture.
     """
@@ -71,7 +71,7 @@ class TopView:
             directions = rotate(quat_wxyz, self._directions[env].reshape(-1, 3))
             origin = position + rotate(quat_wxyz, np.asarray(self._lidar.offset_m, float))
             hit = np.isfinite(ranges)
-            ends = origin + directions * np.where(hit, ranges, self._lidar.max_range_m)[:, None]
+            ends = origin + directions * np.where(hit, ranges, self._batch.lidar_max_range_m[env])[:, None]
             canvas.lines(image, origin, ends, _BEAM)
             canvas.dots(image, ends[hit], _HIT)
         canvas.polygon(image, position + rotate(quat_wxyz, self._hull), _DRONE)

@@ -1,4 +1,5 @@
 // Counts heap allocations: the test program's operator new and delete are replaced by ones that count (allocation_counter.cpp).
+// Under the thread sanitizer it counts nothing.
 #pragma once
 
 #include <cstdint>

@@ -216,7 +216,7 @@ INSTANTIATE_TEST_SUITE_P(Camera, CameraPlayground, testing::ValuesIn(names(true)
 TEST(GeneratedPlayground, KeepsItsPromises) {
   const DroneModel drone = DroneModel::quadrotor650();
   std::set<std::size_t> waypoints;
-  for (std::uint64_t seed = 0; seed < 100; ++seed) {
+  for (std::uint64_t seed = 0; seed < 50; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     const auto world = World::playground({.seed = seed});
     EXPECT_EQ(world->name(), "playground/seed-" + std::to_string(seed));

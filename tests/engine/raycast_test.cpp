@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "random.hpp"
+#include "ray_oracle.hpp"
 #include "swiftlet/world.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
@@ -17,125 +19,13 @@
 namespace swiftlet {
 namespace {
 
+using oracle::Vec3d;
 using testing::make_world;
 using testing::primitive;
+using testing::Random;
 using testing::same_bits;
-using Vec3d = Eigen::Vector3d;
 
-constexpr double kNever = std::numeric_limits<double>::infinity();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-
-// -- The oracle: closed forms and all triangles, in double precision.
-
-struct Interval {
-  double enter = -kNever;
-  double exit = kNever;
-};
-
-Interval both(const Interval& a, const Interval& b) { return {std::max(a.enter, b.enter), std::min(a.exit, b.exit)}; }
-
-Interval slab(double origin, double direction, double half) {
-  if (direction == 0.0) return std::abs(origin) <= half ? Interval{} : Interval{kNever, -kNever};
-  const double a = (-half - origin) / direction;
-  const double b = (half - origin) / direction;
-  return {std::min(a, b), std::max(a, b)};
-}
-
-// Where |o + t d| <= r in the subspace of the given vectors.
-Interval ball(const Vec3d& o, const Vec3d& d, double radius) {
-  const double a = d.squaredNorm();
-  if (a == 0.0) return o.norm() <= radius ? Interval{} : Interval{kNever, -kNever};
-  const double b = o.dot(d);
-  const double discriminant = b * b - a * (o.squaredNorm() - radius * radius);
-  if (discriminant < 0.0) return {kNever, -kNever};
-  return {(-b - std::sqrt(discriminant)) / a, (-b + std::sqrt(discriminant)) / a};
-}
-
-struct Hit {
-  double t = kNever;
-  int element = -1;
-  Vec3d normal = Vec3d::Zero();  // facing the origin
-};
-
-Hit hit_primitive(const Primitive& shape, const Vec3d& origin, const Vec3d& direction) {
-  const Eigen::Matrix3d rotation = shape.rotation.cast<double>().normalized().toRotationMatrix();
-  const Vec3d o = rotation.transpose() * (origin - shape.center.cast<double>());
-  const Vec3d d = rotation.transpose() * direction;
-  const Vec3d half = shape.half_extents.cast<double>();
-  const auto flat = [](const Vec3d& v) { return Vec3d(v.x(), v.y(), 0.0); };
-  Interval inside;
-  if (shape.kind == PrimitiveKind::sphere) {
-    inside = ball(o, d, half.x());
-  } else if (shape.kind == PrimitiveKind::cylinder) {
-    inside = both(ball(flat(o), flat(d), half.x()), slab(o.z(), d.z(), half.z()));
-  } else {
-    for (int axis = 0; axis < 3; ++axis) inside = both(inside, slab(o[axis], d[axis], half[axis]));
-  }
-  if (inside.enter > inside.exit || inside.exit < 0.0) return {};
-  const double t = inside.enter >= 0.0 ? inside.enter : inside.exit;
-  const Vec3d point = o + t * d;
-  Vec3d normal = point.normalized();
-  if (shape.kind == PrimitiveKind::cylinder) {
-    const bool cap = std::abs(std::abs(point.z()) - half.z()) < std::abs(flat(point).norm() - half.x());
-    normal = cap ? Vec3d(0, 0, std::copysign(1.0, point.z())) : Vec3d(flat(point).normalized());
-  } else if (shape.kind != PrimitiveKind::sphere) {
-    int face = 0;
-    (point.cwiseAbs() - half).cwiseAbs().minCoeff(&face);
-    normal = std::copysign(1.0, point[face]) * Vec3d::Unit(face);
-  }
-  return {t, 0, rotation * normal};
-}
-
-// Moeller and Trumbore (1997), both sides.
-Hit hit_triangle(const TriangleMesh& mesh, std::size_t index, const Vec3d& origin, const Vec3d& direction) {
-  const auto corner = [&](std::size_t k) {
-    return Vec3d(mesh.vertices[static_cast<std::size_t>(mesh.triangles[index][k])].cast<double>());
-  };
-  const Vec3d a = corner(0);
-  const Vec3d ab = corner(1) - a;
-  const Vec3d ac = corner(2) - a;
-  const Vec3d p = direction.cross(ac);
-  const double determinant = ab.dot(p);
-  if (determinant == 0.0) return {};
-  const Vec3d s = (origin - a) / determinant;
-  const double u = s.dot(p);
-  const Vec3d q = s.cross(ab);
-  const double v = direction.dot(q);
-  const double t = ac.dot(q);
-  if (u < 0.0 || v < 0.0 || u + v > 1.0 || t < 0.0) return {};
-  return {t, 0, ab.cross(ac).normalized()};
-}
-
-Hit oracle(const World& world, const Vec3d& origin, const Vec3d& direction, double max_range) {
-  Hit nearest;
-  const auto take = [&](Hit hit, std::size_t element) {
-    if (hit.t > max_range || hit.t >= nearest.t) return;
-    hit.element = static_cast<int>(element);
-    nearest = hit;
-  };
-  const auto primitives = world.primitives();
-  for (std::size_t i = 0; i < primitives.size(); ++i) take(hit_primitive(primitives[i], origin, direction), i);
-  for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
-    take(hit_triangle(world.triangles(), i, origin, direction), primitives.size() + i);
-  }
-  if (nearest.normal.dot(direction) > 0.0) nearest.normal = -nearest.normal;
-  return nearest;
-}
-
-// The rays beside this one, 1e-5 m away, hit the same face of the same thing, not at a grazing angle: no edge, no silhouette
-// and no end of the range is near.
-bool is_clear_cut(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
-  constexpr double kAside = 1e-5;
-  const Vec3d u = direction.unitOrthogonal();
-  const Vec3d v = direction.cross(u);
-  for (const Vec3d& aside : {u, Vec3d(-u), v, Vec3d(-v)}) {
-    const Hit other = oracle(world, origin + kAside * aside, direction, max_range);
-    if (other.element != hit.element) return false;
-    if (hit.element < 0) continue;
-    if (other.normal.dot(hit.normal) < 0.999 || std::abs(other.t - hit.t) > 5.0 * kAside) return false;
-  }
-  return hit.element < 0 || std::abs(hit.t - max_range) > kAside;
-}
 
 // -- Random worlds and rays.
 
@@ -157,33 +47,11 @@ struct Rays {
   }
 };
 
-class Random {
- public:
-  explicit Random(unsigned seed) : generator_(seed) {}
-  float within(float low, float high) { return low + (high - low) * unit_(generator_); }
-  Vec3 point(float reach) { return {within(-reach, reach), within(-reach, reach), within(-reach, reach)}; }
-  Vec3 direction() {
-    for (;;) {
-      const Vec3 v = point(1.0F);
-      if (v.norm() > 0.1F) return v;
-    }
-  }
-  Quat rotation() {
-    const Eigen::Vector4f v(normal_(generator_), normal_(generator_), normal_(generator_), normal_(generator_));
-    return Quat(v.normalized());
-  }
-  Rays rays(int count, float reach) {
-    Rays rays;
-    for (int i = 0; i < count; ++i) rays.add(point(reach), direction());
-    return rays;
-  }
-  std::mt19937& generator() { return generator_; }
-
- private:
-  std::mt19937 generator_;
-  std::uniform_real_distribution<float> unit_{0.0F, 1.0F};
-  std::normal_distribution<float> normal_;
-};
+Rays random_rays(Random& random, int count, float reach) {
+  Rays rays;
+  for (int i = 0; i < count; ++i) rays.add(random.point(reach), random.direction());
+  return rays;
+}
 
 std::vector<Primitive> random_primitives(Random& random, bool with_room) {
   std::vector<Primitive> primitives;
@@ -237,8 +105,8 @@ void expect_like_oracle(const World& world, const Rays& rays, float max_range) {
   for (std::size_t i = 0; i < rays.size(); ++i) {
     const Vec3d origin = rays.origin(i).cast<double>();
     const Vec3d direction = rays.unit(i).cast<double>();
-    const Hit expected = oracle(world, origin, direction, max_range);
-    if (!is_clear_cut(world, expected, origin, direction, max_range)) continue;
+    const oracle::Hit expected = oracle::nearest(world, origin, direction, max_range);
+    if (!oracle::is_clear_cut(world, expected, origin, direction, max_range)) continue;
     ++compared;
     ASSERT_EQ(hits.primitive[i], expected.element) << "ray " << i << ": " << hits.t_hit[i] << " m, expected " << expected.t;
     if (expected.element < 0) {
@@ -257,7 +125,7 @@ TEST(Raycast, FindsPrimitivesWhereClosedFormsDo) {
     SCOPED_TRACE(seed);
     Random random(seed);
     const auto world = make_world(random_primitives(random, seed % 2 == 0));
-    expect_like_oracle(*world, random.rays(2000, 5.5F), seed < 3 ? 30.0F : 3.0F);
+    expect_like_oracle(*world, random_rays(random, 2000, 5.5F), seed < 3 ? 30.0F : 3.0F);
   }
 }
 
@@ -266,7 +134,7 @@ TEST(Raycast, FindsTrianglesWhereBruteForceDoes) {
     SCOPED_TRACE(seed);
     Random random(seed);
     const auto world = make_world({}, {}, random_triangles(random, 150));
-    expect_like_oracle(*world, random.rays(1500, 6.0F), 20.0F);
+    expect_like_oracle(*world, random_rays(random, 1500, 6.0F), 20.0F);
   }
 }
 
@@ -276,7 +144,7 @@ TEST(Raycast, FindsTheNearestOfPrimitivesAndTriangles) {
     Random random(seed);
     auto primitives = random_primitives(random, seed != 21);
     const auto world = make_world(std::move(primitives), {}, random_triangles(random, 80));
-    expect_like_oracle(*world, random.rays(1500, 5.5F), 20.0F);
+    expect_like_oracle(*world, random_rays(random, 1500, 5.5F), 20.0F);
   }
 }
 
@@ -510,7 +378,7 @@ TEST(RaycastBits, RaysThroughSharedEdgesAndVertices) {
 TEST(RaycastBits, RaycastOfOneIsRaycastOfMany) {
   Random random(44);
   const auto world = make_world(random_primitives(random, true), {}, hills(20));
-  const Rays rays = random.rays(300, 4.0F);
+  const Rays rays = random_rays(random, 300, 4.0F);
   const RayHits all = world->raycast(rays.origins, rays.directions, 20.0F);
   for (std::size_t i = 0; i < rays.size(); ++i) {
     const Rays one = rays.pick({i});

@@ -103,6 +103,7 @@ def test_poses(batch, method, position, quat_wxyz, mask, match):
         (lambda b: b.set_world([0, 1]), r"world_index \(row 1\).*1"),
         (lambda b: b.set_world([0]), "world_index.*shape"),
         (lambda b: b.set_lidar(max_range_m=0.0), "max_range_m.*> 0"),
+        (lambda b: b.set_lidar(np.zeros(2, bool), max_range_m=-1.0), "max_range_m.*> 0.*-1"),
         (lambda b: b.set_lidar(hfov_deg=400.0), "hfov_deg"),
         (lambda b: b.set_lidar(quat_wxyz=(0, 0, 0, 0)), "quat_wxyz"),
         (lambda b: b.set_lidar(offset_m=(np.nan, 0, 0)), "offset_m"),

@@ -148,6 +148,21 @@ class TestLidar:
         np.testing.assert_array_equal(batch.lidar_ranges[0], batch.lidar_ranges[2])
         assert np.isfinite(batch.lidar_ranges[0]).any()
 
+    def test_the_ranges_of_the_drones_are_a_view(self, batch):
+        view = batch.lidar_max_range_m
+        assert view.dtype == np.float32
+        assert not view.flags.writeable
+        np.testing.assert_array_equal(view, [3, 3, 3])
+        blob = batch.snapshot()
+        batch.set_lidar(np.array([False, True, False]), max_range_m=1.5)
+        np.testing.assert_array_equal(view, [3, 1.5, 3])
+        batch.restore(blob)
+        np.testing.assert_array_equal(view, [3, 3, 3])
+
+    def test_without_a_lidar_there_are_no_ranges(self, room):
+        with pytest.raises(RuntimeError, match="lidar="):
+            swiftlet.Batch([room]).lidar_max_range_m  # noqa: B018
+
 
 class TestPoseSensor:
     def test_is_exact_by_default(self, batch):
@@ -244,14 +259,16 @@ class TestLifetime:
         for _ in range(20):
             batch = swiftlet.Batch([room], 500, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
             batch.reset(np.arange(500))
-            views.append((batch.position, batch.observation, batch.contact.hit, batch.lidar_ranges))
+            arrays = (batch.position, batch.observation, batch.contact.hit, batch.lidar_ranges)
+            views.append((*arrays, batch.lidar_max_range_m))
             del batch
         gc.collect()
-        for position, observation, hit, ranges in views:
+        for position, observation, hit, ranges, max_range in views:
             np.testing.assert_array_equal(position, np.tile(room.start, (500, 1)))
             assert np.isfinite(observation).all()
             assert not hit.any()
             assert not np.isnan(ranges).any()
+            np.testing.assert_array_equal(max_range, 3)
 
     def test_a_hull_outlives_its_model(self):
         hull = swiftlet.DroneModel().hull

@@ -44,6 +44,17 @@ def test_a_removed_drone_is_not_drawn(room):
     assert pixel(TopView(batch).frame(0), 2, 4, room) != DRONE
 
 
+def test_a_beam_that_hits_nothing_is_as_long_as_the_drones_range(room):
+    lidar = swiftlet.LidarConfig(azimuth_deg=[90], elevation_deg=[0])  # towards the wall at y = 8, 4 m away
+    batch = swiftlet.Batch([room], 2, lidar=lidar)
+    batch.set_lidar(np.array([False, True]), max_range_m=1.0)
+    batch.sense()
+    view = TopView(batch, lidar=lidar)
+    assert pixel(view.frame(0), 2, 6.5, room) != FLOOR
+    assert pixel(view.frame(1), 2, 6.5, room) == FLOOR
+    assert pixel(view.frame(1), 2, 4.8, room) != FLOOR
+
+
 def test_meshes_and_every_kind_of_primitive_are_drawn():
     scene = {
         "swiftlet_scene": 1,

@@ -59,7 +59,7 @@ class Batch {
 
   // --- the LiDAR
   void set_lidar(const LidarChange& change, Mask mask = {});
-  float lidar_max_range(int drone) const;             // m
+  std::span<const float> lidar_max_range_m() const;   // (N,) m, of each drone; std::logic_error without a LiDAR
   void lidar_directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out) const;      // (N, channels, beams, 3) m, world frame, inf on a miss
 
@@ -73,7 +73,7 @@ class Batch {
   void reset(std::span<const std::uint64_t> seeds, Mask mask = {});  // seeds (N,), or empty: the next episode
   void step(std::span<const std::int64_t> actions);                  // (N,) discrete
   void step(std::span<const float> actions);                         // (N, 3) or (N, 4), clipped to [-1, 1]
-  const Outputs& outputs() const;                                    // of the last step or reset; intact during the next one
+  const Outputs& outputs() const;  // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
   std::span<const std::int32_t> goal_index() const;  // (N,) 0 .. number of waypoints
 

@@ -87,6 +87,7 @@ struct Batch::Impl {
 
   // --- refusing bad input
   void require_own_process() const;
+  void require_lidar() const;
   void require_task() const;
   void require_begun() const;
   void require_mask(Mask mask) const;
@@ -214,7 +215,7 @@ void Batch::Impl::evaluate(std::uint32_t drone) {
 }
 
 void Batch::Impl::observe_ranges(std::uint32_t drone) {
-  navigation->observe_ranges(drone, ranges_of(drone), lidar->max_range_of(drone),
+  navigation->observe_ranges(drone, ranges_of(drone), lidar->max_range()[drone],
                              out().observation.data() + drone * observation_size);
 }
 
@@ -322,6 +323,10 @@ void Batch::Impl::require_own_process() const {
     throw std::runtime_error("this Batch was made in process " + std::to_string(owner) + " and used in its child " +
                              std::to_string(process_id()) + ": a batch does not survive fork(), make one in the child");
   }
+}
+
+void Batch::Impl::require_lidar() const {
+  if (!lidar) throw std::logic_error("this Batch has no LiDAR: give it one (lidar=...) to change it or read its range");
 }
 
 void Batch::Impl::require_task() const {
@@ -475,12 +480,11 @@ void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
 void Batch::set_lidar(const LidarChange& change, Mask mask) {
   impl_->require_own_process();
   impl_->require_mask(mask);
-  if (!impl_->lidar) throw std::logic_error("this Batch has no LiDAR: give it one (lidar=...) to change it");
+  impl_->require_lidar();
   const bool beams_move = change.hfov_deg || change.vfov_deg;
   require(!(beams_move && impl_->config.lidar.has_pattern()), "hfov_deg", "no field of view for a LiDAR made from a beam pattern",
           change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
-  const auto changed = [&](std::size_t drone) {
-    LidarConfig config = impl_->lidar->config_of(drone);
+  const auto changed = [&](LidarConfig config) {
     config.max_range_m = change.max_range_m.value_or(config.max_range_m);
     config.hfov_deg = change.hfov_deg.value_or(config.hfov_deg);
     config.vfov_deg = change.vfov_deg.value_or(config.vfov_deg);
@@ -488,12 +492,15 @@ void Batch::set_lidar(const LidarChange& change, Mask mask) {
     config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
     return config;
   };
-  impl_->for_each_chosen(mask, [&](std::uint32_t drone) { changed(drone).validate(); });
-  impl_->for_each_chosen(mask, [&](std::uint32_t drone) { impl_->lidar->set_config(drone, changed(drone)); });
+  // Each field is valid or not by itself, whatever a drone's others are; so this refuses even where no drone is chosen.
+  changed(impl_->config.lidar).validate();
+  impl_->for_each_chosen(mask,
+                         [&](std::uint32_t drone) { impl_->lidar->set_config(drone, changed(impl_->lidar->config_of(drone))); });
 }
 
-float Batch::lidar_max_range(int drone) const {
-  return impl_->lidar ? impl_->lidar->max_range_of(static_cast<std::size_t>(drone)) : 0.0F;
+std::span<const float> Batch::lidar_max_range_m() const {
+  impl_->require_lidar();
+  return impl_->lidar->max_range();
 }
 
 void Batch::lidar_directions(std::span<float> out) const {
@@ -674,7 +681,10 @@ void Batch::restore(const std::string& blob) {
   }
   if (impl_->navigation) {
     for_each_navigation_array(impl_->navigation->state(), read);
-    for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(impl_->out().*member, columns); });
+    // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
+    Outputs& next = impl_->slots[1 - impl_->current];
+    for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(next.*member, columns); });
+    changes.emplace_back([this] { impl_->current = 1 - impl_->current; });
   }
   reader.require_end();
   const auto moved = std::find_if(world_index.begin(), world_index.end(), [this](std::int32_t world) {
@@ -682,6 +692,9 @@ void Batch::restore(const std::string& blob) {
   });
   if (moved != world_index.end()) refuse("snapshot", "world indices below " + std::to_string(impl_->worlds.size()), *moved);
   for (const auto& change : changes) change();
+  for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+    if (!impl_->state.active[drone]) impl_->mark_absent(drone);  // in the other slot too, where it may have been alive
+  }
   impl_->schedule.rebuild(impl_->state);
 }
 

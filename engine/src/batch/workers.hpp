@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sensors/lidar.hpp"
+#include "trace/handover.hpp"
 #include "trace/scene.hpp"
 
 namespace swiftlet {
@@ -44,16 +45,22 @@ class Workers {
       for (std::size_t i = 0; i < count; ++i) f(i, *scratch_[0]);
       return;
     }
+    static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
+    const char joined = 0;
+    handover::release(&forked);
     arena_.execute([&] {
       tbb::parallel_for(
           tbb::blocked_range<std::size_t>(0, count, 1),
           [&](const tbb::blocked_range<std::size_t>& range) {
+            handover::acquire(&forked);
             const trace::FlushDenormals flush;
             Scratch& scratch = *scratch_[static_cast<std::size_t>(tbb::this_task_arena::current_thread_index())];
             for (std::size_t i = range.begin(); i != range.end(); ++i) f(i, scratch);
+            handover::release(&joined);
           },
           tbb::simple_partitioner());
     });
+    handover::acquire(&joined);
   }
 
  private:

@@ -34,7 +34,7 @@ class Lidar {
 
   std::size_t rays_per_drone() const { return rays_; }
   const BeamPattern& pattern_of(std::size_t drone) const { return patterns_[setting_[drone]]; }
-  float max_range_of(std::size_t drone) const { return max_range_[drone]; }  // m
+  std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
   // The drone's own setting, as changed at run time.
   LidarConfig config_of(std::size_t drone) const;
   void set_config(std::size_t drone, const LidarConfig& config);  // of the same number of rays

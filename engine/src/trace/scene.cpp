@@ -9,6 +9,7 @@
 
 #include "batch/platform.hpp"
 #include "trace/calibrated.hpp"
+#include "trace/handover.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -120,15 +121,19 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
   rtcSetGeometryBoundsFunction(
       geometry,
       [](const RTCBoundsFunctionArguments* args) {
+        handover::acquire(args->geometryUserPtr);
         const Aabb box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds();
         *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
+        handover::release(args->geometryUserPtr);
       },
       nullptr);
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(crowd_.get(), geometry);
   rtcReleaseGeometry(geometry);
+  handover::release(crowd_shapes_.data());  // to Embree's builders, and back
   commit(crowd_.get());
+  handover::acquire(crowd_shapes_.data());
 }
 
 void Scene::add_triangles(const TriangleMesh& mesh) {

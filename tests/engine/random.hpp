@@ -1,0 +1,33 @@
+// Random: numbers, places and rotations for the tests, the same on every run.
+#pragma once
+
+#include <random>
+
+#include "swiftlet/pose.hpp"
+
+namespace swiftlet::testing {
+
+class Random {
+ public:
+  explicit Random(unsigned seed) : generator_(seed) {}
+  float within(float low, float high) { return low + (high - low) * unit_(generator_); }
+  Vec3 point(float reach) { return {within(-reach, reach), within(-reach, reach), within(-reach, reach)}; }
+  Vec3 direction() {
+    for (;;) {
+      const Vec3 v = point(1.0F);
+      if (v.norm() > 0.1F) return v;
+    }
+  }
+  Quat rotation() {
+    const Eigen::Vector4f v(normal_(generator_), normal_(generator_), normal_(generator_), normal_(generator_));
+    return Quat(v.normalized());
+  }
+  std::mt19937& generator() { return generator_; }
+
+ private:
+  std::mt19937 generator_;
+  std::uniform_real_distribution<float> unit_{0.0F, 1.0F};
+  std::normal_distribution<float> normal_;
+};
+
+}  // namespace swiftlet::testing

@@ -1,0 +1,128 @@
+// An independent answer to "what is the nearest thing along this ray": closed forms and all triangles, in double precision.
+// It knows nothing of the engine's tracing code or of its library.
+#pragma once
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "swiftlet/world.hpp"
+
+namespace swiftlet::oracle {
+
+using Vec3d = Eigen::Vector3d;
+
+constexpr double kNever = std::numeric_limits<double>::infinity();
+
+struct Interval {
+  double enter = -kNever;
+  double exit = kNever;
+};
+
+inline Interval both(const Interval& a, const Interval& b) { return {std::max(a.enter, b.enter), std::min(a.exit, b.exit)}; }
+
+inline Interval slab(double origin, double direction, double half) {
+  if (direction == 0.0) return std::abs(origin) <= half ? Interval{} : Interval{kNever, -kNever};
+  const double a = (-half - origin) / direction;
+  const double b = (half - origin) / direction;
+  return {std::min(a, b), std::max(a, b)};
+}
+
+// Where |o + t d| <= r in the subspace of the given vectors.
+inline Interval ball(const Vec3d& o, const Vec3d& d, double radius) {
+  const double a = d.squaredNorm();
+  if (a == 0.0) return o.norm() <= radius ? Interval{} : Interval{kNever, -kNever};
+  const double b = o.dot(d);
+  const double discriminant = b * b - a * (o.squaredNorm() - radius * radius);
+  if (discriminant < 0.0) return {kNever, -kNever};
+  return {(-b - std::sqrt(discriminant)) / a, (-b + std::sqrt(discriminant)) / a};
+}
+
+struct Hit {
+  double t = kNever;             // m
+  int element = -1;              // as World::raycast numbers them
+  Vec3d normal = Vec3d::Zero();  // facing the origin
+};
+
+inline Hit hit_primitive(const Primitive& shape, const Vec3d& origin, const Vec3d& direction) {
+  const Eigen::Matrix3d rotation = shape.rotation.cast<double>().normalized().toRotationMatrix();
+  const Vec3d o = rotation.transpose() * (origin - shape.center.cast<double>());
+  const Vec3d d = rotation.transpose() * direction;
+  const Vec3d half = shape.half_extents.cast<double>();
+  const auto flat = [](const Vec3d& v) { return Vec3d(v.x(), v.y(), 0.0); };
+  Interval inside;
+  if (shape.kind == PrimitiveKind::sphere) {
+    inside = ball(o, d, half.x());
+  } else if (shape.kind == PrimitiveKind::cylinder) {
+    inside = both(ball(flat(o), flat(d), half.x()), slab(o.z(), d.z(), half.z()));
+  } else {
+    for (int axis = 0; axis < 3; ++axis) inside = both(inside, slab(o[axis], d[axis], half[axis]));
+  }
+  if (inside.enter > inside.exit || inside.exit < 0.0) return {};
+  const double t = inside.enter >= 0.0 ? inside.enter : inside.exit;
+  const Vec3d point = o + t * d;
+  Vec3d normal = point.normalized();
+  if (shape.kind == PrimitiveKind::cylinder) {
+    const bool cap = std::abs(std::abs(point.z()) - half.z()) < std::abs(flat(point).norm() - half.x());
+    normal = cap ? Vec3d(0, 0, std::copysign(1.0, point.z())) : Vec3d(flat(point).normalized());
+  } else if (shape.kind != PrimitiveKind::sphere) {
+    int face = 0;
+    (point.cwiseAbs() - half).cwiseAbs().minCoeff(&face);
+    normal = std::copysign(1.0, point[face]) * Vec3d::Unit(face);
+  }
+  return {t, 0, rotation * normal};
+}
+
+// Moeller and Trumbore (1997), both sides.
+inline Hit hit_triangle(const TriangleMesh& mesh, std::size_t index, const Vec3d& origin, const Vec3d& direction) {
+  const auto corner = [&](std::size_t k) {
+    return Vec3d(mesh.vertices[static_cast<std::size_t>(mesh.triangles[index][k])].cast<double>());
+  };
+  const Vec3d a = corner(0);
+  const Vec3d ab = corner(1) - a;
+  const Vec3d ac = corner(2) - a;
+  const Vec3d p = direction.cross(ac);
+  const double determinant = ab.dot(p);
+  if (determinant == 0.0) return {};
+  const Vec3d s = (origin - a) / determinant;
+  const double u = s.dot(p);
+  const Vec3d q = s.cross(ab);
+  const double v = direction.dot(q);
+  const double t = ac.dot(q);
+  if (u < 0.0 || v < 0.0 || u + v > 1.0 || t < 0.0) return {};
+  return {t, 0, ab.cross(ac).normalized()};
+}
+
+inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& direction, double max_range) {
+  Hit found;
+  const auto take = [&](Hit hit, std::size_t element) {
+    if (hit.t > max_range || hit.t >= found.t) return;
+    hit.element = static_cast<int>(element);
+    found = hit;
+  };
+  const auto primitives = world.primitives();
+  for (std::size_t i = 0; i < primitives.size(); ++i) take(hit_primitive(primitives[i], origin, direction), i);
+  for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
+    take(hit_triangle(world.triangles(), i, origin, direction), primitives.size() + i);
+  }
+  if (found.normal.dot(direction) > 0.0) found.normal = -found.normal;
+  return found;
+}
+
+// The rays beside this one, 1e-5 m away, hit the same face of the same thing, not at a grazing angle: no edge, no silhouette
+// and no end of the range is near.
+inline bool is_clear_cut(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
+  constexpr double kAside = 1e-5;
+  const Vec3d u = direction.unitOrthogonal();
+  const Vec3d v = direction.cross(u);
+  for (const Vec3d& aside : {u, Vec3d(-u), v, Vec3d(-v)}) {
+    const Hit other = nearest(world, origin + kAside * aside, direction, max_range);
+    if (other.element != hit.element) return false;
+    if (hit.element < 0) continue;
+    if (other.normal.dot(hit.normal) < 0.999 || std::abs(other.t - hit.t) > 5.0 * kAside) return false;
+  }
+  return hit.element < 0 || std::abs(hit.t - max_range) > kAside;
+}
+
+}  // namespace swiftlet::oracle

@@ -1,0 +1,357 @@
+#include "batch/snapshot.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "random.hpp"
+#include "swiftlet/batch.hpp"
+
+namespace swiftlet {
+namespace {
+
+using testing::lidar_batch;
+using testing::Random;
+using testing::same_drones;
+
+constexpr std::size_t kDrones = 24;
+
+BatchConfig lively(AutoresetMode mode) {
+  BatchConfig config = lidar_batch(kDrones);
+  config.task = TaskKind::navigation;
+  config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
+  config.navigation.action = ActionKind::displacement_yaw;
+  config.navigation.step_m = 0.3F;
+  config.navigation.max_episode_steps = 40;
+  config.navigation.random_start = true;
+  config.navigation.random_world = true;
+  config.navigation.stagger_first_episode = true;
+  config.autoreset_mode = mode;
+  return config;
+}
+
+const Batch::Worlds& worlds() {
+  static const Batch::Worlds shared{testing::playground("train-1"), testing::playground("validation-1"), testing::closet()};
+  return shared;
+}
+
+// Snapshots are long: nobody wants to see both.
+::testing::AssertionResult same_bytes(const std::string& a, const std::string& b) {
+  return a == b ? ::testing::AssertionSuccess() : ::testing::AssertionFailure() << "snapshots differ";
+}
+
+// Steps that do not depend on the batch; one with the mode `disabled` is reset now and then.
+class Pilot {
+ public:
+  explicit Pilot(unsigned seed) : random_(seed) {}
+  void step(const std::vector<Batch*>& batches) {
+    for (std::size_t i = 0; i < kDrones; ++i) {
+      if (steps_ > 0 && random_.within(0, 1) < 0.5F) continue;  // the same again: no change of action
+      for (std::size_t k = 0; k < 4; ++k) actions_[4 * i + k] = random_.within(-1.0F, 1.0F);
+    }
+    ++steps_;
+    for (Batch* batch : batches) {
+      batch->step(std::span<const float>(actions_));
+      if (batch->config().autoreset_mode != AutoresetMode::disabled || steps_ % 9 != 0) continue;
+      std::vector<std::uint8_t> ended(kDrones);
+      for (std::size_t i = 0; i < kDrones; ++i) ended[i] = batch->outputs().terminated[i] || batch->outputs().truncated[i];
+      batch->reset({}, ended);
+    }
+  }
+
+ private:
+  Random random_;
+  std::vector<float> actions_ = std::vector<float>(4 * kDrones);
+  int steps_ = 0;
+};
+
+void fly(Batch& batch, Pilot& pilot, int steps) {
+  for (int i = 0; i < steps; ++i) pilot.step({&batch});
+}
+
+std::vector<std::uint8_t> every(std::size_t n) {
+  std::vector<std::uint8_t> mask(kDrones, 0);
+  for (std::size_t i = 0; i < kDrones; i += n) mask[i] = 1;
+  return mask;
+}
+
+TEST(Snapshot, RestoredIsUninterrupted) {
+  for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
+    SCOPED_TRACE(static_cast<int>(mode));
+    BatchConfig config = lively(mode);
+    Batch one(config, worlds());
+    one.reset({});
+    Pilot pilot(1);
+    fly(one, pilot, 50);
+    one.set_lidar({.max_range_m = 1.5F, .offset_m = {{0.1F, 0, 0.2F}}}, every(2));
+    one.set_lidar({.hfov_deg = 360.0F, .quat_wxyz = {{0.6F, 0, 0, 0.8F}}}, every(3));
+    one.remove(std::vector<std::int64_t>{4, 9});
+    fly(one, pilot, 51);
+
+    // Into a batch of other blocks and threads that has just been made, and into one that has lived.
+    config.block_size = 5;
+    config.num_threads = 2;
+    Batch fresh(config, worlds());
+    Batch lived(config, worlds());
+    lived.set_lidar({.max_range_m = 2.5F}, every(4));
+    lived.reset({});
+    Pilot other(2);
+    fly(lived, other, 30);
+    lived.remove(std::vector<std::int64_t>{1, 4});
+    const std::string blob = one.snapshot();
+    for (Batch* batch : {&fresh, &lived}) {
+      batch->restore(blob);
+      EXPECT_TRUE(same_bytes(batch->snapshot(), blob));
+      ASSERT_TRUE(same_drones(one, *batch));
+      EXPECT_TRUE(std::equal(one.lidar_max_range_m().begin(), one.lidar_max_range_m().end(), batch->lidar_max_range_m().begin()));
+    }
+    int ends = 0;
+    for (int step = 0; step < 300; ++step) {
+      pilot.step({&one, &fresh, &lived});
+      ASSERT_TRUE(same_drones(one, fresh)) << "step " << step << " of the fresh batch";
+      ASSERT_TRUE(same_drones(one, lived)) << "step " << step << " of the batch that had lived";
+      ends += std::accumulate(one.outputs().terminated.begin(), one.outputs().terminated.end(), 0);
+      if (step == 100) {
+        for (Batch* batch : {&one, &fresh, &lived})
+          batch->spawn(std::vector<std::int64_t>{9}, std::vector<float>{2, 2, 2}, {}, std::vector<std::int32_t>{0});
+      }
+    }
+    EXPECT_GT(ends, 20);
+  }
+}
+
+TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
+  Batch batch(lively(AutoresetMode::same_step), worlds());
+  batch.reset({});
+  Pilot before(3);
+  fly(batch, before, 40);
+  const std::string blob = batch.snapshot();
+  std::vector<std::vector<std::byte>> first;  // all that was written of every drone, step by step
+  for (int round = 0; round < 3; ++round) {
+    Pilot pilot(4);
+    for (std::size_t step = 0; step < 120; ++step) {
+      pilot.step({&batch});
+      for (std::size_t drone = 0; drone < kDrones; ++drone) {
+        const auto bytes = testing::bytes_of(batch, drone);
+        if (round == 0) {
+          first.push_back(bytes);
+        } else {
+          ASSERT_TRUE(bytes == first[step * kDrones + drone]) << "drone " << drone << ", step " << step;
+        }
+      }
+    }
+    // What is changed meanwhile is undone.
+    batch.set_lidar({.max_range_m = 0.5F});
+    batch.remove(std::vector<std::int64_t>{round});
+    batch.restore(blob);
+  }
+}
+
+TEST(Snapshot, ARestoreLeavesWhatTheLastStepReturnedWhole) {
+  Batch batch(lively(AutoresetMode::same_step), worlds());
+  batch.reset({});
+  Pilot pilot(7);
+  fly(batch, pilot, 3);
+  const std::string blob = batch.snapshot();
+  const std::vector<float> earlier = batch.outputs().observation;
+  fly(batch, pilot, 4);
+  const std::vector<float>& view = batch.outputs().observation;
+  const std::vector<float> returned = view;
+  batch.restore(blob);
+  EXPECT_EQ(batch.outputs().observation, earlier);
+  EXPECT_EQ(view, returned);
+}
+
+TEST(Snapshot, WithoutATask) {
+  BatchConfig config = lidar_batch(kDrones);
+  config.pose_sensor.position_noise_std_m = 0.1F;
+  Batch one(config, worlds());
+  Batch other(config, worlds());
+  Random random(5);
+  const auto move = [&](const std::vector<Batch*>& batches) {
+    std::vector<float> position;
+    for (std::size_t i = 0; i < kDrones; ++i) position.insert(position.end(), {random.within(0, 14), random.within(0, 14), 2});
+    for (Batch* batch : batches) {
+      batch->move(position, {});
+      batch->sense();
+    }
+  };
+  std::vector<std::uint64_t> seeds(kDrones);
+  std::iota(seeds.begin(), seeds.end(), std::uint64_t{100});
+  one.seed(seeds);
+  for (int i = 0; i < 5; ++i) move({&one});
+  one.begin_episode(every(2));
+  other.restore(one.snapshot());
+  for (int i = 0; i < 50; ++i) {
+    ASSERT_TRUE(same_drones(one, other)) << i;
+    move({&one, &other});
+  }
+}
+
+// -- Refusals: a ValueError's message, and nothing has changed.
+
+class SnapshotRefusal : public ::testing::Test {
+ protected:
+  SnapshotRefusal() : batch_(lively(AutoresetMode::next_step), worlds()) {
+    batch_.reset({});
+    Pilot pilot(6);
+    fly(batch_, pilot, 20);
+    batch_.set_lidar({.max_range_m = 1.25F}, every(2));
+    blob_ = batch_.snapshot();
+    fly(batch_, pilot, 20);
+    before_ = batch_.snapshot();
+  }
+
+  void expect_refused(const std::string& blob, const std::string& field = "snapshot") {
+    EXPECT_REFUSED(batch_.restore(blob), field);
+    EXPECT_TRUE(same_bytes(batch_.snapshot(), before_)) << "a refused blob changed the batch";
+  }
+  // Where an array of the state begins in a snapshot: after magic, hash and the arrays before it, each with its length.
+  std::size_t offset_of(const void* array) const {
+    std::size_t at = 16;
+    std::size_t found = 0;
+    const State& state = batch_.state();
+    for_each_array(state, state.lidar_ranges.size() / kDrones, [&](const auto& each, std::size_t) {
+      if (static_cast<const void*>(&each) == array) found = at;
+      at += 8 + each.size() * sizeof(each[0]);
+    });
+    return found != 0 ? found : at;
+  }
+
+  Batch batch_;
+  std::string blob_, before_;
+};
+
+TEST_F(SnapshotRefusal, WouldNotRefuseWhatIsSound) {
+  batch_.restore(blob_);
+  EXPECT_TRUE(same_bytes(batch_.snapshot(), blob_));
+}
+
+TEST_F(SnapshotRefusal, ATruncatedOne) {
+  for (std::size_t length = 0; length < blob_.size(); length += length < 64 ? 1 : 97) expect_refused(blob_.substr(0, length));
+  for (std::size_t missing = 1; missing <= 16; ++missing) expect_refused(blob_.substr(0, blob_.size() - missing));
+}
+
+TEST_F(SnapshotRefusal, TrailingBytes) {
+  expect_refused(blob_ + '\0');
+  expect_refused(blob_ + blob_);
+}
+
+TEST_F(SnapshotRefusal, AFlippedBitOfTheHeader) {
+  for (std::size_t byte = 0; byte < 16; ++byte) {
+    for (const int bit : {0, 7}) {
+      std::string damaged = blob_;
+      damaged[byte] = static_cast<char>(damaged[byte] ^ (1 << bit));
+      expect_refused(damaged);
+    }
+  }
+}
+
+TEST_F(SnapshotRefusal, ALengthThatIsNotTheArrays) {
+  for (const void* array :
+       {static_cast<const void*>(&batch_.state().position), static_cast<const void*>(&batch_.state().scans)}) {
+    for (const std::size_t byte : {0U, 7U}) {
+      std::string damaged = blob_;
+      damaged[offset_of(array) + byte] ^= 1;
+      expect_refused(damaged);
+    }
+  }
+}
+
+TEST_F(SnapshotRefusal, AWorldThatIsNotThere) {
+  for (const std::int32_t world : {-1, 3, 1 << 30}) {
+    std::string damaged = blob_;
+    std::memcpy(damaged.data() + offset_of(&batch_.state().world_index) + 8 + 4 * (kDrones - 1), &world, 4);
+    expect_refused(damaged);
+  }
+}
+
+TEST_F(SnapshotRefusal, ALidarThatCannotBe) {
+  // hfov, vfov, range of the first drone come after the state.
+  const float range = -1.0F;
+  std::string damaged = blob_;
+  std::memcpy(damaged.data() + offset_of(nullptr) + 8, &range, 4);
+  expect_refused(damaged, "max_range_m");
+}
+
+TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
+  const std::vector<std::function<void(BatchConfig&)>> changes{
+      [](BatchConfig& c) { c.num_drones = kDrones + 1; },
+      [](BatchConfig& c) { c.autoreset_mode = AutoresetMode::same_step; },
+      [](BatchConfig& c) { c.task = TaskKind::none; },
+      [](BatchConfig& c) { c.pose_sensor.position_noise_std_m = 0.02F; },
+      [](BatchConfig& c) { c.pose_sensor.tilt_noise_std_deg = 0.6F; },
+      [](BatchConfig& c) { c.lidar.beams = 34; },
+      [](BatchConfig& c) { c.lidar.channels = 35, c.lidar.beams = 1; },
+      [](BatchConfig& c) { c.lidar.hfov_deg = 180.0F; },
+      [](BatchConfig& c) { c.lidar.vfov_deg = 10.0F; },
+      [](BatchConfig& c) { c.lidar.max_range_m = std::nextafter(3.0F, 4.0F); },
+      [](BatchConfig& c) { c.lidar.offset_m[2] = 0.1F; },
+      [](BatchConfig& c) { c.lidar.quat_wxyz = {0, 1, 0, 0}; },
+      [](BatchConfig& c) { c.lidar.azimuth_deg = c.lidar.elevation_deg = std::vector<float>(35, 1.0F); },
+      [](BatchConfig& c) { c.navigation.action = ActionKind::displacement; },
+      [](BatchConfig& c) { c.navigation.step_m = 0.2F; },
+      [](BatchConfig& c) { c.navigation.yaw_step_deg = 11.0F; },
+      [](BatchConfig& c) { c.navigation.max_episode_steps = 41; },
+      [](BatchConfig& c) { c.navigation.random_start = false; },
+      [](BatchConfig& c) { c.navigation.random_world = false; },
+      [](BatchConfig& c) { c.navigation.stagger_first_episode = false; },
+      [](BatchConfig& c) { c.navigation.reward.distance_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.crash_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.free_space_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.step_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.action_change_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.outrun_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.goal_reward = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.waypoint_share = 0.2F; },
+      [](BatchConfig& c) { c.navigation.reward.goal_radius_m = 0.4F; },
+      [](BatchConfig& c) { c.navigation.reward.min_clearance = 0.3F; },
+      [](BatchConfig& c) { c.navigation.reward.step_scale = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.thesis_switch = true; },
+  };
+  for (std::size_t i = 0; i < changes.size(); ++i) {
+    SCOPED_TRACE("change " + std::to_string(i));
+    BatchConfig config = lively(AutoresetMode::next_step);
+    changes[i](config);
+    const Batch other(config, worlds());
+    expect_refused(other.snapshot());
+  }
+}
+
+TEST(Snapshot, IsRefusedByAnotherPattern) {
+  const auto batch_of = [](std::vector<float> azimuth_deg, std::vector<float> elevation_deg) {
+    return std::make_unique<Batch>(
+        lidar_batch(2, {.azimuth_deg = std::move(azimuth_deg), .elevation_deg = std::move(elevation_deg)}), worlds());
+  };
+  const auto batch = batch_of({0, 10}, {0, 20});
+  EXPECT_NO_THROW(batch->restore(batch_of({0, 10}, {0, 20})->snapshot()));
+  EXPECT_REFUSED(batch->restore(batch_of({0, 11}, {0, 20})->snapshot()), "snapshot");
+  EXPECT_REFUSED(batch->restore(batch_of({0, 10}, {0, 21})->snapshot()), "snapshot");
+}
+
+TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
+  const BatchConfig config = lively(AutoresetMode::next_step);
+  Batch::Worlds swapped = worlds();
+  std::swap(swapped[0], swapped[1]);
+  expect_refused(Batch(config, swapped).snapshot());
+  Batch::Worlds fewer = worlds();
+  fewer.pop_back();
+  expect_refused(Batch(config, fewer).snapshot());
+  Batch::Worlds more = worlds();
+  more.push_back(more[0]);
+  expect_refused(Batch(config, more).snapshot());
+  std::vector<Vec3> hull(batch_.drone().hull().begin(), batch_.drone().hull().end());
+  hull[0] *= 0.99F;
+  expect_refused(Batch(config, worlds(), DroneModel(hull)).snapshot());
+}
+
+}  // namespace
+}  // namespace swiftlet
