@@ -1,7 +1,7 @@
 """What `./dev bench [NAME]` runs: each benchmark writes its figures to out/bench/NAME.json.
 
-lidar   the LiDAR stage against bare Embree
-step    a whole step of the vector environment, and its memory
+lidar   the LiDAR stage against bare Embree and against a bare direct loop
+step    a whole step of the vector environment, stage by stage, and its memory
 train   PPO from scratch, several seeds: speed, and how much of what it has never seen it flies
 """
 
@@ -62,7 +62,12 @@ def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) ->
 
 
 def bench_step() -> list[Figure]:
-    """Time `DroneVectorEnv.step` of the LiDAR task under random actions, from steady state, resets included."""
+    """Time `DroneVectorEnv.step` of the LiDAR task under random actions, from steady state, resets included.
+
+    Its rate is divided by that of a bare Embree LiDAR loop, which does no more than trace: over triangles
+    (`ratio_to_bare_lidar`), and over analytic geometry, where Embree calls back the engine's own kernels
+    (`ratio_to_bare_analytic_lidar`).
+    """
     rng = np.random.default_rng(0)
     steps: dict[int, Callable[[int], object]] = {}
     for n in SIZES:
@@ -73,18 +78,21 @@ def bench_step() -> list[Figure]:
         for i in range(1000 if n <= 4096 else 300):  # until drones are everywhere and episodes end all the time
             steps[n](i)
     times: dict[int, list[float]] = {n: [] for n in SIZES}
-    ratios = []
+    ratios, analytic_ratios = [], []
     for _ in range(RUNS):
         for n in SIZES:
             times[n].append(seconds_per_call(steps[n]))
-        bare = next(f["value"] for f in native("lidar", "fan") if f["name"].endswith("/bare_embree_scans_per_second"))
+        bare = {f["name"]: f["value"] for f in native("lidar", "fan")}
         again = seconds_per_call(steps[1024])
-        ratios.append(1024 / statistics.mean((times[1024][-1], again)) / bare)
+        rate = 1024 / statistics.mean((times[1024][-1], again))
+        ratios.append(rate / bare["lidar/direct_fan35x1024/bare_embree_scans_per_second"])
+        analytic_ratios.append(rate / bare["lidar/fan35x1024/bare_embree_scans_per_second"])
     figures = [figure(f"step/n{n}/steps_per_second", n / statistics.median(times[n]), "1/s", RUNS) for n in SIZES]
     figures.append(figure("step/n1024/ratio_to_bare_lidar", statistics.median(ratios), "1", RUNS))
+    figures.append(figure("step/n1024/ratio_to_bare_analytic_lidar", statistics.median(analytic_ratios), "1", RUNS))
     figures.append(figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS))
     figures.append(figure("step/bytes_per_drone", bytes_per_drone(), "B", 1))
-    return figures
+    return figures + native("stages")
 
 
 def bytes_per_drone(count: int = 1 << 17) -> float:

@@ -1,0 +1,204 @@
+// Where the time of a step goes, stage by stage, on one thread: a batch flies a random policy through the training playgrounds,
+// and every few steps each stage is timed alone on the state it then has. The stages take turns. Prints a JSON list of figures.
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "bench.hpp"
+#include "collision/sweep.hpp"
+#include "motion/pose_access.hpp"
+#include "sensors/lidar.hpp"
+#include "sensors/pose_sensor.hpp"
+#include "swiftlet/batch.hpp"
+#include "task/navigation.hpp"
+#include "trace/scene.hpp"
+
+namespace {
+
+using namespace swiftlet;
+
+constexpr int kDrones = 1024;
+constexpr int kWarmUp = 1000;  // steps, until drones are everywhere and episodes end all the time
+constexpr int kRuns = 25;      // states looked at
+constexpr int kStepsBetween = 20;
+
+BatchConfig navigation_config(int num_drones) {
+  BatchConfig config;
+  config.num_drones = num_drones;
+  config.num_threads = 1;
+  config.has_lidar = true;
+  config.task = TaskKind::navigation;
+  return config;
+}
+
+class RandomPolicy {
+ public:
+  explicit RandomPolicy(int num_drones) : actions_(static_cast<std::size_t>(num_drones)) {}
+
+  std::span<const std::int64_t> next() {
+    for (std::int64_t& action : actions_) action = static_cast<std::int64_t>(random_() % 6);
+    return actions_;
+  }
+
+ private:
+  std::mt19937 random_{7};
+  std::vector<std::int64_t> actions_;
+};
+
+// Nanoseconds per drone of each stage, by the order of `stages`, as medians over the states.
+class Profile {
+ public:
+  void add(const std::string& name, const std::function<void()>& run) { stages_.push_back({name, run}); }
+
+  void measure() {
+    const bench::Times times = bench::interleave(stages_, 3, 0.002);
+    ns_.resize(stages_.size());
+    for (std::size_t s = 0; s < stages_.size(); ++s) ns_[s].push_back(1e9 * bench::median(times[s]) / kDrones);
+  }
+
+  double ns(std::size_t stage) const { return bench::median(ns_[stage]); }
+  double ratio(std::size_t a, std::size_t b) const {
+    double sum_a = 0.0;
+    double sum_b = 0.0;
+    for (const double ns : ns_[a]) sum_a += ns;
+    for (const double ns : ns_[b]) sum_b += ns;
+    return sum_a / sum_b;
+  }
+  void report(bench::Figures& figures) const {
+    for (std::size_t s = 0; s < stages_.size(); ++s) figures.add("step/stage/" + stages_[s].label, ns(s), "ns", kRuns);
+  }
+
+ private:
+  std::vector<bench::Variant> stages_;
+  std::vector<std::vector<double>> ns_;
+};
+
+void profile(bench::Figures& figures) {
+  Batch::Worlds worlds;
+  std::vector<const World*> pointers;
+  for (int i = 1; i <= 5; ++i) {
+    worlds.push_back(World::load(SWIFTLET_SCENES "/playground/train-" + std::to_string(i) + ".json"));
+    pointers.push_back(worlds.back().get());
+  }
+  const BatchConfig config = navigation_config(kDrones);
+  Batch batch(config, worlds);
+  RandomPolicy policy(kDrones);
+  batch.reset({});
+  const trace::FlushDenormals flush;
+
+  // The same stages as in the batch, on a copy of its state.
+  const DroneModel drone_model = DroneModel::quadrotor650();
+  const collision::Hull hull(drone_model);
+  const sensors::Lidar lidar(config.lidar, kDrones);
+  task::Navigation navigation(config.navigation, pointers, drone_model, kDrones);
+  State state;
+  Outputs out;
+  std::vector<Pose> targets(kDrones);
+  std::vector<std::uint32_t> drones;  // world by world, as the batch has them
+  for (std::uint32_t world = 0; world < worlds.size(); ++world) {
+    for (std::uint32_t drone = world; drone < kDrones; drone += static_cast<std::uint32_t>(worlds.size())) drones.push_back(drone);
+  }
+  sensors::ScanScratch scratch;
+  const std::size_t rays = lidar.rays_per_drone();
+  const std::size_t observation_size = navigation.observation_size(rays);
+  const std::array<float, 6> actions{0, 1, 2, 3, 4, 5};
+  const auto world_of = [&](std::uint32_t drone) -> const World& {
+    return *pointers[static_cast<std::size_t>(state.world_index[drone])];
+  };
+  float sink = 0.0F;
+
+  Profile stages;
+  stages.add("target", [&] {
+    for (const std::uint32_t drone : drones) targets[drone] = navigation.target(pose_of(state, drone), &actions[drone % 6]);
+  });
+  stages.add("sweep", [&] {
+    for (const std::uint32_t drone : drones) {
+      sink += collision::sweep(world_of(drone).obstacles(), hull, pose_of(state, drone), targets[drone]).fraction;
+    }
+  });
+  stages.add("lidar", [&] { lidar.scan(drones, pointers, state, scratch); });
+  stages.add("pose_sensor", [&] { sensors::sense_pose(drones, {}, state); });
+  stages.add("observe_ranges", [&] {
+    for (const std::uint32_t drone : drones) {
+      navigation.observe_ranges(drone, std::span(state.lidar_ranges).subspan(drone * rays, rays), 3.0F,
+                                out.observation.data() + drone * observation_size);
+    }
+  });
+  stages.add("reward", [&] {
+    for (const std::uint32_t drone : drones) navigation.evaluate(drone, &actions[drone % 6], rays, state, out);
+  });
+  stages.add("observe_goal", [&] {
+    for (const std::uint32_t drone : drones) {
+      navigation.observe_goal(drone, state, out.observation.data() + drone * observation_size);
+    }
+  });
+  for (int i = 0; i < kWarmUp; ++i) batch.step(policy.next());
+  for (int run = 0; run < kRuns; ++run) {
+    for (int i = 0; i < kStepsBetween; ++i) batch.step(policy.next());
+    state = batch.state();
+    out = batch.outputs();
+    for (const std::uint32_t drone : drones) navigation.begin(drone, state);
+    stages.measure();
+  }
+  stages.report(figures);
+  figures.add("sweep/ratio_to_direct_lidar", stages.ratio(1, 2), "1", kRuns);
+  if (sink < 0.0F) std::fprintf(stderr, "%f", static_cast<double>(sink));  // it is used
+
+  // A whole step, resets included.
+  const auto seconds_per_step = [](Batch& of, RandomPolicy& by, int steps) {
+    std::vector<double> times;
+    for (int run = 0; run < kRuns; ++run) {
+      times.push_back(bench::seconds([&] {
+                        for (int i = 0; i < steps; ++i) of.step(by.next());
+                      }) / steps);
+    }
+    return bench::median(times);
+  };
+  figures.add("step/stage/all", 1e9 * seconds_per_step(batch, policy, 40) / kDrones, "ns", kRuns);
+  Batch single(navigation_config(1), worlds);
+  RandomPolicy single_policy(1);
+  single.reset({});
+  figures.add("step/n1/microseconds_cpp", 1e6 * seconds_per_step(single, single_policy, 2000), "us", kRuns);
+}
+
+// Nothing near: the room's walls and its pillars are out of reach of the hull.
+void open_space(bench::Figures& figures) {
+  SceneDescription description;
+  description.primitives.push_back({.kind = PrimitiveKind::room, .half_extents = {50, 50, 50}});
+  for (int i = 0; i < 12; ++i) {
+    const float angle = static_cast<float>(i) * 0.5236F;
+    description.primitives.push_back({.kind = PrimitiveKind::cylinder,
+                                      .center = Vec3(20.0F * std::cos(angle), 20.0F * std::sin(angle), 0.0F),
+                                      .half_extents = {0.5F, 0.5F, 50.0F}});
+  }
+  const World world(std::move(description));
+  const collision::Hull hull(DroneModel::quadrotor650());
+  std::vector<Pose> from(kDrones);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> place(-5.0F, 5.0F);
+  for (Pose& pose : from) pose.position = Vec3(place(random), place(random), place(random));
+  float sink = 0.0F;
+  std::vector<double> ns;
+  for (int run = 0; run < kRuns; ++run) {
+    ns.push_back(1e9 / kDrones * bench::seconds([&] {
+                   for (const Pose& pose : from) {
+                     const Pose to{pose.position + Vec3(0.1F, 0.0F, 0.0F), pose.rotation};
+                     sink += collision::sweep(world.obstacles(), hull, pose, to).fraction;
+                   }
+                 }));
+  }
+  figures.add("sweep/open_space", bench::median(ns), "ns", kRuns);
+  if (sink < 0.0F) std::fprintf(stderr, "%f", static_cast<double>(sink));
+}
+
+}  // namespace
+
+int main() {
+  bench::Figures figures;
+  profile(figures);
+  open_space(figures);
+  figures.print();
+}
