@@ -52,26 +52,29 @@ void wait(const trace::RayBundle& bundle, const Tile& tile, float* out, std::siz
 
 Lidar::Lidar(const LidarConfig& config, int num_drones)
     : rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
-      configs_{config},
-      patterns_{make_pattern(config)},
+      settings_{{config, make_pattern(config), static_cast<std::size_t>(num_drones)}},
       setting_(static_cast<std::size_t>(num_drones), 0U),
       max_range_(static_cast<std::size_t>(num_drones), config.max_range_m),
       offset_(static_cast<std::size_t>(num_drones), Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2])) {}
 
 LidarConfig Lidar::config_of(std::size_t drone) const {
-  LidarConfig config = configs_[setting_[drone]];
+  LidarConfig config = settings_[setting_[drone]].config;
   config.max_range_m = max_range_[drone];
   for (int axis = 0; axis < 3; ++axis) config.offset_m[static_cast<std::size_t>(axis)] = offset_[drone][axis];
   return config;
 }
 
 void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
-  const auto known = std::find_if(configs_.begin(), configs_.end(), [&](const auto& other) { return same_beams(other, config); });
-  setting_[drone] = static_cast<std::uint32_t>(known - configs_.begin());
-  if (known == configs_.end()) {
-    configs_.push_back(config);
-    patterns_.push_back(make_pattern(config));
+  --settings_[setting_[drone]].drones;
+  const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
+  auto setting = find([&](const Setting& other) { return same_beams(other.config, config); });
+  if (setting == settings_.end()) {
+    setting = find([](const Setting& other) { return other.drones == 0; });
+    if (setting == settings_.end()) setting = settings_.insert(setting, Setting{});
+    *setting = {config, make_pattern(config), 0};
   }
+  ++setting->drones;
+  setting_[drone] = static_cast<std::uint32_t>(setting - settings_.begin());
   max_range_[drone] = config.max_range_m;
   offset_[drone] = Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2]);
 }

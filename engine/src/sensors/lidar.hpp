@@ -33,7 +33,7 @@ class Lidar {
   Lidar(const LidarConfig& config, int num_drones);
 
   std::size_t rays_per_drone() const { return rays_; }
-  const BeamPattern& pattern_of(std::size_t drone) const { return patterns_[setting_[drone]]; }
+  const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
   // The drone's own setting, as changed at run time.
   LidarConfig config_of(std::size_t drone) const;
@@ -48,10 +48,14 @@ class Lidar {
   void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
 
   std::size_t rays_;
-  // Drones of equal FOV and mounting share a pattern: these are the distinct ones, with the configs they came from.
-  std::vector<LidarConfig> configs_;
-  std::vector<BeamPattern> patterns_;
-  std::vector<std::uint32_t> setting_;  // (N,) into the two above
+  // Drones of equal FOV and mounting share a setting; one that no drone has any more makes room for the next.
+  struct Setting {
+    LidarConfig config;
+    BeamPattern pattern;
+    std::size_t drones;  // that have it
+  };
+  std::vector<Setting> settings_;
+  std::vector<std::uint32_t> setting_;  // (N,) into settings_
   std::vector<float> max_range_;        // (N,) m
   std::vector<Vec3> offset_;            // (N,) m, body frame
 };

@@ -21,6 +21,7 @@ Clearance normalise(std::span<const float> ranges, float max_range, float* norma
   const hn::CappedTag<double, kSums / 2> dd;
   const hn::Rebind<float, decltype(dd)> df;
   alignas(64) double sums[kSums] = {};
+  alignas(64) float values[kSums];
   auto nearest = hn::Set(d, 1.0F);
   const auto one = hn::Set(d, 1.0F);
   const auto divisor = hn::Set(d, max_range);
@@ -30,9 +31,10 @@ Clearance normalise(std::span<const float> ranges, float max_range, float* norma
       const auto value = hn::Min(hn::Div(hn::LoadU(d, ranges.data() + first + i), divisor), one);
       nearest = hn::Min(nearest, value);
       hn::StoreU(value, d, normalised + first + i);
+      hn::Store(value, d, values + i);
     }
     for (std::size_t i = 0; i < kSums; i += hn::Lanes(dd)) {
-      const auto value = hn::PromoteTo(dd, hn::LoadU(df, normalised + first + i));
+      const auto value = hn::PromoteTo(dd, hn::Load(df, values + i));
       hn::Store(hn::Add(hn::Load(dd, sums + i), value), dd, sums + i);
     }
   }

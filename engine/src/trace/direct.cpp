@@ -8,7 +8,6 @@
 
 #include <limits>
 
-#include "trace/calibrated.hpp"
 #include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
@@ -40,8 +39,9 @@ HWY_INLINE void leave_room(D d, const Candidate& room, const Vec3V<V>& o, const 
 }
 
 // The candidates whose bounding boxes are in view: of a box, the point farthest against a normal n lies at n . centre - |n| . half.
-// Their number, or kMaxDirect + 1 if there are more than kMaxDirect.
-std::size_t select_seen(std::span<const Candidate> candidates, const RayBundle& rays, const Candidate** seen) {
+// Their number, or max_seen + 1 if there are more than max_seen.
+std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_seen, const RayBundle& rays,
+                        const Candidate** seen) {
   const hn::CappedTag<float, View::kPlanes> d;
   using V = hn::Vec<decltype(d)>;
   alignas(16) float x[View::kPlanes], y[View::kPlanes], z[View::kPlanes], reach[View::kPlanes];  // world frame
@@ -67,7 +67,7 @@ std::size_t select_seen(std::span<const Candidate> candidates, const RayBundle& 
       hidden |= !hn::AllFalse(d, hn::Gt(nearest, hn::Load(d, reach + i)));
     }
     if (hidden) continue;
-    if (count == kMaxDirect) return kMaxDirect + 1;
+    if (count == max_seen) return max_seen + 1;
     seen[count++] = &candidate;
   }
   return count;
@@ -92,14 +92,14 @@ HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction,
   }
 }
 
-bool trace_bundle(std::span<const Candidate> candidates, RayBundle& rays) {
-  const Candidate* seen[kMaxDirect];
+bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
+  const Candidate* seen[kMaxCandidates];
   std::size_t count = candidates.size();
   if (count <= kMinCulled) {
     for (std::size_t i = 0; i < count; ++i) seen[i] = &candidates[i];
   } else {
-    count = select_seen(candidates, rays, seen);
-    if (count > kMaxDirect) return false;
+    count = select_seen(candidates, max_seen, rays, seen);
+    if (count > max_seen) return false;
   }
   const hn::CappedTag<float, kRayPadding> d;
   using V = hn::Vec<decltype(d)>;
@@ -135,8 +135,8 @@ namespace swiftlet::trace {
 HWY_EXPORT(trace_bundle);
 HWY_EXPORT(trace_block);
 
-bool trace_direct(std::span<const Candidate> candidates, RayBundle& rays) {
-  return HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, rays);
+bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
+  return HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, max_seen, rays);
 }
 
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_block)(shapes, rays); }

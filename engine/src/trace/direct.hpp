@@ -27,9 +27,11 @@ struct Candidate {
   std::array<float, 3> local_origin;  // m, of the rays, in the shape's frame
 };
 
+inline constexpr std::size_t kMaxCandidates = 512;
+
 // Traces all rays of the bundle against those of the candidates that its view sees. False, and nothing done, if these are more
-// than kMaxDirect.
-bool trace_direct(std::span<const Candidate> candidates, RayBundle& rays);
+// than max_seen (at most kMaxCandidates).
+bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays);
 
 // Traces all rays of the block against these shapes alone.
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays);

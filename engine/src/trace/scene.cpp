@@ -182,7 +182,7 @@ void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {
   reach.count = 0;
   reach.crowded = false;
   const auto add = [&](std::uint32_t element) {
-    if (reach.count == Reach::kMaxCandidates) {
+    if (reach.count == kMaxCandidates) {
       reach.crowded = true;
       return;
     }
@@ -211,7 +211,7 @@ void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {
 }
 
 Traced Scene::intersect(const Reach& reach, RayBundle& rays) const {
-  if (reach.crowded || !trace_direct(std::span(reach.candidates).first(reach.count), rays)) return Traced::nothing;
+  if (reach.crowded || !trace_direct(std::span(reach.candidates).first(reach.count), kMaxDirect, rays)) return Traced::nothing;
   return reach.meshes ? Traced::primitives_only : Traced::fully;
 }
 

@@ -36,7 +36,6 @@ class FlushDenormals {
 
 // What the rays of one sensor may meet: the shapes whose bounding boxes come within its range. Filled by Scene::gather.
 struct Reach {
-  static constexpr std::size_t kMaxCandidates = 128;
   std::array<Candidate, kMaxCandidates> candidates;
   std::size_t count = 0;
   bool crowded = false;  // there are more

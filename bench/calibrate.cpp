@@ -1,0 +1,175 @@
+// Where direct tracing stops to pay: times it against Embree in clouds of primitives of growing density, and prints
+// engine/src/trace/calibrated.hpp. `./dev calibrate` puts it there. Run it on a quiet machine; the constants are committed, since
+// the choice decides the last bits of a distance.
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <numbers>
+#include <random>
+#include <vector>
+
+#include "bench.hpp"
+#include "sensors/beams.hpp"
+#include "swiftlet/world.hpp"
+#include "trace/scene.hpp"
+#include "trace/shape.hpp"
+#include "trace/user_geometry.hpp"
+
+namespace {
+
+using namespace swiftlet;
+
+constexpr int kRuns = 7;
+constexpr std::size_t kOrigins = 64;
+constexpr float kRange = 5.0F;    // m
+constexpr float kExtent = 60.0F;  // m, side of the cloud's cube
+constexpr std::array<int, 15> kCounts{2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384};
+
+// Boxes, cylinders and spheres in equal parts, scattered over a cube.
+std::shared_ptr<const World> cloud(int count, float side, std::mt19937& random) {
+  std::uniform_real_distribution<float> place(-side / 2, side / 2);
+  std::normal_distribution<float> normal;
+  SceneDescription description;
+  for (int i = 0; i < count; ++i) {
+    Primitive primitive;
+    primitive.kind = std::array{PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::sphere}[static_cast<std::size_t>(i % 3)];
+    primitive.center = Vec3(place(random), place(random), place(random));
+    primitive.half_extents = Vec3::Constant(0.4F);
+    if (primitive.kind != PrimitiveKind::sphere) {
+      primitive.rotation = Quat(normal(random), normal(random), normal(random), normal(random)).normalized();
+    }
+    description.primitives.push_back(primitive);
+  }
+  return std::make_shared<const World>(std::move(description));
+}
+
+// Of a cloud in which about `within` shapes are within range of a point.
+int count_for(int within) {
+  const double ball = 4.0 / 3.0 * std::numbers::pi * std::pow(static_cast<double>(kRange) + 0.4, 3.0);
+  return static_cast<int>(within * std::pow(static_cast<double>(kExtent), 3.0) / ball);
+}
+
+// Embree's time over that of direct tracing, for a fan all around in clouds where `within` shapes are within range.
+double bundle_advantage(int within) {
+  LidarConfig lidar;
+  lidar.hfov_deg = 360.0F;
+  std::mt19937 random(1);
+  const auto world = cloud(count_for(within), kExtent, random);
+  const trace::Scene& scene = world->scene();
+  const sensors::BeamPattern pattern = sensors::make_pattern(lidar);
+  std::uniform_real_distribution<float> place(-kExtent / 3, kExtent / 3);
+  std::vector<Vec3> origins(kOrigins);
+  for (Vec3& origin : origins) origin = Vec3(place(random), place(random), place(random));
+
+  auto bundle = std::make_unique<trace::RayBundle>();
+  auto reach = std::make_unique<trace::Reach>();
+  auto block = std::make_unique<trace::RayBlock>();
+  bundle->rotation = Mat3::Identity();
+  bundle->range = kRange;
+  const auto for_each_bundle = [&](const auto& trace) {
+    for (const Vec3& origin : origins) {
+      bundle->origin = origin;
+      scene.gather(origin, kRange, *reach);
+      for (const sensors::Tile& tile : pattern.tiles) {
+        bundle->x = pattern.x.data() + tile.first;
+        bundle->y = pattern.y.data() + tile.first;
+        bundle->z = pattern.z.data() + tile.first;
+        bundle->count = tile.rows * tile.width;
+        bundle->view = &tile.view;
+        trace();
+      }
+    }
+  };
+  const auto direct = [&] {
+    for_each_bundle([&] {
+      trace::trace_direct(std::span(reach->candidates).first(reach->count), trace::kMaxCandidates, *bundle);
+    });
+  };
+  const auto embree = [&] {
+    block->count = 0;
+    for_each_bundle([&] {
+      for (std::size_t i = 0; i < bundle->count; ++i) {
+        const std::size_t at = block->count++;
+        const Vec3 direction = bundle->direction(i);
+        block->org_x[at] = bundle->origin.x();
+        block->org_y[at] = bundle->origin.y();
+        block->org_z[at] = bundle->origin.z();
+        block->dir_x[at] = direction.x();
+        block->dir_y[at] = direction.y();
+        block->dir_z[at] = direction.z();
+        block->range[at] = kRange;
+        if (block->count == trace::kMaxRays) {
+          scene.intersect(*block);
+          block->count = 0;
+        }
+      }
+    });
+  };
+  const bench::Times times = bench::interleave({{"direct", direct}, {"embree", embree}}, kRuns, 0.01);
+  return bench::median_ratio(times[1], times[0]);
+}
+
+// The same for rays of any origins and directions in a world of so many shapes.
+double block_advantage(int count) {
+  std::mt19937 random(1);
+  const auto world = cloud(count, 2.0F * kRange, random);
+  const trace::Scene& scene = world->scene();  // through Embree as long as there are more than kMaxDirectAnyOrigin
+  std::vector<trace::NumberedShape> shapes;
+  for (const Primitive& primitive : world->primitives()) {
+    shapes.push_back({trace::make_shape(primitive), static_cast<std::int32_t>(shapes.size())});
+  }
+  std::uniform_real_distribution<float> place(-kRange, kRange);
+  auto rays = std::make_unique<trace::RayBlock>();
+  rays->count = trace::kMaxRays;
+  for (std::size_t i = 0; i < rays->count; ++i) {
+    const Vec3 direction = Vec3(place(random), place(random), place(random)).normalized();
+    rays->org_x[i] = place(random);
+    rays->org_y[i] = place(random);
+    rays->org_z[i] = place(random);
+    rays->dir_x[i] = direction.x();
+    rays->dir_y[i] = direction.y();
+    rays->dir_z[i] = direction.z();
+    rays->range[i] = 4.0F * kRange;
+  }
+  const bench::Times times = bench::interleave(
+      {{"direct", [&] { trace::trace_direct(shapes, *rays); }}, {"embree", [&] { scene.intersect(*rays); }}}, kRuns, 0.01);
+  return bench::median_ratio(times[1], times[0]);
+}
+
+// The largest of the counts up to which direct tracing is as fast, but for what the measurement may be off by.
+int crossover(const char* name, double (*advantage)(int)) {
+  int best = 0;
+  bool faster = true;
+  for (const int count : kCounts) {
+    const double gain = advantage(count);
+    std::fprintf(stderr, "  %-10s %4d shapes: Embree takes %6.2f times as long\n", name, count, gain);
+    faster = faster && gain >= 0.95;
+    if (faster) best = count;
+  }
+  return best;
+}
+
+}  // namespace
+
+int main() {
+  const trace::FlushDenormals flush;
+  const int bundle = crossover("in reach", bundle_advantage);
+  const int any_origin = std::min(crossover("in all", block_advantage), bundle);
+  std::printf(R"(// Where direct tracing ends and Embree begins. Written by `./dev calibrate` (here with %s); nothing is timed at run time,
+// since the choice decides the last bits of a distance.
+#pragma once
+
+#include <cstddef>
+
+namespace swiftlet::trace {
+
+// Shapes in view up to which a bundle's rays are tested against every one.
+inline constexpr std::size_t kMaxDirect = %d;
+// Shapes of a world up to which rays of any origins are tested against every one.
+inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
+
+}  // namespace swiftlet::trace
+)",
+              trace::simd_target(), bundle, any_origin);
+}
