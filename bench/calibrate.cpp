@@ -33,7 +33,8 @@ std::shared_ptr<const World> cloud(int count, float side, std::mt19937& random) 
   SceneDescription description;
   for (int i = 0; i < count; ++i) {
     Primitive primitive;
-    primitive.kind = std::array{PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::sphere}[static_cast<std::size_t>(i % 3)];
+    primitive.kind =
+        std::array{PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::sphere}[static_cast<std::size_t>(i % 3)];
     primitive.center = Vec3(place(random), place(random), place(random));
     primitive.half_extents = Vec3::Constant(0.4F);
     if (primitive.kind != PrimitiveKind::sphere) {
@@ -82,9 +83,8 @@ double bundle_advantage(int within) {
     }
   };
   const auto direct = [&] {
-    for_each_bundle([&] {
-      trace::trace_direct(std::span(reach->candidates).first(reach->count), trace::kMaxCandidates, *bundle);
-    });
+    for_each_bundle(
+        [&] { trace::trace_direct(std::span(reach->candidates).first(reach->count), trace::kMaxCandidates, *bundle); });
   };
   const auto embree = [&] {
     block->count = 0;
@@ -156,7 +156,8 @@ int main() {
   const trace::FlushDenormals flush;
   const int bundle = crossover("in reach", bundle_advantage);
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
-  std::printf(R"(// Where direct tracing ends and Embree begins. Written by `./dev calibrate` (here with %s); nothing is timed at run time,
+  std::printf(
+      R"(// Where direct tracing ends and Embree begins. Written by `./dev calibrate` (here with %s); nothing is timed at run time,
 // since the choice decides the last bits of a distance.
 #pragma once
 
@@ -171,5 +172,5 @@ inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
 
 }  // namespace swiftlet::trace
 )",
-              trace::simd_target(), bundle, any_origin);
+      trace::simd_target(), bundle, any_origin);
 }

@@ -255,8 +255,9 @@ struct BareDirect {
     const std::size_t sensors = position.size() / 3;
     const std::size_t stride = count + 15;
     ranges.resize(sensors * stride);
-    bench::scan_direct({sensors, position.data(), rotation.data(), count, beams[0].data(), beams[1].data(), beams[2].data(), range, stride},
-                       shapes, ranges.data());
+    bench::scan_direct(
+        {sensors, position.data(), rotation.data(), count, beams[0].data(), beams[1].data(), beams[2].data(), range, stride},
+        shapes, ranges.data());
   }
 };
 

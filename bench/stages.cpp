@@ -99,7 +99,8 @@ void profile(bench::Figures& figures) {
   std::vector<Pose> targets(kDrones);
   std::vector<std::uint32_t> drones;  // world by world, as the batch has them
   for (std::uint32_t world = 0; world < worlds.size(); ++world) {
-    for (std::uint32_t drone = world; drone < kDrones; drone += static_cast<std::uint32_t>(worlds.size())) drones.push_back(drone);
+    for (std::uint32_t drone = world; drone < kDrones; drone += static_cast<std::uint32_t>(worlds.size()))
+      drones.push_back(drone);
   }
   sensors::ScanScratch scratch;
   const std::size_t rays = lidar.rays_per_drone();
@@ -153,7 +154,8 @@ void profile(bench::Figures& figures) {
     for (int run = 0; run < kRuns; ++run) {
       times.push_back(bench::seconds([&] {
                         for (int i = 0; i < steps; ++i) of.step(by.next());
-                      }) / steps);
+                      }) /
+                      steps);
     }
     return bench::median(times);
   };

@@ -254,8 +254,9 @@ class World:
 
     @property
     def primitives(self) -> list[dict[str, Any]]:
-        """A dict for each: ``kind`` (``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``), ``center`` (3,) m,
-        ``quat_wxyz`` (4,), ``half_extents`` (3,) m (a cylinder's are radius, radius, half height), ``material``."""
+        """A dict for each: ``kind`` (``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``,
+        ``"capsule"``, ``"plane"``, ``"disc"``), ``center`` (3,) m, ``quat_wxyz`` (4,), ``half_extents`` (3,) m (of what is
+        round: radius, radius, half height), ``material``."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `save` writes; triangle meshes are inline."""

@@ -112,7 +112,8 @@ class _Canvas:
     def polygon(self, image: Image, points: Points, color: Color) -> None:
         """Fill the outline that points (K, 3) have from above."""
         outline = _convex_hull(self._pixels(points))
-        if len(outline) < 3:
+        if len(outline) < 3:  # seen edge-on
+            self.lines(image, points[0], points, color)
             return
         first = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, self._size_px)
         last = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 0, self._size_px)
@@ -151,8 +152,12 @@ def _primitive_points(primitive: dict[str, Any]) -> Points:
     center, half = np.asarray(primitive["center"], float), np.asarray(primitive["half_extents"], float)
     if primitive["kind"] == "sphere":
         return _sphere_points(center, float(half[0]))
-    local = _CYLINDER if primitive["kind"] == "cylinder" else _CORNERS
-    return center + rotate(np.asarray(primitive["quat_wxyz"], float), local * half)
+    turn = np.asarray(primitive["quat_wxyz"], float)
+    if primitive["kind"] == "capsule":
+        ends = center + rotate(turn, np.array([[0.0, 0.0, half[0] - half[2]], [0.0, 0.0, half[2] - half[0]]]))
+        return np.concatenate([_sphere_points(end, float(half[0])) for end in ends])
+    local = _CYLINDER if primitive["kind"] in ("cylinder", "disc") else _CORNERS
+    return center + rotate(turn, local * half)
 
 
 def _sphere_points(center: Points, radius: float) -> Points:

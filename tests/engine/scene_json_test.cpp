@@ -148,9 +148,11 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"another version", R"({"swiftlet_scene": 2})", "x.json: /swiftlet_scene: expected version 1, got 2"},
       {"a version that is no number", R"({"swiftlet_scene": "1"})", "x.json: /swiftlet_scene: expected version 1, got \"1\""},
       {"empty scene", R"({"swiftlet_scene": 1})",
-       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty scene"},
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+       "scene"},
       {"empty lists", scene(R"("boxes": [])"),
-       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty scene"},
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+       "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
        "x.json: /rooms: unknown field; expected one of swiftlet_scene, $schema, name, materials, room, pillars, cylinders, "
        "boxes, "

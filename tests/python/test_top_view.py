@@ -63,13 +63,20 @@ def test_meshes_and_every_kind_of_primitive_are_drawn():
         "boxes": [{"center": [2, 2, 1], "size": [1, 1, 1]}],
         "cylinders": [{"center": [6, 2, 1], "radius": 0.4, "height": 1}],
         "spheres": [{"center": [2, 6, 1], "radius": 0.5}],
+        "capsules": [{"center": [4, 1, 1], "radius": 0.3, "height": 2, "quat_wxyz": [0.70710678, 0, 0.70710678, 0]}],
+        "planes": [
+            {"center": [4, 7, 1], "size": [1, 0.5]},
+            {"center": [1, 4, 1], "size": [2, 1], "quat_wxyz": [0.70710678, 0, 0.70710678, 0]},
+        ],
+        "discs": [{"center": [7, 4, 1], "radius": 0.4}],
         "meshes": [{"vertices": [[5, 5, 1], [7, 5, 1], [6, 7, 1]], "triangles": [[0, 1, 2]]}],
     }
     world = swiftlet.World.from_dict(scene)
     batch = swiftlet.Batch([world], 1)
     image = TopView(batch).frame(0)
-    for x, y in [(2, 2), (6, 2), (2, 6), (6, 6)]:
+    for x, y in [(2, 2), (6, 2), (2, 6), (6, 6), (4.8, 1), (4.4, 7), (7.3, 4)]:
         assert pixel(image, x, y, world) == SOLID, (x, y)
+    assert SOLID in [pixel(image, x, 4, world) for x in (0.95, 1.0, 1.05)]  # a plane seen edge-on is a line
 
 
 def test_frames_of_worlds_of_different_sizes_have_one_shape(room, closet):

@@ -12,8 +12,14 @@ using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
 struct Convex {
-  enum class Kind : std::uint8_t { box, cylinder, capsule, sphere, triangle };  // round ones about local z; flat caps
-                                                                                // but for the capsule's
+  enum class Kind : std::uint8_t {
+    box,
+    cylinder,
+    capsule,
+    sphere,
+    triangle
+  };  // round ones about local z; flat caps
+      // but for the capsule's
 
   Kind kind = Kind::box;
   Vec3d center = Vec3d::Zero();        // m, world frame, the local origin

@@ -30,7 +30,9 @@ class Obstacles {
   // some more, in any order.
   template <class Visit>
   void for_each_near(const Vec3& center, float radius, Visit&& visit) const {
-    const auto call = [](void* context, std::uint32_t element) { (*static_cast<std::remove_reference_t<Visit>*>(context))(element); };
+    const auto call = [](void* context, std::uint32_t element) {
+      (*static_cast<std::remove_reference_t<Visit>*>(context))(element);
+    };
     scene_->for_each_nearby(center, radius, call, &visit);
   }
 

@@ -54,7 +54,8 @@ BeamPattern make_pattern(const LidarConfig& config) {
   const std::size_t width = channels == 1 && pattern.columns <= kFan ? pattern.columns : kTileWidth;
   for (std::size_t channel = 0; channel < channels; channel += height) {
     for (std::size_t beam = 0; beam < pattern.columns; beam += width) {
-      Tile tile{pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}};
+      Tile tile{
+          pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}};
       for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
         const Eigen::Vector3d direction = mounting * beam_direction(config, channel + i / tile.width, beam + i % tile.width);
         pattern.x.push_back(static_cast<float>(direction.x()));

@@ -13,10 +13,10 @@ namespace swiftlet::sensors {
 
 // A part of a pattern that is traced at once: a rectangle of its grid, so that its beams point much the same way.
 struct Tile {
-  std::size_t first;         // of its beams in the pattern's arrays; there they follow row by row
-  std::size_t rows, width;   // rows * width beams
+  std::size_t first;          // of its beams in the pattern's arrays; there they follow row by row
+  std::size_t rows, width;    // rows * width beams
   std::size_t channel, beam;  // of its first
-  trace::View view;          // body frame
+  trace::View view;           // body frame
 };
 
 // The beams of one setting (mounting rotation included), structure of arrays, tile by tile, padded so that whole vectors can be

@@ -38,8 +38,8 @@ HWY_INLINE void leave_room(D d, const Candidate& room, const Vec3V<V>& o, const 
   nearest.take(d, first, hn::Lt(first.num, hn::Set(d, std::numeric_limits<float>::infinity())), room.element);
 }
 
-// The candidates whose bounding boxes are in view: of a box, the point farthest against a normal n lies at n . centre - |n| . half.
-// Their number, or max_seen + 1 if there are more than max_seen.
+// The candidates whose bounding boxes are in view: of a box, the point farthest against a normal n lies at n . centre - |n| .
+// half. Their number, or max_seen + 1 if there are more than max_seen.
 std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_seen, const RayBundle& rays,
                         const Candidate** seen) {
   const hn::CappedTag<float, View::kPlanes> d;
@@ -47,7 +47,8 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
   alignas(16) float x[View::kPlanes], y[View::kPlanes], z[View::kPlanes], reach[View::kPlanes];  // world frame
   for (std::size_t i = 0; i < View::kPlanes; i += hn::Lanes(d)) {
     const View& view = *rays.view;
-    const Vec3V<V> normal = rotate(d, rays.rotation, {hn::Load(d, view.x.data() + i), hn::Load(d, view.y.data() + i), hn::Load(d, view.z.data() + i)});
+    const Vec3V<V> normal = rotate(
+        d, rays.rotation, {hn::Load(d, view.x.data() + i), hn::Load(d, view.y.data() + i), hn::Load(d, view.z.data() + i)});
     hn::Store(normal.x, d, x + i);
     hn::Store(normal.y, d, y + i);
     hn::Store(normal.z, d, z + i);

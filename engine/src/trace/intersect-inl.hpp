@@ -230,8 +230,7 @@ struct Nearest {
 
   HWY_INLINE void meet(D d, const IntervalOf<D>& inside, std::int32_t number) {
     const V zero = hn::Zero(d);
-    const auto valid =
-        hn::And(inside.meets, hn::And(hn::Ge(inside.exit.num, zero), hn::Not(is_less(inside.exit, inside.enter))));
+    const auto valid = hn::And(inside.meets, hn::And(hn::Ge(inside.exit.num, zero), hn::Not(is_less(inside.exit, inside.enter))));
     if (hn::AllFalse(d, valid)) return;
     take(d, select(hn::Ge(inside.enter.num, zero), inside.enter, inside.exit), valid, number);
   }

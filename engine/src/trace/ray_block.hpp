@@ -9,7 +9,7 @@
 
 namespace swiftlet::trace {
 
-inline constexpr std::size_t kMaxRays = 256;   // of one portion
+inline constexpr std::size_t kMaxRays = 256;    // of one portion
 inline constexpr std::size_t kRayPadding = 16;  // whole vectors may be read and written past the last ray
 
 using RayFloats = float[kMaxRays + kRayPadding];
@@ -17,14 +17,14 @@ using RayInts = std::int32_t[kMaxRays + kRayPadding];
 
 // Rays of one sensor: they share origin and range, and their directions are the same in its frame at every pose.
 struct RayBundle {
-  Vec3 origin;    // m, world frame
-  Mat3 rotation;  // sensor to world
-  float range;    // m; a hit is in [0, range]
-  std::size_t count = 0;          // at most kMaxRays
-  const float *x, *y, *z;         // (count + kRayPadding,) unit directions, sensor frame
-  const View* view;               // that holds them, sensor frame
-  alignas(64) RayFloats t_hit;    // m, inf on a miss; written by Scene::intersect
-  alignas(64) RayInts element;    // index as World::raycast gives it, -1 on a miss; likewise
+  Vec3 origin;                  // m, world frame
+  Mat3 rotation;                // sensor to world
+  float range;                  // m; a hit is in [0, range]
+  std::size_t count = 0;        // at most kMaxRays
+  const float *x, *y, *z;       // (count + kRayPadding,) unit directions, sensor frame
+  const View* view;             // that holds them, sensor frame
+  alignas(64) RayFloats t_hit;  // m, inf on a miss; written by Scene::intersect
+  alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
 
   Vec3 direction(std::size_t i) const { return rotation * Vec3(x[i], y[i], z[i]); }  // world frame
 };

@@ -85,7 +85,7 @@ class Scene {
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
   std::vector<Shape> crowd_shapes_;
-  Vec3 mesh_center_, mesh_half_;  // m, of the bounding box, a little wider than the triangles
+  Vec3 mesh_center_, mesh_half_;         // m, of the bounding box, a little wider than the triangles
   std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
   EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few
   EmbreeScene meshes_;                   // all triangles; null without any

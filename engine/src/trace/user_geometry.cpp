@@ -30,8 +30,8 @@ HWY_INLINE void intersect_lanes(D d, const RTCIntersectFunctionNArguments* args,
   const auto nearest = load(t_far);
   const auto prim = hn::Set(di, static_cast<std::int32_t>(args->primID));
   const auto geom = hn::LoadU(di, ids + geom_id * n);
-  const auto before = hn::And(hn::Eq(geom, hn::Set(di, static_cast<std::int32_t>(args->geomID))),
-                              hn::Lt(prim, hn::LoadU(di, ids + prim_id * n)));
+  const auto before =
+      hn::And(hn::Eq(geom, hn::Set(di, static_cast<std::int32_t>(args->geomID))), hn::Lt(prim, hn::LoadU(di, ids + prim_id * n)));
   const auto active = hn::RebindMask(d, hn::Ne(hn::LoadU(di, args->valid + first), hn::Zero(di)));
   const auto nearer = hn::Or(hn::Lt(distance, nearest), hn::And(hn::Eq(distance, nearest), hn::RebindMask(d, before)));
   const auto take = hn::And(active, hn::And(nearer, hn::RebindMask(d, hn::Eq(found.element, hn::Zero(di)))));

@@ -144,8 +144,8 @@ class SceneReader {
   SceneReader(Field root, std::filesystem::path base_dir) : root_(std::move(root)), base_dir_(std::move(base_dir)) {}
 
   SceneDescription read() {
-    check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres", "capsules", "planes", "discs",
-                         "meshes", "markers"});
+    check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
+                         "capsules", "planes", "discs", "meshes", "markers"});
     const Field version = require(root_, "swiftlet_scene");
     if (version.value != kVersion) refuse(version, "version 1");
     if (const auto name = find(root_, "name")) {
@@ -165,7 +165,9 @@ class SceneReader {
     if (const auto markers = find(root_, "markers")) read_markers(*markers);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
-      fail(root_, "expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty scene");
+      fail(root_,
+           "expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+           "scene");
     }
     return std::move(scene_);
   }
