@@ -321,7 +321,7 @@ if __name__ == "__main__":
     _, result = train(arguments)
     best = max(result.evaluations, key=lambda e: (e["playgrounds"], e["generated"]))
     print(
-        f"The best model flies {best['playgrounds']:.0%} of the playgrounds and {best['generated']:.1%} of generated ones; "
-        f"{result.steps:,} steps in {result.seconds:.0f} s"
+        f"The best model flies {best['playgrounds']:.0%} of the playgrounds and {best['generated']:.1%} of generated "
+        f"ones; {result.steps:,} steps in {result.seconds:.0f} s"
     )
     print(f"{result.steps_per_second:,.0f} steps/s; policy and logs are in {arguments.out}/")

@@ -112,16 +112,16 @@ class _Canvas:
     def polygon(self, image: Image, points: Points, color: Color) -> None:
         """Fill the outline that points (K, 3) have from above."""
         outline = _convex_hull(self._pixels(points))
-        if len(outline) < 3:  # seen edge-on
-            self.lines(image, points[0], points, color)
-            return
         first = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, self._size_px)
         last = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 0, self._size_px)
         x, y = np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]))
         inside = np.ones(x.shape, bool)
         for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
-        image[first[1] : last[1], first[0] : last[0]][inside] = color
+        if inside.any() and len(outline) > 2:
+            image[first[1] : last[1], first[0] : last[0]][inside] = color
+        else:  # a line, or finer than a pixel
+            self.lines(image, points.mean(axis=0), points, color)
 
     def lines(self, image: Image, start: Points, ends: Points, color: Color) -> None:
         """Draw lines from one point (3,) to points (K, 3)."""
