@@ -1,9 +1,11 @@
 // Where direct tracing stops to pay: times it against Embree in clouds of primitives of growing density, and prints
 // engine/src/trace/calibrated.hpp. `./dev calibrate` puts it there. Run it on a quiet machine; the constants are committed, since
 // the choice decides the last bits of a distance.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <memory>
 #include <numbers>
 #include <random>
@@ -89,20 +91,15 @@ double bundle_advantage(int within) {
   const auto embree = [&] {
     block->count = 0;
     for_each_bundle([&] {
-      for (std::size_t i = 0; i < bundle->count; ++i) {
-        const std::size_t at = block->count++;
-        const Vec3 direction = bundle->direction(i);
-        block->org_x[at] = bundle->origin.x();
-        block->org_y[at] = bundle->origin.y();
-        block->org_z[at] = bundle->origin.z();
-        block->dir_x[at] = direction.x();
-        block->dir_y[at] = direction.y();
-        block->dir_z[at] = direction.z();
-        block->range[at] = kRange;
-        if (block->count == trace::kMaxRays) {
-          scene.intersect(*block);
-          block->count = 0;
-        }
+      std::fill_n(bundle->t_hit, bundle->count, std::numeric_limits<float>::infinity());
+      std::fill_n(bundle->element, bundle->count, -1);
+      for (std::size_t first = 0; first < bundle->count;) {
+        const std::size_t count = std::min(trace::kMaxRays - block->count, bundle->count - first);
+        append(*bundle, first, count, *block);
+        first += count;
+        if (block->count < trace::kMaxRays) continue;
+        scene.intersect(*block);
+        block->count = 0;
       }
     });
   };

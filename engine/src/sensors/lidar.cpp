@@ -17,8 +17,12 @@ template <class Trace>
 void finish(WaitingRays& waiting, const Trace& trace) {
   if (waiting.rays.count == 0) return;
   trace(waiting.rays);
-  for (std::size_t i = 0; i < waiting.rays.count; ++i) *waiting.ranges[i] = waiting.rays.t_hit[i];
-  waiting.rays.count = 0;
+  const float* t = waiting.rays.t_hit;
+  for (std::size_t i = 0; i < waiting.num_runs; ++i) {
+    std::copy_n(t, waiting.runs[i].count, waiting.runs[i].ranges);
+    t += waiting.runs[i].count;
+  }
+  waiting.rays.count = waiting.num_runs = 0;
 }
 
 void finish(const trace::Scene& scene, ScanScratch& scratch) {
@@ -30,21 +34,14 @@ void finish(const trace::Scene& scene, ScanScratch& scratch) {
 template <class Trace>
 void wait(const trace::RayBundle& bundle, const Tile& tile, float* out, std::size_t columns, WaitingRays& waiting,
           const Trace& trace) {
-  trace::RayBlock& rays = waiting.rays;
-  for (std::size_t i = 0; i < bundle.count; ++i) {
-    const std::size_t at = rays.count++;
-    rays.org_x[at] = bundle.origin.x();
-    rays.org_y[at] = bundle.origin.y();
-    rays.org_z[at] = bundle.origin.z();
-    const Vec3 direction = bundle.direction(i);
-    rays.dir_x[at] = direction.x();
-    rays.dir_y[at] = direction.y();
-    rays.dir_z[at] = direction.z();
-    rays.range[at] = bundle.range;
-    rays.t_hit[at] = bundle.t_hit[i];
-    rays.element[at] = bundle.element[i];
-    waiting.ranges[at] = out + (i / tile.width) * columns + i % tile.width;
-    if (rays.count == trace::kMaxRays) finish(waiting, trace);
+  for (std::size_t row = 0; row < tile.rows; ++row) {
+    for (std::size_t beam = 0; beam < tile.width;) {
+      const std::size_t count = std::min(trace::kMaxRays - waiting.rays.count, tile.width - beam);
+      append(bundle, row * tile.width + beam, count, waiting.rays);
+      waiting.runs[waiting.num_runs++] = {out + row * columns + beam, count};
+      if (waiting.rays.count == trace::kMaxRays) finish(waiting, trace);
+      beam += count;
+    }
   }
 }
 

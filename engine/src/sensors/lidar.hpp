@@ -17,8 +17,13 @@ namespace swiftlet::sensors {
 
 // Rays of several drones in one world that wait until they fill a block.
 struct WaitingRays {
+  struct Run {  // consecutive rays, and where their results go
+    float* ranges;
+    std::size_t count;
+  };
   trace::RayBlock rays;
-  std::array<float*, trace::kMaxRays> ranges;  // where each one's result goes
+  std::array<Run, trace::kMaxRays> runs;
+  std::size_t num_runs = 0;
 };
 
 // One worker's rays on their way to the tracer.

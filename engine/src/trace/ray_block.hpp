@@ -25,8 +25,6 @@ struct RayBundle {
   const View* view;             // that holds them, sensor frame
   alignas(64) RayFloats t_hit;  // m, inf on a miss; written by Scene::intersect
   alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
-
-  Vec3 direction(std::size_t i) const { return rotation * Vec3(x[i], y[i], z[i]); }  // world frame
 };
 
 // Rays of any origins and ranges.
@@ -42,5 +40,8 @@ struct RayBlock {
   alignas(64) RayFloats t_hit;  // m, inf on a miss; as in RayBundle
   alignas(64) RayInts element;
 };
+
+// Appends rays [first, first + count) of the bundle, with what they have hit so far. The block has room for them.
+void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBlock& block);
 
 }  // namespace swiftlet::trace
