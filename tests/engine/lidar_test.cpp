@@ -280,8 +280,8 @@ TEST(LidarRanges, AHitAtTheRangeItselfIsAHit) {
   std::vector<Primitive> alone{primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8}),
                                primitive(PrimitiveKind::box, {2.5F, 0, 0}, {0.5F, 1, 1})};
   std::vector<Primitive> crowd = alone;
-  for (int i = 0; i < 20; ++i) {
-    const float angle = 0.3F * static_cast<float>(i);
+  for (int i = 0; i < 40; ++i) {
+    const float angle = 0.15F * static_cast<float>(i);
     crowd.push_back(primitive(PrimitiveKind::sphere, {std::cos(angle), std::sin(angle), -1}, Vec3::Constant(0.1F)));
   }
   const LidarConfig ahead{.max_range_m = 2.0F, .azimuth_deg = {0, 180}, .elevation_deg = {0, 0}};
