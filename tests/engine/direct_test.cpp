@@ -515,13 +515,24 @@ TEST(DirectCare, OfCoincidentSurfacesTheLowerElementIsHit) {
         EXPECT_EQ(answer.element, 0) << answer.way;
     }
   }
-  // The same where they are many and in any order in Embree's tree: pairs of equal discs, one far from the other in number.
-  std::vector<Primitive> discs;
-  for (int i = 0; i < 11; ++i) discs.push_back(primitive(disc, 3.0F * Vec3(static_cast<float>(i), 0, 0), {1, 1, 0}));
-  std::vector<Primitive> twice = discs;
-  twice.insert(twice.end(), discs.rbegin(), discs.rend());
-  Ways ways(twice);
-  for (int i = 0; i < 11; ++i) ways.expect_exactly(3.0F * Vec3(static_cast<float>(i), 0, 0) + Vec3(0, 0, 2), {0, 0, -1}, 2, i, 9);
+  // The same where they are many, in whatever order a tree visits them: blocks of all depths whose tops overlap at z = 1.
+  std::vector<Primitive> blocks;
+  for (int i = 0; i < 22; ++i) {
+    const auto sixteenths = [&](float low, float high) { return std::round(random.within(low, high) * 16.0F) / 16.0F; };
+    const Vec3 half(sixteenths(0.5F, 3), sixteenths(0.5F, 3), sixteenths(0.5F, 40));
+    blocks.push_back(primitive(box, {sixteenths(-2, 2), sixteenths(-2, 2), 1.0F - half.z()}, half));
+  }
+  Ways ways(blocks);
+  for (int i = 0; i < 300; ++i) {
+    const Vec3 origin(random.within(-3, 3), random.within(-3, 3), 3);
+    int lowest = 0;
+    const auto is_above = [&](const Primitive& block) {
+      return ((origin - block.center).cwiseAbs().head<2>().array() <= block.half_extents.head<2>().array()).all();
+    };
+    while (lowest < 22 && !is_above(blocks[static_cast<std::size_t>(lowest)])) ++lowest;
+    if (lowest == 22) continue;
+    ways.expect_exactly(origin, {0, 0, -1}, 2, lowest, 9);
+  }
 }
 
 // -- The same bits.
