@@ -43,6 +43,23 @@ inline Support solid(const Primitive& primitive) {
   if (primitive.kind == PrimitiveKind::sphere) {
     return [=](const Vec3d& d) -> Vec3d { return c + h.x() * d.normalized(); };
   }
+  if (primitive.kind == PrimitiveKind::capsule) {
+    return [=](const Vec3d& d) -> Vec3d {
+      const Vec3d up = (h.z() - h.x()) * (r * Vec3d::UnitZ());
+      return c + (up.dot(d) > 0 ? up : Vec3d(-up)) + h.x() * d.normalized();
+    };
+  }
+  if (primitive.kind == PrimitiveKind::plane) {
+    return polytope({c + r * Vec3d(h.x(), h.y(), 0), c + r * Vec3d(-h.x(), h.y(), 0), c + r * Vec3d(-h.x(), -h.y(), 0),
+                     c + r * Vec3d(h.x(), -h.y(), 0)});
+  }
+  if (primitive.kind == PrimitiveKind::disc) {
+    return [=](const Vec3d& d) -> Vec3d {
+      const Vec3d axis = r * Vec3d::UnitZ();
+      const Vec3d across = d - axis.dot(d) * axis;
+      return across.norm() > 1e-12 ? Vec3d(c + h.x() * across.normalized()) : c;
+    };
+  }
   if (primitive.kind == PrimitiveKind::cylinder) {
     return [=](const Vec3d& d) -> Vec3d {
       const Vec3d axis = r * Vec3d::UnitZ();

@@ -181,13 +181,13 @@ std::vector<Primitive> a_few() {
           primitive(PrimitiveKind::sphere, {0, -2, 1}, {0.8F, 0.8F, 0.8F})};
 }
 
-// Forty things and some triangles: the rays go through Embree.
+// A hundred and twenty things and some triangles: many rays go through Embree.
 std::shared_ptr<const World> crowded_world() {
   Random random(2);
   std::vector<Primitive> primitives{primitive(PrimitiveKind::room, {0, 0, 0}, {5, 4, 3})};
   TriangleMesh mesh;
-  for (int i = 0; i < 13; ++i) {
-    const float radius = random.within(0.1F, 0.5F);
+  for (int i = 0; i < 40; ++i) {
+    const float radius = random.within(0.1F, 0.3F);
     primitives.push_back(primitive(PrimitiveKind::box, random.point(3.5F), {radius, 0.3F, 0.4F}, random.rotation()));
     primitives.push_back(primitive(PrimitiveKind::cylinder, random.point(3.5F), {radius, radius, 0.5F}, random.rotation()));
     primitives.push_back(primitive(PrimitiveKind::sphere, random.point(3.5F), Vec3::Constant(radius)));
@@ -276,13 +276,13 @@ TEST(LidarRanges, MoreRaysThanABlock) {
 }
 
 TEST(LidarRanges, AHitAtTheRangeItselfIsAHit) {
-  // A box's face 2 m ahead: alone in its room, and among so many spheres that no scan is traced directly.
+  // A box's face 2 m ahead: alone in its room, and between so many spheres in view that no scan is traced directly.
   std::vector<Primitive> alone{primitive(PrimitiveKind::room, {0, 0, 0}, {8, 8, 8}),
                                primitive(PrimitiveKind::box, {2.5F, 0, 0}, {0.5F, 1, 1})};
   std::vector<Primitive> crowd = alone;
-  for (int i = 0; i < 20; ++i) {
-    const float angle = 0.3F * static_cast<float>(i);
-    crowd.push_back(primitive(PrimitiveKind::sphere, {std::cos(angle), std::sin(angle), -1}, Vec3::Constant(0.1F)));
+  for (int i = 0; i < 40; ++i) {
+    const float angle = 0.4F + 0.06F * static_cast<float>(i);  // on the left
+    crowd.push_back(primitive(PrimitiveKind::sphere, {std::cos(angle), std::sin(angle), 0}, Vec3::Constant(0.1F)));
   }
   const LidarConfig ahead{.max_range_m = 2.0F, .azimuth_deg = {0, 180}, .elevation_deg = {0, 0}};
   for (const auto& world : {make_world(alone), make_world(crowd)}) {

@@ -45,6 +45,32 @@ struct Hit {
   Vec3d normal = Vec3d::Zero();  // facing the origin
 };
 
+// Where a line enters and leaves a capsule: of its crossings of the surface, which is a tube between two hemispheres, the first
+// and the last.
+inline Interval capsule(const Vec3d& o, const Vec3d& d, double radius, double half_height) {
+  const double middle = half_height - radius;
+  Interval inside{kNever, -kNever};
+  const auto cross = [&](const Interval& solid, const auto& is_surface) {
+    if (solid.enter > solid.exit) return;
+    for (const double t : {solid.enter, solid.exit}) {
+      if (std::isfinite(t) && is_surface(o.z() + t * d.z())) inside = {std::min(inside.enter, t), std::max(inside.exit, t)};
+    }
+  };
+  cross(ball({o.x(), o.y(), 0.0}, {d.x(), d.y(), 0.0}, radius), [&](double z) { return std::abs(z) <= middle; });
+  cross(ball(o - Vec3d(0, 0, middle), d, radius), [&](double z) { return z >= middle; });
+  cross(ball(o + Vec3d(0, 0, middle), d, radius), [&](double z) { return z <= -middle; });
+  return inside;
+}
+
+// Where a line crosses a sheet of no thickness across z, of which holds(x, y) says whether it is a point; a line within the sheet
+// never does.
+template <class Holds>
+Interval sheet(const Vec3d& o, const Vec3d& d, const Holds& holds) {
+  if (d.z() == 0.0) return {kNever, -kNever};
+  const double t = -o.z() / d.z();
+  return holds(o.x() + t * d.x(), o.y() + t * d.y()) ? Interval{t, t} : Interval{kNever, -kNever};
+}
+
 inline Hit hit_primitive(const Primitive& shape, const Vec3d& origin, const Vec3d& direction) {
   const Eigen::Matrix3d rotation = shape.rotation.cast<double>().normalized().toRotationMatrix();
   const Vec3d o = rotation.transpose() * (origin - shape.center.cast<double>());
@@ -56,6 +82,12 @@ inline Hit hit_primitive(const Primitive& shape, const Vec3d& origin, const Vec3
     inside = ball(o, d, half.x());
   } else if (shape.kind == PrimitiveKind::cylinder) {
     inside = both(ball(flat(o), flat(d), half.x()), slab(o.z(), d.z(), half.z()));
+  } else if (shape.kind == PrimitiveKind::capsule) {
+    inside = capsule(o, d, half.x(), half.z());
+  } else if (shape.kind == PrimitiveKind::plane) {
+    inside = sheet(o, d, [&](double x, double y) { return std::abs(x) <= half.x() && std::abs(y) <= half.y(); });
+  } else if (shape.kind == PrimitiveKind::disc) {
+    inside = sheet(o, d, [&](double x, double y) { return std::hypot(x, y) <= half.x(); });
   } else {
     for (int axis = 0; axis < 3; ++axis) inside = both(inside, slab(o[axis], d[axis], half[axis]));
   }
@@ -66,6 +98,11 @@ inline Hit hit_primitive(const Primitive& shape, const Vec3d& origin, const Vec3
   if (shape.kind == PrimitiveKind::cylinder) {
     const bool cap = std::abs(std::abs(point.z()) - half.z()) < std::abs(flat(point).norm() - half.x());
     normal = cap ? Vec3d(0, 0, std::copysign(1.0, point.z())) : Vec3d(flat(point).normalized());
+  } else if (shape.kind == PrimitiveKind::capsule) {
+    const double middle = half.z() - half.x();
+    normal = (point - Vec3d(0, 0, std::clamp(point.z(), -middle, middle))).normalized();
+  } else if (shape.kind == PrimitiveKind::plane || shape.kind == PrimitiveKind::disc) {
+    normal = Vec3d::UnitZ();
   } else if (shape.kind != PrimitiveKind::sphere) {
     int face = 0;
     (point.cwiseAbs() - half).cwiseAbs().minCoeff(&face);
@@ -110,19 +147,27 @@ inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& directi
   return found;
 }
 
-// The rays beside this one, 1e-5 m away, hit the same face of the same thing, not at a grazing angle: no edge, no silhouette
-// and no end of the range is near.
-inline bool is_clear_cut(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
+// How many times farther along the ray the hits of the rays beside this one, 1e-5 m away, are: what an error across the ray is
+// magnified by. Infinite where they hit another thing or another face: an edge, a silhouette or the end of the range is near.
+inline double steepness(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
   constexpr double kAside = 1e-5;
+  if (hit.element >= 0 && std::abs(hit.t - max_range) <= kAside) return kNever;
   const Vec3d u = direction.unitOrthogonal();
   const Vec3d v = direction.cross(u);
+  double steepest = 0.0;
   for (const Vec3d& aside : {u, Vec3d(-u), v, Vec3d(-v)}) {
     const Hit other = nearest(world, origin + kAside * aside, direction, max_range);
-    if (other.element != hit.element) return false;
+    if (other.element != hit.element) return kNever;
     if (hit.element < 0) continue;
-    if (other.normal.dot(hit.normal) < 0.999 || std::abs(other.t - hit.t) > 5.0 * kAside) return false;
+    if (other.normal.dot(hit.normal) < 0.999) return kNever;
+    steepest = std::max(steepest, std::abs(other.t - hit.t) / kAside);
   }
-  return hit.element < 0 || std::abs(hit.t - max_range) > kAside;
+  return steepest;
+}
+
+// No edge, no silhouette and no end of the range is near, and the hit is not at a grazing angle.
+inline bool is_clear_cut(const World& world, const Hit& hit, const Vec3d& origin, const Vec3d& direction, double max_range) {
+  return steepness(world, hit, origin, direction, max_range) <= 5.0;
 }
 
 }  // namespace swiftlet::oracle

@@ -63,6 +63,10 @@ std::vector<Primitive> random_primitives(Random& random, bool with_room) {
     primitives.push_back(primitive(PrimitiveKind::box, random.point(5.0F), half, turned));
     primitives.push_back(primitive(PrimitiveKind::cylinder, random.point(5.0F), {radius, radius, half.z()}, turned));
     if (i % 2 == 0) primitives.push_back(primitive(PrimitiveKind::sphere, random.point(5.0F), Vec3::Constant(radius)));
+    if (i % 3 != 0) continue;
+    primitives.push_back(primitive(PrimitiveKind::capsule, random.point(5.0F), {radius, radius, radius + half.z()}, turned));
+    primitives.push_back(primitive(PrimitiveKind::plane, random.point(5.0F), {half.x(), half.y(), 0}, turned));
+    primitives.push_back(primitive(PrimitiveKind::disc, random.point(5.0F), {radius, radius, 0}, turned));
   }
   return primitives;
 }
@@ -126,6 +130,31 @@ TEST(Raycast, FindsPrimitivesWhereClosedFormsDo) {
     Random random(seed);
     const auto world = make_world(random_primitives(random, seed % 2 == 0));
     expect_like_oracle(*world, random_rays(random, 2000, 5.5F), seed < 3 ? 30.0F : 3.0F);
+  }
+}
+
+// Each kind alone, so that none hides in the share of rays that need not be compared.
+TEST(Raycast, FindsEachKindInAnyOrientation) {
+  using enum PrimitiveKind;
+  for (const PrimitiveKind kind : {box, cylinder, sphere, capsule, plane, disc}) {
+    for (unsigned seed = 0; seed < 8; ++seed) {
+      SCOPED_TRACE(::testing::Message() << "kind " << static_cast<int>(kind) << ", seed " << seed);
+      Random random(50 + seed);
+      Vec3 half(random.within(0.2F, 3), random.within(0.2F, 3), random.within(0.2F, 3));
+      if (kind != box && kind != plane) half.y() = half.x();
+      if (kind == sphere) half.z() = half.x();
+      if (kind == capsule) half.z() += seed == 0 ? half.x() - half.z() : half.x();
+      if (kind == plane || kind == disc) half.z() = 0.0F;
+      const Quat rotation = kind == sphere || seed % 4 == 0 ? Quat::Identity() : random.rotation();
+      const Vec3 center = random.point(2.0F);
+      const auto world = make_world({primitive(kind, center, half, rotation)});
+      Rays rays;
+      for (int i = 0; i < 1000; ++i) {  // from within and without, most of them towards it
+        const Vec3 origin = center + random.point(i % 2 == 0 ? 8.0F : 2.0F);
+        rays.add(origin, i % 5 == 0 ? random.direction() : Vec3(center + random.point(1.5F) - origin));
+      }
+      expect_like_oracle(*world, rays, 30.0F);
+    }
   }
 }
 
@@ -203,6 +232,27 @@ TEST(Raycast, RaysParallelToFacesAndAxes) {
   expect_miss(cast(*cylinder, {-4, 1, 2.1F}, {1, 0, 0}));
   expect_miss(cast(*cylinder, {-4, 1.6F, 0}, {1, 0, 0}));
 
+  const auto capsule = make_world({primitive(PrimitiveKind::capsule, {1, 1, 0}, {0.5F, 0.5F, 2})});
+  expect_hit(cast(*capsule, {1, 1, 5}, {0, 0, -1}), 3.0F, {0, 0, 1});
+  expect_hit(cast(*capsule, {1.3F, 1, 5}, {0, 0, -1}), 5.0F - 1.9F, {0.6F, 0, 0.8F});
+  expect_hit(cast(*capsule, {-4, 1, 1.5F}, {1, 0, 0}), 4.5F, {-1, 0, 0});
+  expect_hit(cast(*capsule, {-4, 1, -1.8F}, {1, 0, 0}), 4.6F, {-0.8F, 0, -0.6F});
+  expect_miss(cast(*capsule, {1.6F, 1, 5}, {0, 0, -1}));
+  expect_miss(cast(*capsule, {-4, 1, 2.1F}, {1, 0, 0}));
+
+  const auto plane = make_world({primitive(PrimitiveKind::plane, {0, 0, 1}, {1, 2, 0})});
+  expect_hit(cast(*plane, {0.9F, 1.9F, 5}, {0, 0, -1}), 4.0F, {0, 0, 1});
+  expect_hit(cast(*plane, {-0.9F, -1.9F, -5}, {0, 0, 1}), 6.0F, {0, 0, -1});
+  expect_miss(cast(*plane, {1.1F, 0, 5}, {0, 0, -1}));
+  expect_miss(cast(*plane, {0, 2.1F, 5}, {0, 0, -1}));
+  expect_miss(cast(*plane, {-5, 0, 1.1F}, {1, 0, 0}));
+
+  const auto disc = make_world({primitive(PrimitiveKind::disc, {0, 0, 1}, {1, 1, 0})});
+  expect_hit(cast(*disc, {0.7F, 0.7F, 5}, {0, 0, -1}), 4.0F, {0, 0, 1});
+  expect_hit(cast(*disc, {0.7F, 0.7F, -5}, {0, 0, 1}), 6.0F, {0, 0, -1});
+  expect_miss(cast(*disc, {0.8F, 0.8F, 5}, {0, 0, -1}));
+  expect_miss(cast(*disc, {-5, 0, 0.9F}, {1, 0, 0}));
+
   TriangleMesh mesh;
   mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   mesh.triangles = {{0, 1, 2}};
@@ -213,14 +263,17 @@ TEST(Raycast, RaysParallelToFacesAndAxes) {
 }
 
 TEST(Raycast, FromInsideASolidTheFarSideIsSeen) {
-  const auto world =
-      make_world({primitive(PrimitiveKind::box, {0, 0, 0}, {1, 2, 3}), primitive(PrimitiveKind::sphere, {10, 0, 0}, {1, 1, 1}),
-                  primitive(PrimitiveKind::cylinder, {20, 0, 0}, {1, 1, 2})});
+  const auto world = make_world(
+      {primitive(PrimitiveKind::box, {0, 0, 0}, {1, 2, 3}), primitive(PrimitiveKind::sphere, {10, 0, 0}, {1, 1, 1}),
+       primitive(PrimitiveKind::cylinder, {20, 0, 0}, {1, 1, 2}), primitive(PrimitiveKind::capsule, {30, 0, 0}, {1, 1, 3})});
   expect_hit(cast(*world, {0, 0, 0}, {0, 1, 0}), 2.0F, {0, -1, 0});
   expect_hit(cast(*world, {10.5F, 0, 0}, {1, 0, 0}), 0.5F, {-1, 0, 0});
   expect_hit(cast(*world, {10.5F, 0, 0}, {-1, 0, 0}), 1.5F, {1, 0, 0});
   expect_hit(cast(*world, {20, 0, 0}, {0, 0, 1}), 2.0F, {0, 0, -1});
   expect_hit(cast(*world, {20, 0, 0}, {0, 1, 0}), 1.0F, {0, -1, 0});
+  expect_hit(cast(*world, {30, 0, 0}, {0, 0, 1}), 3.0F, {0, 0, -1});
+  expect_hit(cast(*world, {30, 0, 2.5F}, {0, 0, -1}), 5.5F, {0, 0, 1});
+  expect_hit(cast(*world, {30, 0, 2}, {0, 1, 0}), 1.0F, {0, -1, 0});
 }
 
 TEST(Raycast, ARoomIsSeenFromWithinAndWithout) {

@@ -78,6 +78,10 @@ TEST(SceneJson, ReadsEveryKindOfThing) {
       "cylinders": [{"center": [2, 2, 1], "radius": 0.1, "height": 0.6, "quat_wxyz": [0, 1, 0, 0]}],
       "boxes": [{"center": [3, 3, 1], "size": [0.2, 0.4, 0.6], "material": "red"}],
       "spheres": [{"center": [1, 1, 1], "radius": 0.3}],
+      "capsules": [{"center": [2, 1, 1], "radius": 0.1, "height": 0.6, "quat_wxyz": [0, 0, 1, 0]},
+                   {"center": [2, 1, 1], "radius": 0.25, "height": 0.5, "material": "red"}],
+      "planes": [{"center": [2, 3, 1], "size": [0.2, 0.4], "quat_wxyz": [0, 1, 0, 0], "material": "red"}],
+      "discs": [{"center": [3, 2, 1], "radius": 0.2, "quat_wxyz": [0, 0, 0, 1]}],
       "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]],
                   "scale": 2, "quat_wxyz": [0.70710678, 0, 0, 0.70710678], "position": [1, 1, 1]}],
       "markers": {"radius": 0.2, "start": [1, 0, 1], "waypoints": [[2, 0, 1]], "goal": [3, 0, 1],
@@ -89,7 +93,7 @@ TEST(SceneJson, ReadsEveryKindOfThing) {
   EXPECT_EQ(read.materials[0].base_color, (std::array<float, 3>{1.0F, 0.0F, 0.5F}));
   EXPECT_EQ(read.materials[1].name, "default");
 
-  ASSERT_EQ(read.primitives.size(), 6U);
+  ASSERT_EQ(read.primitives.size(), 10U);
   const auto expect = [&](std::size_t i, PrimitiveKind kind, const Vec3& center, const Vec3& half, int material) {
     EXPECT_EQ(read.primitives[i].kind, kind) << i;
     EXPECT_TRUE(read.primitives[i].center.isApprox(center)) << i << ": " << read.primitives[i].center.transpose();
@@ -102,7 +106,14 @@ TEST(SceneJson, ReadsEveryKindOfThing) {
   expect(3, PrimitiveKind::cylinder, {2, 2, 1}, {0.1F, 0.1F, 0.3F}, 1);
   expect(4, PrimitiveKind::box, {3, 3, 1}, {0.1F, 0.2F, 0.3F}, 0);
   expect(5, PrimitiveKind::sphere, {1, 1, 1}, {0.3F, 0.3F, 0.3F}, 1);
+  expect(6, PrimitiveKind::capsule, {2, 1, 1}, {0.1F, 0.1F, 0.3F}, 1);
+  expect(7, PrimitiveKind::capsule, {2, 1, 1}, {0.25F, 0.25F, 0.25F}, 0);
+  expect(8, PrimitiveKind::plane, {2, 3, 1}, {0.1F, 0.2F, 0}, 0);
+  expect(9, PrimitiveKind::disc, {3, 2, 1}, {0.2F, 0.2F, 0}, 1);
   EXPECT_EQ(read.primitives[3].rotation.x(), 1.0F);
+  EXPECT_EQ(read.primitives[6].rotation.y(), 1.0F);
+  EXPECT_EQ(read.primitives[8].rotation.x(), 1.0F);
+  EXPECT_EQ(read.primitives[9].rotation.z(), 1.0F);
 
   // A quarter turn about z takes (2, 0, 0) to (0, 2, 0).
   ASSERT_EQ(read.mesh.vertices.size(), 3U);
@@ -188,6 +199,26 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "x.json: /boxes/0/size/1: expected a number > 0, got 0"},
       {"negative height", scene(R"("cylinders": [{"center": [1, 1, 1], "radius": 1, "height": -2}])"),
        "x.json: /cylinders/0/height: expected a number > 0, got -2"},
+      {"capsule shorter than its caps", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1, "height": 1.9}])"),
+       "x.json: /capsules/0/height: expected a number >= twice the radius, got 1.9"},
+      {"capsule without a height", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1}])"),
+       "x.json: /capsules/0: expected a field \"height\", found none"},
+      {"zero radius of a capsule", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 0, "height": 1}])"),
+       "x.json: /capsules/0/radius: expected a number > 0, got 0"},
+      {"plane of three sizes", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1, 1]}])"),
+       "x.json: /planes/0/size: expected an array of 2 numbers (along local x, y), got [1,1,1]"},
+      {"plane of one size", scene(R"("planes": [{"center": [1, 1, 1], "size": 2}])"),
+       "x.json: /planes/0/size: expected an array of 2 numbers (along local x, y), got 2"},
+      {"plane of no width", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 0]}])"),
+       "x.json: /planes/0/size/1: expected a number > 0, got 0"},
+      {"plane with a thickness", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1], "thickness": 0.1}])"),
+       "x.json: /planes/0/thickness: unknown field; expected one of center, size, quat_wxyz, material"},
+      {"zero radius of a disc", scene(R"("discs": [{"center": [1, 1, 1], "radius": 0}])"),
+       "x.json: /discs/0/radius: expected a number > 0, got 0"},
+      {"disc with a height", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "height": 1}])"),
+       "x.json: /discs/0/height: unknown field; expected one of center, radius, quat_wxyz, material"},
+      {"disc turned by no rotation", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "quat_wxyz": [0, 0, 0, 0]}])"),
+       "x.json: /discs/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
       {"room inside out", scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"),
        "x.json: /room: expected min < max, got {\"min\":[0,0,0],\"max\":[1,-1,1]}"},
       {"pillar without a height", scene(R"("pillars": [{"center": [1, 1], "radius": 1}])"),
@@ -284,14 +315,15 @@ TEST(SceneJson, RoundTripKeepsEveryBit) {
       return Vec3(draw(-magnitude, magnitude), draw(-magnitude, magnitude), draw(-magnitude, magnitude));
     };
     const auto size = [&] { return draw(1e-5F, 1.0F) * std::pow(10.0F, draw(-1, 3)); };
-    for (const PrimitiveKind kind : {PrimitiveKind::sphere, PrimitiveKind::box, PrimitiveKind::cylinder, PrimitiveKind::room,
-                                     PrimitiveKind::box, PrimitiveKind::cylinder}) {
+    using enum PrimitiveKind;
+    for (const PrimitiveKind kind : {sphere, box, cylinder, disc, capsule, room, plane, box, capsule, cylinder, disc, plane}) {
       Primitive primitive{.kind = kind, .center = point(), .half_extents = Vec3(size(), size(), size())};
-      if (kind == PrimitiveKind::box || kind == PrimitiveKind::cylinder) primitive.rotation = Quat::UnitRandom();
-      if (kind == PrimitiveKind::cylinder || kind == PrimitiveKind::sphere) {
-        primitive.half_extents.y() = primitive.half_extents.x();
-      }
-      if (kind == PrimitiveKind::sphere) primitive.half_extents.z() = primitive.half_extents.x();
+      Vec3& half = primitive.half_extents;
+      if (kind != room && kind != sphere) primitive.rotation = Quat::UnitRandom();
+      if (kind != room && kind != box && kind != plane) half.y() = half.x();
+      if (kind == sphere) half.z() = half.x();
+      if (kind == capsule) half.z() = round % 2 == 0 ? half.x() : half.x() + half.z();
+      if (kind == plane || kind == disc) half.z() = 0.0F;
       primitive.material = static_cast<std::uint16_t>(random() % 2);
       description.primitives.push_back(primitive);
     }

@@ -99,6 +99,10 @@ TEST(Sweep, HeadOnIntoABoxACylinderASphereAndATriangle) {
     add("cylinder", {make(PrimitiveKind::cylinder, {2.5F, 0, 0}, {0.5F, 0.5F, 2})});
     add("lying cylinder's cap", {make(PrimitiveKind::cylinder, {2.5F, 0, 0}, {1, 1, 0.5F}, turn(90, Vec3::UnitY()))});
     add("sphere", {make(PrimitiveKind::sphere, {2.5F, 0, 0}, Vec3::Constant(0.5F))});
+    add("capsule", {make(PrimitiveKind::capsule, {2.5F, 0, 0}, {0.5F, 0.5F, 2})});
+    add("lying capsule's end", {make(PrimitiveKind::capsule, {3, 0, 0}, {0.3F, 0.3F, 1}, turn(90, Vec3::UnitY()))});
+    add("plane", {make(PrimitiveKind::plane, {2, 0, 0}, {1, 2, 0}, turn(90, Vec3::UnitY()))});
+    add("disc", {make(PrimitiveKind::disc, {2, 0, 0}, {1, 1, 0}, turn(-90, Vec3::UnitY()))});
     add("triangle", {}, triangle);
     return result;
   }();
@@ -128,6 +132,59 @@ TEST(Sweep, NothingIsTooThinOrTooFar) {
     EXPECT_NEAR(length * sheet.sweep(at(0, 0, 0), at(length, 0, 0)).fraction, 5.0F - 0.465F, 1e-3F) << length;
   }
   EXPECT_TRUE(sheet.sweep(at(0, 0, 0), at(1e6F, 0, 0)).hit);
+}
+
+TEST(Sweep, ASheetOfNoThicknessStopsFromBothSidesAtAnyLength) {
+  // Stood upright or turned any way about their normal, which is the direction of flight.
+  for (const PrimitiveKind kind : {PrimitiveKind::plane, PrimitiveKind::disc}) {
+    for (const float about : {0.0F, 33.0F}) {
+      for (const Vec3& direction : {Vec3(1, 0, 0), Vec3(-1, 0, 0), Vec3(0, 0, 1), Vec3(0, 0, -1), Vec3(0.48F, -0.6F, 0.64F)}) {
+        const Quat facing = Quat::FromTwoVectors(Vec3::UnitZ(), direction) * turn(about, Vec3::UnitZ());
+        const Place place({make(kind, 3.0F * direction, {4, 4, 0}, facing)});
+        double reach = 0.0;  // m, of the hull along the flight
+        for (const Vec3& point : drone().hull()) reach = std::max(reach, static_cast<double>(point.dot(direction)));
+        for (const float length : {2.9F, 3.0F, 3.1F, 4.0F, 10.0F, 1e3F, 1e5F}) {
+          const Pose there{length * direction, Quat::Identity()};
+          const Contact contact = place.sweep(at(0, 0, 0), there);
+          ASSERT_TRUE(contact.hit) << length;
+          ASSERT_FALSE(contact.inside);
+          EXPECT_NEAR(static_cast<double>(length * contact.fraction), 3.0 - reach - kStandoff,
+                      3e-5 + 5e-7 * static_cast<double>(length));
+          EXPECT_TRUE(contact.normal.isApprox(-direction, 1e-3F)) << contact.normal.transpose();
+          if (length < 4.0F) continue;
+          const Contact back = place.sweep(there, at(0, 0, 0));
+          ASSERT_TRUE(back.hit) << length;
+          EXPECT_TRUE(back.normal.isApprox(direction, 1e-3F)) << back.normal.transpose();
+        }
+        // Small steps along the same way come no farther, and no pose on the way overlaps.
+        Pose pose = at(0, 0, 0);
+        for (int step = 0; step < 80; ++step) {
+          const Pose next{pose.position + 0.07F * direction, turn(static_cast<float>(step), Vec3(1, 2, 3).normalized())};
+          const Contact contact = place.sweep(pose, next);
+          ASSERT_FALSE(contact.inside) << step;
+          if (contact.hit) pose = interpolate(pose, next, contact.fraction);
+          if (!contact.hit) pose = next;
+          ASSERT_LT(pose.position.dot(direction), 3.0F) << step;
+          ASSERT_FALSE(place.overlaps(pose)) << step;
+        }
+      }
+    }
+  }
+}
+
+TEST(Sweep, FliesBesideASheetAndAlongIt) {
+  const Place plane({make(PrimitiveKind::plane, {0, 0, 0}, {1, 1, 0})});
+  const Place disc({make(PrimitiveKind::disc, {0, 0, 0}, {1, 1, 0})});
+  for (const Place* place : {&plane, &disc}) {
+    EXPECT_FALSE(place->sweep(at(-3, 0, 0.1F + 2e-4F), at(3, 0, 0.1F + 2e-4F)).hit) << "over it";
+    EXPECT_FALSE(place->sweep(at(-3, 0, -0.1F - 2e-4F), at(3, 0, -0.1F - 2e-4F)).hit) << "under it";
+    EXPECT_TRUE(place->sweep(at(-3, 0, 0.1F - 2e-4F), at(3, 0, 0.1F - 2e-4F)).hit);
+    EXPECT_FALSE(place->sweep(at(-3, 1.5F, 0), at(3, 1.5F, 0)).hit) << "past its edge";
+    const Contact edge = place->sweep(at(-3, 0, 0), at(3, 0, 0));
+    ASSERT_TRUE(edge.hit) << "onto its edge";
+    EXPECT_NEAR(6.0F * edge.fraction, 2.0F - 0.465F - kStop, kTolerance);
+    EXPECT_TRUE(place->overlaps(at(0, 0, 0.05F)));
+  }
 }
 
 TEST(Sweep, TurningInPlaceHitsAWallAtAKnownAngle) {
@@ -285,7 +342,7 @@ std::unique_ptr<Place> random_place(Random& random, int elements) {
     const float b = size();
     const Vec3 half(a, b, size());
     const Quat rotation = random.chance(0.4F) ? Quat::Identity() : random.rotation();
-    switch (static_cast<int>(random.uniform(0, 4))) {
+    switch (static_cast<int>(random.uniform(0, 7))) {
       case 0:
         primitives.push_back(make(PrimitiveKind::box, center, half, rotation));
         break;
@@ -294,6 +351,15 @@ std::unique_ptr<Place> random_place(Random& random, int elements) {
         break;
       case 2:
         primitives.push_back(make(PrimitiveKind::sphere, center, Vec3::Constant(a)));
+        break;
+      case 3:
+        primitives.push_back(make(PrimitiveKind::capsule, center, {a, a, a + half.z()}, rotation));
+        break;
+      case 4:
+        primitives.push_back(make(PrimitiveKind::plane, center, {a, b, 0}, rotation));
+        break;
+      case 5:
+        primitives.push_back(make(PrimitiveKind::disc, center, {a, a, 0}, rotation));
         break;
       default: {
         const auto first = static_cast<std::int32_t>(mesh.vertices.size());

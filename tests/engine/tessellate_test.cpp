@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <numbers>
 #include <utility>
+#include <vector>
 
 namespace swiftlet {
 namespace {
@@ -18,6 +20,10 @@ double distance_to_surface(const Primitive& primitive, const Vec3& point) {
   const Vec3d local = primitive.rotation.cast<double>().conjugate() * (point - primitive.center).cast<double>();
   const Vec3d half = primitive.half_extents.cast<double>();
   if (primitive.kind == PrimitiveKind::sphere) return std::abs(local.norm() - half.x());
+  if (primitive.kind == PrimitiveKind::capsule) {
+    const double middle = half.z() - half.x();
+    return std::abs((local - Vec3d(0, 0, std::clamp(local.z(), -middle, middle))).norm() - half.x());
+  }
   Eigen::VectorXd outside;  // signed distances to the faces, of which the body is the intersection
   if (primitive.kind == PrimitiveKind::cylinder) {
     outside = Eigen::Vector2d(local.head<2>().norm() - half.x(), std::abs(local.z()) - half.z());
@@ -41,6 +47,11 @@ std::vector<Shape> shapes() {
       {{.kind = PrimitiveKind::room, .center = {7, 7, 2.625F}, .half_extents = {7, 7, 2.625F}}, -14.0 * 14.0 * 5.25},
       {{.kind = PrimitiveKind::cylinder, .center = {-1, 0, 2}, .rotation = turn, .half_extents = {0.5F, 0.5F, 2}}, kPi},
       {{.kind = PrimitiveKind::sphere, .center = {3, -2, 1}, .half_extents = {1.5F, 1.5F, 1.5F}}, 4.5 * kPi},
+      // 4/3 pi r^3 of the caps, pi r^2 times 2 (half height - r) between them
+      {{.kind = PrimitiveKind::capsule, .center = {1, 1, 0}, .rotation = turn, .half_extents = {0.5F, 0.5F, 2}},
+       kPi / 6.0 + 0.75 * kPi},
+      {{.kind = PrimitiveKind::capsule, .center = {0, 3, 0}, .rotation = turn, .half_extents = {0.75F, 0.75F, 0.75F}},
+       0.5625 * kPi},
   };
 }
 
@@ -100,10 +111,61 @@ TEST(Tessellate, ChordErrorIsHonouredAndUsed) {
         }
       }
       EXPECT_LE(largest, chord_error + 2e-6);
-      const bool is_round = shape.primitive.kind == PrimitiveKind::cylinder || shape.primitive.kind == PrimitiveKind::sphere;
+      using enum PrimitiveKind;
+      const PrimitiveKind kind = shape.primitive.kind;
+      const bool is_round = kind == cylinder || kind == sphere || kind == capsule;
       // Not many times finer than asked for either; the coarsest mesh has a least number of sides.
       if (is_round && chord_error < 0.1F) {
         EXPECT_GE(largest, 0.5 * chord_error);
+      }
+    }
+  }
+}
+
+TEST(Tessellate, PlanesAndDiscsAreFlatAndFaceLocalZ) {
+  const Quat turn(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
+  const Vec3 center(1, -2, 3);
+  for (const float chord_error : {0.1F, 1e-2F, 1e-3F, 1e-4F}) {
+    for (const Shape& shape : std::vector<Shape>{
+             {{.kind = PrimitiveKind::plane, .center = center, .rotation = turn, .half_extents = {0.5F, 2, 0}}, 4.0},
+             {{.kind = PrimitiveKind::disc, .center = center, .rotation = turn, .half_extents = {1.5F, 1.5F, 0}},
+              2.25 * std::numbers::pi}}) {  // with an area for a volume
+      const bool is_disc = shape.primitive.kind == PrimitiveKind::disc;
+      const TriangleMesh mesh = triangles_of(shape.primitive, chord_error);
+      const Vec3d normal = (turn * Vec3::UnitZ()).cast<double>();
+      double area = 0.0;
+      std::map<std::pair<std::int32_t, std::int32_t>, int> edges;
+      for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+        const Vec3d a = corner(mesh, i, 0).cast<double>();
+        const Vec3d twice = (corner(mesh, i, 1).cast<double>() - a).cross(corner(mesh, i, 2).cast<double>() - a);
+        area += 0.5 * twice.norm();
+        EXPECT_LT((twice.normalized() - normal).norm(), 1e-5);
+        for (std::size_t k = 0; k < 3; ++k) ++edges[{mesh.triangles[i][k], mesh.triangles[i][(k + 1) % 3]}];
+      }
+      // Of a disc's regular polygon the sides are off by the chord error at most, and so is the area by that times the rim.
+      const double missing = is_disc ? static_cast<double>(chord_error) * 3.0 * std::numbers::pi : 0.0;
+      EXPECT_LE(area, shape.volume + 1e-5);
+      EXPECT_GE(area, shape.volume - missing - 1e-5);
+      double farthest = 0.0;  // m, of the rim from its chords
+      for (const auto& [edge, count] : edges) {
+        ASSERT_EQ(count, 1);
+        if (edges.contains({edge.second, edge.first})) continue;
+        const auto at = [&](std::int32_t vertex) { return mesh.vertices[static_cast<std::size_t>(vertex)]; };
+        const Vec3 middle = 0.5F * (at(edge.first) + at(edge.second)) - center;
+        if (is_disc) {
+          EXPECT_NEAR((at(edge.first) - center).norm(), 1.5F, 2e-6F);
+          farthest = std::max(farthest, 1.5 - static_cast<double>(middle.norm()));
+        } else {
+          const Vec3 local = turn.conjugate() * middle;
+          EXPECT_TRUE(std::abs(std::abs(local.x()) - 0.5F) < 2e-6F || std::abs(std::abs(local.y()) - 2.0F) < 2e-6F);
+        }
+      }
+      EXPECT_LE(farthest, static_cast<double>(chord_error) + 2e-6);
+      if (is_disc && chord_error < 0.1F) {
+        EXPECT_GE(farthest, 0.5 * static_cast<double>(chord_error));
+      }
+      if (!is_disc) {
+        EXPECT_EQ(mesh.triangles.size(), 2U);
       }
     }
   }

@@ -38,9 +38,12 @@ TEST(World, PrimitivesAreOrderedByKindAndOtherwiseAsGiven) {
 
 TEST(World, BoundsHoldEverythingTightly) {
   const Quat turn(Eigen::AngleAxisf(0.9F, Vec3(1, -2, 0.5F).normalized()));
-  for (const PrimitiveKind kind : {PrimitiveKind::box, PrimitiveKind::cylinder}) {
+  using enum PrimitiveKind;
+  for (const PrimitiveKind kind : {box, cylinder, capsule, plane, disc}) {
     SceneDescription description;
-    description.primitives = {Primitive{.kind = kind, .center = {1, 2, 3}, .rotation = turn, .half_extents = {0.3F, 0.3F, 1.2F}}};
+    const float thickness = kind == plane || kind == disc ? 0.0F : 1.2F;
+    description.primitives = {
+        Primitive{.kind = kind, .center = {1, 2, 3}, .rotation = turn, .half_extents = {0.3F, 0.3F, thickness}}};
     const World world(description);
     Eigen::AlignedBox3f box;  // of the surface, from a fine mesh of it
     for (const Vec3& vertex : world.mesh(1e-5F).vertices) box.extend(vertex);
@@ -86,6 +89,38 @@ TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
          d.primitives[0].half_extents.z() = 1;
        },
        "primitives[0].half_extents: expected (radius, radius, radius), got (0.5, 0.5, 1)"},
+      {[](auto& d) {
+         d.primitives[0].kind = PrimitiveKind::capsule;
+         d.primitives[0].half_extents.z() = 0.4F;
+       },
+       "primitives[0].half_extents: expected (radius, radius, half height >= radius), got (0.5, 0.5, 0.4)"},
+      {[](auto& d) {
+         d.primitives[0].kind = PrimitiveKind::capsule;
+         d.primitives[0].half_extents = Vec3(0.5F, 0.4F, 1);
+       },
+       "primitives[0].half_extents: expected (radius, radius, half height >= radius), got (0.5, 0.4, 1)"},
+      {[](auto& d) { d.primitives[0].kind = PrimitiveKind::plane; },
+       "primitives[0].half_extents: expected thickness 0, got (0.5, 0.5, 0.5)"},
+      {[](auto& d) {
+         d.primitives[0].kind = PrimitiveKind::plane;
+         d.primitives[0].half_extents = Vec3(0.5F, 0, 0);
+       },
+       "primitives[0].half_extents: expected sizes >= 1e-06 m, got (0.5, 0, 0)"},
+      {[](auto& d) {
+         d.primitives[0].kind = PrimitiveKind::disc;
+         d.primitives[0].half_extents.z() = kNan;
+       },
+       "primitives[0].half_extents: expected coordinates within +-1e+06 m, got (0.5, 0.5, nan)"},
+      {[](auto& d) {
+         d.primitives[0].kind = PrimitiveKind::disc;
+         d.primitives[0].half_extents.z() = 1e-6F;
+       },
+       "primitives[0].half_extents: expected thickness 0, got (0.5, 0.5, 1e-06)"},
+      {[](auto& d) {
+         d.primitives[0].kind = PrimitiveKind::disc;
+         d.primitives[0].half_extents = Vec3(0.5F, 0.4F, 0);
+       },
+       "primitives[0].half_extents: expected (radius, radius, half height), got (0.5, 0.4, 0)"},
       {[](auto& d) {
          d.primitives[0].kind = PrimitiveKind::room;
          d.primitives[0].rotation = Quat(0, 1, 0, 0);

@@ -53,6 +53,85 @@ def test_schema_and_loader_refuse_alike(room, key):
         swiftlet.World.from_dict(scene)
 
 
+POSE = {"center": [0, 0, 1], "quat_wxyz": [0.6, 0.8, 0, 0]}
+
+
+class TestSolids:
+    """Of capsules, planes and discs, the schema accepts what the loader accepts."""
+
+    @pytest.mark.parametrize(
+        ("kind", "solid"),
+        [
+            ("capsules", {"center": [0, 0, 1], "radius": 0.5, "height": 2}),
+            ("capsules", {**POSE, "radius": 0.5, "height": 1, "material": "red"}),  # a ball
+            ("planes", {"center": [0, 0, 1], "size": [1, 2]}),
+            ("planes", {**POSE, "size": [2e-6, 2e-6], "material": "red"}),
+            ("discs", {"center": [0, 0, 1], "radius": 1e-6}),
+            ("discs", {**POSE, "radius": 0.5, "material": "red"}),
+        ],
+    )
+    def test_accepted(self, kind, solid):
+        scene = {"swiftlet_scene": 1, "materials": {"red": {"base_color": [1, 0, 0]}}, kind: [solid]}
+        jsonschema.validate(scene, SCHEMA)
+        world = swiftlet.World.from_dict(scene)
+        saved = world.to_dict()
+        assert len(saved[kind]) == 1
+        jsonschema.validate(saved, SCHEMA)
+        assert swiftlet.World.from_dict(saved).to_dict() == saved
+
+    @pytest.mark.parametrize(
+        ("kind", "solid"),
+        [
+            ("capsules", {**POSE, "radius": 0.5}),
+            ("capsules", {**POSE, "height": 2}),
+            ("capsules", {"radius": 0.5, "height": 2}),
+            ("capsules", {**POSE, "radius": 0, "height": 2}),
+            ("capsules", {**POSE, "radius": 1e-7, "height": 2}),
+            ("capsules", {**POSE, "radius": 0.5, "height": "2"}),
+            ("capsules", {**POSE, "radius": 0.5, "height": 2, "size": [1, 1]}),
+            ("planes", {**POSE}),
+            ("planes", {"size": [1, 1]}),
+            ("planes", {**POSE, "size": [1]}),
+            ("planes", {**POSE, "size": [1, 1, 1]}),
+            ("planes", {**POSE, "size": [1, 0]}),
+            ("planes", {**POSE, "size": [-1, 1]}),
+            ("planes", {**POSE, "size": [1e-6, 1]}),  # a half size would be below the least
+            ("planes", {**POSE, "size": 1}),
+            ("planes", {**POSE, "size": [1, 1], "thickness": 0}),
+            ("discs", {**POSE}),
+            ("discs", {"radius": 1}),
+            ("discs", {**POSE, "radius": 0}),
+            ("discs", {**POSE, "radius": 2e6}),
+            ("discs", {**POSE, "radius": 1, "height": 0}),
+            ("discs", {**POSE, "radius": 1, "quat_wxyz": [1, 0, 0]}),
+            ("discs", {"center": [0, 0], "radius": 1}),
+            ("discs", {"center": [0, 0, 1], "radius": 1, "material": 0}),
+        ],
+    )
+    def test_refused(self, kind, solid):
+        scene = {"swiftlet_scene": 1, kind: [solid]}
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, SCHEMA)
+        with pytest.raises(ValueError, match=f"/{kind}/0"):
+            swiftlet.World.from_dict(scene)
+
+    @pytest.mark.parametrize("kind", ["capsules", "planes", "discs"])
+    @pytest.mark.parametrize("value", [{}, 3, None, [3]])
+    def test_a_list_of_objects(self, kind, value):
+        scene = {"swiftlet_scene": 1, "spheres": [{"center": [0, 0, 0], "radius": 1}], kind: value}
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, SCHEMA)
+        with pytest.raises(ValueError, match=f"/{kind}"):
+            swiftlet.World.from_dict(scene)
+
+    def test_a_capsule_shorter_than_its_caps(self):
+        # A schema cannot compare two fields; its description says so.
+        scene = {"swiftlet_scene": 1, "capsules": [{**POSE, "radius": 0.5, "height": 0.99}]}
+        jsonschema.validate(scene, SCHEMA)
+        with pytest.raises(ValueError, match="/capsules/0/height.*twice the radius"):
+            swiftlet.World.from_dict(scene)
+
+
 class TestLoad:
     def test_a_set(self):
         assert [w.name for w in scenes.load("train")] == list(scenes.SETS["train"])

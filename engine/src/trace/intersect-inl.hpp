@@ -137,8 +137,9 @@ HWY_INLINE IntervalOf<D> cylinder_interval(D d, const Vec3V<V>& o, const Vec3V<V
   const V d_dot_d = hn::Add(hn::Mul(dir.x, dir.x), hn::Mul(dir.y, dir.y));
   IntervalOf<D> circle = ball(d, o_dot_d, d_dot_d, hn::Mul(cross, cross), radius);
   if (hn::AllFalse(d, circle.meets)) return circle;
-  // A ray along the axis stays within the circle or never comes in.
-  const auto parallel = hn::Eq(d_dot_d, hn::Zero(d));
+  // A ray along the axis stays within the circle or never comes in. One that leaves it by less than 1e-12 rad counts as such: it
+  // is off by no more than 1e-6 m after 1000 km, and radius^2 d.d of the least radius, 1e-6 m, would soon be flushed to 0.
+  const auto parallel = hn::Le(d_dot_d, hn::Set(d, 1e-24F));
   const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
   const V one = hn::Set(d, 1.0F);
   const V o_dot_o = hn::Add(hn::Mul(o.x, o.x), hn::Mul(o.y, o.y));

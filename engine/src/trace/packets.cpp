@@ -20,6 +20,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   const std::size_t lanes = hn::Lanes(d);
   const auto invalid = hn::Set(di, -1);  // RTC_INVALID_GEOMETRY_ID
   const auto infinity = hn::Set(d, std::numeric_limits<float>::infinity());
+  const auto least = hn::Set(d, std::numeric_limits<float>::min());
 
   alignas(64) Packet<kSize> buffer;
   auto& packet = buffer.rays;
@@ -44,10 +45,11 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
       hn::Store(hn::Load(d, rays.dir_x + ray), d, packet.ray.dir_x + i);
       hn::Store(hn::Load(d, rays.dir_y + ray), d, packet.ray.dir_y + i);
       hn::Store(hn::Load(d, rays.dir_z + ray), d, packet.ray.dir_z + i);
-      // Embree's rays end before tfar: the next number after the range lets a hit at the range itself count.
+      // Embree's rays end before tfar: the next number after the range lets a hit at the range itself count, and the least
+      // normal number, where denormals are zero, one at 0.
       const auto range = hn::Load(d, rays.range + ray);
       const auto next = hn::BitCast(d, hn::Add(hn::BitCast(di, range), hn::Set(di, 1)));
-      const auto beyond = hn::IfThenElse(hn::Lt(range, infinity), next, infinity);
+      const auto beyond = hn::Max(hn::IfThenElse(hn::Lt(range, infinity), next, infinity), least);
       hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + i);
       hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + i));
     }

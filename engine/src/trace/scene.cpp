@@ -50,7 +50,8 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
 Place place_of(const Shape& shape, bool is_room, const std::array<float, 3>& o) {
   const float* const half = shape.half_extents;
   if (is_room) {
-    const bool within = std::abs(o[0]) <= half[0] && std::abs(o[1]) <= half[1] && std::abs(o[2]) <= half[2];
+    // On a wall the wall itself is seen, at 0, whichever way a ray goes: as of any other solid.
+    const bool within = std::abs(o[0]) < half[0] && std::abs(o[1]) < half[1] && std::abs(o[2]) < half[2];
     return within ? Place::in_room : Place::anywhere;
   }
   const bool beside =
