@@ -25,6 +25,8 @@ struct RayBundle {
   const View* view;             // that holds them, sensor frame
   alignas(64) RayFloats t_hit;  // m, inf on a miss; written by Scene::intersect
   alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
+
+  Vec3 direction(std::size_t i) const { return rotation * Vec3(x[i], y[i], z[i]); }  // unit, world frame
 };
 
 // Rays of any origins and ranges.
