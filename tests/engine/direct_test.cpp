@@ -182,7 +182,9 @@ TEST(Agreement, DirectlyThroughEmbreeAndByClosedForms) {
   for (unsigned seed = 0; tally.rays < wanted; ++seed) {
     SCOPED_TRACE(seed);
     Random random(seed);
-    const auto world = make_world(random_primitives(random, std::array{6, 12, 18, 23, 60}[seed % 5], seed % 3 != 0));
+    constexpr int kLimit = static_cast<int>(kMaxDirectAnyOrigin);
+    const int count = std::array{4, kLimit - 1, kLimit + 1, kLimit + 10, kLimit + 40}[seed % 5];
+    const auto world = make_world(random_primitives(random, count, seed % 3 != 0));
     for (int i = 0; i < 12; ++i) compare(*world, random, *tracer, tally);
     ASSERT_FALSE(HasFailure());
   }

@@ -143,11 +143,11 @@ TEST(View, NeverHidesABoxThatARayReaches) {
     ASSERT_LE(candidates.size(), kMaxDirect);
 
     rays->view = &everywhere();
-    ASSERT_TRUE(trace_direct(candidates, *rays));
+    ASSERT_TRUE(trace_direct(candidates, kMaxDirect, *rays));
     const std::vector<float> t(rays->t_hit, rays->t_hit + rays->count);
     const std::vector<std::int32_t> element(rays->element, rays->element + rays->count);
     rays->view = &set.view();
-    ASSERT_TRUE(trace_direct(candidates, *rays));
+    ASSERT_TRUE(trace_direct(candidates, kMaxDirect, *rays));
     for (std::size_t i = 0; i < rays->count; ++i) {
       ASSERT_EQ(rays->element[i], element[i]) << "seed " << seed << ", ray " << i << ", " << t[i] << " m of " << rays->range;
       ASSERT_EQ(rays->t_hit[i], t[i]);
@@ -189,7 +189,7 @@ TEST(View, HidesWhatIsBesideItAboveOrBelow) {
         for (std::size_t i = 0; i <= kMaxDirect; ++i) {
           crowd.add(box_about(rays->origin + turn * (10.0F * direction.normalized()) + random.point(0.1F), Vec3::Constant(0.2F)));
         }
-        EXPECT_EQ(trace_direct(crowd.seen_from(rays->origin), *rays), expected) << direction.transpose();
+        EXPECT_EQ(trace_direct(crowd.seen_from(rays->origin), kMaxDirect, *rays), expected) << direction.transpose();
         if (!expected) continue;
         EXPECT_TRUE(std::all_of(rays->element, rays->element + rays->count, [](int element) { return element == -1; }));
       }
@@ -197,9 +197,9 @@ TEST(View, HidesWhatIsBesideItAboveOrBelow) {
     rays->view = &everywhere();
     Crowd crowd;
     for (std::size_t i = 0; i <= kMaxDirect; ++i) crowd.add(box_about(rays->origin - turn * Vec3(10, 0, 0), Vec3::Ones()));
-    EXPECT_FALSE(trace_direct(crowd.seen_from(rays->origin), *rays));
+    EXPECT_FALSE(trace_direct(crowd.seen_from(rays->origin), kMaxDirect, *rays));
     crowd.shapes.pop_back();
-    EXPECT_TRUE(trace_direct(crowd.seen_from(rays->origin), *rays));
+    EXPECT_TRUE(trace_direct(crowd.seen_from(rays->origin), kMaxDirect, *rays));
   }
 }
 

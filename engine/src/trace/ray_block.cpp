@@ -19,8 +19,8 @@ void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBl
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
     const std::size_t from = first + i;
     const std::size_t to = block.count + i;
-    const Vec3V<V> direction = rotate(
-        d, bundle.rotation, {hn::LoadU(d, bundle.x + from), hn::LoadU(d, bundle.y + from), hn::LoadU(d, bundle.z + from)});
+    const Vec3V<V> direction =
+        rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + from), hn::LoadU(d, bundle.y + from), hn::LoadU(d, bundle.z + from)});
     hn::StoreU(hn::Set(d, bundle.origin.x()), d, block.org_x + to);
     hn::StoreU(hn::Set(d, bundle.origin.y()), d, block.org_y + to);
     hn::StoreU(hn::Set(d, bundle.origin.z()), d, block.org_z + to);
