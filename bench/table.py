@@ -1,9 +1,9 @@
-"""Writes the README's table of figures from the results of `./dev bench`.
+"""Writes the tables of figures in the README and in docs/architecture.md from the results of `./dev bench`.
 
 python3 bench/table.py                  from out/bench/*.json, else from the results kept in bench/results/
 python3 bench/table.py bench/results    from the JSON files in a folder
 python3 bench/table.py --keep           copy out/bench/*.json to bench/results/ first
-python3 bench/table.py --check          change nothing; exit 1 if the README is not what the kept results make it
+python3 bench/table.py --check          change nothing; exit 1 if a document is not what the kept results make it
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ README = ROOT / "README.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
 NAMES = ("lidar", "step", "train")
-BEGIN, END = "<!-- figures -->", "<!-- /figures -->"
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
+STAGE = "step/stage/"
 
 Result = dict[str, Any]
 
@@ -65,12 +66,21 @@ def table(results: dict[str, Result]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_table(text: str, content: str) -> str:
-    """Return the README with the content between its markers."""
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        sys.exit(f"{README}: expected one {BEGIN} and after it one {END}")
-    before, rest = text.split(BEGIN)
-    return f"{before}{BEGIN}\n{content}{END}{rest.split(END)[1]}"
+def stages(results: dict[str, Result]) -> str:
+    """Return the table of a step's stages."""
+    figures = [f for f in results.get("step", {"figures": []})["figures"] if f["name"].startswith(STAGE)]
+    rows = [f"| {f['name'].removeprefix(STAGE)} | {number(f['value'])} |" for f in figures]
+    return "\n".join(["| stage | ns |", "|---|---:|", *rows]) + "\n"
+
+
+def with_content(path: Path, name: str, content: str) -> str:
+    """Return a document with the content between its markers of that name."""
+    begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
+    text = path.read_text(encoding="utf-8")
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        sys.exit(f"{path}: expected one {begin} and after it one {end}")
+    before, rest = text.split(begin)
+    return f"{before}{begin}\n{content}{end}{rest.split(end)[1]}"
 
 
 def keep() -> None:
@@ -87,7 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, help="folder of the results")
     parser.add_argument("--keep", action="store_true", help="copy out/bench/*.json to bench/results/ first")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 if the README is out of date")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 if a document is out of date")
     args = parser.parse_args()
     if args.check and args.keep:
         parser.error("--check changes nothing, --keep does")
@@ -95,13 +105,17 @@ def main() -> None:
         keep()
     # What is checked must not depend on what happens to lie in out/; what is kept is the whole of bench/results/.
     default = KEPT if args.check or args.keep or not any(FRESH.glob("*.json")) else FRESH
-    old = README.read_text(encoding="utf-8")
-    new = with_table(old, table(read(args.folder or default)))
-    if args.check:
-        if new != old:
-            sys.exit("README.md: the table of figures is out of date; python3 bench/table.py --keep mends it")
-    elif new != old:
-        README.write_text(new, encoding="utf-8")
+    results = read(args.folder or default)
+    documents = {
+        README: with_content(README, "figures", table(results)),
+        ARCHITECTURE: with_content(ARCHITECTURE, "stages", stages(results)),
+    }
+    for path, text in documents.items():
+        if text == path.read_text(encoding="utf-8"):
+            continue
+        if args.check:
+            sys.exit(f"{path.name}: its figures are out of date; python3 bench/table.py --keep mends it")
+        path.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
