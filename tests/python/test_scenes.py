@@ -128,7 +128,7 @@ class TestSolids:
         # A schema cannot compare two fields; its description says so.
         scene = {"swiftlet_scene": 1, "capsules": [{**POSE, "radius": 0.5, "height": 0.99}]}
         jsonschema.validate(scene, SCHEMA)
-        with pytest.raises(ValueError, match="/capsules/0/height.*twice the radius"):
+        with pytest.raises(ValueError, match=r"/capsules/0/height.*twice the radius"):
             swiftlet.World.from_dict(scene)
 
 
