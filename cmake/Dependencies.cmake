@@ -27,6 +27,8 @@ else()
   find_package(hwy REQUIRED)
   target_link_libraries(swiftlet_dependencies INTERFACE hwy::hwy)
 endif()
+# Arm's scalable vectors cannot be members of structs, as the kernels have them; such processors run the NEON kernels.
+target_compile_definitions(swiftlet_dependencies INTERFACE HWY_DISABLED_TARGETS=HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)
 
 # Convex distance: Bullet's GJK and EPA, which are templates in headers; nothing of Bullet is linked.
 find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet REQUIRED)

@@ -96,7 +96,7 @@ void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t dron
   const BeamPattern& pattern = pattern_of(drone);
   trace::RayBundle& rays = scratch.bundle;
   rays.rotation = pose.rotation.toRotationMatrix();
-  rays.origin = pose.position + rays.rotation * offset_[drone];
+  rays.origin = pose.position + trace::rotated(rays.rotation, offset_[drone]);
   rays.range = max_range_[drone];
   scene.gather(rays.origin, rays.range, scratch.reach);
   for (const Tile& tile : pattern.tiles) {

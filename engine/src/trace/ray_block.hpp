@@ -15,6 +15,12 @@ inline constexpr std::size_t kRayPadding = 16;  // whole vectors may be read and
 using RayFloats = float[kMaxRays + kRayPadding];
 using RayInts = std::int32_t[kMaxRays + kRayPadding];
 
+// m v, summed in one order on every target: Eigen's depends on the width of its vectors.
+inline Vec3 rotated(const Mat3& m, const Vec3& v) {
+  const auto row = [&](int i) { return m(i, 0) * v[0] + (m(i, 1) * v[1] + m(i, 2) * v[2]); };
+  return {row(0), row(1), row(2)};
+}
+
 // Rays of one sensor: they share origin and range, and their directions are the same in its frame at every pose.
 struct RayBundle {
   Vec3 origin;                  // m, world frame
@@ -26,7 +32,7 @@ struct RayBundle {
   alignas(64) RayFloats t_hit;  // m, inf on a miss; written by Scene::intersect
   alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
 
-  Vec3 direction(std::size_t i) const { return rotation * Vec3(x[i], y[i], z[i]); }  // unit, world frame
+  Vec3 direction(std::size_t i) const { return rotated(rotation, {x[i], y[i], z[i]}); }  // world frame
 };
 
 // Rays of any origins and ranges.

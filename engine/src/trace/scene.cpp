@@ -68,6 +68,15 @@ FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
   _mm_setcsr(saved_ | kFlushToZero | kDenormalsAreZero);
 }
 FlushDenormals::~FlushDenormals() { _mm_setcsr(saved_); }
+#elif defined(__aarch64__)
+FlushDenormals::FlushDenormals() {
+  constexpr std::uint64_t kFlushToZero = 1U << 24U;  // of operands and results
+  std::uint64_t control = 0;
+  asm volatile("mrs %0, fpcr" : "=r"(control));
+  saved_ = static_cast<unsigned int>(control);
+  asm volatile("msr fpcr, %0" : : "r"(control | kFlushToZero));
+}
+FlushDenormals::~FlushDenormals() { asm volatile("msr fpcr, %0" : : "r"(std::uint64_t{saved_})); }
 #else
 FlushDenormals::FlushDenormals() : saved_(0) {}
 FlushDenormals::~FlushDenormals() = default;
@@ -192,7 +201,7 @@ void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {
     candidate.shape = &shape;
     candidate.element = static_cast<std::int32_t>(element);
     const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
-    const Vec3 local = shape.aligned ? offset : Vec3(shape.to_local * offset);
+    const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
     candidate.local_origin = {local.x(), local.y(), local.z()};
     candidate.place = place_of(shape, element < num_rooms_, candidate.local_origin);
   };

@@ -45,6 +45,11 @@ class Draws {
 
   double uniform(double low, double high) { return low + (high - low) * static_cast<double>(uniform01(bits())); }
   int below(int count) { return static_cast<int>(uniform(0.0, count)); }
+  // y is drawn first; two calls as arguments of one would come in the order of the compiler's choice.
+  Vec2d point(const Vec2d& low, const Vec2d& high) {
+    const double y = uniform(low.y(), high.y());
+    return {uniform(low.x(), high.x()), y};
+  }
 
  private:
   std::uint32_t bits() {
@@ -192,7 +197,8 @@ class PillarField {
     const Vec2d along = route_.flat(leg + 1) - route_.flat(leg);
     const Vec2d point = route_.flat(leg) + draws.uniform(0.2, 0.8) * along;
     if (keeps_lane) lay_lane(leg, point + (draws.below(2) == 0 ? 1.0 : -1.0) * kLaneDetour * across(along));
-    return rounded(point + Vec2d(draws.uniform(-0.15, 0.15), draws.uniform(-0.15, 0.15)));
+    const Vec2d aside = Vec2d::Constant(0.15);
+    return rounded(point + draws.point(-aside, aside));
   }
 
   // The lane follows the route, but for one leg, where it goes over a point beside it.
@@ -210,15 +216,13 @@ class PillarField {
   static Vec2d across(const Vec2d& v) { return Vec2d(-v.y(), v.x()) / v.norm(); }
 
   Vec2d beside_the_route(Draws& draws) const {
-    const double reach = 2.0 * config_.size[1] / kRoom[1];
+    const Vec2d reach = Vec2d::Constant(2.0 * config_.size[1] / kRoom[1]);
     const auto leg = static_cast<std::size_t>(draws.below(static_cast<int>(route_.num_legs())));
     const Vec2d point = route_.flat(leg) + draws.uniform(0.0, 1.0) * (route_.flat(leg + 1) - route_.flat(leg));
-    return rounded(point + Vec2d(draws.uniform(-reach, reach), draws.uniform(-reach, reach)));
+    return rounded(point + draws.point(-reach, reach));
   }
 
-  Vec2d anywhere(Draws& draws) const {
-    return rounded(Vec2d(draws.uniform(0.0, config_.size[0]), draws.uniform(0.0, config_.size[1])));
-  }
+  Vec2d anywhere(Draws& draws) const { return rounded(draws.point(Vec2d::Zero(), {config_.size[0], config_.size[1]})); }
 
   static Vec2d rounded(const Vec2d& point) { return {centimetres(point.x()), centimetres(point.y())}; }
 

@@ -1,0 +1,206 @@
+// The SIMD kernels give the same bits on every target: what they say of random rays is compared with numbers written down here,
+// not with another run. Worlds and rays are made of integers and correctly rounded operations alone, in an order that no
+// library chooses, so that they have the same bits everywhere, too. Triangles are left out: those are Embree's own.
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "random/philox.hpp"
+#include "task/ranges.hpp"
+#include "trace/ray_block.hpp"
+#include "trace/scene.hpp"
+#include "trace/user_geometry.hpp"
+
+namespace swiftlet {
+namespace {
+
+constexpr std::size_t kRays = trace::kMaxRays;  // of a block and of a bundle
+
+// FNV-1a over words.
+class Digest {
+ public:
+  void add(std::uint64_t word) { value_ = (value_ ^ word) * 0x100000001B3ULL; }
+  void add(float value) { add(std::uint64_t{std::bit_cast<std::uint32_t>(value)}); }
+  void add(double value) { add(std::bit_cast<std::uint64_t>(value)); }
+  template <class Rays>
+  void add(const Rays& rays) {
+    for (std::size_t i = 0; i < rays.count; ++i) {
+      add(rays.t_hit[i]);
+      add(static_cast<std::uint64_t>(static_cast<std::uint32_t>(rays.element[i])));
+      hits_ += rays.element[i] >= 0 ? 1 : 0;
+    }
+  }
+  std::uint64_t value() const { return value_; }
+  std::size_t hits() const { return hits_; }
+
+ private:
+  std::uint64_t value_ = 0xCBF29CE484222325ULL;
+  std::size_t hits_ = 0;
+};
+
+class Exact {
+ public:
+  explicit Exact(std::uint32_t seed) : seed_(seed) {}
+
+  std::uint32_t word() { return philox4x32({next_++, 0, 0, 0}, {seed_, 0})[0]; }
+  float within(float low, float high) { return low + (high - low) * uniform01(word()); }
+  Vec3 point(float reach) {
+    Vec3 p;
+    for (float& coordinate : p) coordinate = within(-reach, reach);
+    return p;
+  }
+
+  Quat rotation() {
+    const float w = within(0.1F, 1.0F);
+    const Vec3 v = point(1.0F);
+    const float length = std::sqrt(((w * w + v.x() * v.x()) + v.y() * v.y()) + v.z() * v.z());
+    return {w / length, v.x() / length, v.y() / length, v.z() / length};
+  }
+
+  // Some lie in a plane of the axes; of others a component's square is a denormal number. With `ahead` > 1 all are near +x.
+  Vec3 direction(float ahead = 0.0F) {
+    for (;;) {
+      Vec3 v = point(1.0F);
+      v.x() += ahead;
+      const float length = std::sqrt((v.x() * v.x() + v.y() * v.y()) + v.z() * v.z());
+      if (!(length > 0.25F)) continue;
+      for (float& coordinate : v) coordinate /= length;
+      const int axis = 1 + static_cast<int>(word() % 2);
+      switch (word() % 4) {
+        case 0:
+          v[axis] *= 0.0F;
+          break;
+        case 1:
+          v[axis] *= 0x1p-65F;
+          break;
+        default:
+          break;
+      }
+      return v;
+    }
+  }
+
+  // Every kind, every other one turned.
+  std::shared_ptr<const World> world(int count) {
+    std::vector<Primitive> primitives{testing::primitive(PrimitiveKind::room, point(0.5F), {7.0F, 7.0F, 6.0F})};
+    for (int i = 0; i < count; ++i) {
+      const auto kind = static_cast<PrimitiveKind>(1 + i % 6);
+      const Vec3 center = point(5.0F);
+      const float r = within(0.2F, 1.5F);
+      const float s = within(0.2F, 1.5F);
+      Vec3 half(r, r, r + s);  // cylinder, capsule
+      if (kind == PrimitiveKind::box) half.y() = s;
+      if (kind == PrimitiveKind::sphere) half.z() = r;
+      if (kind == PrimitiveKind::plane) half = {r, s, 0.0F};
+      if (kind == PrimitiveKind::disc) half.z() = 0.0F;
+      const bool turned = kind != PrimitiveKind::sphere && word() % 2 == 0;
+      primitives.push_back(testing::primitive(kind, center, half, turned ? rotation() : Quat::Identity()));
+    }
+    return testing::make_world(std::move(primitives));
+  }
+
+ private:
+  std::uint32_t seed_, next_ = 0;
+};
+
+void expect_digest(const Digest& digest, std::uint64_t expected) {
+  EXPECT_EQ(digest.value(), expected) << std::hex << "0x" << digest.value() << " on " << trace::simd_target();
+}
+
+// Rays of any origin: 64 worlds of 8 blocks each.
+Digest trace_blocks(int primitives) {
+  Exact exact(static_cast<std::uint32_t>(primitives));
+  const trace::FlushDenormals flush;
+  const auto block = std::make_unique<trace::RayBlock>();
+  block->count = kRays;
+  Digest digest;
+  for (int i = 0; i < 64; ++i) {
+    const auto world = exact.world(primitives);
+    for (int portion = 0; portion < 8; ++portion) {
+      for (std::size_t ray = 0; ray < kRays; ++ray) {
+        const Vec3 origin = exact.point(8.0F);
+        const Vec3 direction = exact.direction();
+        block->org_x[ray] = origin.x();
+        block->org_y[ray] = origin.y();
+        block->org_z[ray] = origin.z();
+        block->dir_x[ray] = direction.x();
+        block->dir_y[ray] = direction.y();
+        block->dir_z[ray] = direction.z();
+        block->range[ray] = exact.within(1.0F, 20.0F);
+      }
+      world->scene().intersect(*block);
+      digest.add(*block);
+    }
+  }
+  EXPECT_GT(digest.hits(), 64 * 8 * kRays / 4);
+  return digest;
+}
+
+TEST(KernelBits, FewPrimitives) { expect_digest(trace_blocks(6), 0x5B89D4CF0A2492FCULL); }
+
+TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x773A791510CCA1DDULL); }
+
+// Rays of one origin: what is gathered, what is in view and where the sensor is must not show in the bits.
+TEST(KernelBits, Bundles) {
+  Exact exact(1);
+  const trace::FlushDenormals flush;
+  const auto reach = std::make_unique<trace::Reach>();
+  const auto bundle = std::make_unique<trace::RayBundle>();
+  std::vector<float> x(kRays + trace::kRayPadding), y(x), z(x);
+  bundle->x = x.data();
+  bundle->y = y.data();
+  bundle->z = z.data();
+  bundle->count = kRays;
+  Digest digest;
+  for (int i = 0; i < 64; ++i) {
+    const auto world = exact.world(20);
+    for (int portion = 0; portion < 8; ++portion) {
+      for (std::size_t ray = 0; ray < kRays; ++ray) {
+        const Vec3 direction = exact.direction(portion % 2 == 0 ? 2.0F : 0.0F);
+        x[ray] = direction.x();
+        y[ray] = direction.y();
+        z[ray] = direction.z();
+      }
+      const trace::View view = trace::make_view(std::span(x).first(kRays), std::span(y).first(kRays), std::span(z).first(kRays));
+      bundle->view = &view;
+      bundle->origin = exact.point(6.0F);
+      bundle->rotation = exact.rotation().toRotationMatrix();
+      bundle->range = exact.within(2.0F, 8.0F);
+      world->scene().gather(bundle->origin, bundle->range, *reach);
+      ASSERT_EQ(world->scene().intersect(*reach, *bundle), trace::Traced::fully);
+      digest.add(*bundle);
+    }
+  }
+  EXPECT_GT(digest.hits(), 64 * 8 * kRays / 4);
+  expect_digest(digest, 0x5F969FF92A9AE5F7ULL);
+}
+
+TEST(KernelBits, Ranges) {
+  Exact exact(2);
+  Digest digest;
+  for (std::size_t count = 1; count < 300; ++count) {
+    std::vector<float> ranges(count), normalised(count);
+    for (float& range : ranges) range = exact.word() % 8 == 0 ? std::numeric_limits<float>::infinity() : exact.within(0.0F, 3.0F);
+    const task::Clearance clearance = task::normalise(ranges, 3.0F, normalised.data());
+    for (const float value : normalised) digest.add(value);
+    digest.add(clearance.nearest);
+    digest.add(clearance.sum);
+  }
+  expect_digest(digest, 0x787DCAA7375CDD5CULL);
+}
+
+#if defined(__aarch64__)
+TEST(KernelBits, OfNeon) { EXPECT_STREQ(trace::simd_target(), "NEON"); }
+#endif
+
+}  // namespace
+}  // namespace swiftlet
