@@ -86,8 +86,13 @@ struct Tracer {
 //   SWIFTLET_RAYS=10000000 ./dev test engine --gtest_filter='Agreement*'
 
 std::size_t rays_wanted() {
+#if defined(NDEBUG)
+  constexpr std::size_t kDefault = 150'000;
+#else  // sanitizers and debug builds are slow
+  constexpr std::size_t kDefault = 20'000;
+#endif
   const char* const text = std::getenv("SWIFTLET_RAYS");
-  return text == nullptr ? 150'000 : std::stoul(text);
+  return text == nullptr ? kDefault : std::stoul(text);
 }
 
 struct Deviation {
