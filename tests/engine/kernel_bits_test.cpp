@@ -66,25 +66,22 @@ class Exact {
     return {w / length, v.x() / length, v.y() / length, v.z() / length};
   }
 
-  // Some lie in a plane of the axes; of others a component's square is a denormal number. With `ahead` > 1 all are near +x.
+  // Some lie in a plane of the axes; others are so nearly along an axis that the squares of what they have aside are denormal
+  // numbers. With `ahead` > 1 all are near +x.
   Vec3 direction(float ahead = 0.0F) {
     for (;;) {
       Vec3 v = point(1.0F);
       v.x() += ahead;
+      const int axis = ahead > 0.0F ? 0 : static_cast<int>(word() % 3);
+      const std::uint32_t sort = word() % 4;
+      if (sort == 0) v[(axis + 1) % 3] *= 0.0F;
+      if (sort == 1) {
+        v[(axis + 1) % 3] *= 0x1p-71F;
+        v[(axis + 2) % 3] *= 0x1p-71F;
+      }
       const float length = std::sqrt((v.x() * v.x() + v.y() * v.y()) + v.z() * v.z());
       if (!(length > 0.25F)) continue;
       for (float& coordinate : v) coordinate /= length;
-      const int axis = 1 + static_cast<int>(word() % 2);
-      switch (word() % 4) {
-        case 0:
-          v[axis] *= 0.0F;
-          break;
-        case 1:
-          v[axis] *= 0x1p-65F;
-          break;
-        default:
-          break;
-      }
       return v;
     }
   }
@@ -145,9 +142,9 @@ Digest trace_blocks(int primitives) {
   return digest;
 }
 
-TEST(KernelBits, FewPrimitives) { expect_digest(trace_blocks(6), 0x5B89D4CF0A2492FCULL); }
+TEST(KernelBits, FewPrimitives) { expect_digest(trace_blocks(6), 0x014BEF39B722AA74ULL); }
 
-TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x773A791510CCA1DDULL); }
+TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x121905830F862757ULL); }
 
 // Rays of one origin: what is gathered, what is in view and where the sensor is must not show in the bits.
 TEST(KernelBits, Bundles) {
@@ -181,7 +178,7 @@ TEST(KernelBits, Bundles) {
     }
   }
   EXPECT_GT(digest.hits(), 64 * 8 * kRays / 4);
-  expect_digest(digest, 0x5F969FF92A9AE5F7ULL);
+  expect_digest(digest, 0x523952D09D73F4EEULL);
 }
 
 TEST(KernelBits, Ranges) {

@@ -9,6 +9,6 @@ namespace swiftlet::trace {
 // Shapes in view up to which a bundle's rays are tested against every one.
 inline constexpr std::size_t kMaxDirect = 384;
 // Shapes of a world up to which rays of any origins are tested against every one.
-inline constexpr std::size_t kMaxDirectAnyOrigin = 32;
+inline constexpr std::size_t kMaxDirectAnyOrigin = 16;
 
 }  // namespace swiftlet::trace

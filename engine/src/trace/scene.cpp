@@ -8,7 +8,6 @@
 #include <string>
 
 #include "batch/platform.hpp"
-#include "trace/calibrated.hpp"
 #include "trace/handover.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
@@ -19,6 +18,8 @@
 
 namespace swiftlet::trace {
 namespace {
+
+static_assert(kMaxDirectAnyOrigin <= kMaxDirect && kMaxDirect <= kMaxCandidates);
 
 constexpr float kRounding = 1e-5F;  // of coordinates: bounds are this much wider, so that no rounding hides a hit
 
@@ -82,8 +83,8 @@ FlushDenormals::FlushDenormals() : saved_(0) {}
 FlushDenormals::~FlushDenormals() = default;
 #endif
 
-Scene::Scene(const World& world) {
-  add_primitives(world.primitives());
+Scene::Scene(const World& world, std::size_t max_direct) {
+  add_primitives(world.primitives(), max_direct);
   add_triangles(world.triangles());
 }
 
@@ -103,7 +104,7 @@ void Scene::commit(RTCScene scene) const {
   if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) throw_embree_error(device_.get());
 }
 
-void Scene::add_primitives(std::span<const Primitive> primitives) {
+void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t max_direct) {
   std::vector<Aabb> boxes;
   std::vector<std::uint32_t> numbers;
   for (const Primitive& primitive : primitives) {
@@ -117,7 +118,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives) {
     }
   }
   tree_ = ShapeTree(boxes, numbers);
-  if (shapes_.size() <= kMaxDirectAnyOrigin) return;  // every bundle has few enough, too
+  if (shapes_.size() <= max_direct) return;  // every bundle has few enough, too
   for (const NumberedShape& shape : shapes_) {
     crowd_shapes_.push_back(shape.shape);
     // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "swiftlet/world.hpp"
+#include "trace/calibrated.hpp"
 #include "trace/direct.hpp"
 #include "trace/embree.hpp"
 #include "trace/ray_block.hpp"
@@ -51,7 +52,8 @@ enum class Traced : std::uint8_t {
 
 class Scene {
  public:
-  explicit Scene(const World& world);  // keeps no reference to the world
+  // Keeps no reference to the world. Up to max_direct primitives, rays of any origins are tested against every one.
+  explicit Scene(const World& world, std::size_t max_direct = kMaxDirectAnyOrigin);
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
@@ -77,7 +79,7 @@ class Scene {
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
   EmbreeScene new_scene();
-  void add_primitives(std::span<const Primitive> primitives);
+  void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
   void add_triangles(const TriangleMesh& mesh);
   void commit(RTCScene scene) const;
 
