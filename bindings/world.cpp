@@ -43,6 +43,17 @@ py::list primitives(const World& world) {
   return list;
 }
 
+py::list materials(const World& world) {
+  py::list list;
+  for (const Material& material : world.materials()) {
+    py::dict entry;
+    entry["name"] = material.name;
+    entry["base_color"] = py::make_tuple(material.base_color[0], material.base_color[1], material.base_color[2]);
+    list.append(entry);
+  }
+  return list;
+}
+
 py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range) {
   const Input<float> from = floats(origins, "origins", {-1, 3});
   const Input<float> along = floats(directions, "directions", {-1, 3});
@@ -55,6 +66,7 @@ py::dict raycast(const World& world, const py::object& origins, const py::object
   result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
   result["normal"] = rows(hits.normal);
   result["primitive"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.primitive.size()), hits.primitive.data());
+  result["material"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.material.size()), hits.material.data());
   return result;
 }
 
@@ -98,6 +110,7 @@ void register_world(py::module_& module) {
                                return box ? py::object(box_rows(*box)) : py::none();
                              })
       .def_property_readonly("marker_radius", [](const World& world) { return world.markers().radius; })
+      .def_property_readonly("materials", &materials)
       .def_property_readonly("primitives", &primitives)
       .def("to_dict", [](const World& world) { return py::module_::import("json").attr("loads")(world.to_json()); })
       .def("save", &World::save, py::arg("path"))

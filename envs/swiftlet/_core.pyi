@@ -253,6 +253,10 @@ class World:
         """Metres, as drawn."""
 
     @property
+    def materials(self) -> list[dict[str, Any]]:
+        """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1]."""
+
+    @property
     def primitives(self) -> list[dict[str, Any]]:
         """A dict for each: ``kind`` (``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``,
         ``"capsule"``, ``"plane"``, ``"disc"``), ``center`` (3,) m, ``quat_wxyz`` (4,), ``half_extents`` (3,) m (of what is
@@ -285,7 +289,8 @@ class World:
         Returns
         -------
         ``t_hit`` (R,) m, inf on a miss; ``normal`` (R, 3) unit, facing the ray's origin, 0 on a miss; ``primitive`` (R,)
-        int32, an index into `primitives`, then their number + the index of a triangle, -1 on a miss.
+        int32, an index into `primitives`, then their number + the index of a triangle, -1 on a miss; ``material`` (R,)
+        int32, an index into `materials`, -1 on a miss.
         """
 
 @final

@@ -94,6 +94,27 @@ def rays(count, seed=0):
 
 
 class TestRaycast:
+    def test_tells_the_material(self):
+        world = swiftlet.World.from_dict(
+            {
+                "swiftlet_scene": 1,
+                "materials": {"red": {"base_color": [1, 0, 0]}, "blue": {"base_color": [0, 0, 1]}},
+                "spheres": [{"center": [5, 0, 0], "radius": 1, "material": "blue"}],
+                "meshes": [
+                    {
+                        "vertices": [[-5, -1, -1], [-5, 1, -1], [-5, 0, 1]],
+                        "triangles": [[0, 1, 2]],
+                        "material": "red",
+                    }
+                ],
+            }
+        )
+        hits = world.raycast(np.zeros((3, 3)), [[1, 0, 0], [-1, 0, 0], [0, 0, 1]], 10.0)
+        named = [world.materials[m] for m in hits["material"][:2]]
+        assert [m["name"] for m in named] == ["blue", "red"]
+        assert named[0]["base_color"] == (0, 0, 1)
+        assert hits["material"].tolist()[2] == -1
+
     def test_agrees_with_the_equations_of_the_primitives(self, shapes):
         origin, direction = rays(20_000)
         hits = shapes.raycast(origin, direction, 100.0)

@@ -78,6 +78,7 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
   hits.t_hit.assign(count, std::numeric_limits<float>::infinity());
   hits.normal.assign(count, Vec3::Zero());
   hits.primitive.assign(count, -1);
+  hits.material.assign(count, -1);
   const trace::FlushDenormals flush;
   const auto rays = std::make_unique<trace::RayBlock>();
   for (std::size_t first = 0; first < count; first += trace::kMaxRays) {
@@ -98,12 +99,15 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
       const auto element = static_cast<std::size_t>(rays->element[i]);
       const Vec3d origin(origins[3 * ray], origins[3 * ray + 1], origins[3 * ray + 2]);
       const Vec3d direction = unit[ray].cast<double>();
-      Vec3d normal = element < primitives().size() ? surface_normal(primitives()[element], origin + rays->t_hit[i] * direction)
-                                                   : triangle_normal(triangles(), element - primitives().size());
+      const bool is_primitive = element < primitives().size();
+      const std::size_t triangle = element - primitives().size();  // else
+      Vec3d normal = is_primitive ? surface_normal(primitives()[element], origin + rays->t_hit[i] * direction)
+                                  : triangle_normal(triangles(), triangle);
       if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are seen from both sides
       hits.t_hit[ray] = rays->t_hit[i];
       hits.normal[ray] = normal.cast<float>();
       hits.primitive[ray] = rays->element[i];
+      hits.material[ray] = is_primitive ? primitives()[element].material : triangles().materials[triangle];
     }
   }
   return hits;
