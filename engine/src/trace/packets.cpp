@@ -36,7 +36,6 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   std::fill_n(valid, kSize, -1);
 
   for (std::size_t first = 0; first < rays.count; first += kSize) {
-    if (rays.count - first < kSize) std::fill(valid + (rays.count - first), valid + kSize, 0);
     for (std::size_t i = 0; i < kSize; i += lanes) {
       const std::size_t ray = first + i;
       hn::Store(hn::Load(d, rays.org_x + ray), d, packet.ray.org_x + i);
@@ -52,6 +51,11 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
       const auto beyond = hn::Max(hn::IfThenElse(hn::Lt(range, infinity), next, infinity), least);
       hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + i);
       hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + i));
+    }
+    if (const std::size_t left = rays.count - first; left < kSize) {
+      std::fill(valid + left, valid + kSize, 0);
+      // On processors without packets of this size Embree heeds not `valid`, but that these end before they begin.
+      std::fill(packet.ray.tfar + left, packet.ray.tfar + kSize, -1.0F);
     }
     intersect_packet(valid, scene, buffer);
     for (std::size_t i = 0; i < kSize; i += lanes) {
