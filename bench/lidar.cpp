@@ -363,6 +363,21 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
   figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", runs);
 }
 
+// Thousands of upright cylinders on a floor.
+std::shared_ptr<const swiftlet::World> forest() {
+  constexpr float kHalfSide = 100.0F;  // m
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> place(-kHalfSide, kHalfSide);
+  swiftlet::SceneDescription description;
+  description.primitives.push_back({.kind = swiftlet::PrimitiveKind::room, .half_extents = {kHalfSide, kHalfSide, 2.5F}});
+  for (int i = 0; i < 5000; ++i) {
+    description.primitives.push_back({.kind = swiftlet::PrimitiveKind::cylinder,
+                                      .center = {place(random), place(random), 0.0F},
+                                      .half_extents = {0.25F, 0.25F, 2.5F}});
+  }
+  return std::make_shared<const swiftlet::World>(std::move(description));
+}
+
 // The same worlds as triangles only.
 swiftlet::Batch::Worlds tessellated(const swiftlet::Batch::Worlds& worlds) {
   swiftlet::Batch::Worlds meshes;
@@ -394,6 +409,7 @@ int main(int argc, char** argv) {
     grid.vfov_deg = 30.0F;
     grid.max_range_m = 30.0F;
     bench_case("grid16x360x256", grid, 256, worlds, kRuns, figures);
+    bench_case("forest_fan35x1024", {}, 1024, {forest()}, kRuns, figures);
     const swiftlet::Batch::Worlds meshes = tessellated(worlds);
     bench_case("mesh_fan35x1024", {}, 1024, meshes, kRuns, figures);
     bench_case("mesh_grid16x360x256", grid, 256, meshes, kRuns, figures);
