@@ -155,10 +155,10 @@ class SceneReader {
     read_materials();
     if (const auto room = find(root_, "room")) read_room(*room);
     for_each("pillars", [this](const Field& field) { read_pillar(field); });
-    for_each("cylinders", [this](const Field& field) { read_cylinder(field); });
+    for_each("cylinders", [this](const Field& field) { read_round(field, PrimitiveKind::cylinder); });
     for_each("boxes", [this](const Field& field) { read_box(field); });
     for_each("spheres", [this](const Field& field) { read_sphere(field); });
-    for_each("capsules", [this](const Field& field) { read_capsule(field); });
+    for_each("capsules", [this](const Field& field) { read_round(field, PrimitiveKind::capsule); });
     for_each("planes", [this](const Field& field) { read_plane(field); });
     for_each("discs", [this](const Field& field) { read_disc(field); });
     for_each("meshes", [this](const Field& field) { read_mesh(field); });
@@ -260,12 +260,14 @@ class SceneReader {
                                           .material = read_material(field)});
   }
 
-  void read_cylinder(const Field& field) {
+  // A cylinder, or a capsule, whose height includes its round caps.
+  void read_round(const Field& field, PrimitiveKind kind) {
     check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     const Field height = require(field, "height");
     const float half_height = half_size(height, positive(height));
-    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
+    if (kind == PrimitiveKind::capsule && half_height < radius) refuse(height, "a number >= twice the radius");
+    scene_.primitives.push_back(Primitive{.kind = kind,
                                           .center = point(require(field, "center")),
                                           .rotation = optional_quaternion(field),
                                           .half_extents = Vec3(radius, radius, half_height),
@@ -293,20 +295,6 @@ class SceneReader {
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::sphere,
                                           .center = point(require(field, "center")),
                                           .half_extents = Vec3::Constant(radius),
-                                          .material = read_material(field)});
-  }
-
-  // The height includes the round caps.
-  void read_capsule(const Field& field) {
-    check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
-    const float radius = static_cast<float>(positive(require(field, "radius")));
-    const Field height = require(field, "height");
-    const float half_height = half_size(height, positive(height));
-    if (half_height < radius) refuse(height, "a number >= twice the radius");
-    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::capsule,
-                                          .center = point(require(field, "center")),
-                                          .rotation = optional_quaternion(field),
-                                          .half_extents = Vec3(radius, radius, half_height),
                                           .material = read_material(field)});
   }
 
