@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "swiftlet/config.hpp"
@@ -19,6 +20,14 @@ namespace swiftlet {
 struct LidarChange {
   std::optional<float> max_range_m;
   std::optional<float> hfov_deg;
+  std::optional<float> vfov_deg;
+  std::optional<std::array<float, 3>> offset_m;
+  std::optional<std::array<float, 4>> quat_wxyz;
+};
+
+// The same for a camera. The resolution is fixed per batch.
+struct CameraChange {
+  std::optional<float> hfov_deg;  // either of the two lets go of the other, unless both are given
   std::optional<float> vfov_deg;
   std::optional<std::array<float, 3>> offset_m;
   std::optional<std::array<float, 4>> quat_wxyz;
@@ -62,6 +71,16 @@ class Batch {
   std::span<const float> lidar_max_range_m() const;   // (N,) m, of each drone; std::logic_error without a LiDAR
   void lidar_directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out) const;      // (N, channels, beams, 3) m, world frame, inf on a miss
+
+  // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
+  std::size_t camera_index(std::string_view name) const;
+  const CameraImages& images(std::size_t camera) const;
+  CameraConfig camera_config(std::size_t camera, std::size_t drone) const;  // as changed at run time
+  void capture(std::size_t camera, Mask mask = {});                         // renders now, whatever the mode
+  void set_capture_mode(std::size_t camera, CaptureMode mode);
+  void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
+  const std::string& camera_backend_report() const;  // which backend renders, and why
+  std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;  // the file's bytes; quality in [1, 100]
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
   void seed(std::span<const std::uint64_t> seeds, Mask mask = {});           // (N,); episode counters go to 0

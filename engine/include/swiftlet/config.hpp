@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,67 @@ struct LidarConfig {
   bool has_pattern() const { return !azimuth_deg.empty() || !elevation_deg.empty(); }
   int rows() const { return has_pattern() ? 1 : channels; }
   int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }
+};
+
+enum class DepthKind : std::uint8_t {
+  planar,  // along the optical axis
+  range,   // from the camera
+};
+
+enum class ImageLayout : std::uint8_t {
+  hwc,  // (N, H, W, 3)
+  chw,  // (N, 3, H, W)
+};
+
+// When frames are rendered. A reset, and a change of the camera itself, is always a reason to render (on_demand: at the next
+// capture).
+enum class CaptureMode : std::uint8_t {
+  every_step,   // at every step or sense()
+  on_movement,  // at those where the drone's pose or world is another than its frame shows
+  on_demand,    // by capture() alone
+};
+
+// What a camera writes; see CameraImages.
+struct CameraOutputs {
+  bool rgb = true;
+  bool depth = false;
+  bool semantic = false;
+  bool instance = false;
+  bool normal = false;
+  bool grey = false;
+
+  bool operator==(const CameraOutputs&) const = default;
+  bool any_color() const { return rgb || grey; }
+};
+
+// A pinhole camera. Its frame: x along the optical axis, y left, z up. The centre of the image is where the axis meets it.
+struct CameraConfig {
+  std::string name = "front";                  // of its own in the batch
+  int width_px = 640;                          // in [1, 8192]
+  int height_px = 480;                         // in [1, 8192]
+  std::optional<float> hfov_deg;               // in [0.1, 179]; neither given: 90. Of one alone, pixels are square.
+  std::optional<float> vfov_deg;               // likewise; both given: each as it says
+  std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame
+  std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // camera to body; normalised if close to unit
+  float near_m = 0.05F;                        // > 0; planar depth below which nothing is seen
+  float far_m = 100.0F;                        // > near_m, finite; planar depth beyond which the sky is seen
+  CameraOutputs outputs;
+  DepthKind depth_kind = DepthKind::planar;
+  ImageLayout layout = ImageLayout::hwc;  // of rgb and normal
+  CaptureMode capture_mode = CaptureMode::every_step;
+  int samples_per_pixel = 1;  // 1, 4, 9 or 16, a grid, averaged as written; colours only: the rest is of the pixel's centre
+  bool shadows = false;       // hard shadows of the sun; rooms and markers cast none
+
+  void validate() const;
+  float fx() const;  // px
+  float fy() const;  // px
+};
+
+// Who renders cameras.
+enum class CameraBackend : std::uint8_t {
+  raycast,    // the engine's own tracing: needs nothing, and repeats to the bit
+  gl,         // OpenGL 4.5 by EGL, headless; without it, raycast with a warning
+  automatic,  // the faster of the two on the batch's worlds, timed when it is made
 };
 
 // Exact pose, with optional Gaussian noise.
@@ -98,6 +160,8 @@ struct BatchConfig {
   int num_threads = 0;  // 0: physical cores in the affinity mask
   bool has_lidar = false;
   LidarConfig lidar;
+  std::vector<CameraConfig> cameras;
+  CameraBackend camera_backend = CameraBackend::raycast;
   PoseSensorConfig pose_sensor;
   TaskKind task = TaskKind::none;  // navigation requires a LiDAR
   NavigationConfig navigation;

@@ -32,6 +32,18 @@ struct State {
   std::vector<std::int64_t> scans;        // (N,) how often sensed in this episode: counter of the sensor noise
 };
 
+// The images of one camera, of all drones; what the camera does not write is empty. Row 0 is the top. Written by sensors.
+struct CameraImages {
+  std::vector<std::uint8_t> rgb;         // (N, H, W, 3) or (N, 3, H, W)
+  std::vector<float> depth;              // (N, H, W) m; inf where nothing is seen: sky, or beyond far
+  std::vector<std::uint16_t> semantic;   // (N, H, W) Material::semantic, kSemanticStart ...; 0 where nothing is seen
+  std::vector<std::uint16_t> instance;   // (N, H, W) 1 + index into primitives(), then the meshes, then start, waypoints, goal;
+                                         // 0 where nothing is seen
+  std::vector<float> normal;             // (N, H, W, 3) or (N, 3, H, W) unit, world frame, towards the camera; 0 where nothing
+  std::vector<std::uint8_t> grey;        // (N, H, W) 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded
+  std::vector<std::int64_t> frame_step;  // (N,) the step of the episode whose pose the frame shows, 0 being the reset; -1: stale
+};
+
 // What a step or reset returns. Two of these rotate, so that what one returned stays intact during the next.
 struct Outputs {
   std::vector<float> observation;            // (N, observation size)

@@ -39,15 +39,31 @@ struct Primitive {
 struct Material {
   std::string name;
   std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB in [0, 1]
+  std::uint16_t semantic = 0;                         // class that cameras report; 0: the material's index plus 1
+};
+
+// What cameras see things by. Colours are linear RGB, >= 0. A surface of unit normal n and base colour c shows
+// c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in direction d
+// lerp(horizon_color, zenith_color, max(0, d.z)); a value v is written as 255 * min(v, 1)^(1 / gamma), rounded.
+struct Light {
+  std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun, unit
+  std::array<float, 3> sun_color{0.6F, 0.58F, 0.54F};
+  std::array<float, 3> sky_ambient{0.45F, 0.47F, 0.5F};
+  std::array<float, 3> ground_ambient{0.33F, 0.32F, 0.31F};
+  std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};
+  std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};
+  float gamma = 2.2F;  // in [1, 4]
 };
 
 struct TriangleMesh {
   std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
   std::vector<std::uint16_t> materials;                // one per triangle, index into World::materials(); none: all 0
+  std::vector<std::uint16_t> objects;                  // one per triangle, which mesh of the scene it is of; none: all 0
 };
 
-// Named places. A task reads them; nothing collides with them and no LiDAR sees them.
+// Named places. A task reads them; nothing collides with them and no LiDAR sees them. Cameras see them as spheres, from outside
+// only (a drone at its start looks out of the start's), that cast no shadow.
 struct Markers {
   float radius = 0.25F;           // m, drawn size
   std::optional<Vec3> start;      // m
@@ -56,6 +72,11 @@ struct Markers {
   std::optional<Aabb> spawn_box;  // m; where a task may start drones at random
 };
 
+// What cameras report as semantic id of the markers; materials have lower ones.
+inline constexpr std::uint16_t kSemanticStart = 65533;
+inline constexpr std::uint16_t kSemanticWaypoint = 65534;
+inline constexpr std::uint16_t kSemanticGoal = 65535;
+
 // What a scene file says, in memory: the one input a World is built from.
 struct SceneDescription {
   std::string name = "unnamed";
@@ -63,6 +84,7 @@ struct SceneDescription {
   std::vector<Primitive> primitives;
   TriangleMesh mesh;  // all triangle meshes of the scene, merged
   Markers markers;
+  Light light;
 };
 
 // A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
@@ -104,6 +126,7 @@ class World {
   std::span<const Primitive> primitives() const { return description_.primitives; }
   const TriangleMesh& triangles() const { return description_.mesh; }
   const Markers& markers() const { return description_.markers; }
+  const Light& light() const { return description_.light; }
   const Aabb& bounds() const { return bounds_; }  // m, of all geometry
 
   std::string to_json() const;  // what save() writes; triangle meshes are written inline

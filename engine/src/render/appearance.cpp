@@ -1,0 +1,36 @@
+#include "render/appearance.hpp"
+
+#include <algorithm>
+
+namespace swiftlet::render {
+namespace {
+
+constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
+constexpr std::array<float, 3> kWaypointColor{0.85F, 0.6F, 0.02F};
+constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};
+
+}  // namespace
+
+Appearance::Appearance(const World& world) : marker_radius(world.markers().radius), light(world.light()) {
+  for (std::size_t i = 0; i < world.materials().size(); ++i) {
+    const Material& material = world.materials()[i];
+    const auto semantic = material.semantic != 0 ? material.semantic : static_cast<std::uint16_t>(i + 1);
+    materials.push_back({material.base_color, semantic, 0});
+  }
+  std::uint16_t instance = 0;
+  for (const Primitive& primitive : world.primitives()) {
+    primitives.push_back(materials[primitive.material]);
+    primitives.back().instance = ++instance;
+  }
+  first_object = ++instance;
+  for (const std::uint16_t object : world.triangles().objects) {
+    instance = std::max(instance, static_cast<std::uint16_t>(first_object + object));
+  }
+  if (world.triangles().triangles.empty()) --instance;
+  const Markers& places = world.markers();
+  if (places.start) markers.push_back({*places.start, {kStartColor, kSemanticStart, ++instance}});
+  for (const Vec3& waypoint : places.waypoints) markers.push_back({waypoint, {kWaypointColor, kSemanticWaypoint, ++instance}});
+  if (places.goal) markers.push_back({*places.goal, {kGoalColor, kSemanticGoal, ++instance}});
+}
+
+}  // namespace swiftlet::render

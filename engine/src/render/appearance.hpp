@@ -1,0 +1,36 @@
+// Appearance: what each surface of a world looks like, for whichever backend draws it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "swiftlet/pose.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet::render {
+
+struct Surface {
+  std::array<float, 3> color{};  // linear RGB
+  std::uint16_t semantic = 0;
+  std::uint16_t instance = 0;
+};
+
+// A marker as cameras see it: a sphere of Markers::radius.
+struct MarkerSphere {
+  Vec3 center;  // m, world frame
+  Surface surface;
+};
+
+struct Appearance {
+  explicit Appearance(const World& world);
+
+  std::vector<Surface> primitives;  // as World::primitives()
+  std::vector<Surface> materials;   // of triangles, by their material; with instance 0
+  std::uint16_t first_object = 0;   // instance of the triangles of mesh 0
+  std::vector<MarkerSphere> markers;  // start, waypoints, goal
+  float marker_radius = 0.25F;        // m
+  Light light;
+};
+
+}  // namespace swiftlet::render

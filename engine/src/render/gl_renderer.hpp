@@ -1,0 +1,41 @@
+// GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all shots of one size as tiles of one atlas.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+#include "render/shot.hpp"
+
+namespace swiftlet::render {
+
+// There is no EGL, or it has no device that renders, or one failed on the way. what() says which and why.
+class GlUnavailable : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+// A thread of its own owns the context. Not thread-safe: one caller at a time. Does nothing in a forked child, not even on
+// destruction.
+class GlRenderer {
+ public:
+  GlRenderer();  // throws GlUnavailable
+  ~GlRenderer();
+  GlRenderer(const GlRenderer&) = delete;
+  GlRenderer& operator=(const GlRenderer&) = delete;
+
+  std::string description() const;  // of the device, such as "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5"
+
+  // Begins to render; the shots, and what they point to, stay as they are until finish().
+  void start(std::span<const Shot> shots);
+  // Waits until all frames are written. Throws GlUnavailable where the device failed or did not answer in time; the frames are
+  // then undefined, and the renderer of no more use.
+  void finish();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace swiftlet::render

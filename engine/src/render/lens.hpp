@@ -1,0 +1,38 @@
+// Lens: which way each pixel looks.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "swiftlet/config.hpp"
+#include "trace/view.hpp"
+
+namespace swiftlet::render {
+
+// A block of pixels that is traced at once.
+struct Tile {
+  static constexpr std::size_t kSide = 16;  // pixels; a row of it is a vector of rays
+  std::size_t column, row;                  // of its first pixel
+  std::size_t width, height;                // at most kSide
+  trace::View view;                         // camera frame
+};
+
+// The pinhole model. The ray through pixel (u, v), counted from the upper left, has the direction
+// (1, (cx - u - 1/2) / fx, (cy - v - 1/2) / fy) in the camera's frame (x along the optical axis, y left, z up), so that lengths
+// along it are planar depths.
+struct Lens {
+  float fx, fy, cx, cy;  // px
+  // The grid of samples within a pixel, by which all of this is repeated: shifts[0] is of the pixel's centre, and where there are
+  // several samples the others follow.
+  struct Grid {
+    std::vector<float> left;  // (width rounded up to whole tiles,) y of each column's directions
+    std::vector<float> up;    // (height rounded up,) z of each row's
+  };
+  std::vector<Grid> grids;
+  std::vector<Tile> tiles;  // row by row; each holds all samples of its pixels
+  float corner;             // length of the longest direction
+};
+
+Lens make_lens(const CameraConfig& camera);
+
+}  // namespace swiftlet::render

@@ -1,0 +1,32 @@
+// Shot: one picture to take, and where to write it.
+#pragma once
+
+#include <cstdint>
+
+#include "render/lens.hpp"
+#include "swiftlet/config.hpp"
+#include "swiftlet/pose.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet::render {
+
+// One image of each output, laid out as in CameraImages; null where the camera does not write it.
+struct Frame {
+  std::uint8_t* rgb = nullptr;
+  float* depth = nullptr;
+  std::uint16_t* semantic = nullptr;
+  std::uint16_t* instance = nullptr;
+  float* normal = nullptr;
+  std::uint8_t* grey = nullptr;
+};
+
+struct Shot {
+  const World* world;
+  const CameraConfig* camera;
+  const Lens* lens;  // of that camera, with the drone's own field of view
+  Vec3 position;     // m, world frame
+  Mat3 rotation;     // camera to world
+  Frame frame;
+};
+
+}  // namespace swiftlet::render
