@@ -25,9 +25,9 @@ struct MarkerSphere {
 struct Appearance {
   explicit Appearance(const World& world);
 
-  std::vector<Surface> primitives;  // as World::primitives()
-  std::vector<Surface> materials;   // of triangles, by their material; with instance 0
-  std::uint16_t first_object = 0;   // instance of the triangles of mesh 0
+  std::vector<Surface> primitives;    // as World::primitives()
+  std::vector<Surface> materials;     // of triangles, by their material; with instance 0
+  std::uint16_t first_object = 0;     // instance of the triangles of mesh 0
   std::vector<MarkerSphere> markers;  // start, waypoints, goal
   float marker_radius = 0.25F;        // m
   Light light;
