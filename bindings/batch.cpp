@@ -2,7 +2,12 @@
 
 #include <pybind11/stl.h>
 
+#include <numeric>
+
 #include "arrays.hpp"
+#include "camera.hpp"
+#include "names.hpp"
+#include "released.hpp"
 
 namespace swiftlet::bindings {
 namespace {
@@ -25,8 +30,9 @@ AutoresetMode autoreset_mode(const std::string& text) {
 
 std::unique_ptr<Batch> make_batch(const Worlds& worlds, int num_drones, const std::optional<LidarConfig>& lidar,
                                   const std::optional<PoseSensorConfig>& pose_sensor, const std::optional<NavigationConfig>& task,
-                                  const std::optional<DroneModel>& drone, const std::string& autoreset, int num_threads,
-                                  int block_size, const py::object& world_index) {
+                                  const std::optional<DroneModel>& drone, const std::vector<CameraConfig>& cameras,
+                                  const std::string& backend, const std::string& autoreset, int num_threads, int block_size,
+                                  const py::object& world_index) {
   BatchConfig config;
   config.num_drones = num_drones;
   config.num_threads = num_threads;
@@ -35,11 +41,15 @@ std::unique_ptr<Batch> make_batch(const Worlds& worlds, int num_drones, const st
   config.has_lidar = lidar.has_value();
   config.lidar = lidar.value_or(LidarConfig());
   config.pose_sensor = pose_sensor.value_or(PoseSensorConfig());
+  config.cameras = cameras;
+  config.camera_backend = camera_backend(backend);
   config.task = task ? TaskKind::navigation : TaskKind::none;
   config.navigation = task.value_or(NavigationConfig());
   const auto index = integers<std::int32_t>(world_index, "world_index", {num_drones});
-  return std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), drone.value_or(DroneModel::quadrotor650()),
-                                 index);
+  auto batch = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()),
+                                       drone.value_or(DroneModel::quadrotor650()), index);
+  warn(*batch);
+  return batch;
 }
 
 // A view of one array of the state, kept alive by its batch.
@@ -80,23 +90,24 @@ ContactView contact_of(const py::object& self) {
           view<float>(self, contact.normal.data(), n_by(batch, 3))};
 }
 
-// Runs f without the interpreter lock.
-template <class F>
-void released(const F& f) {
-  const py::gil_scoped_release release;
-  f();
-}
-
 void step(Batch& batch, const py::object& actions) {
   require_task(batch);
   const ActionKind kind = batch.config().navigation.action;
   if (kind == ActionKind::discrete) {
     const auto input = integers<std::int64_t>(actions, "actions", {size_of(batch)});
-    released([&] { batch.step(std::span<const std::int64_t>(input)); });
+    released(batch, [&] { batch.step(std::span<const std::int64_t>(input)); });
   } else {
     const Input<float> input(actions, "actions", n_by(batch, kind == ActionKind::displacement ? 3 : 4), "f", "floats");
-    released([&] { batch.step(std::span<const float>(input)); });
+    released(batch, [&] { batch.step(std::span<const float>(input)); });
   }
+}
+
+// The one of that name, or all.
+std::vector<std::size_t> chosen_cameras(const Batch& batch, const std::optional<std::string>& name) {
+  if (name) return {batch.camera_index(*name)};
+  std::vector<std::size_t> all(batch.config().cameras.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  return all;
 }
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
@@ -127,6 +138,7 @@ void register_batch(py::module_& module) {
   py::class_<Batch>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
            py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none,
+           py::arg("cameras") = std::vector<CameraConfig>(), py::arg("camera_backend") = "raycast",
            py::arg("autoreset_mode") = "next_step", py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
            py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones; })
@@ -174,7 +186,7 @@ void register_batch(py::module_& module) {
             const auto p = floats(position, "position", n_by(batch, 3));
             const auto q = floats(quat_wxyz, "quat_wxyz", n_by(batch, 4));
             const auto m = flags(mask, "mask", size_of(batch));
-            released([&] { batch.move(p, q, m); });
+            released(batch, [&] { batch.move(p, q, m); });
             return contact_of(self);
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
@@ -182,7 +194,7 @@ void register_batch(py::module_& module) {
           "sense",
           [](Batch& batch, const py::object& mask) {
             const auto m = flags(mask, "mask", size_of(batch));
-            released([&] { batch.sense(m); });
+            released(batch, [&] { batch.sense(m); });
           },
           py::arg("mask") = none)
       .def(
@@ -215,6 +227,35 @@ void register_batch(py::module_& module) {
           },
           py::arg("mask") = none, py::kw_only(), py::arg("max_range_m") = none, py::arg("hfov_deg") = none,
           py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+      .def("camera", &camera_view, py::arg("name") = "front")
+      .def(
+          "capture",
+          [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera) {
+            const auto m = flags(mask, "mask", size_of(batch));
+            const auto chosen = chosen_cameras(batch, camera);
+            released(batch, [&] {
+              for (const std::size_t index : chosen) batch.capture(index, m);
+            });
+          },
+          py::arg("mask") = none, py::arg("camera") = none)
+      .def(
+          "set_capture_mode",
+          [](Batch& batch, const std::string& mode, const std::optional<std::string>& camera) {
+            const CaptureMode chosen_mode = capture_mode(mode);
+            for (const std::size_t index : chosen_cameras(batch, camera)) batch.set_capture_mode(index, chosen_mode);
+          },
+          py::arg("mode"), py::arg("camera") = none)
+      .def(
+          "set_camera",
+          [](Batch& batch, const py::object& mask, const std::string& camera, std::optional<float> hfov_deg,
+             std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
+             const std::optional<std::array<float, 4>>& quat_wxyz) {
+            batch.set_camera(batch.camera_index(camera), {hfov_deg, vfov_deg, offset_m, quat_wxyz},
+                             flags(mask, "mask", size_of(batch)));
+          },
+          py::arg("mask") = none, py::arg("camera") = "front", py::kw_only(), py::arg("hfov_deg") = none,
+          py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+      .def("camera_backend_report", &Batch::camera_backend_report)
       .def(
           "seed",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
@@ -230,7 +271,7 @@ void register_batch(py::module_& module) {
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
             const auto s = integers<std::uint64_t>(seeds, "seeds", {size_of(batch)});
             const auto m = flags(mask, "mask", size_of(batch));
-            released([&] { batch.reset(s, m); });
+            released(batch, [&] { batch.reset(s, m); });
           },
           py::arg("seeds") = none, py::arg("mask") = none)
       .def("step", &step, py::arg("actions"))

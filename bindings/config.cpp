@@ -3,6 +3,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <iterator>
+
+#include "names.hpp"
+
 namespace swiftlet::bindings {
 namespace {
 
@@ -15,6 +20,51 @@ struct Name {
 constexpr Name kActions[] = {{"discrete", ActionKind::discrete},
                              {"displacement", ActionKind::displacement},
                              {"displacement_yaw", ActionKind::displacement_yaw}};
+
+constexpr const char* kDepthKinds[] = {"planar", "range"};
+constexpr const char* kLayouts[] = {"hwc", "chw"};
+
+// The member of an enumeration whose name is given, for enumerators 0, 1, ...
+template <class Enum, std::size_t kCount>
+Enum named(const char* const (&names)[kCount], const std::string& text, const std::string& field) {
+  std::string expected;
+  for (std::size_t i = 0; i < kCount; ++i) {
+    if (text == names[i]) return static_cast<Enum>(i);
+    expected += (i == 0 ? "\"" : i + 1 == kCount ? " or \"" : ", \"") + std::string(names[i]) + '"';
+  }
+  throw py::value_error(field + ": expected " + expected + ", got \"" + text + '"');
+}
+
+struct Output {
+  const char* name;
+  bool CameraOutputs::* member;
+};
+constexpr Output kOutputs[] = {{"rgb", &CameraOutputs::rgb},           {"depth", &CameraOutputs::depth},
+                               {"semantic", &CameraOutputs::semantic}, {"instance", &CameraOutputs::instance},
+                               {"normal", &CameraOutputs::normal},     {"grey", &CameraOutputs::grey}};
+
+CameraOutputs outputs_of(const py::object& names) {
+  CameraOutputs outputs{.rgb = false};
+  if (py::isinstance<py::str>(names)) throw py::type_error("outputs: expected a sequence of names, got a string");
+  for (const py::handle name : names) {
+    const auto text = name.cast<std::string>();
+    const auto* const output =
+        std::find_if(std::begin(kOutputs), std::end(kOutputs), [&](const Output& o) { return text == o.name; });
+    if (output == std::end(kOutputs)) {
+      throw py::value_error("outputs: expected names among rgb, depth, semantic, instance, normal, grey, got \"" + text + '"');
+    }
+    outputs.*(output->member) = true;
+  }
+  return outputs;
+}
+
+py::tuple names_of(const CameraOutputs& outputs) {
+  py::list names;
+  for (const Output& output : kOutputs) {
+    if (outputs.*(output.member)) names.append(output.name);
+  }
+  return py::tuple(names);
+}
 
 ActionKind action_kind(const std::string& text) {
   for (const Name& name : kActions) {
@@ -63,7 +113,13 @@ void add_common(py::class_<Config>& cls, std::vector<const char*> fields) {
   cls.attr("__hash__") = py::none();  // it can change
 }
 
+constexpr const char* kCaptureModes[] = {"every_step", "on_movement", "on_demand"};
+constexpr const char* kBackends[] = {"raycast", "gl", "auto"};
+
 }  // namespace
+
+CaptureMode capture_mode(const std::string& text) { return named<CaptureMode>(kCaptureModes, text, "capture_mode"); }
+CameraBackend camera_backend(const std::string& text) { return named<CameraBackend>(kBackends, text, "camera_backend"); }
 
 void register_config(py::module_& module) {
   py::class_<LidarConfig> lidar(module, "LidarConfig", "A scanning LiDAR: a grid of channels x beams, or a beam pattern.");
@@ -79,6 +135,37 @@ void register_config(py::module_& module) {
       .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); });
   add_common(lidar, {"channels", "beams", "hfov_deg", "vfov_deg", "max_range_m", "offset_m", "quat_wxyz", "azimuth_deg",
                      "elevation_deg"});
+
+  py::class_<CameraConfig> camera(module, "CameraConfig", "A pinhole camera.");
+  camera.def_readwrite("name", &CameraConfig::name)
+      .def_readwrite("width_px", &CameraConfig::width_px)
+      .def_readwrite("height_px", &CameraConfig::height_px)
+      .def_readwrite("hfov_deg", &CameraConfig::hfov_deg)
+      .def_readwrite("vfov_deg", &CameraConfig::vfov_deg)
+      .def_readwrite("offset_m", &CameraConfig::offset_m)
+      .def_readwrite("quat_wxyz", &CameraConfig::quat_wxyz)
+      .def_readwrite("near_m", &CameraConfig::near_m)
+      .def_readwrite("far_m", &CameraConfig::far_m)
+      .def_property(
+          "outputs", [](const CameraConfig& c) { return names_of(c.outputs); },
+          [](CameraConfig& c, const py::object& names) { c.outputs = outputs_of(names); })
+      .def_property(
+          "depth_kind", [](const CameraConfig& c) { return kDepthKinds[static_cast<int>(c.depth_kind)]; },
+          [](CameraConfig& c, const std::string& text) { c.depth_kind = named<DepthKind>(kDepthKinds, text, "depth_kind"); })
+      .def_property(
+          "layout", [](const CameraConfig& c) { return kLayouts[static_cast<int>(c.layout)]; },
+          [](CameraConfig& c, const std::string& text) { c.layout = named<ImageLayout>(kLayouts, text, "layout"); })
+      .def_property(
+          "capture_mode", [](const CameraConfig& c) { return kCaptureModes[static_cast<int>(c.capture_mode)]; },
+          [](CameraConfig& c, const std::string& text) { c.capture_mode = capture_mode(text); })
+      .def_readwrite("samples_per_pixel", &CameraConfig::samples_per_pixel)
+      .def_readwrite("shadows", &CameraConfig::shadows)
+      .def_property_readonly("fx", &CameraConfig::fx)
+      .def_property_readonly("fy", &CameraConfig::fy)
+      .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })
+      .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; });
+  add_common(camera, {"name", "width_px", "height_px", "hfov_deg", "vfov_deg", "offset_m", "quat_wxyz", "near_m", "far_m",
+                      "outputs", "depth_kind", "layout", "capture_mode", "samples_per_pixel", "shadows"});
 
   py::class_<PoseSensorConfig> pose_sensor(module, "PoseSensorConfig", "Exact pose, with optional Gaussian noise.");
   pose_sensor.def_readwrite("position_noise_std_m", &PoseSensorConfig::position_noise_std_m)

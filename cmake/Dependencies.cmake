@@ -30,6 +30,17 @@ endif()
 # Arm's scalable vectors cannot be members of structs, as the kernels have them; such processors run the NEON kernels.
 target_compile_definitions(swiftlet_dependencies INTERFACE HWY_DISABLED_TARGETS=HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)
 
+# JPEG files of camera frames. Distributions' CMake package may name files of packages that are not installed.
+if(PkgConfig_FOUND)
+  pkg_check_modules(TURBOJPEG QUIET IMPORTED_TARGET libturbojpeg)
+endif()
+if(TURBOJPEG_FOUND)
+  target_link_libraries(swiftlet_dependencies INTERFACE PkgConfig::TURBOJPEG)
+else()
+  find_package(libjpeg-turbo REQUIRED)
+  target_link_libraries(swiftlet_dependencies INTERFACE libjpeg-turbo::turbojpeg)
+endif()
+
 # Convex distance: Bullet's GJK and EPA, which are templates in headers; nothing of Bullet is linked.
 find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet REQUIRED)
 target_include_directories(swiftlet_dependencies SYSTEM INTERFACE ${BULLET_INCLUDE_DIR})

@@ -16,6 +16,8 @@ from types import ModuleType
 from swiftlet import registration, scenes
 from swiftlet._core import (
     Batch,
+    Camera,
+    CameraConfig,
     Contact,
     DroneModel,
     LidarConfig,
@@ -32,6 +34,8 @@ from swiftlet.vector_env import DroneVectorEnv
 
 __all__ = [
     "Batch",
+    "Camera",
+    "CameraConfig",
     "Contact",
     "DroneEnv",
     "DroneModel",

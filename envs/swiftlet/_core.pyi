@@ -74,6 +74,90 @@ class LidarConfig:
         """(channels, beams) of one scan."""
 
 @final
+class CameraConfig:
+    """A pinhole camera. Its frame: x along the optical axis, y left, z up; the centre of the image is where the axis is.
+
+    Parameters
+    ----------
+    name
+        Its own in the batch, for `Batch.camera`.
+    width_px, height_px
+        In [1, 8192].
+    hfov_deg, vfov_deg
+        In [0.1, 179]. One of them: pixels are square. None: ``hfov_deg`` is 90. Both: each as it says.
+    offset_m
+        (3,) of the camera in the body frame.
+    quat_wxyz
+        (4,) camera to body; normalised if close to unit.
+    near_m, far_m
+        Planar depths; nothing nearer is seen, and beyond there is sky. ``0 < near_m < far_m <= 1e6``.
+    outputs
+        Names among ``"rgb"``, ``"depth"``, ``"semantic"``, ``"instance"``, ``"normal"``, ``"grey"``.
+    depth_kind
+        ``"planar"``, along the optical axis, or ``"range"``, from the camera.
+    layout
+        Of rgb and normal: ``"hwc"``, (N, H, W, 3), or ``"chw"``, (N, 3, H, W).
+    capture_mode
+        ``"every_step"``: rendered at every step or `Batch.sense`. ``"on_movement"``: at those where the drone's pose or
+        world is another than its frame shows. ``"on_demand"``: by `Batch.capture` alone. A reset is always a reason to
+        render; on demand, the frame is stale until the next capture.
+    samples_per_pixel
+        1, 4, 9 or 16, a grid, averaged. Colours only: the rest is of the pixel's centre.
+    shadows
+        Hard shadows of the sun. Rooms and markers cast none.
+    """
+
+    name: str
+    width_px: int
+    height_px: int
+    hfov_deg: float | None
+    vfov_deg: float | None
+    offset_m: Sequence[float]
+    quat_wxyz: Sequence[float]
+    near_m: float
+    far_m: float
+    outputs: Sequence[str]
+    depth_kind: str
+    layout: str
+    capture_mode: str
+    samples_per_pixel: int
+    shadows: bool
+    def __init__(
+        self,
+        *,
+        name: str = "front",
+        width_px: int = 640,
+        height_px: int = 480,
+        hfov_deg: float | None = None,
+        vfov_deg: float | None = None,
+        offset_m: Sequence[float] = (0.0, 0.0, 0.0),
+        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        near_m: float = 0.05,
+        far_m: float = 100.0,
+        outputs: Sequence[str] = ("rgb",),
+        depth_kind: str = "planar",
+        layout: str = "hwc",
+        capture_mode: str = "every_step",
+        samples_per_pixel: int = 1,
+        shadows: bool = False,
+    ) -> None: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    @property
+    def fx(self) -> float:
+        """Pixels per unit of slope, across."""
+
+    @property
+    def fy(self) -> float:
+        """Pixels per unit of slope, down."""
+
+    @property
+    def cx(self) -> float:
+        """Pixels from the left border to the optical axis."""
+
+    @property
+    def cy(self) -> float:
+        """Pixels from the upper border to the optical axis."""
+
 class PoseSensorConfig:
     """Exact pose, with optional Gaussian noise.
 
@@ -333,6 +417,52 @@ class Contact:
         """(N, 3) unit, world frame, from the obstacle towards the drone."""
 
 @final
+class Camera:
+    """One camera of every drone of a batch; `Batch.camera` returns it.
+
+    Images are read-only views, written in place by the next call that renders, and keep the batch alive. Asking for an
+    output that the camera does not write raises `ValueError`. Where nothing is seen (sky, or beyond ``far_m``), depth is
+    inf, normal 0, ids 0.
+    """
+
+    @property
+    def config(self) -> CameraConfig:
+        """As the batch was made, but for the capture mode, which is the present one."""
+
+    def config_of(self, index: int) -> CameraConfig:
+        """Return the setting of one drone, as `Batch.set_camera` changed it."""
+
+    @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """(N, H, W, 3) or (N, 3, H, W), row 0 at the top."""
+
+    @property
+    def depth(self) -> _F32:
+        """(N, H, W) m."""
+
+    @property
+    def semantic(self) -> npt.NDArray[np.uint16]:
+        """(N, H, W) classes of materials; 65533, 65534, 65535: start, waypoint, goal."""
+
+    @property
+    def instance(self) -> npt.NDArray[np.uint16]:
+        """(N, H, W) 1 + index into `World.primitives`, then the meshes, then start, waypoints, goal."""
+
+    @property
+    def normal(self) -> _F32:
+        """(N, H, W, 3) or (N, 3, H, W), unit, world frame, towards the camera."""
+
+    @property
+    def grey(self) -> npt.NDArray[np.uint8]:
+        """(N, H, W) 0.299 R + 0.587 G + 0.114 B, rounded."""
+
+    @property
+    def frame_step(self) -> npt.NDArray[np.int64]:
+        """(N,) the step of the episode whose pose a frame shows, 0 being the reset; -1: stale."""
+
+    def jpeg(self, index: int, quality: int = 90) -> bytes:
+        """Return the file of one drone's rgb (else grey) frame; quality from 1 to 100."""
+
 class Batch:
     """N drone slots over W worlds, stepped together.
 
@@ -352,6 +482,11 @@ class Batch:
         The built-in task that `reset` and `step` run; it needs a LiDAR.
     drone
         Default: the 650-class quadrotor.
+    cameras
+        Of each drone.
+    camera_backend
+        ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL; without it,
+        raycast with a `RuntimeWarning`. ``"auto"``: the faster of the two, timed on the batch's worlds.
     autoreset_mode
         ``"next_step"``, ``"same_step"`` or ``"disabled"``, as in `gymnasium.vector.AutoresetMode`.
     num_threads
@@ -371,6 +506,8 @@ class Batch:
         pose_sensor: PoseSensorConfig | None = None,
         task: NavigationConfig | None = None,
         drone: DroneModel | None = None,
+        cameras: Sequence[CameraConfig] = (),
+        camera_backend: str = "raycast",
         autoreset_mode: str = "next_step",
         num_threads: int = 0,
         block_size: int = 64,
@@ -478,6 +615,33 @@ class Batch:
         quat_wxyz: Sequence[float] | None = None,
     ) -> None:
         """Change the LiDARs of some drones from the next `sense` on; what is None stays."""
+
+    def camera(self, name: str = "front") -> Camera:
+        """Return one camera: its images and configuration."""
+
+    def capture(self, mask: npt.ArrayLike | None = None, camera: str | None = None) -> None:
+        """Render now, whatever the capture mode: one camera, or all."""
+
+    def set_capture_mode(self, mode: str, camera: str | None = None) -> None:
+        """Change when frames are rendered: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``."""
+
+    def set_camera(
+        self,
+        mask: npt.ArrayLike | None = None,
+        camera: str = "front",
+        *,
+        hfov_deg: float | None = None,
+        vfov_deg: float | None = None,
+        offset_m: Sequence[float] | None = None,
+        quat_wxyz: Sequence[float] | None = None,
+    ) -> None:
+        """Change the cameras of some drones; what is None stays. Their frames are stale until they are rendered anew.
+
+        A field of view lets go of the other one, unless both are given.
+        """
+
+    def camera_backend_report(self) -> str:
+        """Return which backend renders, and why."""
 
     def seed(self, seeds: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
         """Set the env seeds (N,) uint64 and set the episode counters to 0. With a built-in task, `reset` does this."""

@@ -20,6 +20,9 @@ class Scene;
 namespace collision {
 class Obstacles;
 }
+namespace render {
+class Shading;
+}
 
 // Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within. A plane
 // (a rectangle) and a disc have no thickness and are seen and hit from both sides.
@@ -47,9 +50,9 @@ struct Material {
 // lerp(horizon_color, zenith_color, max(0, d.z)); a value v is written as 255 * min(v, 1)^(1 / gamma), rounded.
 struct Light {
   std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun, unit
-  std::array<float, 3> sun_color{0.6F, 0.58F, 0.54F};
-  std::array<float, 3> sky_ambient{0.45F, 0.47F, 0.5F};
-  std::array<float, 3> ground_ambient{0.33F, 0.32F, 0.31F};
+  std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};
+  std::array<float, 3> sky_ambient{0.6F, 0.62F, 0.65F};
+  std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};
   std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};
   std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};
   float gamma = 2.2F;  // in [1, 4]
@@ -142,6 +145,8 @@ class World {
   const trace::Scene& scene() const;
   // The same for collision.
   const collision::Obstacles& obstacles() const;
+  // The same for what cameras see.
+  const render::Shading& shading() const;
 
  private:
   struct Lazy;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <initializer_list>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -17,6 +18,9 @@
 #include "batch/workers.hpp"
 #include "collision/sweep.hpp"
 #include "motion/pose_access.hpp"
+#include "render/jpeg.hpp"
+#include "render/renderer.hpp"
+#include "sensors/camera.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
 #include "task/navigation.hpp"
@@ -25,6 +29,7 @@ namespace swiftlet {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr std::size_t kTypicalShots = 16;                        // per camera, to time backends by
 constexpr std::uint64_t kSnapshotMagic = 0x31304c5446495753ULL;  // "SWIFTL01"
 
 // The run-time setting of one drone's LiDAR, as it stands in a snapshot.
@@ -33,6 +38,24 @@ struct LidarSetting {
   std::array<float, 3> offset_m;
   std::array<float, 4> quat_wxyz;
 };
+
+// The same of a camera; a field of view that is not given is 0.
+struct CameraSetting {
+  float hfov_deg, vfov_deg;
+  std::array<float, 3> offset_m;
+  std::array<float, 4> quat_wxyz;
+};
+
+// Instance ids are 16 bits wide.
+void require_instances(const World& world) {
+  const auto& objects = world.triangles().objects;
+  const std::size_t meshes = objects.empty() ? 0 : std::size_t{1} + *std::max_element(objects.begin(), objects.end());
+  const Markers& markers = world.markers();
+  const std::size_t places = markers.waypoints.size() + (markers.start ? 1 : 0) + (markers.goal ? 1 : 0);
+  const std::size_t instances = world.primitives().size() + meshes + places;
+  require(instances <= 65535, "camera.outputs.instance", "worlds of at most 65535 primitives, meshes and markers",
+          std::to_string(instances) + " in " + world.name());
+}
 
 std::string row_of(std::string_view field, std::size_t row) { return std::string(field) + " (row " + std::to_string(row) + ")"; }
 
@@ -55,18 +78,33 @@ Batch::Worlds validated(Batch::Worlds worlds) {
 
 struct Batch::Impl {
   Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index);
+  void add_cameras();
+
+  // What a drone does in the call under way.
+  enum class Role : std::uint8_t {
+    rests,   // nothing
+    flies,   // takes the step's action; sensed and evaluated
+    begins,  // begins an episode, or is sensed alone
+    ended,   // its episode ended in this step, and it begins the next one
+  };
 
   // --- one step, as a table of contents
   void step();
-  void step_block(std::span<const std::uint32_t> drones, Scratch& scratch);
-  void wait_or_fly(std::uint32_t drone, Scratch& scratch);
-  void fly(std::uint32_t drone);
+  void fly(std::span<const std::uint32_t> drones, Scratch& scratch);
   void sense(std::span<const std::uint32_t> drones, Scratch& scratch);
-  void evaluate(std::uint32_t drone);
+  void evaluate(std::span<const std::uint32_t> drones, Scratch& scratch);
+  void observe(std::span<const std::uint32_t> drones);
+
+  // --- its pieces
+  Role wait_or_fly(std::uint32_t drone, Scratch& scratch);
   void observe_ranges(std::uint32_t drone);
   void observe_goal(std::uint32_t drone);
-  void observe(std::span<const std::uint32_t> drones);
-  void reset_finished(Scratch& scratch);
+  std::span<const std::uint32_t> with_role(std::span<const std::uint32_t> drones, std::initializer_list<Role> roles,
+                                           Scratch& scratch) const;
+  void sense_all(std::initializer_list<Role> roles);
+  void start_frames(std::initializer_list<Role> roles);
+  void finish_frames();
+  void retake_frames();
 
   // --- pieces shared with the other calls
   Outputs& out() { return slots[current]; }
@@ -74,12 +112,15 @@ struct Batch::Impl {
   std::size_t size() const { return state.active.size(); }
   bool chosen(Mask mask, std::size_t drone) const { return state.active[drone] && (mask.empty() || mask[drone]); }
   std::span<const float> ranges_of(std::size_t drone) const { return std::span(state.lidar_ranges).subspan(drone * rays, rays); }
+  const World& world_of(std::size_t drone) const { return *worlds[static_cast<std::size_t>(state.world_index[drone])]; }
+  void begin_scans(std::size_t drone);
   void sweep_to(std::size_t drone, const Pose& target);
   void clear_contact(std::size_t drone);
   void begin_next_episode(std::uint32_t drone, Scratch& scratch);
   void clear_outputs(Outputs& outputs, std::size_t drone);
   void mark_absent(std::size_t drone);
   void reschedule_if_moved();
+  void choose(Mask mask);  // gives the chosen drones the role `begins`, the others `rests`
   template <class F>
   void for_each_chosen(Mask mask, const F& f);  // f(drone), on the calling thread
   template <class F>
@@ -88,6 +129,7 @@ struct Batch::Impl {
   // --- refusing bad input
   void require_own_process() const;
   void require_lidar() const;
+  void require_camera(std::size_t camera) const;
   void require_task() const;
   void require_begun() const;
   void require_mask(Mask mask) const;
@@ -109,7 +151,11 @@ struct Batch::Impl {
   State state;
   std::optional<sensors::Lidar> lidar;
   std::optional<task::Navigation> navigation;
-  std::vector<float> actions;  // (N, action size) of this step
+  std::vector<sensors::Camera> cameras;
+  std::optional<render::Renderer> renderer;  // where there are cameras
+  std::vector<render::Shot> shots;           // being rendered
+  std::vector<Role> role;                    // (N,)
+  std::vector<float> actions;                // (N, action size) of this step
   std::array<Outputs, 2> slots;
   std::size_t current = 0;  // the slot of the last step or reset
   Schedule schedule;
@@ -159,59 +205,104 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
   }
   schedule.rebuild(state);
   hash = config_hash(config, worlds, drone_model);
+  role.resize(n, Role::rests);
+  add_cameras();
+}
+
+void Batch::Impl::add_cameras() {
+  for (const CameraConfig& camera : config.cameras) {
+    if (camera.outputs.instance) {
+      for (const auto& world : worlds) require_instances(*world);
+    }
+    cameras.emplace_back(camera, size());
+  }
+  if (cameras.empty()) return;
+  for (const World* const world : world_pointers) world->shading();  // as above: built here
+  shots.reserve(size() * cameras.size());
+  for (sensors::Camera& camera : cameras) {
+    for (std::size_t drone = 0; drone < std::min(size(), kTypicalShots); ++drone) {
+      shots.push_back(camera.take(drone, world_of(drone), 0, state));
+      camera.mark_stale(drone);
+    }
+  }
+  renderer.emplace(config.camera_backend, shots, workers);
 }
 
 // ---------------------------------------------------------------------------------------------------------------- one step
 
 void Batch::Impl::step() {
   current = 1 - current;
-  run_blocks([this](std::span<const std::uint32_t> drones, Scratch& scratch) { step_block(drones, scratch); });
+  run_blocks([this](std::span<const std::uint32_t> drones, Scratch& scratch) {
+    fly(drones, scratch);
+    if (!cameras.empty()) return;  // frames are taken of all drones at once
+    sense(with_role(drones, {Role::flies, Role::begins}, scratch), scratch);
+    evaluate(drones, scratch);
+    sense(with_role(drones, {Role::ended}, scratch), scratch);
+    observe(with_role(drones, {Role::ended}, scratch));
+  });
+  if (!cameras.empty()) {
+    sense_all({Role::flies, Role::begins});
+    run_blocks([this](std::span<const std::uint32_t> drones, Scratch& scratch) { evaluate(drones, scratch); });
+    sense_all({Role::ended});
+    run_blocks(
+        [this](std::span<const std::uint32_t> drones, Scratch& scratch) { observe(with_role(drones, {Role::ended}, scratch)); });
+  }
   reschedule_if_moved();
 }
 
-void Batch::Impl::step_block(std::span<const std::uint32_t> drones, Scratch& scratch) {
-  scratch.flying.clear();
-  scratch.sensed.clear();
-  for (const std::uint32_t drone : drones) wait_or_fly(drone, scratch);
-  for (const std::uint32_t drone : scratch.flying) fly(drone);
-  sense(scratch.sensed, scratch);
-  for (const std::uint32_t drone : scratch.sensed) observe_ranges(drone);
-  for (const std::uint32_t drone : scratch.flying) evaluate(drone);
-  for (const std::uint32_t drone : scratch.sensed) observe_goal(drone);
-  reset_finished(scratch);
-}
-
-// A drone whose episode ended before this step does not fly: it begins the next episode or holds still.
-void Batch::Impl::wait_or_fly(std::uint32_t drone, Scratch& scratch) {
-  if (!navigation->state().done[drone]) {
-    scratch.flying.push_back(drone);
-    scratch.sensed.push_back(drone);
-  } else if (config.autoreset_mode == AutoresetMode::next_step) {
-    begin_next_episode(drone, scratch);
-    clear_outputs(out(), drone);
-    scratch.sensed.push_back(drone);
-  } else {  // disabled: everything as the last step left it, but the reward
-    for_each_output(observation_size, [&](auto member, std::size_t columns) {
-      const auto row = static_cast<std::ptrdiff_t>(drone * columns);
-      std::copy_n((last().*member).begin() + row, columns, (out().*member).begin() + row);
-    });
-    out().reward[drone] = 0.0F;
-    std::fill_n(out().reward_terms.begin() + static_cast<std::ptrdiff_t>(drone) * kNumRewardTerms, kNumRewardTerms, 0.0F);
+// Takes the actions; a drone whose episode has ended does not fly: it begins the next one or holds still.
+void Batch::Impl::fly(std::span<const std::uint32_t> drones, Scratch& scratch) {
+  for (const std::uint32_t drone : drones) role[drone] = wait_or_fly(drone, scratch);
+  for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
+    sweep_to(drone, navigation->target(pose_of(state, drone), actions.data() + drone * navigation->action_size()));
   }
 }
 
-void Batch::Impl::fly(std::uint32_t drone) {
-  sweep_to(drone, navigation->target(pose_of(state, drone), actions.data() + drone * navigation->action_size()));
-}
-
+// All sensors but the cameras.
 void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch) {
+  if (drones.empty()) return;
   if (lidar) lidar->scan(drones, world_pointers, state, scratch.scan);
   sensors::sense_pose(drones, config.pose_sensor, state);
   for (const std::uint32_t drone : drones) ++state.scans[drone];
 }
 
-void Batch::Impl::evaluate(std::uint32_t drone) {
-  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), rays, state, out());
+// Observations, rewards and ends of what was flown and sensed; the last observation of an episode is kept, and the next begins.
+void Batch::Impl::evaluate(std::span<const std::uint32_t> drones, Scratch& scratch) {
+  for (const std::uint32_t drone : with_role(drones, {Role::flies, Role::begins}, scratch)) observe_ranges(drone);
+  for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
+    navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), rays, state, out());
+  }
+  for (const std::uint32_t drone : with_role(drones, {Role::flies, Role::begins}, scratch)) observe_goal(drone);
+  for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
+    if (!navigation->state().done[drone]) continue;
+    const auto row = static_cast<std::ptrdiff_t>(drone * observation_size);
+    std::copy_n(out().observation.begin() + row, observation_size, out().final_observation.begin() + row);
+    if (config.autoreset_mode != AutoresetMode::same_step) continue;
+    begin_next_episode(drone, scratch);
+    role[drone] = Role::ended;
+  }
+}
+
+void Batch::Impl::observe(std::span<const std::uint32_t> drones) {
+  for (const std::uint32_t drone : drones) observe_ranges(drone);
+  for (const std::uint32_t drone : drones) observe_goal(drone);
+}
+
+Batch::Impl::Role Batch::Impl::wait_or_fly(std::uint32_t drone, Scratch& scratch) {
+  if (!navigation->state().done[drone]) return Role::flies;
+  if (config.autoreset_mode == AutoresetMode::next_step) {
+    begin_next_episode(drone, scratch);
+    clear_outputs(out(), drone);
+    return Role::begins;
+  }
+  // disabled: everything as the last step left it, but the reward
+  for_each_output(observation_size, [&](auto member, std::size_t columns) {
+    const auto row = static_cast<std::ptrdiff_t>(drone * columns);
+    std::copy_n((last().*member).begin() + row, columns, (out().*member).begin() + row);
+  });
+  out().reward[drone] = 0.0F;
+  std::fill_n(out().reward_terms.begin() + static_cast<std::ptrdiff_t>(drone) * kNumRewardTerms, kNumRewardTerms, 0.0F);
+  return Role::rests;
 }
 
 void Batch::Impl::observe_ranges(std::uint32_t drone) {
@@ -223,24 +314,51 @@ void Batch::Impl::observe_goal(std::uint32_t drone) {
   navigation->observe_goal(drone, state, out().observation.data() + drone * observation_size);
 }
 
-void Batch::Impl::observe(std::span<const std::uint32_t> drones) {
-  for (const std::uint32_t drone : drones) observe_ranges(drone);
-  for (const std::uint32_t drone : drones) observe_goal(drone);
+// Those of the drones that have one of the roles; holds until the next call with this scratch.
+std::span<const std::uint32_t> Batch::Impl::with_role(std::span<const std::uint32_t> drones, std::initializer_list<Role> roles,
+                                                      Scratch& scratch) const {
+  scratch.drones.clear();
+  for (const std::uint32_t drone : drones) {
+    if (std::find(roles.begin(), roles.end(), role[drone]) != roles.end()) scratch.drones.push_back(drone);
+  }
+  return scratch.drones;
 }
 
-void Batch::Impl::reset_finished(Scratch& scratch) {
-  scratch.sensed.clear();
-  for (const std::uint32_t drone : scratch.flying) {
-    if (!navigation->state().done[drone]) continue;
-    const auto row = static_cast<std::ptrdiff_t>(drone * observation_size);
-    std::copy_n(out().observation.begin() + row, observation_size, out().final_observation.begin() + row);
-    if (config.autoreset_mode != AutoresetMode::same_step) continue;
-    begin_next_episode(drone, scratch);
-    scratch.sensed.push_back(drone);
+// All sensors, of every drone that has one of the roles. Cameras that render on a thread of their own do so meanwhile.
+void Batch::Impl::sense_all(std::initializer_list<Role> roles) {
+  start_frames(roles);
+  run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) { sense(with_role(drones, roles, scratch), scratch); });
+  finish_frames();
+}
+
+void Batch::Impl::start_frames(std::initializer_list<Role> roles) {
+  shots.clear();
+  for (sensors::Camera& camera : cameras) {
+    for (std::size_t block = 0; block < schedule.num_blocks(); ++block) {
+      for (const std::uint32_t drone : schedule.drones(block)) {
+        if (std::find(roles.begin(), roles.end(), role[drone]) == roles.end() || !camera.is_due(drone, state)) continue;
+        shots.push_back(camera.take(drone, world_of(drone), state.scans[drone], state));
+      }
+    }
   }
-  if (scratch.sensed.empty()) return;
-  sense(scratch.sensed, scratch);
-  observe(scratch.sensed);
+  if (!shots.empty()) renderer->start(shots);
+}
+
+void Batch::Impl::finish_frames() {
+  if (!shots.empty()) renderer->finish(shots, workers);
+}
+
+// After a restore: all frames but stale ones, as they were.
+void Batch::Impl::retake_frames() {
+  shots.clear();
+  for (sensors::Camera& camera : cameras) {
+    for (std::uint32_t drone = 0; drone < size(); ++drone) {
+      if (!state.active[drone] || camera.images().frame_step[drone] < 0) continue;
+      shots.push_back(camera.retake(drone, *worlds[static_cast<std::size_t>(camera.taken().world[drone])]));
+    }
+  }
+  if (!shots.empty()) renderer->start(shots);
+  finish_frames();
 }
 
 // ---------------------------------------------------------------------------------------------------------- shared pieces
@@ -266,9 +384,15 @@ void Batch::Impl::clear_contact(std::size_t drone) {
   std::fill_n(state.contact.normal.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
 }
 
+// Nothing has been sensed of the drone's episode yet.
+void Batch::Impl::begin_scans(std::size_t drone) {
+  state.scans[drone] = 0;
+  for (sensors::Camera& camera : cameras) camera.mark_stale(drone);
+}
+
 void Batch::Impl::begin_next_episode(std::uint32_t drone, Scratch& scratch) {
   ++state.episode[drone];
-  state.scans[drone] = 0;
+  begin_scans(drone);
   const std::int32_t world = state.world_index[drone];
   navigation->place(drone, state);
   navigation->begin(drone, state);
@@ -289,6 +413,7 @@ void Batch::Impl::mark_absent(std::size_t drone) {
   state.active[drone] = 0;
   std::fill_n(state.lidar_ranges.begin() + static_cast<std::ptrdiff_t>(drone * rays), rays, kInfinity);
   clear_contact(drone);
+  for (sensors::Camera& camera : cameras) camera.clear(drone);
   if (!navigation) return;
   for (Outputs& slot : slots) {
     clear_outputs(slot, drone);
@@ -302,6 +427,10 @@ void Batch::Impl::reschedule_if_moved() {
   bool moved = false;
   for (auto& scratch : workers.scratch()) moved |= std::exchange(scratch->changed_world, false);
   if (moved) schedule.rebuild(state);
+}
+
+void Batch::Impl::choose(Mask mask) {
+  for (std::size_t drone = 0; drone < size(); ++drone) role[drone] = chosen(mask, drone) ? Role::begins : Role::rests;
 }
 
 template <class F>
@@ -327,6 +456,10 @@ void Batch::Impl::require_own_process() const {
 
 void Batch::Impl::require_lidar() const {
   if (!lidar) throw std::logic_error("this Batch has no LiDAR: give it one (lidar=...) to change it or read its range");
+}
+
+void Batch::Impl::require_camera(std::size_t camera) const {
+  require(camera < cameras.size(), "camera", "an index below " + std::to_string(cameras.size()), camera);
 }
 
 void Batch::Impl::require_task() const {
@@ -425,13 +558,8 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
 void Batch::sense(Mask mask) {
   impl_->require_own_process();
   impl_->require_mask(mask);
-  impl_->run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) {
-    scratch.sensed.clear();
-    for (const std::uint32_t drone : drones) {
-      if (impl_->chosen(mask, drone)) scratch.sensed.push_back(drone);
-    }
-    impl_->sense(scratch.sensed, scratch);
-  });
+  impl_->choose(mask);
+  impl_->sense_all({Impl::Role::begins});
 }
 
 void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
@@ -440,23 +568,26 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   impl_->require_indices(indices);
   impl_->require_poses(position, quat_wxyz, indices.size());
   impl_->require_world_index(world_index, indices.size());
-  Scratch& scratch = *impl_->workers.scratch()[0];
-  const trace::FlushDenormals flush;
+  State& state = impl_->state;
+  std::fill(impl_->role.begin(), impl_->role.end(), Impl::Role::rests);
   for (std::size_t row = 0; row < indices.size(); ++row) {
     const auto drone = static_cast<std::uint32_t>(indices[row]);
-    State& state = impl_->state;
     if (!world_index.empty()) state.world_index[drone] = world_index[row];
     state.active[drone] = 1;
-    state.scans[drone] = 0;
+    impl_->begin_scans(drone);
     set_pose_of(state, drone, impl_->requested_pose(drone, row, position, quat_wxyz));
     impl_->clear_contact(drone);
-    impl_->sense({&drone, 1}, scratch);
-    if (!impl_->navigation) continue;
+    impl_->role[drone] = Impl::Role::begins;
+  }
+  impl_->schedule.rebuild(state);
+  impl_->sense_all({Impl::Role::begins});
+  if (!impl_->navigation) return;
+  for (const std::int64_t index : indices) {
+    const auto drone = static_cast<std::uint32_t>(index);
     impl_->navigation->begin(drone, state);
     impl_->clear_outputs(impl_->out(), drone);
     impl_->observe({&drone, 1});
   }
-  impl_->schedule.rebuild(impl_->state);
 }
 
 void Batch::remove(std::span<const std::int64_t> indices) {
@@ -527,6 +658,91 @@ void Batch::lidar_points(std::span<float> out) const {
   }
 }
 
+std::size_t Batch::camera_index(std::string_view name) const {
+  const auto& cameras = impl_->config.cameras;
+  const auto found =
+      std::find_if(cameras.begin(), cameras.end(), [&](const CameraConfig& camera) { return camera.name == name; });
+  if (found == cameras.end()) {
+    std::string names;
+    for (const CameraConfig& camera : cameras) names += (names.empty() ? "\"" : ", \"") + camera.name + '"';
+    refuse("camera", cameras.empty() ? "a Batch with cameras (cameras=[...])" : "one of " + names, '"' + std::string(name) + '"');
+  }
+  return static_cast<std::size_t>(found - cameras.begin());
+}
+
+const CameraImages& Batch::images(std::size_t camera) const {
+  impl_->require_camera(camera);
+  return impl_->cameras[camera].images();
+}
+
+CameraConfig Batch::camera_config(std::size_t camera, std::size_t drone) const {
+  impl_->require_camera(camera);
+  require(drone < impl_->size(), "index", "an integer in [0, " + std::to_string(impl_->size()) + ")", drone);
+  return impl_->cameras[camera].config_of(drone);
+}
+
+void Batch::capture(std::size_t camera, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_camera(camera);
+  impl_->require_mask(mask);
+  impl_->shots.clear();
+  for (std::size_t block = 0; block < impl_->schedule.num_blocks(); ++block) {
+    for (const std::uint32_t drone : impl_->schedule.drones(block)) {
+      if (!impl_->chosen(mask, drone)) continue;
+      const std::int64_t step = std::max<std::int64_t>(impl_->state.scans[drone] - 1, 0);
+      impl_->shots.push_back(impl_->cameras[camera].take(drone, impl_->world_of(drone), step, impl_->state));
+    }
+  }
+  if (!impl_->shots.empty()) impl_->renderer->start(impl_->shots);
+  impl_->finish_frames();
+}
+
+void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
+  impl_->require_own_process();
+  impl_->require_camera(camera);
+  impl_->cameras[camera].set_mode(mode);
+  impl_->config.cameras[camera].capture_mode = mode;
+}
+
+void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask) {
+  impl_->require_own_process();
+  impl_->require_camera(camera);
+  impl_->require_mask(mask);
+  sensors::Camera& its = impl_->cameras[camera];
+  const auto changed = [&](CameraConfig config) {
+    if (change.hfov_deg || change.vfov_deg) {
+      config.hfov_deg = change.hfov_deg;
+      config.vfov_deg = change.vfov_deg;
+    }
+    config.offset_m = change.offset_m.value_or(config.offset_m);
+    config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
+    return config;
+  };
+  changed(its.config()).validate();  // as with LiDARs: also where no drone is chosen
+  impl_->for_each_chosen(mask, [&](std::uint32_t drone) { its.set_config(drone, changed(its.config_of(drone))); });
+}
+
+const std::string& Batch::camera_backend_report() const {
+  static const std::string none = "this Batch has no cameras";
+  return impl_->renderer ? impl_->renderer->report() : none;
+}
+
+std::string Batch::take_warning() { return impl_->renderer ? impl_->renderer->take_warning() : std::string(); }
+
+std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
+  impl_->require_camera(camera);
+  require(index >= 0 && static_cast<std::size_t>(index) < impl_->size(), "index",
+          "an integer in [0, " + std::to_string(impl_->size()) + ")", index);
+  require(quality >= 1 && quality <= 100, "quality", "an integer in [1, 100]", quality);
+  const CameraConfig& config = impl_->config.cameras[camera];
+  require(config.outputs.any_color(), "camera", "one that writes rgb or grey", '"' + config.name + '"');
+  const CameraImages& images = impl_->cameras[camera].images();
+  const std::size_t pixels = static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px);
+  const auto row = static_cast<std::size_t>(index);
+  return config.outputs.rgb ? render::compress_rgb(images.rgb.data() + 3 * row * pixels, config, quality)
+                            : render::compress_grey(images.grey.data() + row * pixels, config, quality);
+}
+
 void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
   impl_->require_own_process();
   impl_->require_mask(mask);
@@ -534,7 +750,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
   impl_->for_each_chosen(mask, [&](std::uint32_t drone) {
     impl_->state.seed[drone] = seeds[drone];
     impl_->state.episode[drone] = 0;
-    impl_->state.scans[drone] = 0;
+    impl_->begin_scans(drone);
   });
 }
 
@@ -543,7 +759,7 @@ void Batch::begin_episode(Mask mask) {
   impl_->require_mask(mask);
   impl_->for_each_chosen(mask, [&](std::uint32_t drone) {
     ++impl_->state.episode[drone];
-    impl_->state.scans[drone] = 0;
+    impl_->begin_scans(drone);
   });
 }
 
@@ -579,20 +795,17 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
     } else if (navigation.begun[drone]) {
       ++state.episode[drone];
     }
-    state.scans[drone] = 0;
+    impl_->begin_scans(drone);
     impl_->navigation->place(drone, state);
     impl_->navigation->begin(drone, state);
     impl_->clear_contact(drone);
     impl_->clear_outputs(impl_->out(), drone);
   });
   impl_->schedule.rebuild(state);
+  impl_->choose(mask);
+  impl_->sense_all({Impl::Role::begins});
   impl_->run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) {
-    scratch.sensed.clear();
-    for (const std::uint32_t drone : drones) {
-      if (impl_->chosen(mask, drone)) scratch.sensed.push_back(drone);
-    }
-    impl_->sense(scratch.sensed, scratch);
-    impl_->observe(scratch.sensed);
+    impl_->observe(impl_->with_role(drones, {Impl::Role::begins}, scratch));
   });
 }
 
@@ -644,6 +857,19 @@ std::string Batch::snapshot() const {
     const LidarConfig config = impl_->lidar->config_of(drone);
     writer.value(LidarSetting{config.hfov_deg, config.vfov_deg, config.max_range_m, config.offset_m, config.quat_wxyz});
   }
+  for (const sensors::Camera& camera : impl_->cameras) {
+    writer.value(camera.config().capture_mode);
+    for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+      const CameraConfig config = camera.config_of(drone);
+      writer.value(
+          CameraSetting{config.hfov_deg.value_or(0.0F), config.vfov_deg.value_or(0.0F), config.offset_m, config.quat_wxyz});
+    }
+    // Frames are not kept but taken again.
+    writer.array(camera.taken().position);
+    writer.array(camera.taken().quat_wxyz);
+    writer.array(camera.taken().world);
+    writer.array(camera.images().frame_step);
+  }
   if (impl_->navigation) {
     for_each_navigation_array(impl_->navigation->state(), write);
     for_each_output(impl_->observation_size, [&](auto member, std::size_t) { writer.array(impl_->out().*member); });
@@ -679,6 +905,24 @@ void Batch::restore(const std::string& blob) {
     config.validate();
     changes.emplace_back([this, drone, config] { impl_->lidar->set_config(drone, config); });
   }
+  for (sensors::Camera& camera : impl_->cameras) {
+    const auto mode = reader.value<CaptureMode>();
+    changes.emplace_back([&camera, mode] { camera.set_mode(mode); });
+    for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
+      const auto setting = reader.value<CameraSetting>();
+      CameraConfig config = camera.config();
+      config.hfov_deg = setting.hfov_deg > 0.0F ? std::optional(setting.hfov_deg) : std::nullopt;
+      config.vfov_deg = setting.vfov_deg > 0.0F ? std::optional(setting.vfov_deg) : std::nullopt;
+      config.offset_m = setting.offset_m;
+      config.quat_wxyz = setting.quat_wxyz;
+      config.validate();
+      changes.emplace_back([&camera, drone, config] { camera.set_config(drone, config); });
+    }
+    read(camera.taken().position, 3U);
+    read(camera.taken().quat_wxyz, 4U);
+    read(camera.taken().world, 1U);
+    read(camera.frame_step(), 1U);
+  }
   if (impl_->navigation) {
     for_each_navigation_array(impl_->navigation->state(), read);
     // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
@@ -696,6 +940,7 @@ void Batch::restore(const std::string& blob) {
     if (!impl_->state.active[drone]) impl_->mark_absent(drone);  // in the other slot too, where it may have been alive
   }
   impl_->schedule.rebuild(impl_->state);
+  impl_->retake_frames();
 }
 
 }  // namespace swiftlet

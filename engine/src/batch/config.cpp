@@ -1,6 +1,8 @@
 #include "swiftlet/config.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "batch/require.hpp"
 
@@ -8,6 +10,7 @@ namespace swiftlet {
 namespace {
 
 constexpr int kMaxRays = 1 << 18;  // per drone
+constexpr int kMaxSide = 8192;     // px, of an image
 
 void require_finite(float value, const char* field) { require(std::isfinite(value), field, "a finite number", value); }
 
@@ -19,6 +22,18 @@ void require_not_negative(float value, const char* field) {
   require(std::isfinite(value) && value >= 0.0F, field, "a finite number >= 0", value);
 }
 
+void require_unit_quaternion(const std::array<float, 4>& quat_wxyz, const char* field) {
+  float norm = 0.0F;
+  for (const float value : quat_wxyz) norm += value * value;
+  norm = std::sqrt(norm);
+  require(std::abs(norm - 1.0F) < 1e-2F, field, "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+}
+
+// Pixels per unit of slope, of an image that many pixels long.
+float focal_length(int pixels, float fov_deg) {
+  return static_cast<float>(0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0));
+}
+
 }  // namespace
 
 void LidarConfig::validate() const {
@@ -28,11 +43,7 @@ void LidarConfig::validate() const {
   require(vfov_deg >= 0.0F && vfov_deg <= 180.0F, "lidar.vfov_deg", "a number in [0, 180]", vfov_deg);
   require_positive(max_range_m, "lidar.max_range_m");
   for (const float value : offset_m) require_finite(value, "lidar.offset_m");
-  float norm = 0.0F;
-  for (const float value : quat_wxyz) norm += value * value;
-  norm = std::sqrt(norm);
-  require(std::abs(norm - 1.0F) < 1e-2F, "lidar.quat_wxyz", "a unit quaternion (w, x, y, z)",
-          "one of norm " + std::to_string(norm));
+  require_unit_quaternion(quat_wxyz, "lidar.quat_wxyz");
   require(azimuth_deg.size() == elevation_deg.size(), "lidar.elevation_deg",
           "as many values as azimuth_deg (" + std::to_string(azimuth_deg.size()) + ")", elevation_deg.size());
   for (const float value : azimuth_deg) {
@@ -43,6 +54,36 @@ void LidarConfig::validate() const {
   }
   const long long rays = static_cast<long long>(rows()) * columns();
   require(rays <= kMaxRays, "lidar.channels x lidar.beams", "at most 262144 rays", rays);
+}
+
+float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(width_px, hfov_deg.value_or(90.0F)) : fy(); }
+
+float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
+
+void CameraConfig::validate() const {
+  require(!name.empty(), "camera.name", "a name", "an empty one");
+  require(width_px >= 1 && width_px <= kMaxSide, "camera.width_px", "an integer in [1, 8192]", width_px);
+  require(height_px >= 1 && height_px <= kMaxSide, "camera.height_px", "an integer in [1, 8192]", height_px);
+  const auto require_fov = [](const std::optional<float>& fov_deg, const char* field) {
+    if (fov_deg) require(*fov_deg >= 0.1F && *fov_deg <= 179.0F, field, "a number in [0.1, 179]", *fov_deg);
+  };
+  require_fov(hfov_deg, "camera.hfov_deg");
+  require_fov(vfov_deg, "camera.vfov_deg");
+  // What one field of view makes of the other.
+  for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
+    require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
+            "one that leaves the other below 179 degrees (pixels are square)", hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
+  }
+  for (const float value : offset_m) require_finite(value, "camera.offset_m");
+  require_unit_quaternion(quat_wxyz, "camera.quat_wxyz");
+  require_positive(near_m, "camera.near_m");
+  require(std::isfinite(far_m) && far_m > near_m, "camera.far_m", "a finite number > near_m (" + std::to_string(near_m) + ")",
+          far_m);
+  require(far_m <= 1e6F, "camera.far_m", "at most 1e+06", far_m);
+  require(outputs.any_color() || outputs.depth || outputs.semantic || outputs.instance || outputs.normal, "camera.outputs",
+          "at least one of rgb, depth, semantic, instance, normal, grey", "none");
+  require(samples_per_pixel == 1 || samples_per_pixel == 4 || samples_per_pixel == 9 || samples_per_pixel == 16,
+          "camera.samples_per_pixel", "1, 4, 9 or 16", samples_per_pixel);
 }
 
 void PoseSensorConfig::validate() const {
@@ -81,6 +122,15 @@ void BatchConfig::validate() const {
     lidar.validate();
     const long long rays = static_cast<long long>(num_drones) * lidar.rows() * lidar.columns();
     require(rays <= (1LL << 31), "num_drones x lidar rays", "at most 2147483648 rays", rays);
+  }
+  for (std::size_t i = 0; i < cameras.size(); ++i) {
+    const CameraConfig& camera = cameras[i];
+    camera.validate();
+    const auto same = [&](const CameraConfig& other) { return other.name == camera.name; };
+    require(std::none_of(cameras.begin(), cameras.begin() + static_cast<std::ptrdiff_t>(i), same), "camera.name",
+            "a name that no other camera has", '"' + camera.name + '"');
+    const long long pixels = static_cast<long long>(num_drones) * camera.width_px * camera.height_px;
+    require(pixels <= (1LL << 32), "num_drones x camera pixels", "at most 4294967296 pixels", pixels);
   }
   pose_sensor.validate();
   if (task == TaskKind::navigation) {

@@ -28,6 +28,26 @@ std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shar
     list(lidar.offset_m);
     list(lidar.quat_wxyz);
   }
+  field(config.cameras.size());
+  for (const CameraConfig& camera : config.cameras) {
+    field(camera.name);
+    field(camera.width_px);
+    field(camera.height_px);
+    field(camera.fx());
+    field(camera.fy());
+    list(camera.offset_m);
+    list(camera.quat_wxyz);
+    field(camera.near_m);
+    field(camera.far_m);
+    const CameraOutputs& outputs = camera.outputs;
+    for (const bool output :
+         {outputs.rgb, outputs.depth, outputs.semantic, outputs.instance, outputs.normal, outputs.grey, camera.shadows}) {
+      field(output);
+    }
+    field(static_cast<int>(camera.depth_kind));
+    field(static_cast<int>(camera.layout));
+    field(camera.samples_per_pixel);
+  }
   field(config.pose_sensor.position_noise_std_m);
   field(config.pose_sensor.tilt_noise_std_deg);
   field(static_cast<int>(config.task));

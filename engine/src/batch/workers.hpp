@@ -9,6 +9,7 @@
 #include <memory>
 #include <vector>
 
+#include "render/raycast_renderer.hpp"
 #include "sensors/lidar.hpp"
 #include "trace/handover.hpp"
 #include "trace/scene.hpp"
@@ -18,14 +19,11 @@ namespace swiftlet {
 // What one thread needs while it steps a block; made once.
 struct Scratch {
   sensors::ScanScratch scan;
-  std::vector<std::uint32_t> flying;  // drones of the block that take this step's action
-  std::vector<std::uint32_t> sensed;  // those whose sensors and observation are due
+  render::RaycastScratch raycast;
+  std::vector<std::uint32_t> drones;  // those of the block that a stage is about
   bool changed_world = false;         // a reset moved a drone to another world
 
-  explicit Scratch(std::size_t block_size) {
-    flying.reserve(block_size);
-    sensed.reserve(block_size);
-  }
+  explicit Scratch(std::size_t block_size) { drones.reserve(block_size); }
 };
 
 class Workers {

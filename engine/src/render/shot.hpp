@@ -20,6 +20,11 @@ struct Frame {
   std::uint8_t* grey = nullptr;
 };
 
+// ITU-R BT.601, rounded.
+inline std::uint8_t grey_of(std::uint8_t r, std::uint8_t g, std::uint8_t b) {
+  return static_cast<std::uint8_t>((299U * r + 587U * g + 114U * b + 500U) / 1000U);
+}
+
 struct Shot {
   const World* world;
   const CameraConfig* camera;

@@ -76,7 +76,7 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
 
 // A candidate met by one vector of rays.
 template <class D, class V = hn::Vec<D>>
-HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction, Nearest<D>& nearest) {
+HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction, V near, Nearest<D>& nearest) {
   const Shape& shape = *candidate.shape;
   const auto& local = candidate.local_origin;
   const Vec3V<V> o{hn::Set(d, local[0]), hn::Set(d, local[1]), hn::Set(d, local[2])};
@@ -88,8 +88,10 @@ HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction,
   if (candidate.place == Place::beside_cylinder) {
     const auto entry = cylinder_side(d, o, dir, shape.half_extents[0], shape.half_extents[2]);
     if (!hn::AllFalse(d, entry.valid)) nearest.take(d, entry.at, entry.valid, candidate.element);
+  } else if (candidate.place == Place::outside_marker) {
+    nearest.meet_front(d, sphere_interval(d, o, dir, shape.half_extents[0]), candidate.element, near);
   } else {
-    nearest.meet(d, interval(d, shape, o, dir), candidate.element);
+    nearest.meet(d, interval(d, shape, o, dir), candidate.element, near);
   }
 }
 
@@ -104,27 +106,48 @@ bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, R
   }
   const hn::CappedTag<float, kRayPadding> d;
   using V = hn::Vec<decltype(d)>;
+  const V near = hn::Set(d, rays.near);
   const V range = hn::Set(d, rays.range);
   for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
     const Vec3V<V> direction =
         rotate(d, rays.rotation, {hn::LoadU(d, rays.x + i), hn::LoadU(d, rays.y + i), hn::LoadU(d, rays.z + i)});
     Nearest nearest(d);
-    for (std::size_t k = 0; k < count; ++k) meet(d, *seen[k], direction, nearest);
+    for (std::size_t k = 0; k < count; ++k) meet(d, *seen[k], direction, near, nearest);
     store(d, nearest, range, rays.t_hit + i, rays.element + i);
   }
   return true;
 }
 
-void trace_block(std::span<const NumberedShape> shapes, RayBlock& rays) {
+// For each vector of rays, meet(nearest, origin, direction).
+template <class Meet>
+void trace_block(RayBlock& rays, const Meet& meet) {
   const hn::CappedTag<float, kRayPadding> d;
+  const hn::RebindToSigned<decltype(d)> di;
   using V = hn::Vec<decltype(d)>;
   for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
     const Vec3V<V> origin{hn::Load(d, rays.org_x + i), hn::Load(d, rays.org_y + i), hn::Load(d, rays.org_z + i)};
     const Vec3V<V> direction{hn::Load(d, rays.dir_x + i), hn::Load(d, rays.dir_y + i), hn::Load(d, rays.dir_z + i)};
-    Nearest nearest(d);
-    for (const auto& [shape, element] : shapes) nearest.meet(d, world_interval(d, shape, origin, direction), element);
+    Nearest nearest(d, hn::Load(d, rays.t_hit + i), hn::Load(di, rays.element + i));
+    meet(nearest, origin, direction);
     store(d, nearest, hn::Load(d, rays.range + i), rays.t_hit + i, rays.element + i);
   }
+}
+
+void trace_shapes(std::span<const NumberedShape> shapes, RayBlock& rays) {
+  const hn::CappedTag<float, kRayPadding> d;
+  const auto near = hn::Set(d, rays.near);
+  trace_block(rays, [&](auto& nearest, const auto& origin, const auto& direction) HWY_ATTR {
+    for (const auto& [shape, element] : shapes) nearest.meet(d, world_interval(d, shape, origin, direction), element, near);
+  });
+}
+
+void trace_markers(std::span<const NumberedShape> markers, RayBlock& rays) {
+  const hn::CappedTag<float, kRayPadding> d;
+  const auto near = hn::Set(d, rays.near);
+  trace_block(rays, [&](auto& nearest, const auto& origin, const auto& direction) HWY_ATTR {
+    for (const auto& [shape, element] : markers)
+      nearest.meet_front(d, world_interval(d, shape, origin, direction), element, near);
+  });
 }
 
 }  // namespace swiftlet::trace::HWY_NAMESPACE
@@ -134,13 +157,15 @@ HWY_AFTER_NAMESPACE();
 namespace swiftlet::trace {
 
 HWY_EXPORT(trace_bundle);
-HWY_EXPORT(trace_block);
+HWY_EXPORT(trace_shapes);
+HWY_EXPORT(trace_markers);
 
 bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
   return HWY_DYNAMIC_DISPATCH(trace_bundle)(candidates, max_seen, rays);
 }
 
-void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_block)(shapes, rays); }
+void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_shapes)(shapes, rays); }
+void trace_markers(std::span<const NumberedShape> markers, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_markers)(markers, rays); }
 
 }  // namespace swiftlet::trace
 #endif

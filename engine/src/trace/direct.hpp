@@ -16,6 +16,7 @@ enum class Place : std::uint8_t {
   anywhere,
   in_room,          // its inside: only walls within reach can be hit
   beside_cylinder,  // outside it, between the planes of its caps: only its side can be hit
+  outside_marker,   // a sphere that is seen from outside only
 };
 
 // A shape within reach of a sensor, and what all rays of that sensor have in common.
@@ -33,7 +34,10 @@ inline constexpr std::size_t kMaxCandidates = 512;
 // than max_seen (at most kMaxCandidates).
 bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays);
 
-// Traces all rays of the block against these shapes alone.
+// Traces all rays of the block against these shapes: takes what is nearer than its t_hit.
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays);
+
+// The same for spheres that are seen from outside only.
+void trace_markers(std::span<const NumberedShape> markers, RayBlock& rays);
 
 }  // namespace swiftlet::trace

@@ -216,6 +216,7 @@ struct Nearest {
   HWY_INLINE explicit Nearest(D d)
       : distance{hn::Set(d, std::numeric_limits<float>::infinity()), hn::Set(d, 1.0F)},
         element(hn::Set(hn::RebindToSigned<D>(), -1)) {}
+  HWY_INLINE Nearest(D d, V metres, I number) : distance{metres, hn::Set(d, 1.0F)}, element(number) {}
 
   // Takes a hit at a smaller distance; of two at one distance that of the lower element. Distances >= 0.
   HWY_INLINE void take(D d, const Fraction<V>& hit, hn::Mask<D> valid, std::int32_t number) {
@@ -229,12 +230,20 @@ struct Nearest {
     element = hn::IfThenElse(hn::RebindMask(di, nearer), its, element);
   }
 
-  HWY_INLINE void meet(D d, const IntervalOf<D>& inside, std::int32_t number) {
-    const V zero = hn::Zero(d);
-    const auto valid = hn::And(inside.meets, hn::And(hn::Ge(inside.exit.num, zero), hn::Not(is_less(inside.exit, inside.enter))));
+  // The surface of a solid, seen from outside and from inside, no nearer than `near` >= 0.
+  HWY_INLINE void meet(D d, const IntervalOf<D>& inside, std::int32_t number, V near) {
+    const auto valid = hn::And(inside.meets, hn::And(is_ahead(inside.exit, near), hn::Not(is_less(inside.exit, inside.enter))));
     if (hn::AllFalse(d, valid)) return;
-    take(d, select(hn::Ge(inside.enter.num, zero), inside.enter, inside.exit), valid, number);
+    take(d, select(is_ahead(inside.enter, near), inside.enter, inside.exit), valid, number);
   }
+
+  // The same, seen from outside only.
+  HWY_INLINE void meet_front(D d, const IntervalOf<D>& inside, std::int32_t number, V near) {
+    const auto valid = hn::And(inside.meets, hn::And(is_ahead(inside.enter, near), hn::Not(is_less(inside.exit, inside.enter))));
+    if (!hn::AllFalse(d, valid)) take(d, inside.enter, valid, number);
+  }
+
+  static HWY_INLINE auto is_ahead(const Fraction<V>& at, V near) { return hn::Ge(at.num, hn::Mul(near, at.den)); }
 
   // m; inf where nothing is hit.
   HWY_INLINE V metres() const { return hn::Div(distance.num, distance.den); }

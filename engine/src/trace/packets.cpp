@@ -7,7 +7,10 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
+
+#include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace swiftlet::trace::HWY_NAMESPACE {
@@ -25,7 +28,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   alignas(64) Packet<kSize> buffer;
   auto& packet = buffer.rays;
   for (std::size_t i = 0; i < kSize; i += lanes) {
-    hn::Store(hn::Zero(d), d, packet.ray.tnear + i);
+    hn::Store(hn::Set(d, rays.near), d, packet.ray.tnear + i);
     hn::Store(hn::Zero(d), d, packet.ray.time + i);
     hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.id + i));
     hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.flags + i));
@@ -71,6 +74,65 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   }
 }
 
+// Calls f(lane of the packet, ray of the tile relative to the packet's first) for each vector of 4 x 2 rays.
+template <class F>
+HWY_INLINE void for_4_by_2(std::size_t lanes, const F& f) {
+  for (std::size_t row = 0; row < 2; ++row) {
+    for (std::size_t column = 0; column < 4; column += lanes) f(4 * row + column, kTileWidth * row + column);
+  }
+}
+
+void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals) {
+  const hn::CappedTag<float, 4> d;
+  const hn::RebindToSigned<decltype(d)> di;
+  using V = hn::Vec<decltype(d)>;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto invalid = hn::Set(di, -1);                                                             // RTC_INVALID_GEOMETRY_ID
+  const V beyond = hn::Set(d, std::nextafter(rays.range, std::numeric_limits<float>::infinity()));  // a hit at the range counts
+  alignas(64) Packet<8> buffer;
+  auto& packet = buffer.rays;
+  for_4_by_2(lanes, [&](std::size_t lane, std::size_t) HWY_ATTR {
+    hn::Store(hn::Set(d, rays.origin.x()), d, packet.ray.org_x + lane);
+    hn::Store(hn::Set(d, rays.origin.y()), d, packet.ray.org_y + lane);
+    hn::Store(hn::Set(d, rays.origin.z()), d, packet.ray.org_z + lane);
+    hn::Store(hn::Set(d, rays.near), d, packet.ray.tnear + lane);
+    hn::Store(hn::Zero(d), d, packet.ray.time + lane);
+    hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.id + lane));
+    hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.flags + lane));
+    hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.ray.mask + lane));
+    hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.instID[0] + lane));
+  });
+  alignas(64) std::int32_t valid[8];
+  std::fill_n(valid, 8, -1);
+  for (std::size_t row = 0; row * kTileWidth < rays.count; row += 2) {
+    for (std::size_t first = row * kTileWidth; first < (row + 1) * kTileWidth; first += 4) {
+      for_4_by_2(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
+        const std::size_t ray = first + offset;
+        const Vec3V<V> direction =
+            rotate(d, rays.rotation, {hn::LoadU(d, rays.x + ray), hn::LoadU(d, rays.y + ray), hn::LoadU(d, rays.z + ray)});
+        hn::Store(direction.x, d, packet.ray.dir_x + lane);
+        hn::Store(direction.y, d, packet.ray.dir_y + lane);
+        hn::Store(direction.z, d, packet.ray.dir_z + lane);
+        hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + lane);
+        hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + lane));
+      });
+      intersect_coherent(valid, scene, buffer);
+      for_4_by_2(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
+        const std::size_t ray = first + offset;
+        const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + lane)), invalid);
+        const auto element =
+            hn::Add(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + lane)), hn::Set(di, first_element));
+        const V distance = hn::Load(d, packet.ray.tfar + lane);
+        hn::Store(hn::IfThenElse(hn::RebindMask(d, found), distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
+        hn::Store(hn::IfThenElse(found, element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
+        hn::Store(hn::Load(d, packet.hit.Ng_x + lane), d, normals.x + ray);
+        hn::Store(hn::Load(d, packet.hit.Ng_y + lane), d, normals.y + ray);
+        hn::Store(hn::Load(d, packet.hit.Ng_z + lane), d, normals.z + ray);
+      });
+    }
+  }
+}
+
 void trace_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<16>(scene, first_element, rays); }
 void trace_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<8>(scene, first_element, rays); }
 
@@ -81,6 +143,7 @@ HWY_AFTER_NAMESPACE();
 namespace swiftlet::trace {
 
 HWY_EXPORT(trace_16);
+HWY_EXPORT(trace_tile);
 HWY_EXPORT(trace_8);
 
 void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
@@ -88,6 +151,9 @@ void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& r
 }
 void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays);
+}
+void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals) {
+  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, rays, normals);
 }
 
 }  // namespace swiftlet::trace

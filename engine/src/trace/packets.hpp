@@ -1,4 +1,4 @@
-// Tracing a block of rays by Embree, in packets.
+// Tracing rays by Embree, in packets.
 #pragma once
 
 #include <cstdint>
@@ -14,5 +14,10 @@ namespace swiftlet::trace {
 void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& rays);
 // Packets of 8, for triangles: incoherent packets go through their tree ray by ray, and larger ones only cost more to fill.
 void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays);
+
+// Rays that are rows of kTileWidth and point much the same way: packets of 4 x 2. The rays of a whole number of rows are traced,
+// an even one, so up to two rows past the count; all have room. Writes the normals of the triangles it takes, too.
+inline constexpr std::size_t kTileWidth = 16;
+void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals);
 
 }  // namespace swiftlet::trace

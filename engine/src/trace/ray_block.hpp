@@ -21,15 +21,18 @@ inline Vec3 rotated(const Mat3& m, const Vec3& v) {
   return {row(0), row(1), row(2)};
 }
 
-// Rays of one sensor: they share origin and range, and their directions are the same in its frame at every pose.
+// Rays of one sensor: they share origin and range, and their directions are the same in its frame at every pose. Distances are
+// in lengths of the directions: metres along a LiDAR's unit ones; a camera's are 1 along its optical axis, which makes them
+// planar depths.
 struct RayBundle {
-  Vec3 origin;                  // m, world frame
-  Mat3 rotation;                // sensor to world
-  float range;                  // m; a hit is in [0, range]
+  Vec3 origin;        // m, world frame
+  Mat3 rotation;      // sensor to world
+  float near = 0.0F;  // a hit is in [near, range]
+  float range;
   std::size_t count = 0;        // at most kMaxRays
-  const float *x, *y, *z;       // (count + kRayPadding,) unit directions, sensor frame
+  const float *x, *y, *z;       // (count + kRayPadding,) directions, sensor frame
   const View* view;             // that holds them, sensor frame
-  alignas(64) RayFloats t_hit;  // m, inf on a miss; written by Scene::intersect
+  alignas(64) RayFloats t_hit;  // inf on a miss; written by Scene::intersect
   alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
 
   Vec3 direction(std::size_t i) const { return rotated(rotation, {x[i], y[i], z[i]}); }  // world frame
@@ -38,15 +41,21 @@ struct RayBundle {
 // Rays of any origins and ranges.
 struct RayBlock {
   std::size_t count = 0;
+  float near = 0.0F;            // as in RayBundle, for all
   alignas(64) RayFloats org_x;  // m, world frame
   alignas(64) RayFloats org_y;
   alignas(64) RayFloats org_z;
-  alignas(64) RayFloats dir_x;  // unit, world frame
+  alignas(64) RayFloats dir_x;  // world frame
   alignas(64) RayFloats dir_y;
   alignas(64) RayFloats dir_z;
-  alignas(64) RayFloats range;  // m; a hit is in [0, range]
-  alignas(64) RayFloats t_hit;  // m, inf on a miss; as in RayBundle
+  alignas(64) RayFloats range;  // a hit is in [near, range]
+  alignas(64) RayFloats t_hit;  // as in RayBundle
   alignas(64) RayInts element;
+};
+
+// The geometric normals of the triangles that a bundle's rays have hit, of any length and side; world frame.
+struct FacetNormals {
+  alignas(64) RayFloats x, y, z;
 };
 
 // Appends rays [first, first + count) of the bundle, with what they have hit so far. The block has room for them.

@@ -1,7 +1,9 @@
 #include "trace/scene.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
@@ -48,15 +50,18 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
   return device;
 }
 
-Place place_of(const Shape& shape, bool is_room, const std::array<float, 3>& o) {
+// near: nothing nearer is seen, so what is within it may be seen otherwise than the short cuts have it.
+Place place_in_room(const Shape& room, const std::array<float, 3>& o, float near) {
+  const float* const half = room.half_extents;
+  // On a wall the wall itself is seen, at 0, whichever way a ray goes: as of any other solid.
+  const bool within = std::abs(o[0]) + near < half[0] && std::abs(o[1]) + near < half[1] && std::abs(o[2]) + near < half[2];
+  return within ? Place::in_room : Place::anywhere;
+}
+
+Place place_at_solid(const Shape& shape, const std::array<float, 3>& o, float near) {
   const float* const half = shape.half_extents;
-  if (is_room) {
-    // On a wall the wall itself is seen, at 0, whichever way a ray goes: as of any other solid.
-    const bool within = std::abs(o[0]) < half[0] && std::abs(o[1]) < half[1] && std::abs(o[2]) < half[2];
-    return within ? Place::in_room : Place::anywhere;
-  }
-  const bool beside =
-      shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > half[0] * half[0] && std::abs(o[2]) <= half[2];
+  const float away = half[0] + near;
+  const bool beside = shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > away * away && std::abs(o[2]) <= half[2];
   return beside ? Place::beside_cylinder : Place::anywhere;
 }
 
@@ -86,6 +91,16 @@ FlushDenormals::~FlushDenormals() = default;
 Scene::Scene(const World& world, std::size_t max_direct) {
   add_primitives(world.primitives(), max_direct);
   add_triangles(world.triangles());
+  const Markers& markers = world.markers();
+  const auto add_marker = [&](const Vec3& center) {
+    const auto element = static_cast<std::int32_t>(shapes_.size() + world.triangles().triangles.size() + markers_.size());
+    markers_.push_back(
+        {make_shape(Primitive{.kind = PrimitiveKind::sphere, .center = center, .half_extents = Vec3::Constant(markers.radius)}),
+         element});
+  };
+  if (markers.start) add_marker(*markers.start);
+  for (const Vec3& waypoint : markers.waypoints) add_marker(waypoint);
+  if (markers.goal) add_marker(*markers.goal);
 }
 
 Scene::~Scene() = default;
@@ -176,49 +191,99 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
 }
 
 void Scene::intersect(RayBlock& rays) const {
+  std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
+  std::fill_n(rays.element, rays.count, -1);
+  intersect_primitives(rays);
+  intersect_meshes(rays);
+}
+
+void Scene::intersect_primitives(RayBlock& rays) const {
   if (!crowd_) {
     trace_direct(shapes_, rays);
   } else {
     trace_direct(std::span(shapes_).first(num_rooms_), rays);
     trace_packets_of_16(crowd_.get(), 0, rays);
   }
-  intersect_meshes(rays);
 }
 
 void Scene::intersect_meshes(RayBlock& rays) const {
   if (meshes_) trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays);
 }
 
-void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const {
+void Scene::intersect_casters(RayBlock& rays) const {
+  std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
+  std::fill_n(rays.element, rays.count, -1);
+  if (!crowd_) {
+    trace_direct(std::span(shapes_).subspan(num_rooms_), rays);
+  } else {
+    trace_packets_of_16(crowd_.get(), 0, rays);
+  }
+  intersect_meshes(rays);
+}
+
+void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, Reach& reach) const {
+  if (reach.count == kMaxCandidates) {
+    reach.crowded = true;
+    return;
+  }
+  Candidate& candidate = reach.candidates[reach.count++];
+  candidate.shape = &shape;
+  candidate.element = element;
+  const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
+  const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
+  candidate.local_origin = {local.x(), local.y(), local.z()};
+}
+
+void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const { gather(origin, 0.0F, range_m, reach); }
+
+void Scene::gather(const Vec3& origin, float near_m, float range_m, Reach& reach) const {
   reach.count = 0;
   reach.crowded = false;
-  const auto add = [&](std::uint32_t element) {
-    if (reach.count == kMaxCandidates) {
-      reach.crowded = true;
-      return;
-    }
-    const Shape& shape = shapes_[element].shape;
-    Candidate& candidate = reach.candidates[reach.count++];
-    candidate.shape = &shape;
-    candidate.element = static_cast<std::int32_t>(element);
-    const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
-    const Vec3 local = shape.aligned ? offset : rotated(shape.to_local, offset);
-    candidate.local_origin = {local.x(), local.y(), local.z()};
-    candidate.place = place_of(shape, element < num_rooms_, candidate.local_origin);
-  };
   for (std::uint32_t room = 0; room < num_rooms_; ++room) {
-    add(room);
+    const Shape& shape = shapes_[room].shape;
+    add_candidate(shape, static_cast<std::int32_t>(room), origin, reach);
     Candidate& candidate = reach.candidates[reach.count - 1];
+    candidate.place = place_in_room(shape, candidate.local_origin, near_m);
     if (candidate.place != Place::in_room) continue;
     bool reachable = false;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      candidate.walls[axis] = candidate.shape->half_extents[axis] - std::abs(candidate.local_origin[axis]) <= range_m;
+      candidate.walls[axis] = shape.half_extents[axis] - std::abs(candidate.local_origin[axis]) <= range_m;
       reachable |= candidate.walls[axis];
     }
     if (!reachable) --reach.count;
   }
-  tree_.for_each_near(origin, range_m, add);
+  tree_.for_each_near(origin, range_m, [&](std::uint32_t element) {
+    const Shape& shape = shapes_[element].shape;
+    add_candidate(shape, static_cast<std::int32_t>(element), origin, reach);
+    if (reach.crowded) return;
+    Candidate& candidate = reach.candidates[reach.count - 1];
+    candidate.place = place_at_solid(shape, candidate.local_origin, near_m);
+  });
   reach.meshes = meshes_ && squared_distance(mesh_center_ - origin, mesh_half_) <= range_m * range_m;
+}
+
+void Scene::gather_visible(const Vec3& origin, float near_m, float range_m, Reach& reach) const {
+  gather(origin, near_m, range_m, reach);
+  for (const auto& [shape, element] : markers_) {
+    add_candidate(shape, element, origin, reach);
+    if (reach.crowded) return;
+    reach.candidates[reach.count - 1].place = Place::outside_marker;
+  }
+}
+
+void Scene::intersect_tile(const Reach& reach, RayBundle& rays, FacetNormals& normals, RayBlock& block) const {
+  if (intersect(reach, rays) == Traced::nothing) {
+    block.count = 0;
+    block.near = rays.near;
+    append(rays, 0, rays.count, block);
+    std::fill_n(block.t_hit, rays.count, std::numeric_limits<float>::infinity());
+    std::fill_n(block.element, rays.count, -1);
+    intersect_primitives(block);
+    trace_markers(markers_, block);
+    std::copy_n(block.t_hit, rays.count, rays.t_hit);
+    std::copy_n(block.element, rays.count, rays.element);
+  }
+  if (reach.meshes) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays, normals);
 }
 
 Traced Scene::intersect(const Reach& reach, RayBundle& rays) const {

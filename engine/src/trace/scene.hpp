@@ -68,6 +68,17 @@ class Scene {
   void gather(const Vec3& origin, float range_m, Reach& reach) const;
   Traced intersect(const Reach& reach, RayBundle& rays) const;
 
+  // The same for a camera, whose bundles are tiles: kTileWidth rays a row. It sees the markers too, numbered on after the
+  // triangles, and nothing nearer than near_m, the distance of its near plane's corners.
+  void gather_visible(const Vec3& origin, float near_m, float range_m, Reach& reach) const;
+  // Nearest hits, and the normals of those on triangles; the block is scratch. Call under FlushDenormals.
+  void intersect_tile(const Reach& reach, RayBundle& rays, FacetNormals& normals, RayBlock& block) const;
+  // Whether anything that casts a shadow, rooms and markers do not, lies on the rays of the block: t_hit is finite then.
+  void intersect_casters(RayBlock& rays) const;
+
+  const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
+  std::span<const NumberedShape> markers() const { return markers_; }
+
   // The broad phase of collision: calls back for each element but rooms whose bounding box comes within radius (m) of center;
   // may call back for some that do not. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
@@ -79,11 +90,15 @@ class Scene {
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
   EmbreeScene new_scene();
+  void gather(const Vec3& origin, float near_m, float range_m, Reach& reach) const;
+  void intersect_primitives(RayBlock& rays) const;  // takes what is nearer than t_hit
+  void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, Reach& reach) const;
   void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
   void add_triangles(const TriangleMesh& mesh);
   void commit(RTCScene scene) const;
 
-  std::vector<NumberedShape> shapes_;  // all primitives, in the order of their elements: rooms first
+  std::vector<NumberedShape> shapes_;   // all primitives, in the order of their elements: rooms first
+  std::vector<NumberedShape> markers_;  // start, waypoints, goal
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
   std::vector<Shape> crowd_shapes_;

@@ -24,7 +24,8 @@ HWY_INLINE void intersect_lanes(D d, const RTCIntersectFunctionNArguments* args,
   const auto load = [&](std::size_t field) HWY_ATTR { return hn::LoadU(d, rays + field * n); };
 
   Nearest<D> found(d);
-  found.meet(d, world_interval(d, shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0);
+  found.meet(d, world_interval(d, shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
+             load(t_near));
   const auto distance = found.metres();
   // Of two primitives at the same distance the one of the lower index is taken, whichever Embree visits first.
   const auto nearest = load(t_far);

@@ -9,6 +9,13 @@ namespace {
 constexpr float kMargin = 1e-5F;       // of the range: for rounding in rotated normals
 constexpr double kNarrow = 0.1736482;  // cosine of 80 degrees
 
+void set_plane(View& view, std::size_t plane, const Eigen::Vector3d& normal, double reach) {
+  view.x[plane] = static_cast<float>(normal.x());
+  view.y[plane] = static_cast<float>(normal.y());
+  view.z[plane] = static_cast<float>(normal.z());
+  view.reach[plane] = static_cast<float>(std::max(reach, 0.0)) + kMargin;
+}
+
 }  // namespace
 
 View make_view(std::span<const float> x, std::span<const float> y, std::span<const float> z) {
@@ -35,21 +42,25 @@ View make_view(std::span<const float> x, std::span<const float> y, std::span<con
     elevation[1] = std::max(elevation[1], -d.z());
   }
   View view{};
-  const auto set = [&view](std::size_t plane, const Vec3d& normal, double reach) {
-    view.x[plane] = static_cast<float>(normal.x());
-    view.y[plane] = static_cast<float>(normal.y());
-    view.z[plane] = static_cast<float>(normal.z());
-    view.reach[plane] = static_cast<float>(std::max(reach, 0.0)) + kMargin;
-  };
   if (narrowest > kNarrow) {
     for (std::size_t plane = 0; plane < View::kPlanes; ++plane) {
       const Vec3d across = plane < 2 ? side : up;
-      set(plane, ((plane % 2 == 0 ? 1.0 : -1.0) * across - slope[plane] * mean).normalized(), 0.0);
+      set_plane(view, plane, ((plane % 2 == 0 ? 1.0 : -1.0) * across - slope[plane] * mean).normalized(), 0.0);
     }
   } else {
-    set(0, Vec3d::UnitZ(), elevation[0]);
-    set(1, -Vec3d::UnitZ(), elevation[1]);
+    set_plane(view, 0, Vec3d::UnitZ(), elevation[0]);
+    set_plane(view, 1, -Vec3d::UnitZ(), elevation[1]);
   }
+  return view;
+}
+
+View make_pyramid(float left_min, float left_max, float up_min, float up_max) {
+  using Vec3d = Eigen::Vector3d;
+  View view{};
+  set_plane(view, 0, Vec3d(-left_max, 1, 0).normalized(), 0.0);
+  set_plane(view, 1, Vec3d(left_min, -1, 0).normalized(), 0.0);
+  set_plane(view, 2, Vec3d(-up_max, 0, 1).normalized(), 0.0);
+  set_plane(view, 3, Vec3d(up_min, 0, -1).normalized(), 0.0);
   return view;
 }
 

@@ -20,4 +20,7 @@ struct View {
 // Of unit directions, in their frame.
 View make_view(std::span<const float> x, std::span<const float> y, std::span<const float> z);
 
+// Of the directions (1, y, z) with y in [left_min, left_max] and z in [up_min, up_max].
+View make_pyramid(float left_min, float left_max, float up_min, float up_max);
+
 }  // namespace swiftlet::trace

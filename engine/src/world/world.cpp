@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "collision/obstacles.hpp"
+#include "render/shading.hpp"
 #include "trace/scene.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
@@ -39,6 +40,8 @@ struct World::Lazy {
   std::unique_ptr<const trace::Scene> scene;
   std::once_flag obstacles_once;
   std::unique_ptr<const collision::Obstacles> obstacles;
+  std::once_flag shading_once;
+  std::unique_ptr<const render::Shading> shading;
 };
 
 std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
@@ -82,6 +85,11 @@ const trace::Scene& World::scene() const {
 const collision::Obstacles& World::obstacles() const {
   std::call_once(lazy_->obstacles_once, [this] { lazy_->obstacles = std::make_unique<const collision::Obstacles>(*this); });
   return *lazy_->obstacles;
+}
+
+const render::Shading& World::shading() const {
+  std::call_once(lazy_->shading_once, [this] { lazy_->shading = std::make_unique<const render::Shading>(*this); });
+  return *lazy_->shading;
 }
 
 }  // namespace swiftlet

@@ -1,0 +1,13 @@
+// batch.camera(name): a view of one camera of a batch.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <string>
+
+namespace swiftlet::bindings {
+
+// Throws ValueError where the batch has no camera of that name.
+pybind11::object camera_view(const pybind11::object& batch, const std::string& name);
+
+}  // namespace swiftlet::bindings

@@ -1,0 +1,121 @@
+#include "render/raycast_renderer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "render/frame_writer.hpp"
+#include "trace/packets.hpp"
+
+namespace swiftlet::render {
+namespace {
+
+static_assert(Tile::kSide == trace::kTileWidth && TilePixels::kCount == trace::kMaxRays);
+
+// How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
+constexpr float kLift = 1e-4F;
+
+// The directions of a tile's samples of one grid.
+void aim(const Lens::Grid& grid, const Tile& tile, RaycastScratch& scratch) {
+  for (std::size_t row = 0; row < tile.height + tile.height % 2; ++row) {  // packets are two rows high
+    std::copy_n(grid.left.data() + tile.column, Tile::kSide, scratch.left + row * Tile::kSide);
+    std::fill_n(scratch.up + row * Tile::kSide, Tile::kSide, grid.up[tile.row + row]);
+  }
+}
+
+// Which hits lie in the shadow of something: traces from each towards the sun.
+void find_shadows(const World& world, RaycastScratch& scratch) {
+  const trace::Scene& scene = world.scene();
+  const trace::RayBundle& rays = scratch.bundle;
+  trace::RayBlock& block = scratch.block;
+  const auto& to_sun = world.light().sun_direction;
+  const Vec3 sun(to_sun[0], to_sun[1], to_sun[2]);
+  block.count = rays.count;
+  block.near = 0.0F;
+  for (std::size_t i = 0; i < rays.count; ++i) {
+    const bool hit = rays.element[i] >= 0;
+    const Vec3 direction = rays.direction(i);
+    Vec3 point = hit ? Vec3(rays.origin + rays.t_hit[i] * direction) : rays.origin;
+    // Away from the surface: back along the ray, and towards the sun.
+    const float lift = kLift * (1.0F + point.cwiseAbs().maxCoeff());
+    point += lift * (sun - direction.normalized());
+    block.org_x[i] = point.x();
+    block.org_y[i] = point.y();
+    block.org_z[i] = point.z();
+    block.dir_x[i] = sun.x();
+    block.dir_y[i] = sun.y();
+    block.dir_z[i] = sun.z();
+    block.range[i] = hit ? std::numeric_limits<float>::max() : 0.0F;
+  }
+  scene.intersect_casters(block);
+  for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
+}
+
+// Traces and shades one sample of each pixel of the tile.
+void sample(const Shot& shot, const Lens::Grid& grid, const Tile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
+  aim(grid, tile, scratch);
+  scratch.bundle.count = tile.height * Tile::kSide;
+  scratch.bundle.view = &tile.view;
+  shot.world->scene().intersect_tile(scratch.reach, scratch.bundle, scratch.normals, scratch.block);
+  const bool shadows = shot.camera->shadows && wanted.any_color();
+  if (shadows) find_shadows(*shot.world, scratch);
+  shot.world->shading().shade(scratch.bundle, scratch.normals,
+                              shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>(), wanted,
+                              shot.camera->depth_kind, scratch.pixels);
+}
+
+// The mean of all samples' colours.
+void average(const Shot& shot, const Tile& tile, RaycastScratch& scratch) {
+  TilePixels& pixels = scratch.pixels;
+  std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
+  CameraOutputs colors = shot.camera->outputs;
+  colors.depth = colors.semantic = colors.instance = colors.normal = false;
+  for (auto& sums : scratch.sums) std::fill_n(sums, TilePixels::kCount, std::uint16_t{0});
+  const auto grids = std::span(shot.lens->grids).subspan(1);
+  for (const Lens::Grid& grid : grids) {
+    sample(shot, grid, tile, colors, scratch);
+    for (std::size_t c = 0; c < 3; ++c) {
+      for (std::size_t i = 0; i < TilePixels::kCount; ++i) {
+        scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
+      }
+    }
+  }
+  const auto count = static_cast<unsigned int>(grids.size());
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < TilePixels::kCount; ++i) {
+      channels[c][i] = static_cast<std::uint8_t>((scratch.sums[c][i] + count / 2) / count);
+    }
+  }
+}
+
+}  // namespace
+
+RaycastScratch::RaycastScratch() {
+  std::fill(std::begin(ones), std::end(ones), 1.0F);
+  bundle.x = ones;
+  bundle.y = left;
+  bundle.z = up;
+}
+
+void render_tiles(const Shot& shot, std::size_t first, std::size_t last, RaycastScratch& scratch) {
+  const CameraConfig& camera = *shot.camera;
+  const Lens& lens = *shot.lens;
+  scratch.bundle.origin = shot.position;
+  scratch.bundle.rotation = shot.rotation;
+  scratch.bundle.near = camera.near_m;
+  scratch.bundle.range = camera.far_m;
+  shot.world->scene().gather_visible(shot.position, camera.near_m * lens.corner, camera.far_m * lens.corner, scratch.reach);
+  CameraOutputs wanted = camera.outputs;
+  const bool samples = lens.grids.size() > 1;
+  if (samples) wanted.rgb = wanted.grey = false;
+  const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
+  for (std::size_t i = first; i < last; ++i) {
+    const Tile& tile = lens.tiles[i];
+    if (centre) sample(shot, lens.grids[0], tile, wanted, scratch);
+    if (samples && camera.outputs.any_color()) average(shot, tile, scratch);
+    write_tile(scratch.pixels, tile, camera, shot.frame);
+  }
+}
+
+}  // namespace swiftlet::render

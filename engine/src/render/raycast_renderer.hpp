@@ -1,0 +1,30 @@
+// Raycast renderer: pictures by the engine's own tracing.
+#pragma once
+
+#include <cstddef>
+
+#include "render/shading.hpp"
+#include "render/shot.hpp"
+#include "trace/scene.hpp"
+
+namespace swiftlet::render {
+
+// What one thread needs while it renders; made once.
+struct RaycastScratch {
+  trace::RayBundle bundle;
+  trace::FacetNormals normals;
+  trace::Reach reach;
+  trace::RayBlock block;
+  TilePixels pixels;
+  alignas(64) std::uint8_t shaded[TilePixels::kCount];
+  alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // of the samples' r, g and b
+  alignas(64) trace::RayFloats ones;                      // x of all directions
+  alignas(64) trace::RayFloats left, up;                  // y and z of a tile's
+
+  RaycastScratch();
+};
+
+// Renders tiles [first, last) of the shot's lens into its frame. A pixel's value depends on the shot alone.
+void render_tiles(const Shot& shot, std::size_t first, std::size_t last, RaycastScratch& scratch);
+
+}  // namespace swiftlet::render

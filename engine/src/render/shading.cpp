@@ -1,0 +1,350 @@
+#include "render/shading.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "render/shading.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+
+#include "trace/intersect-inl.hpp"
+
+HWY_BEFORE_NAMESPACE();
+namespace swiftlet::render::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+using trace::HWY_NAMESPACE::rotate;
+using trace::HWY_NAMESPACE::Vec3V;
+
+using Floats = hn::CappedTag<float, Tile::kSide>;
+using Ints = hn::RebindToSigned<Floats>;
+using V = hn::Vec<Floats>;
+using I = hn::Vec<Ints>;
+using Mask = hn::Mask<Floats>;
+
+// One vector of pixels.
+struct Rays {
+  Vec3V<V> direction;  // world frame
+  V t;
+  Mask shaded;
+};
+struct Pixels {
+  I color;  // r | g << 8 | b << 16
+  I semantic, instance;
+  Vec3V<V> normal;
+};
+
+HWY_INLINE Mask every(Floats d) { return hn::Eq(hn::Zero(d), hn::Zero(d)); }
+
+HWY_INLINE V dot(const Vec3V<V>& a, const Vec3V<V>& b) {
+  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
+}
+
+HWY_INLINE Vec3V<V> normalised(const Vec3V<V>& v) {
+  const V length = hn::Sqrt(dot(v, v));
+  return {hn::Div(v.x, length), hn::Div(v.y, length), hn::Div(v.z, length)};
+}
+
+// The normal of the side that is seen.
+HWY_INLINE Vec3V<V> towards_camera(Floats d, const Vec3V<V>& normal, const Vec3V<V>& direction) {
+  const V flip = hn::And(hn::SignBit(d), hn::Neg(dot(normal, direction)));  // set where the normal points away
+  const V sign = hn::Xor(flip, hn::SignBit(d));
+  return {hn::Xor(normal.x, sign), hn::Xor(normal.y, sign), hn::Xor(normal.z, sign)};
+}
+
+HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
+  const V root = hn::Sqrt(hn::Min(value, hn::Set(d, 1.0F)));
+  const V index = hn::Add(hn::Mul(root, hn::Set(d, static_cast<float>(Shading::kLevels))), hn::Set(d, 0.5F));
+  return hn::GatherIndex(di, tables.levels.data(), hn::ConvertTo(di, index));
+}
+
+HWY_INLINE I packed(I red, I green, I blue) { return hn::Or(red, hn::Or(hn::ShiftLeft<8>(green), hn::ShiftLeft<16>(blue))); }
+
+// What a base colour shows where the cosine of the angle between normal and sun is `sunward`, and the normal's z `upward`.
+template <class Base>
+HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& base, V sunward, V upward, Mask shaded) {
+  const Light& light = tables.light;
+  const V sun = hn::IfThenZeroElse(shaded, hn::Max(sunward, hn::Zero(d)));
+  const V sky = hn::Add(hn::Mul(upward, hn::Set(d, 0.5F)), hn::Set(d, 0.5F));
+  const auto channel = [&](std::size_t c) HWY_ATTR {
+    const V ambient = hn::Add(hn::Set(d, light.ground_ambient[c]),
+                              hn::Mul(hn::Set(d, light.sky_ambient[c] - light.ground_ambient[c]), hn::Max(sky, hn::Zero(d))));
+    return level(d, di, tables, hn::Mul(base(c), hn::Add(ambient, hn::Mul(hn::Set(d, light.sun_color[c]), sun))));
+  };
+  return packed(channel(0), channel(1), channel(2));
+}
+
+HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
+  const V up = hn::Max(hn::Div(direction.z, hn::Sqrt(dot(direction, direction))), hn::Zero(d));
+  const auto channel = [&](std::size_t c) HWY_ATTR {
+    const float horizon = tables.light.horizon_color[c];
+    const V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
+    return level(d, di, tables, color);
+  };
+  return packed(channel(0), channel(1), channel(2));
+}
+
+// A solid at the points its rays have hit.
+HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
+                               const Rays& rays, const CameraOutputs& wanted) {
+  const trace::Shape& shape = *solid.shape;
+  const float* const half = shape.half_extents;
+  const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
+  const Vec3 o = shape.aligned ? offset : trace::rotated(shape.to_local, offset);
+  const Vec3V<V> dir = shape.aligned ? rays.direction : rotate(d, shape.to_local, rays.direction);
+  const V x = hn::Add(hn::Set(d, o.x()), hn::Mul(rays.t, dir.x));
+  const V y = hn::Add(hn::Set(d, o.y()), hn::Mul(rays.t, dir.y));
+  const V z = hn::Add(hn::Set(d, o.z()), hn::Mul(rays.t, dir.z));
+
+  Pixels pixels{hn::Zero(di),
+                hn::Set(di, solid.surface.semantic),
+                hn::Set(di, solid.surface.instance),
+                {hn::Zero(d), hn::Zero(d), hn::Zero(d)}};
+  // A flat face across an axis shows the side that looks against the ray.
+  const auto face_color = [&](std::size_t axis, V along) HWY_ATTR {
+    const auto side = [&](std::size_t sign) HWY_ATTR {
+      return hn::IfThenElse(hn::RebindMask(di, rays.shaded), hn::Set(di, solid.faces[1][2 * axis + sign]),
+                            hn::Set(di, solid.faces[0][2 * axis + sign]));
+    };
+    return hn::IfThenElse(hn::RebindMask(di, hn::Lt(along, hn::Zero(d))), side(1), side(0));
+  };
+  const auto face_normal = [&](V along) HWY_ATTR { return hn::CopySign(hn::Set(d, 1.0F), hn::Neg(along)); };
+  const auto curved = [&](const Vec3V<V>& outward) HWY_ATTR {
+    const Vec3V<V> normal = towards_camera(d, outward, dir);
+    const auto cosine = [&](const std::array<float, 3>& to)
+                            HWY_ATTR { return dot(normal, {hn::Set(d, to[0]), hn::Set(d, to[1]), hn::Set(d, to[2])}); };
+    const auto base = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.color[c]); };
+    if (wanted.any_color()) pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays.shaded);
+    pixels.normal = normal;
+  };
+
+  switch (shape.kind) {
+    case trace::ShapeKind::box: {
+      // The face whose plane is nearest; of a plane, which has no thickness, the one it is.
+      const V outside_x = hn::Sub(hn::Abs(x), hn::Set(d, half[0]));
+      const V outside_y = hn::Sub(hn::Abs(y), hn::Set(d, half[1]));
+      const V outside_z = half[2] > 0.0F ? hn::Sub(hn::Abs(z), hn::Set(d, half[2])) : hn::Inf(d);
+      const auto y_over_x = hn::Gt(outside_y, outside_x);
+      const auto z_over_xy = hn::Gt(outside_z, hn::Max(outside_x, outside_y));
+      pixels.color = hn::IfThenElse(hn::RebindMask(di, y_over_x), face_color(1, dir.y), face_color(0, dir.x));
+      pixels.color = hn::IfThenElse(hn::RebindMask(di, z_over_xy), face_color(2, dir.z), pixels.color);
+      if (wanted.normal) {
+        const auto is_y = hn::AndNot(z_over_xy, y_over_x);
+        pixels.normal = {hn::IfThenZeroElse(hn::Or(y_over_x, z_over_xy), face_normal(dir.x)),
+                         hn::IfThenElseZero(is_y, face_normal(dir.y)), hn::IfThenElseZero(z_over_xy, face_normal(dir.z))};
+      }
+      break;
+    }
+    case trace::ShapeKind::cylinder: {
+      const V radial = hn::Sqrt(hn::Add(hn::Mul(x, x), hn::Mul(y, y)));
+      const V from_cap = hn::Abs(hn::Sub(hn::Abs(z), hn::Set(d, half[2])));
+      const auto cap = half[2] > 0.0F ? hn::Lt(from_cap, hn::Abs(hn::Sub(radial, hn::Set(d, half[0])))) : every(d);
+      const V inverse = hn::Div(hn::Set(d, 1.0F), radial);
+      curved({hn::Mul(x, inverse), hn::Mul(y, inverse), hn::Zero(d)});
+      if (hn::AllFalse(d, cap)) break;
+      pixels.color = hn::IfThenElse(hn::RebindMask(di, cap), face_color(2, dir.z), pixels.color);
+      pixels.normal = Vec3V<V>{hn::IfThenZeroElse(cap, pixels.normal.x), hn::IfThenZeroElse(cap, pixels.normal.y),
+                               hn::IfThenElse(cap, face_normal(dir.z), pixels.normal.z)};
+      break;
+    }
+    case trace::ShapeKind::capsule: {
+      const V middle = hn::Set(d, half[2] - half[0]);
+      curved(normalised({x, y, hn::Sub(z, hn::Min(hn::Max(z, hn::Neg(middle)), middle))}));
+      break;
+    }
+    case trace::ShapeKind::sphere:
+      curved(normalised({x, y, z}));
+      break;
+  }
+  if (wanted.normal && !shape.aligned) {
+    const Mat3 to_world = shape.to_local.transpose();
+    pixels.normal = rotate(d, to_world, pixels.normal);
+  }
+  return pixels;
+}
+
+// Triangles: element by element from tables.
+HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
+                                  std::uint64_t which, const Vec3V<V>& facet, const Rays& rays, const CameraOutputs& wanted) {
+  alignas(64) std::int32_t material[Tile::kSide] = {};
+  alignas(64) std::int32_t object[Tile::kSide] = {};
+  for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+    const auto triangle = static_cast<std::size_t>(elements[lane] - tables.first_triangle);
+    material[lane] = tables.triangle_material[triangle];
+    object[lane] = tables.triangle_object[triangle];
+  }
+  const I its_material = hn::Load(di, material);
+  const Vec3V<V> normal = towards_camera(d, normalised(facet), rays.direction);
+  Pixels pixels{hn::Zero(di), hn::GatherIndex(di, tables.semantic.data(), its_material),
+                hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object)), normal};
+  if (wanted.any_color()) {
+    const std::array<const float*, 3> channels{tables.red.data(), tables.green.data(), tables.blue.data()};
+    const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, channels[c], its_material); };
+    const auto& to_sun = tables.light.sun_direction;
+    const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
+    pixels.color = lit(d, di, tables, base, sunward, normal.z, rays.shaded);
+  }
+  return pixels;
+}
+
+HWY_INLINE Pixels select(Ints di, Mask mask, const Pixels& yes, const Pixels& no) {
+  const auto ints = hn::RebindMask(di, mask);
+  return {hn::IfThenElse(ints, yes.color, no.color),
+          hn::IfThenElse(ints, yes.semantic, no.semantic),
+          hn::IfThenElse(ints, yes.instance, no.instance),
+          {hn::IfThenElse(mask, yes.normal.x, no.normal.x), hn::IfThenElse(mask, yes.normal.y, no.normal.y),
+           hn::IfThenElse(mask, yes.normal.z, no.normal.z)}};
+}
+
+HWY_INLINE std::uint64_t bits_of(Floats d, Mask mask) {
+  std::uint8_t bytes[8] = {};
+  hn::StoreMaskBits(d, mask, bytes);
+  std::uint64_t bits = 0;
+  for (std::size_t i = 0; i < 2; ++i) bits |= static_cast<std::uint64_t>(bytes[i]) << (8 * i);
+  return bits;
+}
+
+void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
+           const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
+  const Floats d;
+  const Ints di;
+  const hn::Rebind<std::uint8_t, Floats> du8;
+  const hn::Rebind<std::uint16_t, Floats> du16;
+  const std::size_t lanes = hn::Lanes(d);
+  for (std::size_t i = 0; i < bundle.count; i += lanes) {
+    const Rays rays{
+        rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + i), hn::LoadU(d, bundle.y + i), hn::LoadU(d, bundle.z + i)}),
+        hn::Load(d, bundle.t_hit + i),
+        shaded == nullptr ? hn::Not(every(d))
+                          : hn::RebindMask(d, hn::Ne(hn::PromoteTo(di, hn::LoadU(du8, shaded + i)), hn::Zero(di)))};
+    if (wanted.depth) {
+      const V depth = depth_kind == DepthKind::planar ? rays.t : hn::Mul(rays.t, hn::Sqrt(dot(rays.direction, rays.direction)));
+      hn::Store(depth, d, out.depth + i);
+    }
+    const std::int32_t* const elements = bundle.element + i;
+    const I element = hn::Load(di, elements);
+    const V zero = hn::Zero(d);
+    Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
+    std::uint64_t left = bits_of(d, every(d));
+    for (bool first = true; left != 0; first = false) {
+      const std::int32_t number = elements[std::countr_zero(left)];
+      Pixels its;
+      Mask mask;
+      if (number < 0) {
+        mask = hn::RebindMask(d, hn::Lt(element, hn::Zero(di)));
+        its = pixels;
+        its.semantic = its.instance = hn::Zero(di);
+        its.normal = {zero, zero, zero};
+        if (wanted.any_color()) its.color = sky(d, di, tables, rays.direction);
+      } else if (number >= tables.first_triangle && number < tables.first_marker) {
+        mask = hn::RebindMask(d, hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)),
+                                         hn::Lt(element, hn::Set(di, tables.first_marker))));
+        const Vec3V<V> facet{hn::Load(d, normals.x + i), hn::Load(d, normals.y + i), hn::Load(d, normals.z + i)};
+        its = triangle_pixels(d, di, tables, elements, bits_of(d, mask), facet, rays, wanted);
+      } else {
+        mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
+        const ShadedSolid& solid = number < tables.first_triangle
+                                       ? tables.solids[static_cast<std::size_t>(number)]
+                                       : tables.markers[static_cast<std::size_t>(number - tables.first_marker)];
+        its = solid_pixels(d, di, tables, solid, bundle.origin, rays, wanted);
+      }
+      pixels = first ? its : select(di, mask, its, pixels);
+      left &= ~bits_of(d, mask);
+    }
+    if (wanted.any_color()) {
+      const I byte = hn::Set(di, 0xFF);
+      hn::StoreU(hn::DemoteTo(du8, hn::And(pixels.color, byte)), du8, out.r + i);
+      hn::StoreU(hn::DemoteTo(du8, hn::And(hn::ShiftRight<8>(pixels.color), byte)), du8, out.g + i);
+      hn::StoreU(hn::DemoteTo(du8, hn::ShiftRight<16>(pixels.color)), du8, out.b + i);
+    }
+    if (wanted.semantic) hn::StoreU(hn::DemoteTo(du16, pixels.semantic), du16, out.semantic + i);
+    if (wanted.instance) hn::StoreU(hn::DemoteTo(du16, pixels.instance), du16, out.instance + i);
+    if (wanted.normal) {
+      hn::Store(pixels.normal.x, d, out.nx + i);
+      hn::Store(pixels.normal.y, d, out.ny + i);
+      hn::Store(pixels.normal.z, d, out.nz + i);
+    }
+  }
+}
+
+}  // namespace swiftlet::render::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace swiftlet::render {
+namespace {
+
+HWY_EXPORT(shade);
+
+// What the kernels' `lit` computes, of one surface.
+std::int32_t lit_color(const Shading::Tables& tables, const std::array<float, 3>& base, const Vec3& normal, bool shaded) {
+  const Light& light = tables.light;
+  const Vec3 to_sun(light.sun_direction[0], light.sun_direction[1], light.sun_direction[2]);
+  const float sun = shaded ? 0.0F : std::max(0.0F, normal.dot(to_sun));
+  std::uint32_t color = 0;
+  for (std::size_t c = 0; c < 3; ++c) {
+    const float ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * 0.5F * (1.0F + normal.z());
+    const float root = std::sqrt(std::min(1.0F, base[c] * (ambient + light.sun_color[c] * sun)));
+    const int level = tables.levels[static_cast<std::size_t>(std::lround(root * Shading::kLevels))];
+    color |= static_cast<std::uint32_t>(level) << (8 * c);
+  }
+  return static_cast<std::int32_t>(color);
+}
+
+ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const Shading::Tables& tables) {
+  ShadedSolid solid{.shape = &shape, .surface = surface, .sun = {}, .up = {}, .faces = {}};
+  const Mat3 to_world = shape.to_local.transpose();
+  const Vec3 to_sun(tables.light.sun_direction[0], tables.light.sun_direction[1], tables.light.sun_direction[2]);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const Vec3 outward = to_world.col(static_cast<Eigen::Index>(axis));
+    solid.sun[axis] = outward.dot(to_sun);
+    solid.up[axis] = outward.z();
+    for (std::size_t shaded = 0; shaded < 2; ++shaded) {
+      solid.faces[shaded][2 * axis] = lit_color(tables, surface.color, -outward, shaded != 0);
+      solid.faces[shaded][2 * axis + 1] = lit_color(tables, surface.color, outward, shaded != 0);
+    }
+  }
+  return solid;
+}
+
+}  // namespace
+
+Shading::Shading(const World& world) {
+  const Appearance appearance(world);
+  const trace::Scene& scene = world.scene();
+  tables_.light = appearance.light;
+  for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
+    const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);
+    tables_.levels[i] =
+        static_cast<std::int32_t>(std::lround(255.0 * std::pow(value, 1.0 / static_cast<double>(tables_.light.gamma))));
+  }
+  for (std::size_t i = 0; i < appearance.primitives.size(); ++i) {
+    tables_.solids.push_back(make_solid(scene.shape(i), appearance.primitives[i], tables_));
+  }
+  for (std::size_t i = 0; i < appearance.markers.size(); ++i) {
+    tables_.markers.push_back(make_solid(scene.markers()[i].shape, appearance.markers[i].surface, tables_));
+  }
+  tables_.first_triangle = static_cast<std::int32_t>(world.primitives().size());
+  tables_.first_marker = tables_.first_triangle + static_cast<std::int32_t>(world.triangles().triangles.size());
+  tables_.triangle_material = world.triangles().materials;
+  tables_.triangle_object = world.triangles().objects;
+  for (const Surface& material : appearance.materials) {
+    tables_.red.push_back(material.color[0]);
+    tables_.green.push_back(material.color[1]);
+    tables_.blue.push_back(material.color[2]);
+    tables_.semantic.push_back(material.semantic);
+  }
+  tables_.first_object = appearance.first_object;
+}
+
+void Shading::shade(const trace::RayBundle& rays, const trace::FacetNormals& normals, std::span<const std::uint8_t> shaded,
+                    const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const {
+  HWY_DYNAMIC_DISPATCH(shade)(tables_, rays, normals, shaded.empty() ? nullptr : shaded.data(), wanted, depth_kind, out);
+}
+
+}  // namespace swiftlet::render
+#endif

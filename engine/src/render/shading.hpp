@@ -1,0 +1,65 @@
+// Shading: what each pixel of a traced tile shows.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "render/appearance.hpp"
+#include "render/lens.hpp"
+#include "swiftlet/config.hpp"
+#include "trace/ray_block.hpp"
+#include "trace/scene.hpp"
+
+namespace swiftlet::render {
+
+// What a tile shows, as plain arrays. Rows are Tile::kSide wide.
+struct TilePixels {
+  static constexpr std::size_t kCount = Tile::kSide * Tile::kSide;
+  alignas(64) std::uint8_t r[kCount], g[kCount], b[kCount];
+  alignas(64) float depth[kCount];
+  alignas(64) std::uint16_t semantic[kCount], instance[kCount];
+  alignas(64) float nx[kCount], ny[kCount], nz[kCount];
+};
+
+// A solid as the shading kernels want it.
+struct ShadedSolid {
+  const trace::Shape* shape;
+  Surface surface;
+  std::array<float, 3> sun, up;  // the directions to the sun and upwards, in the shape's frame
+  // Of flat faces: the colour that a surface with the normal -x, +x, -y, +y, -z, +z of the shape's frame shows, in the sun and in
+  // shade, as r | g << 8 | b << 16.
+  std::array<std::array<std::int32_t, 6>, 2> faces;
+};
+
+// All that the colours of a world depend on, in the form of tables; built once.
+class Shading {
+ public:
+  explicit Shading(const World& world);  // which outlives it
+
+  // Writes what is wanted of the traced tile. normals: of the triangles hit. shaded: nothing, or 1 for each ray whose hit lies in
+  // the shadow of something else.
+  void shade(const trace::RayBundle& rays, const trace::FacetNormals& normals, std::span<const std::uint8_t> shaded,
+             const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
+
+  // 255 * min(v, 1)^(1 / gamma), rounded, of a linear value v >= 0: the levels table at sqrt(min(v, 1)) * kLevels.
+  static constexpr int kLevels = 1023;
+
+  struct Tables {
+    std::vector<ShadedSolid> solids;                    // as World::primitives()
+    std::vector<ShadedSolid> markers;                   // start, waypoints, goal
+    std::int32_t first_triangle = 0, first_marker = 0;  // their elements
+    std::span<const std::uint16_t> triangle_material, triangle_object;
+    std::vector<float> red, green, blue;  // of each material
+    std::vector<std::int32_t> semantic;   // likewise
+    std::int32_t first_object = 0;
+    Light light;
+    std::array<std::int32_t, kLevels + 1> levels{};
+  };
+
+ private:
+  Tables tables_;
+};
+
+}  // namespace swiftlet::render
