@@ -29,6 +29,7 @@
 #include <utility>
 #include <vector>
 
+#include "bare_embree.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "swiftlet/batch.hpp"
@@ -45,37 +46,17 @@ void scan_direct(const Sensors& sensors, const std::vector<Shape>& shapes, float
 
 namespace {
 
+using bench::BareScene, bench::chord_error, bench::free_positions, bench::make_query, bench::Query, bench::trace_packet,
+    bench::triangle_scene;
 using swiftlet::Vec3;
 using swiftlet::trace::Shape;
 
 constexpr int kRuns = 9;
-constexpr int kPillarSides = 16;
 
 // The rays of all drones in one world, as plain arrays.
 struct Rays {
   std::vector<float> ox, oy, oz, dx, dy, dz, range;
   std::vector<float> t;  // result
-};
-
-struct BareScene {
-  RTCDevice device = rtcNewDevice(nullptr);
-  RTCScene scene = rtcNewScene(device);
-  std::vector<Shape> shapes;
-  BareScene() = default;
-  BareScene(const BareScene&) = delete;
-  BareScene& operator=(const BareScene&) = delete;
-  ~BareScene() {
-    rtcReleaseScene(scene);
-    rtcReleaseDevice(device);
-  }
-  void finish(RTCGeometry geometry) {
-    rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometry(scene, geometry);
-    rtcReleaseGeometry(geometry);
-    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
-    rtcCommitScene(scene);
-  }
 };
 
 std::unique_ptr<BareScene> analytic_scene(const swiftlet::World& world) {
@@ -95,59 +76,6 @@ std::unique_ptr<BareScene> analytic_scene(const swiftlet::World& world) {
   bare->finish(geometry);
   return bare;
 }
-
-// That makes pillars polygons of kPillarSides: of k sides, it is r (1 - cos(pi / k)).
-float chord_error(const swiftlet::World& world) {
-  float radius = 1.0F;
-  for (const auto& primitive : world.primitives()) {
-    if (primitive.kind == swiftlet::PrimitiveKind::cylinder) radius = primitive.half_extents.x();
-  }
-  return 1.0001F * radius * (1.0F - std::cos(std::numbers::pi_v<float> / kPillarSides));
-}
-
-std::unique_ptr<BareScene> triangle_scene(const swiftlet::World& world) {
-  const swiftlet::TriangleMesh mesh = world.mesh(chord_error(world));
-  auto bare = std::make_unique<BareScene>();
-  RTCGeometry geometry = rtcNewGeometry(bare->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  auto* vertices = static_cast<float*>(
-      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh.vertices.size()));
-  auto* indices =
-      static_cast<int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, mesh.triangles.size()));
-  for (const Vec3& vertex : mesh.vertices) vertices = std::copy_n(vertex.data(), 3, vertices);
-  for (const auto& triangle : mesh.triangles) indices = std::copy(triangle.begin(), triangle.end(), indices);
-  bare->finish(geometry);
-  return bare;
-}
-
-#if SWIFTLET_EMBREE_MAJOR >= 4
-using Query = RTCIntersectArguments;
-Query make_query(bool coherent) {
-  Query query;
-  rtcInitIntersectArguments(&query);
-  query.flags = coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
-  return query;
-}
-void trace_packet(RTCScene scene, const int* valid, RTCRayHit8& packet, Query& query) {
-  rtcIntersect8(valid, scene, &packet, &query);
-}
-void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, Query& query) {
-  rtcIntersect16(valid, scene, &packet, &query);
-}
-#else
-using Query = RTCIntersectContext;
-Query make_query(bool coherent) {
-  Query query;
-  rtcInitIntersectContext(&query);
-  query.flags = coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
-  return query;
-}
-void trace_packet(RTCScene scene, const int* valid, RTCRayHit8& packet, Query& query) {
-  rtcIntersect8(valid, scene, &query, &packet);
-}
-void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, Query& query) {
-  rtcIntersect16(valid, scene, &query, &packet);
-}
-#endif
 
 // The bare loop.
 template <class Packet, std::size_t kLanes>
@@ -206,21 +134,6 @@ void trace_bare_single(RTCScene scene, Rays& rays) {
 #endif
     rays.t[k] = ray.hit.geomID == RTC_INVALID_GEOMETRY_ID ? std::numeric_limits<float>::infinity() : ray.ray.tfar;
   }
-}
-
-// Poses that a drone can be in: not touching anything.
-std::vector<Vec3> free_positions(const swiftlet::World& world, int count, std::uint32_t seed) {
-  std::mt19937 random(seed);
-  const swiftlet::DroneModel drone = swiftlet::DroneModel::quadrotor650();
-  std::vector<Vec3> positions;
-  while (static_cast<int>(positions.size()) < count) {
-    Vec3 position;
-    for (int axis = 0; axis < 3; ++axis) {
-      position[axis] = std::uniform_real_distribution<float>(world.bounds().min[axis], world.bounds().max[axis])(random);
-    }
-    if (!swiftlet::collision::overlaps(world, drone, {position, swiftlet::Quat::Identity()})) positions.push_back(position);
-  }
-  return positions;
 }
 
 // The poses, beams and shapes of one world, and the bare direct loop over them.
