@@ -43,15 +43,34 @@ py::list primitives(const World& world) {
   return list;
 }
 
+py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[1], v[2]); }
+
+// The semantic ids are shown as cameras report them.
 py::list materials(const World& world) {
   py::list list;
+  std::uint16_t usual_semantic = 0;
   for (const Material& material : world.materials()) {
+    ++usual_semantic;
     py::dict entry;
     entry["name"] = material.name;
-    entry["base_color"] = py::make_tuple(material.base_color[0], material.base_color[1], material.base_color[2]);
+    entry["base_color"] = triple(material.base_color);
+    entry["semantic"] = material.semantic != 0 ? material.semantic : usual_semantic;
     list.append(entry);
   }
   return list;
+}
+
+py::dict light(const World& world) {
+  const Light& light = world.light();
+  py::dict entry;
+  entry["sun_direction"] = triple(light.sun_direction);
+  entry["sun_color"] = triple(light.sun_color);
+  entry["sky_ambient"] = triple(light.sky_ambient);
+  entry["ground_ambient"] = triple(light.ground_ambient);
+  entry["zenith_color"] = triple(light.zenith_color);
+  entry["horizon_color"] = triple(light.horizon_color);
+  entry["gamma"] = light.gamma;
+  return entry;
 }
 
 py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range) {
@@ -111,6 +130,7 @@ void register_world(py::module_& module) {
                              })
       .def_property_readonly("marker_radius", [](const World& world) { return world.markers().radius; })
       .def_property_readonly("materials", &materials)
+      .def_property_readonly("light", &light)
       .def_property_readonly("primitives", &primitives)
       .def("to_dict", [](const World& world) { return py::module_::import("json").attr("loads")(world.to_json()); })
       .def("save", &World::save, py::arg("path"))

@@ -338,7 +338,14 @@ class World:
 
     @property
     def materials(self) -> list[dict[str, Any]]:
-        """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1]."""
+        """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1], ``semantic`` (the class that cameras report, in
+        [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise)."""
+
+    @property
+    def light(self) -> dict[str, Any]:
+        """What cameras see by, as a scene file says it: ``sun_direction`` (3,) unit, towards the sun; ``sun_color``,
+        ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``, each (3,) linear RGB in [0, 100]; ``gamma`` in
+        [1, 4]."""
 
     @property
     def primitives(self) -> list[dict[str, Any]]:

@@ -38,6 +38,7 @@ void expect_same(const World& a, const World& b) {
   for (std::size_t i = 0; i < a.materials().size(); ++i) {
     EXPECT_EQ(a.materials()[i].name, b.materials()[i].name);
     EXPECT_EQ(a.materials()[i].base_color, b.materials()[i].base_color);
+    EXPECT_EQ(a.materials()[i].semantic, b.materials()[i].semantic);
   }
   ASSERT_EQ(a.primitives().size(), b.primitives().size());
   for (std::size_t i = 0; i < a.primitives().size(); ++i) {
@@ -52,6 +53,7 @@ void expect_same(const World& a, const World& b) {
   }
   EXPECT_EQ(a.triangles().triangles, b.triangles().triangles);
   EXPECT_EQ(a.triangles().materials, b.triangles().materials);
+  EXPECT_EQ(a.triangles().objects, b.triangles().objects);
   ASSERT_EQ(a.triangles().vertices.size(), b.triangles().vertices.size());
   for (std::size_t i = 0; i < a.triangles().vertices.size(); ++i) {
     expect_same_bits(a.triangles().vertices[i], b.triangles().vertices[i], "vertex " + std::to_string(i));
@@ -67,6 +69,8 @@ void expect_same(const World& a, const World& b) {
     EXPECT_EQ(m.spawn_box->min, n.spawn_box->min);
     EXPECT_EQ(m.spawn_box->max, n.spawn_box->max);
   }
+  static_assert(sizeof(Light) == 19 * sizeof(float), "padding would be compared as well");
+  expect_same_bits(a.light(), b.light(), "light");
 }
 
 TEST(SceneJson, ReadsEveryKindOfThing) {
@@ -129,6 +133,77 @@ TEST(SceneJson, ReadsEveryKindOfThing) {
   EXPECT_EQ(read.markers.spawn_box->max, Vec3(1.5F, 0.5F, 1.5F));
 }
 
+TEST(SceneJson, ReadsWhatCamerasSeeThingsBy) {
+  const SceneDescription read = parse_scene(scene(kRoom + R"(,
+      "materials": {"first": {"base_color": [1, 0, 0], "semantic": 7}, "second": {"base_color": [0, 1, 0]},
+                    "third": {"base_color": [0, 0, 1], "semantic": 65532}, "fourth": {"base_color": [0, 0, 1], "semantic": 1.0}},
+      "light": {"sun_direction": [0, 3, -4], "sun_color": [0, 1, 100], "sky_ambient": [1, 2, 3], "ground_ambient": [4, 5, 6],
+                "zenith_color": [7, 8, 9], "horizon_color": [0.5, 0.25, 0.125], "gamma": 1})"),
+                                            "x.json", {});
+  ASSERT_EQ(read.materials.size(), 5U);
+  EXPECT_EQ(read.materials[0].semantic, 7);
+  EXPECT_EQ(read.materials[1].semantic, 0);
+  EXPECT_EQ(read.materials[2].semantic, 65532);
+  EXPECT_EQ(read.materials[3].semantic, 1);
+  using Color = std::array<float, 3>;
+  EXPECT_EQ(read.light.sun_direction, (Color{0.0F, 0.6F, -0.8F}));
+  EXPECT_EQ(read.light.sun_color, (Color{0, 1, 100}));
+  EXPECT_EQ(read.light.sky_ambient, (Color{1, 2, 3}));
+  EXPECT_EQ(read.light.ground_ambient, (Color{4, 5, 6}));
+  EXPECT_EQ(read.light.zenith_color, (Color{7, 8, 9}));
+  EXPECT_EQ(read.light.horizon_color, (Color{0.5F, 0.25F, 0.125F}));
+  EXPECT_EQ(read.light.gamma, 1.0F);
+}
+
+TEST(SceneJson, WhatTheLightDoesNotSayIsTheDefault) {
+  const Light usual;
+  expect_same_bits(parse_scene(scene(kRoom), "x.json", {}).light, usual, "no light");
+  expect_same_bits(parse_scene(scene(kRoom + R"(, "light": {})"), "x.json", {}).light, usual, "an empty light");
+  Light brighter;
+  brighter.gamma = 3.5F;
+  expect_same_bits(parse_scene(scene(kRoom + R"(, "light": {"gamma": 3.5})"), "x.json", {}).light, brighter, "one field");
+}
+
+// However short or long it is.
+TEST(SceneJson, TheDirectionOfTheSunIsNormalised) {
+  for (const char* direction : {"[0, 0, 5e-324]", "[0, 0, 1e-300]", "[0, 0, 1e-42]", "[0, 0, 1]", "[0, 0, 1e6]"}) {
+    const Light light = parse_scene(scene(kRoom + R"(, "light": {"sun_direction": )" + direction + "}"), "x.json", {}).light;
+    EXPECT_EQ(light.sun_direction, (std::array<float, 3>{0, 0, 1})) << direction;
+  }
+}
+
+TEST(SceneJson, WhatIsDefaultIsNotWritten) {
+  const auto world =
+      World::from_json(scene(kRoom + R"(, "materials": {"a": {"base_color": [0, 0, 0]}}, "light": {"gamma": 2.2})"));
+  EXPECT_EQ(world->to_json().find("light"), std::string::npos);
+  EXPECT_EQ(world->to_json().find("semantic"), std::string::npos);
+
+  const auto other = World::from_json(scene(
+      kRoom +
+      R"(, "materials": {"a": {"base_color": [0, 0, 0], "semantic": 9}}, "light": {"gamma": 1.8, "sun_color": [0, 1, 2]})"));
+  EXPECT_NE(other->to_json().find(R"("a":{"base_color":[0.0,0.0,0.0],"semantic":9})"), std::string::npos) << other->to_json();
+  EXPECT_NE(other->to_json().find(R"("light": {"sun_color":[0.0,1.0,2.0],"gamma":1.8})"), std::string::npos) << other->to_json();
+}
+
+TEST(SceneJson, EachMeshIsAnObjectAndStaysOne) {
+  const auto world = World::from_json(scene(R"(
+      "materials": {"a": {"base_color": [0, 0, 0]}, "b": {"base_color": [1, 1, 1]}},
+      "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "triangles": [[0, 1, 2], [1, 3, 2]], "material": "b"},
+                 {"vertices": [], "triangles": [], "material": "a"},
+                 {"vertices": [[9, 9, 9], [0, 0, 1], [1, 0, 1], [0, 1, 1]], "triangles": [[3, 1, 2], [1, 2, 3]],
+                  "material": ["a", "b"]}])"));
+  EXPECT_EQ(world->triangles().objects, (std::vector<std::uint16_t>{0, 0, 2, 2}));
+  const auto written = world->to_json();
+  EXPECT_NE(written.find(R"("meshes": [
+    {"vertices":[[0.0,0.0,0.0],[1.0,0.0,0.0],[0.0,1.0,0.0],[1.0,1.0,0.0]],"triangles":[[0,1,2],[1,3,2]],"material":"b"},
+    {"vertices":[],"triangles":[],"material":[]},
+    {"vertices":[[0.0,0.0,1.0],[1.0,0.0,1.0],[0.0,1.0,1.0]],"triangles":[[2,0,1],[0,1,2]],"material":["a","b"]}
+  ])"),
+            std::string::npos)
+      << written;
+  expect_same(*world, *World::from_json(written));
+}
+
 TEST(SceneJson, NothingButAVersionAndASolidIsNeeded) {
   const SceneDescription read = parse_scene(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1}])"), "x.json", {});
   EXPECT_EQ(read.name, "unnamed");
@@ -167,7 +242,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"unknown field at the top", scene(R"("rooms": {})"),
        "x.json: /rooms: unknown field; expected one of swiftlet_scene, $schema, name, materials, room, pillars, cylinders, "
        "boxes, "
-       "spheres, capsules, planes, discs, meshes, markers"},
+       "spheres, capsules, planes, discs, meshes, markers, light"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
        "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material"},
       {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),
@@ -237,6 +312,20 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "x.json: /room/material: expected the name of a material, got 0"},
       {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
        "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
+      {"unknown field of a material", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"),
+       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic"},
+      {"semantic below the least", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 0"},
+      {"negative semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got -1"},
+      {"semantic of a marker", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 65533}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 65533"},
+      {"fractional semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 1.5}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 1.5"},
+      {"semantic that is no number", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": "wall"}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got \"wall\""},
+      {"semantic that is true", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": true}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got true"},
       {"materials as a list", scene(R"("materials": [])"), "x.json: /materials: expected an object, got []"},
       {"index out of range", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,3]]}])"),
        "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 3"},
@@ -262,6 +351,32 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"materials of too few triangles", scene(R"("materials": {"a": {"base_color": [0,0,0]}},
                 "meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2]], "material": ["a", "a"]}])"),
        "x.json: /meshes/0/material: expected one name, or one per triangle (1), got 2"},
+      {"light that is none", scene(kRoom + R"(, "light": [1, 1, 1])"), "x.json: /light: expected an object, got [1,1,1]"},
+      {"unknown field of the light", scene(kRoom + R"(, "light": {"sun": [1, 1, 1]})"),
+       "x.json: /light/sun: unknown field; expected one of sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, "
+       "horizon_color, gamma"},
+      {"no direction", scene(kRoom + R"(, "light": {"sun_direction": [0, -0.0, 0.0]})"),
+       "x.json: /light/sun_direction: expected a direction that is not 0, got [0,-0.0,0.0]"},
+      {"two coordinates of a direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 1]})"),
+       "x.json: /light/sun_direction: expected an array of 3 numbers, got [0,1]"},
+      {"long direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 0, 2e6]})"),
+       "x.json: /light/sun_direction/2: expected a number within +-1e+06, got 2000000.0"},
+      {"sun below black", scene(kRoom + R"(, "light": {"sun_color": [1, -0.1, 1]})"),
+       "x.json: /light/sun_color: expected 3 numbers in [0, 100], got [1,-0.1,1]"},
+      {"sky too bright", scene(kRoom + R"(, "light": {"sky_ambient": [1, 1, 100.1]})"),
+       "x.json: /light/sky_ambient: expected 3 numbers in [0, 100], got [1,1,100.1]"},
+      {"ground of text", scene(kRoom + R"(, "light": {"ground_ambient": [1, 1, "1"]})"),
+       "x.json: /light/ground_ambient/2: expected a number, got \"1\""},
+      {"one number for a colour", scene(kRoom + R"(, "light": {"zenith_color": 1})"),
+       "x.json: /light/zenith_color: expected an array of 3 numbers, got 1"},
+      {"colour with an alpha", scene(kRoom + R"(, "light": {"horizon_color": [1, 1, 1, 1]})"),
+       "x.json: /light/horizon_color: expected an array of 3 numbers, got [1,1,1,1]"},
+      {"gamma too small", scene(kRoom + R"(, "light": {"gamma": 0.99})"),
+       "x.json: /light/gamma: expected a number in [1, 4], got 0.99"},
+      {"gamma too large", scene(kRoom + R"(, "light": {"gamma": 4.01})"),
+       "x.json: /light/gamma: expected a number in [1, 4], got 4.01"},
+      {"gamma that is no number", scene(kRoom + R"(, "light": {"gamma": null})"),
+       "x.json: /light/gamma: expected a number, got null"},
       {"start that is no point", scene(kRoom + R"(, "markers": {"start": [1, 2, null]})"),
        "x.json: /markers/start/2: expected a number, got null"},
       {"waypoints that are no list", scene(kRoom + R"(, "markers": {"waypoints": 3})"),
@@ -280,6 +395,13 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       EXPECT_EQ(message, bad.message) << bad.what;
     }
   }
+}
+
+TEST(SceneJson, MoreMeshesThanNumbersAreRefused) {
+  std::string meshes = "0";
+  for (int i = 1; i < 65536; ++i) meshes += ",0";
+  EXPECT_EQ(message_of(scene(R"("meshes": [)" + meshes + ",0]")), "x.json: /meshes: expected at most 65536 meshes, got 65537");
+  EXPECT_EQ(message_of(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: expected an object, got 0");
 }
 
 TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
@@ -309,7 +431,8 @@ TEST(SceneJson, RoundTripKeepsEveryBit) {
   for (int round = 0; round < 50; ++round) {
     SceneDescription description;
     description.name = "round \"" + std::to_string(round) + "\" / \\ \n ü";
-    description.materials = {{"a", {draw(0, 1), draw(0, 1), draw(0, 1)}}, {"b/~", {0.1F, 0.2F, 0.3F}}, {"unused", {1, 1, 1}}};
+    description.materials = {
+        {"a", {draw(0, 1), draw(0, 1), draw(0, 1)}}, {"b/~", {0.1F, 0.2F, 0.3F}, 65532}, {"unused", {1, 1, 1}, 1}};
     const float magnitude = std::pow(10.0F, draw(-3, 5));
     const auto point = [&] {
       return Vec3(draw(-magnitude, magnitude), draw(-magnitude, magnitude), draw(-magnitude, magnitude));
@@ -330,6 +453,19 @@ TEST(SceneJson, RoundTripKeepsEveryBit) {
     for (std::int32_t i = 0; i < 9; ++i) description.mesh.vertices.push_back(point());
     description.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {0, 4, 7}};  // vertices 6 and 8 are not used
     description.mesh.materials = {0, static_cast<std::uint16_t>(round % 2), 0};
+    if (round % 5 != 0) {
+      for (int i = 0; i < 3; ++i) description.mesh.objects.push_back(static_cast<std::uint16_t>(random() % 4));
+    }
+    if (round % 4 != 0) {
+      const float length = std::pow(10.0F, draw(-30, 5));
+      Light& light = description.light;
+      light.sun_direction = {draw(-length, length), draw(-length, length), draw(-length, length)};
+      for (auto* color :
+           {&light.sun_color, &light.sky_ambient, &light.ground_ambient, &light.zenith_color, &light.horizon_color}) {
+        *color = {draw(0, 100), draw(0, 1), draw(0, 1)};
+      }
+      light.gamma = draw(1, 4);
+    }
     if (round % 3 != 0) {
       description.markers =
           Markers{size(), point(), {point(), point()}, point(), Aabb{Vec3::Constant(-1.1F), Vec3::Constant(0.7F)}};

@@ -348,9 +348,20 @@ TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
   Batch::Worlds more = worlds();
   more.push_back(more[0]);
   expect_refused(Batch(config, more).snapshot());
+  const auto changed = [&](const std::string& from, const std::string& to) {
+    std::string json = worlds()[0]->to_json();
+    const std::size_t at = json.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    Batch::Worlds other = worlds();
+    other[0] = World::from_json(json.replace(at, from.size(), to));
+    return Batch(config, other).snapshot();
+  };
+  expect_refused(changed(R"("name")", R"("light": {"gamma": 2}, "name")"));
+  expect_refused(changed(R"("base_color")", R"("semantic": 9, "base_color")"));
   std::vector<Vec3> hull(batch_.drone().hull().begin(), batch_.drone().hull().end());
   hull[0] *= 0.99F;
   expect_refused(Batch(config, worlds(), DroneModel(hull)).snapshot());
+  EXPECT_NO_THROW(batch_.restore(changed(R"("name")", R"("light": {"gamma": 2.2}, "name")")));  // as by default
 }
 
 }  // namespace

@@ -182,8 +182,22 @@ TEST(Tessellate, PrimitivesComeInOrderThenMeshes) {
   EXPECT_EQ(mesh.materials[0], 2);
   EXPECT_EQ(mesh.materials[12], 1);
   EXPECT_EQ(mesh.materials[24], 0);
+  ASSERT_EQ(mesh.objects.size(), 25U);
+  EXPECT_EQ(mesh.objects[0], 0);
+  EXPECT_EQ(mesh.objects[11], 0);
+  EXPECT_EQ(mesh.objects[12], 1);
+  EXPECT_EQ(mesh.objects[24], 2);
   EXPECT_EQ(mesh.triangles[24], (std::array<std::int32_t, 3>{16, 17, 18}));
   EXPECT_EQ(mesh.vertices[17], Vec3(Vec3::UnitX()));
+}
+
+TEST(Tessellate, MeshesKeepTheirObjectsAfterThoseOfThePrimitives) {
+  SceneDescription description;
+  description.primitives = {{.kind = PrimitiveKind::plane, .half_extents = {1, 1, 0}}};
+  description.mesh = {{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitY()}, {{0, 1, 2}, {2, 1, 0}}, {0, 0}, {3, 65534}};
+  EXPECT_EQ(tessellate(description, 1e-3F).objects, (std::vector<std::uint16_t>{0, 0, 4, 65535}));
+  description.mesh.objects = {3, 65535};  // would become 65536
+  EXPECT_TRUE(tessellate(description, 1e-3F).objects.empty());
 }
 
 TEST(Tessellate, BadChordErrorsAreRefused) {

@@ -58,6 +58,65 @@ TEST(World, BoundsLeaveOutVerticesThatNothingUses) {
   const World world(description);
   EXPECT_EQ(world.bounds().max, Vec3(1, 1, 0));
   EXPECT_EQ(world.triangles().materials, std::vector<std::uint16_t>{0});
+  EXPECT_EQ(world.triangles().objects, std::vector<std::uint16_t>{0});
+  EXPECT_EQ(world.triangles().vertices.size(), 3U);
+}
+
+using Triangles = std::vector<std::array<std::int32_t, 3>>;
+
+TEST(World, TrianglesAreOrderedByObjectEachWithVerticesOfItsOwn) {
+  SceneDescription description;
+  description.materials = {{"a"}, {"b"}, {"c"}, {"d"}};
+  const auto at = [](float x) { return Vec3(x, x * x, 0); };  // no three of them on a line
+  for (int i = 0; i < 6; ++i) description.mesh.vertices.push_back(at(static_cast<float>(i)));
+  description.mesh.triangles = {{5, 3, 1}, {0, 1, 2}, {1, 4, 5}, {2, 1, 3}};
+  description.mesh.materials = {0, 1, 2, 3};
+  description.mesh.objects = {7, 2, 7, 2};
+  const World world(description);
+  const TriangleMesh& mesh = world.triangles();
+  EXPECT_EQ(mesh.objects, (std::vector<std::uint16_t>{2, 2, 7, 7}));
+  EXPECT_EQ(mesh.materials, (std::vector<std::uint16_t>{1, 3, 0, 2}));
+  EXPECT_EQ(mesh.triangles, (Triangles{{0, 1, 2}, {2, 1, 3}, {7, 5, 4}, {4, 6, 7}}));
+  EXPECT_EQ(mesh.vertices, (std::vector<Vec3>{at(0), at(1), at(2), at(3), at(1), at(3), at(4), at(5)}));
+
+  // What is in order already stays as it is.
+  SceneDescription again;
+  again.materials = description.materials;
+  again.mesh = mesh;
+  const World same(again);
+  EXPECT_EQ(same.triangles().objects, mesh.objects);
+  EXPECT_EQ(same.triangles().materials, mesh.materials);
+  EXPECT_EQ(same.triangles().triangles, mesh.triangles);
+  EXPECT_EQ(same.triangles().vertices, mesh.vertices);
+}
+
+TEST(World, TheDirectionOfTheSunIsMadeUnit) {
+  const auto sun = [](const std::array<float, 3>& direction) {
+    SceneDescription description = valid();
+    description.light.sun_direction = direction;
+    return World(description).light().sun_direction;
+  };
+  EXPECT_EQ(sun({0, -4, 3}), (std::array<float, 3>{0, -0.8F, 0.6F}));
+  EXPECT_EQ(sun({1e-40F, 0, 0}), (std::array<float, 3>{1, 0, 0}));
+  EXPECT_EQ(sun(Light().sun_direction), Light().sun_direction);
+  const std::array<float, 3> unit = sun({0.3F, -0.7F, 0.1F});
+  EXPECT_EQ(sun(unit), unit);
+}
+
+TEST(World, AsManyMaterialsAsHaveASemanticIdBelowThoseOfMarkers) {
+  SceneDescription description = valid();
+  while (description.materials.size() < 65532) description.materials.push_back({std::to_string(description.materials.size())});
+  description.materials.back().semantic = 65532;
+  EXPECT_EQ(World(description).materials().size(), 65532U);
+}
+
+// Instance ids are 16 bits wide, but only who gives them out cares.
+TEST(World, ObjectsMayBeMoreThanThereAreInstanceIds) {
+  SceneDescription description = valid();
+  description.mesh.objects = {65535};
+  description.markers.start = Vec3::Zero();
+  const World world(description);
+  EXPECT_EQ(world.triangles().objects, std::vector<std::uint16_t>{65535});
 }
 
 TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
@@ -66,7 +125,13 @@ TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
     std::string message;
   };
   const std::vector<Case> cases{
-      {[](auto& d) { d.materials.clear(); }, "materials: expected 1 to 65535 of them, got 0"},
+      {[](auto& d) { d.materials.clear(); }, "materials: expected 1 to 65532 of them, got 0"},
+      {[](auto& d) {
+         while (d.materials.size() < 65533) d.materials.push_back({std::to_string(d.materials.size())});
+       },
+       "materials: expected 1 to 65532 of them, got 65533"},
+      {[](auto& d) { d.materials[0].semantic = kSemanticStart; },
+       "materials[0].semantic: expected a number below 65533, got 65533"},
       {[](auto& d) { d.materials.push_back({"default"}); }, "materials[1].name: expected a name of its own, got \"default\""},
       {[](auto& d) { d.materials[0].base_color[1] = kNan; }, "materials[0].base_color: expected numbers in [0, 1], got nan"},
       {[](auto& d) { d.primitives[0].center.x() = kNan; },
@@ -135,6 +200,12 @@ TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {[](auto& d) { d.mesh.vertices[2] = Vec3(2, 0, 0); },
        "mesh.triangles[0]: expected a triangle with an area, got (0, 0, 0) (1, 0, 0) (2, 0, 0)"},
       {[](auto& d) { d.mesh.materials = {0, 0}; }, "mesh.materials: expected one per triangle (1), got 2"},
+      {[](auto& d) { d.mesh.objects = {0, 0}; }, "mesh.objects: expected one per triangle (1), got 2"},
+      {[](auto& d) {
+         d.mesh = {};
+         d.mesh.objects = {3};
+       },
+       "mesh.objects: expected one per triangle (0), got 1"},
       {[](auto& d) { d.mesh.materials = {7}; }, "mesh.materials[0]: expected an index below 1, got 7"},
       {[](auto& d) {
          d.primitives.clear();
@@ -148,6 +219,21 @@ TEST(World, BadDescriptionsAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "markers.waypoints[1]: expected coordinates within +-1e+06 m, got (0, 0, nan)"},
       {[](auto& d) { d.markers.spawn_box = Aabb{Vec3::Ones(), Vec3::Zero()}; },
        "markers.spawn_box: expected min <= max, got (1, 1, 1) and (0, 0, 0)"},
+      {[](auto& d) { d.light.sun_direction = {0, 0, 0}; },
+       "light.sun_direction: expected a direction that is not 0, got (0, 0, 0)"},
+      {[](auto& d) { d.light.sun_direction = {0, kNan, 1}; },
+       "light.sun_direction: expected coordinates within +-1e+06, got (0, nan, 1)"},
+      {[](auto& d) { d.light.sun_direction = {0, 0, 2e6F}; },
+       "light.sun_direction: expected coordinates within +-1e+06, got (0, 0, 2e+06)"},
+      {[](auto& d) { d.light.sun_color[0] = -1; }, "light.sun_color: expected numbers in [0, 100], got -1.000000"},
+      {[](auto& d) { d.light.sky_ambient[1] = kNan; }, "light.sky_ambient: expected numbers in [0, 100], got nan"},
+      {[](auto& d) { d.light.ground_ambient[2] = 101; }, "light.ground_ambient: expected numbers in [0, 100], got 101.000000"},
+      {[](auto& d) { d.light.zenith_color[0] = 1e30F; },
+       "light.zenith_color: expected numbers in [0, 100], got 1000000015047466219876688855040.000000"},
+      {[](auto& d) { d.light.horizon_color[0] = -0.5F; }, "light.horizon_color: expected numbers in [0, 100], got -0.500000"},
+      {[](auto& d) { d.light.gamma = 0.5F; }, "light.gamma: expected a number in [1, 4], got 0.500000"},
+      {[](auto& d) { d.light.gamma = 5; }, "light.gamma: expected a number in [1, 4], got 5.000000"},
+      {[](auto& d) { d.light.gamma = kNan; }, "light.gamma: expected a number in [1, 4], got nan"},
   };
   EXPECT_NO_THROW(World{valid()});
   for (const Case& bad : cases) {

@@ -132,6 +132,121 @@ class TestSolids:
             swiftlet.World.from_dict(scene)
 
 
+def with_light(**light):
+    return {"swiftlet_scene": 1, "room": {"min": [0, 0, 0], "max": [1, 1, 1]}, "light": light}
+
+
+def with_semantic(semantic):
+    materials = {"wall": {"base_color": [1, 1, 1], "semantic": semantic}}
+    return {
+        "swiftlet_scene": 1,
+        "materials": materials,
+        "room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": "wall"},
+    }
+
+
+COLORS = ["sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color"]
+
+
+class TestLight:
+    """Of light and semantic ids, the schema accepts what the loader accepts."""
+
+    @pytest.mark.parametrize(
+        "light",
+        [
+            {},
+            {"sun_direction": [0, 0, -1e6]},
+            {"sun_direction": [1e-300, 0, 0]},
+            {"gamma": 1},
+            {"gamma": 4.0},
+            *({color: [0, 0.5, 100]} for color in COLORS),
+        ],
+    )
+    def test_accepted(self, light):
+        jsonschema.validate(with_light(**light), SCHEMA)
+        saved = swiftlet.World.from_dict(with_light(**light)).to_dict()
+        assert set(saved.get("light", {})) == set(light)
+        jsonschema.validate(saved, SCHEMA)
+        assert swiftlet.World.from_dict(saved).to_dict() == saved
+
+    @pytest.mark.parametrize(
+        ("field", "value"),
+        [
+            ("sun", [0, 0, 1]),
+            ("sun_direction", [0, 0, 0]),
+            ("sun_direction", [0, -0.0, 0.0]),
+            ("sun_direction", [0, 1]),
+            ("sun_direction", [0, 0]),
+            ("sun_direction", [0, 0, 0, 1]),
+            ("sun_direction", [0, 0, "1"]),
+            ("sun_direction", [0, 0, 2e6]),
+            ("sun_direction", 1),
+            *(
+                (color, value)
+                for color in COLORS
+                for value in ([0, 0], [0, -0.1, 0], [0, 0, 100.1], [0, 0, True], 1, None)
+            ),
+            ("gamma", 0.99),
+            ("gamma", 4.01),
+            ("gamma", "2"),
+            ("gamma", None),
+        ],
+    )
+    def test_refused(self, field, value):
+        scene = with_light(**{field: value})
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, SCHEMA)
+        with pytest.raises(ValueError, match=f"/light/{field}.*expected"):
+            swiftlet.World.from_dict(scene)
+
+    @pytest.mark.parametrize("light", [[], 1, None])
+    def test_an_object(self, light):
+        scene = {**with_light(), "light": light}
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, SCHEMA)
+        with pytest.raises(ValueError, match="/light: expected an object"):
+            swiftlet.World.from_dict(scene)
+
+    @pytest.mark.parametrize("semantic", [1, 7, 7.0, 65532])
+    def test_semantic_accepted(self, semantic):
+        jsonschema.validate(with_semantic(semantic), SCHEMA)
+        world = swiftlet.World.from_dict(with_semantic(semantic))
+        assert [m["semantic"] for m in world.materials] == [semantic]
+        assert world.to_dict()["materials"]["wall"]["semantic"] == semantic
+        jsonschema.validate(world.to_dict(), SCHEMA)
+
+    @pytest.mark.parametrize("semantic", [0, -1, 1.5, 65533, 1e30, "7", True, None, [7]])
+    def test_semantic_refused(self, semantic):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(with_semantic(semantic), SCHEMA)
+        with pytest.raises(ValueError, match=r"/materials/wall/semantic: expected an integer in \[1, 65532\]"):
+            swiftlet.World.from_dict(with_semantic(semantic))
+
+    def test_too_many_meshes(self):
+        scene = {"swiftlet_scene": 1, "meshes": [0] * 65537}
+        assert SCHEMA["properties"]["meshes"]["maxItems"] == 65536
+        with pytest.raises(ValueError, match="/meshes: expected at most 65536 meshes, got 65537"):
+            swiftlet.World.from_dict(scene)
+
+    def test_the_schema_tells_the_defaults(self):
+        light = swiftlet.World.from_dict(with_light()).light
+        properties = SCHEMA["properties"]["light"]["properties"]
+        assert list(light) == list(properties)
+        for field, value in light.items():
+            np.testing.assert_array_equal(np.float32(properties[field]["default"]), np.float32(value), err_msg=field)
+
+
+@pytest.mark.parametrize("name", [*scenes.SETS["camera-train"], *scenes.SETS["camera-validation"]])
+def test_camera_playgrounds_are_white_with_pillars_that_no_marker_looks_like(name):
+    world = swiftlet.World.load(name)
+    color = {m["name"]: np.array(m["base_color"]) for m in world.materials}
+    kinds = {(p["kind"], p["material"]) for p in world.primitives}
+    assert kinds == {("room", "white"), ("cylinder", "pillar")}
+    np.testing.assert_allclose(color["white"], 0.9)
+    assert color["pillar"].argmax() == 2  # bluish
+    assert np.ptp(color["pillar"]) < 0.3  # and nearly grey
+
+
 class TestLoad:
     def test_a_set(self):
         assert [w.name for w in scenes.load("train")] == list(scenes.SETS["train"])

@@ -1,5 +1,7 @@
 """Worlds: rays against two oracles, meshes, generated playgrounds, shortest paths."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -112,6 +114,7 @@ class TestRaycast:
         hits = world.raycast(np.zeros((3, 3)), [[1, 0, 0], [-1, 0, 0], [0, 0, 1]], 10.0)
         named = [world.materials[m] for m in hits["material"][:2]]
         assert [m["name"] for m in named] == ["blue", "red"]
+        assert [m["semantic"] for m in named] == [2, 1]
         assert named[0]["base_color"] == (0, 0, 1)
         assert hits["material"].tolist()[2] == -1
 
@@ -174,6 +177,46 @@ class TestRaycast:
 
     def test_no_rays(self, room):
         assert room.raycast(np.zeros((0, 3)), np.zeros((0, 3)), 1.0)["t_hit"].shape == (0,)
+
+
+class TestLight:
+    def test_reads_as_a_scene_file_says_it(self, shapes):
+        light = {
+            "sun_direction": [0, 3, -4],
+            "sun_color": [1, 2, 3],
+            "sky_ambient": [0, 0, 0],
+            "ground_ambient": [100, 0, 0],
+            "zenith_color": [0.5, 0.25, 0.125],
+            "horizon_color": [1, 1, 1],
+            "gamma": 1.5,
+        }
+        world = swiftlet.World.from_dict({**SCENE, "light": light})
+        np.testing.assert_allclose(world.light["sun_direction"], [0, 0.6, -0.8], rtol=1e-7)
+        assert {**world.light, "sun_direction": None} == {
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in light.items()},
+            "sun_direction": None,
+        }
+        assert swiftlet.World.from_dict({**SCENE, "light": world.light}).light == world.light
+        assert pickle.loads(pickle.dumps(world)).light == world.light
+        assert shapes.light != world.light
+
+    def test_default(self, shapes):
+        assert shapes.light["gamma"] == pytest.approx(2.2)
+        assert np.linalg.norm(shapes.light["sun_direction"]) == pytest.approx(1)
+        assert "light" not in shapes.to_dict()
+
+
+def test_each_mesh_stays_one():
+    triangle = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]]}
+    scene = {"swiftlet_scene": 1, "meshes": [triangle, {**triangle, "position": [0, 0, 1]}]}
+    world = swiftlet.World.from_dict(scene)
+    meshes = world.to_dict()["meshes"]
+    assert [m["triangles"] for m in meshes] == [[[0, 1, 2]]] * 2
+    assert [m["vertices"][0] for m in meshes] == [[0, 0, 0], [0, 0, 1]]
+    assert swiftlet.World.from_dict(world.to_dict()).to_dict() == world.to_dict()
+    vertices, triangles = world.mesh()
+    assert vertices.shape == (6, 3)
+    assert triangles.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 class TestPlayground:

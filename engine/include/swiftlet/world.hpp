@@ -42,14 +42,14 @@ struct Primitive {
 struct Material {
   std::string name;
   std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB in [0, 1]
-  std::uint16_t semantic = 0;                         // class that cameras report; 0: the material's index plus 1
+  std::uint16_t semantic = 0;                         // class that cameras report, at most 65532; 0: the material's index plus 1
 };
 
-// What cameras see things by. Colours are linear RGB, >= 0. A surface of unit normal n and base colour c shows
+// What cameras see things by. Colours are linear RGB in [0, 100]. A surface of unit normal n and base colour c shows
 // c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in direction d
 // lerp(horizon_color, zenith_color, max(0, d.z)); a value v is written as 255 * min(v, 1)^(1 / gamma), rounded.
 struct Light {
-  std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun, unit
+  std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length but 0, a World's is unit
   std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};
   std::array<float, 3> sky_ambient{0.6F, 0.62F, 0.65F};
   std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};
@@ -83,7 +83,7 @@ inline constexpr std::uint16_t kSemanticGoal = 65535;
 // What a scene file says, in memory: the one input a World is built from.
 struct SceneDescription {
   std::string name = "unnamed";
-  std::vector<Material> materials{Material{"default", {0.8F, 0.8F, 0.8F}}};
+  std::vector<Material> materials{Material{"default", {0.8F, 0.8F, 0.8F}}};  // 1 to 65532
   std::vector<Primitive> primitives;
   TriangleMesh mesh;  // all triangle meshes of the scene, merged
   Markers markers;
@@ -118,7 +118,9 @@ class World {
   static std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
-  // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, quaternions unit, a material for each triangle.
+  // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
+  // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
+  // direction unit.
   explicit World(SceneDescription description);
   ~World();
   World(const World&) = delete;
@@ -136,6 +138,8 @@ class World {
   void save(const std::filesystem::path& path) const;
 
   // Everything as triangles; round primitives are tessellated so that no chord is farther than chord_error_m from the surface.
+  // Primitive i becomes object i, and object k of triangles() becomes primitives().size() + k: the instance ids of cameras
+  // less 1. Where these numbers do not fit 16 bits, objects is left empty.
   TriangleMesh mesh(float chord_error_m = 1e-3F) const;
 
   // Nearest hits of R rays. Directions need not be unit (they are normalised); zero or non-finite ones are refused.

@@ -2,9 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <numeric>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 
 namespace swiftlet {
@@ -108,23 +112,61 @@ void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
   for (std::size_t i = 0; i < mesh.materials.size(); ++i) {
     check_material("mesh." + element("materials", i), mesh.materials[i], num_materials);
   }
+  if (mesh.objects.empty()) mesh.objects.assign(mesh.triangles.size(), 0);
+  if (mesh.objects.size() != mesh.triangles.size()) {
+    refuse("mesh.objects", "one per triangle (" + std::to_string(mesh.triangles.size()) + ')',
+           std::to_string(mesh.objects.size()));
+  }
+}
+
+// The same triangles as a scene file has them: object after object, each with vertices of its own, which keep their order.
+TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
+  std::vector<std::size_t> order(mesh.triangles.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return mesh.objects[a] < mesh.objects[b]; });
+
+  TriangleMesh ordered;
+  std::vector<std::int32_t> used;                            // by the current object
+  std::vector<std::int32_t> moved(mesh.vertices.size(), 0);  // where its vertices have gone
+  for (auto first = order.begin(); first != order.end();) {
+    const std::uint16_t object = mesh.objects[*first];
+    const auto last = std::find_if(first, order.end(), [&](std::size_t i) { return mesh.objects[i] != object; });
+    used.clear();
+    for (auto i = first; i != last; ++i) used.insert(used.end(), mesh.triangles[*i].begin(), mesh.triangles[*i].end());
+    std::sort(used.begin(), used.end());
+    used.erase(std::unique(used.begin(), used.end()), used.end());
+    for (const std::int32_t index : used) {
+      moved[static_cast<std::size_t>(index)] = static_cast<std::int32_t>(ordered.vertices.size());
+      ordered.vertices.push_back(mesh.vertices[static_cast<std::size_t>(index)]);
+    }
+    for (; first != last; ++first) {
+      std::array<std::int32_t, 3> triangle = mesh.triangles[*first];
+      for (std::int32_t& index : triangle) index = moved[static_cast<std::size_t>(index)];
+      ordered.triangles.push_back(triangle);
+      ordered.materials.push_back(mesh.materials[*first]);
+      ordered.objects.push_back(object);
+    }
+  }
+  return ordered;
 }
 
 void check_materials(const std::vector<Material>& materials) {
-  constexpr std::size_t kMaxMaterials = 65535;  // indices are 16 bits wide
   if (materials.empty() || materials.size() > kMaxMaterials) {
-    refuse("materials", "1 to 65535 of them", std::to_string(materials.size()));
+    refuse("materials", "1 to " + std::to_string(kMaxMaterials) + " of them", std::to_string(materials.size()));
   }
+  std::set<std::string_view> names;
   for (std::size_t i = 0; i < materials.size(); ++i) {
     for (const float value : materials[i].base_color) {
       if (!(value >= 0.0F && value <= 1.0F)) {
         refuse(element("materials", i) + ".base_color", "numbers in [0, 1]", std::to_string(value));
       }
     }
-    for (std::size_t j = 0; j < i; ++j) {
-      if (materials[j].name == materials[i].name) {
-        refuse(element("materials", i) + ".name", "a name of its own", '"' + materials[i].name + '"');
-      }
+    if (materials[i].semantic >= kSemanticStart) {
+      refuse(element("materials", i) + ".semantic", "a number below " + std::to_string(kSemanticStart),
+             std::to_string(materials[i].semantic));
+    }
+    if (!names.insert(materials[i].name).second) {
+      refuse(element("materials", i) + ".name", "a name of its own", '"' + materials[i].name + '"');
     }
   }
 }
@@ -141,6 +183,43 @@ void check_markers(const Markers& markers) {
   if (markers.spawn_box) check_box("markers.spawn_box", *markers.spawn_box);
 }
 
+void check_light(Light& light) {
+  const auto& sun = light.sun_direction;
+  const Vec3 direction(sun[0], sun[1], sun[2]);
+  if (!(is_coordinate(sun[0]) && is_coordinate(sun[1]) && is_coordinate(sun[2]))) {
+    refuse("light.sun_direction", "coordinates within +-1e+06", text(direction));
+  }
+  if (direction.isZero(0.0F)) refuse("light.sun_direction", "a direction that is not 0", text(direction));
+  const Vec3 unit = unit_direction(direction.cast<double>());
+  light.sun_direction = {unit.x(), unit.y(), unit.z()};
+
+  const auto check_color = [](const char* name, const std::array<float, 3>& color) {
+    for (const float value : color) {
+      if (!(value >= 0.0F && value <= static_cast<float>(kMaxLightColor))) {
+        refuse(std::string("light.") + name, "numbers in [0, 100]", std::to_string(value));
+      }
+    }
+  };
+  check_color("sun_color", light.sun_color);
+  check_color("sky_ambient", light.sky_ambient);
+  check_color("ground_ambient", light.ground_ambient);
+  check_color("zenith_color", light.zenith_color);
+  check_color("horizon_color", light.horizon_color);
+  if (!(light.gamma >= static_cast<float>(kMinGamma) && light.gamma <= static_cast<float>(kMaxGamma))) {
+    refuse("light.gamma", "a number in [1, 4]", std::to_string(light.gamma));
+  }
+}
+
+// Rounding a unit vector to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
+template <int kSize>
+Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vector) {
+  constexpr double kRounding = 1.2e-7;
+  const Eigen::Matrix<float, kSize, 1> rounded = vector.template cast<float>();
+  const bool is_unit = std::abs(rounded.template cast<double>().squaredNorm() - 1.0) <= kRounding;
+  if (is_unit) return rounded;
+  return vector.normalized().template cast<float>();
+}
+
 }  // namespace
 
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
@@ -151,12 +230,14 @@ bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
 }
 
 Quat unit_quaternion(const Eigen::Vector4d& wxyz) {
-  // Rounding a unit quaternion to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
-  constexpr double kRounding = 1.2e-7;
-  const Eigen::Vector4f rounded = wxyz.cast<float>();
-  const bool is_unit = std::abs(rounded.cast<double>().squaredNorm() - 1.0) <= kRounding;
-  const Eigen::Vector4f q = is_unit ? rounded : wxyz.normalized().cast<float>();
+  const Eigen::Vector4f q = unit<4>(wxyz);
   return Quat(q[0], q[1], q[2], q[3]);
+}
+
+Vec3 unit_direction(const Eigen::Vector3d& direction) {
+  constexpr double kTiny = 1e-100;  // the squares of what is shorter underflow
+  const double longest = direction.cwiseAbs().maxCoeff();
+  return unit<3>(longest < kTiny ? Eigen::Vector3d(direction / longest) : direction);
 }
 
 SceneDescription canonical(SceneDescription description) {
@@ -168,10 +249,12 @@ SceneDescription canonical(SceneDescription description) {
   std::stable_sort(primitives.begin(), primitives.end(), [](const Primitive& a, const Primitive& b) { return a.kind < b.kind; });
   if (primitives.size() > 1 && primitives[1].kind == PrimitiveKind::room) refuse("primitives", "at most one room", "several");
   check_mesh(description.mesh, description.materials.size());
+  description.mesh = ordered_by_object(description.mesh);
   if (primitives.empty() && description.mesh.triangles.empty()) {
     refuse("scene", "at least one primitive or triangle", "an empty scene");
   }
   check_markers(description.markers);
+  check_light(description.light);
   return description;
 }
 

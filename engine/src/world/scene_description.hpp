@@ -1,7 +1,7 @@
 // The rules every scene obeys, wherever it came from.
 #pragma once
 
-#include <string_view>
+#include <cstddef>
 
 #include "swiftlet/world.hpp"
 
@@ -17,6 +17,16 @@ inline constexpr double kQuaternionTolerance = 1e-3;
 // Two times the area over the longest side squared, below which a triangle has no usable normal in float32.
 inline constexpr double kDegenerateRatio = 1e-7;
 
+// So many that the semantic id of the last, its index plus 1, stays below those of the markers.
+inline constexpr std::size_t kMaxMaterials = kSemanticStart - 1;
+// Their numbers are 16 bits wide.
+inline constexpr std::size_t kMaxObjects = 65536;
+
+// Colours of the light are refused beyond this: brighter than any picture shows, and far from overflow.
+inline constexpr double kMaxLightColor = 100.0;
+inline constexpr double kMinGamma = 1.0;
+inline constexpr double kMaxGamma = 4.0;
+
 // True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
 
@@ -24,8 +34,13 @@ bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
 // reading it again changes nothing. The norm must be within kQuaternionTolerance of 1.
 Quat unit_quaternion(const Eigen::Vector4d& wxyz);
 
-// Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions unit, one
-// material index per triangle. Throws std::invalid_argument naming the field, what was expected and what came.
+// A direction, which must not be 0, as a unit vector in float32; one that is already unit in float32 keeps its bits.
+Vec3 unit_direction(const Eigen::Vector3d& direction);
+
+// Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions and the sun's
+// direction unit, one material index and one object number per triangle, and the triangles of each object together, in the order
+// of the objects, with vertices that are theirs alone and all used. Descriptions in that form come out as they are. Throws
+// std::invalid_argument naming the field, what was expected and what came.
 SceneDescription canonical(SceneDescription description);
 
 // The smallest axis-aligned box around a primitive.

@@ -139,13 +139,39 @@ Box3d min_max(const Field& field, bool needs_volume) {
   return box;
 }
 
+// A number that JSON Schema calls an integer: 7 or 7.0.
+std::uint16_t semantic_id(const Field& field) {
+  constexpr double kMax = kSemanticStart - 1;
+  const bool is_number = field.value.is_number();
+  const double value = is_number ? field.value.get<double>() : 0.0;
+  if (!(value >= 1.0 && value <= kMax && value == std::floor(value))) refuse(field, "an integer in [1, 65532]");
+  return static_cast<std::uint16_t>(value);
+}
+
+std::array<float, 3> color(const Field& field, double max, const char* expected) {
+  const Vec3d rgb = vec3(field);
+  if (!((rgb.array() >= 0.0).all() && (rgb.array() <= max).all())) refuse(field, expected);
+  return {static_cast<float>(rgb.x()), static_cast<float>(rgb.y()), static_cast<float>(rgb.z())};
+}
+
+// The colours of a Light by their names in the file.
+struct LightColor {
+  const char* key;
+  std::array<float, 3> Light::* color;
+};
+constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_color},
+                                                  {"sky_ambient", &Light::sky_ambient},
+                                                  {"ground_ambient", &Light::ground_ambient},
+                                                  {"zenith_color", &Light::zenith_color},
+                                                  {"horizon_color", &Light::horizon_color}}};
+
 class SceneReader {
  public:
   SceneReader(Field root, std::filesystem::path base_dir) : root_(std::move(root)), base_dir_(std::move(base_dir)) {}
 
   SceneDescription read() {
     check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
-                         "capsules", "planes", "discs", "meshes", "markers"});
+                         "capsules", "planes", "discs", "meshes", "markers", "light"});
     const Field version = require(root_, "swiftlet_scene");
     if (version.value != kVersion) refuse(version, "version 1");
     if (const auto name = find(root_, "name")) {
@@ -161,8 +187,9 @@ class SceneReader {
     for_each("capsules", [this](const Field& field) { read_round(field, PrimitiveKind::capsule); });
     for_each("planes", [this](const Field& field) { read_plane(field); });
     for_each("discs", [this](const Field& field) { read_disc(field); });
-    for_each("meshes", [this](const Field& field) { read_mesh(field); });
+    read_meshes();
     if (const auto markers = find(root_, "markers")) read_markers(*markers);
+    if (const auto light = find(root_, "light")) read_light(*light);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
       fail(root_,
@@ -186,15 +213,15 @@ class SceneReader {
     const std::optional<Field> materials = find(root_, "materials");
     if (!materials) return;
     if (!materials->value.is_object()) refuse(*materials, "an object");
-    if (materials->value.size() >= 65535) fail(*materials, "expected fewer than 65535 materials");
+    if (materials->value.size() > kMaxMaterials) {
+      fail(*materials, "expected fewer than 65533 materials, got " + std::to_string(materials->value.size()));
+    }
     for (const auto& [name, value] : materials->value.items()) {
       const Field field = child(*materials, name);
-      check_object(field, {"base_color"});
+      check_object(field, {"base_color", "semantic"});
       Material material{name};
-      const Field color = require(field, "base_color");
-      const Vec3d rgb = vec3(color);
-      if (!((rgb.array() >= 0.0).all() && (rgb.array() <= 1.0).all())) refuse(color, "3 numbers in [0, 1]");
-      for (int i = 0; i < 3; ++i) material.base_color[static_cast<std::size_t>(i)] = static_cast<float>(rgb[i]);
+      material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
+      if (const auto semantic = find(field, "semantic")) material.semantic = semantic_id(*semantic);
       scene_.materials.push_back(std::move(material));
     }
   }
@@ -212,15 +239,20 @@ class SceneReader {
     return index;
   }
 
-  std::uint16_t default_material() {
+  std::uint16_t default_material(const Field& object) {
     const std::uint16_t index = material_index("default");
-    if (index == scene_.materials.size()) scene_.materials.push_back(Material{"default"});
+    if (index == scene_.materials.size()) {
+      if (index == kMaxMaterials) {
+        fail(object, "expected a field \"material\" (/materials leaves no room for \"default\"), found none");
+      }
+      scene_.materials.push_back(Material{"default"});
+    }
     return index;
   }
 
   std::uint16_t read_material(const Field& object) {
     const std::optional<Field> field = find(object, "material");
-    return field ? named_material(*field) : default_material();
+    return field ? named_material(*field) : default_material(object);
   }
 
   void read_room(const Field& field) {
@@ -326,8 +358,16 @@ class SceneReader {
     return static_cast<float>(size / 2.0);
   }
 
+  void read_meshes() {
+    const std::optional<Field> meshes = find(root_, "meshes");
+    if (!meshes) return;
+    const std::size_t count = require_array(*meshes, "an array").size();
+    if (count > kMaxObjects) fail(*meshes, "expected at most 65536 meshes, got " + std::to_string(count));
+    for (std::size_t i = 0; i < count; ++i) read_mesh(child(*meshes, i), static_cast<std::uint16_t>(i));
+  }
+
   // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
-  void read_mesh(const Field& field) {
+  void read_mesh(const Field& field, std::uint16_t object) {
     check_object(field, {"file", "vertices", "triangles", "position", "quat_wxyz", "scale", "material"});
     const bool has_file = field.value.contains("file");
     if (has_file == (field.value.contains("vertices") || field.value.contains("triangles"))) {
@@ -360,6 +400,7 @@ class SceneReader {
       }
       mesh.triangles.push_back(triangle);
     }
+    mesh.objects.insert(mesh.objects.end(), part.triangles.size(), object);
     read_mesh_materials(field, part.triangles.size());
   }
 
@@ -427,6 +468,26 @@ class SceneReader {
     }
   }
 
+  void read_light(const Field& field) {
+    check_object(field,
+                 {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma"});
+    Light& light = scene_.light;
+    if (const auto sun_direction = find(field, "sun_direction")) {
+      const Vec3d given = vec3(*sun_direction);
+      if (given.isZero(0.0)) refuse(*sun_direction, "a direction that is not 0");
+      const Vec3 direction = unit_direction(given);
+      light.sun_direction = {direction.x(), direction.y(), direction.z()};
+    }
+    for (const auto& [key, member] : kLightColors) {
+      if (const auto given = find(field, key)) light.*member = color(*given, kMaxLightColor, "3 numbers in [0, 100]");
+    }
+    if (const auto gamma = find(field, "gamma")) {
+      const double value = number(*gamma);
+      if (!(value >= kMinGamma && value <= kMaxGamma)) refuse(*gamma, "a number in [1, 4]");
+      light.gamma = static_cast<float>(value);
+    }
+  }
+
   Field root_;
   std::filesystem::path base_dir_;
   std::optional<Box3d> room_;
@@ -470,6 +531,14 @@ double shortest(double value) {
 Json numbers(const Vec3d& v) { return Json::array({shortest(v.x()), shortest(v.y()), shortest(v.z())}); }
 
 Json numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
+
+Json numbers(const std::array<float, 3>& v) { return numbers(Vec3(v[0], v[1], v[2])); }
+
+Json write_material(const Material& material) {
+  Json object = {{"base_color", numbers(material.base_color)}};
+  if (material.semantic != 0) object["semantic"] = material.semantic;
+  return object;
+}
 
 // Halves of sums and differences of the corners must give the room's centre and half extents again: their digits are cut short
 // only if they still do.
@@ -530,17 +599,44 @@ void write_primitive(Json& document, const Primitive& primitive, const std::stri
   document[kLists[static_cast<std::size_t>(primitive.kind)]].push_back(std::move(object));
 }
 
-Json write_mesh(const TriangleMesh& mesh, const std::vector<Material>& materials) {
+// The triangles [first, last), whose vertices are [first_vertex, last_vertex).
+Json write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex, std::size_t last_vertex,
+                const std::vector<Material>& materials) {
   Json object = {{"vertices", Json::array()}, {"triangles", Json::array()}, {"material", Json::array()}};
-  for (const Vec3& vertex : mesh.vertices) object["vertices"].push_back(numbers(vertex));
-  for (const auto& triangle : mesh.triangles) object["triangles"].push_back(triangle);
-  const auto differs = [&](std::uint16_t material) { return material != mesh.materials.front(); };
-  if (std::none_of(mesh.materials.begin(), mesh.materials.end(), differs)) {
-    object["material"] = materials[mesh.materials.front()].name;
+  for (std::size_t i = first_vertex; i < last_vertex; ++i) object["vertices"].push_back(numbers(mesh.vertices[i]));
+  bool is_of_one_material = first != last;
+  for (std::size_t i = first; i < last; ++i) {
+    std::array<std::int32_t, 3> triangle = mesh.triangles[i];
+    for (std::int32_t& index : triangle) index -= static_cast<std::int32_t>(first_vertex);
+    object["triangles"].push_back(triangle);
+    is_of_one_material &= mesh.materials[i] == mesh.materials[first];
+  }
+  if (is_of_one_material) {
+    object["material"] = materials[mesh.materials[first]].name;
   } else {
-    for (const std::uint16_t material : mesh.materials) object["material"].push_back(materials[material].name);
+    for (std::size_t i = first; i < last; ++i) object["material"].push_back(materials[mesh.materials[i]].name);
   }
   return object;
+}
+
+// One for each object; their triangles, and the vertices of these, lie one after another.
+Json write_meshes(const TriangleMesh& mesh, const std::vector<Material>& materials) {
+  Json meshes = Json::array();
+  std::size_t first = 0;
+  std::size_t first_vertex = 0;
+  for (unsigned object = 0; first < mesh.triangles.size(); ++object) {
+    std::size_t last = first;
+    std::size_t last_vertex = first_vertex;
+    for (; last < mesh.triangles.size() && mesh.objects[last] == object; ++last) {
+      for (const std::int32_t index : mesh.triangles[last]) {
+        last_vertex = std::max(last_vertex, static_cast<std::size_t>(index) + 1);
+      }
+    }
+    meshes.push_back(write_mesh(mesh, first, last, first_vertex, last_vertex, materials));
+    first = last;
+    first_vertex = last_vertex;
+  }
+  return meshes;
 }
 
 Json write_markers(const Markers& markers) {
@@ -554,6 +650,18 @@ Json write_markers(const Markers& markers) {
   if (markers.spawn_box) {
     object["spawn_box"] = {{"min", numbers(markers.spawn_box->min)}, {"max", numbers(markers.spawn_box->max)}};
   }
+  return object;
+}
+
+// What differs from the default.
+Json write_light(const Light& light) {
+  const Light usual;
+  Json object = Json::object();
+  if (light.sun_direction != usual.sun_direction) object["sun_direction"] = numbers(light.sun_direction);
+  for (const auto& [key, member] : kLightColors) {
+    if (light.*member != usual.*member) object[key] = numbers(light.*member);
+  }
+  if (light.gamma != usual.gamma) object["gamma"] = shortest(light.gamma);
   return object;
 }
 
@@ -588,15 +696,13 @@ SceneDescription parse_scene(const std::string& text, const std::string& source,
 std::string write_scene(const SceneDescription& description) {
   Json document = {{"swiftlet_scene", kVersion}, {"name", description.name}};
   Json& materials = document["materials"] = Json::object();
-  for (const Material& material : description.materials) {
-    const auto& rgb = material.base_color;
-    materials[material.name] = {{"base_color", numbers(Vec3(rgb[0], rgb[1], rgb[2]))}};
-  }
+  for (const Material& material : description.materials) materials[material.name] = write_material(material);
   for (const Primitive& primitive : description.primitives) {
     write_primitive(document, primitive, description.materials[primitive.material].name);
   }
-  if (!description.mesh.triangles.empty()) document["meshes"].push_back(write_mesh(description.mesh, description.materials));
+  if (!description.mesh.triangles.empty()) document["meshes"] = write_meshes(description.mesh, description.materials);
   document["markers"] = write_markers(description.markers);
+  if (Json light = write_light(description.light); !light.empty()) document["light"] = std::move(light);
   return format(document);
 }
 

@@ -12,7 +12,8 @@ namespace swiftlet {
 // Throws std::invalid_argument: source, JSON pointer of the offending field, what was expected, what came.
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir);
 
-// Numbers are written so that reading them again gives the same float32 bits.
+// Takes a description as canonical() leaves it. Numbers are written so that reading them again gives the same float32 bits, a
+// mesh for each object (an empty one for a number that no triangle has), and of the light only what is not the default.
 std::string write_scene(const SceneDescription& description);
 
 }  // namespace swiftlet

@@ -2,9 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <numbers>
 #include <stdexcept>
 #include <string>
+
+#include "world/scene_description.hpp"
 
 namespace swiftlet {
 namespace {
@@ -127,7 +131,9 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
     throw std::invalid_argument("chord_error_m: expected a number >= 1e-06, got " + std::to_string(chord_error_m));
   }
   TriangleMesh mesh;
-  for (const Primitive& primitive : description.primitives) {
+  const std::size_t num_primitives = description.primitives.size();
+  for (std::size_t i = 0; i < num_primitives; ++i) {
+    const Primitive& primitive = description.primitives[i];
     const Vec3& half = primitive.half_extents;
     Patch patch(primitive, mesh);
     switch (primitive.kind) {
@@ -155,6 +161,7 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
         add_disc(patch, half.x(), chord_error_m);
         break;
     }
+    mesh.objects.resize(mesh.triangles.size(), static_cast<std::uint16_t>(i));
   }
   const auto first_vertex = static_cast<std::int32_t>(mesh.vertices.size());
   const TriangleMesh& rest = description.mesh;
@@ -163,6 +170,13 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
   for (const auto& [a, b, c] : rest.triangles) {
     mesh.triangles.push_back({a + first_vertex, b + first_vertex, c + first_vertex});
   }
+  std::size_t num_objects = num_primitives;
+  for (std::size_t i = 0; i < rest.triangles.size(); ++i) {
+    const std::size_t object = num_primitives + (rest.objects.empty() ? 0U : rest.objects[i]);
+    mesh.objects.push_back(static_cast<std::uint16_t>(object));
+    num_objects = std::max(num_objects, object + 1);
+  }
+  if (num_objects > kMaxObjects) mesh.objects.clear();
   return mesh;
 }
 

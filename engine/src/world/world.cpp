@@ -25,10 +25,7 @@ Aabb bounds_of(const SceneDescription& description) {
     const Aabb part = bounds(primitive);
     box.extend(part.min).extend(part.max);
   }
-  // Vertices that no triangle uses are not geometry.
-  for (const auto& triangle : description.mesh.triangles) {
-    for (const std::int32_t index : triangle) box.extend(description.mesh.vertices[static_cast<std::size_t>(index)]);
-  }
+  for (const Vec3& vertex : description.mesh.vertices) box.extend(vertex);
   return Aabb{box.min(), box.max()};
 }
 
