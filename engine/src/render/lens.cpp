@@ -3,16 +3,21 @@
 #include <algorithm>
 #include <cmath>
 
+#include "trace/ray_block.hpp"
+
 namespace swiftlet::render {
 namespace {
 
-std::size_t whole_tiles(std::size_t pixels) { return (pixels + Tile::kSide - 1) / Tile::kSide * Tile::kSide; }
-
-// (centre - (i + place)) / focal for i in [0, pixels), rounded up to whole tiles.
-std::vector<float> slopes(int pixels, float centre, float focal, double place) {
-  std::vector<float> result(whole_tiles(static_cast<std::size_t>(pixels)));
-  for (std::size_t i = 0; i < result.size(); ++i) {
-    result[i] = static_cast<float>((static_cast<double>(centre) - (static_cast<double>(i) + place)) / static_cast<double>(focal));
+// The slopes (centre - (i + place)) / focal of the pixels of every tile along one side of the image, for all pixels of a tile,
+// whose place along that side is `along(pixel)`.
+template <class Along>
+std::vector<float> slopes(int pixels, float centre, float focal, double place, const Along& along) {
+  constexpr std::size_t kCount = Tile::kSide * Tile::kSide;
+  const std::size_t tiles = (static_cast<std::size_t>(pixels) + Tile::kSide - 1) / Tile::kSide;
+  std::vector<float> result(tiles * kCount + trace::kRayPadding);
+  for (std::size_t i = 0; i < tiles * kCount; ++i) {
+    const auto pixel = static_cast<double>(i / kCount * Tile::kSide + along(i % kCount));
+    result[i] = static_cast<float>((static_cast<double>(centre) - (pixel + place)) / static_cast<double>(focal));
   }
   return result;
 }
@@ -28,7 +33,8 @@ Lens make_lens(const CameraConfig& camera) {
             .tiles = {},
             .corner = 0.0F};
   const auto add_grid = [&](double left, double up) {
-    lens.grids.push_back({slopes(camera.width_px, lens.cx, lens.fx, left), slopes(camera.height_px, lens.cy, lens.fy, up)});
+    lens.grids.push_back({slopes(camera.width_px, lens.cx, lens.fx, left, [](std::size_t pixel) { return pixel % Tile::kSide; }),
+                          slopes(camera.height_px, lens.cy, lens.fy, up, [](std::size_t pixel) { return pixel / Tile::kSide; })});
   };
   add_grid(0.5, 0.5);
   const int side = static_cast<int>(std::lround(std::sqrt(static_cast<double>(camera.samples_per_pixel))));
@@ -46,8 +52,11 @@ Lens make_lens(const CameraConfig& camera) {
                                                 edge(lens.cy, row + Tile::kSide, lens.fy), edge(lens.cy, row, lens.fy))});
     }
   }
-  const double right = static_cast<double>(lens.grids[0].left.size()) - static_cast<double>(lens.cx);
-  const double down = static_cast<double>(lens.grids[0].up.size()) - static_cast<double>(lens.cy);
+  const auto past_end = [](std::size_t pixels) {
+    return static_cast<double>((pixels + Tile::kSide - 1) / Tile::kSide * Tile::kSide);
+  };
+  const double right = past_end(width) - static_cast<double>(lens.cx);
+  const double down = past_end(height) - static_cast<double>(lens.cy);
   lens.corner = static_cast<float>(std::hypot(1.0, right / static_cast<double>(lens.fx), down / static_cast<double>(lens.fy)));
   return lens;
 }

@@ -12,7 +12,7 @@ namespace swiftlet::render {
 // A block of pixels that is traced at once.
 struct Tile {
   static constexpr std::size_t kSide = 16;  // pixels; a row of it is a vector of rays
-  std::size_t column, row;                  // of its first pixel
+  std::size_t column, row;                  // of its first pixel, a multiple of kSide
   std::size_t width, height;                // at most kSide
   trace::View view;                         // camera frame
 };
@@ -25,8 +25,8 @@ struct Lens {
   // The grid of samples within a pixel, by which all of this is repeated: shifts[0] is of the pixel's centre, and where there are
   // several samples the others follow.
   struct Grid {
-    std::vector<float> left;  // (width rounded up to whole tiles,) y of each column's directions
-    std::vector<float> up;    // (height rounded up,) z of each row's
+    std::vector<float> left;  // (columns of tiles, kSide * kSide) y of the directions of a tile's pixels, row by row
+    std::vector<float> up;    // (rows of tiles, kSide * kSide) z, likewise
   };
   std::vector<Grid> grids;
   std::vector<Tile> tiles;  // row by row; each holds all samples of its pixels

@@ -16,14 +16,6 @@ static_assert(Tile::kSide == trace::kTileWidth && TilePixels::kCount == trace::k
 // How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
 constexpr float kLift = 1e-4F;
 
-// The directions of a tile's samples of one grid.
-void aim(const Lens::Grid& grid, const Tile& tile, RaycastScratch& scratch) {
-  for (std::size_t row = 0; row < tile.height + tile.height % 2; ++row) {  // packets are two rows high
-    std::copy_n(grid.left.data() + tile.column, Tile::kSide, scratch.left + row * Tile::kSide);
-    std::fill_n(scratch.up + row * Tile::kSide, Tile::kSide, grid.up[tile.row + row]);
-  }
-}
-
 // Which hits lie in the shadow of something: traces from each towards the sun.
 void find_shadows(const World& world, RaycastScratch& scratch) {
   const trace::Scene& scene = world.scene();
@@ -54,7 +46,8 @@ void find_shadows(const World& world, RaycastScratch& scratch) {
 
 // Traces and shades one sample of each pixel of the tile.
 void sample(const Shot& shot, const Lens::Grid& grid, const Tile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
-  aim(grid, tile, scratch);
+  scratch.bundle.y = grid.left.data() + tile.column * Tile::kSide;
+  scratch.bundle.z = grid.up.data() + tile.row * Tile::kSide;
   scratch.bundle.count = tile.height * Tile::kSide;
   scratch.bundle.view = &tile.view;
   shot.world->scene().intersect_tile(scratch.reach, scratch.bundle, scratch.normals, scratch.block);
@@ -94,8 +87,6 @@ void average(const Shot& shot, const Tile& tile, RaycastScratch& scratch) {
 RaycastScratch::RaycastScratch() {
   std::fill(std::begin(ones), std::end(ones), 1.0F);
   bundle.x = ones;
-  bundle.y = left;
-  bundle.z = up;
 }
 
 void render_tiles(const Shot& shot, std::size_t first, std::size_t last, RaycastScratch& scratch) {

@@ -19,7 +19,6 @@ struct RaycastScratch {
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
   alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // of the samples' r, g and b
   alignas(64) trace::RayFloats ones;                      // x of all directions
-  alignas(64) trace::RayFloats left, up;                  // y and z of a tile's
 
   RaycastScratch();
 };

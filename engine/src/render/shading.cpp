@@ -25,11 +25,12 @@ using V = hn::Vec<Floats>;
 using I = hn::Vec<Ints>;
 using Mask = hn::Mask<Floats>;
 
-// One vector of pixels.
+// One vector of pixels. kShadows: some may be in the shadow of something.
+template <bool kShadows>
 struct Rays {
   Vec3V<V> direction;  // world frame
   V t;
-  Mask shaded;
+  Mask shaded;  // none without kShadows
 };
 struct Pixels {
   I color;  // r | g << 8 | b << 16
@@ -64,10 +65,12 @@ HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
 HWY_INLINE I packed(I red, I green, I blue) { return hn::Or(red, hn::Or(hn::ShiftLeft<8>(green), hn::ShiftLeft<16>(blue))); }
 
 // What a base colour shows where the cosine of the angle between normal and sun is `sunward`, and the normal's z `upward`.
-template <class Base>
-HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& base, V sunward, V upward, Mask shaded) {
+template <bool kShadows, class Base>
+HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& base, V sunward, V upward,
+                 const Rays<kShadows>& rays) {
   const Light& light = tables.light;
-  const V sun = hn::IfThenZeroElse(shaded, hn::Max(sunward, hn::Zero(d)));
+  V sun = hn::Max(sunward, hn::Zero(d));
+  if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
   const V sky = hn::Add(hn::Mul(upward, hn::Set(d, 0.5F)), hn::Set(d, 0.5F));
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const V ambient = hn::Add(hn::Set(d, light.ground_ambient[c]),
@@ -88,8 +91,9 @@ HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V
 }
 
 // A solid at the points its rays have hit.
+template <bool kShadows>
 HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
-                               const Rays& rays, const CameraOutputs& wanted) {
+                               const Rays<kShadows>& rays, const CameraOutputs& wanted) {
   const trace::Shape& shape = *solid.shape;
   const float* const half = shape.half_extents;
   const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
@@ -106,8 +110,9 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
   // A flat face across an axis shows the side that looks against the ray.
   const auto face_color = [&](std::size_t axis, V along) HWY_ATTR {
     const auto side = [&](std::size_t sign) HWY_ATTR {
-      return hn::IfThenElse(hn::RebindMask(di, rays.shaded), hn::Set(di, solid.faces[1][2 * axis + sign]),
-                            hn::Set(di, solid.faces[0][2 * axis + sign]));
+      const I lit_color = hn::Set(di, solid.faces[0][2 * axis + sign]);
+      if constexpr (!kShadows) return lit_color;
+      return hn::IfThenElse(hn::RebindMask(di, rays.shaded), hn::Set(di, solid.faces[1][2 * axis + sign]), lit_color);
     };
     return hn::IfThenElse(hn::RebindMask(di, hn::Lt(along, hn::Zero(d))), side(1), side(0));
   };
@@ -117,7 +122,7 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
     const auto cosine = [&](const std::array<float, 3>& to)
                             HWY_ATTR { return dot(normal, {hn::Set(d, to[0]), hn::Set(d, to[1]), hn::Set(d, to[2])}); };
     const auto base = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.color[c]); };
-    if (wanted.any_color()) pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays.shaded);
+    if (wanted.any_color()) pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays);
     pixels.normal = normal;
   };
 
@@ -167,8 +172,10 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
 }
 
 // Triangles: element by element from tables.
+template <bool kShadows>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
-                                  std::uint64_t which, const Vec3V<V>& facet, const Rays& rays, const CameraOutputs& wanted) {
+                                  std::uint64_t which, const Vec3V<V>& facet, const Rays<kShadows>& rays,
+                                  const CameraOutputs& wanted) {
   alignas(64) std::int32_t material[Tile::kSide] = {};
   alignas(64) std::int32_t object[Tile::kSide] = {};
   for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
@@ -186,7 +193,7 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
     const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, channels[c], its_material); };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-    pixels.color = lit(d, di, tables, base, sunward, normal.z, rays.shaded);
+    pixels.color = lit(d, di, tables, base, sunward, normal.z, rays);
   }
   return pixels;
 }
@@ -208,19 +215,21 @@ HWY_INLINE std::uint64_t bits_of(Floats d, Mask mask) {
   return bits;
 }
 
-void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
-           const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
+template <bool kShadows>
+HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
+                           const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   const Floats d;
   const Ints di;
   const hn::Rebind<std::uint8_t, Floats> du8;
   const hn::Rebind<std::uint16_t, Floats> du16;
   const std::size_t lanes = hn::Lanes(d);
   for (std::size_t i = 0; i < bundle.count; i += lanes) {
-    const Rays rays{
+    Rays<kShadows> rays{
         rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + i), hn::LoadU(d, bundle.y + i), hn::LoadU(d, bundle.z + i)}),
-        hn::Load(d, bundle.t_hit + i),
-        shaded == nullptr ? hn::Not(every(d))
-                          : hn::RebindMask(d, hn::Ne(hn::PromoteTo(di, hn::LoadU(du8, shaded + i)), hn::Zero(di)))};
+        hn::Load(d, bundle.t_hit + i), hn::Not(every(d))};
+    if constexpr (kShadows) {
+      rays.shaded = hn::RebindMask(d, hn::Ne(hn::PromoteTo(di, hn::LoadU(du8, shaded + i)), hn::Zero(di)));
+    }
     if (wanted.depth) {
       const V depth = depth_kind == DepthKind::planar ? rays.t : hn::Mul(rays.t, hn::Sqrt(dot(rays.direction, rays.direction)));
       hn::Store(depth, d, out.depth + i);
@@ -268,6 +277,15 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
       hn::Store(pixels.normal.y, d, out.ny + i);
       hn::Store(pixels.normal.z, d, out.nz + i);
     }
+  }
+}
+
+void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
+           const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
+  if (shaded == nullptr) {
+    shade_tile<false>(tables, bundle, normals, shaded, wanted, depth_kind, out);
+  } else {
+    shade_tile<true>(tables, bundle, normals, shaded, wanted, depth_kind, out);
   }
 }
 

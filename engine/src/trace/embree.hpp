@@ -39,6 +39,12 @@ inline void intersect_coherent(const int* valid, RTCScene scene, Packet<8>& pack
   arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
   rtcIntersect8(valid, scene, &packet.rays, &arguments);
 }
+inline void intersect_coherent(const int* valid, RTCScene scene, Packet<16>& packet) {
+  RTCIntersectArguments arguments;
+  rtcInitIntersectArguments(&arguments);
+  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  rtcIntersect16(valid, scene, &packet.rays, &arguments);
+}
 #else
 inline void intersect_packet(const int* valid, RTCScene scene, Packet<8>& packet) {
   RTCIntersectContext context;
@@ -55,6 +61,12 @@ inline void intersect_coherent(const int* valid, RTCScene scene, Packet<8>& pack
   rtcInitIntersectContext(&context);
   context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   rtcIntersect8(valid, scene, &context, &packet.rays);
+}
+inline void intersect_coherent(const int* valid, RTCScene scene, Packet<16>& packet) {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  rtcIntersect16(valid, scene, &context, &packet.rays);
 }
 #endif
 

@@ -74,24 +74,25 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   }
 }
 
-// Calls f(lane of the packet, ray of the tile relative to the packet's first) for each vector of 4 x 2 rays.
-template <class F>
-HWY_INLINE void for_4_by_2(std::size_t lanes, const F& f) {
-  for (std::size_t row = 0; row < 2; ++row) {
+// Calls f(lane of the packet, ray of the tile relative to the packet's first) for each vector of 4 x kRows rays.
+template <std::size_t kRows, class F>
+HWY_INLINE void for_4_by(std::size_t lanes, const F& f) {
+  for (std::size_t row = 0; row < kRows; ++row) {
     for (std::size_t column = 0; column < 4; column += lanes) f(4 * row + column, kTileWidth * row + column);
   }
 }
 
-void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals) {
+template <std::size_t kRows>
+HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals) {
   const hn::CappedTag<float, 4> d;
   const hn::RebindToSigned<decltype(d)> di;
   using V = hn::Vec<decltype(d)>;
   const std::size_t lanes = hn::Lanes(d);
   const auto invalid = hn::Set(di, -1);                                                             // RTC_INVALID_GEOMETRY_ID
   const V beyond = hn::Set(d, std::nextafter(rays.range, std::numeric_limits<float>::infinity()));  // a hit at the range counts
-  alignas(64) Packet<8> buffer;
+  alignas(64) Packet<4 * kRows> buffer;
   auto& packet = buffer.rays;
-  for_4_by_2(lanes, [&](std::size_t lane, std::size_t) HWY_ATTR {
+  for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t) HWY_ATTR {
     hn::Store(hn::Set(d, rays.origin.x()), d, packet.ray.org_x + lane);
     hn::Store(hn::Set(d, rays.origin.y()), d, packet.ray.org_y + lane);
     hn::Store(hn::Set(d, rays.origin.z()), d, packet.ray.org_z + lane);
@@ -102,11 +103,11 @@ void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, Fac
     hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.ray.mask + lane));
     hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.instID[0] + lane));
   });
-  alignas(64) std::int32_t valid[8];
-  std::fill_n(valid, 8, -1);
-  for (std::size_t row = 0; row * kTileWidth < rays.count; row += 2) {
+  alignas(64) std::int32_t valid[4 * kRows];
+  std::fill_n(valid, 4 * kRows, -1);
+  for (std::size_t row = 0; row * kTileWidth < rays.count; row += kRows) {
     for (std::size_t first = row * kTileWidth; first < (row + 1) * kTileWidth; first += 4) {
-      for_4_by_2(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
+      for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
         const std::size_t ray = first + offset;
         const Vec3V<V> direction =
             rotate(d, rays.rotation, {hn::LoadU(d, rays.x + ray), hn::LoadU(d, rays.y + ray), hn::LoadU(d, rays.z + ray)});
@@ -117,7 +118,7 @@ void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, Fac
         hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + lane));
       });
       intersect_coherent(valid, scene, buffer);
-      for_4_by_2(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
+      for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
         const std::size_t ray = first + offset;
         const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + lane)), invalid);
         const auto element =
@@ -130,6 +131,14 @@ void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, Fac
         hn::Store(hn::Load(d, packet.hit.Ng_z + lane), d, normals.z + ray);
       });
     }
+  }
+}
+
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals) {
+  if (wide) {
+    trace_tile_by<4>(scene, first_element, rays, normals);
+  } else {
+    trace_tile_by<2>(scene, first_element, rays, normals);
   }
 }
 
@@ -152,8 +161,8 @@ void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& r
 void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays);
 }
-void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals) {
-  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, rays, normals);
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals) {
+  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, rays, normals);
 }
 
 }  // namespace swiftlet::trace

@@ -1,6 +1,7 @@
 // Tracing rays by Embree, in packets.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 #include "trace/embree.hpp"
@@ -15,9 +16,9 @@ void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& r
 // Packets of 8, for triangles: incoherent packets go through their tree ray by ray, and larger ones only cost more to fill.
 void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays);
 
-// Rays that are rows of kTileWidth and point much the same way: packets of 4 x 2. The rays of a whole number of rows are traced,
-// an even one, so up to two rows past the count; all have room. Writes the normals of the triangles it takes, too.
+// Rays that are rows of kTileWidth and point much the same way: packets of 4 x 4, if wide, or 4 x 2. Rows that fill up the last
+// packets are traced too; all of the tile has directions. Writes the normals of the triangles it takes, too.
 inline constexpr std::size_t kTileWidth = 16;
-void trace_tile(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals);
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals);
 
 }  // namespace swiftlet::trace

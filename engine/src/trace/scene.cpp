@@ -188,6 +188,7 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   rtcAttachGeometry(meshes_.get(), geometry);
   rtcReleaseGeometry(geometry);
   commit(meshes_.get());
+  wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }
 
 void Scene::intersect(RayBlock& rays) const {
@@ -283,7 +284,7 @@ void Scene::intersect_tile(const Reach& reach, RayBundle& rays, FacetNormals& no
     std::copy_n(block.t_hit, rays.count, rays.t_hit);
     std::copy_n(block.element, rays.count, rays.element);
   }
-  if (reach.meshes) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays, normals);
+  if (reach.meshes) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, rays, normals);
 }
 
 Traced Scene::intersect(const Reach& reach, RayBundle& rays) const {

@@ -106,6 +106,7 @@ class Scene {
   std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
   EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few
   EmbreeScene meshes_;                   // all triangles; null without any
+  bool wide_packets_ = false;            // the processor has vectors for packets of 16
 };
 
 }  // namespace swiftlet::trace
