@@ -16,12 +16,18 @@ static_assert(Tile::kSide == trace::kTileWidth && TilePixels::kCount == trace::k
 // How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
 constexpr float kLift = 1e-4F;
 
+// A shot, and what is looked up of its world once.
+struct Job {
+  const Shot& shot;
+  const trace::Scene& scene;
+  const Shading& shading;
+};
+
 // Which hits lie in the shadow of something: traces from each towards the sun.
-void find_shadows(const World& world, RaycastScratch& scratch) {
-  const trace::Scene& scene = world.scene();
+void find_shadows(const Job& job, RaycastScratch& scratch) {
   const trace::RayBundle& rays = scratch.bundle;
   trace::RayBlock& block = scratch.block;
-  const auto& to_sun = world.light().sun_direction;
+  const auto& to_sun = job.shot.world->light().sun_direction;
   const Vec3 sun(to_sun[0], to_sun[1], to_sun[2]);
   block.count = rays.count;
   block.near = 0.0F;
@@ -40,34 +46,33 @@ void find_shadows(const World& world, RaycastScratch& scratch) {
     block.dir_z[i] = sun.z();
     block.range[i] = hit ? std::numeric_limits<float>::max() : 0.0F;
   }
-  scene.intersect_casters(block);
+  job.scene.intersect_casters(block);
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
 }
 
 // Traces and shades one sample of each pixel of the tile.
-void sample(const Shot& shot, const Lens::Grid& grid, const Tile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
+void sample(const Job& job, const Lens::Grid& grid, const Tile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
   scratch.bundle.y = grid.left.data() + tile.column * Tile::kSide;
   scratch.bundle.z = grid.up.data() + tile.row * Tile::kSide;
   scratch.bundle.count = tile.height * Tile::kSide;
   scratch.bundle.view = &tile.view;
-  shot.world->scene().intersect_tile(scratch.reach, scratch.bundle, scratch.normals, scratch.block);
-  const bool shadows = shot.camera->shadows && wanted.any_color();
-  if (shadows) find_shadows(*shot.world, scratch);
-  shot.world->shading().shade(scratch.bundle, scratch.normals,
-                              shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>(), wanted,
-                              shot.camera->depth_kind, scratch.pixels);
+  job.scene.intersect_tile(scratch.reach, scratch.bundle, scratch.normals, scratch.block);
+  const bool shadows = job.shot.camera->shadows && wanted.any_color();
+  if (shadows) find_shadows(job, scratch);
+  const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
+  job.shading.shade(scratch.bundle, scratch.normals, shaded, wanted, job.shot.camera->depth_kind, scratch.pixels);
 }
 
 // The mean of all samples' colours.
-void average(const Shot& shot, const Tile& tile, RaycastScratch& scratch) {
+void average(const Job& job, const Tile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
-  CameraOutputs colors = shot.camera->outputs;
+  CameraOutputs colors = job.shot.camera->outputs;
   colors.depth = colors.semantic = colors.instance = colors.normal = false;
   for (auto& sums : scratch.sums) std::fill_n(sums, TilePixels::kCount, std::uint16_t{0});
-  const auto grids = std::span(shot.lens->grids).subspan(1);
+  const auto grids = std::span(job.shot.lens->grids).subspan(1);
   for (const Lens::Grid& grid : grids) {
-    sample(shot, grid, tile, colors, scratch);
+    sample(job, grid, tile, colors, scratch);
     for (std::size_t c = 0; c < 3; ++c) {
       for (std::size_t i = 0; i < TilePixels::kCount; ++i) {
         scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
@@ -96,15 +101,16 @@ void render_tiles(const Shot& shot, std::size_t first, std::size_t last, Raycast
   scratch.bundle.rotation = shot.rotation;
   scratch.bundle.near = camera.near_m;
   scratch.bundle.range = camera.far_m;
-  shot.world->scene().gather_visible(shot.position, camera.near_m * lens.corner, camera.far_m * lens.corner, scratch.reach);
+  const Job job{shot, shot.world->scene(), shot.world->shading()};
+  job.scene.gather_visible(shot.position, camera.near_m * lens.corner, camera.far_m * lens.corner, scratch.reach);
   CameraOutputs wanted = camera.outputs;
   const bool samples = lens.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
     const Tile& tile = lens.tiles[i];
-    if (centre) sample(shot, lens.grids[0], tile, wanted, scratch);
-    if (samples && camera.outputs.any_color()) average(shot, tile, scratch);
+    if (centre) sample(job, lens.grids[0], tile, wanted, scratch);
+    if (samples && camera.outputs.any_color()) average(job, tile, scratch);
     write_tile(scratch.pixels, tile, camera, shot.frame);
   }
 }

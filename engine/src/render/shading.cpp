@@ -10,8 +10,52 @@
 #include <bit>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 
 #include "trace/intersect-inl.hpp"
+
+#ifndef SWIFTLET_RENDER_COMMON_FACE
+#define SWIFTLET_RENDER_COMMON_FACE
+namespace swiftlet::render {
+
+// The face (-x, +x, -y, ..., as seen) of a box that all rays of a tile meet, or -1 where that is not certain. All rays meet the
+// box. A face of a box is convex, and so is its picture: what its corners show, the tile shows. The near plane can spoil that
+// where it cuts the box.
+inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) {
+  if (shape.kind != trace::ShapeKind::box) return -1;
+  const float* const half = shape.half_extents;
+  const Vec3 origin = trace::rotated(shape.to_local, rays.origin - Vec3(shape.center[0], shape.center[1], shape.center[2]));
+  const std::array<std::size_t, 4> corners{0, Tile::kSide - 1, rays.count - Tile::kSide, rays.count - 1};
+  std::array<Vec3, 4> directions;
+  float longest = 0.0F;
+  for (std::size_t i = 0; i < 4; ++i) {
+    directions[i] = trace::rotated(shape.to_local, rays.direction(corners[i]));
+    longest = std::max(longest, directions[i].norm());
+  }
+  const float near = rays.near * longest;
+  bool inside = true;
+  bool outside = false;
+  for (int axis = 0; axis < 3; ++axis) {
+    inside &= std::abs(origin[axis]) + near < half[axis];
+    outside |= std::abs(origin[axis]) - near > half[axis];
+  }
+  if (!inside && !outside) return -1;
+  int face = -1;
+  for (std::size_t i = 0; i < 4; ++i) {
+    const Vec3 point = origin + rays.t_hit[corners[i]] * directions[i];
+    int axis = half[2] > 0.0F ? 0 : 2;
+    for (int other = axis + 1; other < 3; ++other) {
+      if (std::abs(point[other]) - half[other] > std::abs(point[axis]) - half[axis]) axis = other;
+    }
+    const int its = 2 * axis + (directions[i][axis] < 0.0F ? 1 : 0);
+    if (i > 0 && its != face) return -1;
+    face = its;
+  }
+  return face;
+}
+
+}  // namespace swiftlet::render
+#endif
 
 HWY_BEFORE_NAMESPACE();
 namespace swiftlet::render::HWY_NAMESPACE {
@@ -80,6 +124,14 @@ HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& b
   return packed(channel(0), channel(1), channel(2));
 }
 
+template <bool kShadows>
+HWY_INLINE I on_ramp(Floats d, Ints di, const std::int32_t* ramp, V sunward, const Rays<kShadows>& rays) {
+  V sun = hn::Min(hn::Max(sunward, hn::Zero(d)), hn::Set(d, 1.0F));
+  if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
+  const V index = hn::Add(hn::Mul(hn::Sqrt(sun), hn::Set(d, static_cast<float>(Shading::kRamp))), hn::Set(d, 0.5F));
+  return hn::GatherIndex(di, ramp, hn::ConvertTo(di, index));
+}
+
 HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
   const V up = hn::Max(hn::Div(direction.z, hn::Sqrt(dot(direction, direction))), hn::Zero(d));
   const auto channel = [&](std::size_t c) HWY_ATTR {
@@ -122,7 +174,11 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
     const auto cosine = [&](const std::array<float, 3>& to)
                             HWY_ATTR { return dot(normal, {hn::Set(d, to[0]), hn::Set(d, to[1]), hn::Set(d, to[2])}); };
     const auto base = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.color[c]); };
-    if (wanted.any_color()) pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays);
+    if (wanted.any_color() && solid.ramp != nullptr) {
+      pixels.color = on_ramp(d, di, solid.ramp, cosine(solid.sun), rays);
+    } else if (wanted.any_color()) {
+      pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays);
+    }
     pixels.normal = normal;
   };
 
@@ -144,10 +200,12 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
       break;
     }
     case trace::ShapeKind::cylinder: {
-      const V radial = hn::Sqrt(hn::Add(hn::Mul(x, x), hn::Mul(y, y)));
+      // A point of the surface is radius away from the axis but for rounding; r^2 - radius^2 is 2 radius times what is missing.
+      const float radius = half[0];
+      const V beyond = hn::Sub(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Set(d, radius * radius));
       const V from_cap = hn::Abs(hn::Sub(hn::Abs(z), hn::Set(d, half[2])));
-      const auto cap = half[2] > 0.0F ? hn::Lt(from_cap, hn::Abs(hn::Sub(radial, hn::Set(d, half[0])))) : every(d);
-      const V inverse = hn::Div(hn::Set(d, 1.0F), radial);
+      const auto cap = half[2] > 0.0F ? hn::Lt(hn::Mul(from_cap, hn::Set(d, 2.0F * radius)), hn::Abs(beyond)) : every(d);
+      const V inverse = hn::Set(d, 1.0F / radius);
       curved({hn::Mul(x, inverse), hn::Mul(y, inverse), hn::Zero(d)});
       if (hn::AllFalse(d, cap)) break;
       pixels.color = hn::IfThenElse(hn::RebindMask(di, cap), face_color(2, dir.z), pixels.color);
@@ -215,6 +273,42 @@ HWY_INLINE std::uint64_t bits_of(Floats d, Mask mask) {
   return bits;
 }
 
+HWY_INLINE void write_depth(Floats d, const trace::RayBundle& rays, std::size_t i, DepthKind depth_kind, TilePixels& out) {
+  V depth = hn::Load(d, rays.t_hit + i);
+  if (depth_kind == DepthKind::range) {
+    const Vec3V<V> direction{hn::LoadU(d, rays.x + i), hn::LoadU(d, rays.y + i), hn::LoadU(d, rays.z + i)};
+    depth = hn::Mul(depth, hn::Sqrt(dot(direction, direction)));
+  }
+  hn::Store(depth, d, out.depth + i);
+}
+
+// Every pixel of the tile shows the same.
+void fill(std::int32_t color, const Surface& surface, const Vec3& normal, const CameraOutputs& wanted,
+          const trace::RayBundle& rays, DepthKind depth_kind, TilePixels& out) {
+  const Floats d;
+  if (wanted.any_color()) {
+    std::memset(out.r, color & 0xFF, rays.count);
+    std::memset(out.g, color >> 8 & 0xFF, rays.count);
+    std::memset(out.b, color >> 16, rays.count);
+  }
+  if (wanted.semantic) std::fill_n(out.semantic, rays.count, surface.semantic);
+  if (wanted.instance) std::fill_n(out.instance, rays.count, surface.instance);
+  if (wanted.normal) {
+    std::fill_n(out.nx, rays.count, normal.x());
+    std::fill_n(out.ny, rays.count, normal.y());
+    std::fill_n(out.nz, rays.count, normal.z());
+  }
+  for (std::size_t i = 0; wanted.depth && i < rays.count; i += hn::Lanes(d)) write_depth(d, rays, i, depth_kind, out);
+}
+
+bool all_equal(const std::int32_t* values, std::size_t count) {
+  const Ints di;
+  const I first = hn::Set(di, values[0]);
+  I differing = hn::Zero(di);
+  for (std::size_t i = 0; i < count; i += hn::Lanes(di)) differing = hn::Or(differing, hn::Xor(hn::Load(di, values + i), first));
+  return hn::AllTrue(di, hn::Eq(differing, hn::Zero(di)));
+}
+
 template <bool kShadows>
 HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
                            const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
@@ -230,10 +324,7 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
     if constexpr (kShadows) {
       rays.shaded = hn::RebindMask(d, hn::Ne(hn::PromoteTo(di, hn::LoadU(du8, shaded + i)), hn::Zero(di)));
     }
-    if (wanted.depth) {
-      const V depth = depth_kind == DepthKind::planar ? rays.t : hn::Mul(rays.t, hn::Sqrt(dot(rays.direction, rays.direction)));
-      hn::Store(depth, d, out.depth + i);
-    }
+    if (wanted.depth) write_depth(d, bundle, i, depth_kind, out);
     const std::int32_t* const elements = bundle.element + i;
     const I element = hn::Load(di, elements);
     const V zero = hn::Zero(d);
@@ -283,6 +374,16 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
            const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   if (shaded == nullptr) {
+    const std::int32_t element = bundle.element[0];
+    if (element >= 0 && element < tables.first_triangle && all_equal(bundle.element, bundle.count)) {
+      const ShadedSolid& solid = tables.solids[static_cast<std::size_t>(element)];
+      if (const int face = common_face(*solid.shape, bundle); face >= 0) {
+        const Vec3 outward = solid.shape->to_local.row(face / 2).transpose();
+        fill(solid.faces[0][static_cast<std::size_t>(face)], solid.surface, face % 2 == 0 ? Vec3(-outward) : outward, wanted,
+             bundle, depth_kind, out);
+        return;
+      }
+    }
     shade_tile<false>(tables, bundle, normals, shaded, wanted, depth_kind, out);
   } else {
     shade_tile<true>(tables, bundle, normals, shaded, wanted, depth_kind, out);
@@ -299,14 +400,12 @@ namespace {
 HWY_EXPORT(shade);
 
 // What the kernels' `lit` computes, of one surface.
-std::int32_t lit_color(const Shading::Tables& tables, const std::array<float, 3>& base, const Vec3& normal, bool shaded) {
+std::int32_t lit_color(const Shading::Tables& tables, const std::array<float, 3>& base, float sunward, float upward) {
   const Light& light = tables.light;
-  const Vec3 to_sun(light.sun_direction[0], light.sun_direction[1], light.sun_direction[2]);
-  const float sun = shaded ? 0.0F : std::max(0.0F, normal.dot(to_sun));
   std::uint32_t color = 0;
   for (std::size_t c = 0; c < 3; ++c) {
-    const float ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * 0.5F * (1.0F + normal.z());
-    const float root = std::sqrt(std::min(1.0F, base[c] * (ambient + light.sun_color[c] * sun)));
+    const float ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * 0.5F * (1.0F + upward);
+    const float root = std::sqrt(std::min(1.0F, base[c] * (ambient + light.sun_color[c] * std::max(0.0F, sunward))));
     const int level = tables.levels[static_cast<std::size_t>(std::lround(root * Shading::kLevels))];
     color |= static_cast<std::uint32_t>(level) << (8 * c);
   }
@@ -322,8 +421,9 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
     solid.sun[axis] = outward.dot(to_sun);
     solid.up[axis] = outward.z();
     for (std::size_t shaded = 0; shaded < 2; ++shaded) {
-      solid.faces[shaded][2 * axis] = lit_color(tables, surface.color, -outward, shaded != 0);
-      solid.faces[shaded][2 * axis + 1] = lit_color(tables, surface.color, outward, shaded != 0);
+      const float sunward = shaded != 0 ? 0.0F : outward.dot(to_sun);
+      solid.faces[shaded][2 * axis] = lit_color(tables, surface.color, -sunward, -outward.z());
+      solid.faces[shaded][2 * axis + 1] = lit_color(tables, surface.color, sunward, outward.z());
     }
   }
   return solid;
@@ -340,8 +440,19 @@ Shading::Shading(const World& world) {
     tables_.levels[i] =
         static_cast<std::int32_t>(std::lround(255.0 * std::pow(value, 1.0 / static_cast<double>(tables_.light.gamma))));
   }
+  for (const Surface& material : appearance.materials) {
+    auto& ramp = tables_.ramps.emplace_back();
+    for (std::size_t i = 0; i < ramp.size(); ++i) {
+      const float root = static_cast<float>(i) / kRamp;
+      ramp[i] = lit_color(tables_, material.color, root * root, 0.0F);
+    }
+  }
   for (std::size_t i = 0; i < appearance.primitives.size(); ++i) {
-    tables_.solids.push_back(make_solid(scene.shape(i), appearance.primitives[i], tables_));
+    const trace::Shape& shape = scene.shape(i);
+    ShadedSolid& solid = tables_.solids.emplace_back(make_solid(shape, appearance.primitives[i], tables_));
+    if (shape.kind == trace::ShapeKind::cylinder && solid.up[0] == 0.0F && solid.up[1] == 0.0F) {
+      solid.ramp = tables_.ramps[world.primitives()[i].material].data();
+    }
   }
   for (std::size_t i = 0; i < appearance.markers.size(); ++i) {
     tables_.markers.push_back(make_solid(scene.markers()[i].shape, appearance.markers[i].surface, tables_));

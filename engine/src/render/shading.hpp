@@ -31,6 +31,9 @@ struct ShadedSolid {
   // Of flat faces: the colour that a surface with the normal -x, +x, -y, +y, -z, +z of the shape's frame shows, in the sun and in
   // shade, as r | g << 8 | b << 16.
   std::array<std::array<std::int32_t, 6>, 2> faces;
+  // Of an upright cylinder, whose sides all see the same sky: their colour by the root of the sine of the sun's angle above them,
+  // times kRamp. Else null.
+  const std::int32_t* ramp = nullptr;
 };
 
 // All that the colours of a world depend on, in the form of tables; built once.
@@ -45,6 +48,7 @@ class Shading {
 
   // 255 * min(v, 1)^(1 / gamma), rounded, of a linear value v >= 0: the levels table at sqrt(min(v, 1)) * kLevels.
   static constexpr int kLevels = 1023;
+  static constexpr int kRamp = 511;
 
   struct Tables {
     std::vector<ShadedSolid> solids;                    // as World::primitives()
@@ -56,6 +60,7 @@ class Shading {
     std::int32_t first_object = 0;
     Light light;
     std::array<std::int32_t, kLevels + 1> levels{};
+    std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
   };
 
  private:
