@@ -1,0 +1,95 @@
+// GlPainter: draws worlds as seen by many cameras into an atlas, in a few calls for all of them together.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "render/gl_atlas.hpp"
+#include "render/gl_model.hpp"
+#include "render/gl_objects.hpp"
+#include "render/gl_shaders.hpp"
+#include "render/gl_store.hpp"
+
+namespace swiftlet::render {
+
+// One tile: a camera, or a part of its picture.
+struct GlView {
+  std::uint32_t model = 0;  // as add() numbered it
+  Vec3 position;            // m, world frame
+  Mat3 rotation;            // camera to world
+  float fx = 1, fy = 1;     // px
+  float cx = 0, cy = 0;     // px, from the tile's upper left
+};
+
+struct GlPass {
+  float near_m = 0, far_m = 0;  // planar depths
+  ShaderTraits traits;
+  int samples = 1;  // a side of the grid within a pixel: each tile of the atlas is so many times wider and higher than its view
+};
+
+class GlPainter {
+ public:
+  GlPainter();
+
+  // Copies a model to the device. They are numbered from 0.
+  void add(const GlModel& model);
+  std::size_t num_models() const { return scenes_.size(); }
+
+  // Clears the atlas and draws the views as its tiles.
+  void paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass);
+  // Averages grids of samples.
+  void resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles);
+
+ private:
+  // What stays here of a model, and where the rest begins.
+  struct Scene {
+    GLint first_vertex = 0;
+    std::vector<FlatChunk> chunks;  // their indices counted in indices_
+    std::array<std::uint32_t, kNumRoundKinds> first_shape{};
+    std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
+    std::vector<Aabb> rooms;
+    Light light;
+  };
+  // A view as the shaders read it; each row is a vec4.
+  struct ViewRecord {
+    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v, horizon, zenith;
+  };
+  struct DrawCommand {  // as OpenGL reads it
+    GLuint count, instance_count, first_index;
+    GLint base_vertex;
+    GLuint base_instance;
+  };
+  struct Sight {
+    std::uint32_t view, shape;
+  };
+  struct Plane {
+    Vec3 normal;   // unit, inwards
+    float offset;  // m
+  };
+  using Frustum = std::array<Plane, 6>;
+
+  void see(const GlView& view, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
+  void see_flat(const Scene& scene, const Frustum& frustum, std::uint32_t number);
+  void see_round(const Scene& scene, const Frustum& frustum, std::uint32_t number);
+  void draw_flat();
+  void draw_round(std::size_t kind);
+  void draw_sky();
+
+  GlShaders shaders_;
+  std::vector<Scene> scenes_;
+  GlStore<FlatVertex> vertices_;
+  GlStore<std::uint32_t> indices_;
+  std::array<GlStore<RoundShape>, kNumRoundKinds> shapes_;
+  GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
+  GlBuffer boxes_, quads_;                     // indices of many boxes and quads
+  GlBuffer views_, commands_, sights_buffer_;  // of one paint()
+
+  std::vector<ViewRecord> records_;
+  std::vector<DrawCommand> flat_commands_;
+  std::array<std::vector<Sight>, kNumRoundKinds> sights_;
+  std::vector<std::uint32_t> sky_views_;
+};
+
+}  // namespace swiftlet::render

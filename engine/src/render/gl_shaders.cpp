@@ -1,0 +1,494 @@
+#include "render/gl_shaders.hpp"
+
+#include <array>
+#include <string>
+
+#include "render/gl_renderer.hpp"
+
+namespace swiftlet::render {
+namespace {
+
+// What every shader knows. Tiles lie above each other in the atlas, row 0 of each, the top of its picture, at its lowest y.
+// The ray through a pixel, u and v counted from the upper left of its tile at its centre, is ray_0 + ray_u u + ray_v v: one
+// metre of planar depth long. Depth is reversed, 1 at the near plane and 0 at the far one, where floats have most digits left
+// for what is far.
+constexpr const char* kCommon = R"(#version 450 core
+layout(location = 0) uniform vec4 pass;
+#define tile_height pass.x
+#define tile_share pass.y
+#define near pass.z
+#define far pass.w
+
+struct View {
+  vec4 eye_offset;  // m, world frame; y of the tile's middle in the atlas, from -1 to 1
+  vec4 w_cx;        // clip coordinates of a point as seen from the eye, by dot product: w, which is the planar depth, x,
+  vec4 x_cy;        // and y within the tile; beside them the lens, px
+  vec4 y_fx;        // 1 / fx
+  vec4 ray_0_fy;    // 1 / fy
+  vec4 ray_u;
+  vec4 ray_v;
+  vec4 horizon;  // and 1 / gamma
+  vec4 zenith;
+};
+)";
+
+constexpr const char* kVertexCommon = R"(
+out gl_PerVertex {
+  vec4 gl_Position;
+  float gl_ClipDistance[2];
+};
+
+// The tile's left and right are those of the atlas; above and below are other tiles.
+void place(vec3 clip, float depth, float tile_middle) {
+  float w = clip.z;
+  gl_Position = vec4(clip.x, clip.y * tile_share + w * tile_middle, depth, w);
+  gl_ClipDistance[0] = w + clip.y;
+  gl_ClipDistance[1] = w - clip.y;
+}
+)";
+
+constexpr const char* kFragmentCommon = R"(
+#ifdef COLOR
+layout(location = 0) out vec4 out_color;
+#endif
+#ifdef DEPTH
+layout(location = 1) out float out_depth;
+#endif
+#ifdef IDS
+layout(location = 2) out uvec2 out_ids;
+#endif
+#ifdef NORMAL
+layout(location = 3) out vec4 out_normal;
+#endif
+
+// (1, u, v) of the pixel within its tile.
+vec3 pixel() {
+  float y = gl_FragCoord.y;
+  return vec3(1.0, gl_FragCoord.x, y - tile_height * floor(y / tile_height));
+}
+
+vec4 encode(vec3 light, float gamma_exponent) {
+  return vec4(floor(255.0 * pow(min(light, 1.0), vec3(gamma_exponent)) + 0.5) / 255.0, 1.0);
+}
+)";
+
+constexpr const char* kFlatVertex = R"(
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in uvec2 sunlit;
+layout(location = 3) in uvec2 shadowy;
+layout(location = 4) in uint ids;
+layout(location = 5) in vec4 eye_offset;  // the view, one an instance
+layout(location = 6) in vec4 w_cx;
+layout(location = 7) in vec4 x_cy;
+layout(location = 8) in vec4 y_fx;
+layout(location = 9) in vec4 ray_0_fy;
+layout(location = 10) in vec4 ray_u;
+layout(location = 11) in vec4 ray_v;
+
+layout(location = 0) flat out vec3 nearness;
+layout(location = 1) flat out uvec2 tint_ids;
+#ifdef RANGE
+layout(location = 2) flat out vec4 lens;
+#endif
+#if defined(NORMAL) || defined(SHADOWS)
+layout(location = 3) flat out vec3 facing;
+#endif
+#ifdef SHADOWS
+layout(location = 4) flat out uvec2 shadow_tint_view;
+#endif
+
+void main() {
+  vec3 at = position - eye_offset.xyz;
+  vec3 clip = vec3(dot(x_cy.xyz, at), dot(y_fx.xyz, at), dot(w_cx.xyz, at));
+  place(clip, near * (far - clip.z) / (far - near), eye_offset.w);
+  // A ray d meets the plane at the depth height / (normal . d).
+  float height = dot(normal, at);
+  nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v.xyz)) / height;
+  bool front = height < 0.0;
+  tint_ids = uvec2(front ? sunlit.x : sunlit.y, ids);
+#ifdef RANGE
+  lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
+#endif
+#if defined(NORMAL) || defined(SHADOWS)
+  facing = front ? normal : -normal;
+#endif
+}
+)";
+
+constexpr const char* kFlatFragment = R"(
+layout(location = 0) flat in vec3 nearness;
+layout(location = 1) flat in uvec2 tint_ids;
+#ifdef RANGE
+layout(location = 2) flat in vec4 lens;
+#endif
+#if defined(NORMAL) || defined(SHADOWS)
+layout(location = 3) flat in vec3 facing;
+#endif
+
+void main() {
+#ifdef COLOR
+  out_color = unpackUnorm4x8(tint_ids.x);
+#endif
+#ifdef DEPTH
+  vec3 at = pixel();
+  // A pixel at the triangle's edge may be a little beside it, and far from it along the ray.
+  float depth = clamp(1.0 / dot(nearness, at), near, far);
+#ifdef RANGE
+  depth *= length(vec3(1.0, (lens.x - at.y) * lens.z, (lens.y - at.z) * lens.w));
+#endif
+  out_depth = depth;
+#endif
+#ifdef IDS
+  out_ids = uvec2(tint_ids.y & 0xFFFFu, tint_ids.y >> 16u);
+#endif
+#ifdef NORMAL
+  out_normal = vec4(facing, 0.0);
+#endif
+}
+)";
+
+// A box around the shape, of which the faces that look away from the eye are drawn: the eye may be within it.
+constexpr const char* kRoundVertex = R"(
+struct Shape {
+  vec4 center_radius;
+  vec4 axis_x_half;
+  vec4 axis_y_only_front;
+  vec4 axis_z_gamma;
+  vec3 middle;
+  uint ids;
+  vec4 slope;
+  vec4 sun;
+  vec4 sun_direction;
+};
+layout(std430, binding = 0) readonly buffer Views { View views[]; };
+layout(std430, binding = 1) readonly buffer Sights { uvec2 sights[]; };  // (view, shape)
+layout(std430, binding = 2) readonly buffer Shapes { Shape shapes[]; };
+
+layout(location = 0) flat out vec4 origin_radius;  // of the rays, in the shape's frame
+layout(location = 1) flat out vec4 ray_0_half;
+layout(location = 2) flat out vec4 ray_u_only_front;
+layout(location = 3) flat out vec4 ray_v_gamma;
+#ifdef COLOR
+layout(location = 4) flat out vec3 middle;
+layout(location = 5) flat out vec3 slope;
+layout(location = 6) flat out vec3 sun;
+layout(location = 7) flat out vec3 sun_direction;  // in the shape's frame
+layout(location = 8) flat out vec3 up;
+#endif
+#ifdef IDS
+layout(location = 9) flat out uint ids;
+#endif
+#ifdef NORMAL
+layout(location = 10) flat out mat3 to_world;
+#endif
+
+void main() {
+  uvec2 sight = sights[gl_VertexID >> 3];
+  View view = views[sight.x];
+  Shape shape = shapes[sight.y];
+  mat3 rotation = mat3(shape.axis_x_half.xyz, shape.axis_y_only_front.xyz, shape.axis_z_gamma.xyz);
+  vec3 center = shape.center_radius.xyz - view.eye_offset.xyz;
+  float radius = shape.center_radius.w;
+  float half_height = shape.axis_x_half.w;
+
+  // A little wider than the shape, so that the rasteriser's rounding leaves out no pixel of it: a twentieth of a pixel.
+  float reach = length(center) + length(vec2(radius, half_height));
+  vec3 extents = vec3(radius, radius, half_height) * 1.0001 + 0.05 * reach * max(view.y_fx.w, view.ray_0_fy.w);
+  vec3 corner = vec3(gl_VertexID & 1, (gl_VertexID >> 1) & 1, (gl_VertexID >> 2) & 1) * 2.0 - 1.0;
+  vec3 at = center + rotation * (corner * extents);
+  // What is behind the box's far side is nearer than the far plane: the box itself is cut off by nothing but the eye's plane.
+  place(vec3(dot(view.x_cy.xyz, at), dot(view.y_fx.xyz, at), dot(view.w_cx.xyz, at)), 0.5 * near, view.eye_offset.w);
+
+  origin_radius = vec4(-center * rotation, radius);
+  ray_0_half = vec4(view.ray_0_fy.xyz * rotation, half_height);
+  ray_u_only_front = vec4(view.ray_u.xyz * rotation, shape.axis_y_only_front.w);
+  ray_v_gamma = vec4(view.ray_v.xyz * rotation, shape.axis_z_gamma.w);
+#ifdef COLOR
+  middle = shape.middle;
+  slope = shape.slope.xyz;
+  sun = shape.sun.xyz;
+  sun_direction = shape.sun_direction.xyz * rotation;
+  up = vec3(rotation[0].z, rotation[1].z, rotation[2].z);
+#endif
+#ifdef IDS
+  ids = shape.ids;
+#endif
+#ifdef NORMAL
+  to_world = rotation;
+#endif
+}
+)";
+
+constexpr const char* kRoundInputs = R"(
+layout(location = 0) flat in vec4 origin_radius;
+layout(location = 1) flat in vec4 ray_0_half;
+layout(location = 2) flat in vec4 ray_u_only_front;
+layout(location = 3) flat in vec4 ray_v_gamma;
+#ifdef COLOR
+layout(location = 4) flat in vec3 middle;
+layout(location = 5) flat in vec3 slope;
+layout(location = 6) flat in vec3 sun;
+layout(location = 7) flat in vec3 sun_direction;
+layout(location = 8) flat in vec3 up;
+#endif
+#ifdef IDS
+layout(location = 9) flat in uint ids;
+#endif
+#ifdef NORMAL
+layout(location = 10) flat in mat3 to_world;
+#endif
+)";
+
+// The depths between which the line o + t d is inside a shape (none where the first is the greater), and the shape's normal at a
+// point p of its surface. The distance of a line from a centre comes out of a cross product and not out of o.o - (o.d)^2 / d.d,
+// a difference of large numbers where the shape is thin and far.
+constexpr const char* kIntersections = R"(
+const vec2 nowhere = vec2(1e30, -1e30);
+
+#define radius origin_radius.w
+#define half_height ray_0_half.w
+
+vec2 roots(float o_dot_d, float d_dot_d, float cross_squared) {
+  float square = radius * radius * d_dot_d - cross_squared;
+  float half_chord = sqrt(max(square, 0.0));
+  return square >= 0.0 ? vec2(-o_dot_d - half_chord, half_chord - o_dot_d) / d_dot_d : nowhere;
+}
+
+vec2 ball(vec3 o, vec3 d) {
+  vec3 across = cross(o, d);
+  return roots(dot(o, d), dot(d, d), dot(across, across));
+}
+
+vec2 circle(vec2 o, vec2 d) {
+  float across = o.x * d.y - o.y * d.x;
+  float d_dot_d = dot(d, d);
+  if (d_dot_d <= 1e-24) return dot(o, o) <= radius * radius ? -nowhere : nowhere;  // along the axis: always or never
+  return roots(dot(o, d), d_dot_d, across * across);
+}
+
+vec2 slab(float o, float d, float height) {
+  if (d == 0.0) return abs(o) <= height ? -nowhere : nowhere;
+  float middle = -o / d;
+  float around = height / abs(d);
+  return vec2(middle - around, middle + around);
+}
+
+vec2 intersection(vec2 a, vec2 b) { return vec2(max(a.x, b.x), min(a.y, b.y)); }
+
+vec2 hull(vec2 a, vec2 b) { return vec2(min(a.x, b.x), max(a.y, b.y)); }
+
+#ifdef SPHERE
+vec2 interval(vec3 o, vec3 d) { return ball(o, d); }
+vec3 surface_normal(vec3 p, vec2 inside, float depth) { return normalize(p); }
+#endif
+
+#ifdef CYLINDER
+vec2 caps;
+vec2 interval(vec3 o, vec3 d) {
+  caps = slab(o.z, d.z, half_height);
+  return intersection(circle(o.xy, d.xy), caps);
+}
+vec3 surface_normal(vec3 p, vec2 inside, float depth) {
+  bool cap = depth == inside.x ? inside.x == caps.x : inside.y == caps.y;
+  return cap ? vec3(0.0, 0.0, sign(p.z)) : vec3(normalize(p.xy), 0.0);
+}
+#endif
+
+#ifdef CAPSULE
+vec2 interval(vec3 o, vec3 d) {
+  vec3 up = vec3(0.0, 0.0, half_height - radius);
+  vec2 body = intersection(circle(o.xy, d.xy), slab(o.z, d.z, up.z));
+  if (body.x > body.y) body = nowhere;
+  return hull(hull(body, ball(o - up, d)), ball(o + up, d));
+}
+vec3 surface_normal(vec3 p, vec2 inside, float depth) {
+  float middle = half_height - radius;
+  return normalize(p - vec3(0.0, 0.0, clamp(p.z, -middle, middle)));
+}
+#endif
+
+#ifdef DISC
+vec2 interval(vec3 o, vec3 d) {
+  float depth = -o.z / d.z;
+  vec2 at = o.xy + depth * d.xy;
+  return dot(at, at) <= radius * radius ? vec2(depth) : nowhere;
+}
+vec3 surface_normal(vec3 p, vec2 inside, float depth) { return vec3(0.0, 0.0, 1.0); }
+#endif
+)";
+
+constexpr const char* kRoundMain = R"(
+void main() {
+  vec3 at = pixel();
+  vec3 ray = ray_0_half.xyz + ray_u_only_front.xyz * at.y + ray_v_gamma.xyz * at.z;
+  vec2 inside = interval(origin_radius.xyz, ray);
+  float depth = inside.x;
+  if (!(depth >= near) && ray_u_only_front.w == 0.0) depth = inside.y;
+  if (!(inside.x <= inside.y && depth >= near && depth <= far)) discard;
+  gl_FragDepth = near * (far - depth) / ((far - near) * depth);
+#ifdef DEPTH
+#ifdef RANGE
+  out_depth = depth * length(ray);
+#else
+  out_depth = depth;
+#endif
+#endif
+#if defined(COLOR) || defined(NORMAL)
+  vec3 normal = surface_normal(origin_radius.xyz + depth * ray, inside, depth);
+  if (dot(normal, ray) > 0.0) normal = -normal;
+#endif
+#ifdef COLOR
+  vec3 light = middle + slope * dot(normal, up) + sun * max(0.0, dot(normal, sun_direction));
+  out_color = encode(light, ray_v_gamma.w);
+#endif
+#ifdef IDS
+  out_ids = uvec2(ids & 0xFFFFu, ids >> 16u);
+#endif
+#ifdef NORMAL
+  out_normal = vec4(to_world * normal, 0.0);
+#endif
+}
+)";
+
+// Whatever is still as far as can be.
+constexpr const char* kSkyVertex = R"(
+layout(std430, binding = 0) readonly buffer Views { View views[]; };
+layout(location = 0) flat out vec4 ray_0_gamma;
+layout(location = 1) flat out vec3 ray_u;
+layout(location = 2) flat out vec3 ray_v;
+layout(location = 3) flat out vec3 horizon;
+layout(location = 4) flat out vec3 zenith;
+
+void main() {
+  View view = views[gl_VertexID >> 2];
+  place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, view.eye_offset.w);
+  ray_0_gamma = vec4(view.ray_0_fy.xyz, view.horizon.w);
+  ray_u = view.ray_u.xyz;
+  ray_v = view.ray_v.xyz;
+  horizon = view.horizon.xyz;
+  zenith = view.zenith.xyz;
+}
+)";
+
+constexpr const char* kSkyFragment = R"(
+layout(location = 0) flat in vec4 ray_0_gamma;
+layout(location = 1) flat in vec3 ray_u;
+layout(location = 2) flat in vec3 ray_v;
+layout(location = 3) flat in vec3 horizon;
+layout(location = 4) flat in vec3 zenith;
+
+void main() {
+  vec3 at = pixel();
+  vec3 ray = ray_0_gamma.xyz + ray_u * at.y + ray_v * at.z;
+  out_color = encode(mix(horizon, zenith, max(0.0, ray.z) / length(ray)), ray_0_gamma.w);
+}
+)";
+
+constexpr const char* kResolveVertex = R"(
+out gl_PerVertex { vec4 gl_Position; };
+void main() { gl_Position = vec4((gl_VertexID & 1) * 4.0 - 1.0, (gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }
+)";
+
+constexpr const char* kResolveFragment = R"(
+layout(location = 1) uniform int side;
+layout(binding = 0) uniform sampler2D samples;
+
+void main() {
+  ivec2 first = ivec2(gl_FragCoord.xy) * side;
+  ivec3 sum = ivec3(0);
+  for (int y = 0; y < side; ++y) {
+    for (int x = 0; x < side; ++x) sum += ivec3(texelFetch(samples, first + ivec2(x, y), 0).rgb * 255.0 + 0.5);
+  }
+  int count = side * side;
+  out_color = vec4(vec3((sum * 2 + count) / (2 * count)) / 255.0, 1.0);
+}
+)";
+
+GlShader compile(GLenum stage, const std::string& defines, std::initializer_list<const char*> parts) {
+  std::string source = kCommon;
+  source.insert(source.find('\n') + 1, defines);
+  for (const char* part : parts) source += part;
+  GlShader shader = GlShader::make(stage);
+  const char* text = source.c_str();
+  glShaderSource(shader.name(), 1, &text, nullptr);
+  glCompileShader(shader.name());
+  GLint compiled = GL_FALSE;
+  glGetShaderiv(shader.name(), GL_COMPILE_STATUS, &compiled);
+  if (compiled == GL_TRUE) return shader;
+  std::array<char, 2048> log{};
+  glGetShaderInfoLog(shader.name(), static_cast<GLsizei>(log.size()), nullptr, log.data());
+  throw GlUnavailable("the driver refuses a shader: " + std::string(log.data()));
+}
+
+GlProgram link(const GlShader& vertex, const GlShader& fragment) {
+  GlProgram program = GlProgram::make();
+  glAttachShader(program.name(), vertex.name());
+  glAttachShader(program.name(), fragment.name());
+  glLinkProgram(program.name());
+  GLint linked = GL_FALSE;
+  glGetProgramiv(program.name(), GL_LINK_STATUS, &linked);
+  if (linked == GL_TRUE) return program;
+  std::array<char, 2048> log{};
+  glGetProgramInfoLog(program.name(), static_cast<GLsizei>(log.size()), nullptr, log.data());
+  throw GlUnavailable("the driver refuses a program: " + std::string(log.data()));
+}
+
+}  // namespace
+
+GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
+  static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
+                                       ""};
+  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
+                         traits.writes.normal, traits.range,        traits.shadows};
+  static constexpr std::array kFlagDefines{"#define COLOR\n",  "#define DEPTH\n", "#define IDS\n",
+                                           "#define NORMAL\n", "#define RANGE\n", "#define SHADOWS\n"};
+  auto key = static_cast<std::uint32_t>(role);
+  std::string defines;
+  for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
+  if (const auto found = programs_.find(key); found != programs_.end()) return found->second.name();
+  for (std::size_t i = 0; i < flags.size(); ++i) {
+    if (flags[i]) defines += kFlagDefines[i];
+  }
+  defines += kDefines[static_cast<std::size_t>(role)];
+  const auto make = [&](std::initializer_list<const char*> vertex, std::initializer_list<const char*> fragment) -> GlProgram {
+    return link(compile(GL_VERTEX_SHADER, defines, vertex), compile(GL_FRAGMENT_SHADER, defines, fragment));
+  };
+  GlProgram program;
+  switch (role) {
+    case Role::flat:
+      program = make({kVertexCommon, kFlatVertex}, {kFragmentCommon, kFlatFragment});
+      break;
+    case Role::sky:
+      program = make({kVertexCommon, kSkyVertex}, {kFragmentCommon, kSkyFragment});
+      break;
+    case Role::resolve:
+      program = make({kResolveVertex}, {kFragmentCommon, kResolveFragment});
+      break;
+    default:
+      program = make({kVertexCommon, kRoundVertex}, {kFragmentCommon, kRoundInputs, kIntersections, kRoundMain});
+      break;
+  }
+  return programs_.emplace(key, std::move(program)).first->second.name();
+}
+
+GLuint GlShaders::flat(const ShaderTraits& traits) { return get(Role::flat, traits); }
+
+GLuint GlShaders::round(RoundKind kind, const ShaderTraits& traits) {
+  switch (kind) {
+    case RoundKind::cylinder:
+      return get(Role::cylinder, traits);
+    case RoundKind::sphere:
+      return get(Role::sphere, traits);
+    case RoundKind::capsule:
+      return get(Role::capsule, traits);
+    default:
+      return get(Role::disc, traits);
+  }
+}
+
+GLuint GlShaders::sky() { return get(Role::sky, {.writes = {.color = true}}); }
+
+GLuint GlShaders::resolve() { return get(Role::resolve, {.writes = {.color = true}}); }
+
+}  // namespace swiftlet::render
