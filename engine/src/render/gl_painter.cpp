@@ -88,6 +88,7 @@ GlPainter::GlPainter()
   glVertexArrayBindingDivisor(array, kViews, 1);
 
   glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+  glFrontFace(GL_CW);  // pictures are upside down: row 0, the top, is what OpenGL calls the lowest
   glProvokingVertex(GL_LAST_VERTEX_CONVENTION);
   glDisable(GL_DITHER);
 }
