@@ -1,7 +1,6 @@
 #include "render/gl_atlas.hpp"
 
 #include <array>
-#include <limits>
 
 #include "render/gl_renderer.hpp"
 
@@ -12,12 +11,14 @@ struct Format {
   GLenum internal, format, type;
   std::size_t bytes;  // a pixel
 };
-constexpr std::array<Format, 4> kFormats{Format{GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4}, Format{GL_R32F, GL_RED, GL_FLOAT, 4},
-                                         Format{GL_RG16UI, GL_RG_INTEGER, GL_UNSIGNED_SHORT, 4},
-                                         Format{GL_RGBA32F, GL_RGBA, GL_FLOAT, 16}};
+// What can be read: attachments as they are numbered, then the depth buffer.
+constexpr std::size_t kNumColors = 3;
+constexpr std::array<Format, kNumColors + 1> kFormats{
+    Format{GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4}, Format{GL_RG16UI, GL_RG_INTEGER, GL_UNSIGNED_SHORT, 4},
+    Format{GL_RGBA32F, GL_RGBA, GL_FLOAT, 16}, Format{GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, 4}};
 
-std::array<bool, 4> present(const Attachments& attachments) {
-  return {attachments.color, attachments.depth, attachments.ids, attachments.normal};
+std::array<bool, kFormats.size()> present(const Attachments& attachments) {
+  return {attachments.color, attachments.ids, attachments.normal, attachments.depth};
 }
 
 }  // namespace
@@ -32,28 +33,26 @@ GlAtlas::GlAtlas(const AtlasSize& size, const Attachments& attachments) : size_(
     glNamedFramebufferTexture(framebuffer_.name(), point, texture.name(), 0);
     return texture;
   };
-  std::array<GLenum, 4> draws{};
-  for (std::size_t i = 0; i < draws.size(); ++i) {
+  std::array<GLenum, kNumColors> draws{};
+  for (std::size_t i = 0; i < kNumColors; ++i) {
     const auto point = static_cast<GLenum>(GL_COLOR_ATTACHMENT0 + i);
     draws[i] = present(attachments_)[i] ? point : GLenum{GL_NONE};
     if (present(attachments_)[i]) textures_[i] = attach(point, kFormats[i].internal);
   }
   glNamedFramebufferDrawBuffers(framebuffer_.name(), static_cast<GLsizei>(draws.size()), draws.data());
-  z_ = attach(GL_DEPTH_ATTACHMENT, GL_DEPTH_COMPONENT32F);
+  depth_ = attach(GL_DEPTH_ATTACHMENT, kFormats[kNumColors].internal);
   if (glCheckNamedFramebufferStatus(framebuffer_.name(), GL_DRAW_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
     throw GlUnavailable("the device has no memory for pictures, or not of their kind");
   }
 }
 
-void GlAtlas::clear() const {
-  constexpr std::array<float, 4> kInfinite{std::numeric_limits<float>::infinity(), 0, 0, 0};
+void GlAtlas::clear(const Attachments& which) const {
   constexpr std::array<float, 4> kZero{};
   constexpr std::array<GLuint, 4> kNobody{};
   const GLuint name = framebuffer_.name();
-  if (attachments_.color) glClearNamedFramebufferfv(name, GL_COLOR, 0, kZero.data());
-  if (attachments_.depth) glClearNamedFramebufferfv(name, GL_COLOR, 1, kInfinite.data());
-  if (attachments_.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 2, kNobody.data());
-  if (attachments_.normal) glClearNamedFramebufferfv(name, GL_COLOR, 3, kZero.data());
+  if (attachments_.color && which.color) glClearNamedFramebufferfv(name, GL_COLOR, 0, kZero.data());
+  if (attachments_.ids && which.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 1, kNobody.data());
+  if (attachments_.normal && which.normal) glClearNamedFramebufferfv(name, GL_COLOR, 2, kZero.data());
   glClearNamedFramebufferfv(name, GL_DEPTH, 0, kZero.data());
 }
 
@@ -87,18 +86,18 @@ void GlReadback::start(const GlAtlas& atlas, int tiles) {
   glBindFramebuffer(GL_READ_FRAMEBUFFER, atlas.framebuffer());
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
   if (!is_software_) glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer_.name());
-  std::array<const std::byte*, 4> at{};
+  std::array<const std::byte*, kFormats.size()> at{};
   std::size_t offset = 0;
   for (std::size_t i = 0; i < kFormats.size(); ++i) {
     if (!is_present[i]) continue;
     at[i] = base + offset;
     void* const target = is_software_ ? base + offset : reinterpret_cast<void*>(offset);
-    glReadBuffer(static_cast<GLenum>(GL_COLOR_ATTACHMENT0 + i));
+    if (i < kNumColors) glReadBuffer(static_cast<GLenum>(GL_COLOR_ATTACHMENT0 + i));
     glReadPixels(0, 0, size.width, size.height * tiles, kFormats[i].format, kFormats[i].type, target);
     offset += pixels * kFormats[i].bytes;
   }
-  pixels_ = {reinterpret_cast<const std::uint8_t*>(at[0]), reinterpret_cast<const float*>(at[1]),
-             reinterpret_cast<const std::uint16_t*>(at[2]), reinterpret_cast<const float*>(at[3])};
+  pixels_ = {reinterpret_cast<const std::uint8_t*>(at[0]), reinterpret_cast<const float*>(at[3]),
+             reinterpret_cast<const std::uint16_t*>(at[1]), reinterpret_cast<const float*>(at[2])};
   if (!is_software_) {
     glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
     fence_ = glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);

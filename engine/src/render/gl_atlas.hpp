@@ -1,6 +1,7 @@
 // GlAtlas: pictures of one size above each other in textures, and the memory they are read back into.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -30,21 +31,21 @@ class GlAtlas {
   GLuint framebuffer() const { return framebuffer_.name(); }
   GLuint color() const { return textures_[0].name(); }
 
-  // Nothing is seen: depth infinite, the rest 0.
-  void clear() const;
+  // Nothing is seen: 0, in the depth buffer and these attachments.
+  void clear(const Attachments& which) const;
 
  private:
   AtlasSize size_;
   Attachments attachments_;
-  GlTexture textures_[4];  // as attachments are numbered
-  GlTexture z_;
+  std::array<GlTexture, 3> textures_;  // as attachments are numbered
+  GlTexture depth_;
   GlFramebuffer framebuffer_;
 };
 
 // What was read of one atlas: row by row, tile by tile; null where the atlas does not have it.
 struct Pixels {
   const std::uint8_t* color = nullptr;  // RGBA
-  const float* depth = nullptr;         // m
+  const float* depth = nullptr;         // as the depth buffer has it: see gl_shaders.cpp
   const std::uint16_t* ids = nullptr;   // semantic, instance
   const float* normal = nullptr;        // x, y, z and nothing
 };

@@ -28,12 +28,10 @@ void write_only(const Attachments& attachments) {
     glColorMaski(i, yes, yes, yes, yes);
   };
   allow(0, attachments.color);
-  allow(1, attachments.depth);
-  allow(2, attachments.ids);
-  allow(3, attachments.normal);
+  allow(1, attachments.ids);
+  allow(2, attachments.normal);
 }
 
-constexpr Attachments kAll{.color = true, .depth = true, .ids = true, .normal = true};
 constexpr Attachments kColor{.color = true};
 
 // Corners of a box numbered as the bits of x, y and z; counter-clockwise seen from outside.
@@ -116,10 +114,11 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
   for (std::size_t i = 0; i < views.size(); ++i) see(views[i], static_cast<std::uint32_t>(i), atlas, pass);
   upload(views_, std::span<const ViewRecord>(records_));
 
-  write_only(kAll);
+  // Where colours are drawn, so is the sky, and all pixels are written; so they are where nobody sees the sky.
+  const Attachments& writes = pass.traits.writes;
+  write_only(writes);
   glDepthMask(GL_TRUE);
-  atlas.clear();
-  write_only(pass.traits.writes);
+  atlas.clear(writes.color || sky_views_.empty() ? Attachments{} : writes);
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, atlas.framebuffer());
   const AtlasSize& size = atlas.size();
   glViewport(0, 0, size.width, size.height * size.tiles);
@@ -130,7 +129,9 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
   glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kViewsBinding, views_.name());
   const auto use = [&](GLuint program) {
     glUseProgram(program);
-    glUniform4f(kPassUniform, static_cast<float>(size.height), 1.0F / static_cast<float>(size.tiles), pass.near_m, pass.far_m);
+    const auto tile_height = static_cast<float>(size.height);
+    glUniform4f(kTilesUniform, tile_height, 1.0F / tile_height, 1.0F / static_cast<float>(size.tiles), 0.0F);
+    glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
   };
   if (!flat_commands_.empty()) {
     use(shaders_.flat(pass.traits));
@@ -141,8 +142,8 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
     use(shaders_.round(static_cast<RoundKind>(kind), pass.traits));
     draw_round(kind);
   }
-  if (pass.traits.writes.color && !sky_views_.empty()) {
-    use(shaders_.sky());
+  if (writes.color && !sky_views_.empty()) {
+    use(shaders_.sky(pass.traits));
     draw_sky();
   }
 }
@@ -261,7 +262,6 @@ void GlPainter::draw_sky() {
   glDisable(GL_CULL_FACE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  write_only(kColor);
   glBindVertexArray(quad_array_.name());
   for (std::size_t first = 0; first < sky_views_.size();) {
     std::size_t count = 1;

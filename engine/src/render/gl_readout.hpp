@@ -16,7 +16,6 @@ struct FramePart {
 };
 
 // Writes the part of all images that the frame has.
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const CameraConfig& camera, const FramePart& part,
-                 const Frame& frame);
+void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const Shot& shot, const FramePart& part);
 
 }  // namespace swiftlet::render

@@ -27,14 +27,13 @@ constexpr std::size_t kGrain = 1U << 16U;  // pixels that are worth a task of th
 auto kind_of(const CameraConfig& camera) {
   const CameraOutputs& outputs = camera.outputs;
   return std::tuple(camera.width_px, camera.height_px, camera.samples_per_pixel, camera.near_m, camera.far_m, outputs.any_color(),
-                    outputs.depth, outputs.semantic || outputs.instance, outputs.normal, camera.depth_kind, camera.shadows);
+                    outputs.depth, outputs.semantic || outputs.instance, outputs.normal, camera.shadows);
 }
 
 GlPass pass_of(const CameraConfig& camera) {
   const CameraOutputs& outputs = camera.outputs;
   GlPass pass{.near_m = camera.near_m, .far_m = camera.far_m};
   pass.traits.writes = {outputs.any_color(), outputs.depth, outputs.semantic || outputs.instance, outputs.normal};
-  pass.traits.range = outputs.depth && camera.depth_kind == DepthKind::range;
   pass.traits.shadows = outputs.any_color() && camera.shadows;
   if (outputs.any_color()) {
     while ((pass.samples + 1) * (pass.samples + 1) <= camera.samples_per_pixel) ++pass.samples;
@@ -165,7 +164,7 @@ void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels) const {
   const auto write_tile = [&](std::size_t tile) {
     const FramePart& part = parts[round.first_view + tile];
     const Shot& shot = shots[part.shot];
-    write_frame(pixels, round.size, tile, *shot.camera, part, shot.frame);
+    write_frame(pixels, round.size, tile, shot, part);
   };
   const auto count = static_cast<std::size_t>(round.count);
   const std::size_t tile_pixels = AtlasSize{round.size.width, round.size.height, 1}.pixels();

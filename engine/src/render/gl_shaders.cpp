@@ -10,14 +10,19 @@ namespace {
 
 // What every shader knows. Tiles lie above each other in the atlas, row 0 of each, the top of its picture, at its lowest y.
 // The ray through a pixel, u and v counted from the upper left of its tile at its centre, is ray_0 + ray_u u + ray_v v: one
-// metre of planar depth long. Depth is reversed, 1 at the near plane and 0 at the far one, where floats have most digits left
-// for what is far.
+// metre of planar depth long. What the depth buffer holds is (1 / depth - 1 / far) / (1 / near - 1 / far): 1 at the near plane
+// and 0 at the far one, as accurate as depth itself everywhere, and what triangles interpolate linearly. Depths are read from
+// there.
 constexpr const char* kCommon = R"(#version 450 core
-layout(location = 0) uniform vec4 pass;
-#define tile_height pass.x
-#define tile_share pass.y
-#define near pass.z
-#define far pass.w
+layout(location = 0) uniform vec4 tiles;
+layout(location = 1) uniform vec4 range;
+#define tile_height tiles.x
+#define tiles_per_pixel tiles.y
+#define tile_share tiles.z
+#define near range.x
+#define far range.y
+#define farness range.z    // 1 / far
+#define nearness_scale range.w  // 1 / (1 / near - 1 / far)
 
 struct View {
   vec4 eye_offset;  // m, world frame; y of the tile's middle in the atlas, from -1 to 1
@@ -51,20 +56,17 @@ constexpr const char* kFragmentCommon = R"(
 #ifdef COLOR
 layout(location = 0) out vec4 out_color;
 #endif
-#ifdef DEPTH
-layout(location = 1) out float out_depth;
-#endif
 #ifdef IDS
-layout(location = 2) out uvec2 out_ids;
+layout(location = 1) out uvec2 out_ids;
 #endif
 #ifdef NORMAL
-layout(location = 3) out vec4 out_normal;
+layout(location = 2) out vec4 out_normal;
 #endif
 
 // (1, u, v) of the pixel within its tile.
 vec3 pixel() {
   float y = gl_FragCoord.y;
-  return vec3(1.0, gl_FragCoord.x, y - tile_height * floor(y / tile_height));
+  return vec3(1.0, gl_FragCoord.x, y - tile_height * floor(y * tiles_per_pixel));
 }
 
 vec4 encode(vec3 light, float gamma_exponent) {
@@ -88,9 +90,6 @@ layout(location = 11) in vec4 ray_v;
 
 layout(location = 0) flat out vec3 nearness;
 layout(location = 1) flat out uvec2 tint_ids;
-#ifdef RANGE
-layout(location = 2) flat out vec4 lens;
-#endif
 #if defined(NORMAL) || defined(SHADOWS)
 layout(location = 3) flat out vec3 facing;
 #endif
@@ -101,15 +100,12 @@ layout(location = 4) flat out uvec2 shadow_tint_view;
 void main() {
   vec3 at = position - eye_offset.xyz;
   vec3 clip = vec3(dot(x_cy.xyz, at), dot(y_fx.xyz, at), dot(w_cx.xyz, at));
-  place(clip, near * (far - clip.z) / (far - near), eye_offset.w);
+  place(clip, (1.0 - clip.z * farness) * nearness_scale, eye_offset.w);
   // A ray d meets the plane at the depth height / (normal . d).
   float height = dot(normal, at);
   nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v.xyz)) / height;
   bool front = height < 0.0;
   tint_ids = uvec2(front ? sunlit.x : sunlit.y, ids);
-#ifdef RANGE
-  lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
-#endif
 #if defined(NORMAL) || defined(SHADOWS)
   facing = front ? normal : -normal;
 #endif
@@ -119,9 +115,6 @@ void main() {
 constexpr const char* kFlatFragment = R"(
 layout(location = 0) flat in vec3 nearness;
 layout(location = 1) flat in uvec2 tint_ids;
-#ifdef RANGE
-layout(location = 2) flat in vec4 lens;
-#endif
 #if defined(NORMAL) || defined(SHADOWS)
 layout(location = 3) flat in vec3 facing;
 #endif
@@ -131,13 +124,7 @@ void main() {
   out_color = unpackUnorm4x8(tint_ids.x);
 #endif
 #ifdef DEPTH
-  vec3 at = pixel();
-  // A pixel at the triangle's edge may be a little beside it, and far from it along the ray.
-  float depth = clamp(1.0 / dot(nearness, at), near, far);
-#ifdef RANGE
-  depth *= length(vec3(1.0, (lens.x - at.y) * lens.z, (lens.y - at.z) * lens.w));
-#endif
-  out_depth = depth;
+  gl_FragDepth = (dot(nearness, pixel()) - farness) * nearness_scale;
 #endif
 #ifdef IDS
   out_ids = uvec2(tint_ids.y & 0xFFFFu, tint_ids.y >> 16u);
@@ -326,14 +313,7 @@ void main() {
   float depth = inside.x;
   if (!(depth >= near) && ray_u_only_front.w == 0.0) depth = inside.y;
   if (!(inside.x <= inside.y && depth >= near && depth <= far)) discard;
-  gl_FragDepth = near * (far - depth) / ((far - near) * depth);
-#ifdef DEPTH
-#ifdef RANGE
-  out_depth = depth * length(ray);
-#else
-  out_depth = depth;
-#endif
-#endif
+  gl_FragDepth = (1.0 / depth - farness) * nearness_scale;
 #if defined(COLOR) || defined(NORMAL)
   vec3 normal = surface_normal(origin_radius.xyz + depth * ray, inside, depth);
   if (dot(normal, ray) > 0.0) normal = -normal;
@@ -351,7 +331,7 @@ void main() {
 }
 )";
 
-// Whatever is still as far as can be.
+// Whatever is still as far as can be, where nothing is seen.
 constexpr const char* kSkyVertex = R"(
 layout(std430, binding = 0) readonly buffer Views { View views[]; };
 layout(location = 0) flat out vec4 ray_0_gamma;
@@ -382,6 +362,12 @@ void main() {
   vec3 at = pixel();
   vec3 ray = ray_0_gamma.xyz + ray_u * at.y + ray_v * at.z;
   out_color = encode(mix(horizon, zenith, max(0.0, ray.z) / length(ray)), ray_0_gamma.w);
+#ifdef IDS
+  out_ids = uvec2(0u);
+#endif
+#ifdef NORMAL
+  out_normal = vec4(0.0);
+#endif
 }
 )";
 
@@ -391,7 +377,7 @@ void main() { gl_Position = vec4((gl_VertexID & 1) * 4.0 - 1.0, (gl_VertexID >> 
 )";
 
 constexpr const char* kResolveFragment = R"(
-layout(location = 1) uniform int side;
+layout(location = 2) uniform int side;
 layout(binding = 0) uniform sampler2D samples;
 
 void main() {
@@ -439,10 +425,9 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
                                        ""};
-  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
-                         traits.writes.normal, traits.range,        traits.shadows};
-  static constexpr std::array kFlagDefines{"#define COLOR\n",  "#define DEPTH\n", "#define IDS\n",
-                                           "#define NORMAL\n", "#define RANGE\n", "#define SHADOWS\n"};
+  const std::array flags{traits.writes.color, traits.writes.depth, traits.writes.ids, traits.writes.normal, traits.shadows};
+  static constexpr std::array kFlagDefines{"#define COLOR\n", "#define DEPTH\n", "#define IDS\n", "#define NORMAL\n",
+                                           "#define SHADOWS\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -487,7 +472,7 @@ GLuint GlShaders::round(RoundKind kind, const ShaderTraits& traits) {
   }
 }
 
-GLuint GlShaders::sky() { return get(Role::sky, {.writes = {.color = true}}); }
+GLuint GlShaders::sky(const ShaderTraits& traits) { return get(Role::sky, {.writes = traits.writes}); }
 
 GLuint GlShaders::resolve() { return get(Role::resolve, {.writes = {.color = true}}); }
 

@@ -13,24 +13,24 @@ namespace swiftlet::render {
 // What is drawn for each pixel, into which attachment.
 struct Attachments {
   bool color = false;   // 0: RGBA8
-  bool depth = false;   // 1: R32F
-  bool ids = false;     // 2: RG16UI
-  bool normal = false;  // 3: RGBA32F
+  bool depth = false;   // the depth buffer, which is always there: accurate enough to be read
+  bool ids = false;     // 1: RG16UI
+  bool normal = false;  // 2: RGBA32F
 
   bool operator==(const Attachments&) const = default;
 };
 
 struct ShaderTraits {
   Attachments writes;
-  bool range = false;    // depth from the camera, not along its axis
   bool shadows = false;  // of the sun
 
   bool operator==(const ShaderTraits&) const = default;
 };
 
 // Numbers in the shaders' layout qualifiers.
-inline constexpr GLint kPassUniform = 0;  // (height of a tile, that over the atlas's height, near, far)
-inline constexpr GLint kSamplesUniform = 1;
+inline constexpr GLint kTilesUniform = 0;    // (height of a tile in px, one over that, over the height of the atlas, nothing)
+inline constexpr GLint kRangeUniform = 1;    // (near, far, 1 / far, 1 / (1 / near - 1 / far)), m
+inline constexpr GLint kSamplesUniform = 2;  // a side of the grid within a pixel
 inline constexpr GLuint kViewsBinding = 0;
 inline constexpr GLuint kSightsBinding = 1;
 inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
@@ -42,7 +42,7 @@ class GlShaders {
   // Each throws GlUnavailable where the driver refuses the source.
   GLuint flat(const ShaderTraits& traits);
   GLuint round(RoundKind kind, const ShaderTraits& traits);
-  GLuint sky();
+  GLuint sky(const ShaderTraits& traits);
   GLuint resolve();  // averages samples
 
  private:
