@@ -241,7 +241,7 @@ void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const V
   shape.ids = pack(surface);
   model.shapes[static_cast<std::size_t>(kind)].push_back(shape);
   const float reach = kind == RoundKind::cylinder ? std::hypot(half.x(), half.z()) : std::max(half.x(), half.z());
-  model.bounds[static_cast<std::size_t>(kind)].push_back({center, reach});
+  model.bounds[static_cast<std::size_t>(kind)].push_back({center, rotation.col(2), half.x(), half.z(), reach});
 }
 
 }  // namespace

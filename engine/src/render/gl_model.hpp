@@ -53,10 +53,11 @@ struct RoundShape {
 };
 static_assert(sizeof(RoundShape) == 8 * 16);
 
-// The bounding ball of a RoundShape.
+// What is known here of where a RoundShape is.
 struct RoundBound {
-  Vec3 center;
-  float radius;
+  Vec3 center, axis;
+  float radius, half_height;  // m
+  float reach;                // m, radius of the ball round it
 };
 
 struct GlModel {

@@ -50,6 +50,16 @@ std::array<float, 4> row(const Vec3d& v, double w = 0.0) {
 
 std::array<float, 4> row(const std::array<float, 3>& v, float w) { return {v[0], v[1], v[2], w}; }
 
+// The eye is so far outside that a rectangle hides the shape, and that the near plane does not reach the rectangle.
+bool is_well_outside(const RoundBound& bound, RoundKind kind, const GlView& view, float near_m) {
+  if (kind == RoundKind::disc) return true;  // lies in its rectangle
+  const Vec3 center = bound.center - view.position;
+  const float pixel = 1.0F / std::min(view.fx, view.fy);
+  const float radius = 1.001F * bound.radius + 0.06F * pixel * (center.norm() + bound.reach);
+  const float distance = (kind == RoundKind::sphere ? center : Vec3(center - center.dot(bound.axis) * bound.axis)).norm();
+  return distance > 1.2F * radius + near_m;
+}
+
 }  // namespace
 
 GlPainter::GlPainter()
@@ -109,7 +119,9 @@ void GlPainter::add(const GlModel& model) {
 void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass) {
   records_.clear();
   flat_commands_.clear();
-  for (auto& sights : sights_) sights.clear();
+  for (auto& of_kind : sights_) {
+    for (auto& sights : of_kind) sights.clear();
+  }
   sky_views_.clear();
   for (std::size_t i = 0; i < views.size(); ++i) see(views[i], static_cast<std::uint32_t>(i), atlas, pass);
   upload(views_, std::span<const ViewRecord>(records_));
@@ -138,9 +150,11 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
     draw_flat();
   }
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
-    if (sights_[kind].empty()) continue;
-    use(shaders_.round(static_cast<RoundKind>(kind), pass.traits));
-    draw_round(kind);
+    for (const bool boxes : {false, true}) {
+      if (sights_[kind][boxes ? 1 : 0].empty()) continue;
+      use(shaders_.round(static_cast<RoundKind>(kind), pass.traits));
+      draw_round(kind, boxes);
+    }
   }
   if (writes.color && !sky_views_.empty()) {
     use(shaders_.sky(pass.traits));
@@ -186,7 +200,7 @@ void GlPainter::see(const GlView& view, std::uint32_t number, const GlAtlas& atl
   plane(4, forward, near);
   plane(5, -forward, -far);
   see_flat(scene, frustum, number);
-  see_round(scene, frustum, number);
+  see_round(scene, frustum, view, pass, number);
 
   // Whoever is in a room, not so close to a wall that the near plane cuts through it, and sees to its end, sees no sky.
   double corner = 0.0;
@@ -221,14 +235,17 @@ void GlPainter::see_flat(const Scene& scene, const Frustum& frustum, std::uint32
   }
 }
 
-void GlPainter::see_round(const Scene& scene, const Frustum& frustum, std::uint32_t number) {
+void GlPainter::see_round(const Scene& scene, const Frustum& frustum, const GlView& view, const GlPass& pass,
+                          std::uint32_t number) {
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     for (std::size_t i = 0; i < scene.bounds[kind].size(); ++i) {
       const RoundBound& bound = scene.bounds[kind][i];
       const bool hidden = std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
-        return plane.normal.dot(bound.center) + plane.offset < -bound.radius;
+        return plane.normal.dot(bound.center) + plane.offset < -bound.reach;
       });
-      if (!hidden) sights_[kind].push_back({number, scene.first_shape[kind] + static_cast<std::uint32_t>(i)});
+      if (hidden) continue;
+      const bool boxes = !is_well_outside(bound, static_cast<RoundKind>(kind), view, pass.near_m);
+      sights_[kind][boxes ? 1 : 0].push_back({number, scene.first_shape[kind] + static_cast<std::uint32_t>(i)});
     }
   }
 }
@@ -244,17 +261,24 @@ void GlPainter::draw_flat() {
   glMultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, nullptr, static_cast<GLsizei>(flat_commands_.size()), 0);
 }
 
-void GlPainter::draw_round(std::size_t kind) {
-  glEnable(GL_CULL_FACE);
-  glCullFace(GL_FRONT);
-  glBindVertexArray(box_array_.name());
-  upload(sights_buffer_, std::span<const Sight>(sights_[kind]));
+void GlPainter::draw_round(std::size_t kind, bool boxes) {
+  const std::vector<Sight>& sights = sights_[kind][boxes ? 1 : 0];
+  if (boxes) {
+    glEnable(GL_CULL_FACE);
+    glCullFace(GL_FRONT);
+  } else {
+    glDisable(GL_CULL_FACE);
+  }
+  glUniform1i(kBoxesUniform, boxes ? 1 : 0);
+  glBindVertexArray(boxes ? box_array_.name() : quad_array_.name());
+  upload(sights_buffer_, std::span<const Sight>(sights));
   glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kSightsBinding, sights_buffer_.name());
   glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kShapesBinding, shapes_[kind].name());
-  for (std::size_t first = 0; first < sights_[kind].size(); first += kMaxBoxes) {
-    const std::size_t count = std::min(kMaxBoxes, sights_[kind].size() - first);
-    glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(kBox.size() * count), GL_UNSIGNED_SHORT, nullptr,
-                             static_cast<GLint>(8 * first));
+  const std::size_t indices = boxes ? kBox.size() : kQuad.size();
+  for (std::size_t first = 0; first < sights.size(); first += kMaxBoxes) {
+    const std::size_t count = std::min(kMaxBoxes, sights.size() - first);
+    glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(indices * count), GL_UNSIGNED_SHORT, nullptr,
+                             static_cast<GLint>((boxes ? 8 : 4) * first));
   }
 }
 

@@ -72,9 +72,9 @@ class GlPainter {
 
   void see(const GlView& view, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
   void see_flat(const Scene& scene, const Frustum& frustum, std::uint32_t number);
-  void see_round(const Scene& scene, const Frustum& frustum, std::uint32_t number);
+  void see_round(const Scene& scene, const Frustum& frustum, const GlView& view, const GlPass& pass, std::uint32_t number);
   void draw_flat();
-  void draw_round(std::size_t kind);
+  void draw_round(std::size_t kind, bool boxes);
   void draw_sky();
 
   GlShaders shaders_;
@@ -88,7 +88,8 @@ class GlPainter {
 
   std::vector<ViewRecord> records_;
   std::vector<DrawCommand> flat_commands_;
-  std::array<std::vector<Sight>, kNumRoundKinds> sights_;
+  // What is drawn by rectangles, and what by boxes; see gl_shaders.cpp.
+  std::array<std::array<std::vector<Sight>, 2>, kNumRoundKinds> sights_;
   std::vector<std::uint32_t> sky_views_;
 };
 

@@ -135,8 +135,12 @@ void main() {
 }
 )";
 
-// A box around the shape, of which the faces that look away from the eye are drawn: the eye may be within it.
+// What the shape is drawn by: its fragments ask which of their rays meet it. Seen from well outside, a rectangle between the eye
+// and the shape that just hides it; else a box around it, of which the faces that look away from the eye are drawn, which may be
+// within it.
 constexpr const char* kRoundVertex = R"(
+layout(location = 3) uniform int boxes;
+
 struct Shape {
   vec4 center_radius;
   vec4 axis_x_half;
@@ -170,8 +174,43 @@ layout(location = 9) flat out uint ids;
 layout(location = 10) flat out mat3 to_world;
 #endif
 
+vec3 box_corner(int number, vec3 center, mat3 rotation, vec3 extents) {
+  vec3 corner = vec3(number & 1, (number >> 1) & 1, (number >> 2) & 1) * 2.0 - 1.0;
+  return center + rotation * (corner * extents);
+}
+
+vec3 rectangle_corner(int number, vec3 center, mat3 rotation, vec3 extents) {
+  vec2 corner = vec2(number & 1, (number >> 1) & 1) * 2.0 - 1.0;
+#ifdef DISC
+  return center + rotation * vec3(corner * extents.xy, 0.0);
+#endif
+  float r = extents.x;
+#ifdef SPHERE
+  // Across the line to the centre, where the sphere begins; as wide there as the cone of its tangents.
+  float distance = length(center);
+  vec3 forward = center / distance;
+  vec3 side = normalize(abs(forward.z) < 0.7 ? vec3(-forward.y, forward.x, 0.0) : vec3(0.0, -forward.z, forward.y));
+  float front = distance - r;
+  float width = front * r * inversesqrt(distance * distance - r * r);
+  return front * forward + width * (corner.x * side + corner.y * cross(forward, side));
+#else
+  // Along the axis, where the cylinder begins; as wide there as the wedge of its tangents. A rim that is above the eye is seen
+  // highest at its front, and one below it at its back.
+  vec3 axis = rotation[2];
+  float middle = dot(center, axis);
+  vec3 across = center - middle * axis;
+  float distance = length(across);
+  vec3 forward = across / distance;
+  float front = distance - r;
+  float width = front * r * inversesqrt(distance * distance - r * r);
+  float rim = middle + corner.y * extents.z;
+  float height = rim * corner.y > 0.0 ? rim : rim * front / (distance + r);
+  return front * forward + corner.x * width * cross(forward, axis) + height * axis;
+#endif
+}
+
 void main() {
-  uvec2 sight = sights[gl_VertexID >> 3];
+  uvec2 sight = sights[gl_VertexID >> (boxes == 1 ? 3 : 2)];
   View view = views[sight.x];
   Shape shape = shapes[sight.y];
   mat3 rotation = mat3(shape.axis_x_half.xyz, shape.axis_y_only_front.xyz, shape.axis_z_gamma.xyz);
@@ -182,10 +221,11 @@ void main() {
   // A little wider than the shape, so that the rasteriser's rounding leaves out no pixel of it: a twentieth of a pixel.
   float reach = length(center) + length(vec2(radius, half_height));
   vec3 extents = vec3(radius, radius, half_height) * 1.0001 + 0.05 * reach * max(view.y_fx.w, view.ray_0_fy.w);
-  vec3 corner = vec3(gl_VertexID & 1, (gl_VertexID >> 1) & 1, (gl_VertexID >> 2) & 1) * 2.0 - 1.0;
-  vec3 at = center + rotation * (corner * extents);
-  // What is behind the box's far side is nearer than the far plane: the box itself is cut off by nothing but the eye's plane.
-  place(vec3(dot(view.x_cy.xyz, at), dot(view.y_fx.xyz, at), dot(view.w_cx.xyz, at)), 0.5 * near, view.eye_offset.w);
+  vec3 at = boxes == 1 ? box_corner(gl_VertexID & 7, center, rotation, extents)
+                       : rectangle_corner(gl_VertexID & 3, center, rotation, extents);
+  // What is to be seen may be behind this and nearer than the far plane, or before and behind the near one: only the eye's plane
+  // cuts it off.
+  place(vec3(dot(view.x_cy.xyz, at), dot(view.y_fx.xyz, at), dot(view.w_cx.xyz, at)), 0.01 * near, view.eye_offset.w);
 
   origin_radius = vec4(-center * rotation, radius);
   ray_0_half = vec4(view.ray_0_fy.xyz * rotation, half_height);

@@ -31,6 +31,7 @@ struct ShaderTraits {
 inline constexpr GLint kTilesUniform = 0;    // (height of a tile in px, one over that, over the height of the atlas, nothing)
 inline constexpr GLint kRangeUniform = 1;    // (near, far, 1 / far, 1 / (1 / near - 1 / far)), m
 inline constexpr GLint kSamplesUniform = 2;  // a side of the grid within a pixel
+inline constexpr GLint kBoxesUniform = 3;    // 1: a box is drawn round each shape, else a rectangle before it
 inline constexpr GLuint kViewsBinding = 0;
 inline constexpr GLuint kSightsBinding = 1;
 inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
