@@ -173,10 +173,11 @@ class Corners {
     FlatVertex& last = vertices_[indices[2]];
     const Vec3d normal = triangle.normal.cast<double>();
     last.normal = array_of(triangle.normal);
-    for (const bool sun : {false, true}) {
-      (sun ? last.sunlit : last.shadowy) = {shade(light, triangle.surface.color, normal, sun),
-                                            shade(light, triangle.surface.color, -normal, sun)};
-    }
+    const auto both_sides = [&](bool sun) -> std::array<std::uint32_t, 2> {
+      return {shade(light, triangle.surface.color, normal, sun), shade(light, triangle.surface.color, -normal, sun)};
+    };
+    last.sunlit = both_sides(true);
+    last.shadowy = both_sides(false);
     last.ids = pack(triangle.surface);
     return indices;
   }

@@ -116,6 +116,21 @@ void GlPainter::add(const GlModel& model) {
   scenes_.push_back(std::move(scene));
 }
 
+void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
+  const auto first_caster = static_cast<std::uint32_t>(casters_.append(std::span(grid.casters)));
+  std::vector<std::uint32_t> entries = grid.entries;
+  for (std::uint32_t& entry : entries) entry += first_caster;
+  const auto first_entry = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(entries)));
+  std::vector<std::uint32_t> starts = grid.starts;
+  for (std::uint32_t& start : starts) start += first_entry;
+  const auto first_start = static_cast<std::uint32_t>(starts_.append(std::span<const std::uint32_t>(starts)));
+  GridRecord record{};
+  for (Eigen::Index i = 0; i < 3; ++i) record.to_sun[static_cast<std::size_t>(i)] = row(grid.to_sun.col(i).cast<double>());
+  record.left_low_cell = {grid.left, grid.low, grid.cell, 1.0F / grid.cell};
+  record.size = {grid.columns, grid.rows, first_start, 0};
+  scenes_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
+}
+
 void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass) {
   records_.clear();
   flat_commands_.clear();
@@ -139,6 +154,12 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
   glEnable(GL_CLIP_DISTANCE1);
   glDepthFunc(GL_GREATER);
   glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kViewsBinding, views_.name());
+  if (pass.traits.shadows) {
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kGridsBinding, grids_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kStartsBinding, starts_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kEntriesBinding, entries_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCastersBinding, casters_.name());
+  }
   const auto use = [&](GLuint program) {
     glUseProgram(program);
     const auto tile_height = static_cast<float>(size.height);
@@ -184,7 +205,8 @@ void GlPainter::see(const GlView& view, std::uint32_t number, const GlAtlas& atl
   const float gamma_exponent = 1.0F / scene.light.gamma;
   const Vec3d eye = view.position.cast<double>();
   records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy), row(-left / fx),
-                      row(-up / fy), row(scene.light.horizon_color, gamma_exponent), row(scene.light.zenith_color, 0.0F)});
+                      row(-up / fy, scene.grid), row(scene.light.horizon_color, gamma_exponent),
+                      row(scene.light.zenith_color, 0.0F)});
 
   const double near = static_cast<double>(pass.near_m);
   const double far = static_cast<double>(pass.far_m);

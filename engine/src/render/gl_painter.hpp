@@ -11,6 +11,7 @@
 #include "render/gl_objects.hpp"
 #include "render/gl_shaders.hpp"
 #include "render/gl_store.hpp"
+#include "render/gl_sun_grid.hpp"
 
 namespace swiftlet::render {
 
@@ -35,7 +36,8 @@ class GlPainter {
 
   // Copies a model to the device. They are numbered from 0.
   void add(const GlModel& model);
-  std::size_t num_models() const { return scenes_.size(); }
+  // The same of a model's grid, before any pass with shadows has views of it.
+  void add(std::uint32_t model, const GlSunGrid& grid);
 
   // Clears the atlas and draws the views as its tiles.
   void paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass);
@@ -51,10 +53,17 @@ class GlPainter {
     std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
     std::vector<Aabb> rooms;
     Light light;
+    std::uint32_t grid = 0;  // into grids_
   };
   // A view as the shaders read it; each row is a vec4.
   struct ViewRecord {
-    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v, horizon, zenith;
+    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith;
+  };
+  // A grid of the sun as the shaders read it; each row is a vec4.
+  struct GridRecord {
+    std::array<std::array<float, 4>, 3> to_sun;  // columns
+    std::array<float, 4> left_low_cell;
+    std::array<std::uint32_t, 4> size;
   };
   struct DrawCommand {  // as OpenGL reads it
     GLuint count, instance_count, first_index;
@@ -82,6 +91,9 @@ class GlPainter {
   GlStore<FlatVertex> vertices_;
   GlStore<std::uint32_t> indices_;
   std::array<GlStore<RoundShape>, kNumRoundKinds> shapes_;
+  GlStore<GridRecord> grids_;
+  GlStore<std::uint32_t> starts_, entries_;
+  GlStore<SunCaster> casters_;
   GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
   GlBuffer boxes_, quads_;                     // indices of many boxes and quads
   GlBuffer views_, commands_, sights_buffer_;  // of one paint()

@@ -55,15 +55,28 @@ int pieces(int length, int most) { return (length + most - 1) / most; }
 struct GlRenderer::Impl {
   long process = process_id();
   GlWorker worker;
-  std::unordered_map<const World*, std::uint32_t> models;
+  struct KnownWorld {
+    std::uint32_t model;
+    bool has_grid = false;
+  };
+  std::unordered_map<const World*, KnownWorld> worlds;
   std::vector<Shot> shots;
   std::vector<std::uint32_t> order;  // of the shots, those of one kind of camera and of one world beside each other
   std::vector<FramePart> parts;      // one a view of the task
 
-  std::uint32_t model_of(const World& world) {
-    const auto [found, is_new] = models.try_emplace(&world, static_cast<std::uint32_t>(models.size()));
-    if (is_new) worker.task().models.emplace_back(world);
-    return found->second;
+  // What is not yet on the device goes there with the next task.
+  std::uint32_t model_of(const World& world, bool shadows) {
+    auto found = worlds.find(&world);
+    if (found == worlds.end()) {
+      worker.task().models.emplace_back(world);
+      found = worlds.emplace(&world, KnownWorld{static_cast<std::uint32_t>(worlds.size())}).first;
+    }
+    KnownWorld& known = found->second;
+    if (shadows && !known.has_grid) {
+      worker.task().grids.push_back({known.model, GlSunGrid(world)});
+      known.has_grid = true;
+    }
+    return known.model;
   }
 
   void plan();
@@ -100,11 +113,11 @@ void GlRenderer::finish() {
     self.worker.release();
   }
   self.worker.task().models.clear();
+  self.worker.task().grids.clear();
 }
 
 void GlRenderer::Impl::plan() {
   GlTask& task = worker.task();
-  task.models.clear();
   task.views.clear();
   task.rounds.clear();
   parts.clear();
@@ -140,7 +153,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   const std::size_t first_view = task.views.size();
   for (const std::uint32_t i : group) {
     const Shot& shot = shots[i];
-    const std::uint32_t model = model_of(*shot.world);
+    const std::uint32_t model = model_of(*shot.world, pass.traits.shadows);
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < columns; ++column) {
         const int left = column * tile.width;

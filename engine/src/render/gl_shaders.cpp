@@ -31,7 +31,7 @@ struct View {
   vec4 y_fx;        // 1 / fx
   vec4 ray_0_fy;    // 1 / fy
   vec4 ray_u;
-  vec4 ray_v;
+  vec4 ray_v_grid;  // and which of the grids of the sun
   vec4 horizon;  // and 1 / gamma
   vec4 zenith;
 };
@@ -50,6 +50,31 @@ void place(vec3 clip, float depth, float tile_middle) {
   gl_ClipDistance[0] = w + clip.y;
   gl_ClipDistance[1] = w - clip.y;
 }
+
+#ifdef SHADOWS
+struct Grid {
+  mat3 to_sun;
+  vec4 left_low_cell;  // and 1 / cell
+  uvec4 size;          // columns, rows, where its starts begin
+};
+layout(std430, binding = 3) readonly buffer Grids { Grid grids[]; };
+
+// The rays in the sun's frame, and the grid.
+layout(location = 11) flat out vec4 sun_eye_left;
+layout(location = 12) flat out vec4 sun_ray_0_low;
+layout(location = 13) flat out vec4 sun_ray_u_cells;  // cells a metre
+layout(location = 14) flat out vec3 sun_ray_v;
+layout(location = 15) flat out uvec3 sun_grid;
+
+void look_at_sun(vec3 eye, vec3 ray_0, vec3 ray_u, vec3 ray_v, float number) {
+  Grid grid = grids[uint(number)];
+  sun_eye_left = vec4(grid.to_sun * eye, grid.left_low_cell.x);
+  sun_ray_0_low = vec4(grid.to_sun * ray_0, grid.left_low_cell.y);
+  sun_ray_u_cells = vec4(grid.to_sun * ray_u, grid.left_low_cell.w);
+  sun_ray_v = grid.to_sun * ray_v;
+  sun_grid = grid.size.xyz;
+}
+#endif
 )";
 
 constexpr const char* kFragmentCommon = R"(
@@ -86,15 +111,12 @@ layout(location = 7) in vec4 x_cy;
 layout(location = 8) in vec4 y_fx;
 layout(location = 9) in vec4 ray_0_fy;
 layout(location = 10) in vec4 ray_u;
-layout(location = 11) in vec4 ray_v;
+layout(location = 11) in vec4 ray_v_grid;
 
 layout(location = 0) flat out vec3 nearness;
-layout(location = 1) flat out uvec2 tint_ids;
-#if defined(NORMAL) || defined(SHADOWS)
-layout(location = 3) flat out vec3 facing;
-#endif
-#ifdef SHADOWS
-layout(location = 4) flat out uvec2 shadow_tint_view;
+layout(location = 1) flat out uvec3 tints_ids;  // in the sun, in shadow
+#ifdef NORMAL
+layout(location = 2) flat out vec3 facing;
 #endif
 
 void main() {
@@ -103,31 +125,39 @@ void main() {
   place(clip, (1.0 - clip.z * farness) * nearness_scale, eye_offset.w);
   // A ray d meets the plane at the depth height / (normal . d).
   float height = dot(normal, at);
-  nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v.xyz)) / height;
+  nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v_grid.xyz)) / height;
   bool front = height < 0.0;
-  tint_ids = uvec2(front ? sunlit.x : sunlit.y, ids);
-#if defined(NORMAL) || defined(SHADOWS)
+  tints_ids = uvec3(front ? sunlit.x : sunlit.y, front ? shadowy.x : shadowy.y, ids);
+#ifdef NORMAL
   facing = front ? normal : -normal;
+#endif
+#ifdef SHADOWS
+  look_at_sun(eye_offset.xyz, ray_0_fy.xyz, ray_u.xyz, ray_v_grid.xyz, ray_v_grid.w);
 #endif
 }
 )";
 
 constexpr const char* kFlatFragment = R"(
 layout(location = 0) flat in vec3 nearness;
-layout(location = 1) flat in uvec2 tint_ids;
-#if defined(NORMAL) || defined(SHADOWS)
-layout(location = 3) flat in vec3 facing;
+layout(location = 1) flat in uvec3 tints_ids;
+#ifdef NORMAL
+layout(location = 2) flat in vec3 facing;
 #endif
 
 void main() {
 #ifdef COLOR
-  out_color = unpackUnorm4x8(tint_ids.x);
+  uint tint = tints_ids.x;
+#ifdef SHADOWS
+  vec3 at = pixel();
+  if (in_shadow(1.0 / dot(nearness, at), at, tints_ids.x != tints_ids.y)) tint = tints_ids.y;
+#endif
+  out_color = unpackUnorm4x8(tint);
 #endif
 #ifdef DEPTH
   gl_FragDepth = (dot(nearness, pixel()) - farness) * nearness_scale;
 #endif
 #ifdef IDS
-  out_ids = uvec2(tint_ids.y & 0xFFFFu, tint_ids.y >> 16u);
+  out_ids = uvec2(tints_ids.z & 0xFFFFu, tints_ids.z >> 16u);
 #endif
 #ifdef NORMAL
   out_normal = vec4(facing, 0.0);
@@ -171,7 +201,7 @@ layout(location = 8) flat out vec3 up;
 layout(location = 9) flat out uint ids;
 #endif
 #ifdef NORMAL
-layout(location = 10) flat out mat3 to_world;
+layout(location = 16) flat out mat3 to_world;
 #endif
 
 vec3 box_corner(int number, vec3 center, mat3 rotation, vec3 extents) {
@@ -230,7 +260,7 @@ void main() {
   origin_radius = vec4(-center * rotation, radius);
   ray_0_half = vec4(view.ray_0_fy.xyz * rotation, half_height);
   ray_u_only_front = vec4(view.ray_u.xyz * rotation, shape.axis_y_only_front.w);
-  ray_v_gamma = vec4(view.ray_v.xyz * rotation, shape.axis_z_gamma.w);
+  ray_v_gamma = vec4(view.ray_v_grid.xyz * rotation, shape.axis_z_gamma.w);
 #ifdef COLOR
   middle = shape.middle;
   slope = shape.slope.xyz;
@@ -243,6 +273,9 @@ void main() {
 #endif
 #ifdef NORMAL
   to_world = rotation;
+#endif
+#ifdef SHADOWS
+  look_at_sun(view.eye_offset.xyz, view.ray_0_fy.xyz, view.ray_u.xyz, view.ray_v_grid.xyz, view.ray_v_grid.w);
 #endif
 }
 )";
@@ -263,50 +296,120 @@ layout(location = 8) flat in vec3 up;
 layout(location = 9) flat in uint ids;
 #endif
 #ifdef NORMAL
-layout(location = 10) flat in mat3 to_world;
+layout(location = 16) flat in mat3 to_world;
 #endif
 )";
 
-// The depths between which the line o + t d is inside a shape (none where the first is the greater), and the shape's normal at a
-// point p of its surface. The distance of a line from a centre comes out of a cross product and not out of o.o - (o.d)^2 / d.d,
-// a difference of large numbers where the shape is thin and far.
-constexpr const char* kIntersections = R"(
+// The lengths between which the line o + t d is inside a shape; none where the first is the greater. The distance of a line from
+// a centre comes out of a cross product and not out of o.o - (o.d)^2 / d.d, a difference of large numbers where the shape is thin
+// and far.
+constexpr const char* kLines = R"(
 const vec2 nowhere = vec2(1e30, -1e30);
 
-#define radius origin_radius.w
-#define half_height ray_0_half.w
-
-vec2 roots(float o_dot_d, float d_dot_d, float cross_squared) {
+vec2 roots(float o_dot_d, float d_dot_d, float cross_squared, float radius) {
   float square = radius * radius * d_dot_d - cross_squared;
   float half_chord = sqrt(max(square, 0.0));
   return square >= 0.0 ? vec2(-o_dot_d - half_chord, half_chord - o_dot_d) / d_dot_d : nowhere;
 }
 
-vec2 ball(vec3 o, vec3 d) {
+vec2 ball(vec3 o, vec3 d, float radius) {
   vec3 across = cross(o, d);
-  return roots(dot(o, d), dot(d, d), dot(across, across));
+  return roots(dot(o, d), dot(d, d), dot(across, across), radius);
 }
 
-vec2 circle(vec2 o, vec2 d) {
+vec2 circle(vec2 o, vec2 d, float radius) {
   float across = o.x * d.y - o.y * d.x;
   float d_dot_d = dot(d, d);
-  if (d_dot_d <= 1e-24) return dot(o, o) <= radius * radius ? -nowhere : nowhere;  // along the axis: always or never
-  return roots(dot(o, d), d_dot_d, across * across);
+  vec2 parallel = dot(o, o) <= radius * radius ? -nowhere : nowhere;  // to the axis: always or never
+  return d_dot_d <= 1e-24 ? parallel : roots(dot(o, d), d_dot_d, across * across, radius);
 }
 
 vec2 slab(float o, float d, float height) {
-  if (d == 0.0) return abs(o) <= height ? -nowhere : nowhere;
+  vec2 parallel = abs(o) <= height ? -nowhere : nowhere;
   float middle = -o / d;
   float around = height / abs(d);
-  return vec2(middle - around, middle + around);
+  return d == 0.0 ? parallel : vec2(middle - around, middle + around);
 }
 
 vec2 intersection(vec2 a, vec2 b) { return vec2(max(a.x, b.x), min(a.y, b.y)); }
 
 vec2 hull(vec2 a, vec2 b) { return vec2(min(a.x, b.x), max(a.y, b.y)); }
 
+vec2 capsule(vec3 o, vec3 d, float radius, float half_height) {
+  vec3 up = vec3(0.0, 0.0, half_height - radius);
+  vec2 body = intersection(circle(o.xy, d.xy, radius), slab(o.z, d.z, up.z));
+  if (body.x > body.y) body = nowhere;
+  return hull(hull(body, ball(o - up, d, radius)), ball(o + up, d, radius));
+}
+)";
+
+// Whether something hides the sun from a pixel at some depth; see GlSunGrid. Asked where it matters only.
+constexpr const char* kShadows = R"(
+#ifdef SHADOWS
+layout(location = 11) flat in vec4 sun_eye_left;
+layout(location = 12) flat in vec4 sun_ray_0_low;
+layout(location = 13) flat in vec4 sun_ray_u_cells;
+layout(location = 14) flat in vec3 sun_ray_v;
+layout(location = 15) flat in uvec3 sun_grid;
+
+layout(std430, binding = 4) readonly buffer Starts { uint starts[]; };
+layout(std430, binding = 5) readonly buffer Entries { uint entries[]; };
+layout(std430, binding = 6) readonly buffer Casters { mat4 casters[]; };  // columns are what GlSunGrid calls rows
+
+bool in_shadow(float depth, vec3 at, bool matters) {
+  vec3 ray = sun_ray_0_low.xyz + sun_ray_u_cells.xyz * at.y + sun_ray_v * at.z;
+  vec3 p = sun_eye_left.xyz + depth * ray;
+  // Away from the surface, beyond the rounding of the point: back along the ray, and towards the sun.
+  float lift = 1e-4 * (1.0 + max(abs(p.x), max(abs(p.y), abs(p.z))));
+  p += lift * (vec3(0.0, 0.0, 1.0) - normalize(ray));
+  vec2 cell = floor((p.xy - vec2(sun_eye_left.w, sun_ray_0_low.w)) * sun_ray_u_cells.w);
+  matters = matters && all(greaterThanEqual(cell, vec2(0.0))) && all(lessThan(cell, vec2(sun_grid.xy)));
+  uint list = sun_grid.z + (matters ? uint(cell.y) * sun_grid.x + uint(cell.x) : 0u) * 5u;
+  uint next = starts[list];
+  uint end = matters ? starts[list + 1u] : next;
+  bool hidden = false;
+  for (; next < end && !hidden; ++next) {
+    mat4 triangle = casters[entries[next]];
+    vec2 from_corner = p.xy - triangle[0].xy;
+    float b = dot(from_corner, triangle[1].xy);
+    float c = dot(from_corner, triangle[1].zw);
+    hidden = b >= 0.0 && c >= 0.0 && b + c <= 1.0 && triangle[0].z + b * triangle[2].x + c * triangle[2].y > p.z;
+  }
+  for (uint kind = 1u; kind < 5u; ++kind) {
+    next = starts[list + kind];
+    end = matters ? starts[list + kind + 1u] : next;
+    for (; next < end && !hidden; ++next) {
+      mat4 solid = casters[entries[next]];
+      mat3 to_solid = transpose(mat3(solid[1].xyz, solid[2].xyz, solid[3].xyz));
+      vec3 half_extents = vec3(solid[1].w, solid[2].w, solid[3].w);
+      vec3 o = to_solid * (p - solid[0].xyz);
+      vec3 d = to_solid[2];
+      vec2 inside;
+      if (kind == 1u) {
+        inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
+        inside = intersection(inside, slab(o.z, d.z, half_extents.z));
+      } else if (kind == 2u) {
+        inside = intersection(circle(o.xy, d.xy, half_extents.x), slab(o.z, d.z, half_extents.z));
+      } else if (kind == 3u) {
+        inside = ball(o, d, half_extents.x);
+      } else {
+        inside = capsule(o, d, half_extents.x, half_extents.z);
+      }
+      hidden = inside.x <= inside.y && inside.y >= 0.0;
+    }
+  }
+  return hidden;
+}
+#endif
+)";
+
+// A round shape, and its normal at a point p of its surface.
+constexpr const char* kRoundKinds = R"(
+#define radius origin_radius.w
+#define half_height ray_0_half.w
+
 #ifdef SPHERE
-vec2 interval(vec3 o, vec3 d) { return ball(o, d); }
+vec2 interval(vec3 o, vec3 d) { return ball(o, d, radius); }
 vec3 surface_normal(vec3 p, vec2 inside, float depth) { return normalize(p); }
 #endif
 
@@ -314,7 +417,7 @@ vec3 surface_normal(vec3 p, vec2 inside, float depth) { return normalize(p); }
 vec2 caps;
 vec2 interval(vec3 o, vec3 d) {
   caps = slab(o.z, d.z, half_height);
-  return intersection(circle(o.xy, d.xy), caps);
+  return intersection(circle(o.xy, d.xy, radius), caps);
 }
 vec3 surface_normal(vec3 p, vec2 inside, float depth) {
   bool cap = depth == inside.x ? inside.x == caps.x : inside.y == caps.y;
@@ -323,12 +426,7 @@ vec3 surface_normal(vec3 p, vec2 inside, float depth) {
 #endif
 
 #ifdef CAPSULE
-vec2 interval(vec3 o, vec3 d) {
-  vec3 up = vec3(0.0, 0.0, half_height - radius);
-  vec2 body = intersection(circle(o.xy, d.xy), slab(o.z, d.z, up.z));
-  if (body.x > body.y) body = nowhere;
-  return hull(hull(body, ball(o - up, d)), ball(o + up, d));
-}
+vec2 interval(vec3 o, vec3 d) { return capsule(o, d, radius, half_height); }
 vec3 surface_normal(vec3 p, vec2 inside, float depth) {
   float middle = half_height - radius;
   return normalize(p - vec3(0.0, 0.0, clamp(p.z, -middle, middle)));
@@ -359,7 +457,11 @@ void main() {
   if (dot(normal, ray) > 0.0) normal = -normal;
 #endif
 #ifdef COLOR
-  vec3 light = middle + slope * dot(normal, up) + sun * max(0.0, dot(normal, sun_direction));
+  float sunward = max(0.0, dot(normal, sun_direction));
+#ifdef SHADOWS
+  if (in_shadow(depth, at, sunward > 0.0)) sunward = 0.0;
+#endif
+  vec3 light = middle + slope * dot(normal, up) + sun * sunward;
   out_color = encode(light, ray_v_gamma.w);
 #endif
 #ifdef IDS
@@ -385,7 +487,7 @@ void main() {
   place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, view.eye_offset.w);
   ray_0_gamma = vec4(view.ray_0_fy.xyz, view.horizon.w);
   ray_u = view.ray_u.xyz;
-  ray_v = view.ray_v.xyz;
+  ray_v = view.ray_v_grid.xyz;
   horizon = view.horizon.xyz;
   zenith = view.zenith.xyz;
 }
@@ -482,7 +584,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   GlProgram program;
   switch (role) {
     case Role::flat:
-      program = make({kVertexCommon, kFlatVertex}, {kFragmentCommon, kFlatFragment});
+      program = make({kVertexCommon, kFlatVertex}, {kFragmentCommon, kLines, kShadows, kFlatFragment});
       break;
     case Role::sky:
       program = make({kVertexCommon, kSkyVertex}, {kFragmentCommon, kSkyFragment});
@@ -491,7 +593,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       program = make({kResolveVertex}, {kFragmentCommon, kResolveFragment});
       break;
     default:
-      program = make({kVertexCommon, kRoundVertex}, {kFragmentCommon, kRoundInputs, kIntersections, kRoundMain});
+      program = make({kVertexCommon, kRoundVertex}, {kFragmentCommon, kLines, kShadows, kRoundInputs, kRoundKinds, kRoundMain});
       break;
   }
   return programs_.emplace(key, std::move(program)).first->second.name();

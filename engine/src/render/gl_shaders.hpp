@@ -35,8 +35,10 @@ inline constexpr GLint kBoxesUniform = 3;    // 1: a box is drawn round each sha
 inline constexpr GLuint kViewsBinding = 0;
 inline constexpr GLuint kSightsBinding = 1;
 inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
-inline constexpr GLuint kCellsBinding = 3;
-inline constexpr GLuint kOccludersBinding = 4;
+inline constexpr GLuint kGridsBinding = 3;
+inline constexpr GLuint kStartsBinding = 4;
+inline constexpr GLuint kEntriesBinding = 5;
+inline constexpr GLuint kCastersBinding = 6;
 
 class GlShaders {
  public:

@@ -193,6 +193,7 @@ void GlWorker::run(Shared& s) {
         colors.traits.writes = {.color = true};
         painter.paint(samples, views, colors);
         pass.traits.writes.color = false;
+        pass.traits.shadows = false;
         pass.samples = 1;
         painter.paint(atlas, views, pass);
         painter.resolve(samples, atlas, round.pass.samples, round.count);
@@ -228,6 +229,10 @@ void GlWorker::run(Shared& s) {
       }
       for (const GlModel& model : s.task.models) {
         painter.add(model);
+        s.give_sign();
+      }
+      for (const GlModelGrid& grid : s.task.grids) {
+        painter.add(grid.model, grid.grid);
         s.give_sign();
       }
       const std::size_t count = s.task.rounds.size();

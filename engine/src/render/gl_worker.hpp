@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <thread>
@@ -10,6 +11,7 @@
 #include "render/gl_atlas.hpp"
 #include "render/gl_model.hpp"
 #include "render/gl_painter.hpp"
+#include "render/gl_sun_grid.hpp"
 
 namespace swiftlet::render {
 
@@ -21,8 +23,15 @@ struct GlRound {
   int count = 0;
 };
 
+// A grid of the sun for a model.
+struct GlModelGrid {
+  std::uint32_t model;
+  GlSunGrid grid;
+};
+
 struct GlTask {
-  std::vector<GlModel> models;  // to be added first
+  std::vector<GlModel> models;     // to be added first
+  std::vector<GlModelGrid> grids;  // then
   std::vector<GlView> views;
   std::vector<GlRound> rounds;
 };
