@@ -17,10 +17,8 @@ target_compile_definitions(swiftlet_dependencies INTERFACE SWIFTLET_EMBREE_MAJOR
 target_link_libraries(swiftlet_dependencies INTERFACE embree)
 
 # SIMD with run-time dispatch. Distributions ship pkg-config files; upstream's install has a CMake package too.
-find_package(PkgConfig QUIET)
-if(PkgConfig_FOUND)
-  pkg_check_modules(HWY QUIET IMPORTED_TARGET libhwy)
-endif()
+find_package(PkgConfig REQUIRED)
+pkg_check_modules(HWY QUIET IMPORTED_TARGET libhwy)
 if(HWY_FOUND)
   target_link_libraries(swiftlet_dependencies INTERFACE PkgConfig::HWY)
 else()
@@ -40,6 +38,10 @@ else()
   find_package(libjpeg-turbo REQUIRED)
   target_link_libraries(swiftlet_dependencies INTERFACE libjpeg-turbo::turbojpeg)
 endif()
+
+# OpenGL and EGL, whose functions it finds at run time: neither is linked, and a machine without them has one camera backend less.
+pkg_check_modules(EPOXY REQUIRED IMPORTED_TARGET epoxy)
+target_link_libraries(swiftlet_dependencies INTERFACE PkgConfig::EPOXY ${CMAKE_DL_LIBS})
 
 # Convex distance: Bullet's GJK and EPA, which are templates in headers; nothing of Bullet is linked.
 find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet REQUIRED)

@@ -5,7 +5,9 @@
 
 #if defined(_WIN32)
 #include <process.h>
+#include <windows.h>
 #else
+#include <dlfcn.h>
 #include <unistd.h>
 #endif
 #if defined(__linux__)
@@ -22,6 +24,18 @@ namespace swiftlet {
 long process_id() { return _getpid(); }
 #else
 long process_id() { return static_cast<long>(getpid()); }
+#endif
+
+#if defined(_WIN32)
+std::string load_error(const char* library) {
+  return LoadLibraryA(library) != nullptr ? std::string() : std::string(library) + " cannot be loaded";
+}
+#else
+std::string load_error(const char* library) {
+  if (dlopen(library, RTLD_LAZY | RTLD_LOCAL) != nullptr) return {};
+  const char* why = dlerror();
+  return why != nullptr ? why : std::string(library) + " cannot be loaded";
+}
 #endif
 
 #if defined(__linux__)

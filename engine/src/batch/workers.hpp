@@ -35,6 +35,12 @@ class Workers {
   int num_threads() const { return static_cast<int>(scratch_.size()); }
   std::vector<std::unique_ptr<Scratch>>& scratch() { return scratch_; }
 
+  // Calls f on the calling thread; what it does in parallel, it does on these threads.
+  template <class F>
+  void within(const F& f) {
+    arena_.execute(f);
+  }
+
   // Calls f(index, Scratch&) for every index in [0, count), in no particular order.
   template <class F>
   void run(std::size_t count, const F& f) {

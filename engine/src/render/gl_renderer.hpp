@@ -16,8 +16,12 @@ class GlUnavailable : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// A thread of its own owns the context. Not thread-safe: one caller at a time. Does nothing in a forked child, not even on
-// destruction.
+// A thread of its own owns the context. Not thread-safe: one caller at a time. Worlds are copied to the device when they are
+// first seen, and known by their address from then on: they outlive the renderer. In a forked child start() and finish() throw
+// GlUnavailable, and nothing is done on destruction.
+//
+// The environment variable SWIFTLET_EGL chooses: "software" takes no GPU; for tests, "none" is as if there was no EGL, "failing"
+// as if the first frames could not be read, and "hanging" as if reading them never ended.
 class GlRenderer {
  public:
   GlRenderer();  // throws GlUnavailable
@@ -29,12 +33,14 @@ class GlRenderer {
 
   // Begins to render; the shots, and what they point to, stay as they are until finish().
   void start(std::span<const Shot> shots);
-  // Waits until all frames are written. Throws GlUnavailable where the device failed or did not answer in time; the frames are
-  // then undefined, and the renderer of no more use.
+  // Writes all frames as they arrive, in parallel in the caller's task arena. Throws GlUnavailable where the device failed or did
+  // not answer in time; the frames are then undefined, and the renderer of no more use.
   void finish();
 
  private:
   struct Impl;
+  Impl& impl();  // throws GlUnavailable in a forked child
+
   std::unique_ptr<Impl> impl_;
 };
 

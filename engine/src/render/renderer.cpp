@@ -1,6 +1,9 @@
 #include "render/renderer.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <limits>
+#include <sstream>
 
 #include "render/raycast_renderer.hpp"
 
@@ -8,6 +11,7 @@ namespace swiftlet::render {
 namespace {
 
 constexpr std::size_t kTilesPerJob = 64;  // a small image, or some rows of a large one
+constexpr int kTimedRuns = 3;             // of a backend, the best of which counts
 
 // Shots of one camera follow each other.
 void raycast(std::span<const Shot> shots, Workers& workers) {
@@ -24,17 +28,74 @@ void raycast(std::span<const Shot> shots, Workers& workers) {
   }
 }
 
-}  // namespace
-
-Renderer::Renderer(CameraBackend backend, std::span<const Shot> typical, Workers& workers) {
-  (void)backend;
-  (void)typical;
-  (void)workers;
-  report_ = "raycast: asked for";
+// Once to warm up, then the best of some.
+template <class Render>
+double frames_per_second(std::size_t frames, const Render& render) {
+  render();
+  double least = std::numeric_limits<double>::infinity();
+  for (int run = 0; run < kTimedRuns; ++run) {
+    const auto start = std::chrono::steady_clock::now();
+    render();
+    least = std::min(least, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  }
+  return static_cast<double>(frames) / least;
 }
 
-void Renderer::start(std::span<const Shot>) {}
+}  // namespace
 
-void Renderer::finish(std::span<const Shot> shots, Workers& workers) { raycast(shots, workers); }
+Renderer::Renderer(CameraBackend backend, std::span<const Shot> typical, Workers& workers) : report_("raycast: as asked for") {
+  if (backend == CameraBackend::raycast) return;
+  try {
+    gl_ = std::make_unique<GlRenderer>();
+  } catch (const GlUnavailable& error) {
+    give_up_gl(error.what());
+    return;
+  }
+  report_ = "gl: as asked for, on " + gl_->description();
+  if (backend == CameraBackend::automatic) choose(typical, workers);
+}
+
+void Renderer::choose(std::span<const Shot> typical, Workers& workers) {
+  const std::string device = gl_->description();
+  const double of_raycast = frames_per_second(typical.size(), [&] { raycast(typical, workers); });
+  const double of_gl = frames_per_second(typical.size(), [&] {
+    start(typical);
+    finish(typical, workers);
+  });
+  if (!gl_) return;  // it failed, and the report says so
+  std::ostringstream report;
+  report.precision(3);
+  report << (of_gl > of_raycast ? "gl" : "raycast") << ": the faster on " << typical.size() << " frames of this batch: raycast "
+         << of_raycast << " frames/s, gl " << of_gl << " frames/s on " << device;
+  report_ = report.str();
+  if (of_gl <= of_raycast) gl_.reset();
+}
+
+void Renderer::give_up_gl(const std::string& why) {
+  gl_.reset();
+  report_ = "raycast: gl is not available (" + why + ")";
+  warning_ = "cameras: gl is not available, raycast renders instead: " + why;
+}
+
+void Renderer::start(std::span<const Shot> shots) {
+  if (!gl_) return;
+  try {
+    gl_->start(shots);
+  } catch (const GlUnavailable& error) {
+    give_up_gl(error.what());
+  }
+}
+
+void Renderer::finish(std::span<const Shot> shots, Workers& workers) {
+  if (gl_) {
+    try {
+      workers.within([&] { gl_->finish(); });
+      return;
+    } catch (const GlUnavailable& error) {
+      give_up_gl(error.what());
+    }
+  }
+  raycast(shots, workers);
+}
 
 }  // namespace swiftlet::render

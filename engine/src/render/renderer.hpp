@@ -4,8 +4,10 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "batch/workers.hpp"
+#include "render/gl_renderer.hpp"
 #include "render/shot.hpp"
 #include "swiftlet/config.hpp"
 
@@ -13,19 +15,24 @@ namespace swiftlet::render {
 
 class Renderer {
  public:
-  // Shots typical of the batch, whose frames may be written: an automatic choice times them.
+  // Shots typical of the batch, whose frames may be written: an automatic choice times them. The worlds of all shots outlive
+  // the renderer.
   Renderer(CameraBackend backend, std::span<const Shot> typical, Workers& workers);
 
   // Which backend renders, and why.
   const std::string& report() const { return report_; }
-  // What the user should know and has not been told; empty mostly. A GL that fails on the way is replaced.
+  // What the user should know and has not been told; empty mostly. OpenGL that is missing or fails is replaced by raycast.
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
-  // Between the two, a backend that has a thread of its own renders already; the shots stay as they are.
+  // Between the two OpenGL renders already, on a thread of its own; the shots stay as they are.
   void start(std::span<const Shot> shots);
   void finish(std::span<const Shot> shots, Workers& workers);
 
  private:
+  void choose(std::span<const Shot> typical, Workers& workers);
+  void give_up_gl(const std::string& why);
+
+  std::unique_ptr<GlRenderer> gl_;  // null: raycast renders
   std::string report_;
   std::string warning_;
 };

@@ -1,0 +1,39 @@
+// EglContext: an OpenGL 4.5 core context without any surface, current on the thread that made it.
+#pragma once
+
+#include <string>
+
+namespace swiftlet::render {
+
+// What the environment variable SWIFTLET_EGL says.
+enum class EglWish {
+  any,       // not set, or empty
+  none,      // "none": as if there was no EGL
+  software,  // "software": only devices that are no hardware
+  failing,   // "failing": as `any`, but the first frames never come back: reading them fails
+  hanging,   // "hanging": as `any`, but reading the first frames never ends
+};
+EglWish egl_wish();  // throws GlUnavailable on any other value
+
+// Takes the first that works of: the CUDA devices that CUDA_VISIBLE_DEVICES names, in its order; other hardware; Mesa's software
+// device; Mesa's surfaceless platform. Displays are the process's, shared with other libraries in it, and never terminated.
+class EglContext {
+ public:
+  explicit EglContext(EglWish wish);  // throws GlUnavailable, with all that was tried
+  ~EglContext();                      // on the same thread
+  EglContext(const EglContext&) = delete;
+  EglContext& operator=(const EglContext&) = delete;
+
+  const std::string& description() const { return description_; }
+  bool is_software() const { return is_software_; }
+
+ private:
+  bool try_display(void* display, std::string& why_not);
+
+  void* display_ = nullptr;
+  void* context_ = nullptr;
+  std::string description_;
+  bool is_software_ = false;
+};
+
+}  // namespace swiftlet::render

@@ -1,0 +1,77 @@
+// GlAtlas: pictures of one size above each other in textures, and the memory they are read back into.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "render/gl_objects.hpp"
+#include "render/gl_shaders.hpp"
+
+namespace swiftlet::render {
+
+struct AtlasSize {
+  int width = 0;   // px, of a tile
+  int height = 0;  // px, of a tile
+  int tiles = 0;
+
+  bool operator==(const AtlasSize&) const = default;
+  std::size_t pixels() const {
+    return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * static_cast<std::size_t>(tiles);
+  }
+};
+
+class GlAtlas {
+ public:
+  GlAtlas(const AtlasSize& size, const Attachments& attachments);  // throws GlUnavailable
+
+  const AtlasSize& size() const { return size_; }
+  const Attachments& attachments() const { return attachments_; }
+  GLuint framebuffer() const { return framebuffer_.name(); }
+  GLuint color() const { return textures_[0].name(); }
+
+  // Nothing is seen: 0, in the depth buffer and these attachments.
+  void clear(const Attachments& which) const;
+
+ private:
+  AtlasSize size_;
+  Attachments attachments_;
+  std::array<GlTexture, 3> textures_;  // as attachments are numbered
+  GlTexture depth_;
+  GlFramebuffer framebuffer_;
+};
+
+// What was read of one atlas: row by row, tile by tile; null where the atlas does not have it.
+struct Pixels {
+  const std::uint8_t* color = nullptr;  // RGBA
+  const float* depth = nullptr;         // as the depth buffer has it: see gl_shaders.cpp
+  const std::uint16_t* ids = nullptr;   // semantic, instance
+  const float* normal = nullptr;        // x, y, z and nothing
+};
+
+// Where pictures arrive. On hardware the copy goes on while something else is drawn.
+class GlReadback {
+ public:
+  explicit GlReadback(bool is_software) : is_software_(is_software) {}
+  ~GlReadback();
+  GlReadback(const GlReadback&) = delete;
+  GlReadback& operator=(const GlReadback&) = delete;
+
+  void start(const GlAtlas& atlas, int tiles);  // of the first so many
+  void finish();                                // throws GlUnavailable
+  const Pixels& pixels() const { return pixels_; }
+
+ private:
+  void reserve(std::size_t bytes);
+
+  bool is_software_;
+  std::vector<std::byte> memory_;  // of a software device
+  GlBuffer buffer_;                // of a hardware one, and where it is mapped
+  std::byte* mapped_ = nullptr;
+  std::size_t capacity_ = 0;  // bytes
+  GLsync fence_ = nullptr;
+  Pixels pixels_;
+};
+
+}  // namespace swiftlet::render

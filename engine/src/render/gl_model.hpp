@@ -1,0 +1,75 @@
+// GlModel: a world as the arrays that OpenGL draws it from, made without OpenGL.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "swiftlet/pose.hpp"
+#include "swiftlet/world.hpp"
+
+namespace swiftlet::render {
+
+// A corner of flat geometry: mesh triangles, rooms, boxes and planes. What is said of the triangle is that of the one whose last
+// corner this is; each corner is the last of one triangle at most, so that triangles share corners and yet have values of their
+// own. Their colours depend on nothing but the side they are seen from, and on whether the sun reaches them.
+struct FlatVertex {
+  std::array<float, 3> position;         // m, world frame
+  std::array<float, 3> normal;           // unit, out of the front side
+  std::array<std::uint32_t, 2> sunlit;   // RGBA as written, of the front and the back
+  std::array<std::uint32_t, 2> shadowy;  // the same without the sun
+  std::uint32_t ids;                     // semantic, and instance in the upper half
+};
+
+// Flat geometry that is drawn or left out as a whole.
+struct FlatChunk {
+  Vec3 center, half;  // m, of its bounding box
+  std::uint32_t first_index, index_count;
+};
+
+// What is not flat, by kind: each has its own shader.
+enum class RoundKind : std::uint8_t { cylinder, sphere, capsule, disc };
+inline constexpr std::size_t kNumRoundKinds = 4;
+
+// A round primitive as the shaders read it; each row is a vec4.
+struct RoundShape {
+  std::array<float, 3> center;  // m, world frame
+  float radius;                 // m
+  std::array<float, 3> axis_x;  // of its own frame, in the world's
+  float half_height;            // m
+  std::array<float, 3> axis_y;
+  float only_front;  // 1: not seen from within
+  std::array<float, 3> axis_z;
+  float gamma_exponent;         // 1 / gamma
+  std::array<float, 3> middle;  // light that comes from all around: middle + slope * n.z
+  std::uint32_t ids;            // as in FlatVertex
+  std::array<float, 3> slope;
+  float unused_1;
+  std::array<float, 3> sun;  // light of the sun from right above
+  float unused_2;
+  std::array<float, 3> sun_direction;  // towards the sun, world frame
+  float unused_3;
+};
+static_assert(sizeof(RoundShape) == 8 * 16);
+
+// What is known here of where a RoundShape is.
+struct RoundBound {
+  Vec3 center, axis;
+  float radius, half_height;  // m
+  float reach;                // m, radius of the ball round it
+};
+
+struct GlModel {
+  explicit GlModel(const World& world);
+
+  std::vector<FlatVertex> vertices;
+  std::vector<std::uint32_t> indices;  // three a triangle
+  std::vector<FlatChunk> chunks;       // in the order of their indices, without gaps
+  std::array<std::vector<RoundShape>, kNumRoundKinds> shapes;
+  std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;  // of the shapes
+  std::vector<Aabb> rooms;                                     // m; whoever is within one sees no sky
+  Light light;
+};
+
+}  // namespace swiftlet::render

@@ -1,0 +1,337 @@
+#include "render/gl_painter.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace swiftlet::render {
+namespace {
+
+using Vec3d = Eigen::Vector3d;
+
+constexpr std::size_t kMaxBoxes = 4096;  // in one draw call; its indices fit into 16 bits
+
+// Indices of many copies of one thing of so many corners.
+GlBuffer pattern(std::span<const std::uint16_t> indices, std::uint16_t corners, std::size_t copies) {
+  std::vector<std::uint16_t> all;
+  for (std::size_t copy = 0; copy < copies; ++copy) {
+    for (const std::uint16_t index : indices) all.push_back(static_cast<std::uint16_t>(copy * corners + index));
+  }
+  GlBuffer buffer = GlBuffer::make();
+  glNamedBufferStorage(buffer.name(), static_cast<GLsizeiptr>(all.size() * sizeof(all[0])), all.data(), 0);
+  return buffer;
+}
+
+// Lets nothing be written but into these attachments.
+void write_only(const Attachments& attachments) {
+  const auto allow = [](GLuint i, bool allowed) {
+    const GLboolean yes = allowed ? GL_TRUE : GL_FALSE;
+    glColorMaski(i, yes, yes, yes, yes);
+  };
+  allow(0, attachments.color);
+  allow(1, attachments.ids);
+  allow(2, attachments.normal);
+}
+
+constexpr Attachments kColor{.color = true};
+
+// Corners of a box numbered as the bits of x, y and z; counter-clockwise seen from outside.
+constexpr std::array<std::uint16_t, 36> kBox{0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4,
+                                             2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5};
+constexpr std::array<std::uint16_t, 6> kQuad{0, 1, 3, 0, 3, 2};
+
+template <class T>
+void upload(const GlBuffer& buffer, std::span<const T> elements) {
+  glNamedBufferData(buffer.name(), static_cast<GLsizeiptr>(elements.size_bytes()), elements.data(), GL_STREAM_DRAW);
+}
+
+std::array<float, 4> row(const Vec3d& v, double w = 0.0) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z()), static_cast<float>(w)};
+}
+
+std::array<float, 4> row(const std::array<float, 3>& v, float w) { return {v[0], v[1], v[2], w}; }
+
+// The eye is so far outside that a rectangle hides the shape, and that the near plane does not reach the rectangle.
+bool is_well_outside(const RoundBound& bound, RoundKind kind, const GlView& view, float near_m) {
+  if (kind == RoundKind::disc) return true;  // lies in its rectangle
+  const Vec3 center = bound.center - view.position;
+  const float pixel = 1.0F / std::min(view.fx, view.fy);
+  const float radius = 1.001F * bound.radius + 0.06F * pixel * (center.norm() + bound.reach);
+  const float distance = (kind == RoundKind::sphere ? center : Vec3(center - center.dot(bound.axis) * bound.axis)).norm();
+  return distance > 1.2F * radius + near_m;
+}
+
+}  // namespace
+
+GlPainter::GlPainter()
+    : flat_array_(GlVertexArray::make()),
+      box_array_(GlVertexArray::make()),
+      quad_array_(GlVertexArray::make()),
+      no_array_(GlVertexArray::make()),
+      boxes_(pattern(kBox, 8, kMaxBoxes)),
+      quads_(pattern(kQuad, 4, kMaxBoxes)),
+      views_(GlBuffer::make()),
+      commands_(GlBuffer::make()),
+      sights_buffer_(GlBuffer::make()) {
+  glVertexArrayElementBuffer(box_array_.name(), boxes_.name());
+  glVertexArrayElementBuffer(quad_array_.name(), quads_.name());
+
+  constexpr GLuint kVertices = 0;  // bindings of buffers
+  constexpr GLuint kViews = 1;
+  const GLuint array = flat_array_.name();
+  const auto at = [&](GLuint location, GLuint binding) {
+    glEnableVertexArrayAttrib(array, location);
+    glVertexArrayAttribBinding(array, location, binding);
+  };
+  glVertexArrayAttribFormat(array, 0, 3, GL_FLOAT, GL_FALSE, offsetof(FlatVertex, position));
+  glVertexArrayAttribFormat(array, 1, 3, GL_FLOAT, GL_FALSE, offsetof(FlatVertex, normal));
+  glVertexArrayAttribIFormat(array, 2, 2, GL_UNSIGNED_INT, offsetof(FlatVertex, sunlit));
+  glVertexArrayAttribIFormat(array, 3, 2, GL_UNSIGNED_INT, offsetof(FlatVertex, shadowy));
+  glVertexArrayAttribIFormat(array, 4, 1, GL_UNSIGNED_INT, offsetof(FlatVertex, ids));
+  for (GLuint location = 0; location < 5; ++location) at(location, kVertices);
+  constexpr GLuint kRow = sizeof(ViewRecord::eye_offset);
+  for (GLuint i = 0; i < 7; ++i) {
+    glVertexArrayAttribFormat(array, 5 + i, 4, GL_FLOAT, GL_FALSE, i * kRow);
+    at(5 + i, kViews);
+  }
+  glVertexArrayBindingDivisor(array, kViews, 1);
+
+  glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+  glFrontFace(GL_CW);  // pictures are upside down: row 0, the top, is what OpenGL calls the lowest
+  glProvokingVertex(GL_LAST_VERTEX_CONVENTION);
+  glDisable(GL_DITHER);
+}
+
+void GlPainter::add(const GlModel& model) {
+  Scene scene;
+  scene.first_vertex = static_cast<GLint>(vertices_.append(std::span(model.vertices)));
+  const std::size_t first_index = indices_.append(std::span(model.indices));
+  scene.chunks = model.chunks;
+  for (FlatChunk& chunk : scene.chunks) chunk.first_index += static_cast<std::uint32_t>(first_index);
+  for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
+    scene.first_shape[kind] = static_cast<std::uint32_t>(shapes_[kind].append(std::span(model.shapes[kind])));
+  }
+  scene.bounds = model.bounds;
+  scene.rooms = model.rooms;
+  scene.light = model.light;
+  scenes_.push_back(std::move(scene));
+}
+
+void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
+  const auto first_caster = static_cast<std::uint32_t>(casters_.append(std::span(grid.casters)));
+  std::vector<std::uint32_t> entries = grid.entries;
+  for (std::uint32_t& entry : entries) entry += first_caster;
+  const auto first_entry = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(entries)));
+  std::vector<std::uint32_t> starts = grid.starts;
+  for (std::uint32_t& start : starts) start += first_entry;
+  const auto first_start = static_cast<std::uint32_t>(starts_.append(std::span<const std::uint32_t>(starts)));
+  GridRecord record{};
+  for (Eigen::Index i = 0; i < 3; ++i) record.to_sun[static_cast<std::size_t>(i)] = row(grid.to_sun.col(i).cast<double>());
+  record.left_low_cell = {grid.left, grid.low, grid.cell, 1.0F / grid.cell};
+  record.size = {grid.columns, grid.rows, first_start, 0};
+  scenes_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
+}
+
+void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass) {
+  records_.clear();
+  flat_commands_.clear();
+  for (auto& of_kind : sights_) {
+    for (auto& sights : of_kind) sights.clear();
+  }
+  sky_views_.clear();
+  for (std::size_t i = 0; i < views.size(); ++i) see(views[i], static_cast<std::uint32_t>(i), atlas, pass);
+  upload(views_, std::span<const ViewRecord>(records_));
+
+  // Where colours are drawn, so is the sky, and all pixels are written; so they are where nobody sees the sky.
+  const Attachments& writes = pass.traits.writes;
+  write_only(writes);
+  glDepthMask(GL_TRUE);
+  atlas.clear(writes.color || sky_views_.empty() ? Attachments{} : writes);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, atlas.framebuffer());
+  const AtlasSize& size = atlas.size();
+  glViewport(0, 0, size.width, size.height * size.tiles);
+  glEnable(GL_DEPTH_TEST);
+  glEnable(GL_CLIP_DISTANCE0);
+  glEnable(GL_CLIP_DISTANCE1);
+  glDepthFunc(GL_GREATER);
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kViewsBinding, views_.name());
+  if (pass.traits.shadows) {
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kGridsBinding, grids_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kStartsBinding, starts_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kEntriesBinding, entries_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCastersBinding, casters_.name());
+  }
+  const auto use = [&](GLuint program) {
+    glUseProgram(program);
+    const auto tile_height = static_cast<float>(size.height);
+    glUniform4f(kTilesUniform, tile_height, 1.0F / tile_height, 1.0F / static_cast<float>(size.tiles), 0.0F);
+    glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
+  };
+  if (!flat_commands_.empty()) {
+    use(shaders_.flat(pass.traits));
+    draw_flat();
+  }
+  for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
+    for (const bool boxes : {false, true}) {
+      if (sights_[kind][boxes ? 1 : 0].empty()) continue;
+      use(shaders_.round(static_cast<RoundKind>(kind), pass.traits));
+      draw_round(kind, boxes);
+    }
+  }
+  if (writes.color && !sky_views_.empty()) {
+    use(shaders_.sky(pass.traits));
+    draw_sky();
+  }
+}
+
+void GlPainter::see(const GlView& view, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass) {
+  const Scene& scene = scenes_[view.model];
+  const AtlasSize& size = atlas.size();
+  const Eigen::Matrix3d rotation = view.rotation.cast<double>();
+  const Vec3d forward = rotation.col(0);
+  const Vec3d left = rotation.col(1);
+  const Vec3d up = rotation.col(2);
+  const double samples = pass.samples;
+  const double fx = static_cast<double>(view.fx) * samples;
+  const double fy = static_cast<double>(view.fy) * samples;
+  const double cx = static_cast<double>(view.cx) * samples;
+  const double cy = static_cast<double>(view.cy) * samples;
+  const double width = size.width;
+  const double height = size.height;
+  // u = cx - fx y / x, and v = cy - fy z / x, from -1 to 1 over the tile.
+  const Vec3d x = (2.0 * cx / width - 1.0) * forward - 2.0 * fx / width * left;
+  const Vec3d y = (2.0 * cy / height - 1.0) * forward - 2.0 * fy / height * up;
+  const Vec3d ray_0 = forward + cx / fx * left + cy / fy * up;
+  const double middle = (2.0 * number + 1.0) / size.tiles - 1.0;
+  const float gamma_exponent = 1.0F / scene.light.gamma;
+  const Vec3d eye = view.position.cast<double>();
+  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy), row(-left / fx),
+                      row(-up / fy, scene.grid), row(scene.light.horizon_color, gamma_exponent),
+                      row(scene.light.zenith_color, 0.0F)});
+
+  const double near = static_cast<double>(pass.near_m);
+  const double far = static_cast<double>(pass.far_m);
+  Frustum frustum;
+  const auto plane = [&](std::size_t i, const Vec3d& normal, double distance) {
+    frustum[i] = {normal.normalized().cast<float>(),
+                  static_cast<float>(-normal.dot(eye) - distance) / static_cast<float>(normal.norm())};
+  };
+  plane(0, forward - x, 0.0);
+  plane(1, forward + x, 0.0);
+  plane(2, forward - y, 0.0);
+  plane(3, forward + y, 0.0);
+  plane(4, forward, near);
+  plane(5, -forward, -far);
+  see_flat(scene, frustum, number);
+  see_round(scene, frustum, view, pass, number);
+
+  // Whoever is in a room, not so close to a wall that the near plane cuts through it, and sees to its end, sees no sky.
+  double corner = 0.0;
+  for (const double u : {0.0, width}) {
+    for (const double v : {0.0, height}) corner = std::max(corner, (ray_0 - u / fx * left - v / fy * up).norm());
+  }
+  const bool is_indoors = std::any_of(scene.rooms.begin(), scene.rooms.end(), [&](const Aabb& room) {
+    const Vec3d low = room.min.cast<double>();
+    const Vec3d high = room.max.cast<double>();
+    const double margin = std::min((eye - low).minCoeff(), (high - eye).minCoeff());
+    const Vec3d farthest = (forward.array() > 0.0).select(high, low) - eye;
+    return margin > 1.001 * near * corner && forward.dot(farthest) < 0.999 * far;
+  });
+  if (!is_indoors) sky_views_.push_back(number);
+}
+
+void GlPainter::see_flat(const Scene& scene, const Frustum& frustum, std::uint32_t number) {
+  const bool all = scene.chunks.size() == 1;
+  for (const FlatChunk& chunk : scene.chunks) {
+    const bool hidden = !all && std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
+      return plane.normal.dot(chunk.center) + plane.normal.cwiseAbs().dot(chunk.half) + plane.offset < 0.0F;
+    });
+    if (hidden) continue;
+    if (!flat_commands_.empty() && flat_commands_.back().base_instance == number) {
+      DrawCommand& last = flat_commands_.back();
+      if (last.first_index + last.count == chunk.first_index) {
+        last.count += chunk.index_count;
+        continue;
+      }
+    }
+    flat_commands_.push_back({chunk.index_count, 1, chunk.first_index, scene.first_vertex, number});
+  }
+}
+
+void GlPainter::see_round(const Scene& scene, const Frustum& frustum, const GlView& view, const GlPass& pass,
+                          std::uint32_t number) {
+  for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
+    for (std::size_t i = 0; i < scene.bounds[kind].size(); ++i) {
+      const RoundBound& bound = scene.bounds[kind][i];
+      const bool hidden = std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
+        return plane.normal.dot(bound.center) + plane.offset < -bound.reach;
+      });
+      if (hidden) continue;
+      const bool boxes = !is_well_outside(bound, static_cast<RoundKind>(kind), view, pass.near_m);
+      sights_[kind][boxes ? 1 : 0].push_back({number, scene.first_shape[kind] + static_cast<std::uint32_t>(i)});
+    }
+  }
+}
+
+void GlPainter::draw_flat() {
+  glDisable(GL_CULL_FACE);
+  glBindVertexArray(flat_array_.name());
+  glVertexArrayVertexBuffer(flat_array_.name(), 0, vertices_.name(), 0, sizeof(FlatVertex));
+  glVertexArrayVertexBuffer(flat_array_.name(), 1, views_.name(), 0, sizeof(ViewRecord));
+  glVertexArrayElementBuffer(flat_array_.name(), indices_.name());
+  upload(commands_, std::span<const DrawCommand>(flat_commands_));
+  glBindBuffer(GL_DRAW_INDIRECT_BUFFER, commands_.name());
+  glMultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, nullptr, static_cast<GLsizei>(flat_commands_.size()), 0);
+}
+
+void GlPainter::draw_round(std::size_t kind, bool boxes) {
+  const std::vector<Sight>& sights = sights_[kind][boxes ? 1 : 0];
+  if (boxes) {
+    glEnable(GL_CULL_FACE);
+    glCullFace(GL_FRONT);
+  } else {
+    glDisable(GL_CULL_FACE);
+  }
+  glUniform1i(kBoxesUniform, boxes ? 1 : 0);
+  glBindVertexArray(boxes ? box_array_.name() : quad_array_.name());
+  upload(sights_buffer_, std::span<const Sight>(sights));
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kSightsBinding, sights_buffer_.name());
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kShapesBinding, shapes_[kind].name());
+  const std::size_t indices = boxes ? kBox.size() : kQuad.size();
+  for (std::size_t first = 0; first < sights.size(); first += kMaxBoxes) {
+    const std::size_t count = std::min(kMaxBoxes, sights.size() - first);
+    glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(indices * count), GL_UNSIGNED_SHORT, nullptr,
+                             static_cast<GLint>((boxes ? 8 : 4) * first));
+  }
+}
+
+void GlPainter::draw_sky() {
+  glDisable(GL_CULL_FACE);
+  glDepthFunc(GL_EQUAL);
+  glDepthMask(GL_FALSE);
+  glBindVertexArray(quad_array_.name());
+  for (std::size_t first = 0; first < sky_views_.size();) {
+    std::size_t count = 1;
+    while (first + count < sky_views_.size() && sky_views_[first + count] == sky_views_[first] + count && count < kMaxBoxes)
+      ++count;
+    glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(kQuad.size() * count), GL_UNSIGNED_SHORT, nullptr,
+                             static_cast<GLint>(4 * sky_views_[first]));
+    first += count;
+  }
+}
+
+void GlPainter::resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles) {
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, into.framebuffer());
+  glViewport(0, 0, into.size().width, into.size().height * tiles);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_CLIP_DISTANCE0);
+  glDisable(GL_CLIP_DISTANCE1);
+  glDisable(GL_CULL_FACE);
+  write_only(kColor);
+  glUseProgram(shaders_.resolve());
+  glUniform1i(kSamplesUniform, side);
+  glBindTextureUnit(0, samples.color());
+  glBindVertexArray(no_array_.name());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+}  // namespace swiftlet::render

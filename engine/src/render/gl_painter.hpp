@@ -1,0 +1,108 @@
+// GlPainter: draws worlds as seen by many cameras into an atlas, in a few calls for all of them together.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "render/gl_atlas.hpp"
+#include "render/gl_model.hpp"
+#include "render/gl_objects.hpp"
+#include "render/gl_shaders.hpp"
+#include "render/gl_store.hpp"
+#include "render/gl_sun_grid.hpp"
+
+namespace swiftlet::render {
+
+// One tile: a camera, or a part of its picture.
+struct GlView {
+  std::uint32_t model = 0;  // as add() numbered it
+  Vec3 position;            // m, world frame
+  Mat3 rotation;            // camera to world
+  float fx = 1, fy = 1;     // px
+  float cx = 0, cy = 0;     // px, from the tile's upper left
+};
+
+struct GlPass {
+  float near_m = 0, far_m = 0;  // planar depths
+  ShaderTraits traits;
+  int samples = 1;  // a side of the grid within a pixel: each tile of the atlas is so many times wider and higher than its view
+};
+
+class GlPainter {
+ public:
+  GlPainter();
+
+  // Copies a model to the device. They are numbered from 0.
+  void add(const GlModel& model);
+  // The same of a model's grid, before any pass with shadows has views of it.
+  void add(std::uint32_t model, const GlSunGrid& grid);
+
+  // Clears the atlas and draws the views as its tiles.
+  void paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass);
+  // Averages grids of samples.
+  void resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles);
+
+ private:
+  // What stays here of a model, and where the rest begins.
+  struct Scene {
+    GLint first_vertex = 0;
+    std::vector<FlatChunk> chunks;  // their indices counted in indices_
+    std::array<std::uint32_t, kNumRoundKinds> first_shape{};
+    std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
+    std::vector<Aabb> rooms;
+    Light light;
+    std::uint32_t grid = 0;  // into grids_
+  };
+  // A view as the shaders read it; each row is a vec4.
+  struct ViewRecord {
+    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith;
+  };
+  // A grid of the sun as the shaders read it; each row is a vec4.
+  struct GridRecord {
+    std::array<std::array<float, 4>, 3> to_sun;  // columns
+    std::array<float, 4> left_low_cell;
+    std::array<std::uint32_t, 4> size;
+  };
+  struct DrawCommand {  // as OpenGL reads it
+    GLuint count, instance_count, first_index;
+    GLint base_vertex;
+    GLuint base_instance;
+  };
+  struct Sight {
+    std::uint32_t view, shape;
+  };
+  struct Plane {
+    Vec3 normal;   // unit, inwards
+    float offset;  // m
+  };
+  using Frustum = std::array<Plane, 6>;
+
+  void see(const GlView& view, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
+  void see_flat(const Scene& scene, const Frustum& frustum, std::uint32_t number);
+  void see_round(const Scene& scene, const Frustum& frustum, const GlView& view, const GlPass& pass, std::uint32_t number);
+  void draw_flat();
+  void draw_round(std::size_t kind, bool boxes);
+  void draw_sky();
+
+  GlShaders shaders_;
+  std::vector<Scene> scenes_;
+  GlStore<FlatVertex> vertices_;
+  GlStore<std::uint32_t> indices_;
+  std::array<GlStore<RoundShape>, kNumRoundKinds> shapes_;
+  GlStore<GridRecord> grids_;
+  GlStore<std::uint32_t> starts_, entries_;
+  GlStore<SunCaster> casters_;
+  GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
+  GlBuffer boxes_, quads_;                     // indices of many boxes and quads
+  GlBuffer views_, commands_, sights_buffer_;  // of one paint()
+
+  std::vector<ViewRecord> records_;
+  std::vector<DrawCommand> flat_commands_;
+  // What is drawn by rectangles, and what by boxes; see gl_shaders.cpp.
+  std::array<std::array<std::vector<Sight>, 2>, kNumRoundKinds> sights_;
+  std::vector<std::uint32_t> sky_views_;
+};
+
+}  // namespace swiftlet::render

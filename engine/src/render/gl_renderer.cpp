@@ -1,0 +1,200 @@
+#include "render/gl_renderer.hpp"
+
+#include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <tuple>
+#include <unordered_map>
+#include <vector>
+
+#include "batch/platform.hpp"
+#include "render/gl_readout.hpp"
+#include "render/gl_worker.hpp"
+#include "trace/handover.hpp"
+
+namespace swiftlet::render {
+namespace {
+
+// Pixels that are drawn and read at once, at most: what bounds the memory of device and readbacks, at up to 32 bytes a pixel.
+constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24U;
+// And on a software device, whose pictures should still be in a cache when they are read.
+constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 24U;
+constexpr std::size_t kGrain = 1U << 16U;  // pixels that are worth a task of their own
+
+// What may share an atlas.
+auto kind_of(const CameraConfig& camera) {
+  const CameraOutputs& outputs = camera.outputs;
+  return std::tuple(camera.width_px, camera.height_px, camera.samples_per_pixel, camera.near_m, camera.far_m, outputs.any_color(),
+                    outputs.depth, outputs.semantic || outputs.instance, outputs.normal, camera.shadows);
+}
+
+GlPass pass_of(const CameraConfig& camera) {
+  const CameraOutputs& outputs = camera.outputs;
+  GlPass pass{.near_m = camera.near_m, .far_m = camera.far_m};
+  pass.traits.writes = {outputs.any_color(), outputs.depth, outputs.semantic || outputs.instance, outputs.normal};
+  pass.traits.shadows = outputs.any_color() && camera.shadows;
+  if (outputs.any_color()) {
+    while ((pass.samples + 1) * (pass.samples + 1) <= camera.samples_per_pixel) ++pass.samples;
+  }
+  return pass;
+}
+
+// Sizes to which numbers of tiles are rounded up, so that a number that changes a little keeps its atlas.
+int roomy(int tiles, int most) {
+  int step = 1;
+  while (step * 16 < tiles) step *= 2;
+  return std::min((tiles + step - 1) / step * step, most);
+}
+
+int pieces(int length, int most) { return (length + most - 1) / most; }
+
+}  // namespace
+
+struct GlRenderer::Impl {
+  long process = process_id();
+  GlWorker worker;
+  struct KnownWorld {
+    std::uint32_t model;
+    bool has_grid = false;
+  };
+  std::unordered_map<const World*, KnownWorld> worlds;
+  std::vector<Shot> shots;
+  std::vector<std::uint32_t> order;  // of the shots, those of one kind of camera and of one world beside each other
+  std::vector<FramePart> parts;      // one a view of the task
+
+  // What is not yet on the device goes there with the next task.
+  std::uint32_t model_of(const World& world, bool shadows) {
+    auto found = worlds.find(&world);
+    if (found == worlds.end()) {
+      worker.task().models.emplace_back(world);
+      found = worlds.emplace(&world, KnownWorld{static_cast<std::uint32_t>(worlds.size())}).first;
+    }
+    KnownWorld& known = found->second;
+    if (shadows && !known.has_grid) {
+      worker.task().grids.push_back({known.model, GlSunGrid(world)});
+      known.has_grid = true;
+    }
+    return known.model;
+  }
+
+  void plan();
+  void plan_group(std::span<const std::uint32_t> group);
+  void write(const GlRound& round, const Pixels& pixels) const;
+};
+
+GlRenderer::GlRenderer() : impl_(std::make_unique<Impl>()) {}
+
+GlRenderer::~GlRenderer() {
+  // The thread is of the parent alone, and its mutex may be locked for ever here.
+  if (process_id() != impl_->process) static_cast<void>(impl_.release());
+}
+
+GlRenderer::Impl& GlRenderer::impl() {
+  if (process_id() != impl_->process)
+    throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
+  return *impl_;
+}
+
+std::string GlRenderer::description() const { return impl_->worker.description(); }
+
+void GlRenderer::start(std::span<const Shot> shots) {
+  Impl& self = impl();
+  self.shots.assign(shots.begin(), shots.end());
+  self.plan();
+  self.worker.start();
+}
+
+void GlRenderer::finish() {
+  Impl& self = impl();
+  for (const GlRound& round : self.worker.task().rounds) {
+    self.write(round, self.worker.wait());
+    self.worker.release();
+  }
+  self.worker.task().models.clear();
+  self.worker.task().grids.clear();
+}
+
+void GlRenderer::Impl::plan() {
+  GlTask& task = worker.task();
+  task.views.clear();
+  task.rounds.clear();
+  parts.clear();
+  order.resize(shots.size());
+  for (std::size_t i = 0; i < shots.size(); ++i) order[i] = static_cast<std::uint32_t>(i);
+  const auto same_kind = [&](std::uint32_t a, std::uint32_t b) {
+    return shots[a].camera == shots[b].camera || kind_of(*shots[a].camera) == kind_of(*shots[b].camera);
+  };
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+    if (!same_kind(a, b)) return kind_of(*shots[a].camera) < kind_of(*shots[b].camera);
+    return a < b;
+  });
+  for (std::size_t first = 0; first < order.size();) {
+    std::size_t last = first + 1;
+    while (last < order.size() && same_kind(order[first], order[last])) ++last;
+    plan_group(std::span<const std::uint32_t>(order).subspan(first, last - first));
+    first = last;
+  }
+}
+
+void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
+  GlTask& task = worker.task();
+  const CameraConfig& camera = *shots[group[0]].camera;
+  const GlPass pass = pass_of(camera);
+  const int columns = pieces(camera.width_px * pass.samples, worker.max_side());
+  const int rows = pieces(camera.height_px * pass.samples, worker.max_side());
+  const AtlasSize tile{pieces(camera.width_px, columns), pieces(camera.height_px, rows), 1};
+  const std::int64_t tile_pixels = static_cast<std::int64_t>(tile.pixels()) * pass.samples * pass.samples;
+  const std::int64_t by_memory = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
+  const int most =
+      std::max(1, static_cast<int>(std::min<std::int64_t>(worker.max_side() / (tile.height * pass.samples), by_memory)));
+
+  const std::size_t first_view = task.views.size();
+  for (const std::uint32_t i : group) {
+    const Shot& shot = shots[i];
+    const std::uint32_t model = model_of(*shot.world, pass.traits.shadows);
+    for (int row = 0; row < rows; ++row) {
+      for (int column = 0; column < columns; ++column) {
+        const int left = column * tile.width;
+        const int top = row * tile.height;
+        parts.push_back(
+            {i, left, top, std::min(tile.width, camera.width_px - left), std::min(tile.height, camera.height_px - top)});
+        task.views.push_back({model, shot.position, shot.rotation, shot.lens->fx, shot.lens->fy,
+                              shot.lens->cx - static_cast<float>(left), shot.lens->cy - static_cast<float>(top)});
+      }
+    }
+  }
+  const auto num_views = static_cast<int>(task.views.size() - first_view);
+  for (int first = 0; first < num_views; first += most) {
+    const int count = std::min(most, num_views - first);
+    task.rounds.push_back(
+        {{tile.width, tile.height, roomy(count, most)}, pass, first_view + static_cast<std::size_t>(first), count});
+  }
+}
+
+void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels) const {
+  const auto write_tile = [&](std::size_t tile) {
+    const FramePart& part = parts[round.first_view + tile];
+    const Shot& shot = shots[part.shot];
+    write_frame(pixels, round.size, tile, shot, part);
+  };
+  const auto count = static_cast<std::size_t>(round.count);
+  const std::size_t tile_pixels = AtlasSize{round.size.width, round.size.height, 1}.pixels();
+  const std::size_t grain = std::max<std::size_t>(1, kGrain / tile_pixels);
+  if (count <= grain) {
+    for (std::size_t tile = 0; tile < count; ++tile) write_tile(tile);
+    return;
+  }
+  static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
+  const char joined = 0;
+  handover::release(&forked);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, grain), [&](const tbb::blocked_range<std::size_t>& range) {
+    handover::acquire(&forked);
+    for (std::size_t tile = range.begin(); tile != range.end(); ++tile) write_tile(tile);
+    handover::release(&joined);
+  });
+  handover::acquire(&joined);
+}
+
+}  // namespace swiftlet::render

@@ -1,0 +1,58 @@
+// GlShaders: the programs that draw, each made on first need for just what it has to write.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <unordered_map>
+
+#include "render/gl_model.hpp"
+#include "render/gl_objects.hpp"
+
+namespace swiftlet::render {
+
+// What is drawn for each pixel, into which attachment.
+struct Attachments {
+  bool color = false;   // 0: RGBA8
+  bool depth = false;   // the depth buffer, which is always there: accurate enough to be read
+  bool ids = false;     // 1: RG16UI
+  bool normal = false;  // 2: RGBA32F
+
+  bool operator==(const Attachments&) const = default;
+};
+
+struct ShaderTraits {
+  Attachments writes;
+  bool shadows = false;  // of the sun
+
+  bool operator==(const ShaderTraits&) const = default;
+};
+
+// Numbers in the shaders' layout qualifiers.
+inline constexpr GLint kTilesUniform = 0;    // (height of a tile in px, one over that, over the height of the atlas, nothing)
+inline constexpr GLint kRangeUniform = 1;    // (near, far, 1 / far, 1 / (1 / near - 1 / far)), m
+inline constexpr GLint kSamplesUniform = 2;  // a side of the grid within a pixel
+inline constexpr GLint kBoxesUniform = 3;    // 1: a box is drawn round each shape, else a rectangle before it
+inline constexpr GLuint kViewsBinding = 0;
+inline constexpr GLuint kSightsBinding = 1;
+inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
+inline constexpr GLuint kGridsBinding = 3;
+inline constexpr GLuint kStartsBinding = 4;
+inline constexpr GLuint kEntriesBinding = 5;
+inline constexpr GLuint kCastersBinding = 6;
+
+class GlShaders {
+ public:
+  // Each throws GlUnavailable where the driver refuses the source.
+  GLuint flat(const ShaderTraits& traits);
+  GLuint round(RoundKind kind, const ShaderTraits& traits);
+  GLuint sky(const ShaderTraits& traits);
+  GLuint resolve();  // averages samples
+
+ private:
+  enum class Role : std::uint8_t { flat, cylinder, sphere, capsule, disc, sky, resolve };
+  GLuint get(Role role, const ShaderTraits& traits);
+
+  std::unordered_map<std::uint32_t, GlProgram> programs_;
+};
+
+}  // namespace swiftlet::render

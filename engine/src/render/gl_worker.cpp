@@ -1,0 +1,262 @@
+#include "render/gl_worker.hpp"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <mutex>
+#include <span>
+#include <thread>
+
+#include "render/egl_context.hpp"
+#include "render/gl_renderer.hpp"
+
+namespace swiftlet::render {
+namespace {
+
+using std::chrono::milliseconds;
+
+// How long the device may give no sign of life: drivers compile shaders at the first picture, and a big world takes a software
+// device seconds.
+constexpr milliseconds kPatience{30'000};
+constexpr milliseconds kLittlePatience{200};  // where it hangs on purpose
+
+constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
+
+// Atlases are kept by their size and kind, which do not change from step to step.
+class Atlases {
+ public:
+  const GlAtlas& get(const AtlasSize& size, const Attachments& attachments) {
+    for (const auto& atlas : atlases_) {
+      if (atlas->size() == size && atlas->attachments() == attachments) return *atlas;
+    }
+    if (atlases_.size() >= kMost) atlases_.erase(atlases_.begin());
+    atlases_.push_back(std::make_unique<GlAtlas>(size, attachments));
+    return *atlases_.back();
+  }
+
+ private:
+  static constexpr std::size_t kMost = 32;
+  std::vector<std::unique_ptr<GlAtlas>> atlases_;
+};
+
+}  // namespace
+
+struct GlWorker::Shared {
+  const EglWish wish;
+  std::mutex mutex;
+  std::condition_variable changed;
+  // Under the mutex:
+  bool ready = false;
+  bool stop = false;
+  bool ended = false;               // the thread has let go of all that is of OpenGL
+  std::string error;                // why it ended; it then is of no more use
+  std::uint64_t signs_of_life = 0;  // counted up whenever the device has done something
+  std::uint64_t started = 0;        // tasks
+  std::size_t published = 0;        // rounds of the current task that were read back
+  std::size_t released = 0;         // of these, those that the caller is done with
+  std::array<Pixels, kNumReadbacks> pixels;
+  // Written before `ready` is:
+  std::string description;
+  int max_side = 0;
+  bool is_software = false;
+  // Of the caller until it is started, then of the thread until all rounds are published:
+  GlTask task;
+
+  explicit Shared(EglWish what) : wish(what) {}
+
+  // Waits until something is so. False where nothing happened for too long.
+  template <class Condition>
+  bool wait(std::unique_lock<std::mutex>& lock, const Condition& condition) {
+    const milliseconds patience = wish == EglWish::hanging && ready ? kLittlePatience : kPatience;
+    while (!condition()) {
+      const std::uint64_t signs = signs_of_life;
+      changed.wait_for(lock, patience, [&] { return condition() || signs_of_life != signs; });
+      if (signs_of_life == signs && !condition()) return false;
+    }
+    return true;
+  }
+
+  void give_sign() {
+    const std::lock_guard lock(mutex);
+    ++signs_of_life;
+    changed.notify_all();
+  }
+};
+
+GlWorker::GlWorker() : shared_(std::make_shared<Shared>(egl_wish())) {
+  thread_ = std::thread([shared = shared_] {
+    run(*shared);
+    const std::lock_guard lock(shared->mutex);
+    shared->ended = true;
+    shared->changed.notify_all();
+  });
+  std::string error;
+  {
+    std::unique_lock lock(shared_->mutex);
+    shared_->wait(lock, [&] { return shared_->ready || !shared_->error.empty(); });
+    if (shared_->ready) return;
+    error = shared_->error;
+    shared_->stop = true;
+  }
+  if (error.empty()) {
+    thread_.detach();
+    throw GlUnavailable("the OpenGL driver does not answer");
+  }
+  thread_.join();
+  throw GlUnavailable(error);
+}
+
+GlWorker::~GlWorker() {
+  if (!thread_.joinable()) return;
+  std::unique_lock lock(shared_->mutex);
+  shared_->stop = true;
+  shared_->changed.notify_all();
+  const bool answers = shared_->wait(lock, [&] { return shared_->ended; });
+  lock.unlock();
+  if (answers) {
+    thread_.join();
+  } else {
+    thread_.detach();
+  }
+}
+
+const std::string& GlWorker::description() const { return shared_->description; }
+int GlWorker::max_side() const { return shared_->max_side; }
+bool GlWorker::is_software() const { return shared_->is_software; }
+GlTask& GlWorker::task() { return shared_->task; }
+
+void GlWorker::start() {
+  {
+    const std::lock_guard lock(shared_->mutex);
+    if (!shared_->error.empty()) throw GlUnavailable(shared_->error);
+    ++shared_->started;
+    shared_->published = 0;
+    shared_->released = 0;
+  }
+  shared_->changed.notify_all();
+}
+
+const Pixels& GlWorker::wait() {
+  std::unique_lock lock(shared_->mutex);
+  const std::size_t round = shared_->released;
+  shared_->wait(lock, [&] { return shared_->published > round || !shared_->error.empty(); });
+  if (shared_->published > round) return shared_->pixels[round % kNumReadbacks];
+  if (!shared_->error.empty()) throw GlUnavailable(shared_->error);
+  shared_->error = "the OpenGL driver did not answer within " + std::to_string(kPatience.count() / 1000) + " s";
+  shared_->stop = true;
+  shared_->changed.notify_all();
+  thread_.detach();
+  throw GlUnavailable(shared_->error);
+}
+
+void GlWorker::release() {
+  {
+    const std::lock_guard lock(shared_->mutex);
+    ++shared_->released;
+  }
+  shared_->changed.notify_all();
+}
+
+void GlWorker::run(Shared& s) {
+  try {
+    const EglContext context(s.wish);
+    GlPainter painter;
+    Atlases atlases;
+    GlReadback readback_0(context.is_software());
+    GlReadback readback_1(context.is_software());
+    const std::array<GlReadback*, kNumReadbacks> readbacks{&readback_0, &readback_1};
+
+    GLint side = 0;
+    std::array<GLint, 2> viewport{};
+    glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
+    glGetIntegerv(GL_MAX_VIEWPORT_DIMS, viewport.data());
+    {
+      const std::lock_guard lock(s.mutex);
+      s.description = context.description();
+      s.max_side = std::min({side, viewport[0], viewport[1]});
+      s.is_software = context.is_software();
+      s.ready = true;
+    }
+    s.changed.notify_all();
+
+    const auto draw = [&](const GlRound& round, GlReadback& readback) {
+      const auto views = std::span<const GlView>(s.task.views).subspan(round.first_view, static_cast<std::size_t>(round.count));
+      const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
+      GlPass pass = round.pass;
+      if (pass.samples > 1 && pass.traits.writes.color) {
+        const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
+        const GlAtlas& samples = atlases.get(large, {.color = true});
+        GlPass colors = pass;
+        colors.traits.writes = {.color = true};
+        painter.paint(samples, views, colors);
+        pass.traits.writes.color = false;
+        pass.traits.shadows = false;
+        pass.samples = 1;
+        painter.paint(atlas, views, pass);
+        painter.resolve(samples, atlas, round.pass.samples, round.count);
+      } else {
+        pass.samples = 1;
+        painter.paint(atlas, views, pass);
+      }
+      readback.start(atlas, round.count);
+    };
+    // Of an earlier round, while the next is under way.
+    const auto publish = [&](GlReadback& readback, std::size_t round) {
+      if (s.wish == EglWish::failing) throw GlUnavailable("reading pictures fails by SWIFTLET_EGL=failing");
+      if (s.wish == EglWish::hanging) {
+        std::unique_lock lock(s.mutex);
+        s.changed.wait(lock, [&] { return s.stop; });
+        return;
+      }
+      readback.finish();
+      const std::lock_guard lock(s.mutex);
+      s.pixels[round % kNumReadbacks] = readback.pixels();
+      s.published = round + 1;
+      ++s.signs_of_life;
+      s.changed.notify_all();
+    };
+
+    std::uint64_t done = 0;
+    while (true) {
+      {
+        std::unique_lock lock(s.mutex);
+        s.changed.wait(lock, [&] { return s.stop || s.started > done; });
+        if (s.stop) return;
+        done = s.started;
+      }
+      for (const GlModel& model : s.task.models) {
+        painter.add(model);
+        s.give_sign();
+      }
+      for (const GlModelGrid& grid : s.task.grids) {
+        painter.add(grid.model, grid.grid);
+        s.give_sign();
+      }
+      const std::size_t count = s.task.rounds.size();
+      for (std::size_t round = 0; round < count; ++round) {
+        {
+          std::unique_lock lock(s.mutex);
+          s.changed.wait(lock, [&] { return s.stop || s.released + kNumReadbacks > round; });
+          if (s.stop) return;
+        }
+        draw(s.task.rounds[round], *readbacks[round % kNumReadbacks]);
+        // A device of its own copies the round before while it draws this one; software has copied it already.
+        if (s.is_software) {
+          publish(*readbacks[round % kNumReadbacks], round);
+        } else if (round > 0) {
+          publish(*readbacks[(round - 1) % kNumReadbacks], round - 1);
+        }
+      }
+      if (!s.is_software && count > 0) publish(*readbacks[(count - 1) % kNumReadbacks], count - 1);
+    }
+  } catch (const std::exception& error) {
+    const std::lock_guard lock(s.mutex);
+    if (s.error.empty()) s.error = error.what();
+    s.changed.notify_all();
+  }
+}
+
+}  // namespace swiftlet::render
