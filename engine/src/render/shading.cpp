@@ -95,9 +95,8 @@ HWY_INLINE Vec3V<V> normalised(const Vec3V<V>& v) {
 
 // The normal of the side that is seen.
 HWY_INLINE Vec3V<V> towards_camera(Floats d, const Vec3V<V>& normal, const Vec3V<V>& direction) {
-  const V flip = hn::And(hn::SignBit(d), hn::Neg(dot(normal, direction)));  // set where the normal points away
-  const V sign = hn::Xor(flip, hn::SignBit(d));
-  return {hn::Xor(normal.x, sign), hn::Xor(normal.y, sign), hn::Xor(normal.z, sign)};
+  const V flip = hn::And(hn::Neg(dot(normal, direction)), hn::SignBit(d));
+  return {hn::Xor(normal.x, flip), hn::Xor(normal.y, flip), hn::Xor(normal.z, flip)};
 }
 
 HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
