@@ -201,37 +201,79 @@ void render_bare(const BareWorld& world, BareCameras& cameras, bool coherent) {
   }
 }
 
-void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, const BareWorld& bare, int width,
-                int height, int num_drones, bench::Figures& figures) {
-  swiftlet::BatchConfig config;
-  config.num_drones = num_drones;
-  config.num_threads = 1;
+constexpr float kFarM = 100.0F;
+
+swiftlet::CameraConfig rgb_and_depth(int width, int height) {
   swiftlet::CameraConfig camera;
   camera.width_px = width;
   camera.height_px = height;
+  camera.far_m = kFarM;
   camera.outputs.depth = true;
+  return camera;
+}
+
+// Drones anywhere in the world that is free, looking any way, but much the same height.
+struct Poses {
+  std::vector<Vec3> points;
+  std::vector<Quat> rotations;
+  std::vector<float> position, quat_wxyz;  // the same
+
+  Poses(const swiftlet::World& world, int count) : points(bench::free_positions(world, count, 1)) {
+    std::mt19937 random(2);
+    for (const Vec3& p : points) {
+      const float yaw = std::uniform_real_distribution<float>(0.0F, 2.0F * std::numbers::pi_v<float>)(random);
+      const float pitch = std::uniform_real_distribution<float>(-0.2F, 0.2F)(random);
+      const Quat q(Eigen::AngleAxisf(yaw, Vec3::UnitZ()) * Eigen::AngleAxisf(pitch, Vec3::UnitY()));
+      rotations.push_back(q);
+      position.insert(position.end(), {p.x(), p.y(), p.z()});
+      quat_wxyz.insert(quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
+    }
+  }
+};
+
+std::unique_ptr<swiftlet::Batch> make_batch(const std::shared_ptr<const swiftlet::World>& world, const Poses& poses,
+                                            const swiftlet::CameraConfig& camera, swiftlet::CameraBackend backend) {
+  swiftlet::BatchConfig config;
+  config.num_drones = static_cast<int>(poses.points.size());
+  config.num_threads = 1;
   config.cameras = {camera};
-  swiftlet::Batch batch(config, {world});
+  config.camera_backend = backend;
+  auto batch = std::make_unique<swiftlet::Batch>(config, swiftlet::Batch::Worlds{world});
+  if (const std::string warning = batch->take_warning(); !warning.empty()) {
+    std::fprintf(stderr, "%s\n", warning.c_str());
+    std::exit(1);
+  }
+  batch->set_pose(poses.position, poses.quat_wxyz);
+  return batch;
+}
+
+std::string size_of(int width, int height, int num_drones) {
+  return std::to_string(width) + 'x' + std::to_string(height) + 'x' + std::to_string(num_drones);
+}
+
+// The share of pixels whose depth another renderer sees elsewhere. Pictures must be of the same thing, or comparing says nothing.
+double share_that_differs(const std::vector<float>& ours, const std::vector<float>& theirs) {
+  std::size_t differ = 0;
+  for (std::size_t i = 0; i < ours.size(); ++i) {
+    differ += !(ours[i] == theirs[i] || std::abs(ours[i] - theirs[i]) < 0.02F * ours[i]);
+  }
+  return static_cast<double>(differ) / static_cast<double>(ours.size());
+}
+
+void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, const BareWorld& bare, int width,
+                int height, int num_drones, bench::Figures& figures) {
+  const swiftlet::CameraConfig camera = rgb_and_depth(width, height);
+  const Poses poses(*world, num_drones);
+  const auto batch = make_batch(world, poses, camera, swiftlet::CameraBackend::raycast);
   const auto n = static_cast<std::size_t>(num_drones);
   const std::size_t pixels = n * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  BareCameras cameras{width, height, camera.fx(), camera.fy(), bench::free_positions(*world, num_drones, 1), {}, {}, {}};
+  BareCameras cameras{width, height, camera.fx(), camera.fy(), poses.points, {}, {}, {}};
+  for (const Quat& q : poses.rotations) cameras.rotation.push_back(q.toRotationMatrix());
   cameras.rgb.resize(3 * pixels);
   cameras.depth.resize(pixels);
-  std::mt19937 random(2);
-  std::vector<float> position, quat_wxyz;
-  for (std::size_t i = 0; i < n; ++i) {
-    const Vec3& p = cameras.position[i];
-    const float yaw = std::uniform_real_distribution<float>(0.0F, 2.0F * std::numbers::pi_v<float>)(random);
-    const float pitch = std::uniform_real_distribution<float>(-0.2F, 0.2F)(random);
-    const Quat q(Eigen::AngleAxisf(yaw, Vec3::UnitZ()) * Eigen::AngleAxisf(pitch, Vec3::UnitY()));
-    position.insert(position.end(), {p.x(), p.y(), p.z()});
-    quat_wxyz.insert(quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
-    cameras.rotation.push_back(q.toRotationMatrix());
-  }
-  batch.set_pose(position, quat_wxyz);
 
   const std::vector<bench::Variant> variants{
-      {"raycast", [&] { batch.capture(0); }},
+      {"raycast", [&] { batch->capture(0); }},
       {"bare Embree 4x2 coherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, true); }},
       {"bare Embree 4x2 incoherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, false); }},
       {"bare Embree 4x4 coherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, true); }},
@@ -241,21 +283,14 @@ void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::W
   std::size_t best = 1;
   for (std::size_t v = 0; v < variants.size(); ++v) {
     if (v > 1 && bench::median(times[v]) < bench::median(times[best])) best = v;
-    std::fprintf(stderr, "  %-40s %-28s %10.1f frames/s\n", name.c_str(), variants[v].label.c_str(),
+    std::fprintf(stderr, "  %-12s %-28s %10.1f frames/s\n", name.c_str(), variants[v].label.c_str(),
                  static_cast<double>(n) / bench::median(times[v]));
   }
-  // The pictures must be of the same thing, or the comparison says nothing.
-  std::size_t differ = 0;
-  for (std::size_t i = 0; i < pixels; ++i) {
-    const float a = batch.images(0).depth[i], b = cameras.depth[i];
-    differ += !(a == b || std::abs(a - b) < 0.02F * a);
-  }
-  if (differ > pixels / 25) {
-    std::fprintf(stderr, "%s: %zu of %zu pixels show another depth\n", name.c_str(), differ, pixels);
+  if (const double share = share_that_differs(batch->images(0).depth, cameras.depth); share > 0.04) {
+    std::fprintf(stderr, "%s: bare Embree sees another depth in %.1f %% of the pixels\n", name.c_str(), 100.0 * share);
     std::exit(1);
   }
-  const std::string size = std::to_string(width) + 'x' + std::to_string(height) + 'x' + std::to_string(num_drones);
-  const std::string figure = "camera/raycast/" + name + '/' + size;
+  const std::string figure = "camera/raycast/" + name + '/' + size_of(width, height, num_drones);
   // Where Embree does all the tracing, its loop is the bare limit of the engine; where the engine traces primitives itself, no
   // more than a yardstick.
   const bool meshes = !world->triangles().triangles.empty();
@@ -265,9 +300,79 @@ void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::W
   figures.add(figure + "/bare_embree_frames_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s", kRuns);
 }
 
+// Frames per second over resolution, number of drones, world and backend.
+void bench_table(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, bench::Figures& figures) {
+  constexpr int kTableRuns = 5;
+  constexpr long long kMostPixels = 5'000'000;
+  for (const auto& [width, height] : {std::pair{64, 64}, {128, 128}, {320, 240}, {640, 480}}) {
+    for (const int num_drones : {1, 16, 256}) {
+      if (static_cast<long long>(width) * height * num_drones > kMostPixels) continue;
+      const Poses poses(*world, num_drones);
+      const swiftlet::CameraConfig camera = rgb_and_depth(width, height);
+      const auto raycast = make_batch(world, poses, camera, swiftlet::CameraBackend::raycast);
+      const auto gl = make_batch(world, poses, camera, swiftlet::CameraBackend::gl);
+      const bench::Times times =
+          bench::interleave({{"raycast", [&] { raycast->capture(0); }}, {"gl", [&] { gl->capture(0); }}}, kTableRuns);
+      const std::string size = size_of(width, height, num_drones);
+      for (std::size_t v = 0; v < 2; ++v) {
+        const char* const backend = v == 0 ? "raycast" : "gl";
+        const double rate = num_drones / bench::median(times[v]);
+        std::fprintf(stderr, "  %-12s %-12s %-8s %10.1f frames/s\n", name.c_str(), size.c_str(), backend, rate);
+        figures.add("camera_table/" + name + '/' + size + '/' + backend + "_frames_per_second", rate, "1/s", kTableRuns);
+      }
+    }
+  }
+}
+
+// What the capture modes cost: sense() with cameras of each mode, of drones that stand still or move before each, beside sense()
+// without cameras.
+void bench_modes(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, bench::Figures& figures) {
+  constexpr int kDrones = 64;
+  const Poses poses(*world, kDrones);
+  std::vector<float> shifted = poses.position;
+  for (std::size_t i = 2; i < shifted.size(); i += 3) shifted[i] += 0.01F;
+  const auto bare = [&] {
+    swiftlet::BatchConfig config;
+    config.num_drones = kDrones;
+    config.num_threads = 1;
+    return std::make_unique<swiftlet::Batch>(config, swiftlet::Batch::Worlds{world});
+  };
+  std::vector<std::pair<std::string, std::unique_ptr<swiftlet::Batch>>> batches;
+  for (const auto& [mode, text] : {std::pair{swiftlet::CaptureMode::every_step, "every_step"},
+                                   {swiftlet::CaptureMode::on_movement, "on_movement"},
+                                   {swiftlet::CaptureMode::on_demand, "on_demand"}}) {
+    swiftlet::CameraConfig camera = rgb_and_depth(64, 64);
+    camera.capture_mode = mode;
+    batches.emplace_back(text, make_batch(world, poses, camera, swiftlet::CameraBackend::raycast));
+  }
+  batches.emplace_back("no_camera", bare());
+  std::vector<bench::Variant> variants;
+  for (const bool moving : {false, true}) {
+    for (const auto& [text, batch] : batches) {
+      swiftlet::Batch* const its = batch.get();
+      variants.push_back({text + (moving ? "/moving" : "/still"), [&, its, moving, up = false]() mutable {
+                            if (moving) {
+                              its->set_pose(up ? shifted : poses.position, {});
+                              up = !up;
+                            }
+                            its->sense();
+                          }});
+    }
+  }
+  const bench::Times times = bench::interleave(variants, kRuns);
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    const double us = 1e6 * bench::median(times[v]) / kDrones;
+    std::fprintf(stderr, "  %-12s %-24s %10.3f us per drone and step\n", name.c_str(), variants[v].label.c_str(), us);
+    figures.add("camera_modes/" + name + '/' + variants[v].label + "/microseconds_per_drone", us, "us", kRuns);
+  }
+}
+
 }  // namespace
 
-int main() {
+// "bare", "table" or "modes": the part to run; none: all.
+int main(int argc, char** argv) {
+  const std::string part = argc > 1 ? argv[1] : "";
+  const auto asked = [&](const char* its) { return part.empty() || part == its; };
   bench::Figures figures;
   const std::vector<std::pair<std::string, std::shared_ptr<const swiftlet::World>>> worlds{
       {"playground", swiftlet::World::load(SWIFTLET_SCENES "/playground/camera-train-1.json")},
@@ -275,10 +380,17 @@ int main() {
       {"mesh100k", bench::mesh_world(200, 60.0F)},
       {"mesh1M", bench::mesh_world(640, 180.0F)}};
   for (const auto& [name, world] : worlds) {
+    if (!asked("bare")) break;
     const BareWorld bare(*world);
     for (const auto& [width, height, num_drones] : {std::array{64, 64, 256}, std::array{640, 480, 16}}) {
       bench_case(name, world, bare, width, height, num_drones, figures);
     }
+  }
+  for (const auto& [name, world] : worlds) {
+    if (asked("table")) bench_table(name, world, figures);
+  }
+  for (const auto& [name, world] : worlds) {
+    if (asked("modes") && (name == "playground" || name == "mesh100k")) bench_modes(name, world, figures);
   }
   figures.print();
 }
