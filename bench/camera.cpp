@@ -2,7 +2,8 @@
 //
 // Bare Embree: for each camera, packets of neighbouring pixels through the world's triangles (primitives tessellated to 16-gons),
 // shaded from Embree's normals by the engine's formula, colour and depth stored. The best of packets of 4 x 2 and 4 x 4 rays,
-// coherent or incoherent. Engine: Batch::capture. All variants take turns within one run. Prints a JSON list of figures.
+// coherent or incoherent. Bare OpenGL: bare_gl.hpp. Engine: Batch::capture. All variants take turns within one run. Prints a JSON
+// list of figures.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "camera.cpp"
 #include <hwy/foreach_target.h>
@@ -96,6 +97,7 @@ HWY_AFTER_NAMESPACE();
 #include <utility>
 #include <vector>
 
+#include "bare_gl.hpp"
 #include "bench.hpp"
 #include "mesh_world.hpp"
 #include "swiftlet/batch.hpp"
@@ -116,6 +118,7 @@ constexpr int kRuns = 7;
 // The world's triangles with a colour each, markers among them, for the bare loop.
 struct BareWorld {
   std::unique_ptr<bench::BareScene> scene;
+  swiftlet::TriangleMesh mesh;
   bench::Paint paint;
 
   explicit BareWorld(const swiftlet::World& world) {
@@ -134,7 +137,8 @@ struct BareWorld {
     if (world.markers().goal) add_marker(*world.markers().goal, {0.02F, 0.6F, 0.05F});
     const swiftlet::World solid(std::move(description));
     scene = bench::triangle_scene(solid);
-    for (const std::uint16_t material : solid.mesh(bench::chord_error(solid)).materials) {
+    mesh = solid.mesh(bench::chord_error(solid));
+    for (const std::uint16_t material : mesh.materials) {
       paint.colors.push_back(solid.materials()[material].base_color);
     }
     paint.light = world.light();
@@ -272,32 +276,52 @@ void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::W
   cameras.rgb.resize(3 * pixels);
   cameras.depth.resize(pixels);
 
+  const auto gl = make_batch(world, poses, camera, swiftlet::CameraBackend::gl);
+  bench::BareGl bare_gl(bare.mesh, bare.paint.colors, bare.paint.light, camera.near_m);
+  bare_gl.make_atlas(width, height, num_drones);
   const std::vector<bench::Variant> variants{
       {"raycast", [&] { batch->capture(0); }},
+      {"gl", [&] { gl->capture(0); }},
+      {"bare OpenGL", [&] { bare_gl.render(cameras.position, cameras.rotation, cameras.fx, cameras.fy); }},
       {"bare Embree 4x2 coherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, true); }},
       {"bare Embree 4x2 incoherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, false); }},
       {"bare Embree 4x4 coherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, true); }},
       {"bare Embree 4x4 incoherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, false); }}};
   const swiftlet::trace::FlushDenormals flush;
   const bench::Times times = bench::interleave(variants, kRuns);
-  std::size_t best = 1;
+  constexpr std::size_t kFirstEmbree = 3;
+  std::size_t best = kFirstEmbree;
   for (std::size_t v = 0; v < variants.size(); ++v) {
-    if (v > 1 && bench::median(times[v]) < bench::median(times[best])) best = v;
+    if (v > kFirstEmbree && bench::median(times[v]) < bench::median(times[best])) best = v;
     std::fprintf(stderr, "  %-12s %-28s %10.1f frames/s\n", name.c_str(), variants[v].label.c_str(),
                  static_cast<double>(n) / bench::median(times[v]));
   }
-  if (const double share = share_that_differs(batch->images(0).depth, cameras.depth); share > 0.04) {
-    std::fprintf(stderr, "%s: bare Embree sees another depth in %.1f %% of the pixels\n", name.c_str(), 100.0 * share);
+  for (float& depth : bare_gl.depth) {
+    if (!(depth <= camera.far_m)) depth = std::numeric_limits<float>::infinity();
+  }
+  const std::vector<float>& ours = batch->images(0).depth;
+  using Seen = std::pair<const char*, const std::vector<float>*>;
+  for (const auto& [text, depth] :
+       {Seen{"bare Embree", &cameras.depth}, Seen{"bare OpenGL", &bare_gl.depth}, Seen{"gl", &gl->images(0).depth}}) {
+    const double share = share_that_differs(ours, *depth);
+    if (share < 0.04) continue;
+    std::fprintf(stderr, "%s: %s sees another depth than raycast in %.1f %% of the pixels\n", name.c_str(), text, 100.0 * share);
     std::exit(1);
   }
-  const std::string figure = "camera/raycast/" + name + '/' + size_of(width, height, num_drones);
+  const std::string size = size_of(width, height, num_drones);
+  const auto add = [&](const std::string& backend, std::size_t variant, std::size_t bare_variant, const std::string& ratio,
+                       const std::string& bare_name) {
+    const std::string figure = "camera/" + backend + '/' + name + '/' + size + '/';
+    const auto rate = [&](std::size_t v) { return static_cast<double>(n) / bench::median(times[v]); };
+    figures.add(figure + ratio, bench::median_ratio(times[bare_variant], times[variant]), "1", kRuns);
+    figures.add(figure + "frames_per_second", rate(variant), "1/s", kRuns);
+    figures.add(figure + bare_name + "_frames_per_second", rate(bare_variant), "1/s", kRuns);
+  };
   // Where Embree does all the tracing, its loop is the bare limit of the engine; where the engine traces primitives itself, no
   // more than a yardstick.
   const bool meshes = !world->triangles().triangles.empty();
-  figures.add(figure + (meshes ? "/ratio_to_bare" : "/ratio_to_bare_embree"), bench::median_ratio(times[best], times[0]), "1",
-              kRuns);
-  figures.add(figure + "/frames_per_second", static_cast<double>(n) / bench::median(times[0]), "1/s", kRuns);
-  figures.add(figure + "/bare_embree_frames_per_second", static_cast<double>(n) / bench::median(times[best]), "1/s", kRuns);
+  add("raycast", 0, best, meshes ? "ratio_to_bare" : "ratio_to_bare_embree", "bare_embree");
+  add("gl", 1, 2, "ratio_to_bare", "bare_gl");
 }
 
 // Frames per second over resolution, number of drones, world and backend.

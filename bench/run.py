@@ -2,6 +2,7 @@
 
 lidar   the LiDAR stage against bare Embree and against a bare direct loop
 step    a whole step of the vector environment, stage by stage, and its memory
+camera  cameras against bare Embree and bare OpenGL, over sizes, worlds and backends; capture modes; memory
 train   PPO from scratch, several seeds: speed, and how much of what it has never seen it flies
 """
 
@@ -95,17 +96,33 @@ def bench_step() -> list[Figure]:
     return figures + native("stages")
 
 
-def bytes_per_drone(count: int = 1 << 17) -> float:
-    """Return the memory of one more drone of the LiDAR task, its observations in both output slots included."""
+LIDAR_TASK = """
+    lidar, task = swiftlet.LidarConfig(), swiftlet.NavigationConfig()
+    batch = swiftlet.Batch(swiftlet.scenes.load("train"), n, lidar=lidar, task=task, num_threads=1)
+    batch.reset(); batch.step(np.zeros(n, np.int64)); batch.step(np.zeros(n, np.int64)); return batch
+"""
+SMALL_CAMERA = """
+    camera = swiftlet.CameraConfig(width_px=64, height_px=64)
+    batch = swiftlet.Batch(swiftlet.scenes.load("camera-train"), n, cameras=[camera], num_threads=1)
+    batch.sense(); return batch
+"""
+
+
+def bench_camera() -> list[Figure]:
+    """Cameras in C++, and the memory of one that writes rgb, 12,288 bytes of which are its frame."""
+    return [
+        *native("camera"),
+        figure("camera/bytes_per_64x64_rgb_camera", bytes_per_drone(SMALL_CAMERA, 1 << 14), "B", 1),
+    ]
+
+
+def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
+    """Return the memory of one more drone of a batch; of the LiDAR task, with its observations in both output slots."""
     code = (
         "import resource, sys, numpy as np, swiftlet\n"
         "def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024\n"
         "n = int(sys.argv[1])\n"
-        "worlds = swiftlet.scenes.load('train')\n"
-        "def make(n):\n"
-        "    lidar, task = swiftlet.LidarConfig(), swiftlet.NavigationConfig()\n"
-        "    batch = swiftlet.Batch(worlds, n, lidar=lidar, task=task, num_threads=1)\n"
-        "    batch.reset(); batch.step(np.zeros(n, np.int64)); batch.step(np.zeros(n, np.int64)); return batch\n"
+        f"def make(n):{make}"
         "small = make(1); before = peak(); large = make(n); print((peak() - before) / n)\n"
     )
     output = subprocess.run(
@@ -151,7 +168,12 @@ def bench_train() -> list[Figure]:
     return figures
 
 
-BENCHES: dict[str, Callable[[], list[Figure]]] = {"lidar": bench_lidar, "step": bench_step, "train": bench_train}
+BENCHES: dict[str, Callable[[], list[Figure]]] = {
+    "lidar": bench_lidar,
+    "step": bench_step,
+    "camera": bench_camera,
+    "train": bench_train,
+}
 
 
 def machine() -> dict[str, Any]:

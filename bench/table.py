@@ -1,4 +1,4 @@
-"""Writes the tables of figures in the README and in docs/architecture.md from the results of `./dev bench`.
+"""Writes the tables of figures in the README and in docs/ from the results of `./dev bench`.
 
 python3 bench/table.py                  from out/bench/*.json, else from the results kept in bench/results/
 python3 bench/table.py bench/results    from the JSON files in a folder
@@ -19,9 +19,12 @@ ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
-NAMES = ("lidar", "step", "train")
+NAMES = ("lidar", "step", "camera", "train")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
+CAMERAS = ROOT / "docs" / "cameras.md"
 STAGE = "step/stage/"
+#: Figures that have tables of their own.
+FRAMES, MODES = "camera_table/", "camera_modes/"
 
 Result = dict[str, Any]
 
@@ -58,6 +61,8 @@ def table(results: dict[str, Result]) -> str:
     lines = ["| figure | value | unit |", "|---|---:|---|"]
     for result in results.values():
         for figure in result["figures"]:
+            if figure["name"].startswith((FRAMES, MODES)):
+                continue
             unit = "" if figure["unit"] == "1" else figure["unit"]
             lines.append(f"| `{figure['name']}` | {number(figure['value'])} | {unit} |")
     missing = [name for name in NAMES if name not in results]
@@ -73,12 +78,43 @@ def stages(results: dict[str, Result]) -> str:
     return "\n".join(["| stage | ns |", "|---|---:|", *rows]) + "\n"
 
 
-def with_content(path: Path, name: str, content: str) -> str:
+def pivot(figures: dict[tuple[str, str], float], corner: str) -> str:
+    """Return a table of figures by (row, column), in the order they come."""
+    rows, columns = (list(dict.fromkeys(key[i] for key in figures)) for i in (0, 1))
+    lines = [f"| {corner} | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
+    for row in rows:
+        cells = [number(figures[row, column]) if (row, column) in figures else "" for column in columns]
+        lines.append(f"| {row} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def frames(results: dict[str, Result]) -> str:
+    """Return the table of camera frames per second over resolution, number of drones, world and backend."""
+    figures = {}
+    for f in results.get("camera", {"figures": []})["figures"]:
+        if f["name"].startswith(FRAMES):
+            world, size, what = f["name"].removeprefix(FRAMES).split("/")
+            width, height, drones = size.split("x")
+            row = f"{width} x {height}, N = {drones}"
+            figures[row, f"{world} {what.removesuffix('_frames_per_second')}"] = f["value"]
+    return pivot(figures, "frames/s") if figures else "Not measured yet.\n"
+
+
+def modes(results: dict[str, Result]) -> str:
+    """Return the table of what capture modes cost."""
+    figures = {}
+    for f in results.get("camera", {"figures": []})["figures"]:
+        if f["name"].startswith(MODES):
+            world, mode, motion, _ = f["name"].removeprefix(MODES).split("/")
+            figures[mode.replace("_", " "), f"{world}, {motion}"] = f["value"]
+    return pivot(figures, "µs per drone and step") if figures else "Not measured yet.\n"
+
+
+def with_content(text: str, name: str, content: str) -> str:
     """Return a document with the content between its markers of that name."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-    text = path.read_text(encoding="utf-8")
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        sys.exit(f"{path}: expected one {begin} and after it one {end}")
+        sys.exit(f"{text.splitlines()[0]}: expected one {begin} and after it one {end}")
     before, rest = text.split(begin)
     return f"{before}{begin}\n{content}{end}{rest.split(end)[1]}"
 
@@ -107,8 +143,11 @@ def main() -> None:
     default = KEPT if args.check or args.keep or not any(FRESH.glob("*.json")) else FRESH
     results = read(args.folder or default)
     documents = {
-        README: with_content(README, "figures", table(results)),
-        ARCHITECTURE: with_content(ARCHITECTURE, "stages", stages(results)),
+        README: with_content(README.read_text(encoding="utf-8"), "figures", table(results)),
+        ARCHITECTURE: with_content(ARCHITECTURE.read_text(encoding="utf-8"), "stages", stages(results)),
+        CAMERAS: with_content(
+            with_content(CAMERAS.read_text(encoding="utf-8"), "frames", frames(results)), "modes", modes(results)
+        ),
     }
     for path, text in documents.items():
         if text == path.read_text(encoding="utf-8"):

@@ -1,0 +1,176 @@
+// OpenGL with nothing around it: each camera a tile of one atlas, a viewport, a uniform and one draw call of all triangles, and
+// the attachments read back; what the benchmarks hold the engine's OpenGL cameras against.
+#pragma once
+
+#include <epoxy/gl.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+#include "render/egl_context.hpp"
+#include "swiftlet/pose.hpp"
+#include "swiftlet/world.hpp"
+
+namespace bench {
+
+class BareGl {
+ public:
+  // colors: linear, of each triangle
+  BareGl(const swiftlet::TriangleMesh& mesh, const std::vector<std::array<float, 3>>& colors, const swiftlet::Light& light,
+         float near_m)
+      : context_(swiftlet::render::egl_wish()), near_m_(near_m), num_indices_(static_cast<GLsizei>(3 * mesh.triangles.size())) {
+    program_ = glCreateProgram();
+    attach(GL_VERTEX_SHADER, kVertexShader);
+    attach(GL_FRAGMENT_SHADER, kFragmentShader);
+    glLinkProgram(program_);
+    GLint linked = 0;
+    glGetProgramiv(program_, GL_LINK_STATUS, &linked);
+    if (linked == 0) fail("the program does not link");
+    glUseProgram(program_);
+    const auto set = [&](const char* name, const std::array<float, 3>& value) {
+      glUniform3fv(glGetUniformLocation(program_, name), 1, value.data());
+    };
+    set("to_sun", light.sun_direction);
+    set("sun", light.sun_color);
+    set("sky", light.sky_ambient);
+    set("ground", light.ground_ambient);
+
+    std::vector<float> vertices;
+    for (const swiftlet::Vec3& v : mesh.vertices) vertices.insert(vertices.end(), {v.x(), v.y(), v.z()});
+    std::vector<std::int32_t> indices;
+    std::vector<float> facets;  // normal and colour of each triangle, as two vec4
+    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+      const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])]; };
+      const swiftlet::Vec3 n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+      facets.insert(facets.end(), {n.x(), n.y(), n.z(), 0.0F, colors[i][0], colors[i][1], colors[i][2], 0.0F});
+      indices.insert(indices.end(), mesh.triangles[i].begin(), mesh.triangles[i].end());
+    }
+    glCreateVertexArrays(1, &array_);
+    glBindVertexArray(array_);
+    buffer(GL_ARRAY_BUFFER, vertices);
+    glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 12, nullptr);
+    glEnableVertexAttribArray(0);
+    buffer(GL_ELEMENT_ARRAY_BUFFER, indices);
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, buffer(GL_SHADER_STORAGE_BUFFER, facets));
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_GREATER);
+    glClipControl(GL_UPPER_LEFT, GL_ZERO_TO_ONE);
+    glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  }
+  BareGl(const BareGl&) = delete;
+  BareGl& operator=(const BareGl&) = delete;
+  // What OpenGL holds goes with the context.
+
+  void make_atlas(int width, int height, int count) {
+    width_ = width;
+    height_ = height;
+    glCreateFramebuffers(1, &frame_);
+    glBindFramebuffer(GL_FRAMEBUFFER, frame_);
+    const auto attachment = [&](GLenum format, GLenum where) {
+      GLuint texture = 0;
+      glCreateTextures(GL_TEXTURE_2D, 1, &texture);
+      glTextureStorage2D(texture, 1, format, width, height * count);
+      glNamedFramebufferTexture(frame_, where, texture, 0);
+    };
+    attachment(GL_RGBA8, GL_COLOR_ATTACHMENT0);
+    attachment(GL_R32F, GL_COLOR_ATTACHMENT1);
+    attachment(GL_DEPTH_COMPONENT32F, GL_DEPTH_ATTACHMENT);
+    const std::array<GLenum, 2> targets{GL_COLOR_ATTACHMENT0, GL_COLOR_ATTACHMENT1};
+    glNamedFramebufferDrawBuffers(frame_, 2, targets.data());
+    if (glCheckNamedFramebufferStatus(frame_, GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) fail("the framebuffer is incomplete");
+    rgba.resize(4 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height * count));
+    depth.resize(rgba.size() / 4);
+  }
+
+  // rotation: camera (x forward, y left, z up) to world
+  void render(const std::vector<swiftlet::Vec3>& position, const std::vector<swiftlet::Mat3>& rotation, float fx, float fy) {
+    const auto count = static_cast<int>(position.size());
+    glViewport(0, 0, width_, height_ * count);
+    constexpr std::array<float, 4> kSky{0.8F, 0.9F, 1.0F, 1.0F}, kNothing{1e30F, 0, 0, 0};
+    constexpr float kFarthest = 0.0F;
+    glClearNamedFramebufferfv(frame_, GL_COLOR, 0, kSky.data());
+    glClearNamedFramebufferfv(frame_, GL_COLOR, 1, kNothing.data());
+    glClearNamedFramebufferfv(frame_, GL_DEPTH, 0, &kFarthest);
+    const GLint matrix = glGetUniformLocation(program_, "to_clip");
+    const GLint eye = glGetUniformLocation(program_, "eye");
+    for (int i = 0; i < count; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      const swiftlet::Mat3 to_camera = rotation[at].transpose();
+      Eigen::Matrix4f to_clip = Eigen::Matrix4f::Zero();
+      to_clip.block<1, 3>(0, 0) = -2.0F * fx / static_cast<float>(width_) * to_camera.row(1);
+      to_clip.block<1, 3>(1, 0) = 2.0F * fy / static_cast<float>(height_) * to_camera.row(2);
+      to_clip.block<1, 3>(3, 0) = to_camera.row(0);
+      to_clip.block<4, 1>(0, 3) = -to_clip.block<4, 3>(0, 0) * position[at];
+      to_clip(2, 3) = near_m_;  // reversed z without a far plane
+      glUniformMatrix4fv(matrix, 1, GL_FALSE, to_clip.data());
+      glUniform3fv(eye, 1, position[at].data());
+      glViewport(0, height_ * i, width_, height_);
+      glDrawElements(GL_TRIANGLES, num_indices_, GL_UNSIGNED_INT, nullptr);
+    }
+    glReadBuffer(GL_COLOR_ATTACHMENT0);
+    glReadPixels(0, 0, width_, height_ * count, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+    glReadBuffer(GL_COLOR_ATTACHMENT1);
+    glReadPixels(0, 0, width_, height_ * count, GL_RED, GL_FLOAT, depth.data());
+  }
+
+  std::vector<std::uint8_t> rgba;  // the last render's, (N, H, W, 4)
+  std::vector<float> depth;        // (N, H, W)
+
+ private:
+  static constexpr const char* kVertexShader = R"(#version 450 core
+layout(location = 0) in vec3 position;
+uniform mat4 to_clip;
+uniform vec3 eye;
+out vec3 from_eye;
+void main() {
+  gl_Position = to_clip * vec4(position, 1.0);
+  from_eye = position - eye;
+})";
+  static constexpr const char* kFragmentShader = R"(#version 450 core
+layout(std430, binding = 0) readonly buffer Facets { vec4 facets[]; };
+uniform vec3 to_sun, sun, sky, ground;
+in vec3 from_eye;
+layout(location = 0) out vec4 color;
+layout(location = 1) out float depth;
+void main() {
+  vec3 n = facets[2 * gl_PrimitiveID].xyz;
+  n = dot(n, from_eye) > 0.0 ? -n : n;
+  vec3 light = mix(ground, sky, 0.5 + 0.5 * n.z) + sun * max(0.0, dot(n, to_sun));
+  color = vec4(pow(min(facets[2 * gl_PrimitiveID + 1].xyz * light, 1.0), vec3(1.0 / 2.2)), 1.0);
+  depth = 1.0 / gl_FragCoord.w;
+})";
+
+  [[noreturn]] static void fail(const char* what) {
+    std::fprintf(stderr, "bare OpenGL: %s\n", what);
+    std::exit(1);
+  }
+  void attach(GLenum kind, const char* source) const {
+    const GLuint shader = glCreateShader(kind);
+    glShaderSource(shader, 1, &source, nullptr);
+    glCompileShader(shader);
+    GLint compiled = 0;
+    glGetShaderiv(shader, GL_COMPILE_STATUS, &compiled);
+    if (compiled == 0) fail("a shader does not compile");
+    glAttachShader(program_, shader);
+  }
+  template <class T>
+  static GLuint buffer(GLenum target, const std::vector<T>& values) {
+    GLuint name = 0;
+    glCreateBuffers(1, &name);
+    glNamedBufferStorage(name, static_cast<GLsizeiptr>(values.size() * sizeof(T)), values.data(), 0);
+    glBindBuffer(target, name);
+    return name;
+  }
+
+  swiftlet::render::EglContext context_;
+  float near_m_;
+  GLsizei num_indices_;
+  GLuint program_ = 0, array_ = 0, frame_ = 0;
+  int width_ = 0, height_ = 0;
+};
+
+}  // namespace bench

@@ -1,0 +1,200 @@
+"""The two camera backends: the same pictures, and what happens where OpenGL is missing or fails."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import swiftlet
+
+OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
+POSES = 1000
+
+
+def random_poses(
+    world: swiftlet.World, count: int, rng: np.random.Generator
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Anywhere in the world's bounds, turned any way."""
+    low, high = np.asarray(world.bounds, float)
+    quat = rng.normal(size=(count, 4))
+    return (
+        rng.uniform(low + 0.3, high - 0.3, (count, 3)).astype(np.float32),
+        (quat / np.linalg.norm(quat, axis=1, keepdims=True)).astype(np.float32),
+    )
+
+
+def pictures(
+    backend: str, world: swiftlet.World, poses: tuple[npt.NDArray[np.float32], ...], **fields: object
+) -> swiftlet.Camera:
+    camera = swiftlet.CameraConfig(outputs=OUTPUTS, **fields)
+    batch = swiftlet.Batch([world], len(poses[0]), cameras=[camera], camera_backend=backend)
+    assert batch.camera_backend_report().startswith(backend)
+    batch.set_pose(*poses)
+    batch.capture()
+    return batch.camera()
+
+
+def off_silhouettes(*ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
+    """Pixels whose 3 x 3 neighbourhood has one id in each image; those at the border are left out."""
+    alone = np.ones((ids[0].shape[0], ids[0].shape[1] - 2, ids[0].shape[2] - 2), bool)
+    for image in ids:
+        centre = image[:, 1:-1, 1:-1]
+        for row in range(3):
+            for column in range(3):
+                shifted = image[:, row : row + centre.shape[1], column : column + centre.shape[2]]
+                alone &= shifted == centre
+    return alone
+
+
+@pytest.mark.parametrize("name", swiftlet.scenes.names())
+def test_backends_agree(name: str) -> None:
+    world = swiftlet.scenes.load(name)[0]
+    poses = random_poses(world, POSES, np.random.default_rng(0))
+    size = {"width_px": 40, "height_px": 30}
+    raycast, gl = (pictures(backend, world, poses, **size) for backend in ("raycast", "gl"))
+    assert (raycast.semantic == gl.semantic).mean() >= 0.995
+    assert (raycast.instance == gl.instance).mean() >= 0.995
+    inner = off_silhouettes(raycast.instance, gl.instance)
+    assert inner.mean() > 0.5
+    ours, theirs = (camera.depth[:, 1:-1, 1:-1][inner] for camera in (raycast, gl))
+    np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
+    seen = np.isfinite(ours)
+    assert np.abs(ours[seen] / theirs[seen] - 1).max() < 1e-3
+    for output in ("rgb", "grey"):
+        ours, theirs = (getattr(camera, output)[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl))
+        assert np.abs(ours - theirs).mean() < 2
+    turned = (raycast.normal * gl.normal).sum(-1)[:, 1:-1, 1:-1][inner]
+    assert (turned[seen] > 0.999).mean() > 0.99  # but where the walls of a room, one instance, meet
+
+
+@pytest.mark.parametrize(
+    "fields", [{"samples_per_pixel": 9}, {"shadows": True}, {"layout": "chw", "depth_kind": "range"}]
+)
+def test_options_agree(fields: dict[str, object]) -> None:
+    world = swiftlet.World.from_dict(
+        {
+            "swiftlet_scene": 1,
+            "materials": {"clay": {"base_color": [0.6, 0.3, 0.2]}, "sand": {"base_color": [0.7, 0.6, 0.4]}},
+            "planes": [{"center": [0, 0, 0], "size": [20, 20], "material": "sand"}],
+            "boxes": [
+                {"center": [2, 0, 0.5], "size": [1, 1, 1], "quat_wxyz": [0.9239, 0, 0, 0.3827], "material": "clay"}
+            ],
+            "spheres": [{"center": [3, 2, 1], "radius": 0.7, "material": "clay"}],
+            "capsules": [{"center": [3, -2, 1.2], "radius": 0.3, "height": 2, "material": "clay"}],
+            "meshes": [{"vertices": [[4, -1, 0], [4, 1, 0], [4, 0, 2]], "triangles": [[0, 1, 2]], "material": "clay"}],
+        }
+    )
+    rng = np.random.default_rng(1)
+    angle = rng.uniform(-0.4, 0.4, 50)
+    poses = (
+        rng.uniform([-3, -2, 0.5], [-1, 2, 2.5], (50, 3)).astype(np.float32),
+        np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], 1).astype(np.float32),
+    )
+    raycast, gl = (
+        pictures(backend, world, poses, width_px=64, height_px=48, **fields) for backend in ("raycast", "gl")
+    )
+    assert (raycast.instance == gl.instance).mean() >= 0.995
+    inner = off_silhouettes(raycast.instance, gl.instance)
+    axis = 1 if "layout" in fields else 3
+    difference = np.abs(raycast.rgb.astype(int) - gl.rgb).max(axis=axis)[:, 1:-1, 1:-1][inner]
+    assert difference.mean() < 2
+    ours, theirs = raycast.depth[:, 1:-1, 1:-1][inner], gl.depth[:, 1:-1, 1:-1][inner]
+    seen = np.isfinite(ours) & np.isfinite(theirs)
+    assert seen.mean() > 0.3
+    assert np.abs(ours[seen] / theirs[seen] - 1).max() < 1e-3
+
+
+def test_gl_repeats_what_raycast_shows_after_moves() -> None:
+    """A batch renders by the same renderer again and again, also some of its frames alone."""
+    world = swiftlet.scenes.load("playground/camera-train-1")[0]
+    rng = np.random.default_rng(2)
+    camera = swiftlet.CameraConfig(width_px=32, height_px=24, outputs=("instance",))
+    batches = [swiftlet.Batch([world], 8, cameras=[camera], camera_backend=name) for name in ("raycast", "gl")]
+    for _ in range(20):
+        poses, mask = random_poses(world, 8, rng), rng.random(8) < 0.6
+        for batch in batches:
+            batch.set_pose(*poses, mask)
+            batch.sense(mask)
+        raycast, gl = (batch.camera() for batch in batches)
+        assert (raycast.instance == gl.instance).mean() > 0.99
+        np.testing.assert_array_equal(raycast.frame_step, gl.frame_step)
+
+
+def test_auto_tells_both_speeds() -> None:
+    world = swiftlet.scenes.load("playground/camera-train-1")[0]
+    camera = swiftlet.CameraConfig(width_px=32, height_px=24)
+    report = swiftlet.Batch([world], 4, cameras=[camera], camera_backend="auto").camera_backend_report()
+    assert report.startswith(("raycast: the faster on 4 frames", "gl: the faster on 4 frames"))
+    assert "raycast " in report and "gl " in report and "frames/s" in report
+
+
+def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    program = (
+        "import warnings, numpy as np, swiftlet\n"
+        "world = swiftlet.scenes.load('playground/camera-train-1')[0]\n"
+        "camera = swiftlet.CameraConfig(width_px=32, height_px=24)\n"
+        "def make(backend): return swiftlet.Batch([world], 4, cameras=[camera], camera_backend=backend)\n"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", program + code],
+        env={**os.environ, **environment},
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+@pytest.mark.parametrize("backend", ["gl", "auto"])
+@pytest.mark.parametrize("wish", ["none", "failing"])
+def test_without_opengl_raycast_renders_with_one_warning(backend: str, wish: str) -> None:
+    result = run(
+        "with warnings.catch_warnings(record=True) as caught:\n"
+        "    warnings.simplefilter('always')\n"
+        f"    batch = make({backend!r})\n"
+        "    batch.sense(); batch.sense()\n"
+        "reference = make('raycast'); reference.sense()\n"
+        "assert np.array_equal(batch.camera().rgb, reference.camera().rgb)\n"
+        "assert batch.camera().rgb.any()\n"
+        "print(len(caught), caught[0].category.__name__, caught[0].message, '|', batch.camera_backend_report())\n",
+        SWIFTLET_EGL=wish,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("1 RuntimeWarning cameras: gl is not available, raycast renders instead: ")
+    assert "| raycast: gl is not available (" in result.stdout
+
+
+def test_raycast_needs_no_opengl_and_says_nothing() -> None:
+    result = run("make('raycast').sense()\n", SWIFTLET_EGL="none")
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        "",  # the batch is alive when the interpreter ends
+        "import atexit; atexit.register(lambda: batch.sense())\n",
+        "raise SystemExit(0)\n",
+        "import threading; t = threading.Thread(target=batch.sense); t.start(); t.join()\n",
+        "import os; pid = os.fork()\nif pid: os.waitpid(pid, 0)\n",  # the child has a copy that it must not touch
+        "batches = [make('gl') for _ in range(20)]\nfor b in batches: b.sense()\n",
+        "for _ in range(30): make('gl').sense()\n",
+        "try:\n    batch.capture(np.ones(3, bool))\nexcept ValueError: pass\nbatch.capture()\n",
+    ],
+)
+def test_gl_ends_cleanly(end: str) -> None:
+    if "fork" in end and not hasattr(os, "fork"):
+        pytest.skip("no fork on this system")
+    result = run("batch = make('gl'); batch.sense()\nassert batch.camera().rgb.any()\n" + end)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_unknown_backend() -> None:
+    world = swiftlet.scenes.load("playground/camera-train-1")[0]
+    with pytest.raises(ValueError, match=r'camera_backend: expected "raycast", "gl" or "auto", got "vulkan"'):
+        swiftlet.Batch([world], 1, cameras=[swiftlet.CameraConfig()], camera_backend="vulkan")
