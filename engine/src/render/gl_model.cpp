@@ -14,7 +14,7 @@ namespace {
 
 using Vec3d = Eigen::Vector3d;
 
-constexpr std::size_t kChunkTriangles = 128;
+constexpr std::size_t kChunkTriangles = 256;
 
 std::array<float, 3> array_of(const Vec3& v) { return {v.x(), v.y(), v.z()}; }
 

@@ -4,6 +4,7 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <tuple>
 #include <unordered_map>
@@ -19,8 +20,8 @@ namespace {
 
 // Pixels that are drawn and read at once, at most: what bounds the memory of device and readbacks, at up to 32 bytes a pixel.
 constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24U;
-// And on a software device, whose pictures should still be in a cache when they are read.
-constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 24U;
+// And on a software device, which gains nothing by more: the caller writes frames while it draws the next.
+constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 20U;
 constexpr std::size_t kGrain = 1U << 16U;  // pixels that are worth a task of their own
 
 // What may share an atlas.
@@ -41,12 +42,9 @@ GlPass pass_of(const CameraConfig& camera) {
   return pass;
 }
 
-// Sizes to which numbers of tiles are rounded up, so that a number that changes a little keeps its atlas.
-int roomy(int tiles, int most) {
-  int step = 1;
-  while (step * 16 < tiles) step *= 2;
-  return std::min((tiles + step - 1) / step * step, most);
-}
+// Room for how many tiles an atlas has: powers of two, so that a number that changes from step to step does not need ever new
+// ones.
+int roomy(int tiles, int most) { return std::min(static_cast<int>(std::bit_ceil(static_cast<unsigned int>(tiles))), most); }
 
 int pieces(int length, int most) { return (length + most - 1) / most; }
 

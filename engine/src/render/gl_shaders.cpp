@@ -364,39 +364,37 @@ bool in_shadow(float depth, vec3 at, bool matters) {
   p += lift * (vec3(0.0, 0.0, 1.0) - normalize(ray));
   vec2 cell = floor((p.xy - vec2(sun_eye_left.w, sun_ray_0_low.w)) * sun_ray_u_cells.w);
   matters = matters && all(greaterThanEqual(cell, vec2(0.0))) && all(lessThan(cell, vec2(sun_grid.xy)));
-  uint list = sun_grid.z + (matters ? uint(cell.y) * sun_grid.x + uint(cell.x) : 0u) * 5u;
+  uint list = sun_grid.z + (matters ? uint(cell.y) * sun_grid.x + uint(cell.x) : 0u) * 2u;
   uint next = starts[list];
-  uint end = matters ? starts[list + 1u] : next;
+  uint solids = matters ? starts[list + 1u] : next;
+  uint end = matters ? starts[list + 2u] : next;
   bool hidden = false;
-  for (; next < end && !hidden; ++next) {
+  for (; next < solids && !hidden; ++next) {
     mat4 triangle = casters[entries[next]];
     vec2 from_corner = p.xy - triangle[0].xy;
     float b = dot(from_corner, triangle[1].xy);
     float c = dot(from_corner, triangle[1].zw);
     hidden = b >= 0.0 && c >= 0.0 && b + c <= 1.0 && triangle[0].z + b * triangle[2].x + c * triangle[2].y > p.z;
   }
-  for (uint kind = 1u; kind < 5u; ++kind) {
-    next = starts[list + kind];
-    end = matters ? starts[list + kind + 1u] : next;
-    for (; next < end && !hidden; ++next) {
-      mat4 solid = casters[entries[next]];
-      mat3 to_solid = transpose(mat3(solid[1].xyz, solid[2].xyz, solid[3].xyz));
-      vec3 half_extents = vec3(solid[1].w, solid[2].w, solid[3].w);
-      vec3 o = to_solid * (p - solid[0].xyz);
-      vec3 d = to_solid[2];
-      vec2 inside;
-      if (kind == 1u) {
-        inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
-        inside = intersection(inside, slab(o.z, d.z, half_extents.z));
-      } else if (kind == 2u) {
-        inside = intersection(circle(o.xy, d.xy, half_extents.x), slab(o.z, d.z, half_extents.z));
-      } else if (kind == 3u) {
-        inside = ball(o, d, half_extents.x);
-      } else {
-        inside = capsule(o, d, half_extents.x, half_extents.z);
-      }
-      hidden = inside.x <= inside.y && inside.y >= 0.0;
+  for (next = solids; next < end && !hidden; ++next) {
+    mat4 solid = casters[entries[next]];
+    mat3 to_solid = transpose(mat3(solid[1].xyz, solid[2].xyz, solid[3].xyz));
+    vec3 half_extents = vec3(solid[1].w, solid[2].w, solid[3].w);
+    vec3 o = to_solid * (p - solid[0].xyz);
+    vec3 d = to_solid[2];
+    int kind = int(solid[0].w);
+    vec2 inside;
+    if (kind == 1) {
+      inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
+      inside = intersection(inside, slab(o.z, d.z, half_extents.z));
+    } else if (kind == 2) {
+      inside = intersection(circle(o.xy, d.xy, half_extents.x), slab(o.z, d.z, half_extents.z));
+    } else if (kind == 3) {
+      inside = ball(o, d, half_extents.x);
+    } else {
+      inside = capsule(o, d, half_extents.x, half_extents.z);
     }
+    hidden = inside.x <= inside.y && inside.y >= 0.0;
   }
   return hidden;
 }

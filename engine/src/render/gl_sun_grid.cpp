@@ -65,7 +65,7 @@ class Casters {
     const Vec3d center = to_sun_ * primitive.center.cast<double>();
     const Vec3d half = primitive.half_extents.cast<double>();
     SunCaster caster;
-    caster.rows[0] = row(center.x(), center.y(), center.z(), 0.0);
+    caster.rows[0] = row(center.x(), center.y(), center.z(), static_cast<double>(kind_of(primitive.kind)));
     for (Eigen::Index i = 0; i < 3; ++i) {
       caster.rows[static_cast<std::size_t>(i) + 1] = row(rotation(0, i), rotation(1, i), rotation(2, i), half[i]);
     }
@@ -109,12 +109,12 @@ class Casters {
 
   void finish() {
     if (shadows_.empty()) {
-      grid_.starts.assign(kNumCasterKinds + 1, 0);
+      grid_.starts.assign(kNumLists + 1, 0);
       return;
     }
     lay_out();
     // Twice the same walk: first how many each list gets, then who.
-    grid_.starts.assign(std::size_t{grid_.columns} * grid_.rows * kNumCasterKinds + 1, 0);
+    grid_.starts.assign(std::size_t{grid_.columns} * grid_.rows * kNumLists + 1, 0);
     for (const Shadow& shadow : shadows_) {
       for_each_cell(shadow, [&](std::size_t list) { ++grid_.starts[list + 1]; });
     }
@@ -187,7 +187,7 @@ class Casters {
       for (std::uint32_t x = columns[0]; x <= columns[1]; ++x) {
         const Vec2d middle(left + (x + 0.5) * cell, low + (y + 0.5) * cell);
         if (!shadow.reaches(middle, 0.5 * cell + margin_)) continue;
-        f((std::size_t{y} * grid_.columns + x) * kNumCasterKinds + static_cast<std::size_t>(shadow.kind));
+        f((std::size_t{y} * grid_.columns + x) * kNumLists + (shadow.kind == CasterKind::triangle ? 0 : 1));
       }
     }
   }

@@ -13,14 +13,16 @@
 
 namespace swiftlet::render {
 
-// Kinds of casters, each with its test; a plane is a box, a disc a cylinder of no thickness.
+// A plane is a box, a disc a cylinder of no thickness.
 enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule };
-inline constexpr std::size_t kNumCasterKinds = 5;
+
+// Of each cell: its triangles, and its solids.
+inline constexpr std::size_t kNumLists = 2;
 
 // As the shaders read it, in the sun's frame (z towards it); each row is a vec4.
 // A triangle: a corner; two rows of the matrix that takes what is across the sun's direction to barycentric coordinates; how
-// much higher the other two corners are. A solid: its centre; and the rows of the rotation into its own frame, each with the
-// half extent along that axis.
+// much higher the other two corners are. A solid: its centre and its kind; and the rows of the rotation into its own frame, each
+// with the half extent along that axis.
 struct SunCaster {
   std::array<std::array<float, 4>, 4> rows{};
 };
@@ -32,7 +34,7 @@ struct GlSunGrid {
   float left = 0, low = 0;  // m, where the grid begins across the sun's direction
   float cell = 1;           // m
   std::uint32_t columns = 1, rows = 1;
-  std::vector<std::uint32_t> starts;   // of each kind of each cell, and one more at the end: where its entries begin
+  std::vector<std::uint32_t> starts;   // of each list of each cell, and one more at the end: where its entries begin
   std::vector<std::uint32_t> entries;  // into casters
   std::vector<SunCaster> casters;
 };

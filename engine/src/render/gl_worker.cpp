@@ -25,21 +25,25 @@ constexpr milliseconds kLittlePatience{200};  // where it hangs on purpose
 
 constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
 
-// Atlases are kept by their size and kind, which do not change from step to step.
+// Atlases are kept, since their sizes come back from step to step; of too many, those longest unused go.
 class Atlases {
  public:
   const GlAtlas& get(const AtlasSize& size, const Attachments& attachments) {
-    for (const auto& atlas : atlases_) {
-      if (atlas->size() == size && atlas->attachments() == attachments) return *atlas;
+    const auto found = std::find_if(atlases_.begin(), atlases_.end(), [&](const auto& atlas) {
+      return atlas->size() == size && atlas->attachments() == attachments;
+    });
+    if (found != atlases_.end()) {
+      std::rotate(found, found + 1, atlases_.end());
+    } else {
+      if (atlases_.size() == kMost) atlases_.erase(atlases_.begin());
+      atlases_.push_back(std::make_unique<GlAtlas>(size, attachments));
     }
-    if (atlases_.size() >= kMost) atlases_.erase(atlases_.begin());
-    atlases_.push_back(std::make_unique<GlAtlas>(size, attachments));
     return *atlases_.back();
   }
 
  private:
-  static constexpr std::size_t kMost = 32;
-  std::vector<std::unique_ptr<GlAtlas>> atlases_;
+  static constexpr std::size_t kMost = 16;
+  std::vector<std::unique_ptr<GlAtlas>> atlases_;  // the last one is the last used
 };
 
 }  // namespace
