@@ -49,9 +49,7 @@ void register_camera(py::module_& module) {
       .def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
       .def(
           "config_of",
-          [](const CameraView& camera, std::int64_t index) {
-            return camera.batch().camera_config(camera.index, static_cast<std::size_t>(index));
-          },
+          [](const CameraView& camera, std::int64_t index) { return camera.batch().camera_config(camera.index, index); },
           py::arg("index"))
       .def_property_readonly("rgb", image_view<std::uint8_t>(&CameraImages::rgb, 3, "rgb"))
       .def_property_readonly("depth", image_view<float>(&CameraImages::depth, 1, "depth"))

@@ -18,6 +18,7 @@
 
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
+#include "on_target.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "task/ranges.hpp"
@@ -34,6 +35,7 @@ using testing::Directions;
 using testing::everywhere;
 using testing::fan;
 using testing::make_world;
+using testing::OnTarget;
 using testing::primitive;
 using testing::Random;
 using testing::same_bits;
@@ -616,15 +618,6 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
   EXPECT_GT(hits, 1500U);
   EXPECT_GT(culled, 10U) << "views had something to hide";
 }
-
-// Lets all that is dispatched be run by one SIMD target, until this goes.
-class OnTarget {
- public:
-  explicit OnTarget(std::int64_t target) { hwy::GetChosenTarget().Update(target); }
-  ~OnTarget() { hwy::GetChosenTarget().Update(hwy::SupportedTargets()); }
-  OnTarget(const OnTarget&) = delete;
-  OnTarget& operator=(const OnTarget&) = delete;
-};
 
 // All that is traced and normalised: bundles, blocks from lists and through Embree, observations.
 struct Everything {

@@ -75,8 +75,8 @@ class Batch {
   // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
   std::size_t camera_index(std::string_view name) const;
   const CameraImages& images(std::size_t camera) const;
-  CameraConfig camera_config(std::size_t camera, std::size_t drone) const;  // as changed at run time
-  void capture(std::size_t camera, Mask mask = {});                         // renders now, whatever the mode
+  CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, as changed at run time
+  void capture(std::size_t camera, Mask mask = {});                          // renders now, whatever the mode
   void set_capture_mode(std::size_t camera, CaptureMode mode);
   void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
   const std::string& camera_backend_report() const;                                 // which backend renders, and why

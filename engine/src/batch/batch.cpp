@@ -130,6 +130,7 @@ struct Batch::Impl {
   void require_own_process() const;
   void require_lidar() const;
   void require_camera(std::size_t camera) const;
+  void require_index(std::int64_t index) const;
   void require_task() const;
   void require_begun() const;
   void require_mask(Mask mask) const;
@@ -462,6 +463,11 @@ void Batch::Impl::require_camera(std::size_t camera) const {
   require(camera < cameras.size(), "camera", "an index below " + std::to_string(cameras.size()), camera);
 }
 
+void Batch::Impl::require_index(std::int64_t index) const {
+  require(index >= 0 && static_cast<std::size_t>(index) < size(), "index", "an integer in [0, " + std::to_string(size()) + ")",
+          index);
+}
+
 void Batch::Impl::require_task() const {
   if (!navigation) throw std::logic_error("this Batch has no built-in task: give it one (task=...) to reset and step it");
 }
@@ -675,10 +681,10 @@ const CameraImages& Batch::images(std::size_t camera) const {
   return impl_->cameras[camera].images();
 }
 
-CameraConfig Batch::camera_config(std::size_t camera, std::size_t drone) const {
+CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const {
   impl_->require_camera(camera);
-  require(drone < impl_->size(), "index", "an integer in [0, " + std::to_string(impl_->size()) + ")", drone);
-  return impl_->cameras[camera].config_of(drone);
+  impl_->require_index(index);
+  return impl_->cameras[camera].config_of(static_cast<std::size_t>(index));
 }
 
 void Batch::capture(std::size_t camera, Mask mask) {
@@ -731,8 +737,7 @@ std::string Batch::take_warning() { return impl_->renderer ? impl_->renderer->ta
 
 std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
   impl_->require_camera(camera);
-  require(index >= 0 && static_cast<std::size_t>(index) < impl_->size(), "index",
-          "an integer in [0, " + std::to_string(impl_->size()) + ")", index);
+  impl_->require_index(index);
   require(quality >= 1 && quality <= 100, "quality", "an integer in [1, 100]", quality);
   const CameraConfig& config = impl_->config.cameras[camera];
   require(config.outputs.any_color(), "camera", "one that writes rgb or grey", '"' + config.name + '"');
@@ -885,11 +890,15 @@ void Batch::restore(const std::string& blob) {
           "one of another");
   // Everything is read before anything changes.
   std::vector<std::function<void()>> changes;
-  std::vector<std::int32_t> world_index;
+  std::vector<std::int32_t> world_index;  // of drones and of frames
+  const auto is_world_index = [this](const std::vector<std::int32_t>& array) {
+    const auto shows = [&](const sensors::Camera& camera) { return &array == &camera.taken().world; };
+    return &array == &impl_->state.world_index || std::any_of(impl_->cameras.begin(), impl_->cameras.end(), shows);
+  };
   const auto read = [&](auto& array, std::size_t) {
     auto values = reader.array(array);
     if constexpr (std::is_same_v<decltype(values), std::vector<std::int32_t>>) {
-      if (&array == &impl_->state.world_index) world_index = values;
+      if (is_world_index(array)) world_index.insert(world_index.end(), values.begin(), values.end());
     }
     changes.emplace_back([&array, values = std::move(values)] { std::copy(values.begin(), values.end(), array.begin()); });
   };
@@ -905,9 +914,11 @@ void Batch::restore(const std::string& blob) {
     config.validate();
     changes.emplace_back([this, drone, config] { impl_->lidar->set_config(drone, config); });
   }
-  for (sensors::Camera& camera : impl_->cameras) {
+  for (std::size_t index = 0; index < impl_->cameras.size(); ++index) {
+    sensors::Camera& camera = impl_->cameras[index];
     const auto mode = reader.value<CaptureMode>();
-    changes.emplace_back([&camera, mode] { camera.set_mode(mode); });
+    require(mode <= CaptureMode::on_demand, "snapshot", "a capture mode below 3", static_cast<int>(mode));
+    changes.emplace_back([this, index, mode] { set_capture_mode(index, mode); });
     for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
       const auto setting = reader.value<CameraSetting>();
       CameraConfig config = camera.config();

@@ -1,0 +1,341 @@
+// An independent answer to "what does this pixel show": closed forms, all triangles and the shading formula above struct Light,
+// in double precision. It knows nothing of the engine's rendering, tracing or tables.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+#include <numbers>
+#include <set>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "ray_oracle.hpp"
+#include "swiftlet/batch.hpp"
+
+namespace swiftlet::oracle {
+
+// -- Which way a pixel looks.
+
+struct Eye {
+  Vec3d origin;
+  Eigen::Matrix3d rotation;  // camera to world
+};
+
+inline Eigen::Matrix3d matrix_of(const float* wxyz) {
+  return Eigen::Quaterniond(wxyz[0], wxyz[1], wxyz[2], wxyz[3]).normalized().toRotationMatrix();
+}
+
+inline Vec3d vector_of(const float* v) { return {v[0], v[1], v[2]}; }
+
+inline Eye eye_of(const CameraConfig& camera, const Vec3d& position, const Eigen::Matrix3d& body) {
+  return {position + body * vector_of(camera.offset_m.data()), body * matrix_of(camera.quat_wxyz.data())};
+}
+
+// Pixels per unit of slope, across and down.
+inline std::array<double, 2> focal_lengths(const CameraConfig& camera) {
+  const auto focal = [](int pixels, float fov_deg) {
+    return 0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0);
+  };
+  if (camera.hfov_deg && camera.vfov_deg)
+    return {focal(camera.width_px, *camera.hfov_deg), focal(camera.height_px, *camera.vfov_deg)};
+  const double f =
+      camera.vfov_deg ? focal(camera.height_px, *camera.vfov_deg) : focal(camera.width_px, camera.hfov_deg.value_or(90));
+  return {f, f};
+}
+
+// Through a place in the image, counted in pixels from its upper left corner; world frame, 1 long along the optical axis.
+inline Vec3d direction_through(const CameraConfig& camera, const Eye& eye, double u, double v) {
+  const auto [fx, fy] = focal_lengths(camera);
+  return eye.rotation * Vec3d(1.0, (0.5 * camera.width_px - u) / fx, (0.5 * camera.height_px - v) / fy);
+}
+
+// -- What is there.
+
+// Elements are numbered as by World::raycast, the markers after all triangles: start, waypoints, goal.
+struct Seen {
+  double depth = kNever;  // m, planar
+  int element = -1;
+  Vec3d normal = Vec3d::Zero();  // facing the camera
+};
+
+inline std::vector<Vec3d> places_of(const Markers& markers) {
+  std::vector<Vec3d> places;
+  if (markers.start) places.emplace_back(markers.start->cast<double>());
+  for (const Vec3& waypoint : markers.waypoints) places.emplace_back(waypoint.cast<double>());
+  if (markers.goal) places.emplace_back(markers.goal->cast<double>());
+  return places;
+}
+
+inline int first_marker(const World& world) {
+  return static_cast<int>(world.primitives().size() + world.triangles().triangles.size());
+}
+
+// The nearest thing from the near plane on, which is where the ray begins; a marker where the ray enters it, if that is beyond.
+inline Seen see(const World& world, const CameraConfig& camera, const Vec3d& origin, const Vec3d& direction) {
+  const double near = camera.near_m;
+  const double far = camera.far_m;
+  const double length = direction.norm();
+  Seen seen;
+  const Hit hit = nearest(world, origin + near * direction, direction / length, (far - near) * length);
+  if (hit.element >= 0) seen = {near + hit.t / length, hit.element, hit.normal};
+  int element = first_marker(world);
+  for (const Vec3d& place : places_of(world.markers())) {
+    const Interval inside = ball(origin - place, direction, static_cast<double>(world.markers().radius));
+    if (inside.enter >= near && inside.enter <= far && inside.enter < seen.depth) {
+      seen = {inside.enter, element, (origin + inside.enter * direction - place).normalized()};
+    }
+    ++element;
+  }
+  return seen;
+}
+
+// No edge, silhouette, near or far plane is close, and the surface is not seen at a grazing angle: rays a little beside this one
+// see nearly the same.
+inline bool is_clear(const World& world, const CameraConfig& camera, const Seen& seen, const Vec3d& origin,
+                     const Vec3d& direction) {
+  constexpr double kAside = 2e-5;  // m
+  constexpr double kSteep = 5.0;
+  if (std::abs(seen.depth - static_cast<double>(camera.far_m)) < kAside) return false;
+  const Vec3d along = direction.normalized();
+  const Vec3d u = along.unitOrthogonal();
+  const Vec3d v = along.cross(u);
+  for (const Vec3d& aside : {u, Vec3d(-u), v, Vec3d(-v), along, Vec3d(-along)}) {
+    const Seen other = see(world, camera, origin + kAside * aside, direction);
+    if (other.element != seen.element) return false;
+    if (seen.element < 0) continue;
+    if (other.normal.dot(seen.normal) < 0.999) return false;
+    if (std::abs(other.depth - seen.depth) * direction.norm() > kSteep * kAside) return false;
+  }
+  return true;
+}
+
+// -- What it looks like.
+
+inline Vec3d to_sun(const World& world) { return vector_of(world.light().sun_direction.data()).normalized(); }
+
+inline bool is_shaded(const World& world, const Vec3d& point) {
+  const auto primitives = world.primitives();
+  const Vec3d sun = to_sun(world);
+  for (const Primitive& primitive : primitives) {
+    if (primitive.kind != PrimitiveKind::room && hit_primitive(primitive, point, sun).t < kNever) return true;
+  }
+  for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
+    if (hit_triangle(world.triangles(), i, point, sun).t < kNever) return true;
+  }
+  return false;
+}
+
+enum class Shade : std::uint8_t { lit, shaded, unclear };
+
+// Unclear where the edge of a shadow is within a centimetre.
+inline Shade shade_at(const World& world, const Vec3d& point, const Vec3d& normal) {
+  constexpr double kBeside = 1e-2;  // m
+  const Vec3d sun = to_sun(world);
+  if (normal.dot(sun) <= 0.0) return Shade::lit;  // it shows nothing of the sun either way
+  const Vec3d off = point + 1e-3 * normal;
+  const Vec3d u = normal.unitOrthogonal();
+  const Vec3d v = normal.cross(u);
+  const bool shaded = is_shaded(world, off);
+  for (const Vec3d& aside : {u, Vec3d(-u), v, Vec3d(-v), normal}) {
+    if (is_shaded(world, off + kBeside * aside) != shaded) return Shade::unclear;
+  }
+  return shaded ? Shade::shaded : Shade::lit;
+}
+
+struct Surface {
+  Vec3d color;
+  int semantic, instance;
+};
+
+inline Surface surface_of(const World& world, int element) {
+  const auto primitives = static_cast<int>(world.primitives().size());
+  const TriangleMesh& mesh = world.triangles();
+  const int objects = mesh.objects.empty() ? 0 : 1 + *std::max_element(mesh.objects.begin(), mesh.objects.end());
+  const auto of_material = [&](std::size_t material, int instance) {
+    const Material& its = world.materials()[material];
+    const int semantic = its.semantic != 0 ? its.semantic : static_cast<int>(material) + 1;
+    return Surface{vector_of(its.base_color.data()), semantic, instance};
+  };
+  if (element < primitives) return of_material(world.primitives()[static_cast<std::size_t>(element)].material, element + 1);
+  if (element < first_marker(world)) {
+    const auto triangle = static_cast<std::size_t>(element - primitives);
+    return of_material(mesh.materials[triangle], primitives + 1 + mesh.objects[triangle]);
+  }
+  const int marker = element - first_marker(world);
+  const int instance = primitives + objects + 1 + marker;
+  const auto last = static_cast<int>(places_of(world.markers()).size()) - 1;
+  if (world.markers().start && marker == 0) return {{0.8, 0.03, 0.02}, kSemanticStart, instance};
+  if (world.markers().goal && marker == last) return {{0.02, 0.6, 0.05}, kSemanticGoal, instance};
+  return {{0.85, 0.6, 0.02}, kSemanticWaypoint, instance};
+}
+
+inline int level(const World& world, double value) {
+  return static_cast<int>(std::lround(255.0 * std::pow(std::min(value, 1.0), 1.0 / static_cast<double>(world.light().gamma))));
+}
+
+inline std::array<int, 3> levels(const World& world, const Vec3d& values) {
+  return {level(world, values.x()), level(world, values.y()), level(world, values.z())};
+}
+
+inline Vec3d lerp(const std::array<float, 3>& a, const std::array<float, 3>& b, double part) {
+  return vector_of(a.data()) + part * (vector_of(b.data()) - vector_of(a.data()));
+}
+
+inline std::array<int, 3> surface_levels(const World& world, const Vec3d& color, const Vec3d& normal, bool shaded) {
+  const Light& light = world.light();
+  const double sun = shaded ? 0.0 : std::max(0.0, normal.dot(to_sun(world)));
+  const Vec3d light_there =
+      sun * vector_of(light.sun_color.data()) + lerp(light.ground_ambient, light.sky_ambient, 0.5 * (1.0 + normal.z()));
+  return levels(world, color.cwiseProduct(light_there));
+}
+
+inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction) {
+  const Light& light = world.light();
+  return levels(world, lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z())));
+}
+
+}  // namespace swiftlet::oracle
+
+namespace swiftlet::testing {
+
+inline constexpr CameraOutputs kAllOutputs{
+    .rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true, .grey = true};
+
+inline BatchConfig camera_batch(const CameraConfig& camera, int num_drones = 1) {
+  BatchConfig config;
+  config.num_drones = num_drones;
+  config.num_threads = 1;
+  config.cameras = {camera};
+  return config;
+}
+
+// A batch of one drone there, which has looked.
+inline std::unique_ptr<Batch> look(const std::shared_ptr<const World>& world, const CameraConfig& camera, const Vec3& position,
+                                   const Quat& rotation = Quat::Identity()) {
+  auto batch = std::make_unique<Batch>(camera_batch(camera), Batch::Worlds{world});
+  batch->set_pose(std::vector<float>{position.x(), position.y(), position.z()},
+                  std::vector<float>{rotation.w(), rotation.x(), rotation.y(), rotation.z()});
+  batch->sense();
+  return batch;
+}
+
+// What was written of one pixel; 0 where the camera does not write it.
+struct Pixel {
+  std::array<int, 3> rgb{};
+  float depth = 0.0F;
+  int semantic = 0, instance = 0;
+  Vec3 normal = Vec3::Zero();
+  int grey = 0;
+};
+
+inline Pixel pixel(const Batch& batch, std::size_t row, std::size_t column, std::size_t drone = 0, std::size_t camera = 0) {
+  const CameraConfig& config = batch.config().cameras[camera];
+  const CameraImages& images = batch.images(camera);
+  const auto width = static_cast<std::size_t>(config.width_px);
+  const auto plane = width * static_cast<std::size_t>(config.height_px);
+  const std::size_t place = row * width + column;
+  const auto channel = [&](std::size_t c) {
+    return 3 * drone * plane + (config.layout == ImageLayout::hwc ? 3 * place + c : c * plane + place);
+  };
+  Pixel pixel;
+  for (std::size_t c = 0; c < 3; ++c) {
+    if (config.outputs.rgb) pixel.rgb[c] = images.rgb[channel(c)];
+    if (config.outputs.normal) pixel.normal[static_cast<Eigen::Index>(c)] = images.normal[channel(c)];
+  }
+  if (config.outputs.depth) pixel.depth = images.depth[drone * plane + place];
+  if (config.outputs.semantic) pixel.semantic = images.semantic[drone * plane + place];
+  if (config.outputs.instance) pixel.instance = images.instance[drone * plane + place];
+  if (config.outputs.grey) pixel.grey = images.grey[drone * plane + place];
+  return pixel;
+}
+
+struct Compared {
+  std::size_t pixels = 0, clear = 0, sky = 0, shaded = 0, lit = 0;
+  std::set<int> elements;  // that were seen
+
+  Compared& operator+=(const Compared& other) {
+    pixels += other.pixels;
+    clear += other.clear;
+    sky += other.sky;
+    shaded += other.shaded;
+    lit += other.lit;
+    elements.insert(other.elements.begin(), other.elements.end());
+    return *this;
+  }
+};
+
+// A pixel's colour, off by at most one level; null: as it should be.
+inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
+  for (std::size_t c = 0; c < 3; ++c) {
+    if (std::abs(a[c] - b[c]) > 1) return false;
+  }
+  return true;
+}
+
+// All that a drone's camera has written, against the oracle; the drone is still where the picture was taken. Every stride-th
+// pixel, and of those the ones that are clear. Of several samples per pixel colours are not compared.
+inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::size_t camera = 0, std::size_t stride = 1) {
+  using oracle::Vec3d;
+  const CameraConfig config = batch.camera_config(camera, drone);
+  const State& state = batch.state();
+  const World& world = *batch.worlds()[static_cast<std::size_t>(state.world_index[drone])];
+  const oracle::Eye eye =
+      oracle::eye_of(config, oracle::vector_of(&state.position[3 * drone]), oracle::matrix_of(&state.quat_wxyz[4 * drone]));
+  const CameraOutputs& outputs = config.outputs;
+  const auto width = static_cast<std::size_t>(config.width_px);
+  const auto height = static_cast<std::size_t>(config.height_px);
+  Compared compared;
+  std::size_t wrong = 0;
+  for (std::size_t place = 0; place < width * height; place += stride) {
+    const std::size_t row = place / width;
+    const std::size_t column = place % width;
+    ++compared.pixels;
+    const Vec3d direction =
+        oracle::direction_through(config, eye, static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5);
+    const oracle::Seen seen = oracle::see(world, config, eye.origin, direction);
+    if (!oracle::is_clear(world, config, seen, eye.origin, direction)) continue;
+    const Pixel is = pixel(batch, row, column, drone, camera);
+    oracle::Surface surface{Vec3d::Zero(), 0, 0};
+    bool colors_are_clear = config.samples_per_pixel == 1;
+    std::array<int, 3> rgb{};
+    if (seen.element < 0) {
+      rgb = oracle::sky_levels(world, direction);
+    } else {
+      surface = oracle::surface_of(world, seen.element);
+      auto shade = oracle::Shade::lit;
+      if (config.shadows) shade = oracle::shade_at(world, eye.origin + seen.depth * direction, seen.normal);
+      colors_are_clear &= shade != oracle::Shade::unclear;
+      rgb = oracle::surface_levels(world, surface.color, seen.normal, shade == oracle::Shade::shaded);
+      compared.shaded += shade == oracle::Shade::shaded;
+      compared.lit += shade == oracle::Shade::lit;
+    }
+    const double depth = seen.depth * (config.depth_kind == DepthKind::range ? direction.norm() : 1.0);
+    const auto is_depth = [&](float value) {
+      if (seen.element < 0) return value == std::numeric_limits<float>::infinity();
+      return std::abs(static_cast<double>(value) - depth) <= 2e-5 * std::max(1.0, depth);
+    };
+    const bool right = (!outputs.depth || is_depth(is.depth)) && (!outputs.semantic || is.semantic == surface.semantic) &&
+                       (!outputs.instance || is.instance == surface.instance) &&
+                       (!outputs.normal || (is.normal.cast<double>() - seen.normal).norm() <= 2e-3) &&
+                       (!outputs.rgb || !colors_are_clear || is_near(is.rgb, rgb));
+    ++compared.clear;
+    compared.sky += seen.element < 0;
+    compared.elements.insert(seen.element);
+    if (right || wrong++ > 0) continue;
+    ADD_FAILURE() << "drone " << drone << ", row " << row << ", column " << column << ": expected element " << seen.element
+                  << " (semantic " << surface.semantic << ", instance " << surface.instance << ") at " << depth << " m, normal "
+                  << seen.normal.transpose() << ", rgb " << rgb[0] << ' ' << rgb[1] << ' ' << rgb[2] << "; got semantic "
+                  << is.semantic << ", instance " << is.instance << ", " << is.depth << " m, normal " << is.normal.transpose()
+                  << ", rgb " << is.rgb[0] << ' ' << is.rgb[1] << ' ' << is.rgb[2];
+  }
+  EXPECT_EQ(wrong, 0U) << "of " << compared.clear << " clear pixels";
+  return compared;
+}
+
+}  // namespace swiftlet::testing
