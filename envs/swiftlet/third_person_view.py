@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from swiftlet._core import Batch, CameraConfig, DroneModel, LidarConfig, World
 from swiftlet.depth_canvas import Color, DepthCanvas, Floats, Image
-from swiftlet.picture import facing, render
+from swiftlet.stage import Stage
 from swiftlet.task import rotate
 from swiftlet.trail import Trail
 
@@ -21,15 +21,7 @@ _BEAM: Color = (250, 130, 70)
 _HIT: Color = (200, 50, 20)
 _FRUSTUM: Color = (130, 40, 170)
 
-# In lengths of the drone:
-_BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,
-_UP = np.array([0.0, 0.0, 2.3])  # above it,
-_FREE = 0.3  # so far from a wall,
-_AHEAD = 0.5  # and looks at what is before the drone
-_FRUSTUM_LENGTH = 1.1  # cameras' views as they are drawn
-_FADE = 0.5  # in which obstacles before the drone dissolve
-_DISSOLVED = 0.3  # their opacity then
-_NEAR_M = 0.05
+_FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
 _MAX_BEAMS = 256  # more would hide the world
 _FINER = 2  # drawn so many times larger, then averaged: smooth edges
 
@@ -74,19 +66,24 @@ class ThirdPersonView:
         self._edges = _edges(self._corners, self._normals, self._offsets)
         self._length = float(np.ptp(self._corners, axis=0).max())
         self._size_px = (width_px * _FINER, height_px * _FINER)
+        self._stages: dict[int, Stage] = {}
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (height_px, width_px, 3) uint8, a new array."""
-        world = self._batch.worlds[self._batch.world_index[env]]
+        index = int(self._batch.world_index[env])
+        world = self._batch.worlds[index]
+        if index not in self._stages:
+            self._stages[index] = Stage(world, self._length, self._size_px)
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
-        stage = _Stage(world, position, quat_wxyz, self._length, self._size_px)
+        canvas, obstacles = self._stages[index].set(position, quat_wxyz)
         if self._batch.active[env]:
-            self._draw_drone(stage.canvas, world, position, quat_wxyz)
-            self._draw_trail(stage.canvas, env)
-            self._draw_cameras(stage.canvas, env, position, quat_wxyz)
-            self._draw_beams(stage.canvas, env, position, quat_wxyz)
-        return _averaged(stage.finished())
+            self._draw_drone(canvas, world, position, quat_wxyz)
+            self._draw_trail(canvas, env)
+            self._draw_cameras(canvas, env, position, quat_wxyz)
+            self._draw_beams(canvas, env, position, quat_wxyz)
+        obstacles.draw(canvas)
+        return _averaged(canvas.rgb)
 
     def _draw_drone(self, canvas: DepthCanvas, world: World, position: Floats, quat_wxyz: Floats) -> None:
         normals = rotate(quat_wxyz, self._normals)
@@ -130,81 +127,6 @@ def frustum(camera: CameraConfig, length_m: float) -> Floats:
     top, bottom = camera.cy / camera.fy, (camera.cy - camera.height_px) / camera.fy
     local = np.array([[0, 0, 0], [1, left, top], [1, right, top], [1, right, bottom], [1, left, bottom]]) * length_m
     return np.asarray(camera.offset_m, float) + rotate(np.asarray(camera.quat_wxyz, float), local)
-
-
-class _Stage:
-    """The world as seen from behind a drone: a canvas, before which obstacles that are in the way dissolve."""
-
-    def __init__(
-        self, world: World, position: Floats, quat_wxyz: Floats, length: float, size_px: tuple[int, int]
-    ) -> None:
-        kinds = [primitive["kind"] for primitive in world.primitives]
-        solid = np.array([kind != "room" for kind in kinds], bool)
-        viewer, turn = _viewpoint(world, solid, position, quat_wxyz, length)
-        ahead = float(rotate(turn, position - viewer, inverse=True)[0])
-        cut = max(ahead - length / 2, 2 * _NEAR_M)  # nearer than the drone
-        camera = CameraConfig(width_px=size_px[0], height_px=size_px[1], hfov_deg=75.0, near_m=_NEAR_M, far_m=1000.0)
-        camera.outputs = ("rgb", "depth", "instance")
-        picture = render(world, viewer, turn, camera=camera)
-        rgb, depth = picture["rgb"], picture["depth"]
-
-        dissolves = np.zeros(1 << 16, bool)  # by instance: meshes do not, floors may be among them
-        dissolves[1 : 1 + len(solid)] = solid
-        self._at = np.flatnonzero(depth < cut)  # pixels
-        self._at = self._at[dissolves[picture["instance"].reshape(-1)[self._at]]]
-        if len(self._at):
-            camera.near_m, camera.outputs = cut, ("rgb", "depth")
-            beyond = render(world, viewer, turn, camera=camera)
-            if "room" in kinds:  # where nothing is beyond, a wall has been cut away, too
-                self._at = self._at[np.isfinite(beyond["depth"].reshape(-1)[self._at])]
-            self._rgb, self._depth = rgb.reshape(-1, 3)[self._at], depth.reshape(-1)[self._at]
-            rgb.reshape(-1, 3)[self._at] = beyond["rgb"].reshape(-1, 3)[self._at]
-            depth.reshape(-1)[self._at] = beyond["depth"].reshape(-1)[self._at]
-        self._opacity_per_m = (1 - _DISSOLVED) / (length * _FADE)
-        self._cut = cut
-        camera.near_m = _NEAR_M
-        self.canvas = DepthCanvas(rgb, depth, camera, viewer, turn)
-
-    def finished(self) -> Image:
-        """Return the canvas with the obstacles before it."""
-        if len(self._at):
-            rgb = self.canvas.rgb.reshape(-1, 3)
-            opacity = np.maximum(1 - (self._cut - self._depth) * self._opacity_per_m, np.float32(_DISSOLVED))
-            opacity[self.canvas.depth.reshape(-1)[self._at] < self._depth] = 0  # drawn before it
-            behind = rgb[self._at].astype(np.float32)
-            rgb[self._at] = behind + opacity[:, None] * (self._rgb - behind) + np.float32(0.5)
-        return self.canvas.rgb
-
-
-def _viewpoint(
-    world: World, solid: npt.NDArray[np.bool_], position: Floats, quat_wxyz: Floats, length: float
-) -> tuple[Floats, Floats]:
-    """Return from where to look at a drone, and how turned."""
-    forward = rotate(quat_wxyz, np.array([1.0, 0.0, 0.0]))
-    heading = np.arctan2(forward[1], forward[0])  # level, whatever the drone's tilt
-    level = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
-    # Up to the ceiling, then back to the wall: near a wall the view comes from above.
-    viewer = _pushed(world, solid, position, length * _UP, length * _FREE)
-    viewer = _pushed(world, solid, viewer, length * rotate(level, _BACK), length * _FREE)
-    viewer = _pushed(world, solid, position, viewer - position, 0.0)
-    ahead = position + length * rotate(level, np.array([_AHEAD, 0.0, 0.0]))
-    return viewer, facing(viewer, ahead).astype(float)
-
-
-def _pushed(world: World, solid: npt.NDArray[np.bool_], origin: Floats, way: Floats, free: float) -> Floats:
-    """Return where one gets from a point (3,) along a way (3,) m: through what dissolves, to before a wall."""
-    length = float(np.linalg.norm(way))
-    if length == 0:
-        return origin
-    gone = 0.0
-    for _ in range(2 * len(solid) + 1):
-        hit = world.raycast((origin + gone * way / length)[None], way[None], length + free - gone)
-        gone += float(hit["t_hit"][0])
-        if not 0 <= hit["primitive"][0] < len(solid) or not solid[hit["primitive"][0]]:
-            break
-        gone += 1e-3  # into it, or out of it
-    reach = min(length, max(gone - free, gone / 2))
-    return origin + way / length * reach
 
 
 def _shaded(world: World, normals: Floats, color: tuple[float, float, float]) -> Image:

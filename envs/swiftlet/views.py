@@ -42,7 +42,7 @@ class CameraView:
 def make(
     name: str, batch: Batch, drone: DroneModel | None, lidar: LidarConfig | None, camera: CameraConfig | None
 ) -> tuple[View, Trail | None]:
-    """Return one of the views `NAMES`, and the trail it shows, to be recorded; drone and sensors are those of the batch.
+    """Return one of the views `NAMES`, and the trail it shows, which is to be recorded.
 
     Raises
     ------
