@@ -68,7 +68,13 @@ void register_camera(py::module_& module) {
           [](const CameraView& camera, std::int64_t index, int quality) {
             return py::bytes(camera.batch().jpeg(camera.index, index, quality));
           },
-          py::arg("index"), py::arg("quality") = 90);
+          py::arg("index"), py::arg("quality") = 90)
+      .def(
+          "save_frames",
+          [](const py::object& camera, const py::object& folder, const py::object& indices, const py::object& outputs) {
+            return py::module_::import("swiftlet.frames").attr("save_frames")(camera, folder, indices, outputs);
+          },
+          py::arg("folder"), py::arg("indices") = py::none(), py::arg("outputs") = py::none());
 }
 
 }  // namespace swiftlet::bindings

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import tyro
 
 import swiftlet
+from camera_pictures import draw_sheet
 from evaluate import UNSEEN_SEED, fly, generated_worlds, greedy, summary
 from plot_paths import animate, picture_name, plot_flight, plot_overview
 from train_ppo import Args as TrainingArgs
@@ -63,6 +64,7 @@ In {args.out}/
   path-*.png           each path, from above and from the side
   flight.gif           one flight with the LiDAR's beams
   reward.png           how the reward grew
+  camera-sheet.png     what cameras see: every output, at three places of a camera playground
   policy.zip           the policy, for training/evaluate.py and training/plot_paths.py
 
 Next: .venv/bin/python training/train_ppo.py --help""")
@@ -90,6 +92,7 @@ def main(args: Args) -> None:
     plot_overview(worlds, flights, args.out / "paths.png")
     animate(policy, worlds[0], args.out / "flight.gif")
     plot_reward(args.out / "progress.csv", args.out / "reward.png")
+    draw_sheet(args.out / "camera-sheet.png", ("raycast",))
     unseen = summary(fly(policy, generated_worlds(UNSEEN_SEED, 100), 1000))["success_rate"]
     tell(args, outcome, sum(flight.outcome == "success" for flight in flights), len(worlds), unseen)
 

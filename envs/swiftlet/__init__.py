@@ -5,7 +5,7 @@
 
 `World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment
 of it, `Task` is the base of a task of your own, `swiftlet.sb3` serves Stable-Baselines3 and `swiftlet.testing` checks
-any Gymnasium vector environment.
+any Gymnasium vector environment. `render` takes a picture of a world.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from swiftlet._core import (
     plan,
 )
 from swiftlet.env import DroneEnv
+from swiftlet.picture import render
 from swiftlet.task import Task
 from swiftlet.vector_env import DroneVectorEnv
 
@@ -48,6 +49,7 @@ __all__ = [
     "World",
     "__version__",
     "plan",
+    "render",
     "sb3",
     "scenes",
     "testing",

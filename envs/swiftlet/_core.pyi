@@ -8,6 +8,7 @@ Bad input raises `ValueError` naming the field, what was expected and what came,
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any, TypeAlias, final
 
 import numpy as np
@@ -469,6 +470,35 @@ class Camera:
 
     def jpeg(self, index: int, quality: int = 90) -> bytes:
         """Return the file of one drone's rgb (else grey) frame; quality from 1 to 100."""
+
+    def save_frames(
+        self,
+        folder: str | PathLike[str],
+        indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+        outputs: Sequence[str] | None = None,
+    ) -> list[Path]:
+        """Write PNG files ``<camera>-<drone>-<output>.png`` and return their paths; needs Pillow.
+
+        ``rgb`` and ``grey`` have 8 bits. ``semantic`` and ``instance`` are the ids, 16 bits. ``depth`` has 16 bits, in
+        millimetres; 0 where nothing is seen or it is beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits; 0 where nothing
+        is seen. `numpy.save` of the arrays themselves keeps depth and normal exact.
+
+        Parameters
+        ----------
+        folder
+            Made where it is missing; files of the same names are replaced.
+        indices
+            Which drones. None: all that have a frame.
+        outputs
+            Which outputs. None: all that the camera writes.
+
+        Raises
+        ------
+        ValueError
+            An output that the camera does not write, or a drone whose frame is stale: nothing is written then.
+        ModuleNotFoundError
+            Pillow is not installed.
+        """
 
 class Batch:
     """N drone slots over W worlds, stepped together.

@@ -41,7 +41,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a view from above, (height, width, 3) uint8, or None without a render mode."""
+        """Return a picture, (height, width, 3) uint8, or None without a render mode."""
         frames = self.envs.render()
         return None if frames is None else frames[0]
 

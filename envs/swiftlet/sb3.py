@@ -86,6 +86,8 @@ class DroneVecEnv(VecEnv):
         assert self._actions is not None, "step_async comes first"
         stepper = self._stepper
         stepper.step(self._actions)
+        if self.env.trail is not None:
+            self.env.trail.record()
         truncated = stepper.truncated
         done = stepper.terminated | truncated
         going_on: dict[str, Any] = {}
@@ -144,5 +146,5 @@ class DroneVecEnv(VecEnv):
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
-        """Return a view from above of each env, (height, width, 3) uint8."""
+        """Return a picture of each env, (height, width, 3) uint8."""
         return self.env.render() or [None] * self.num_envs

@@ -12,14 +12,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from swiftlet import scenes
+from swiftlet import scenes, views
 from swiftlet._core import Batch, DroneModel, LidarConfig, NavigationConfig, NavigationReward, PoseSensorConfig
 from swiftlet.task import Task, TaskRunner
 
 if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
-    from swiftlet.top_view import TopView
+    from swiftlet.trail import Trail
 
     class NavigationFields(TypedDict, total=False):
         """Fields of `NavigationConfig`, each a keyword of the env."""
@@ -77,7 +77,10 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
     num_threads
         0 means the physical cores this process may run on. No result depends on it.
     render_mode
-        None, or ``"rgb_array"``: a view from above of each env.
+        None, or ``"rgb_array"``: a picture of each env.
+    render_view
+        ``"top"``: from above, LiDAR beams included. ``"camera"``: the last frame of the drone's own camera.
+        ``"third_person"``: from behind and above the drone, with LiDAR beams, the camera's view and the trail.
     **navigation
         Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``),
         ``reward``, ``step_m``, ``yaw_step_deg``, ``random_start``, ``random_world``, ``stagger_first_episode``.
@@ -116,10 +119,14 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         copy: bool = True,
         num_threads: int = 0,
         render_mode: str | None = None,
+        render_view: str = "top",
         **navigation: Unpack[NavigationFields],
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
+        if render_view not in views.NAMES:
+            expected = ", ".join(map(repr, views.NAMES))
+            raise ValueError(f"render_view: expected one of {expected}, got {render_view!r}")
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
@@ -141,7 +148,6 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
                 raise TypeError(f"task: expected a swiftlet.Task object, got {task!r}")
             lidar = task.lidar if lidar is None else lidar
         self.lidar = lidar
-        self._drone = drone
 
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         self.batch = Batch(
@@ -169,7 +175,10 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
 
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._seeded = False  # every env has a seed, so an observation to return and an episode to go on from
-        self._top_view: TopView | None = None
+        self._view: views.View | None = None
+        self.trail: Trail | None = None  # where the drones have been, if a picture shows it
+        if render_mode is not None:
+            self._view, self.trail = views.make(render_view, self.batch, drone, lidar, getattr(self, "camera", None))
 
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
@@ -200,6 +209,8 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
             self.stepper.reset(seeds)  # the envs outside the mask too: no env is ever without a state
         self.stepper.reset(seeds, mask)
         self._seeded = True
+        if self.trail is not None:
+            self.trail.record(True if mask is None else mask)
         observation = self.stepper.observation
         return observation.copy() if self.copy else observation, {}
 
@@ -228,6 +239,8 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
             raise ResetNeeded("call reset before step")
         stepper = self.stepper
         stepper.step(actions)
+        if self.trail is not None:
+            self.trail.record()
         observation, reward = stepper.observation, stepper.reward
         terminated, truncated = stepper.terminated, stepper.truncated
         ended = terminated | truncated
@@ -237,15 +250,11 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         return observation, reward, terminated, truncated, infos
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Return a view from above of each env, (height, width, 3) uint8, or None without a render mode."""
+        """Return a picture of each env, (height, width, 3) uint8, or None without a render mode."""
         self._require_open()
-        if self.render_mode is None:
+        if self._view is None:
             return None
-        if self._top_view is None:
-            from swiftlet.top_view import TopView
-
-            self._top_view = TopView(self.batch, self._drone, self.lidar)
-        return tuple(self._top_view.frame(i) for i in range(self.num_envs))
+        return tuple(self._view.frame(i) for i in range(self.num_envs))
 
     def snapshot(self) -> bytes:
         """Return everything the next step depends on, the state of a `Task` included."""
@@ -265,6 +274,8 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         self._require_open()
         self.stepper.restore(blob)
         self._seeded = True
+        if self.trail is not None:
+            self.trail.record(True)
         observation = self.stepper.observation
         return observation.copy() if self.copy else observation
 
@@ -294,7 +305,7 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of the batch. Arrays handed out with ``copy=False`` stay valid."""
         self._seeded = False
-        self._top_view = None
+        self._view = self.trail = None
         for name in ("batch", "stepper"):
             self.__dict__.pop(name, None)
 

@@ -1,0 +1,157 @@
+"""Lines, dots and solids drawn into a camera's frame, each hidden by what is nearer. NumPy only."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from swiftlet._core import CameraConfig
+from swiftlet.task import rotate
+
+Image: TypeAlias = npt.NDArray[np.uint8]
+Floats: TypeAlias = npt.NDArray[np.floating[Any]]
+Ints: TypeAlias = npt.NDArray[np.intp]
+Color: TypeAlias = tuple[int, int, int]
+
+_BIAS_M = 0.01  # what lies on a surface is seen
+_BIAS = 1e-3  # the same, of its distance
+
+
+class DepthCanvas:
+    """A frame to draw into.
+
+    Parameters
+    ----------
+    rgb, depth
+        (H, W, 3) and planar (H, W) m, as the camera took them at that pose; drawn into, in place.
+    camera
+        Which took them. Its mounting on a drone does not count here.
+    position, quat_wxyz
+        (3,) m and (4,) of the camera itself, in the world frame.
+    """
+
+    def __init__(
+        self, rgb: Image, depth: npt.NDArray[np.float32], camera: CameraConfig, position: Floats, quat_wxyz: Floats
+    ) -> None:
+        self.rgb = rgb
+        self.depth = depth
+        self._position = np.asarray(position, float)
+        self._quat_wxyz = np.asarray(quat_wxyz, float)
+        self._near = camera.near_m
+        self._focal = np.array([camera.fx, camera.fy])
+        self._center = np.array([camera.cx, camera.cy])
+        # The frustum in the camera's frame: a point is inside where these times it are at least (near, 0, 0, 0, 0).
+        width, height = camera.width_px, camera.height_px
+        self._sides = np.array(
+            [
+                [1, 0, 0],
+                [camera.cx / camera.fx, -1, 0],
+                [(width - camera.cx) / camera.fx, 1, 0],
+                [camera.cy / camera.fy, 0, -1],
+                [(height - camera.cy) / camera.fy, 0, 1],
+            ]
+        )
+
+    def project(self, points: Floats) -> Floats:
+        """Return (K, 3) of points (K, 3) in front: pixels from the left border, from the upper border, depth in m."""
+        return self._project(self._to_camera(points))
+
+    def lines(self, starts: Floats, ends: Floats, color: Color, *, width_px: int = 1, opacity: float = 1.0) -> None:
+        """Draw lines between points (K, 3) and (K, 3)."""
+        a, b = self._clip(self._to_camera(np.atleast_2d(starts)), self._to_camera(np.atleast_2d(ends)))
+        if not len(a):
+            return
+        begin, end = self._project(a), self._project(b)
+        # A sample per pixel of each line's longer side; of them inverse depth is linear.
+        begin[:, 2], end[:, 2] = 1 / begin[:, 2], 1 / end[:, 2]
+        counts = np.ceil(np.abs(end - begin)[:, :2].max(axis=1)).astype(int) + 1
+        line = np.repeat(np.arange(len(counts)), counts)
+        step = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
+        t = step / np.maximum(counts - 1, 1)[line]
+        samples = begin[line] + t[:, None] * (end - begin)[line]
+        self._plot(samples[:, 0], samples[:, 1], 1 / samples[:, 2], color, width_px, opacity)
+
+    def dots(self, points: Floats, color: Color, *, size_px: int = 1) -> None:
+        """Draw points (K, 3) as squares."""
+        local = self._to_camera(points)
+        x, y, depth = self._project(local[local[:, 0] >= self._near]).T
+        self._plot(x, y, depth, color, size_px, 1.0)
+
+    def solid(self, normals: Floats, offsets: Floats, corners: Floats, colors: Image) -> None:
+        """Draw the convex body of the points p with normals (F, 3) . p <= offsets (F,), each face in a color (F, 3).
+
+        The corners (V, 3) say where in the frame it can be.
+        """
+        height, width = self.depth.shape
+        local = self._to_camera(corners)
+        low, high = np.zeros(2), np.array([width, height], float)
+        if local[:, 0].min() >= self._near:
+            pixels = self._project(local)[:, :2]
+            low, high = np.maximum(low, pixels.min(axis=0)), np.minimum(high, pixels.max(axis=0))
+        elif local[:, 0].max() < self._near:
+            return
+        left, top = np.floor(low).astype(int)
+        right, bottom = np.ceil(high).astype(int)
+        if left >= right or top >= bottom:
+            return
+        # On the ray of a pixel, at planar depth d, is d * (1, y, z): within a face's half space up to, or from, the
+        # depth that meets its plane.
+        y = ((self._center[0] - np.arange(left, right) - 0.5) / self._focal[0])[None, :]
+        z = ((self._center[1] - np.arange(top, bottom) - 0.5) / self._focal[1])[:, None]
+        enter = np.full((bottom - top, right - left), -np.inf)
+        leave = np.full_like(enter, np.inf)
+        face = np.zeros(enter.shape, int)
+        tilts = rotate(self._quat_wxyz, np.asarray(normals, float), inverse=True)
+        for index, (tilt, offset) in enumerate(zip(tilts, offsets - normals @ self._position, strict=True)):
+            slope = tilt[0] + tilt[1] * y + tilt[2] * z
+            with np.errstate(divide="ignore", invalid="ignore"):
+                meets = offset / slope
+            entering = (slope < 0) & (meets > enter)
+            enter[entering] = meets[entering]
+            face[entering] = index
+            np.minimum(leave, meets, out=leave, where=slope > 0)
+            if offset < 0:
+                leave[slope == 0] = -np.inf
+        window = np.s_[top:bottom, left:right]
+        seen = (enter < leave) & (enter >= self._near) & (enter < self.depth[window])
+        self.rgb[window][seen] = colors[face[seen]]
+        self.depth[window][seen] = enter[seen]
+
+    def _to_camera(self, points: Floats) -> Floats:
+        return rotate(self._quat_wxyz, np.asarray(points, float) - self._position, inverse=True)
+
+    def _project(self, local: Floats) -> Floats:
+        pixels = self._center - local[:, 1:] / local[:, :1] * self._focal
+        return np.concatenate([pixels, local[:, :1]], axis=1)
+
+    def _clip(self, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        """Return what is in the frustum of lines from a (K, 3) to b (K, 3)."""
+        near = np.array([self._near, 0, 0, 0, 0])
+        of_a, of_b = a @ self._sides.T - near, b @ self._sides.T - near
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = of_a / (of_a - of_b)
+        first = np.where(of_a < 0, crossing, 0).max(axis=1, initial=0)
+        last = np.where(of_b < 0, crossing, 1).min(axis=1, initial=1)
+        inside = ~((of_a < 0) & (of_b < 0)).any(axis=1) & (first <= last)
+        a, along = a[inside], (b - a)[inside]
+        return a + first[inside, None] * along, a + last[inside, None] * along
+
+    def _plot(self, x: Floats, y: Floats, depth: Floats, color: Color, size_px: int, opacity: float) -> None:
+        height, width = self.depth.shape
+        column, row = np.floor(x).astype(int), np.floor(y).astype(int)
+        shifts = np.arange(size_px) - size_px // 2
+        column = (column[:, None, None] + shifts).repeat(size_px, axis=1).ravel()
+        row = (row[:, None, None] + shifts[:, None]).repeat(size_px, axis=2).ravel()
+        depth = depth.repeat(size_px * size_px)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        at, depth = row[inside] * width + column[inside], depth[inside]
+        flat, colors = self.depth.reshape(-1), self.rgb.reshape(-1, 3)
+        seen = depth <= flat[at] * (1 + _BIAS) + _BIAS_M
+        at, depth = at[seen], depth[seen]
+        if opacity < 1:  # glass: what is behind stays what is nearest
+            colors[at] = np.rint(colors[at] + opacity * (np.array(color, float) - colors[at]))
+            return
+        colors[at] = color
+        np.minimum.at(flat, at, depth.astype(np.float32))

@@ -1,0 +1,91 @@
+"""A camera's frames as PNG files. NumPy and Pillow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from swiftlet._core import Camera
+
+Array: TypeAlias = npt.NDArray[Any]
+
+_MM_PER_M = 1000.0
+_MAX_MM = 65535
+
+
+def save_frames(
+    camera: Camera,
+    folder: str | PathLike[str],
+    indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+    outputs: Sequence[str] | None = None,
+) -> list[Path]:
+    """Write PNG files and return their paths: `Camera.save_frames`, where everything is said."""
+    try:
+        from PIL import Image
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("save_frames needs Pillow, which is not installed: pip install pillow") from error
+    config = camera.config
+    if isinstance(outputs, str):
+        outputs = (outputs,)
+    chosen = list(config.outputs if outputs is None else outputs)
+    for output in chosen:
+        if output not in config.outputs:
+            expected = ", ".join(config.outputs)
+            raise ValueError(f'outputs: expected some that camera "{config.name}" writes ({expected}), got {output!r}')
+    drones = _drones(camera, indices)
+
+    root = Path(folder)
+    root.mkdir(parents=True, exist_ok=True)
+    digits = len(str(len(camera.frame_step) - 1))
+    paths = []
+    for output in chosen:
+        images = getattr(camera, output)
+        for drone in drones:
+            image = images[drone]
+            if image.ndim == 3 and config.layout == "chw":
+                image = image.transpose(1, 2, 0)
+            path = root / f"{config.name}-{drone:0{digits}}-{output}.png"
+            Image.fromarray(np.ascontiguousarray(_as_written(output, image))).save(path)
+            paths.append(path)
+    return paths
+
+
+def _drones(camera: Camera, indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None) -> list[int]:
+    step, name = camera.frame_step, camera.config.name
+    if indices is None:
+        drones: list[int] = np.flatnonzero(step >= 0).tolist()
+        if not drones:
+            raise ValueError(f'camera "{name}": no drone has a frame; call sense or capture first')
+        return drones
+    drones = []
+    for index in np.atleast_1d(np.asarray(indices)).tolist():
+        if not isinstance(index, int) or not 0 <= index < len(step):
+            raise ValueError(f"indices: expected integers from 0 to {len(step) - 1}, got {index!r}")
+        if step[index] < 0:
+            raise ValueError(f'camera "{name}": the frame of drone {index} is stale; call sense or capture first')
+        drones.append(index)
+    return drones
+
+
+def depth_mm(depth: Array) -> npt.NDArray[np.uint16]:
+    """Return depths (m) in millimetres, as depth cameras give them: 0 where nothing is seen, or beyond 65.535 m."""
+    with np.errstate(invalid="ignore"):
+        mm = np.rint(depth.astype(np.float64) * _MM_PER_M)
+        return np.where(mm <= _MAX_MM, mm, 0).astype(np.uint16)
+
+
+def normal_rgb(normal: Array) -> npt.NDArray[np.uint8]:
+    """Return normals (..., 3) as colours, 127.5 * (n + 1); black where nothing is seen."""
+    seen = normal.any(axis=-1, keepdims=True)
+    return np.where(seen, np.rint(127.5 * (np.clip(normal, -1, 1) + 1)), 0).astype(np.uint8)
+
+
+def _as_written(output: str, image: Array) -> Array:
+    encoders: dict[str, Callable[[Array], Array]] = {"depth": depth_mm, "normal": normal_rgb}
+    return encoders[output](image) if output in encoders else image

@@ -1,0 +1,72 @@
+"""One picture of a world, taken from anywhere."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from swiftlet._core import Batch, CameraConfig, World
+
+Array: TypeAlias = npt.NDArray[Any]
+
+
+def render(
+    world: World,
+    position: npt.ArrayLike,
+    quat_wxyz: npt.ArrayLike | None = None,
+    *,
+    look_at: npt.ArrayLike | None = None,
+    camera: CameraConfig | None = None,
+) -> dict[str, Array]:
+    """Take a picture of a world. For many, make a `Batch` with cameras: it takes them all at once.
+
+    Parameters
+    ----------
+    world
+        Drones are not seen.
+    position, quat_wxyz
+        (3,) m and (4,), as of a drone that carries the camera; by default it faces +x.
+    look_at
+        (3,) m, instead of ``quat_wxyz``: a point to face, with the horizon level.
+    camera
+        Default: 640 x 480 pixels over 90 degrees, ``rgb``.
+
+    Returns
+    -------
+    An array for each of the camera's outputs, as of `Camera`, of one drone: ``picture["rgb"]`` is (H, W, 3).
+
+    Raises
+    ------
+    ValueError
+        Both or neither of an orientation given twice; numbers that are no pose.
+    """
+    if look_at is not None:
+        if quat_wxyz is not None:
+            raise ValueError("look_at: expected None beside quat_wxyz, got both")
+        quat_wxyz = facing(position, look_at)
+    config = CameraConfig() if camera is None else camera
+    batch = Batch([world], cameras=[config])
+    batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
+    batch.capture()
+    taken = batch.camera(config.name)
+    return {output: getattr(taken, output)[0].copy() for output in config.outputs}
+
+
+def facing(position: npt.ArrayLike, target: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Return the quaternion (4,) by which +x points from a position (3,) to a target (3,), and y stays level."""
+    x, y, z = _row("look_at", target, 3)[0].astype(float) - _row("position", position, 3)[0].astype(float)
+    if x == y == z == 0:
+        raise ValueError("look_at: expected another point than position")
+    yaw, pitch = np.arctan2(y, x) / 2, -np.arctan2(z, np.hypot(x, y)) / 2
+    # A turn about z after a turn about y.
+    c, s, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    return np.array([c * cp, -s * sp, c * sp, s * cp], np.float32)
+
+
+def _row(field: str, value: npt.ArrayLike, size: int) -> npt.NDArray[np.float32]:
+    array = np.asarray(value, np.float32)
+    if array.shape != (size,):
+        raise ValueError(f"{field}: expected shape ({size},), got {array.shape}")
+    return array[None]

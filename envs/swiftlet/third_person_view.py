@@ -1,0 +1,177 @@
+"""Pictures from behind and above a drone: the world, the drone, its LiDAR beams, its cameras' views, its trail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from swiftlet._core import Batch, CameraConfig, DroneModel, LidarConfig, World
+from swiftlet.depth_canvas import Color, DepthCanvas, Floats, Image
+from swiftlet.stage import Stage
+from swiftlet.task import rotate
+from swiftlet.trail import Trail
+
+_DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
+_EDGE: Color = (20, 40, 110)
+_TRAIL: Color = (35, 90, 210)
+_BEAM: Color = (250, 130, 70)
+_HIT: Color = (200, 50, 20)
+_FRUSTUM: Color = (130, 40, 170)
+
+_FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
+_MAX_BEAMS = 256  # more would hide the world
+_FINER = 2  # drawn so many times larger, then averaged: smooth edges
+
+
+class ThirdPersonView:
+    """Draws the envs of a batch, each from behind and above its drone, within the same room.
+
+    Parameters
+    ----------
+    batch
+        Whose drones to draw.
+    drone
+        The batch's drone model; None for the default one.
+    lidar
+        The batch's LiDAR. A beam that hits nothing is drawn as long as the drone's range. None draws no beams.
+    cameras
+        Names of cameras of the batch whose views are drawn.
+    trail
+        Where the drones have been. None draws no trails.
+    width_px, height_px
+        Of the picture.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        drone: DroneModel | None = None,
+        lidar: LidarConfig | None = None,
+        cameras: Sequence[str] = (),
+        trail: Trail | None = None,
+        *,
+        width_px: int = 640,
+        height_px: int = 480,
+    ) -> None:
+        self._batch = batch
+        self._lidar = lidar
+        self._directions = None if lidar is None else np.asarray(batch.lidar_directions, float)
+        self._cameras = [batch.camera(name) for name in cameras]
+        self._trail = trail
+        self._corners = np.asarray((DroneModel() if drone is None else drone).hull, float)
+        self._normals, self._offsets = _faces(self._corners)
+        self._edges = _edges(self._corners, self._normals, self._offsets)
+        self._length = float(np.ptp(self._corners, axis=0).max())
+        self._size_px = (width_px * _FINER, height_px * _FINER)
+        self._stages: dict[int, Stage] = {}
+
+    def frame(self, env: int) -> Image:
+        """Return the picture of one env, (height_px, width_px, 3) uint8, a new array."""
+        index = int(self._batch.world_index[env])
+        world = self._batch.worlds[index]
+        if index not in self._stages:
+            self._stages[index] = Stage(world, self._length, self._size_px)
+        position = np.asarray(self._batch.position[env], float)
+        quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
+        canvas, obstacles = self._stages[index].set(position, quat_wxyz)
+        if self._batch.active[env]:
+            self._draw_drone(canvas, world, position, quat_wxyz)
+            self._draw_trail(canvas, env)
+            self._draw_cameras(canvas, env, position, quat_wxyz)
+            self._draw_beams(canvas, env, position, quat_wxyz)
+        obstacles.draw(canvas)
+        return _averaged(canvas.rgb)
+
+    def _draw_drone(self, canvas: DepthCanvas, world: World, position: Floats, quat_wxyz: Floats) -> None:
+        normals = rotate(quat_wxyz, self._normals)
+        corners = position + rotate(quat_wxyz, self._corners)
+        canvas.solid(normals, self._offsets + normals @ position, corners, _shaded(world, normals, _DRONE))
+        canvas.lines(corners[self._edges[:, 0]], corners[self._edges[:, 1]], _EDGE, width_px=_FINER)
+
+    def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
+        if self._trail is None:
+            return
+        path = self._trail.of(env)
+        canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * _FINER)
+
+    def _draw_cameras(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
+        for camera in self._cameras:
+            apex, *corners = position + rotate(
+                quat_wxyz, frustum(camera.config_of(env), _FRUSTUM_LENGTH * self._length)
+            )
+            for corner, following in zip(corners, corners[1:] + corners[:1], strict=True):
+                canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=_FINER)
+
+    def _draw_beams(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
+        if self._lidar is None or self._directions is None:
+            return
+        ranges = np.asarray(self._batch.lidar_ranges[env], float).ravel()
+        directions = rotate(quat_wxyz, self._directions[env].reshape(-1, 3))
+        origin = position + rotate(quat_wxyz, np.asarray(self._lidar.offset_m, float))
+        hit = np.isfinite(ranges)
+        ends = origin + directions * np.where(hit, ranges, self._batch.lidar_max_range_m[env])[:, None]
+        some = np.arange(0, len(ends), -(-len(ends) // _MAX_BEAMS))
+        canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=_FINER, opacity=0.6)
+        canvas.dots(ends[hit], _HIT, size_px=3 * _FINER)
+
+
+def frustum(camera: CameraConfig, length_m: float) -> Floats:
+    """Return where a camera is and the four corners of what it sees at a depth, (5, 3) m, body frame.
+
+    The corners are those of the image: upper left, upper right, lower right, lower left.
+    """
+    left, right = camera.cx / camera.fx, (camera.cx - camera.width_px) / camera.fx
+    top, bottom = camera.cy / camera.fy, (camera.cy - camera.height_px) / camera.fy
+    local = np.array([[0, 0, 0], [1, left, top], [1, right, top], [1, right, bottom], [1, left, bottom]]) * length_m
+    return np.asarray(camera.offset_m, float) + rotate(np.asarray(camera.quat_wxyz, float), local)
+
+
+def _shaded(world: World, normals: Floats, color: tuple[float, float, float]) -> Image:
+    """Return the colours (F, 3) of faces, lit as cameras see the world."""
+    light = {name: np.asarray(value, float) for name, value in world.light.items()}
+    sun = np.maximum(normals @ light["sun_direction"], 0)[:, None] * light["sun_color"]
+    up = (1 + normals[:, 2:]) / 2
+    ambient = light["ground_ambient"] + up * (light["sky_ambient"] - light["ground_ambient"])
+    values: Floats = 255 * np.minimum(color * (sun + ambient), 1) ** (1 / light["gamma"])
+    return np.rint(values).astype(np.uint8)
+
+
+def _averaged(fine: Image) -> Image:
+    rows = fine[::_FINER].astype(np.uint16)
+    for i in range(1, _FINER):
+        rows += fine[i::_FINER]
+    total = rows[:, ::_FINER].copy()
+    for j in range(1, _FINER):
+        total += rows[:, j::_FINER]
+    return ((total + _FINER * _FINER // 2) // (_FINER * _FINER)).astype(np.uint8)
+
+
+def _faces(corners: Floats) -> tuple[Floats, Floats]:
+    """Return the half spaces normals (F, 3) . p <= offsets (F,) that make the convex hull of points (V, 3)."""
+    a, b, c = corners[np.array(list(combinations(range(len(corners)), 3))).T]
+    normals = np.cross(b - a, c - a)
+    sizes = np.linalg.norm(normals, axis=1)
+    scale = float(np.ptp(corners, axis=0).max())
+    kept = sizes > 1e-6 * scale**2
+    normals, a = normals[kept] / sizes[kept, None], a[kept]
+    offsets = np.einsum("ij,ij->i", normals, a)
+    beyond = normals @ corners.T - offsets[:, None]
+    outer = beyond.max(axis=1) <= 1e-5 * scale
+    inner = beyond.min(axis=1) >= -1e-5 * scale  # the plane of a face, seen from within
+    planes = np.concatenate(
+        [
+            np.insert(normals[outer], 3, offsets[outer], axis=1),
+            np.insert(-normals[inner], 3, -offsets[inner], axis=1),
+        ]
+    )
+    _, first = np.unique(np.round(planes, 4) + 0.0, axis=0, return_index=True)
+    return planes[first, :3], planes[first, 3]
+
+
+def _edges(corners: Floats, normals: Floats, offsets: Floats) -> npt.NDArray[np.intp]:
+    """Return the edges of a convex body as pairs (E, 2) of its corners."""
+    on_face = (np.abs(corners @ normals.T - offsets) <= 1e-4 * np.ptp(corners, axis=0).max()).astype(int)
+    return np.argwhere(np.triu(on_face @ on_face.T >= 2, 1))

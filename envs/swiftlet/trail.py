@@ -1,0 +1,50 @@
+"""Where the drones of a batch have been."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from swiftlet._core import Batch
+
+
+class Trail:
+    """The positions of each drone since its episode began: call `record` after every step or reset.
+
+    Parameters
+    ----------
+    batch
+        Whose drones to follow.
+    max_steps
+        What lies further back is forgotten.
+    """
+
+    def __init__(self, batch: Batch, max_steps: int = 2000) -> None:
+        self._batch = batch
+        self._max_steps = max_steps
+        self._positions: list[npt.NDArray[np.float32]] = []
+        self._forgotten = 0  # how many positions came before these
+        self._first = np.zeros(batch.num_drones, np.int64)  # since which each drone's episode goes
+        self._episode = batch.episode.copy()
+
+    def record(self, began: npt.NDArray[np.bool_] | bool = False) -> None:
+        """Note where the drones are.
+
+        Parameters
+        ----------
+        began
+            (N,): where a trail begins anew, besides where the batch counts another episode.
+        """
+        now = self._forgotten + len(self._positions)
+        self._first[(self._batch.episode != self._episode) | began] = now
+        self._episode = self._batch.episode.copy()
+        self._positions.append(self._batch.position.copy())
+        forget = max(int(self._first.min()), now + 1 - self._max_steps) - self._forgotten
+        if forget > 0:
+            del self._positions[:forget]
+            self._forgotten += forget
+
+    def of(self, drone: int) -> npt.NDArray[np.float32]:
+        """Return the positions (K, 3) of one drone, the oldest first."""
+        first = max(int(self._first[drone]) - self._forgotten, 0)
+        return np.array([positions[drone] for positions in self._positions[first:]], np.float32).reshape(-1, 3)
