@@ -118,10 +118,11 @@ def bench_train() -> list[Figure]:
     """Train each seed from scratch; then fly worlds that neither training nor the choice of the best model saw."""
     sys.path.insert(0, str(ROOT / "training"))
     import evaluate
+    import tasks
     import train_ppo
 
     playgrounds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
-    unseen = evaluate.generated_worlds(evaluate.UNSEEN_SEED, 100)
+    unseen = tasks.Setup().generated(evaluate.UNSEEN_SEED, 100)
     figures, outcomes = [], []
     for seed in SEEDS:
         args = train_ppo.Args(seed=seed, out=OUT / "train" / f"seed{seed}", progress=False)

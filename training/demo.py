@@ -10,8 +10,9 @@ import matplotlib.pyplot as plt
 import tyro
 
 import swiftlet
-from evaluate import UNSEEN_SEED, fly, generated_worlds, greedy, summary
+from evaluate import UNSEEN_SEED, fly, greedy, summary
 from plot_paths import animate, picture_name, plot_flight, plot_overview
+from tasks import Setup
 from train_ppo import Args as TrainingArgs
 from train_ppo import Outcome, train
 
@@ -90,7 +91,7 @@ def main(args: Args) -> None:
     plot_overview(worlds, flights, args.out / "paths.png")
     animate(policy, worlds[0], args.out / "flight.gif")
     plot_reward(args.out / "progress.csv", args.out / "reward.png")
-    unseen = summary(fly(policy, generated_worlds(UNSEEN_SEED, 100), 1000))["success_rate"]
+    unseen = summary(fly(policy, Setup().generated(UNSEEN_SEED, 100), 1000))["success_rate"]
     tell(args, outcome, sum(flight.outcome == "success" for flight in flights), len(worlds), unseen)
 
 

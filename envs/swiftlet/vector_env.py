@@ -101,8 +101,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     - ``"blob"`` (``swiftlet/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the camera's
       image, as `swiftlet.green_blob` has it (offset of its box from the image's centre in x, over half the width, and
       its area over the image's; both 0 where no green is seen), then the ranges.
-    - ``"pixels"`` (``swiftlet/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``, float32
-      (rays,).
+    - ``"pixels"`` (``swiftlet/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
+      float32 (rays,).
 
     Env i is in world i modulo the number of worlds, unless ``random_world`` is set.
 
@@ -111,8 +111,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     num_envs
         Number of drones.
     worlds
-        A set of `swiftlet.scenes` (``"train"``, ``"camera-validation"``), a scene name, a path, a `World`, or a sequence
-        of these. Default: ``"train"``, for camera tasks ``"camera-train"``.
+        A set of `swiftlet.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
+        these. Default: ``"train"``, for camera tasks ``"camera-train"``.
     task
         A `Task` instead of the navigation task.
     observation
