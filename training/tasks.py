@@ -18,7 +18,10 @@ IDS: dict[TaskName, str] = {
 }
 OBSERVATIONS: dict[TaskName, str] = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
 
-CAMERA_HEIGHT_M = 3.12  # at which the camera playgrounds have start and goal
+# The camera playgrounds have start and goal at one height, and not much farther apart sideways than this: from the start the goal
+# is in view, unless a pillar hides it.
+CAMERA_HEIGHT_M = 3.12
+CAMERA_SIDEWAYS_M = 2.5
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,16 @@ class Setup:
         return swiftlet.DroneVectorEnv(num_envs, observation=observation, **self.keywords(), **keywords)
 
     def generated(self, seed: int, count: int) -> list[swiftlet.World]:
-        """Return playgrounds generated from the seeds seed, seed + 1, ..."""
-        worlds = [swiftlet.World.playground(seed=seed + i) for i in range(count)]
-        return worlds if self.task == "lidar" else [without_waypoints(world) for world in worlds]
+        """Return playgrounds generated from the seeds seed, seed + 1, ..., leaving out what does not suit the task."""
+        worlds: list[swiftlet.World] = []
+        while len(worlds) < count:
+            world = swiftlet.World.playground(seed=seed)
+            seed += 1
+            if self.task == "lidar":
+                worlds.append(world)
+            elif abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M:
+                worlds.append(without_waypoints(world))
+        return worlds
 
 
 def without_waypoints(world: swiftlet.World) -> swiftlet.World:

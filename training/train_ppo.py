@@ -91,7 +91,9 @@ class Args:
     reward_scale: float = 0.1
     """Training sees reward * reward_scale ..."""
     reward_clip: float = 10.0
-    """... clipped to +- this. Everything reported is unscaled."""
+    """... clipped to +- this ..."""
+    step_cost: float = 0.0
+    """... less this: where the goal is out of sight, hovering must not pay. Everything reported is the task's own."""
     steps_per_update: int = 64
     """Steps of each env between updates."""
     batch_size: int = 4096
@@ -165,9 +167,9 @@ POLICIES = {
 class ScaledReward(VecEnvWrapper):
     """Rewards scaled and clipped for the learner; episode returns in the infos stay as they are."""
 
-    def __init__(self, venv: VecEnv, scale: float, clip: float) -> None:
+    def __init__(self, venv: VecEnv, scale: float, clip: float, step_cost: float = 0.0) -> None:
         super().__init__(venv)
-        self.scale, self.clip = scale, clip
+        self.scale, self.clip, self.step_cost = scale, clip, step_cost
         self.seconds = 0.0  # spent in the environment
 
     def reset(self) -> Any:
@@ -179,7 +181,7 @@ class ScaledReward(VecEnvWrapper):
         before = time.perf_counter()
         observation, reward, done, infos = self.venv.step_wait()
         self.seconds += time.perf_counter() - before
-        return observation, np.clip(reward * self.scale, -self.clip, self.clip), done, infos
+        return observation, np.clip(reward * self.scale, -self.clip, self.clip) - self.step_cost, done, infos
 
 
 class TimedPPO(PPO):
@@ -317,7 +319,7 @@ def make_envs(args: Args) -> ScaledReward:
         num_threads=args.num_threads,
         **setup.keywords(),
     )
-    return ScaledReward(venv, args.reward_scale, args.reward_clip)
+    return ScaledReward(venv, args.reward_scale, args.reward_clip, args.step_cost)
 
 
 def keep_freed_memory() -> None:
