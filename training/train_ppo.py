@@ -131,11 +131,15 @@ DEFAULTS: dict[TaskName, Args] = {
     "camera": Args(
         task="camera",
         out=Path("out/train/camera"),
-        total_steps=3_000_000,
-        evaluation_worlds=200,
-        solved_generated=0.9,
+        total_steps=2_000_000,
+        evaluate_every=100_000,
+        evaluation_worlds=100,
+        solved_generated=0.7,
+        generated=200,
+        playground_share=0.5,
         random_start=True,
         start_flights=10,
+        step_cost=0.15,
     ),
     "pixels": Args(
         task="pixels",
@@ -150,10 +154,10 @@ DEFAULTS: dict[TaskName, Args] = {
         generated=100,
         playground_share=0.6,
         max_episode_steps=400,
-        batch_size=1024,
+        batch_size=256,
         frame_skip=4,
+        step_cost=0.3,
         learning_rate=1e-3,
-        learner_threads=2,
     ),
 }
 
