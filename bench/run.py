@@ -158,7 +158,10 @@ def bench_train() -> list[Figure]:
 
 
 def bench_camera_train() -> list[Figure]:
-    """Train the camera tasks from scratch; success is over 50 flights in each playground, from all over its spawn box."""
+    """Train the camera tasks from scratch.
+
+    Success is of one flight from each start marker, and of 50 from all over each spawn box.
+    """
     sys.path.insert(0, str(ROOT / "training"))
     import evaluate
     import train_ppo

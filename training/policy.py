@@ -52,8 +52,8 @@ class PixelFeatures(BaseFeaturesExtractor):
     """A small convolutional network over the image, and how near the obstacles are.
 
     The goal is a pixel or two wide for most of a flight, in a world of greys. So colours go in as eyes have them, as
-    brightness and as differences, and these are amplified: one green pixel then outweighs the rest of the 4 x 4 that the
-    first layer takes together.
+    brightness and as differences, and these are amplified: one green pixel then outweighs the rest of the 4 x 4 that
+    the first layer takes together.
     """
 
     def __init__(self, observation_space: spaces.Dict, channels: int = 16, hidden: int = 64) -> None:

@@ -18,8 +18,8 @@ IDS: dict[TaskName, str] = {
 }
 OBSERVATIONS: dict[TaskName, str] = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
 
-# The camera playgrounds have start and goal at one height, and not much farther apart sideways than this: from the start the goal
-# is in view, unless a pillar hides it.
+# The camera playgrounds have start and goal at one height, and no farther apart sideways than this: the goal is before
+# the drone, in view unless a pillar hides it.
 CAMERA_HEIGHT_M = 3.12
 CAMERA_SIDEWAYS_M = 2.5
 
