@@ -129,7 +129,7 @@ void profile(bench::Figures& figures) {
     }
   });
   stages.add("reward", [&] {
-    for (const std::uint32_t drone : drones) navigation.evaluate(drone, &actions[drone % 6], rays, state, out);
+    for (const std::uint32_t drone : drones) navigation.evaluate(drone, &actions[drone % 6], rays, state, true, out);
   });
   stages.add("observe_goal", [&] {
     for (const std::uint32_t drone : drones) {

@@ -76,6 +76,21 @@ auto output_view(Member member, py::ssize_t columns = 0, bool writable = false) 
   };
 }
 
+// The same of images.
+template <class Member>
+auto image_view(Member member, bool writable = false) {
+  return [member, writable](const py::object& self) {
+    const auto& batch = self.cast<const Batch&>();
+    require_task(batch);
+    if (batch.image_size() == 0) {
+      throw std::runtime_error("this Batch's task observes no pixels: give it one that does (observation=\"pixels\")");
+    }
+    const CameraConfig& camera = batch.config().cameras[0];
+    return view<std::uint8_t>(self, (batch.outputs().*member).data(), {size_of(batch), 3, camera.height_px, camera.width_px},
+                              writable);
+  };
+}
+
 // The contact of a batch's last move: views into the batch.
 struct ContactView {
   py::array_t<bool> hit, inside;
@@ -93,7 +108,7 @@ ContactView contact_of(const py::object& self) {
 void step(Batch& batch, const py::object& actions) {
   require_task(batch);
   const ActionKind kind = batch.config().navigation.action;
-  if (kind == ActionKind::discrete) {
+  if (is_discrete(kind)) {
     const auto input = integers<std::int64_t>(actions, "actions", {size_of(batch)});
     released(batch, [&] { batch.step(std::span<const std::int64_t>(input)); });
   } else {
@@ -277,6 +292,8 @@ void register_batch(py::module_& module) {
       .def("step", &step, py::arg("actions"))
       .def_property_readonly("observation", output_view<float>(&Outputs::observation, -1, true))
       .def_property_readonly("final_observation", output_view<float>(&Outputs::final_observation, -1))
+      .def_property_readonly("image", image_view(&Outputs::image, true))
+      .def_property_readonly("final_image", image_view(&Outputs::final_image))
       .def_property_readonly("reward", output_view<float>(&Outputs::reward, 0, true))
       .def_property_readonly("reward_terms", output_view<float>(&Outputs::reward_terms, kNumRewardTerms))
       .def_property_readonly("terminated", output_view<bool>(&Outputs::terminated))

@@ -13,14 +13,8 @@ namespace {
 
 namespace py = pybind11;
 
-struct Name {
-  const char* text;
-  ActionKind kind;
-};
-constexpr Name kActions[] = {{"discrete", ActionKind::discrete},
-                             {"displacement", ActionKind::displacement},
-                             {"displacement_yaw", ActionKind::displacement_yaw}};
-
+constexpr const char* kActions[] = {"discrete", "displacement", "displacement_yaw", "discrete_forward"};
+constexpr const char* kObservations[] = {"goal", "blob", "pixels"};
 constexpr const char* kDepthKinds[] = {"planar", "range"};
 constexpr const char* kLayouts[] = {"hwc", "chw"};
 
@@ -64,13 +58,6 @@ py::tuple names_of(const CameraOutputs& outputs) {
     if (outputs.*(output.member)) names.append(output.name);
   }
   return py::tuple(names);
-}
-
-ActionKind action_kind(const std::string& text) {
-  for (const Name& name : kActions) {
-    if (text == name.text) return name.kind;
-  }
-  throw py::value_error("action: expected \"discrete\", \"displacement\" or \"displacement_yaw\", got \"" + text + "\"");
 }
 
 // A keyword-only constructor: every field by its name, unset ones keep their default.
@@ -189,21 +176,26 @@ void register_config(py::module_& module) {
              {"distance_weight", "crash_weight", "free_space_weight", "step_weight", "action_change_weight", "outrun_weight",
               "goal_reward", "waypoint_share", "goal_radius_m", "min_clearance", "step_scale", "thesis_switch"});
 
-  py::class_<NavigationConfig> navigation(module, "NavigationConfig",
-                                          "Fly from the start over the waypoints to the goal by LiDAR.");
+  py::class_<NavigationConfig> navigation(module, "NavigationConfig", "Fly from the start over the waypoints to the goal.");
   navigation
       .def_property(
-          "action", [](const NavigationConfig& c) { return kActions[static_cast<int>(c.action)].text; },
-          [](NavigationConfig& c, const std::string& text) { c.action = action_kind(text); })
+          "action", [](const NavigationConfig& c) { return kActions[static_cast<int>(c.action)]; },
+          [](NavigationConfig& c, const std::string& text) { c.action = named<ActionKind>(kActions, text, "action"); })
+      .def_property(
+          "observation", [](const NavigationConfig& c) { return kObservations[static_cast<int>(c.observation)]; },
+          [](NavigationConfig& c, const std::string& text) {
+            c.observation = named<ObservationKind>(kObservations, text, "observation");
+          })
       .def_readwrite("step_m", &NavigationConfig::step_m)
       .def_readwrite("yaw_step_deg", &NavigationConfig::yaw_step_deg)
       .def_readwrite("max_episode_steps", &NavigationConfig::max_episode_steps)
+      .def_readwrite("frame_skip", &NavigationConfig::frame_skip)
       .def_readwrite("reward", &NavigationConfig::reward)
       .def_readwrite("random_start", &NavigationConfig::random_start)
       .def_readwrite("random_world", &NavigationConfig::random_world)
       .def_readwrite("stagger_first_episode", &NavigationConfig::stagger_first_episode);
-  add_common(navigation, {"action", "step_m", "yaw_step_deg", "max_episode_steps", "reward", "random_start", "random_world",
-                          "stagger_first_episode"});
+  add_common(navigation, {"action", "observation", "step_m", "yaw_step_deg", "max_episode_steps", "frame_skip", "reward",
+                          "random_start", "random_world", "stagger_first_episode"});
 }
 
 }  // namespace swiftlet::bindings

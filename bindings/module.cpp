@@ -9,6 +9,7 @@ void register_config(pybind11::module_& module);
 void register_drone_model(pybind11::module_& module);
 void register_world(pybind11::module_& module);
 void register_plan(pybind11::module_& module);
+void register_green_blob(pybind11::module_& module);
 void register_camera(pybind11::module_& module);
 void register_batch(pybind11::module_& module);
 }  // namespace swiftlet::bindings
@@ -23,6 +24,7 @@ PYBIND11_MODULE(_core, module) {
   swiftlet::bindings::register_drone_model(module);
   swiftlet::bindings::register_world(module);
   swiftlet::bindings::register_plan(module);
+  swiftlet::bindings::register_green_blob(module);
   swiftlet::bindings::register_camera(module);
   swiftlet::bindings::register_batch(module);
 }

@@ -1,4 +1,4 @@
-"""The navigation task of the engine written in NumPy: a template for tasks of your own, and the engine's test oracle.
+"""The navigation tasks of the engine written in NumPy: a template for tasks of your own, and the engine's test oracle.
 
 python examples/navigation_numpy.py flies both side by side with the same actions and prints how far apart they are.
 """
@@ -15,25 +15,37 @@ from gymnasium import spaces
 import swiftlet
 from swiftlet.task import Array, BoolArray, Target, rotate
 
-DIRECTIONS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32)
+DIRECTIONS = {
+    "discrete": np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32),
+    "discrete_forward": np.array([[1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float32),
+}
 
 
 class Navigation(swiftlet.Task):
-    """Fly from the start over the waypoints to the goal by LiDAR; see `swiftlet.NavigationConfig` for the fields.
+    """Fly from the start over the waypoints to the goal; see `swiftlet.NavigationConfig` for the fields.
 
-    Random starts, random worlds and staggered time limits are left out.
+    Random starts, random worlds, staggered time limits, frame skip and the observation of pixels are left out.
     """
 
-    def __init__(self, config: swiftlet.NavigationConfig, lidar: swiftlet.LidarConfig) -> None:
+    def __init__(
+        self,
+        config: swiftlet.NavigationConfig,
+        lidar: swiftlet.LidarConfig,
+        camera: swiftlet.CameraConfig | None = None,
+    ) -> None:
         self.config = config
         self.lidar = lidar
+        self.camera = camera
         self.max_episode_steps = config.max_episode_steps
         rays = lidar.shape[0] * lidar.shape[1]
-        low = np.repeat([-1.0, 0.0], [3, rays]).astype(np.float32)
+        head = [-1.0, 0.0] if config.observation == "blob" else [-1.0, -1.0, -1.0]
+        low = np.concatenate([head, np.zeros(rays)]).astype(np.float32)
         self.observation_space = spaces.Box(low, np.ones_like(low), dtype=np.float32)
-        size = {"displacement": 3, "displacement_yaw": 4}
-        discrete = config.action == "discrete"
-        self.action_space = spaces.Discrete(6) if discrete else spaces.Box(-1, 1, (size[config.action],), np.float32)
+        self.discrete = config.action in DIRECTIONS
+        if self.discrete:
+            self.action_space = spaces.Discrete(len(DIRECTIONS[config.action]))
+        else:
+            self.action_space = spaces.Box(-1, 1, (3 if config.action == "displacement" else 4,), np.float32)
 
     def setup(self, batch: swiftlet.Batch) -> None:
         n, worlds = batch.num_drones, batch.worlds
@@ -56,8 +68,8 @@ class Navigation(swiftlet.Task):
     def act(self, batch: swiftlet.Batch, actions: Array) -> Target:
         self.action = actions.astype(float)
         quat = batch.quat_wxyz
-        if self.config.action == "discrete":
-            displacement = DIRECTIONS[actions]
+        if self.discrete:
+            displacement = DIRECTIONS[self.config.action][actions]
         else:
             clipped = np.clip(actions.astype(np.float32), -1, 1)
             displacement = clipped[:, :3]
@@ -106,11 +118,33 @@ class Navigation(swiftlet.Task):
         return self.reward_terms.sum(axis=1), crashed | at_goal | outran
 
     def observe(self, batch: swiftlet.Batch) -> Array:
+        head = self.blob(batch) if self.config.observation == "blob" else self.direction(batch)
+        return np.concatenate([head, self.ranges(batch)], axis=1)
+
+    def direction(self, batch: swiftlet.Batch) -> Array:
+        """Return the unit direction to the current goal in the sensed body frame, (N, 3)."""
         offset = self.goal(batch) - batch.sensed_position
         length = np.linalg.norm(offset, axis=1, keepdims=True)
         direction = np.divide(offset, length, out=np.zeros_like(offset), where=length > 0)
         direction = rotate(batch.sensed_quat_wxyz.astype(float), direction, inverse=True)
-        return np.concatenate([np.clip(direction, -1, 1), self.ranges(batch)], axis=1)
+        return np.clip(direction, -1, 1)
+
+    def blob(self, batch: swiftlet.Batch) -> Array:
+        """Return offset and area of the box around what is green in each image, (N, 2)."""
+        rgb = batch.camera().rgb.astype(int)
+        if batch.camera().config.layout == "chw":
+            rgb = rgb.transpose(0, 2, 3, 1)
+        red, green, blue = rgb[..., 0], rgb[..., 1], rgb[..., 2]
+        mask = 4 * green > 5 * np.maximum(red, blue) + 64
+        blobs = np.zeros((batch.num_drones, 2))
+        for blob, seen in zip(blobs, mask, strict=True):
+            rows, columns = np.nonzero(seen)
+            if len(rows) > 0:
+                height, width = seen.shape
+                left, right = columns.min(), columns.max() + 1
+                blob[0] = ((left + right) / 2 - width / 2) / (width / 2)
+                blob[1] = (right - left) * (rows.max() + 1 - rows.min()) / (width * height)
+        return blobs
 
     def goal(self, batch: swiftlet.Batch) -> Array:
         """Return the current goal of each drone, (N, 3) m."""
@@ -136,22 +170,31 @@ class Navigation(swiftlet.Task):
 
 
 def main() -> None:
-    """Fly the engine's task and this one with the same random actions."""
-    config, lidar = swiftlet.NavigationConfig(), swiftlet.LidarConfig()
-    engine = swiftlet.DroneVectorEnv(35, worlds="train", lidar=lidar)
-    twin = swiftlet.DroneVectorEnv(35, worlds="train", task=Navigation(config, lidar))
-    engine.reset(seed=0)
-    twin.reset(seed=0)
-    engine.action_space.seed(0)
-    worst_observation = worst_reward = 0.0
-    for _ in range(2000):
-        actions = engine.action_space.sample()
-        a, b = engine.step(actions), twin.step(actions)
-        worst_observation = max(worst_observation, float(np.abs(a[0] - b[0]).max()))
-        worst_reward = max(worst_reward, float(np.abs(a[1] - b[1]).max()))
-        assert (a[2] == b[2]).all()
-        assert (a[3] == b[3]).all()
-    print(f"70,000 steps, flags the same: observations within {worst_observation:.1e}, rewards {worst_reward:.1e}")
+    """Fly the engine's tasks and these with the same random actions."""
+    camera_reward = swiftlet.NavigationReward(outrun_weight=1.0)
+    for config in (
+        swiftlet.NavigationConfig(),
+        swiftlet.NavigationConfig(observation="blob", action="discrete_forward", reward=camera_reward),
+    ):
+        engine = swiftlet.DroneVectorEnv(35, observation=config.observation)
+        assert engine.lidar is not None
+        twin_task = Navigation(config, engine.lidar, engine.camera)
+        twin = swiftlet.DroneVectorEnv(35, worlds=engine.batch.worlds, task=twin_task)
+        engine.reset(seed=0)
+        twin.reset(seed=0)
+        engine.action_space.seed(0)
+        worst_observation = worst_reward = 0.0
+        for _ in range(2000):
+            actions = engine.action_space.sample()
+            a, b = engine.step(actions), twin.step(actions)
+            worst_observation = max(worst_observation, float(np.abs(a[0] - b[0]).max()))
+            worst_reward = max(worst_reward, float(np.abs(a[1] - b[1]).max()))
+            assert (a[2] == b[2]).all()
+            assert (a[3] == b[3]).all()
+        print(
+            f"{config.observation}: 70,000 steps, flags the same: observations within {worst_observation:.1e}, "
+            f"rewards {worst_reward:.1e}"
+        )
 
 
 if __name__ == "__main__":

@@ -11,8 +11,9 @@ import tyro
 
 import swiftlet
 from camera_pictures import draw_sheet
-from evaluate import UNSEEN_SEED, fly, generated_worlds, greedy, summary
+from evaluate import UNSEEN_SEED, fly, greedy, summary
 from plot_paths import animate, picture_name, plot_flight, plot_overview
+from tasks import Setup
 from train_ppo import Args as TrainingArgs
 from train_ppo import Outcome, train
 
@@ -93,7 +94,7 @@ def main(args: Args) -> None:
     animate(policy, worlds[0], args.out / "flight.gif")
     plot_reward(args.out / "progress.csv", args.out / "reward.png")
     draw_sheet(args.out / "camera-sheet.png", ("raycast",))
-    unseen = summary(fly(policy, generated_worlds(UNSEEN_SEED, 100), 1000))["success_rate"]
+    unseen = summary(fly(policy, Setup().generated(UNSEEN_SEED, 100), 1000))["success_rate"]
     tell(args, outcome, sum(flight.outcome == "success" for flight in flights), len(worlds), unseen)
 
 

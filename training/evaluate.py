@@ -2,6 +2,9 @@
 
 .venv/bin/python training/evaluate.py out/demo/policy.zip
 .venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
+.venv/bin/python training/evaluate.py out/train/pixels/policy.zip --repeats 50
+
+What a policy flies, and how its camera sees, is saved with it.
 """
 
 from __future__ import annotations
@@ -19,11 +22,12 @@ import tyro
 from stable_baselines3 import PPO
 
 import swiftlet
+from tasks import Setup, setup_of
 
 #: Playgrounds generated from these seeds on are for evaluation alone: no training uses them.
 UNSEEN_SEED = 1_000_000
 
-Policy = Callable[[npt.NDArray[np.float32]], npt.NDArray[Any]]
+Policy = Callable[[Any], npt.NDArray[Any]]
 
 
 @dataclass
@@ -31,18 +35,18 @@ class Flight:
     """One flight from start to end of its episode."""
 
     world: str
-    outcome: str  # "success", "crash" or "time-out"
-    steps: int
+    outcome: str  # "success", "crash", "outrun" or "time-out"
+    steps: int  # flown
     reward: float  # the task's own, unscaled sum
     path_length_m: float
     shortest_path_m: float | None
-    trail: npt.NDArray[np.float32] = field(repr=False)  # (steps + 1, 3) m
+    trail: npt.NDArray[np.float32] = field(repr=False)  # m: (decisions + 1, 3), as many as steps without frame skip
 
 
 def greedy(model: PPO) -> Policy:
     """Return the deterministic policy of a model: the likeliest action of each observation."""
 
-    def act(observation: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
+    def act(observation: Any) -> npt.NDArray[Any]:
         with torch.no_grad():
             actions, _ = model.predict(observation, deterministic=True)
         return actions
@@ -51,11 +55,20 @@ def greedy(model: PPO) -> Policy:
 
 
 def fly(
-    policy: Policy, worlds: Sequence[swiftlet.World], max_episode_steps: int = 3000, shortest: bool = False
+    policy: Policy,
+    worlds: Sequence[swiftlet.World],
+    max_episode_steps: int = 3000,
+    shortest: bool = False,
+    setup: Setup | None = None,
+    random_start: bool = False,
 ) -> list[Flight]:
-    """Fly one episode in each world, all at once."""
-    envs = swiftlet.DroneVectorEnv(
-        len(worlds), worlds=list(worlds), max_episode_steps=max_episode_steps, autoreset_mode="disabled"
+    """Fly one episode in each world, all at once; of the LiDAR task unless a setup says another."""
+    envs = (setup or Setup()).make(
+        len(worlds),
+        worlds=list(worlds),
+        max_episode_steps=max_episode_steps,
+        autoreset_mode="disabled",
+        random_start=random_start,
     )
     observation, _ = envs.reset(seed=0)
     positions = [envs.batch.position.copy()]
@@ -68,7 +81,7 @@ def fly(
             trail = np.stack([row[i] for row in positions])
             flights[i] = Flight(
                 world=worlds[i].name,
-                outcome="success" if infos["success"][i] else "crash" if infos["crashed"][i] else "time-out",
+                outcome=outcome(bool(infos["success"][i]), bool(infos["crashed"][i]), bool(truncated[i])),
                 steps=int(infos["episode_length"][i]),
                 reward=float(infos["episode_return"][i]),
                 path_length_m=length_m(trail),
@@ -78,6 +91,11 @@ def fly(
         ended |= terminated | truncated
     envs.close()
     return [flight for flight in flights if flight is not None]
+
+
+def outcome(success: bool, crashed: bool, truncated: bool) -> str:
+    """Return in a word how an episode ended."""
+    return "success" if success else "crash" if crashed else "time-out" if truncated else "outrun"
 
 
 def length_m(path: npt.NDArray[np.float32]) -> float:
@@ -91,11 +109,6 @@ def shortest_path_m(world: swiftlet.World) -> float | None:
     return None if path is None else length_m(path)
 
 
-def generated_worlds(seed: int, count: int) -> list[swiftlet.World]:
-    """Return playgrounds generated from the seeds seed, seed + 1, ..."""
-    return [swiftlet.World.playground(seed=seed + i) for i in range(count)]
-
-
 def summary(flights: Sequence[Flight]) -> dict[str, Any]:
     """Return rates over the flights and, over the successful ones, the path length against the shortest path."""
     count = max(len(flights), 1)
@@ -104,6 +117,7 @@ def summary(flights: Sequence[Flight]) -> dict[str, Any]:
         "flights": len(flights),
         "success_rate": sum(f.outcome == "success" for f in flights) / count,
         "crash_rate": sum(f.outcome == "crash" for f in flights) / count,
+        "outrun_rate": sum(f.outcome == "outrun" for f in flights) / count,
         "time_out_rate": sum(f.outcome == "time-out" for f in flights) / count,
         "path_over_shortest": float(np.median(detours)) if detours else None,
     }
@@ -115,8 +129,10 @@ class Args:
 
     policy: tyro.conf.Positional[Path]
     """A model saved by training/train_ppo.py (.zip)."""
-    worlds: tuple[str, ...] = ("train", "validation")
-    """Sets of scenes, scene names or paths."""
+    worlds: tuple[str, ...] = ()
+    """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""
+    repeats: int = 1
+    """Flights in each of these; more than one start at random in the spawn box."""
     generated: int = 100
     """How many generated playgrounds, never seen in training, to add."""
     max_episode_steps: int = 3000
@@ -129,13 +145,16 @@ class Args:
 
 def main(args: Args) -> None:
     """Evaluate, print and write."""
-    policy = greedy(PPO.load(args.policy, device="cpu"))
-    groups = {name: swiftlet.scenes.load(name) for name in args.worlds}
+    model = PPO.load(args.policy, device="cpu")
+    policy, setup = greedy(model), setup_of(model)
+    names = args.worlds or setup.playgrounds
+    groups = {name: swiftlet.scenes.load(name) * args.repeats for name in names}
     if args.generated:
-        groups["generated"] = generated_worlds(UNSEEN_SEED, args.generated)
+        groups["generated"] = setup.generated(UNSEEN_SEED, args.generated)
     result: dict[str, Any] = {}
     for name, worlds in groups.items():
-        flights = fly(policy, worlds, args.max_episode_steps, args.shortest)
+        random_start = args.repeats > 1 and name != "generated"
+        flights = fly(policy, worlds, args.max_episode_steps, args.shortest, setup, random_start)
         rows = [{k: v for k, v in asdict(flight).items() if k != "trail"} for flight in flights]
         result[name] = {"summary": summary(flights), "flights": rows}
         print(name, json.dumps(result[name]["summary"]))

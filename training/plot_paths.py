@@ -20,8 +20,9 @@ from stable_baselines3 import PPO
 
 import swiftlet
 from evaluate import Flight, Policy, fly, greedy
+from tasks import Setup, setup_of
 
-OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "time-out": "tab:orange"}
+OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "outrun": "tab:purple", "time-out": "tab:orange"}
 MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
 TOP, SIDE = (0, 1), (0, 2)  # the axes of a view: x and y, x and z
 
@@ -83,10 +84,15 @@ def plot_overview(worlds: Sequence[swiftlet.World], flights: Sequence[Flight], p
 
 
 def animate(
-    policy: Policy, world: swiftlet.World, path: Path, max_steps: int = 400, frames_per_second: int = 30
+    policy: Policy,
+    world: swiftlet.World,
+    path: Path,
+    max_steps: int = 400,
+    frames_per_second: int = 30,
+    setup: Setup | None = None,
 ) -> None:
     """Write an animation of one flight from above, with the LiDAR's beams."""
-    envs = swiftlet.DroneVectorEnv(1, worlds=[world], render_mode="rgb_array", autoreset_mode="disabled")
+    envs = (setup or Setup()).make(1, worlds=[world], render_mode="rgb_array", autoreset_mode="disabled")
     observation, _ = envs.reset(seed=0)
     frames = [envs.render()]
     for _ in range(max_steps):
@@ -111,8 +117,8 @@ class Args:
 
     policy: tyro.conf.Positional[Path]
     """A model saved by training/train_ppo.py (.zip)."""
-    worlds: tuple[str, ...] = ("train", "validation")
-    """Sets of scenes, scene names or paths."""
+    worlds: tuple[str, ...] = ()
+    """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""
     out: Path = Path("out/paths")
     """Folder for the pictures."""
 
@@ -120,13 +126,14 @@ class Args:
 def main(args: Args) -> None:
     """Fly, draw, and say where the pictures are."""
     args.out.mkdir(parents=True, exist_ok=True)
-    policy = greedy(PPO.load(args.policy, device="cpu"))
-    worlds = [world for name in args.worlds for world in swiftlet.scenes.load(name)]
-    flights = fly(policy, worlds)
+    model = PPO.load(args.policy, device="cpu")
+    policy, setup = greedy(model), setup_of(model)
+    worlds = [world for name in args.worlds or setup.playgrounds for world in swiftlet.scenes.load(name)]
+    flights = fly(policy, worlds, setup=setup)
     for world, flight in zip(worlds, flights, strict=True):
         plot_flight(world, flight, args.out / picture_name(world))
     plot_overview(worlds, flights, args.out / "paths.png")
-    animate(policy, worlds[0], args.out / "flight.gif")
+    animate(policy, worlds[0], args.out / "flight.gif", setup=setup)
     print(f"{len(worlds)} pictures, paths.png and flight.gif are in {args.out}/")
 
 

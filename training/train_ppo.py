@@ -1,19 +1,22 @@
-"""Train the LiDAR navigation task with Stable-Baselines3 PPO.
+"""Train a navigation task with Stable-Baselines3 PPO.
 
 .venv/bin/python training/train_ppo.py --task lidar
+.venv/bin/python training/train_ppo.py --task camera
+.venv/bin/python training/train_ppo.py --task pixels
 .venv/bin/python training/train_ppo.py --seed 1 --max-minutes 5 --out out/train/seed1
 .venv/bin/python training/train_ppo.py --resume out/train/lidar/policy.zip
 """
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import json
 import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -28,8 +31,9 @@ from tqdm import tqdm
 
 import swiftlet
 import swiftlet.sb3
-from evaluate import fly, generated_worlds, greedy
-from policy import LogRangeFeatures
+from evaluate import fly, greedy
+from policy import BlobFeatures, LogRangeFeatures, PixelFeatures
+from tasks import Setup, TaskName, remember, task_names
 
 #: Seeds of generated playgrounds: for training, and to choose the best model. evaluate.py has its own.
 TRAINING_SEED = 0
@@ -44,9 +48,9 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 @dataclass
 class Args:
-    """Train a policy. Every hyperparameter is free; the defaults are what the README's figures were made with."""
+    """Train a policy. Every hyperparameter is free; the README's figures were made with each task's defaults."""
 
-    task: Literal["lidar"] = "lidar"
+    task: TaskName = "lidar"
     """What to train."""
     seed: int = 0
     """Of the environments, the network and the sampling of actions."""
@@ -61,7 +65,7 @@ class Args:
     evaluate_every: int = 150_000
     """Steps between evaluations; the best model of all of them is kept."""
     evaluation_worlds: int = 500
-    """Generated playgrounds kept for these evaluations, beside the seven that ship."""
+    """Generated playgrounds kept for these evaluations, beside those that ship."""
     solved_generated: float = 0.98
     """Solved: an evaluation succeeds in all playgrounds that ship and in this share of the generated ones."""
     stop_when_solved: bool = True
@@ -69,15 +73,27 @@ class Args:
     num_envs: int = 512
     """Drones flying at once."""
     generated: int = 400
-    """Generated playgrounds to train in, beside the five of the set "train"."""
+    """Generated playgrounds to train in, beside those that ship for training."""
     playground_share: float = 0.3
-    """Share of episodes flown in those five."""
+    """Share of episodes flown in those that ship."""
+    random_start: bool = False
+    """Begin episodes anywhere in the spawn box."""
+    start_flights: int = 1
+    """Flights in each playground that ships per evaluation; more than one start anywhere in the spawn box."""
+    width_px: int = 64
+    """Of the camera, where the task has one; 4:3."""
+    samples_per_pixel: int = 1
+    """Of the camera."""
+    frame_skip: int = 1
+    """Flown steps per decision of the policy. All other numbers of steps here count decisions."""
     max_episode_steps: int = 400
     """Training episodes are cut here: a policy that stalls gets no more reward."""
     reward_scale: float = 0.1
     """Training sees reward * reward_scale ..."""
     reward_clip: float = 10.0
-    """... clipped to +- this. Everything reported is unscaled."""
+    """... clipped to +- this ..."""
+    step_cost: float = 0.0
+    """... less this: where the goal is out of sight, hovering must not pay. Everything reported is the task's own."""
     steps_per_update: int = 64
     """Steps of each env between updates."""
     batch_size: int = 4096
@@ -98,16 +114,66 @@ class Args:
     """Hidden layers of actor and critic."""
     num_threads: int = 0
     """Of the simulator; 0 means physical cores."""
+    learner_threads: int = 1
+    """Of PyTorch. For small networks more cost more than they bring."""
     progress: bool = True
     """Show the progress bar."""
+
+    @property
+    def setup(self) -> Setup:
+        """What is flown."""
+        return Setup(self.task, self.width_px, self.width_px * 3 // 4, self.samples_per_pixel, self.frame_skip)
+
+
+#: What each task is trained with where nothing else is said.
+DEFAULTS: dict[TaskName, Args] = {
+    "lidar": Args(),
+    "camera": Args(
+        task="camera",
+        out=Path("out/train/camera"),
+        total_steps=2_000_000,
+        evaluate_every=100_000,
+        evaluation_worlds=100,
+        solved_generated=0.7,
+        generated=200,
+        playground_share=0.5,
+        random_start=True,
+        start_flights=10,
+        step_cost=0.15,
+    ),
+    "pixels": Args(
+        task="pixels",
+        out=Path("out/train/pixels"),
+        total_steps=1_000_000,
+        evaluate_every=50_000,
+        evaluation_worlds=100,
+        solved_generated=0.0,
+        random_start=True,
+        start_flights=50,
+        num_envs=128,
+        generated=100,
+        playground_share=0.6,
+        max_episode_steps=400,
+        batch_size=256,
+        frame_skip=4,
+        step_cost=0.3,
+        learning_rate=1e-3,
+    ),
+}
+
+POLICIES = {
+    "lidar": ("MlpPolicy", LogRangeFeatures),
+    "camera": ("MlpPolicy", BlobFeatures),
+    "pixels": ("MultiInputPolicy", PixelFeatures),
+}
 
 
 class ScaledReward(VecEnvWrapper):
     """Rewards scaled and clipped for the learner; episode returns in the infos stay as they are."""
 
-    def __init__(self, venv: VecEnv, scale: float, clip: float) -> None:
+    def __init__(self, venv: VecEnv, scale: float, clip: float, step_cost: float = 0.0) -> None:
         super().__init__(venv)
-        self.scale, self.clip = scale, clip
+        self.scale, self.clip, self.step_cost = scale, clip, step_cost
         self.seconds = 0.0  # spent in the environment
 
     def reset(self) -> Any:
@@ -119,7 +185,7 @@ class ScaledReward(VecEnvWrapper):
         before = time.perf_counter()
         observation, reward, done, infos = self.venv.step_wait()
         self.seconds += time.perf_counter() - before
-        return observation, np.clip(reward * self.scale, -self.clip, self.clip), done, infos
+        return observation, np.clip(reward * self.scale, -self.clip, self.clip) - self.step_cost, done, infos
 
 
 class TimedPPO(PPO):
@@ -148,8 +214,8 @@ class Supervisor(BaseCallback):
     def __init__(self, args: Args) -> None:
         super().__init__()
         self.args = args
-        self.playgrounds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
-        self.kept = generated_worlds(CHOOSING_SEED, args.evaluation_worlds)
+        self.playgrounds = [world for name in args.setup.playgrounds for world in swiftlet.scenes.load(name)]
+        self.kept = args.setup.generated(CHOOSING_SEED, args.evaluation_worlds)
         self.next_evaluation = args.evaluate_every
         self.started = time.perf_counter()
         self.evaluating_s = self.evaluating_in_rollouts_s = 0.0
@@ -202,16 +268,20 @@ class Supervisor(BaseCallback):
     def evaluate(self) -> None:
         """Fly the deterministic policy everywhere; keep the model if it is the best so far."""
         before = time.perf_counter()
-        flights = fly(greedy(self.model), self.playgrounds + self.kept, EVALUATION_STEPS)
+        policy, setup = greedy(self.model), self.args.setup
+        flights = fly(policy, self.playgrounds + self.kept, EVALUATION_STEPS, setup=setup)
+        if self.args.start_flights > 1:
+            more = self.playgrounds * (self.args.start_flights - 1)
+            flights = fly(policy, more, EVALUATION_STEPS, setup=setup, random_start=True) + flights
         outcomes = [flight.outcome == "success" for flight in flights]
-        shipped = len(self.playgrounds)
+        shipped = len(outcomes) - len(self.kept)
         playgrounds, generated = float(np.mean(outcomes[:shipped])), float(np.mean(outcomes[shipped:]))
         self.logger.record("eval/playgrounds_success_rate", playgrounds)
         self.logger.record("eval/generated_success_rate", generated)
         self.evaluations.append({"steps": self.num_timesteps, "playgrounds": playgrounds, "generated": generated})
         self.bar.write(
-            f"  {self.num_timesteps:>9,} steps: flies {sum(outcomes[:shipped])} of {shipped} playgrounds and "
-            f"{generated:.1%} of generated ones it does not train in"
+            f"  {self.num_timesteps:>9,} steps: reaches the goal in {sum(outcomes[:shipped])} of {shipped} flights in "
+            f"playgrounds that ship and in {generated:.1%} of generated ones it does not train in"
         )
         self.solved |= playgrounds == 1.0 and generated >= self.args.solved_generated
         if (playgrounds, generated) >= self.best:
@@ -235,22 +305,25 @@ class Outcome:
 
 def make_envs(args: Args) -> ScaledReward:
     """Return the training environments: each episode is flown in a world drawn at random."""
-    playgrounds = swiftlet.scenes.load("train")
-    worlds = playgrounds + generated_worlds(TRAINING_SEED, args.generated)
+    setup = args.setup
+    playgrounds = swiftlet.scenes.load(setup.playgrounds[0])
+    worlds = playgrounds + setup.generated(TRAINING_SEED, args.generated)
     if 0 < args.playground_share < 1 and args.generated:
         # A world is drawn as often as it stands in the list.
         repeats = round(args.playground_share / (1 - args.playground_share) * args.generated / len(playgrounds))
         worlds += playgrounds * max(repeats - 1, 0)
     venv = swiftlet.sb3.make_vec(
-        "swiftlet/LidarNavigation-v0",
+        setup.env_id,
         num_envs=args.num_envs,
         worlds=worlds,
         max_episode_steps=args.max_episode_steps,
+        random_start=args.random_start,
         random_world=True,
         stagger_first_episode=True,
         num_threads=args.num_threads,
+        **setup.keywords(),
     )
-    return ScaledReward(venv, args.reward_scale, args.reward_clip)
+    return ScaledReward(venv, args.reward_scale, args.reward_clip, args.step_cost)
 
 
 def keep_freed_memory() -> None:
@@ -268,15 +341,16 @@ def keep_freed_memory() -> None:
 def train(args: Args) -> tuple[PPO, Outcome]:
     """Train; return the best model of all evaluations and what it took."""
     keep_freed_memory()
-    torch.set_num_threads(1)  # the networks are small: more threads cost more than they bring
+    torch.set_num_threads(args.learner_threads)
     args.out.mkdir(parents=True, exist_ok=True)
     venv = make_envs(args)
     venv.seed(args.seed * args.num_envs)
     if args.resume:
         model = TimedPPO.load(args.resume, env=venv, device="cpu")
     else:
+        policy, features = POLICIES[args.task]
         model = TimedPPO(
-            "MlpPolicy",
+            policy,
             venv,
             n_steps=args.steps_per_update,
             batch_size=args.batch_size,
@@ -289,11 +363,12 @@ def train(args: Args) -> tuple[PPO, Outcome]:
             policy_kwargs={
                 "net_arch": list(args.net),
                 "activation_fn": torch.nn.ReLU,
-                "features_extractor_class": LogRangeFeatures,
+                "features_extractor_class": features,
             },
             seed=args.seed,
             device="cpu",
         )
+    remember(model, args.setup)
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
 
     supervisor = Supervisor(args)
@@ -316,12 +391,20 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     return PPO.load(args.out / "policy.zip", device="cpu"), outcome
 
 
+def command_line() -> Args:
+    """Read the command line; what it leaves out is as its task has it."""
+    chooser = argparse.ArgumentParser(add_help=False)
+    chooser.add_argument("--task", choices=task_names(), default="lidar")
+    task = chooser.parse_known_args()[0].task
+    return tyro.cli(Args, default=DEFAULTS[task])
+
+
 if __name__ == "__main__":
-    arguments = tyro.cli(Args)
+    arguments = command_line()
     _, result = train(arguments)
     best = max(result.evaluations, key=lambda e: (e["playgrounds"], e["generated"]))
     print(
-        f"The best model flies {best['playgrounds']:.0%} of the playgrounds and {best['generated']:.1%} of generated "
-        f"ones; {result.steps:,} steps in {result.seconds:.0f} s"
+        f"The best model reaches the goal in {best['playgrounds']:.0%} of its flights in playgrounds that ship and in "
+        f"{best['generated']:.1%} of generated ones; {result.steps:,} steps in {result.seconds:.0f} s"
     )
     print(f"{result.steps_per_second:,.0f} steps/s; policy and logs are in {arguments.out}/")

@@ -18,6 +18,7 @@ _F32: TypeAlias = npt.NDArray[np.float32]
 _F64: TypeAlias = npt.NDArray[np.float64]
 _I32: TypeAlias = npt.NDArray[np.int32]
 _I64: TypeAlias = npt.NDArray[np.int64]
+_U8: TypeAlias = npt.NDArray[np.uint8]
 _Bool: TypeAlias = npt.NDArray[np.bool_]
 
 __version__: str
@@ -240,23 +241,28 @@ class NavigationReward:
 
 @final
 class NavigationConfig:
-    """Fly from the start over the waypoints to the goal by LiDAR.
-
-    The observation (3 + channels * beams,) is the unit direction to the current goal in the body frame, as the pose sensor
-    has it, then the LiDAR ranges over the maximum range, 1 on a miss.
+    """Fly from the start over the waypoints to the goal.
 
     Parameters
     ----------
     action
         ``"discrete"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. ``"displacement"``: (3,), clipped
         to [-1, 1], times ``step_m``, body frame. ``"displacement_yaw"``: (4,), the same and a turn of up to
-        ``yaw_step_deg``, counter-clockwise positive.
+        ``yaw_step_deg``, counter-clockwise positive. ``"discrete_forward"``: 0 to 2 for +x, +y, -y.
+    observation
+        What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``"goal"``: the unit direction (3,) to the
+        current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the `green_blob`
+        of the first camera's image. ``"pixels"``: nothing; the image of the first camera, whose layout is ``"chw"``, is in
+        `Batch.image`.
     step_m
         Metres of a full action.
     yaw_step_deg
         Degrees of a full turn action, in (0, 180].
     max_episode_steps
-        Truncate after so many steps; 0 means never.
+        Truncate after so many flown steps; 0 means never.
+    frame_skip
+        From 1 to 1000: one `Batch.step` flies its action so many times, or until the episode ends, and is rewarded the sum.
+        Whatever counts steps counts those flown. The camera looks after the last of them alone.
     reward
         The terms of the reward.
     random_start
@@ -268,9 +274,11 @@ class NavigationConfig:
     """
 
     action: str
+    observation: str
     step_m: float
     yaw_step_deg: float
     max_episode_steps: int
+    frame_skip: int
     reward: NavigationReward
     random_start: bool
     random_world: bool
@@ -279,9 +287,11 @@ class NavigationConfig:
         self,
         *,
         action: str = "discrete",
+        observation: str = "goal",
         step_m: float = 0.1,
         yaw_step_deg: float = 10.0,
         max_episode_steps: int = 3000,
+        frame_skip: int = 1,
         reward: NavigationReward = ...,
         random_start: bool = False,
         random_world: bool = False,
@@ -516,7 +526,7 @@ class Batch:
     lidar, pose_sensor
         Sensors: none and an exact pose by default.
     task
-        The built-in task that `reset` and `step` run; it needs a LiDAR.
+        The built-in task that `reset` and `step` run; it needs a LiDAR, and a camera where it observes one.
     drone
         Default: the 650-class quadrotor.
     cameras
@@ -702,7 +712,7 @@ class Batch:
         """
 
     def step(self, actions: npt.ArrayLike) -> None:
-        """Fly one step of the built-in task: actions (N,) integers, or (N, 3) or (N, 4) floats.
+        """Fly one step of the built-in task, or as many as `frame_skip`: actions (N,) integers, or (N, 3) or (N, 4) floats.
 
         Two slots of outputs take turns, so what `observation` and the like gave before a step is whole until the one after.
 
@@ -719,6 +729,14 @@ class Batch:
     @property
     def final_observation(self) -> _F32:
         """(N, observation size), the last of the episode, valid where `terminated` or `truncated`."""
+
+    @property
+    def image(self) -> _U8:
+        """(N, 3, H, W) of a task that observes pixels, as `observation`; `RuntimeError` with another."""
+
+    @property
+    def final_image(self) -> _U8:
+        """(N, 3, H, W) likewise, as `final_observation`."""
 
     @property
     def reward(self) -> _F32:
@@ -750,7 +768,7 @@ class Batch:
 
     @property
     def episode_length(self) -> _I64:
-        """(N,) steps, likewise."""
+        """(N,) flown steps, likewise."""
 
     @property
     def goal_index(self) -> _I32:
@@ -761,6 +779,47 @@ class Batch:
 
     def restore(self, blob: bytes) -> None:
         """Go back to a snapshot; `ValueError`, and no change, for one of another configuration or other worlds."""
+
+@final
+class GreenBlob:
+    """What is green in an image."""
+
+    @property
+    def found(self) -> bool: ...
+    @property
+    def x(self) -> int:
+        """Pixels, of the box's first pixel, from the left."""
+
+    @property
+    def y(self) -> int:
+        """Pixels, from the top."""
+
+    @property
+    def width(self) -> int:
+        """Pixels; 0 where no green is seen, as all the numbers are."""
+
+    @property
+    def height(self) -> int: ...
+    @property
+    def offset(self) -> float:
+        """Of the box's centre from the image's in x, over half the image's width: in [-1, 1], positive to the right."""
+
+    @property
+    def area(self) -> float:
+        """Of the box over the image's."""
+
+    @property
+    def mask(self) -> _Bool:
+        """(height, width) which pixels are green."""
+
+def green_blob(image: npt.NDArray[np.uint8], layout: str = "hwc") -> GreenBlob:
+    """Find what is green, as the camera task sees it: pixels with G > 1.25 * max(R, B) + 16, and the box around them.
+
+    Parameters
+    ----------
+    image
+        uint8 of shape (height, width, 3), or with the layout ``"chw"`` (3, height, width).
+    """
 
 def plan(
     world: World,

@@ -8,10 +8,10 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet.vector_env import DroneVectorEnv
+from swiftlet.vector_env import DroneVectorEnv, Observation
 
 
-class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
+class DroneEnv(gymnasium.Env[Observation, Any]):
     """A `DroneVectorEnv` of one drone, for `gymnasium.make` and whoever wants a single env.
 
     Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``autoreset_mode`` and ``copy``. With several worlds the
@@ -28,17 +28,17 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin a new episode: the first one of ``seed``, or the next one of the present seed."""
         super().reset(seed=seed)
         observation, _ = self.envs.reset(seed=seed)
-        return observation[0], {}
+        return _only(observation), {}
 
-    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Fly one step. The step that ends an episode has its return, length, success and crash in the info."""
         observation, reward, terminated, truncated, infos = self.envs.step(np.asarray(action)[None])
         info = {key: value[0].item() for key, value in infos.items() if not key.startswith("_")}
-        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        return _only(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return a picture, (height, width, 3) uint8, or None without a render mode."""
@@ -48,3 +48,11 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     def close(self) -> None:
         """Release the batch."""
         self.envs.close()
+
+
+def _only(observation: Observation) -> Observation:
+    """Return the observation of the one env."""
+    if isinstance(observation, dict):
+        return {key: part[0] for key, part in observation.items()}
+    row: npt.NDArray[Any] = observation[0]
+    return row

@@ -9,9 +9,11 @@ def register() -> None:
     No ``max_episode_steps`` here: the engine counts the steps itself, so that the time limit is one keyword for
     `gymnasium.make_vec` and no `TimeLimit` wrapper is needed around a single environment.
     """
-    if "swiftlet/LidarNavigation-v0" not in gymnasium.registry:
-        gymnasium.register(
-            id="swiftlet/LidarNavigation-v0",
-            entry_point="swiftlet.env:DroneEnv",
-            vector_entry_point="swiftlet.vector_env:DroneVectorEnv",
-        )
+    for task, observation in (("LidarNavigation", "goal"), ("CameraNavigation", "blob"), ("CameraPixels", "pixels")):
+        if f"swiftlet/{task}-v0" not in gymnasium.registry:
+            gymnasium.register(
+                id=f"swiftlet/{task}-v0",
+                entry_point="swiftlet.env:DroneEnv",
+                vector_entry_point="swiftlet.vector_env:DroneVectorEnv",
+                kwargs={"observation": observation},
+            )

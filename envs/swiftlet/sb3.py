@@ -2,6 +2,7 @@
 
 >>> from stable_baselines3 import PPO
 >>> model = PPO("MlpPolicy", swiftlet.sb3.make_vec("swiftlet/LidarNavigation-v0", num_envs=1024))
+>>> model = PPO("MultiInputPolicy", swiftlet.sb3.make_vec("swiftlet/CameraPixels-v0", num_envs=64))
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from swiftlet.task import Task
-from swiftlet.vector_env import DroneVectorEnv
+from swiftlet.vector_env import DroneVectorEnv, Observation
 
 
 def make_vec(env: str | Task | DroneVectorEnv, num_envs: int = 1, **kwargs: Any) -> DroneVecEnv:
@@ -49,7 +50,7 @@ def make_vec(env: str | Task | DroneVectorEnv, num_envs: int = 1, **kwargs: Any)
 
 
 class DroneVecEnv(VecEnv):
-    """A `DroneVectorEnv` as Stable-Baselines3 wants it.
+    """A `DroneVectorEnv` as Stable-Baselines3 wants it: images are channel-first, as they are trained on.
 
     Observations are views of two slots that take turns, so the one before the last step is still whole when
     Stable-Baselines3 stores it; rewards are new arrays, since it writes into them. The infos of envs whose episode goes
@@ -69,7 +70,7 @@ class DroneVecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata["render_fps"] = env.metadata["render_fps"]
 
-    def reset(self) -> npt.NDArray[Any]:
+    def reset(self) -> Observation:
         """Begin new episodes, with the seeds given to `seed` since the last reset, and return the observation."""
         seeds = [seed for seed in self._seeds if seed is not None]
         observation, _ = self.env.reset(seed=seeds or None)
@@ -94,7 +95,7 @@ class DroneVecEnv(VecEnv):
         infos = [going_on] * self.num_envs
         if np.count_nonzero(done):
             self._add_ends(infos, np.flatnonzero(done), truncated)
-        return stepper.observation, stepper.reward.copy(), done, infos
+        return self.env.observation(), stepper.reward.copy(), done, infos
 
     def _add_ends(
         self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
@@ -103,7 +104,7 @@ class DroneVecEnv(VecEnv):
         seconds = round(time.perf_counter() - self._created, 6)
         for index, final, cut, success, total, length in zip(
             ended.tolist(),
-            stepper.final_observation[ended],
+            self.env.final_observations(ended),
             truncated[ended].tolist(),
             stepper.success[ended].tolist(),
             stepper.episode_return[ended].tolist(),

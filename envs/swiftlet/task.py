@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from swiftlet._core import Batch, LidarConfig
+from swiftlet._core import Batch, CameraConfig, LidarConfig
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -55,8 +55,8 @@ class Task:
     ----------
     observation_space, action_space
         Spaces of one env.
-    lidar
-        The LiDAR the task needs, if any.
+    lidar, camera
+        The LiDAR and the camera the task needs, if any.
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never.
     step_m
@@ -73,6 +73,7 @@ class Task:
     observation_space: spaces.Box
     action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, (3,), np.float32)
     lidar: LidarConfig | None = None
+    camera: CameraConfig | None = None
     max_episode_steps: int = 1000
     step_m: float = 0.1
 

@@ -286,12 +286,21 @@ def _check_values(setup: _Setup) -> None:
 
 def _check_observation(env: AnyVectorEnv, observation: Any, place: str) -> None:
     space = env.observation_space
-    if isinstance(space, spaces.Box):
-        assert isinstance(observation, np.ndarray), f"{place}: observation: expected an array, got {type(observation)}"
-        assert (observation.shape, observation.dtype) == (space.shape, space.dtype), (
-            f"{place}: observation: expected {space.dtype} {space.shape}, got {observation.dtype} {observation.shape}"
-        )
+    _check_arrays(space, observation, f"{place}: observation")
     assert space.contains(observation), f"{place}: the observation is not in the observation space: {observation}"
+
+
+def _check_arrays(space: spaces.Space[Any], value: Any, place: str) -> None:
+    if isinstance(space, spaces.Dict):
+        assert isinstance(value, dict), f"{place}: expected a dict, got {type(value)}"
+        assert value.keys() == space.keys(), f"{place}: expected the keys {sorted(space)}, got {sorted(value)}"
+        for key, part in space.items():
+            _check_arrays(part, value[key], f"{place}[{key!r}]")
+    elif isinstance(space, spaces.Box):
+        assert isinstance(value, np.ndarray), f"{place}: expected an array, got {type(value)}"
+        assert (value.shape, value.dtype) == (space.shape, space.dtype), (
+            f"{place}: expected {space.dtype} {space.shape}, got {value.dtype} {value.shape}"
+        )
 
 
 def _check_infos(env: AnyVectorEnv, infos: Any, place: str) -> None:
@@ -426,8 +435,8 @@ def _check_same_step(setup: _Setup, history: list[_Step]) -> None:
             assert single.contains(final[index]), (
                 f"step {number}: infos['final_obs'][{index}] is not in the single observation space: {final[index]}"
             )
-            if isinstance(final[index], np.ndarray):
-                assert not np.shares_memory(final[index], now[index]), (
+            for last, reset in zip(_leaves(final[index]), _leaves(now[index]), strict=True):
+                assert not np.shares_memory(last, reset), (
                     f"step {number}: infos['final_obs'][{index}] is a view of the reset observation"
                 )
 
@@ -493,6 +502,15 @@ def _check_ownership(setup: _Setup) -> None:
                 _poison(part)
             if mode == AutoresetMode.DISABLED and ended.any():
                 poisoned.reset(options={"reset_mask": ended.copy()})
+
+
+def _leaves(value: Any) -> list[Array]:
+    """Return the arrays in a dict or tuple of arrays, or in an array alone."""
+    if isinstance(value, dict):
+        return [leaf for key in sorted(value) for leaf in _leaves(value[key])]
+    if isinstance(value, tuple):
+        return [leaf for part in value for leaf in _leaves(part)]
+    return [value] if isinstance(value, np.ndarray) else []
 
 
 def _poison(value: Any) -> None:

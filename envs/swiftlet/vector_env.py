@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy as copied
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -13,7 +15,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from swiftlet import scenes, views
-from swiftlet._core import Batch, DroneModel, LidarConfig, NavigationConfig, NavigationReward, PoseSensorConfig
+from swiftlet._core import (
+    Batch,
+    CameraConfig,
+    DroneModel,
+    LidarConfig,
+    NavigationConfig,
+    NavigationReward,
+    PoseSensorConfig,
+)
 from swiftlet.task import Task, TaskRunner
 
 if TYPE_CHECKING:
@@ -28,6 +38,7 @@ if TYPE_CHECKING:
         reward: NavigationReward
         step_m: float
         yaw_step_deg: float
+        frame_skip: int
         random_start: bool
         random_world: bool
         stagger_first_episode: bool
@@ -35,6 +46,8 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
+#: An array, or of the pixel task a dict of arrays: ``image`` and ``ranges``.
+Observation: TypeAlias = Array | dict[str, Array]
 
 _MODES = {
     "next_step": AutoresetMode.NEXT_STEP,
@@ -47,12 +60,51 @@ _MODES = {
 Stepper: TypeAlias = Batch | TaskRunner
 
 
-class DroneVectorEnv(VectorEnv[Array, Array, Array]):
-    """N drones, one call per step: the navigation task of the engine, or a `Task` of your own.
+@dataclass(frozen=True)
+class Defaults:
+    """What the env is made of where the caller does not say, by what is observed."""
 
-    With the navigation task an observation is float32 of shape (3 + channels * beams,): the unit direction to the
-    current goal in the body frame, then the LiDAR ranges over the maximum range, 1 on a miss. Env i is in world i
-    modulo the number of worlds, unless ``random_world`` is set.
+    worlds: str
+    lidar: LidarConfig
+    camera: CameraConfig | None
+    action: str
+    reward: NavigationReward
+
+
+DEFAULTS = {
+    "goal": Defaults("train", LidarConfig(), None, "discrete", NavigationReward()),
+    "blob": Defaults(
+        "camera-train",
+        LidarConfig(beams=20, hfov_deg=180.0),
+        # Across the playground, at 10 m, the goal is 1.6 pixels wide: it never falls between the centres of four.
+        CameraConfig(width_px=64, height_px=48),
+        "discrete_forward",
+        NavigationReward(outrun_weight=1.0),
+    ),
+    "pixels": Defaults(
+        "camera-train",
+        LidarConfig(beams=20, hfov_deg=180.0),
+        CameraConfig(width_px=64, height_px=48, layout="chw"),
+        "discrete_forward",
+        NavigationReward(outrun_weight=1.0),
+    ),
+}
+
+
+class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
+    """N drones, one call per step: a navigation task of the engine, or a `Task` of your own.
+
+    The navigation tasks differ in what they observe, and so in their defaults:
+
+    - ``"goal"`` (``swiftlet/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
+      body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
+    - ``"blob"`` (``swiftlet/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the camera's
+      image, as `swiftlet.green_blob` has it (offset of its box from the image's centre in x, over half the width, and
+      its area over the image's; both 0 where no green is seen), then the ranges.
+    - ``"pixels"`` (``swiftlet/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
+      float32 (rays,).
+
+    Env i is in world i modulo the number of worlds, unless ``random_world`` is set.
 
     Parameters
     ----------
@@ -60,15 +112,23 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         Number of drones.
     worlds
         A set of `swiftlet.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
-        these.
+        these. Default: ``"train"``, for camera tasks ``"camera-train"``.
     task
         A `Task` instead of the navigation task.
+    observation
+        Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
-        Default: that of the thesis, 35 beams over 270 degrees and 3 m; with a `Task`, the one it asks for.
+        Default: that of the thesis, 35 beams over 270 degrees and 3 m, for camera tasks 20 over 180; with a `Task`, the
+        one it asks for.
+    camera
+        Default: for camera tasks 64 x 48 pixels over 90 degrees, facing forward, else none; with a `Task`, the one it
+        asks for. With ``"pixels"`` its layout is ``"chw"``, whatever it says.
+    camera_backend
+        ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
     pose_sensor, drone
         Default: an exact pose; the 650-class quadrotor.
     max_episode_steps
-        Truncate episodes after so many steps, 0 for never. Default: 3000; with a `Task`, what it says.
+        Truncate episodes after so many flown steps, 0 for never. Default: 3000; with a `Task`, what it says.
     autoreset_mode
         ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
     copy
@@ -82,8 +142,10 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         ``"top"``: from above, LiDAR beams included. ``"camera"``: the last frame of the drone's own camera.
         ``"third_person"``: from behind and above the drone, with LiDAR beams, the camera's view and the trail.
     **navigation
-        Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``),
-        ``reward``, ``step_m``, ``yaw_step_deg``, ``random_start``, ``random_world``, ``stagger_first_episode``.
+        Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``,
+        ``"discrete_forward"``, which is the default of camera tasks), ``reward`` (their default ends an episode that
+        outruns the goal), ``step_m``, ``yaw_step_deg``, ``frame_skip``, ``random_start``, ``random_world``,
+        ``stagger_first_episode``.
 
     Infos
     -----
@@ -109,9 +171,12 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         self,
         num_envs: int = 1,
         *,
-        worlds: scenes.WorldsLike = "train",
+        worlds: scenes.WorldsLike | None = None,
         task: Task | None = None,
+        observation: str = "goal",
         lidar: LidarConfig | None = None,
+        camera: CameraConfig | None = None,
+        camera_backend: str = "raycast",
         pose_sensor: PoseSensorConfig | None = None,
         drone: DroneModel | None = None,
         max_episode_steps: int | None = None,
@@ -134,26 +199,38 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         self.copy = copy
         self.task = task
 
+        if observation not in DEFAULTS:
+            raise ValueError(f"observation: expected one of {', '.join(map(repr, DEFAULTS))}, got {observation!r}")
+        defaults = DEFAULTS[observation]
         config: NavigationConfig | None = None
         if task is None:
-            lidar = LidarConfig() if lidar is None else lidar
+            lidar = copied(defaults.lidar) if lidar is None else lidar
+            camera = copied(defaults.camera if camera is None else camera)
+            if observation == "pixels" and isinstance(camera, CameraConfig):
+                camera.layout = "chw"
+            navigation = {"action": defaults.action, "reward": defaults.reward, **navigation}
             if max_episode_steps is not None:
-                config = NavigationConfig(max_episode_steps=max_episode_steps, **navigation)
+                config = NavigationConfig(observation=observation, max_episode_steps=max_episode_steps, **navigation)
             else:
-                config = NavigationConfig(**navigation)
+                config = NavigationConfig(observation=observation, **navigation)
         else:
-            if navigation:
-                raise TypeError(f"{', '.join(navigation)}: of the navigation task, but a task of your own is given")
+            given = list(navigation) + (["observation"] if observation != "goal" else [])
+            if given:
+                raise TypeError(f"{', '.join(given)}: of the navigation task, but a task of your own is given")
             if not isinstance(task, Task):
                 raise TypeError(f"task: expected a swiftlet.Task object, got {task!r}")
             lidar = task.lidar if lidar is None else lidar
+            camera = task.camera if camera is None else camera
         self.lidar = lidar
+        self.camera = camera
 
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         self.batch = Batch(
-            scenes.load(worlds),
+            scenes.load(defaults.worlds if worlds is None else worlds),
             num_envs,
             lidar=lidar,
+            cameras=[] if camera is None else [camera],
+            camera_backend=camera_backend,
             pose_sensor=pose_sensor,
             task=config,
             drone=drone,
@@ -165,7 +242,7 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
             assert config is not None
             assert lidar is not None
             self.stepper = self.batch
-            self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config)
+            self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config, camera)
         else:
             limit = task.max_episode_steps if max_episode_steps is None else max_episode_steps
             self.stepper = TaskRunner(self.batch, task, limit, mode)
@@ -173,16 +250,17 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
+        self._pixels = config is not None and config.observation == "pixels"
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._seeded = False  # every env has a seed, so an observation to return and an episode to go on from
         self._view: views.View | None = None
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
-            self._view, self.trail = views.make(render_view, self.batch, drone, lidar, getattr(self, "camera", None))
+            self._view, self.trail = views.make(render_view, self.batch, drone, lidar, self.camera)
 
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin new episodes.
 
         Parameters
@@ -211,10 +289,9 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True if mask is None else mask)
-        observation = self.stepper.observation
-        return observation.copy() if self.copy else observation, {}
+        return self._returned(self.observation()), {}
 
-    def step(self, actions: npt.ArrayLike) -> tuple[Array, Array, BoolArray, BoolArray, dict[str, Any]]:
+    def step(self, actions: npt.ArrayLike) -> tuple[Observation, Array, BoolArray, BoolArray, dict[str, Any]]:
         """Fly one step in every env.
 
         Parameters
@@ -225,7 +302,8 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         Returns
         -------
         observation, reward, terminated, truncated, infos
-            Shapes (N, ...), (N,) float32, (N,) bool, (N,) bool; for the infos see the class.
+            Shapes (N, ...), of the pixel task a dict of these, (N,) float32, (N,) bool, (N,) bool; for the infos see
+            the class.
 
         Raises
         ------
@@ -241,12 +319,12 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         stepper.step(actions)
         if self.trail is not None:
             self.trail.record()
-        observation, reward = stepper.observation, stepper.reward
+        observation, reward = self.observation(), stepper.reward
         terminated, truncated = stepper.terminated, stepper.truncated
         ended = terminated | truncated
         infos = self._infos(ended) if np.count_nonzero(ended) else {}
         if self.copy:
-            return observation.copy(), reward.copy(), terminated.copy(), truncated.copy(), infos
+            return self._returned(observation), reward.copy(), terminated.copy(), truncated.copy(), infos
         return observation, reward, terminated, truncated, infos
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
@@ -263,7 +341,21 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
             raise ResetNeeded("call reset before snapshot")
         return self.stepper.snapshot()
 
-    def restore(self, blob: bytes) -> Array:
+    def observation(self) -> Observation:
+        """Return the present observation of all envs: views of the slot that is theirs until the step after next."""
+        if self._pixels:
+            return {"image": self.batch.image, "ranges": self.batch.observation}
+        return self.stepper.observation
+
+    def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
+        """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
+        rows = self.stepper.final_observation[indices]
+        if not self._pixels:
+            return list(rows)
+        images = self.batch.final_image[indices]
+        return [{"image": image, "ranges": row} for image, row in zip(images, rows, strict=True)]
+
+    def restore(self, blob: bytes) -> Observation:
         """Go back to a snapshot and return the observation (N, ...) it was taken at.
 
         Raises
@@ -276,8 +368,7 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True)
-        observation = self.stepper.observation
-        return observation.copy() if self.copy else observation
+        return self._returned(self.observation())
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of this env once, or read an attribute, and return the result for each env."""
@@ -325,9 +416,16 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
             return infos
         final_obs = np.full(self.num_envs, None, dtype=object)
         indices = np.flatnonzero(ended)
-        for index, row in zip(indices.tolist(), stepper.final_observation[indices], strict=True):
+        for index, row in zip(indices.tolist(), self.final_observations(indices), strict=True):
             final_obs[index] = row
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": infos, "_final_info": ended}
+
+    def _returned(self, observation: Observation) -> Observation:
+        if not self.copy:
+            return observation
+        if isinstance(observation, dict):
+            return {key: part.copy() for key, part in observation.items()}
+        return observation.copy()
 
     def _per_env(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, (np.ndarray, list, tuple)) and len(value) == self.num_envs:
@@ -366,13 +464,21 @@ class DroneVectorEnv(VectorEnv[Array, Array, Array]):
         return mask
 
 
-def navigation_spaces(lidar: LidarConfig, config: NavigationConfig) -> tuple[spaces.Box, spaces.Space[Any]]:
-    """Return the observation space and the action space of one env of the navigation task."""
+def navigation_spaces(
+    lidar: LidarConfig, config: NavigationConfig, camera: CameraConfig | None = None
+) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
+    """Return the observation space and the action space of one env of a navigation task."""
     ranges = int(np.prod(lidar.shape))
-    low = np.concatenate([np.full(3, -1.0), np.zeros(ranges)]).astype(np.float32)
-    observation_space = spaces.Box(low, np.ones(3 + ranges, np.float32), dtype=np.float32)
-    if config.action == "discrete":
-        return observation_space, spaces.Discrete(6)
+    head = {"goal": [-1.0, -1.0, -1.0], "blob": [-1.0, 0.0], "pixels": []}[config.observation]
+    low = np.concatenate([head, np.zeros(ranges)]).astype(np.float32)
+    observation_space: spaces.Space[Any] = spaces.Box(low, np.ones(len(low), np.float32), dtype=np.float32)
+    if config.observation == "pixels":
+        assert camera is not None
+        image = spaces.Box(0, 255, (3, camera.height_px, camera.width_px), np.uint8)
+        observation_space = spaces.Dict({"image": image, "ranges": observation_space})
+    discrete = {"discrete": 6, "discrete_forward": 3}
+    if config.action in discrete:
+        return observation_space, spaces.Discrete(discrete[config.action])
     return observation_space, spaces.Box(-1.0, 1.0, (3 if config.action == "displacement" else 4,), np.float32)
 
 

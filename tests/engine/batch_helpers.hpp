@@ -83,8 +83,10 @@ inline std::vector<std::span<const std::byte>> rows_of(const Batch& batch, std::
   });
   if (batch.config().task == TaskKind::none) return rows;
   const Outputs& out = batch.outputs();
-  for_each_output(static_cast<std::size_t>(batch.observation_size()), [&](auto member, std::size_t columns) {
-    const bool is_final = static_cast<const void*>(&(out.*member)) == &out.final_observation;
+  const auto image_size = static_cast<std::size_t>(batch.image_size());
+  for_each_output(static_cast<std::size_t>(batch.observation_size()), image_size, [&](auto member, std::size_t columns) {
+    const auto* const array = static_cast<const void*>(&(out.*member));
+    const bool is_final = array == &out.final_observation || array == &out.final_image;
     if (!is_final || out.terminated[drone] || out.truncated[drone]) add(out.*member, columns);
   });
   rows.push_back(std::as_bytes(batch.goal_index().subspan(drone, 1)));

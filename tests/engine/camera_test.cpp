@@ -400,8 +400,9 @@ Ring ring() {
   for (int i = 0; i < 10; ++i) {
     const float part = 0.1F * static_cast<float>(i);
     // Some say their class, the others are numbered.
-    description.materials.push_back(
-        {std::string(1, static_cast<char>('a' + i)), {1.0F - part, part, 0.5F}, static_cast<std::uint16_t>(i % 3 == 0 ? 1000 + i : 0)});
+    description.materials.push_back({std::string(1, static_cast<char>('a' + i)),
+                                     {1.0F - part, part, 0.5F},
+                                     static_cast<std::uint16_t>(i % 3 == 0 ? 1000 + i : 0)});
   }
   Ring ring;
   const auto at = [](std::size_t i) { return Vec3(Ring::towards(i) * Vec3(4, 0, 0)); };

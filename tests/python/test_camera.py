@@ -252,7 +252,9 @@ class TestDepth:
             if kind == "planar":
                 depth = depth / np.linalg.norm(directions, axis=1)
             # at a silhouette the last bit of a direction decides what is hit
-            same = camera.instance[drone, rows, columns] == np.minimum(hits["primitive"], len(round_world.primitives)) + 1
+            same = (
+                camera.instance[drone, rows, columns] == np.minimum(hits["primitive"], len(round_world.primitives)) + 1
+            )
             np.testing.assert_allclose(camera.depth[drone, rows, columns][same], depth[same], rtol=1e-4)
             np.testing.assert_allclose(camera.normal[drone, rows, columns][same], hits["normal"][same], atol=1e-2)
             compared += same.sum()
@@ -340,7 +342,10 @@ class TestConfig:
             ({"outputs": ("rgb", "heat")}, "outputs.*rgb, depth.*heat"),
             ({"depth_kind": "deep"}, 'depth_kind: expected "planar" or "range", got "deep"'),
             ({"layout": "wch"}, 'layout: expected "hwc" or "chw", got "wch"'),
-            ({"capture_mode": "never"}, 'capture_mode: expected "every_step", "on_movement" or "on_demand", got "never"'),
+            (
+                {"capture_mode": "never"},
+                'capture_mode: expected "every_step", "on_movement" or "on_demand", got "never"',
+            ),
             ({"samples_per_pixel": 3}, "camera.samples_per_pixel: expected 1, 4, 9 or 16, got 3"),
         ],
     )
@@ -386,7 +391,9 @@ class TestModes:
 
     @pytest.fixture
     def probes(self):
-        hall = swiftlet.World.from_dict({"swiftlet_scene": 1, "name": "hall", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}})
+        hall = swiftlet.World.from_dict(
+            {"swiftlet_scene": 1, "name": "hall", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
+        )
 
         def make(mode):
             config = camera_of(width_px=1, height_px=1, outputs=("depth",), capture_mode=mode)

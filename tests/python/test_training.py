@@ -1,10 +1,13 @@
 """The scripts of training/: PPO from scratch, and flights of what it learned."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 import torch
+
+import swiftlet
 
 
 @pytest.fixture
@@ -37,7 +40,7 @@ def flown(training, monkeypatch):
         given, policies = iter(evaluations), []
         flight = training("evaluate").Flight
 
-        def fly(policy, worlds, *_):
+        def fly(policy, worlds, *_, **__):
             assert len(worlds) == 7 + 2
             (model,) = (cell.cell_contents for cell in policy.__closure__)
             policies.append(weights(model))
@@ -81,6 +84,79 @@ def test_worlds_of_training_choosing_and_judging_are_distinct(training):
     args = train_ppo.Args()
     assert train_ppo.TRAINING_SEED + args.generated <= train_ppo.CHOOSING_SEED
     assert train_ppo.CHOOSING_SEED + args.evaluation_worlds <= evaluate.UNSEEN_SEED
+
+
+@pytest.mark.parametrize("task", ["camera", "pixels"])
+def test_camera_tasks_train_fly_and_are_drawn(training, train, tmp_path, task):
+    model, outcome = train(
+        task=task,
+        width_px=32,
+        frame_skip=2,
+        random_start=True,
+        start_flights=2,
+        total_steps=1024,
+        evaluation_worlds=1,
+    )
+    assert outcome.steps == 1024
+    setup = training("tasks").setup_of(model)
+    assert (setup.task, setup.width_px, setup.height_px, setup.frame_skip) == (task, 32, 24, 2)
+    policy = tmp_path / "one" / "policy.zip"
+
+    evaluate = training("evaluate")
+    result = tmp_path / "result.json"
+    evaluate.main(evaluate.Args(policy, repeats=2, generated=2, max_episode_steps=40, shortest=False, json=result))
+    judged = json.loads(result.read_text())
+    assert [judged[key]["summary"]["flights"] for key in ("camera-train", "camera-validation", "generated")] == [
+        4,
+        4,
+        2,
+    ]
+    for group in judged.values():
+        rates = [group["summary"][f"{end}_rate"] for end in ("success", "crash", "outrun", "time_out")]
+        assert sum(rates) == pytest.approx(1)
+
+    plot_paths = training("plot_paths")
+    plot_paths.main(plot_paths.Args(policy, worlds=("playground/camera-train-1",), out=tmp_path / "paths"))
+    assert (tmp_path / "paths" / "path-playground-camera-train-1.png").stat().st_size > 1000
+    assert (tmp_path / "paths" / "flight.gif").stat().st_size > 1000
+
+
+def test_a_picture_of_the_blob(training, tmp_path):
+    plot_blob = training("plot_blob")
+    world = {
+        "swiftlet_scene": 1,
+        "room": {"min": [0, 0, 0], "max": [6, 4, 3]},
+        "markers": {"start": [1, 2, 1.5], "goal": [5, 2.5, 1.5]},
+    }
+    scene = tmp_path / "hall.json"
+    scene.write_text(json.dumps(world))
+    images = plot_blob.captures(None, training("tasks").Setup("camera"), swiftlet.World.from_dict(world), 160, 100)
+    assert 20 < len(images) < 60  # until the goal is out of view beside the drone
+    assert all(swiftlet.green_blob(image).offset < 0 for image in images)  # y grows to the left
+    plot_blob.main(plot_blob.Args(world=str(scene), out=tmp_path / "blob.png", width_px=160))
+    assert (tmp_path / "blob.png").stat().st_size > 1000
+    with pytest.raises(SystemExit, match="never in view"):
+        plot_blob.main(plot_blob.Args(world=str(scene), out=tmp_path / "none.png", width_px=160, max_steps=0))
+
+
+def test_the_command_line_knows_each_tasks_defaults(training, monkeypatch):
+    train_ppo = training("train_ppo")
+    for task, defaults in train_ppo.DEFAULTS.items():
+        assert defaults.task == task
+        monkeypatch.setattr("sys.argv", ["train_ppo.py", "--task", task, "--seed", "7"])
+        assert train_ppo.command_line() == dataclasses.replace(defaults, seed=7)
+
+
+def test_generated_playgrounds_of_the_camera_task(training):
+    tasks = training("tasks")
+    worlds = tasks.Setup("camera").generated(3, 5)
+    assert len({world.name for world in worlds}) == 5
+    for world in worlds:
+        assert len(world.waypoints) == 0
+        assert world.start[2] == world.goal[2] == np.float32(3.12)
+        assert abs(world.start[1] - world.goal[1]) <= 2.5
+        assert world.spawn_box[0, 2] < 3.12 < world.spawn_box[1, 2]
+        assert world.goal[0] > world.start[0] + 5
 
 
 def test_a_flight_ends_where_its_world_says(training, room, closet):

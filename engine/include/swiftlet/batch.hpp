@@ -90,10 +90,12 @@ class Batch {
 
   // --- the built-in task; std::logic_error without one, or before the first reset
   int observation_size() const;
+  int image_size() const;  // of Outputs::image; 0 where the task does not observe pixels
   void reset(std::span<const std::uint64_t> seeds, Mask mask = {});  // seeds (N,), or empty: the next episode
-  void step(std::span<const std::int64_t> actions);                  // (N,) discrete
-  void step(std::span<const float> actions);                         // (N, 3) or (N, 4), clipped to [-1, 1]
-  const Outputs& outputs() const;  // of the last step, reset or restore; intact during the next one
+  // An action is flown NavigationConfig::frame_skip times.
+  void step(std::span<const std::int64_t> actions);  // (N,) discrete
+  void step(std::span<const float> actions);         // (N, 3) or (N, 4), clipped to [-1, 1]
+  const Outputs& outputs() const;                    // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
   std::span<const std::int32_t> goal_index() const;  // (N,) 0 .. number of waypoints
 

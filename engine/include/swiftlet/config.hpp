@@ -105,6 +105,18 @@ enum class ActionKind : std::uint8_t {
   discrete,          // 0..5: +x, -x, +y, -y, +z, -z by step_m in the body frame
   displacement,      // (3,) in [-1, 1]: times step_m, body frame
   displacement_yaw,  // (4,): the same and a yaw turn of up to yaw_step_deg, counter-clockwise positive
+  discrete_forward,  // 0..2: +x, +y, -y by step_m in the body frame
+};
+
+inline constexpr bool is_discrete(ActionKind kind) {
+  return kind == ActionKind::discrete || kind == ActionKind::discrete_forward;
+}
+
+// What the built-in tasks show a policy. The camera is the batch's first; it needs rgb, and a capture mode other than on_demand.
+enum class ObservationKind : std::uint8_t {
+  goal,    // unit direction to the current goal in the body frame (3), then the normalised ranges
+  blob,    // offset and area of the green in the camera's image (2), then the normalised ranges; see task/green_blob.hpp
+  pixels,  // the normalised ranges, and the camera's image apart; its layout is chw
 };
 
 // When an env whose episode ended is reset.
@@ -138,13 +150,15 @@ struct NavigationReward {
 
 inline constexpr int kNumRewardTerms = 6;  // in the order of the weights above
 
-// Fly from the start over the waypoints to the goal by LiDAR.
-// Observation (3 + rows * columns,): unit direction to the current goal in the body frame, then the normalised ranges.
+// Fly from the start over the waypoints to the goal, by LiDAR and what `observation` adds to it.
 struct NavigationConfig {
   ActionKind action = ActionKind::discrete;
+  ObservationKind observation = ObservationKind::goal;
   float step_m = 0.1F;           // > 0
   float yaw_step_deg = 10.0F;    // in (0, 180]
-  int max_episode_steps = 3000;  // truncation; 0: never
+  int max_episode_steps = 3000;  // truncation, in flown steps; 0: never
+  int frame_skip = 1;  // in [1, 1000]: a step() flies its action so many times, or until the episode ends, and is rewarded
+                       // the sum. All that counts steps counts those flown. The camera looks after the last alone.
   NavigationReward reward;
   bool random_start = false;           // start uniformly in the world's spawn box instead of at its start marker
   bool random_world = false;           // each reset draws a world at random instead of keeping the env's own

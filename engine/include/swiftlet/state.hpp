@@ -48,6 +48,8 @@ struct CameraImages {
 struct Outputs {
   std::vector<float> observation;            // (N, observation size)
   std::vector<float> final_observation;      // (N, observation size), valid where terminated or truncated
+  std::vector<std::uint8_t> image;           // (N, 3, H, W), of a task that observes pixels
+  std::vector<std::uint8_t> final_image;     // (N, 3, H, W) likewise, valid where terminated or truncated
   std::vector<float> reward;                 // (N,)
   std::vector<float> reward_terms;           // (N, kNumRewardTerms), weighted; their sum is the reward
   FlagArray terminated;                      // (N,)
@@ -55,7 +57,7 @@ struct Outputs {
   FlagArray success;                         // (N,) ended here at the final goal, without a crash
   FlagArray crashed;                         // (N,) ended here by a collision
   std::vector<double> episode_return;        // (N,) of the episode that ended here, else of the current one so far
-  std::vector<std::int64_t> episode_length;  // (N,) likewise, in steps
+  std::vector<std::int64_t> episode_length;  // (N,) likewise, in flown steps
 };
 
 }  // namespace swiftlet

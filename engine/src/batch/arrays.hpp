@@ -44,9 +44,11 @@ void for_each_navigation_array(auto& n, const F& f) {
 
 // Calls f(member, columns) with pointers to members, so that two Outputs can be walked together.
 template <class F>
-void for_each_output(std::size_t observation_size, const F& f) {
+void for_each_output(std::size_t observation_size, std::size_t image_size, const F& f) {
   f(&Outputs::observation, observation_size);
   f(&Outputs::final_observation, observation_size);
+  f(&Outputs::image, image_size);
+  f(&Outputs::final_image, image_size);
   f(&Outputs::reward, 1U);
   f(&Outputs::reward_terms, static_cast<std::size_t>(kNumRewardTerms));
   f(&Outputs::terminated, 1U);

@@ -84,6 +84,7 @@ struct Batch::Impl {
   enum class Role : std::uint8_t {
     rests,   // nothing
     flies,   // takes the step's action; sensed and evaluated
+    landed,  // its episode ended before it had flown the action as often as it is to be
     begins,  // begins an episode, or is sensed alone
     ended,   // its episode ended in this step, and it begins the next one
   };
@@ -93,12 +94,14 @@ struct Batch::Impl {
   void fly(std::span<const std::uint32_t> drones, Scratch& scratch);
   void sense(std::span<const std::uint32_t> drones, Scratch& scratch);
   void evaluate(std::span<const std::uint32_t> drones, Scratch& scratch);
-  void observe(std::span<const std::uint32_t> drones);
+  void observe(std::span<const std::uint32_t> drones, Scratch& scratch);
 
   // --- its pieces
   Role wait_or_fly(std::uint32_t drone, Scratch& scratch);
   void observe_ranges(std::uint32_t drone);
-  void observe_goal(std::uint32_t drone);
+  void reward(std::uint32_t drone, bool first);
+  void observe_head(std::uint32_t drone, Scratch& scratch);
+  void keep_final(std::uint32_t drone);
   std::span<const std::uint32_t> with_role(std::span<const std::uint32_t> drones, std::initializer_list<Role> roles,
                                            Scratch& scratch) const;
   void sense_all(std::initializer_list<Role> roles);
@@ -149,6 +152,7 @@ struct Batch::Impl {
   collision::Hull hull;
   std::size_t rays = 0;
   std::size_t observation_size = 0;
+  std::size_t image_size = 0;  // of the observation
   State state;
   std::optional<sensors::Lidar> lidar;
   std::optional<task::Navigation> navigation;
@@ -199,9 +203,14 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
   if (config.task == TaskKind::navigation) {
     navigation.emplace(config.navigation, world_pointers, drone_model, n);
     observation_size = navigation->observation_size(rays);
+    if (config.navigation.observation == ObservationKind::pixels) {
+      image_size =
+          3 * static_cast<std::size_t>(config.cameras[0].width_px) * static_cast<std::size_t>(config.cameras[0].height_px);
+    }
     actions.resize(n * navigation->action_size());
     for (Outputs& slot : slots) {
-      for_each_output(observation_size, [&](auto member, std::size_t columns) { (slot.*member).resize(n * columns); });
+      for_each_output(observation_size, image_size,
+                      [&](auto member, std::size_t columns) { (slot.*member).resize(n * columns); });
     }
   }
   schedule.rebuild(state);
@@ -239,14 +248,15 @@ void Batch::Impl::step() {
     sense(with_role(drones, {Role::flies, Role::begins}, scratch), scratch);
     evaluate(drones, scratch);
     sense(with_role(drones, {Role::ended}, scratch), scratch);
-    observe(with_role(drones, {Role::ended}, scratch));
+    observe(with_role(drones, {Role::ended}, scratch), scratch);
   });
   if (!cameras.empty()) {
-    sense_all({Role::flies, Role::begins});
+    sense_all({Role::flies, Role::landed, Role::begins});
     run_blocks([this](std::span<const std::uint32_t> drones, Scratch& scratch) { evaluate(drones, scratch); });
     sense_all({Role::ended});
-    run_blocks(
-        [this](std::span<const std::uint32_t> drones, Scratch& scratch) { observe(with_role(drones, {Role::ended}, scratch)); });
+    run_blocks([this](std::span<const std::uint32_t> drones, Scratch& scratch) {
+      observe(with_role(drones, {Role::ended}, scratch), scratch);
+    });
   }
   reschedule_if_moved();
 }
@@ -254,8 +264,17 @@ void Batch::Impl::step() {
 // Takes the actions; a drone whose episode has ended does not fly: it begins the next one or holds still.
 void Batch::Impl::fly(std::span<const std::uint32_t> drones, Scratch& scratch) {
   for (const std::uint32_t drone : drones) role[drone] = wait_or_fly(drone, scratch);
-  for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
-    sweep_to(drone, navigation->target(pose_of(state, drone), actions.data() + drone * navigation->action_size()));
+  for (int flown = 1;; ++flown) {
+    for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
+      sweep_to(drone, navigation->target(pose_of(state, drone), actions.data() + drone * navigation->action_size()));
+    }
+    if (flown == config.navigation.frame_skip) return;  // the last one is sensed with what begins, and by the cameras too
+    sense(with_role(drones, {Role::flies}, scratch), scratch);
+    for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
+      observe_ranges(drone);
+      reward(drone, flown == 1);
+      if (navigation->state().done[drone]) role[drone] = Role::landed;
+    }
   }
 }
 
@@ -271,22 +290,23 @@ void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch)
 void Batch::Impl::evaluate(std::span<const std::uint32_t> drones, Scratch& scratch) {
   for (const std::uint32_t drone : with_role(drones, {Role::flies, Role::begins}, scratch)) observe_ranges(drone);
   for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
-    navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), rays, state, out());
+    reward(drone, config.navigation.frame_skip == 1);
   }
-  for (const std::uint32_t drone : with_role(drones, {Role::flies, Role::begins}, scratch)) observe_goal(drone);
-  for (const std::uint32_t drone : with_role(drones, {Role::flies}, scratch)) {
+  for (const std::uint32_t drone : with_role(drones, {Role::flies, Role::landed, Role::begins}, scratch)) {
+    observe_head(drone, scratch);
+  }
+  for (const std::uint32_t drone : with_role(drones, {Role::flies, Role::landed}, scratch)) {
     if (!navigation->state().done[drone]) continue;
-    const auto row = static_cast<std::ptrdiff_t>(drone * observation_size);
-    std::copy_n(out().observation.begin() + row, observation_size, out().final_observation.begin() + row);
+    keep_final(drone);
     if (config.autoreset_mode != AutoresetMode::same_step) continue;
     begin_next_episode(drone, scratch);
     role[drone] = Role::ended;
   }
 }
 
-void Batch::Impl::observe(std::span<const std::uint32_t> drones) {
+void Batch::Impl::observe(std::span<const std::uint32_t> drones, Scratch& scratch) {
   for (const std::uint32_t drone : drones) observe_ranges(drone);
-  for (const std::uint32_t drone : drones) observe_goal(drone);
+  for (const std::uint32_t drone : drones) observe_head(drone, scratch);
 }
 
 Batch::Impl::Role Batch::Impl::wait_or_fly(std::uint32_t drone, Scratch& scratch) {
@@ -297,7 +317,7 @@ Batch::Impl::Role Batch::Impl::wait_or_fly(std::uint32_t drone, Scratch& scratch
     return Role::begins;
   }
   // disabled: everything as the last step left it, but the reward
-  for_each_output(observation_size, [&](auto member, std::size_t columns) {
+  for_each_output(observation_size, image_size, [&](auto member, std::size_t columns) {
     const auto row = static_cast<std::ptrdiff_t>(drone * columns);
     std::copy_n((last().*member).begin() + row, columns, (out().*member).begin() + row);
   });
@@ -311,8 +331,33 @@ void Batch::Impl::observe_ranges(std::uint32_t drone) {
                              out().observation.data() + drone * observation_size);
 }
 
-void Batch::Impl::observe_goal(std::uint32_t drone) {
-  navigation->observe_goal(drone, state, out().observation.data() + drone * observation_size);
+void Batch::Impl::reward(std::uint32_t drone, bool first) {
+  navigation->evaluate(drone, actions.data() + drone * navigation->action_size(), rays, state, first, out());
+}
+
+// What is observed beside the ranges.
+void Batch::Impl::observe_head(std::uint32_t drone, Scratch& scratch) {
+  float* const head = out().observation.data() + drone * observation_size;
+  if (config.navigation.observation == ObservationKind::goal) {
+    navigation->observe_goal(drone, state, head);
+    return;
+  }
+  const CameraConfig& camera = config.cameras[0];
+  const auto size = 3 * static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px);
+  const std::span image = std::span(cameras[0].images().rgb).subspan(drone * size, size);
+  if (config.navigation.observation == ObservationKind::blob) {
+    navigation->observe_blob(task::find_green(image, camera.width_px, camera.height_px, camera.layout, scratch.green), head);
+  } else {
+    // A copy: the camera's own image is written again in the next step, when this one may still be in use.
+    std::copy(image.begin(), image.end(), out().image.begin() + static_cast<std::ptrdiff_t>(drone * size));
+  }
+}
+
+void Batch::Impl::keep_final(std::uint32_t drone) {
+  const auto row = static_cast<std::ptrdiff_t>(drone * observation_size);
+  std::copy_n(out().observation.begin() + row, observation_size, out().final_observation.begin() + row);
+  const auto image = static_cast<std::ptrdiff_t>(drone * image_size);
+  std::copy_n(out().image.begin() + image, image_size, out().final_image.begin() + image);
 }
 
 // Those of the drones that have one of the roles; holds until the next call with this scratch.
@@ -328,7 +373,11 @@ std::span<const std::uint32_t> Batch::Impl::with_role(std::span<const std::uint3
 // All sensors, of every drone that has one of the roles. Cameras that render on a thread of their own do so meanwhile.
 void Batch::Impl::sense_all(std::initializer_list<Role> roles) {
   start_frames(roles);
-  run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) { sense(with_role(drones, roles, scratch), scratch); });
+  run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) {
+    with_role(drones, roles, scratch);
+    std::erase_if(scratch.drones, [this](std::uint32_t drone) { return role[drone] == Role::landed; });  // sensed when it did
+    sense(scratch.drones, scratch);
+  });
   finish_frames();
 }
 
@@ -338,7 +387,8 @@ void Batch::Impl::start_frames(std::initializer_list<Role> roles) {
     for (std::size_t block = 0; block < schedule.num_blocks(); ++block) {
       for (const std::uint32_t drone : schedule.drones(block)) {
         if (std::find(roles.begin(), roles.end(), role[drone]) == roles.end() || !camera.is_due(drone, state)) continue;
-        shots.push_back(camera.take(drone, world_of(drone), state.scans[drone], state));
+        const std::int64_t step = state.scans[drone] - (role[drone] == Role::landed ? 1 : 0);
+        shots.push_back(camera.take(drone, world_of(drone), step, state));
       }
     }
   }
@@ -419,8 +469,9 @@ void Batch::Impl::mark_absent(std::size_t drone) {
   for (Outputs& slot : slots) {
     clear_outputs(slot, drone);
     float* const observation = slot.observation.data() + drone * observation_size;
-    std::fill_n(observation, task::Navigation::kGoalSize, 0.0F);
-    std::fill_n(observation + task::Navigation::kGoalSize, rays, 1.0F);
+    std::fill_n(observation, navigation->head_size(), 0.0F);
+    std::fill_n(observation + navigation->head_size(), rays, 1.0F);
+    std::fill_n(slot.image.begin() + static_cast<std::ptrdiff_t>(drone * image_size), image_size, std::uint8_t{0});
   }
 }
 
@@ -592,7 +643,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
     const auto drone = static_cast<std::uint32_t>(index);
     impl_->navigation->begin(drone, state);
     impl_->clear_outputs(impl_->out(), drone);
-    impl_->observe({&drone, 1});
+    impl_->observe({&drone, 1}, *impl_->workers.scratch()[0]);
   }
 }
 
@@ -706,6 +757,9 @@ void Batch::capture(std::size_t camera, Mask mask) {
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
   impl_->require_own_process();
   impl_->require_camera(camera);
+  const bool observed = camera == 0 && impl_->navigation && impl_->config.navigation.observation != ObservationKind::goal;
+  require(!observed || mode != CaptureMode::on_demand, "capture_mode",
+          "every_step or on_movement (the task observes this camera)", "on_demand");
   impl_->cameras[camera].set_mode(mode);
   impl_->config.cameras[camera].capture_mode = mode;
 }
@@ -782,6 +836,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
 }
 
 int Batch::observation_size() const { return static_cast<int>(impl_->observation_size); }
+int Batch::image_size() const { return static_cast<int>(impl_->image_size); }
 
 void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   impl_->require_own_process();
@@ -810,18 +865,21 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   impl_->choose(mask);
   impl_->sense_all({Impl::Role::begins});
   impl_->run_blocks([&](std::span<const std::uint32_t> drones, Scratch& scratch) {
-    impl_->observe(impl_->with_role(drones, {Impl::Role::begins}, scratch));
+    impl_->observe(impl_->with_role(drones, {Impl::Role::begins}, scratch), scratch);
   });
 }
 
 void Batch::step(std::span<const std::int64_t> actions) {
   impl_->require_own_process();
   impl_->require_task();
-  require(impl_->config.navigation.action == ActionKind::discrete, "actions",
+  require(is_discrete(impl_->config.navigation.action), "actions",
           "floating-point numbers (the task's actions are displacements)", "integers");
   require_size(actions.size(), impl_->size(), "actions");
+  const int choices = impl_->config.navigation.action == ActionKind::discrete ? 6 : 3;
   for (std::size_t drone = 0; drone < actions.size(); ++drone) {
-    if (actions[drone] < 0 || actions[drone] >= 6) refuse(row_of("actions", drone), "an integer in [0, 6)", actions[drone]);
+    if (actions[drone] < 0 || actions[drone] >= choices) {
+      refuse(row_of("actions", drone), "an integer in [0, " + std::to_string(choices) + ")", actions[drone]);
+    }
   }
   impl_->require_begun();
   std::transform(actions.begin(), actions.end(), impl_->actions.begin(),
@@ -832,7 +890,7 @@ void Batch::step(std::span<const std::int64_t> actions) {
 void Batch::step(std::span<const float> actions) {
   impl_->require_own_process();
   impl_->require_task();
-  require(impl_->config.navigation.action != ActionKind::discrete, "actions", "integers (the task's actions are discrete)",
+  require(!is_discrete(impl_->config.navigation.action), "actions", "integers (the task's actions are discrete)",
           "floating-point numbers");
   require_size(actions.size(), impl_->actions.size(), "actions");
   for (std::size_t i = 0; i < actions.size(); ++i) {
@@ -877,7 +935,8 @@ std::string Batch::snapshot() const {
   }
   if (impl_->navigation) {
     for_each_navigation_array(impl_->navigation->state(), write);
-    for_each_output(impl_->observation_size, [&](auto member, std::size_t) { writer.array(impl_->out().*member); });
+    for_each_output(impl_->observation_size, impl_->image_size,
+                    [&](auto member, std::size_t) { writer.array(impl_->out().*member); });
   }
   return writer.take();
 }
@@ -938,7 +997,8 @@ void Batch::restore(const std::string& blob) {
     for_each_navigation_array(impl_->navigation->state(), read);
     // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
     Outputs& next = impl_->slots[1 - impl_->current];
-    for_each_output(impl_->observation_size, [&](auto member, std::size_t columns) { read(next.*member, columns); });
+    for_each_output(impl_->observation_size, impl_->image_size,
+                    [&](auto member, std::size_t columns) { read(next.*member, columns); });
     changes.emplace_back([this] { impl_->current = 1 - impl_->current; });
   }
   reader.require_end();

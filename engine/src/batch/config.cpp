@@ -109,6 +109,7 @@ void NavigationConfig::validate() const {
   require_positive(step_m, "task.step_m");
   require(yaw_step_deg > 0.0F && yaw_step_deg <= 180.0F, "task.yaw_step_deg", "a number in (0, 180]", yaw_step_deg);
   require(max_episode_steps >= 0, "task.max_episode_steps", "an integer >= 0", max_episode_steps);
+  require(frame_skip >= 1 && frame_skip <= 1000, "task.frame_skip", "an integer in [1, 1000]", frame_skip);
   require(!stagger_first_episode || max_episode_steps > 0, "task.stagger_first_episode",
           "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
   reward.validate();
@@ -136,6 +137,15 @@ void BatchConfig::validate() const {
   if (task == TaskKind::navigation) {
     navigation.validate();
     require(has_lidar, "lidar", "a LidarConfig (the navigation task needs one)", "None");
+  }
+  if (task == TaskKind::navigation && navigation.observation != ObservationKind::goal) {
+    require(!cameras.empty(), "cameras", "a CameraConfig (the task observes its image)", "none");
+    const CameraConfig& camera = cameras.front();
+    require(camera.outputs.rgb, "camera.outputs", "rgb among them (the task observes it)", "none");
+    require(camera.capture_mode != CaptureMode::on_demand, "camera.capture_mode",
+            "every_step or on_movement (the task observes it)", "on_demand");
+    require(navigation.observation != ObservationKind::pixels || camera.layout == ImageLayout::chw, "camera.layout",
+            "chw (the task observes pixels)", "hwc");
   }
 }
 

@@ -54,6 +54,8 @@ std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shar
   if (config.task == TaskKind::navigation) {
     const NavigationConfig& task = config.navigation;
     field(static_cast<int>(task.action));
+    field(static_cast<int>(task.observation));
+    field(task.frame_skip);
     field(task.step_m);
     field(task.yaw_step_deg);
     field(task.max_episode_steps);

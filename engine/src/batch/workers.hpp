@@ -11,6 +11,7 @@
 
 #include "render/raycast_renderer.hpp"
 #include "sensors/lidar.hpp"
+#include "task/green_blob.hpp"
 #include "trace/handover.hpp"
 #include "trace/scene.hpp"
 
@@ -20,6 +21,7 @@ namespace swiftlet {
 struct Scratch {
   sensors::ScanScratch scan;
   render::RaycastScratch raycast;
+  task::GreenBlobScratch green;
   std::vector<std::uint32_t> drones;  // those of the block that a stage is about
   bool changed_world = false;         // a reset moved a drone to another world
 

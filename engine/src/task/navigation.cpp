@@ -16,6 +16,10 @@ namespace {
 constexpr double kCentimetresPerMetre = 100.0;
 constexpr int kStartTries = 64;  // random starts drawn before the start marker is taken
 
+// What discrete actions mean: x, y, z.
+constexpr std::array<std::array<float, 3>, 6> kDirections{{{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}};
+constexpr std::array<std::array<float, 3>, 3> kForwardDirections{{{1, 0, 0}, {0, 1, 0}, {0, -1, 0}}};
+
 double distance_m(const Vec3& a, const Vec3& b) { return (a.cast<double>() - b.cast<double>()).norm(); }
 
 }  // namespace
@@ -32,27 +36,44 @@ NavigationState::NavigationState(std::size_t num_drones)
 
 Navigation::Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone,
                        std::size_t num_drones)
-    : config_(config), worlds_(worlds.begin(), worlds.end()), drone_(&drone), nav_(num_drones), clearance_(num_drones) {
+    : config_(config),
+      worlds_(worlds.begin(), worlds.end()),
+      drone_(&drone),
+      nav_(num_drones),
+      clearance_(num_drones),
+      earned_(num_drones) {
   for (const World* world : worlds_) require_navigable(*world, drone);
+}
+
+std::size_t Navigation::head_size() const {
+  switch (config_.observation) {
+    case ObservationKind::goal:
+      return 3;
+    case ObservationKind::blob:
+      return 2;
+    default:
+      return 0;
+  }
 }
 
 std::size_t Navigation::action_size() const {
   switch (config_.action) {
-    case ActionKind::discrete:
-      return 1;
     case ActionKind::displacement:
       return 3;
-    default:
+    case ActionKind::displacement_yaw:
       return 4;
+    default:
+      return 1;
   }
 }
 
 Pose Navigation::target(const Pose& pose, const float* action) const {
   Vec3 step = Vec3::Zero();
   Quat rotation = pose.rotation;
-  if (config_.action == ActionKind::discrete) {
-    const int index = static_cast<int>(action[0]);  // +x, -x, +y, -y, +z, -z
-    step[index / 2] = index % 2 == 0 ? config_.step_m : -config_.step_m;
+  if (is_discrete(config_.action)) {
+    const auto index = static_cast<std::size_t>(action[0]);
+    const auto& direction = config_.action == ActionKind::discrete ? kDirections[index] : kForwardDirections[index];
+    step = config_.step_m * Vec3(direction[0], direction[1], direction[2]);
   } else {
     for (int axis = 0; axis < 3; ++axis) step[axis] = config_.step_m * std::clamp(action[axis], -1.0F, 1.0F);
   }
@@ -69,7 +90,8 @@ const Vec3& Navigation::current_goal(std::size_t drone, const World& world) cons
   return index < waypoints.size() ? waypoints[index] : *world.markers().goal;
 }
 
-void Navigation::evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, Outputs& out) {
+void Navigation::evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, bool first,
+                          Outputs& out) {
   const NavigationReward& reward = config_.reward;
   const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
   const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
@@ -119,10 +141,14 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
       static_cast<double>(reward.action_change_weight) * (same_action ? 0.0 : -1.0),
       static_cast<double>(reward.outrun_weight) * (outran ? -static_cast<double>(reward.goal_reward) / 10.0 : 0.0),
   };
+  std::array<double, kNumRewardTerms>& earned = earned_[drone];
   double total = 0.0;
+  double step_total = 0.0;
   for (std::size_t k = 0; k < terms.size(); ++k) {
     total += terms[k];
-    out.reward_terms[drone * kNumRewardTerms + k] = static_cast<float>(terms[k]);
+    earned[k] = first ? terms[k] : earned[k] + terms[k];
+    step_total += earned[k];
+    out.reward_terms[drone * kNumRewardTerms + k] = static_cast<float>(earned[k]);
   }
 
   ++nav_.step[drone];
@@ -130,7 +156,7 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
   const bool terminated = crashed || at_final_goal || outran;
   const bool truncated = !terminated && nav_.time_limit[drone] > 0 && nav_.step[drone] >= nav_.time_limit[drone];
   nav_.done[drone] = terminated || truncated;
-  out.reward[drone] = static_cast<float>(total);
+  out.reward[drone] = static_cast<float>(step_total);
   out.terminated[drone] = terminated;
   out.truncated[drone] = truncated;
   out.success[drone] = at_final_goal && !crashed;
@@ -140,7 +166,7 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
 }
 
 void Navigation::observe_ranges(std::size_t drone, std::span<const float> ranges, float max_range, float* observation) {
-  clearance_[drone] = normalise(ranges, max_range, observation + kGoalSize);
+  clearance_[drone] = normalise(ranges, max_range, observation + head_size());
 }
 
 void Navigation::observe_goal(std::size_t drone, const State& state, float* observation) const {
@@ -151,6 +177,11 @@ void Navigation::observe_goal(std::size_t drone, const State& state, float* obse
   const float length = offset.norm();
   const Vec3 direction = length > 0.0F ? Vec3(Quat(q[0], q[1], q[2], q[3]).conjugate() * (offset / length)) : Vec3::Zero();
   for (int axis = 0; axis < 3; ++axis) observation[axis] = std::clamp(direction[axis], -1.0F, 1.0F);
+}
+
+void Navigation::observe_blob(const GreenBlob& blob, float* observation) {
+  observation[0] = blob.offset;
+  observation[1] = blob.area;
 }
 
 Vec3 Navigation::start_position(std::size_t drone, const State& state, const World& world) const {

@@ -1,4 +1,5 @@
-// The built-in navigation task: actions to target poses; reward, termination and observation from state and sensors; resets.
+// The built-in navigation tasks: actions to target poses; reward, termination and observation from state and sensors; resets.
+// They share all but what they observe beside the ranges; see ObservationKind.
 // Each function works on the listed drones, in the order the step calls them.
 #pragma once
 
@@ -12,6 +13,7 @@
 #include "swiftlet/pose.hpp"
 #include "swiftlet/state.hpp"
 #include "swiftlet/world.hpp"
+#include "task/green_blob.hpp"
 #include "task/ranges.hpp"
 
 namespace swiftlet::task {
@@ -37,8 +39,8 @@ class Navigation {
   Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone,
              std::size_t num_drones);
 
-  static constexpr std::size_t kGoalSize = 3;  // of the observation, before the ranges
-  std::size_t observation_size(std::size_t rays) const { return kGoalSize + rays; }
+  std::size_t head_size() const;  // of the observation, before the ranges: 3, 2 or 0
+  std::size_t observation_size(std::size_t rays) const { return head_size() + rays; }
   std::size_t action_size() const;  // 1, 3 or 4
 
   // Where an action (action_size() numbers) takes a drone.
@@ -47,11 +49,14 @@ class Navigation {
   // Writes the ranges (m) over max_range, 1 on a miss, into the observation row of a drone.
   void observe_ranges(std::size_t drone, std::span<const float> ranges, float max_range, float* observation);
 
-  // Reward, flags and episode figures of one step of a drone, after it moved and its ranges were observed.
-  void evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, Outputs& out);
+  // Reward, flags and episode figures of one flown step of a drone, after its ranges were observed. The reward is added to that
+  // of the same step() so far, unless this is the first it flies.
+  void evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, bool first, Outputs& out);
 
-  // Writes the unit direction to the current goal, in the sensed body frame, into the observation row of a drone.
+  // Writes the head of the observation row of a drone: the unit direction to the current goal, in the sensed body frame.
   void observe_goal(std::size_t drone, const State& state, float* observation) const;
+  // Or what is green in its camera's image.
+  static void observe_blob(const GreenBlob& blob, float* observation);
 
   // Puts a drone where the episode that state.seed and state.episode name begins.
   void place(std::size_t drone, State& state) const;
@@ -69,7 +74,8 @@ class Navigation {
   std::vector<const World*> worlds_;
   const DroneModel* drone_;
   NavigationState nav_;
-  std::vector<Clearance> clearance_;  // (N,) of the ranges last observed
+  std::vector<Clearance> clearance_;                         // (N,) of the ranges last observed
+  std::vector<std::array<double, kNumRewardTerms>> earned_;  // (N,) in this step() so far
 };
 
 }  // namespace swiftlet::task

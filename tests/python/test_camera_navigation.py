@@ -1,0 +1,435 @@
+"""The camera tasks: their spaces and envs, what they observe, and the engine against its NumPy twin."""
+
+import copy
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecTransposeImage
+
+import swiftlet
+from swiftlet.testing import check_vector_env
+
+MODES = ["next_step", "same_step", "disabled"]
+CAMERA = "swiftlet/CameraNavigation-v0"
+PIXELS = "swiftlet/CameraPixels-v0"
+SMALL = swiftlet.CameraConfig(width_px=32, height_px=24)
+
+PARLOUR = {
+    "swiftlet_scene": 1,
+    "name": "parlour",
+    "materials": {"white": {"base_color": [0.9, 0.9, 0.9]}, "pillar": {"base_color": [0.35, 0.45, 0.6]}},
+    "room": {"min": [0, 0, 0], "max": [5, 4, 2], "material": "white"},
+    "pillars": [{"center": [2.5, 0.8], "radius": 0.125, "material": "pillar"}],
+    "markers": {
+        "start": [1, 2, 1],
+        "goal": [3.5, 2.25, 1],
+        "spawn_box": {"min": [0.75, 1.75, 0.9], "max": [1.25, 2.25, 1.1]},
+    },
+}
+
+torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def parlour():
+    return swiftlet.World.from_dict(PARLOUR)
+
+
+@pytest.fixture
+def make(parlour):
+    def make(env_id, num_envs=4, **arguments):
+        arguments = {
+            "worlds": parlour,
+            "camera": SMALL,
+            "max_episode_steps": 25,
+            "random_start": True,
+            "num_threads": 1,
+            **arguments,
+        }
+        return gymnasium.make_vec(env_id, num_envs, **arguments)
+
+    return make
+
+
+def actions_of(num_envs, steps, seed=0):
+    """Mostly forward, so that goals are reached, outrun and crashed into."""
+    return np.random.default_rng(seed).choice(3, size=(steps, num_envs), p=[0.6, 0.2, 0.2])
+
+
+class TestSpaces:
+    def test_of_the_blob(self):
+        envs = gymnasium.make_vec(CAMERA, 2)
+        space = envs.single_observation_space
+        assert space.shape == (22,)
+        np.testing.assert_array_equal(space.low, [-1.0] + [0.0] * 21)
+        np.testing.assert_array_equal(space.high, [1.0] * 22)
+        assert envs.single_action_space == spaces.Discrete(3)
+        assert [world.name for world in envs.batch.worlds] == ["playground/camera-train-1", "playground/camera-train-2"]
+        assert envs.lidar == swiftlet.LidarConfig(beams=20, hfov_deg=180.0)
+        assert 4 * envs.camera.height_px == 3 * envs.camera.width_px
+        assert np.isclose(envs.camera.fx, envs.camera.width_px / 2)  # 90 degrees
+
+    def test_of_the_pixels(self):
+        envs = gymnasium.make_vec(PIXELS, 2)
+        assert envs.single_observation_space == spaces.Dict(
+            {"image": spaces.Box(0, 255, (3, 48, 64), np.uint8), "ranges": spaces.Box(0, 1, (20,), np.float32)}
+        )
+        assert envs.observation_space["image"].shape == (2, 3, 48, 64)
+        assert envs.single_action_space == spaces.Discrete(3)
+
+    def test_of_ones_own_camera_and_lidar(self, make):
+        lidar = swiftlet.LidarConfig(beams=5, channels=2, vfov_deg=20)
+        envs = make(PIXELS, lidar=lidar, action="displacement")
+        assert envs.single_observation_space["image"].shape == (3, 24, 32)
+        assert envs.single_observation_space["ranges"].shape == (10,)
+        assert envs.single_action_space.shape == (3,)
+        assert make(CAMERA, lidar=lidar).single_observation_space.shape == (12,)
+
+    def test_the_callers_camera_stays_as_it_is(self, make):
+        camera = swiftlet.CameraConfig(width_px=32, height_px=24)
+        envs = make(PIXELS, camera=camera)
+        assert camera.layout == "hwc"
+        assert envs.camera.layout == "chw"
+        default = gymnasium.make_vec(CAMERA, 1)
+        default.camera.width_px = 1
+        assert gymnasium.make_vec(CAMERA, 1).camera.width_px > 1
+
+    def test_a_camera_beside_the_lidar_task(self, room):
+        envs = swiftlet.DroneVectorEnv(2, worlds=room, camera=SMALL)
+        envs.reset(seed=0)
+        assert envs.single_observation_space.shape == (38,)
+        assert envs.batch.camera().rgb.shape == (2, 24, 32, 3)
+
+
+class TestChecker:
+    @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
+    @pytest.mark.parametrize("mode", MODES)
+    def test_vector(self, make, env_id, mode):
+        check_vector_env(lambda n: make(env_id, n, autoreset_mode=mode, stagger_first_episode=True, num_threads=2))
+
+    @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
+    def test_vector_with_frame_skip(self, make, env_id):
+        check_vector_env(lambda n: make(env_id, n, autoreset_mode="same_step", frame_skip=3))
+
+    @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
+    def test_single(self, parlour, env_id):
+        env = gymnasium.make(env_id, worlds=parlour, camera=SMALL, render_mode="rgb_array")
+        check_env(env.unwrapped)
+        env.close()
+
+    @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
+    def test_sb3(self, parlour, env_id):
+        check_sb3_env(gymnasium.make(env_id, worlds=parlour, camera=SMALL if env_id == CAMERA else None).unwrapped)
+
+
+def same(a, b):
+    if isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for key in a:
+            np.testing.assert_array_equal(a[key], b[key])
+    else:
+        np.testing.assert_array_equal(a, b)
+
+
+class TestPixels:
+    def test_are_the_cameras(self, make):
+        envs = make(PIXELS)
+        observation, _ = envs.reset(seed=0)
+        same(observation["image"], envs.batch.camera().rgb)
+        for actions in actions_of(4, 30):
+            observation = envs.step(actions)[0]
+            same(observation["image"], envs.batch.camera().rgb)
+            np.testing.assert_allclose(
+                observation["ranges"], np.minimum(envs.batch.lidar_ranges[:, 0] / 3, 1), rtol=1e-6
+            )
+
+    def test_slots_last_for_one_more_step(self, make):
+        plain, slots = make(PIXELS), make(PIXELS, copy=False)
+        plain.reset(seed=0)
+        last = slots.reset(seed=0)[0]
+        expected_last = copy.deepcopy(last)
+        seen = [last["image"]]
+        for actions in actions_of(4, 40):
+            expected, got = plain.step(actions), slots.step(actions)
+            same(last, expected_last)
+            same(expected[0], got[0])
+            last, expected_last = got[0], expected[0]
+            seen.append(last["image"])
+        assert np.shares_memory(seen[0], seen[2])
+        assert not np.shares_memory(seen[0], seen[1])
+
+    def test_slots_outlive_the_env(self, make):
+        envs = make(PIXELS, copy=False)
+        observation, _ = envs.reset(seed=0)
+        expected = copy.deepcopy(observation)
+        envs.close()
+        del envs
+        same(observation, expected)
+
+    def test_the_final_image_is_what_the_episode_ended_with(self, make):
+        envs, kept = make(PIXELS, autoreset_mode="same_step"), make(PIXELS, autoreset_mode="disabled")
+        first = envs.reset(seed=0)[0]
+        same(kept.reset(seed=0)[0], first)
+        over = np.zeros(4, bool)
+        for actions in actions_of(4, 40):
+            observation, _, terminated, truncated, infos = envs.step(actions)
+            expected = kept.step(actions)[0]
+            for i in np.flatnonzero((terminated | truncated) & ~over):
+                same(infos["final_obs"][i], {key: part[i] for key, part in expected.items()})
+                assert (infos["final_obs"][i]["image"] != observation["image"][i]).any()
+                over[i] = True
+        assert over.all()
+
+    def test_snapshots(self, make):
+        envs = make(PIXELS)
+        envs.reset(seed=0)
+        for actions in actions_of(4, 5):
+            at = envs.step(actions)[0]
+        blob = envs.snapshot()
+        run = [envs.step(actions) for actions in actions_of(4, 20, seed=1)]
+        other = make(PIXELS)
+        same(other.restore(blob), at)
+        for expected, actions in zip(run, actions_of(4, 20, seed=1), strict=True):
+            got = other.step(actions)
+            same(got[0], expected[0])
+            same(got[1], expected[1])
+
+    def test_a_batch_that_observes_none_has_none(self, make):
+        envs = make(CAMERA)
+        envs.reset(seed=0)
+        with pytest.raises(RuntimeError, match="pixels"):
+            _ = envs.batch.image
+
+
+class TestSameBits:
+    OUTPUTS = ("observation", "reward", "terminated", "truncated", "success", "crashed", "reward_terms", "position")
+
+    def history(self, num_drones, observation, worlds, **arguments):
+        task = swiftlet.NavigationConfig(
+            observation=observation,
+            action="discrete_forward",
+            max_episode_steps=25,
+            frame_skip=2,
+            random_start=True,
+            random_world=True,
+            stagger_first_episode=True,
+            reward=swiftlet.NavigationReward(outrun_weight=1.0),
+        )
+        camera = swiftlet.CameraConfig(width_px=20, height_px=15, layout="chw", samples_per_pixel=4)
+        arguments = {"autoreset_mode": "same_step", "num_threads": 1, **arguments}
+        lidar = swiftlet.LidarConfig(beams=20, hfov_deg=180)
+        batch = swiftlet.Batch(worlds, num_drones, lidar=lidar, cameras=[camera], task=task, **arguments)
+        batch.reset(np.arange(num_drones) + 50)
+        names = (*self.OUTPUTS, "image") if observation == "pixels" else self.OUTPUTS
+        rows = [{name: getattr(batch, name).copy() for name in names}]
+        columns = [np.random.default_rng([7, i]).choice(3, size=40, p=[0.6, 0.2, 0.2]) for i in range(num_drones)]
+        for actions in np.stack(columns, axis=1):
+            batch.step(actions)
+            rows.append({name: getattr(batch, name).copy() for name in names})
+        return {name: np.stack([row[name] for row in rows]) for name in names}
+
+    @pytest.mark.parametrize("observation", ["blob", "pixels"])
+    def test_whatever_the_threads_blocks_and_number_of_envs(self, parlour, observation):
+        worlds = [parlour, *swiftlet.scenes.load("camera-train")]
+        run = self.history(60, observation, worlds)
+        assert (run["terminated"] | run["truncated"]).sum() > 60
+        for arguments in ({"num_threads": 4}, {"block_size": 7, "num_threads": 3}):
+            other = self.history(60, observation, worlds, **arguments)
+            for name, values in run.items():
+                np.testing.assert_array_equal(values, other[name], err_msg=name)
+        for few in (1, 13):
+            other = self.history(few, observation, worlds)
+            for name, values in run.items():
+                np.testing.assert_array_equal(values[:, :few], other[name], err_msg=name)
+
+
+class TestFrameSkip:
+    @pytest.mark.parametrize("env_id", ["swiftlet/LidarNavigation-v0", CAMERA, PIXELS])
+    def test_is_that_many_steps_of_the_same_action(self, make, env_id):
+        arguments = {"autoreset_mode": "disabled", "action": "discrete_forward", "num_envs": 8}
+        single, skipping = make(env_id, **arguments), make(env_id, frame_skip=3, **arguments)
+        same(single.reset(seed=0)[0], skipping.reset(seed=0)[0])
+        for actions in actions_of(8, 12):
+            reward = np.zeros(8)
+            for _ in range(3):
+                step = single.step(actions)
+                reward += step[1]
+            got = skipping.step(actions)
+            same(got[0], step[0])
+            same(got[2], step[2])
+            same(got[3], step[3])
+            np.testing.assert_allclose(got[1], reward, rtol=1e-5, atol=1e-4)
+            same(skipping.batch.episode_length, single.batch.episode_length)
+        assert (got[2] | got[3]).all()
+
+
+class TestGreenBlob:
+    def test_by_hand(self):
+        image = np.full((48, 64, 3), 200, np.uint8)
+        image[10:14, 40:48] = (35, 160, 50)
+        for layout, array in (("hwc", image), ("chw", np.ascontiguousarray(image.transpose(2, 0, 1)))):
+            blob = swiftlet.green_blob(array, layout)
+            assert blob.found
+            assert (blob.x, blob.y, blob.width, blob.height) == (40, 10, 8, 4)
+            assert blob.offset == 12 / 32
+            assert blob.area == pytest.approx(32 / 3072)
+            assert blob.mask.dtype == bool
+            assert blob.mask.sum() == 32
+            assert blob.mask[10:14, 40:48].all()
+        assert not swiftlet.green_blob(image[:, :40]).found
+
+    @pytest.mark.parametrize(
+        ("image", "layout", "match"),
+        [
+            (np.zeros((4, 4)), "hwc", "image.*uint8.*float64"),
+            (np.zeros((4, 4), np.uint8), "hwc", r"image.*\(height, width, 3\).*\(4, 4\)"),
+            (np.zeros((4, 4, 3), np.uint8), "chw", r"image.*\(3, height, width\)"),
+            (np.zeros((0, 4, 3), np.uint8), "hwc", "image"),
+            (np.zeros((4, 4, 3), np.uint8), "bgr", "layout.*bgr"),
+        ],
+    )
+    def test_bad_input(self, image, layout, match):
+        with pytest.raises(ValueError, match=match):
+            swiftlet.green_blob(image, layout)
+
+
+class TestStableBaselines:
+    def make(self, parlour, env_id, num_envs=6, **arguments):
+        return swiftlet.sb3.make_vec(
+            env_id, num_envs, worlds=parlour, max_episode_steps=12, random_start=True, num_threads=1, **arguments
+        )
+
+    def test_observations_agree_with_the_gymnasium_env(self, parlour, make):
+        envs = self.make(parlour, PIXELS, camera=SMALL)
+        plain = make(PIXELS, 6, autoreset_mode="same_step", max_episode_steps=12)
+        envs.seed(3)
+        same(envs.reset(), plain.reset(seed=3)[0])
+        ends = 0
+        for actions in actions_of(6, 40):
+            observation, reward, done, infos = envs.step(actions)
+            expected = plain.step(actions)
+            same(observation, expected[0])
+            same(reward, expected[1])
+            for i in np.flatnonzero(done):
+                ends += 1
+                same(infos[i]["terminal_observation"], expected[4]["final_obs"][i])
+        assert ends > 12
+
+    def test_images_need_no_transposing(self, parlour):
+        model = PPO("MultiInputPolicy", self.make(parlour, PIXELS), n_steps=4, batch_size=8, device="cpu")
+        assert not isinstance(model.get_env(), VecTransposeImage)
+
+    @pytest.mark.parametrize(("env_id", "policy"), [(CAMERA, "MlpPolicy"), (PIXELS, "MultiInputPolicy")])
+    def test_trains_and_evaluates(self, parlour, env_id, policy):
+        envs = self.make(parlour, env_id, frame_skip=2)
+        model = PPO(policy, envs, n_steps=16, batch_size=48, n_epochs=1, seed=0, device="cpu")
+        model.learn(16 * 6 * 2)
+        assert len(model.ep_info_buffer) > 0
+        mean, _ = evaluate_policy(model, envs, n_eval_episodes=6)
+        assert np.isfinite(mean)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_agrees_with_its_numpy_twin(parlour, example, mode):
+    worlds = [parlour, *swiftlet.scenes.load("camera-train")]
+    config = swiftlet.NavigationConfig(
+        observation="blob",
+        action="discrete_forward",
+        max_episode_steps=60,
+        reward=swiftlet.NavigationReward(outrun_weight=1.0),
+    )
+    lidar, camera = swiftlet.LidarConfig(beams=20, hfov_deg=180), swiftlet.CameraConfig(width_px=64, height_px=48)
+    arguments = {"worlds": worlds, "autoreset_mode": mode, "max_episode_steps": 60, "num_threads": 1}
+    engine = swiftlet.DroneVectorEnv(12, observation="blob", camera=camera, **arguments)
+    twin_task = example("navigation_numpy").Navigation(config, lidar, camera)
+    twin = swiftlet.DroneVectorEnv(12, task=twin_task, **arguments)
+    np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
+    ends = {"crashed": 0, "success": 0}
+    outruns = seen = 0
+    for actions in actions_of(12, 200, seed=2):
+        ours, theirs = engine.step(actions), twin.step(actions)
+        ended = ours[2] | ours[3]
+        np.testing.assert_allclose(ours[0], theirs[0], atol=2e-4)
+        np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=3e-3)
+        same(ours[2], theirs[2])
+        same(ours[3], theirs[3])
+        seen += (ours[0][:, 1] > 0).sum()
+        outruns += (engine.batch.reward_terms[:, 5] != 0).sum()
+        if ended.any():
+            infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
+            for key in ends:
+                same(infos[key], expected[key])
+                ends[key] += infos[key].sum()
+        if mode == "disabled" and ended.any():
+            options = {"reset_mask": ended}
+            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=2e-4)
+    assert min(ends.values()) > 2
+    assert outruns > 0
+    assert seen > 500
+
+
+class TestBadInput:
+    @pytest.mark.parametrize(
+        ("arguments", "error", "match"),
+        [
+            ({"frame_skip": 0}, ValueError, "frame_skip.*0"),
+            ({"frame_skip": 2000}, ValueError, "frame_skip.*2000"),
+            ({"action": "discrete_backward"}, ValueError, "action.*discrete_backward"),
+            ({"camera": swiftlet.CameraConfig(outputs=["depth"])}, ValueError, "camera.outputs.*rgb"),
+            ({"camera": swiftlet.CameraConfig(capture_mode="on_demand")}, ValueError, "capture_mode.*on_demand"),
+            ({"camera_backend": "paper"}, ValueError, "camera_backend.*paper"),
+            ({"camera": 3}, TypeError, "incompatible"),
+        ],
+    )
+    @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
+    def test_envs_that_cannot_be(self, make, env_id, arguments, error, match):
+        with pytest.raises(error, match=match):
+            make(env_id, **arguments)
+
+    def test_an_observation_that_does_not_exist(self):
+        with pytest.raises(ValueError, match=r"observation.*goal.*blob.*pixels.*smell"):
+            swiftlet.DroneVectorEnv(1, observation="smell")
+        with pytest.raises(ValueError, match=r"observation.*smell"):
+            swiftlet.NavigationConfig(observation="smell")
+
+    def test_a_task_of_ones_own_observes_by_itself(self):
+        class Still(swiftlet.Task):
+            observation_space = spaces.Box(-1, 1, (1,), np.float32)
+
+        with pytest.raises(TypeError, match="observation"):
+            swiftlet.DroneVectorEnv(1, task=Still(), observation="blob")
+
+    def test_actions(self, make):
+        envs = make(CAMERA)
+        envs.reset(seed=0)
+        for bad in ([0, 1, 2, 3], [-1, 0, 0, 0], [0.0] * 4, [0]):
+            with pytest.raises(ValueError, match="actions"):
+                envs.step(bad)
+
+    def test_pixels_need_their_layout(self, parlour):
+        task = swiftlet.NavigationConfig(observation="pixels")
+        with pytest.raises(ValueError, match=r"camera.layout.*chw.*hwc"):
+            swiftlet.Batch([parlour], lidar=swiftlet.LidarConfig(), cameras=[SMALL], task=task)
+        with pytest.raises(ValueError, match="cameras"):
+            swiftlet.Batch([parlour], lidar=swiftlet.LidarConfig(), task=task)
+
+    def test_the_camera_of_the_task_takes_its_pictures_itself(self, make):
+        envs = make(CAMERA)
+        envs.reset(seed=0)
+        with pytest.raises(ValueError, match="capture_mode"):
+            envs.batch.set_capture_mode("on_demand")
+
+
+def test_configs_pickle():
+    config = swiftlet.NavigationConfig(observation="pixels", action="discrete_forward", frame_skip=4)
+    assert pickle.loads(pickle.dumps(config)) == config
+    assert copy.copy(config) == config
+    assert "frame_skip=4" in repr(config)

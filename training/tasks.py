@@ -1,0 +1,101 @@
+"""The tasks that are trained here: what env each is, and in which worlds it is flown."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+import swiftlet
+
+TaskName = Literal["lidar", "camera", "pixels"]
+
+IDS: dict[TaskName, str] = {
+    "lidar": "swiftlet/LidarNavigation-v0",
+    "camera": "swiftlet/CameraNavigation-v0",
+    "pixels": "swiftlet/CameraPixels-v0",
+}
+OBSERVATIONS: dict[TaskName, str] = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
+
+# The camera playgrounds have start and goal at one height, and no farther apart sideways than this: the goal is before
+# the drone, in view unless a pillar hides it.
+CAMERA_HEIGHT_M = 3.12
+CAMERA_SIDEWAYS_M = 2.5
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A task and what the policy was trained to see of it; saved with the policy."""
+
+    task: TaskName = "lidar"
+    width_px: int = 64
+    height_px: int = 48
+    samples_per_pixel: int = 1
+    frame_skip: int = 1
+
+    @property
+    def env_id(self) -> str:
+        """Gymnasium's id of the env."""
+        return IDS[self.task]
+
+    @property
+    def playgrounds(self) -> tuple[str, str]:
+        """The sets of shipped playgrounds to train in and to validate in."""
+        return ("train", "validation") if self.task == "lidar" else ("camera-train", "camera-validation")
+
+    def keywords(self) -> dict[str, Any]:
+        """Return the keywords of `swiftlet.DroneVectorEnv`, without the observation, which the id implies."""
+        if self.task == "lidar":
+            return {"frame_skip": self.frame_skip}
+        camera = swiftlet.CameraConfig(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            samples_per_pixel=self.samples_per_pixel,
+            layout="chw",
+        )
+        return {"frame_skip": self.frame_skip, "camera": camera}
+
+    def make(self, num_envs: int, **keywords: Any) -> swiftlet.DroneVectorEnv:
+        """Make the env."""
+        observation = OBSERVATIONS[self.task]
+        return swiftlet.DroneVectorEnv(num_envs, observation=observation, **self.keywords(), **keywords)
+
+    def generated(self, seed: int, count: int) -> list[swiftlet.World]:
+        """Return playgrounds generated from the seeds seed, seed + 1, ..., leaving out what does not suit the task."""
+        worlds: list[swiftlet.World] = []
+        while len(worlds) < count:
+            world = swiftlet.World.playground(seed=seed)
+            seed += 1
+            if self.task == "lidar":
+                worlds.append(world)
+            elif abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M:
+                worlds.append(without_waypoints(world))
+        return worlds
+
+
+def without_waypoints(world: swiftlet.World) -> swiftlet.World:
+    """Return a generated playground as the camera task has them: straight to the goal, at one height."""
+    scene = world.to_dict()
+    markers = scene["markers"]
+    markers.pop("waypoints", None)
+    for place in (markers["start"], markers["goal"]):
+        place[2] = CAMERA_HEIGHT_M
+    for corner, side in (("min", -1), ("max", 1)):
+        markers["spawn_box"][corner][2] = CAMERA_HEIGHT_M + 0.25 * side
+    return swiftlet.World.from_dict(scene)
+
+
+def remember(model: BaseAlgorithm, setup: Setup) -> None:
+    """Note the setup in a model: it is saved and loaded with it."""
+    model.setup = asdict(setup)  # type: ignore[attr-defined]
+
+
+def setup_of(model: BaseAlgorithm) -> Setup:
+    """Return the setup a model was trained for; the LiDAR task where nothing is noted."""
+    return Setup(**getattr(model, "setup", {}))
+
+
+def task_names() -> tuple[TaskName, ...]:
+    """Return the names of all tasks."""
+    return get_args(TaskName)
