@@ -371,7 +371,7 @@ class TestConfig:
             swiftlet.CameraConfig(zoom=2)
 
     def test_two_of_one_name(self, flat):
-        with pytest.raises(ValueError, match='camera.name.*"front"'):
+        with pytest.raises(ValueError, match=r'camera.name.*"front"'):
             batch_of([flat], cameras=[camera_of(), camera_of()])
 
     def test_what_a_batch_gives_is_a_copy(self, flat):
@@ -436,7 +436,7 @@ class TestModes:
         assert batch.camera().config.capture_mode == "every_step"
         batch.sense()
         np.testing.assert_array_equal(self.shown(batch), [1, 2, 3])
-        with pytest.raises(ValueError, match='capture_mode.*"sometimes"'):
+        with pytest.raises(ValueError, match=r'capture_mode.*"sometimes"'):
             batch.set_capture_mode("sometimes")
         with pytest.raises(ValueError, match='camera: expected one of "front", got "back"'):
             batch.set_capture_mode("on_demand", camera="back")
