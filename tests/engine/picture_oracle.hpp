@@ -270,7 +270,7 @@ struct Compared {
   }
 };
 
-// A pixel's colour, off by at most one level; null: as it should be.
+// Two colours, off by at most one level.
 inline bool is_near(const std::array<int, 3>& a, const std::array<int, 3>& b) {
   for (std::size_t c = 0; c < 3; ++c) {
     if (std::abs(a[c] - b[c]) > 1) return false;

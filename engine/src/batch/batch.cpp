@@ -511,12 +511,13 @@ void Batch::Impl::require_lidar() const {
 }
 
 void Batch::Impl::require_camera(std::size_t camera) const {
-  require(camera < cameras.size(), "camera", "an index below " + std::to_string(cameras.size()), camera);
+  if (camera >= cameras.size()) refuse("camera", "an index below " + std::to_string(cameras.size()), camera);
 }
 
 void Batch::Impl::require_index(std::int64_t index) const {
-  require(index >= 0 && static_cast<std::size_t>(index) < size(), "index", "an integer in [0, " + std::to_string(size()) + ")",
-          index);
+  if (index < 0 || static_cast<std::size_t>(index) >= size()) {
+    refuse("index", "an integer in [0, " + std::to_string(size()) + ")", index);
+  }
 }
 
 void Batch::Impl::require_task() const {

@@ -105,6 +105,10 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBun
   });
   alignas(64) std::int32_t valid[4 * kRows];
   std::fill_n(valid, 4 * kRows, -1);
+  // What fills up the last packets ends before it begins, or what was traced there before could have a say in which boxes of
+  // Embree's tree the others enter.
+  constexpr std::size_t kStrip = kRows * kTileWidth;
+  std::fill(rays.t_hit + rays.count, rays.t_hit + (rays.count + kStrip - 1) / kStrip * kStrip, -1.0F);
   for (std::size_t row = 0; row * kTileWidth < rays.count; row += kRows) {
     for (std::size_t first = row * kTileWidth; first < (row + 1) * kTileWidth; first += 4) {
       for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {

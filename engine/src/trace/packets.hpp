@@ -17,7 +17,7 @@ void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& r
 void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays);
 
 // Rays that are rows of kTileWidth and point much the same way: packets of 4 x 4, if wide, or 4 x 2. Rows that fill up the last
-// packets are traced too; all of the tile has directions. Writes the normals of the triangles it takes, too.
+// packets need directions, too. Writes the normals of the triangles it takes.
 inline constexpr std::size_t kTileWidth = 16;
 void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals);
 
