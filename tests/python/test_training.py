@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
@@ -168,3 +169,12 @@ def test_a_flight_ends_where_its_world_says(training, room, closet):
         np.testing.assert_allclose(flight.trail[0], world.start, atol=1e-6)
         assert flight.path_length_m == pytest.approx(0.1 * flight.steps, abs=0.1)
     assert flights[0].steps > flights[1].steps
+
+
+def test_a_sheet_of_camera_frames(training, tmp_path):
+    pictures = training("camera_pictures")
+    assert pictures.draw_sheet(tmp_path / "sheet.png", ("raycast",)) == ["raycast"]
+    columns, rows = len(pictures.OUTPUTS), len(pictures.POSES)
+    height, width, _ = plt.imread(tmp_path / "sheet.png").shape
+    assert width > columns * pictures.TILE_PX[0]
+    assert height > rows * pictures.TILE_PX[1]

@@ -1,0 +1,183 @@
+"""Lines, dots and solids hidden by what is nearer, in a frame small enough to count pixels."""
+
+import numpy as np
+import pytest
+
+import swiftlet
+from swiftlet.depth_canvas import DepthCanvas
+from swiftlet.task import rotate
+
+INK = (250, 10, 10)
+# fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.
+CAMERA = swiftlet.CameraConfig(width_px=40, height_px=30, hfov_deg=90, near_m=0.1)
+LEVEL = np.array([1.0, 0, 0, 0])
+
+
+def canvas(wall_m=np.inf, position=(0, 0, 0), quat_wxyz=LEVEL):
+    rgb = np.zeros((30, 40, 3), np.uint8)
+    depth = np.full((30, 40), wall_m, np.float32)
+    return DepthCanvas(rgb, depth, CAMERA, np.array(position, float), quat_wxyz)
+
+
+def inked(drawn):
+    """(row, column) of the pixels that have the ink's colour."""
+    return {tuple(at) for at in np.argwhere((drawn.rgb == INK).all(axis=-1)).tolist()}
+
+
+def test_project():
+    drawn = canvas()
+    points = np.array([[2, 0, 0], [2, 2, 1.5], [2, -2, -1.5], [4, 1, -1]])
+    expected = [[20, 15, 2], [0, 0, 2], [40, 30, 2], [15, 20, 4]]
+    np.testing.assert_allclose(drawn.project(points), expected, atol=1e-12)
+
+
+def test_project_agrees_with_the_camera(room):
+    """The goal's projected centre is the middle of its pixels."""
+    camera = swiftlet.CameraConfig(width_px=400, height_px=300, outputs=("rgb", "depth", "semantic"))
+    position, quat_wxyz = np.array([3.0, 5.5, 2.5]), np.array([0.98, 0.05, 0.1, -0.16])
+    quat_wxyz /= np.linalg.norm(quat_wxyz)
+    picture = swiftlet.render(room, position, quat_wxyz, camera=camera)
+    drawn = DepthCanvas(picture["rgb"], picture["depth"], camera, position, quat_wxyz)
+    ((x, y, depth),) = drawn.project(np.array([room.goal], float))
+    rows, columns = np.nonzero(picture["semantic"] == 65535)
+    assert x == pytest.approx(columns.mean() + 0.5, abs=0.6)
+    assert y == pytest.approx(rows.mean() + 0.5, abs=0.6)
+    assert depth == pytest.approx(picture["depth"][int(y), int(x)] + room.marker_radius, abs=0.02)
+
+
+def test_a_lines_pixels():
+    drawn = canvas()
+    drawn.lines(np.array([[2, 1.05, 0.05]]), np.array([[2, -0.95, 0.05]]), INK)  # row 14, columns 9 to 29
+    assert inked(drawn) == {(14, column) for column in range(9, 30)}
+    np.testing.assert_allclose(drawn.depth[14, 9:30], 2)
+    assert np.isinf(drawn.depth[13]).all()
+
+    upright = canvas()
+    upright.lines(np.array([[2, 1.05, 0.95]]), np.array([[2, 1.05, -0.55]]), INK)
+    assert inked(upright) == {(row, 9) for row in range(5, 21)}
+
+    slanted = canvas()
+    slanted.lines(np.array([[2, 1.95, 1.45]]), np.array([[2, -0.95, -1.45]]), INK)
+    assert inked(slanted) == {(i, i) for i in range(30)}
+
+
+def test_a_lines_depth_is_that_of_its_points():
+    drawn = canvas()
+    drawn.lines(np.array([[1, 0.9, 0.0]]), np.array([[8, -6.0, 0.0]]), INK)
+    assert {row for row, _ in inked(drawn)} == {15}
+    for column in np.flatnonzero(np.isfinite(drawn.depth[15])):
+        slope = (20 - column - 0.5) / 20  # y / x of the pixel's centre: on the line 0.9 - 6.9 (x - 1) / 7 = slope x
+        half_a_pixel = 0.5 / 20 / (0.9 + 6.9 / 7)
+        inverse = (slope + 6.9 / 7) / (0.9 + 6.9 / 7)
+        assert 1 / drawn.depth[15, column] == pytest.approx(inverse, abs=1.01 * half_a_pixel)
+
+
+def test_lines_are_cut_at_the_frame_and_the_near_plane():
+    drawn = canvas()
+    drawn.lines(np.array([[-5, 0.005, -0.005]]), np.array([[1, 0.005, -0.005]]), INK)  # from behind
+    assert inked(drawn) <= {(row, column) for row in range(15, 17) for column in range(18, 20)}
+    assert inked(drawn)
+    across = canvas()
+    across.lines(np.array([[2, 500, 0.05]]), np.array([[2, -500, 0.05]]), INK)
+    assert inked(across) == {(14, column) for column in range(40)}
+    outside = canvas()
+    outside.lines(np.array([[2, 5, 0], [-1, 0, 0]]), np.array([[2, 5, 3], [-2, 1, 1]]), INK)
+    outside.lines(np.zeros((0, 3)), np.zeros((0, 3)), INK)
+    assert not inked(outside)
+
+
+def test_a_wall_hides_what_is_behind():
+    drawn = canvas(wall_m=2.0)
+    ends = np.array([[1.9, 0, 0.3], [2.0, 0, 0.0], [2.1, 0, -0.3]])
+    starts = ends + np.array([0, 0.5, 0])
+    drawn.lines(starts, ends, INK)
+    assert {row for row, _ in inked(drawn)} == {11, 15}  # before the wall, and on it
+    before = inked(drawn)
+    drawn.dots(np.array([[3.0, 0, 0.5], [1.0, 0, 0.5]]), INK)
+    assert inked(drawn) - before == {(5, 20)}
+    half = canvas(wall_m=2.0)
+    half.lines(np.array([[1.0, 0.5, 0.0]]), np.array([[3.0, -0.5, 0.0]]), INK)  # pierces the wall at y = 0
+    assert max(column for _, column in inked(half)) in (19, 20)
+    assert min(column for _, column in inked(half)) == 10
+
+
+def test_width_and_opacity():
+    drawn = canvas(wall_m=5.0)
+    drawn.rgb[:] = 100
+    drawn.lines(np.array([[2, 1.05, 0.05]]), np.array([[2, 0.05, 0.05]]), (200, 0, 100), opacity=0.5)
+    np.testing.assert_array_equal(drawn.rgb[14, 12], [150, 50, 100])
+    assert drawn.depth[14, 12] == 5  # glass
+    wide = canvas()
+    wide.lines(np.array([[2, 1.05, 0.05]]), np.array([[2, -0.95, 0.05]]), INK, width_px=2)
+    assert inked(wide) == {(row, column) for row in (13, 14) for column in range(8, 30)}
+    dot = canvas()
+    dot.dots(np.array([[2, 0.05, 0.05]]), INK, size_px=3)
+    assert inked(dot) == {(row, column) for row in range(13, 16) for column in range(18, 21)}
+
+
+BOX_NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+BOX_COLORS = np.array([INK, INK, (1, 2, 3), (4, 5, 6), (7, 8, 9), (10, 11, 12)], np.uint8)
+
+
+def box(drawn, center, half):
+    center, half = np.asarray(center, float), np.asarray(half, float)
+    corners = center + half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    drawn.solid(BOX_NORMALS, np.abs(BOX_NORMALS) @ half + BOX_NORMALS @ center, corners, BOX_COLORS)
+
+
+def test_a_solids_pixels_and_depth():
+    drawn = canvas()
+    box(drawn, (3, 0, 0), (1, 0.5, 0.4))  # its front, 2 m away, is 10 by 8 pixels
+    assert inked(drawn) == {(row, column) for row in range(11, 19) for column in range(15, 25)}
+    np.testing.assert_allclose(drawn.depth[11:19, 15:25], 2)
+    assert np.isfinite(drawn.depth).sum() == 80
+
+
+def test_a_solid_is_hidden_by_and_hides():
+    drawn = canvas(wall_m=1.5)
+    box(drawn, (3, 0, 0), (1, 0.5, 0.4))
+    assert not inked(drawn)
+    drawn = canvas()
+    box(drawn, (3, 0, 0), (1, 0.5, 0.4))
+    drawn.lines(np.array([[2.5, 1, 0]]), np.array([[2.5, -1, 0]]), (0, 0, 200))
+    assert (drawn.rgb[15, 15:25] == INK).all()
+    assert (drawn.rgb[15, 12:15] == (0, 0, 200)).all()
+
+
+def test_a_solid_agrees_with_the_engines_box():
+    """The same box as a world has it: the same pixels, at the same depth."""
+    half = np.array([0.6, 0.4, 0.25])
+    turn = np.array([0.9, 0.1, 0.3, 0.3])
+    turn /= np.linalg.norm(turn)
+    scene = {
+        "swiftlet_scene": 1,
+        "name": "box",
+        "boxes": [{"center": [2, 0.3, -0.2], "size": (2 * half).tolist(), "quat_wxyz": turn.tolist()}],
+    }
+    camera = swiftlet.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth"))
+    expected = swiftlet.render(swiftlet.World.from_dict(scene), (0, 0, 0), camera=camera)["depth"]
+    rgb, depth = np.zeros((120, 160, 3), np.uint8), np.full((120, 160), np.inf, np.float32)
+    normals = rotate(turn, BOX_NORMALS)
+    center = np.array([2, 0.3, -0.2])
+    corners = center + rotate(turn, half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]))
+    DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL).solid(
+        normals, np.abs(BOX_NORMALS) @ half + normals @ center, corners, BOX_COLORS
+    )
+    assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 3
+    both = np.isfinite(depth) & np.isfinite(expected)
+    assert both.sum() > 1000
+    np.testing.assert_allclose(depth[both], expected[both], rtol=1e-4)
+
+
+def test_a_solid_around_or_behind_the_viewer_is_not_seen():
+    drawn = canvas()
+    box(drawn, (0, 0, 0), (1, 1, 1))
+    box(drawn, (-3, 0, 0), (1, 1, 1))
+    box(drawn, (2, 9, 0), (1, 1, 1))
+    assert not drawn.rgb.any()
+
+
+def test_a_turned_viewer():
+    quat_wxyz = np.array([np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)])  # faces +y
+    drawn = canvas(position=(1, 2, 3), quat_wxyz=quat_wxyz)
+    np.testing.assert_allclose(drawn.project(np.array([[1 - 1, 2 + 2, 3 + 1.0]])), [[10, 5, 2]], atol=1e-9)

@@ -1,0 +1,93 @@
+"""Frames as PNG files."""
+
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import swiftlet
+from swiftlet.frames import depth_mm, normal_rgb
+
+OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
+
+
+def batch_of(room, num_drones=2, **camera):
+    config = swiftlet.CameraConfig(**{"width_px": 40, "height_px": 30, "outputs": OUTPUTS, **camera})
+    return swiftlet.Batch([room], num_drones, cameras=[config])
+
+
+def read(path):
+    with Image.open(path) as image:
+        return np.array(image)
+
+
+@pytest.mark.parametrize("layout", ["hwc", "chw"])
+def test_files_hold_what_the_camera_saw(room, tmp_path, layout):
+    batch = batch_of(room, layout=layout)
+    batch.set_pose(np.float32([[2, 4, 2], [5, 6, 1]]))
+    batch.sense()
+    camera = batch.camera()
+    paths = camera.save_frames(tmp_path / "made" / "for it")
+    assert len(paths) == 12
+    assert sorted(path.name for path in paths) == sorted(
+        f"front-{i}-{output}.png" for i in (0, 1) for output in OUTPUTS
+    )
+    for path in paths:
+        index, output = int(path.stem.split("-")[1]), path.stem.split("-")[2]
+        written, frame = read(path), getattr(camera, output)[index]
+        if output in ("rgb", "normal") and layout == "chw":
+            frame = frame.transpose(1, 2, 0)
+        if output == "depth":
+            assert written.dtype == np.uint16
+            np.testing.assert_allclose(written / 1000, frame, atol=0.5001e-3)
+        elif output == "normal":
+            np.testing.assert_allclose(written / 127.5 - 1, frame, atol=0.51 / 127.5)
+        else:
+            assert written.dtype == frame.dtype
+            np.testing.assert_array_equal(written, frame)
+
+
+def test_nothing_seen_is_zero():
+    np.testing.assert_array_equal(
+        depth_mm(np.float32([np.inf, 65.535, 65.536, 0.0004, 1.2344])), [0, 65535, 0, 0, 1234]
+    )
+    np.testing.assert_array_equal(normal_rgb(np.float32([[0, 0, 0], [0, 0, -1]])), [[0, 0, 0], [128, 128, 0]])
+
+
+def test_numbers_are_as_long_as_the_longest(room, tmp_path):
+    batch = batch_of(room, 11, outputs=("grey",), name="belly")
+    batch.sense()
+    paths = batch.camera("belly").save_frames(tmp_path, indices=np.array([3, 10]), outputs=["grey"])
+    assert [path.name for path in paths] == ["belly-03-grey.png", "belly-10-grey.png"]
+    assert [path.name for path in batch.camera("belly").save_frames(str(tmp_path), 7)] == ["belly-07-grey.png"]
+
+
+def test_only_drones_with_a_frame_are_saved(room, tmp_path):
+    batch = batch_of(room, 3, outputs=("rgb",))
+    with pytest.raises(ValueError, match=r"no drone has a frame; call sense or capture"):
+        batch.camera().save_frames(tmp_path)
+    batch.capture(np.array([True, False, True]))
+    assert [path.name for path in batch.camera().save_frames(tmp_path)] == ["front-0-rgb.png", "front-2-rgb.png"]
+    with pytest.raises(ValueError, match=r"the frame of drone 1 is stale"):
+        batch.camera().save_frames(tmp_path, [0, 1])
+
+
+def test_bad_input_writes_nothing(room, tmp_path):
+    batch = batch_of(room, outputs=("rgb",))
+    batch.sense()
+    camera = batch.camera()
+    with pytest.raises(ValueError, match=r"outputs: expected some that camera \"front\" writes \(rgb\), got 'depth'"):
+        camera.save_frames(tmp_path, outputs=["rgb", "depth"])
+    for wrong in (2, -1, [0, 2], [0.5], ["a"]):
+        with pytest.raises(ValueError, match="indices: expected integers from 0 to 1"):
+            camera.save_frames(tmp_path, wrong)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_pillow_the_error_says_what_to_install(room, tmp_path, monkeypatch):
+    batch = batch_of(room)
+    batch.sense()
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(ModuleNotFoundError, match="pip install pillow"):
+        batch.camera().save_frames(tmp_path)

@@ -1,0 +1,324 @@
+"""Pictures from behind a drone, and what `render_view` chooses."""
+
+import numpy as np
+import pytest
+
+import swiftlet
+from swiftlet.stage import Stage
+from swiftlet.task import rotate
+from swiftlet.third_person_view import ThirdPersonView, frustum
+from swiftlet.trail import Trail
+
+LENGTH = 0.93  # of the default drone
+
+
+def mask_of(image, kind):
+    """Pixels of a kind of thing; walls and pillars here are grey or bluish grey."""
+    r, g, b = image.astype(int).transpose(2, 0, 1)
+    return {
+        "drone": (b > 100) & (b > 1.6 * r) & (b > 1.5 * g),
+        "beam": (r > 200) & (r - b > 40) & (g > 100) & (g < r - 15),
+        "frustum": (r > g + 40) & (b > g + 40) & (b > r),
+        "hit": (r > 150) & (g < 110) & (b < 110),
+    }[kind]
+
+
+def viewed(world, position, quat_wxyz=(1, 0, 0, 0)):
+    """The canvas of the stage for a pose, of the picture's size."""
+    return Stage(world, LENGTH, (640, 480)).set(np.array(position, float), np.array(quat_wxyz, float))[0]
+
+
+def changed(after, before):
+    return (after != before).any(axis=-1)
+
+
+def test_the_drone_is_where_it_projects_to(room):
+    batch = swiftlet.Batch([room])
+    view = ThirdPersonView(batch)
+    for position in [(2, 2.5, 2), (5, 6, 1), (7.4, 7.5, 3.7), (0.6, 0.5, 0.3)]:
+        batch.set_pose(np.float32([position]))
+        image = view.frame(0)
+        assert (image.shape, image.dtype) == ((480, 640, 3), np.uint8)
+        rows, columns = np.nonzero(mask_of(image, "drone"))
+        ((x, y, _),) = viewed(room, position).project(np.array([position], float))
+        assert len(rows) > 500
+        assert (rows == int(y))[columns == int(x)].any()
+        assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.2 * np.ptp(columns)
+
+
+def test_it_is_as_large_as_its_hull(room):
+    """Every pixel of the drone is inside the rectangle around its projected corners, which it fills to its borders."""
+    batch = swiftlet.Batch([room])
+    quat_wxyz = np.float32([0.9, 0.1, -0.2, 0.37])
+    quat_wxyz /= np.linalg.norm(quat_wxyz)
+    batch.set_pose(np.float32([[5, 6, 2]]), quat_wxyz[None])
+    view = ThirdPersonView(batch)
+    with_drone = view.frame(0)
+    batch.remove([0])
+    rows, columns = np.nonzero(changed(with_drone, view.frame(0)))
+    hull = np.array([5, 6, 2]) + rotate(quat_wxyz.astype(float), np.asarray(swiftlet.DroneModel().hull, float))
+    corners = viewed(room, (5, 6, 2), quat_wxyz).project(hull)[:, :2]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    np.testing.assert_allclose([columns.min(), rows.min()], low, atol=2)
+    np.testing.assert_allclose([columns.max(), rows.max()], high, atol=2)
+
+
+def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
+    rng = np.random.default_rng(0)
+    bare = swiftlet.World.from_dict({k: v for k, v in room.to_dict().items() if k != "markers"})
+    stage = Stage(bare, LENGTH, (64, 48))
+    low, high = np.asarray(room.bounds, float)
+    for _ in range(50):
+        position = rng.uniform(low + 0.5, high - 0.5)
+        if np.hypot(position[0] - 4, position[1] - 4.5) < 0.7:
+            continue  # within the pillar
+        yaw = rng.uniform(-np.pi, np.pi)
+        canvas, _ = stage.set(position, np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]))
+        assert np.isfinite(canvas.depth).all()  # walls all around
+        x, y, depth = canvas.project(position[None])[0]
+        assert 0 < x < 64
+        assert 0 < y < 48
+        assert depth > 0.3
+        assert canvas.depth[int(y), int(x)] > depth - 1e-3  # nothing before it, or it has dissolved
+
+
+def test_a_pillar_between_viewer_and_drone_dissolves(room):
+    """The drone is seen through it; the pillar stays to be seen, too."""
+    batch = swiftlet.Batch([room])
+    view = ThirdPersonView(batch)
+    # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it: the pillar at (4, 4.5) is half way.
+    batch.set_pose(np.float32([[5.2, 3.9, 2]]))
+    image = view.frame(0)
+    r, g, b = image.astype(int).transpose(2, 0, 1)
+    assert ((b > r + 20) & (b > g + 10)).sum() > 2000
+    _, obstacles = Stage(room, LENGTH, (640, 480)).set(np.array([5.2, 3.9, 2.0]), np.array([1.0, 0, 0, 0]))
+    assert len(obstacles.at) > 5000
+    assert obstacles.opacity.min() == pytest.approx(0.3)
+
+
+def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
+    wall = [[3, -20, -20], [3, 20, -20], [3, 20, 20], [3, -20, 20]]
+    scene = {
+        "swiftlet_scene": 1,
+        "name": "wall",
+        "meshes": [{"vertices": wall, "triangles": [[0, 1, 2], [0, 2, 3]]}],
+    }
+    world = swiftlet.World.from_dict(scene)
+    batch = swiftlet.Batch([world])
+    batch.set_pose(np.float32([[4.5, 0, 0]]))
+    assert mask_of(ThirdPersonView(batch).frame(0), "drone").sum() > 2000
+    canvas = viewed(world, (4.5, 0, 0))
+    assert canvas.project(np.array([[4.5, 0, 0.0]]))[0, 2] < 2.5
+
+
+def test_beams_and_hits(room):
+    lidar = swiftlet.LidarConfig(azimuth_deg=[0], elevation_deg=[0], max_range_m=10)
+    batch = swiftlet.Batch([room], lidar=lidar)
+    batch.set_pose(np.float32([[2, 6, 2]]))
+    batch.sense()
+    plain, drawn = ThirdPersonView(batch).frame(0), ThirdPersonView(batch, lidar=lidar).frame(0)
+    assert batch.lidar_ranges[0, 0, 0] == pytest.approx(6)
+    canvas = viewed(room, (2, 6, 2))
+    (begin, end) = canvas.project(np.array([[2, 6, 2], [8, 6, 2.0]]))[:, :2]
+    difference = changed(drawn, plain)
+    rows, columns = np.nonzero(difference)
+    # On the way from the drone to the wall, and nowhere else.
+    along = np.clip(((np.stack([columns, rows], 1) + 0.5 - begin) @ (end - begin)) / ((end - begin) ** 2).sum(), 0, 1)
+    distance = np.linalg.norm(np.stack([columns, rows], 1) + 0.5 - begin - along[:, None] * (end - begin), axis=1)
+    assert distance.max() < 4
+    column, row = end.astype(int)
+    assert mask_of(drawn, "hit")[row - 2 : row + 3, column - 2 : column + 3].any()
+    assert mask_of(drawn, "beam").sum() > 50
+
+
+def test_a_beam_that_misses_ends_without_a_dot(room):
+    lidar = swiftlet.LidarConfig(beams=9, hfov_deg=90, max_range_m=0.8)
+    batch = swiftlet.Batch([room], lidar=lidar)
+    batch.set_pose(np.float32([[2, 6, 2]]))
+    batch.sense()
+    assert np.isinf(batch.lidar_ranges).all()
+    plain, drawn = ThirdPersonView(batch).frame(0), ThirdPersonView(batch, lidar=lidar).frame(0)
+    assert (mask_of(drawn, "beam") & changed(drawn, plain)).sum() > 50
+    assert not (mask_of(drawn, "hit") & changed(drawn, plain)).any()
+
+
+def test_a_frustums_corners_are_the_images_corners():
+    camera = swiftlet.CameraConfig(
+        width_px=60, height_px=50, hfov_deg=70, vfov_deg=90, offset_m=(0.1, -0.2, 0.3), quat_wxyz=(0.6, 0, 0.8, 0)
+    )
+    from swiftlet.depth_canvas import DepthCanvas
+
+    points = frustum(camera, 1.5)
+    np.testing.assert_allclose(points[0], camera.offset_m, atol=1e-7)
+    own = DepthCanvas(
+        np.zeros((50, 60, 3), np.uint8),
+        np.zeros((50, 60), np.float32),
+        camera,
+        np.array(camera.offset_m),
+        np.array(camera.quat_wxyz),
+    )
+    expected = [[0, 0, 1.5], [60, 0, 1.5], [60, 50, 1.5], [0, 50, 1.5]]
+    np.testing.assert_allclose(own.project(points[1:]), expected, atol=1e-4)
+
+
+def test_each_drones_own_camera_is_drawn(room):
+    camera = swiftlet.CameraConfig(name="belly", width_px=8, height_px=6)
+    batch = swiftlet.Batch([room], 2, cameras=[camera])
+    batch.set_pose(np.float32([[2, 6, 2], [2, 6, 2]]))
+    batch.set_camera(np.array([False, True]), "belly", quat_wxyz=[0.70710678, 0, 0.70710678, 0])
+    view = ThirdPersonView(batch, cameras=["belly"])
+    ahead, down = view.frame(0), view.frame(1)
+    canvas = viewed(room, (2, 6, 2))
+    for image, direction in ((ahead, [1, 0, 0]), (down, [0, 0, -1])):
+        rows, columns = np.nonzero(mask_of(image, "frustum"))
+        ((x, y, _),) = canvas.project(np.array([2, 6, 2]) + 0.8 * np.array([direction], float))
+        assert len(rows) > 100
+        assert np.hypot(columns.mean() - x, rows.mean() - y) < 40
+    with pytest.raises(ValueError, match="front"):
+        ThirdPersonView(batch, cameras=["front"])
+
+
+def test_the_trail_is_where_the_drone_was(room):
+    batch = swiftlet.Batch([room])
+    trail = Trail(batch)
+    for x in np.arange(2, 4.01, 0.25):
+        batch.set_pose(np.float32([[x, 6.5, 2]]))
+        trail.record()
+    path = trail.of(0)
+    np.testing.assert_allclose(path, [[x, 6.5, 2] for x in np.arange(2, 4.01, 0.25)], atol=1e-6)
+    plain, drawn = ThirdPersonView(batch).frame(0), ThirdPersonView(batch, trail=trail).frame(0)
+    difference = changed(drawn, plain)
+    inside = 0
+    for x, y, _ in viewed(room, (4, 6.5, 2)).project(path[4:7].astype(float)):
+        if 2 < x < 637 and 2 < y < 477:
+            inside += 1
+            assert difference[int(y) - 1 : int(y) + 2, int(x) - 1 : int(x) + 2].any()
+    assert inside >= 2
+
+
+def test_a_trail_begins_with_its_episode():
+    envs = swiftlet.DroneVectorEnv(
+        3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4
+    )
+    envs.reset(seed=0)
+    start = envs.batch.position.copy()
+    for _ in range(4):
+        envs.step([0, 1, 2])
+    assert envs.trail is not None
+    for drone in range(3):
+        path = envs.trail.of(drone)
+        assert path.shape == (5, 3)
+        np.testing.assert_array_equal(path[0], start[drone])
+        np.testing.assert_array_equal(path[-1], envs.batch.position[drone])
+    envs.step([0, 0, 0])  # all begin anew
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
+    envs.step([0, 0, 0])
+    envs.reset(options={"reset_mask": np.array([False, True, False])})
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [3, 1, 3]
+    blob = envs.snapshot()
+    envs.step([0, 0, 0])
+    envs.restore(blob)
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
+    envs.reset(seed=0)  # the same episode number again
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
+    envs.close()
+
+
+def test_a_trail_forgets_what_is_long_ago(room):
+    batch = swiftlet.Batch([room], 2)
+    trail = Trail(batch, max_steps=10)
+    for step in range(25):
+        batch.set_pose(np.float32([[step * 0.1, 1, 1], [step * 0.1, 2, 1]]))
+        trail.record(np.array([False, step == 20]))
+    np.testing.assert_allclose(trail.of(0)[:, 0], np.arange(15, 25) * 0.1, atol=1e-6)
+    np.testing.assert_allclose(trail.of(1)[:, 0], np.arange(20, 25) * 0.1, atol=1e-6)
+
+
+def test_a_removed_drone_is_not_drawn(room):
+    batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig())
+    batch.sense()
+    batch.remove([0])
+    image = ThirdPersonView(batch, lidar=swiftlet.LidarConfig()).frame(0)
+    assert not mask_of(image, "drone").any()
+
+
+def test_a_picture_depends_on_its_env_alone(room, closet):
+    batch = swiftlet.Batch([room, closet], 3)
+    view = ThirdPersonView(batch, width_px=96, height_px=64)
+    frames = [view.frame(i) for i in (0, 1, 2, 0)]
+    assert frames[0].shape == (64, 96, 3)
+    np.testing.assert_array_equal(frames[0], frames[3])
+    np.testing.assert_array_equal(frames[0], frames[2])
+    assert changed(frames[0], frames[1]).any()
+    before = batch.position.copy()
+    np.testing.assert_array_equal(batch.position, before)
+
+
+@pytest.mark.parametrize("hull", [[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]])
+def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
+    drone = swiftlet.DroneModel(np.float32(hull))
+    batch = swiftlet.Batch([room], drone=drone)
+    batch.set_pose(np.float32([[5, 6, 2]]))
+    assert mask_of(ThirdPersonView(batch, drone).frame(0), "drone").sum() > 500
+
+
+def test_render_view_chooses(room):
+    shapes = {}
+    for name in ("top", "third_person"):
+        envs = swiftlet.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
+        envs.reset(seed=0)
+        shapes[name] = [frame.shape for frame in envs.render()]
+        envs.close()
+    assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
+    with pytest.raises(ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', got 'side'"):
+        swiftlet.DroneVectorEnv(1, worlds=room, render_view="side")
+    with pytest.raises(ValueError, match="render_view: 'camera' needs a camera, and this env has none"):
+        swiftlet.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
+    assert swiftlet.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
+
+
+@pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
+def test_the_drones_own_camera(room, camera):
+    from swiftlet import views
+
+    config = swiftlet.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
+    batch = swiftlet.Batch([room], 2, cameras=[config])
+    view, trail = views.make("camera", batch, None, None, config)
+    assert trail is None
+    batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
+    batch.sense()
+    frames = [view.frame(0), view.frame(1)]
+    expected = swiftlet.render(room, (2, 6, 1), camera=swiftlet.CameraConfig(width_px=32, height_px=24))["rgb"]
+    assert frames[1].shape == (24, 32, 3)
+    if "outputs" not in camera:
+        np.testing.assert_array_equal(frames[1], expected)
+    else:
+        np.testing.assert_array_equal(frames[1][..., 0], batch.camera("eye").grey[1])
+    kept = frames[0].copy()
+    batch.set_pose(np.float32([[5, 2, 2], [2, 6, 1]]))
+    batch.sense()
+    np.testing.assert_array_equal(frames[0], kept)  # a copy
+
+
+def test_a_camera_without_colours_is_refused(room):
+    from swiftlet import views
+
+    config = swiftlet.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
+    batch = swiftlet.Batch([room], cameras=[config])
+    with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
+        views.make("camera", batch, None, None, config)
+
+
+def test_stable_baselines_gets_pictures_and_trails(room):
+    pytest.importorskip("stable_baselines3")
+    vec = swiftlet.sb3.make_vec(
+        "swiftlet/LidarNavigation-v0", 2, worlds=room, render_mode="rgb_array", render_view="third_person"
+    )
+    vec.seed(0)
+    vec.reset()
+    for _ in range(3):
+        vec.step(np.array([0, 0]))
+    assert vec.env.trail is not None
+    assert len(vec.env.trail.of(1)) == 4
+    assert [image.shape for image in vec.get_images()] == [(480, 640, 3)] * 2
+    vec.close()
