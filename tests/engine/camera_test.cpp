@@ -307,7 +307,8 @@ TEST(CameraNear, WhatItCutsIsOpen) {
       CameraConfig camera = camera_of(33, 21, 70.0F);
       camera.near_m = 0.5F;
       const auto batch = look(world, camera, {0, 0, 0});
-      EXPECT_NEAR(pixel(*batch, 10, 16).depth, one.depth, 1e-5F);
+      const float depth = pixel(*batch, 10, 16).depth;
+      EXPECT_TRUE(depth == one.depth || std::abs(depth - one.depth) < 1e-5F) << depth << ", expected " << one.depth;
       EXPECT_EQ(pixel(*batch, 10, 16).instance == 0, one.depth == kInfinity);
       const Compared compared = expect_picture(*batch, 0, 0, crowd ? 7 : 1);
       EXPECT_GT(compared.clear, compared.pixels * 3 / 4);
@@ -492,7 +493,8 @@ std::shared_ptr<const World> exhibit(const Primitive& thing, const Light& light)
   SceneDescription description;
   description.light = light;
   description.materials = {{"walls", {0.9F, 0.85F, 0.8F}}, {"thing", {0.7F, 0.35F, 0.15F}}};
-  description.primitives = {primitive(room, {0, 0, 0}, {12, 12, 12}), thing};
+  if (thing.kind != room) description.primitives = {primitive(room, {0, 0, 0}, {12, 12, 12})};
+  description.primitives.push_back(thing);
   description.primitives.back().material = 1;
   return std::make_shared<const World>(description);
 }
@@ -534,7 +536,7 @@ TEST(CameraColors, OfEveryKindFromOutsideAndInside) {
           compared += expect_picture(*look(world, camera_of(40, 30, 70.0F), from, facing), 0, 0, 2);
         }
         EXPECT_GT(compared.clear, compared.pixels * 17 / 20);
-        EXPECT_EQ(compared.elements.count(1), 1U) << "it was not seen";
+        EXPECT_EQ(compared.elements.count(shape.kind == room ? 0 : 1), 1U) << "it was not seen";
       }
     }
   }

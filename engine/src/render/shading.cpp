@@ -100,7 +100,8 @@ HWY_INLINE Vec3V<V> towards_camera(Floats d, const Vec3V<V>& normal, const Vec3V
 }
 
 HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
-  const V root = hn::Sqrt(hn::Min(value, hn::Set(d, 1.0F)));
+  // Lanes that show something else may hold anything, but must not read outside the table: of a NaN, Max makes 0.
+  const V root = hn::Sqrt(hn::Min(hn::Max(value, hn::Zero(d)), hn::Set(d, 1.0F)));
   const V index = hn::Add(hn::Mul(root, hn::Set(d, static_cast<float>(Shading::kLevels))), hn::Set(d, 0.5F));
   return hn::GatherIndex(di, tables.levels.data(), hn::ConvertTo(di, index));
 }
