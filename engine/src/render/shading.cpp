@@ -223,7 +223,7 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
       break;
   }
   if (wanted.normal && !shape.aligned) {
-    const Mat3 to_world = shape.to_local.transpose();
+    const auto to_world = [&shape](int row, int column) { return shape.to_local(column, row); };
     pixels.normal = rotate(d, to_world, pixels.normal);
   }
   return pixels;
@@ -414,10 +414,9 @@ std::int32_t lit_color(const Shading::Tables& tables, const std::array<float, 3>
 
 ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const Shading::Tables& tables) {
   ShadedSolid solid{.shape = &shape, .surface = surface, .sun = {}, .up = {}, .faces = {}};
-  const Mat3 to_world = shape.to_local.transpose();
   const Vec3 to_sun(tables.light.sun_direction[0], tables.light.sun_direction[1], tables.light.sun_direction[2]);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const Vec3 outward = to_world.col(static_cast<Eigen::Index>(axis));
+    const Vec3 outward = shape.to_local.row(static_cast<Eigen::Index>(axis)).transpose();
     solid.sun[axis] = outward.dot(to_sun);
     solid.up[axis] = outward.z();
     for (std::size_t shaded = 0; shaded < 2; ++shaded) {
