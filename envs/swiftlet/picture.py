@@ -40,7 +40,7 @@ def render(
     Raises
     ------
     ValueError
-        Both or neither of an orientation given twice; numbers that are no pose.
+        Both ``quat_wxyz`` and ``look_at``, or numbers that are no pose.
     """
     if look_at is not None:
         if quat_wxyz is not None:

@@ -277,6 +277,24 @@ def test_render_view_chooses(room):
     assert swiftlet.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
 
 
+def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
+    camera = swiftlet.CameraConfig(name="eye", width_px=32, height_px=24)
+    shown = {}
+    for name in ("camera", "third_person"):
+        envs = swiftlet.DroneVectorEnv(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
+        envs.reset(seed=0)
+        envs.step([0, 2])
+        shown[name] = envs.render()
+        if name == "camera":
+            np.testing.assert_array_equal(shown[name], envs.batch.camera("eye").rgb)
+        envs.close()
+    assert mask_of(shown["third_person"][0], "frustum").sum() > 100
+    single = swiftlet.DroneEnv(worlds=room, camera=camera, render_mode="rgb_array", render_view="camera")
+    single.reset(seed=0)
+    single.step(0)
+    np.testing.assert_array_equal(single.render(), shown["camera"][0])
+
+
 @pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
 def test_the_drones_own_camera(room, camera):
     from swiftlet import views
