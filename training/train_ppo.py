@@ -144,7 +144,7 @@ DEFAULTS: dict[TaskName, Args] = {
     "pixels": Args(
         task="pixels",
         out=Path("out/train/pixels"),
-        total_steps=1_000_000,
+        total_steps=400_000,
         evaluate_every=50_000,
         evaluation_worlds=100,
         solved_generated=0.0,
@@ -153,7 +153,6 @@ DEFAULTS: dict[TaskName, Args] = {
         num_envs=128,
         generated=100,
         playground_share=0.6,
-        max_episode_steps=400,
         batch_size=256,
         frame_skip=4,
         step_cost=0.3,

@@ -754,6 +754,11 @@ TEST(GlRenderer, StartedAndNeverFinished) {
   for (int i = 0; i < 3000; ++i) album.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   album.prepare();
   renderer.start(album.shots);  // more rounds than are read ahead
+  Album another(camera_of(24, 24));
+  another.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
+  another.take(renderer);
+  EXPECT_NE(another.images.instance[0], 0);
+  renderer.start(album.shots);
 }
 
 TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {

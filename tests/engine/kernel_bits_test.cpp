@@ -15,6 +15,7 @@
 
 #include "batch_helpers.hpp"
 #include "random/philox.hpp"
+#include "render/raycast_renderer.hpp"
 #include "task/ranges.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
@@ -193,6 +194,54 @@ TEST(KernelBits, Ranges) {
     digest.add(clearance.sum);
   }
   expect_digest(digest, 0x787DCAA7375CDD5CULL);
+}
+
+// Few things, a crowd, markers, shadows, several samples; all that is written.
+TEST(KernelBits, Pictures) {
+  constexpr std::size_t kPixels = 37 * 21;
+  constexpr CameraOutputs kAll{.rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true, .grey = true};
+  Exact exact(3);
+  const trace::FlushDenormals flush;
+  const auto scratch = std::make_unique<render::RaycastScratch>();
+  std::vector<std::uint8_t> rgb(3 * kPixels), grey(kPixels);
+  std::vector<float> depth(kPixels), normal(3 * kPixels);
+  std::vector<std::uint16_t> semantic(kPixels), instance(kPixels);
+  Digest digest;
+  std::size_t seen = 0;
+  for (const int primitives : {4, 12, 60, 700}) {
+    for (int i = 0; i < 8; ++i) {
+      SceneDescription description;
+      const auto plain = exact.world(primitives);
+      description.primitives.assign(plain->primitives().begin(), plain->primitives().end());
+      description.markers = {.start = exact.point(3.0F), .goal = exact.point(3.0F)};
+      const World world(description);
+      const CameraConfig camera{.width_px = 37,
+                                .height_px = 21,
+                                .near_m = 0.125F,
+                                .outputs = kAll,
+                                .depth_kind = i % 2 == 0 ? DepthKind::planar : DepthKind::range,
+                                .samples_per_pixel = i % 4 == 1 ? 4 : 1,
+                                .shadows = i % 4 >= 2};
+      const render::Lens lens = render::make_lens(camera);
+      const Vec3 place = exact.point(2.0F);
+      const render::Shot shot{&world,
+                              &camera,
+                              &lens,
+                              place,
+                              exact.rotation().toRotationMatrix(),
+                              {rgb.data(), depth.data(), semantic.data(), instance.data(), normal.data(), grey.data()}};
+      render::render_tiles(shot, 0, lens.tiles.size(), *scratch);
+      for (const std::uint8_t value : rgb) digest.add(std::uint64_t{value});
+      for (const float value : depth) digest.add(value);
+      for (const std::uint16_t value : semantic) digest.add(std::uint64_t{value});
+      for (const std::uint16_t value : instance) digest.add(std::uint64_t{value});
+      for (const float value : normal) digest.add(value);
+      for (const std::uint8_t value : grey) digest.add(std::uint64_t{value});
+      for (const float value : depth) seen += std::isfinite(value) ? 1 : 0;
+    }
+  }
+  EXPECT_GT(seen, 4 * 8 * kPixels / 2);
+  expect_digest(digest, 0x134A4283E4A039C8ULL);
 }
 
 #if defined(__aarch64__)

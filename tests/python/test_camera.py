@@ -1,11 +1,13 @@
 """Cameras: images as arrays, depth against two oracles, configurations, modes, errors, files, lifetimes."""
 
 import copy
+import functools
 import gc
 import io
 import multiprocessing
 import os
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -654,3 +656,64 @@ class TestFork:
         ]
         for call in calls:
             assert "fork" in self.in_child(use(call))
+
+
+class TestGolden:
+    """Pictures of both backends, found right by eye; after a change that is meant to show, renew them and look at them.
+
+    SWIFTLET_RENEW_GOLDEN=1 ./dev test python -k golden
+    """
+
+    FOLDER = Path(__file__).resolve().parents[1] / "golden"
+
+    @staticmethod
+    def shoot(backend, world, position, quat_wxyz, **fields):
+        config = camera_of(**{"width_px": 96, "height_px": 72, "outputs": tuple(OUTPUTS), **fields})
+        batch = batch_of([world], cameras=[config], camera_backend=backend)
+        batch.set_pose([position], [np.asarray(quat_wxyz) / np.linalg.norm(quat_wxyz)])
+        batch.capture()
+        return batch.camera()
+
+    @classmethod
+    @functools.cache
+    def pictures(cls, backend):
+        """Each as it is saved: 8 bits, three times 8, or 16."""
+        shoot = functools.partial(cls.shoot, backend)
+        hall = shoot(
+            swiftlet.World.from_dict(ROUND), [3.6, -3.8, 2.6], (0.42, 0.05, 0.1, 0.9), hfov_deg=80, samples_per_pixel=4
+        )
+        sun = {**ROUND, "light": {"sun_direction": [0.5, -0.4, 0.7], "sun_color": [0.9, 0.85, 0.7]}}
+        del sun["room"]
+        sun["planes"] = [{"center": [0, 0, 0], "size": [10, 10]}]
+        yard = shoot(
+            swiftlet.World.from_dict(sun), [4, -4.5, 3], (0.4, 0.07, 0.12, 0.9), samples_per_pixel=4, shadows=True
+        )
+        playground = swiftlet.World.load("playground/camera-train-1")
+        flight = shoot(playground, playground.start, (1, 0, 0, 0))
+        palette = (np.arange(1, 17) * 14 + 16).astype(np.uint8)
+        return {
+            "hall-rgb": hall.rgb[0],
+            "hall-depth": np.round(hall.depth[0] * 1000).astype(np.uint16),
+            "hall-normal": np.round(127.5 * (hall.normal[0] + 1)).astype(np.uint8),
+            "hall-instance": palette[hall.instance[0] % 16],
+            "hall-grey": hall.grey[0],
+            "yard-rgb": yard.rgb[0],
+            "flight-rgb": flight.rgb[0],
+        }
+
+    @pytest.mark.parametrize(
+        "name", ["hall-rgb", "hall-depth", "hall-normal", "hall-instance", "hall-grey", "yard-rgb", "flight-rgb"]
+    )
+    @pytest.mark.parametrize("backend", ["raycast", "gl"])
+    def test_golden(self, backend, name):
+        path, picture = self.FOLDER / f"{name}.png", self.pictures(backend)[name]
+        if os.environ.get("SWIFTLET_RENEW_GOLDEN") and backend == "raycast":
+            self.FOLDER.mkdir(exist_ok=True)
+            Image.fromarray(picture).save(path, optimize=True)
+        assert path.stat().st_size < 20_000
+        golden = np.asarray(Image.open(path)).astype(int)
+        assert golden.shape == picture.shape
+        error = np.abs(picture.astype(int) - golden)
+        # of depth: 2 mm of up to 12 m; but for pixels on a silhouette
+        assert (error <= 2).mean() > 0.995
+        assert name == "hall-depth" or error.mean() < 0.5

@@ -61,6 +61,7 @@ struct GlRenderer::Impl {
   std::vector<Shot> shots;
   std::vector<std::uint32_t> order;  // of the shots, those of one kind of camera and of one world beside each other
   std::vector<FramePart> parts;      // one a view of the task
+  std::size_t rounds_left = 0;       // of the task
 
   // What is not yet on the device goes there with the next task.
   std::uint32_t model_of(const World& world, bool shadows) {
@@ -77,6 +78,20 @@ struct GlRenderer::Impl {
     return known.model;
   }
 
+  // Gives the rounds that are not yet taken to f(round, pixels), in order, each when it arrives.
+  template <class F>
+  void take_rounds(const F& f) {
+    if (rounds_left == 0) return;
+    const std::vector<GlRound>& rounds = worker.task().rounds;
+    while (rounds_left != 0) {
+      const Pixels& pixels = worker.wait();
+      f(rounds[rounds.size() - rounds_left], pixels);
+      worker.release();
+      --rounds_left;
+    }
+    worker.task().models.clear();
+    worker.task().grids.clear();
+  }
   void plan();
   void plan_group(std::span<const std::uint32_t> group);
   void write(const GlRound& round, const Pixels& pixels) const;
@@ -99,19 +114,17 @@ std::string GlRenderer::description() const { return impl_->worker.description()
 
 void GlRenderer::start(std::span<const Shot> shots) {
   Impl& self = impl();
+  self.take_rounds([](const GlRound&, const Pixels&) {});  // of a start() whose finish() never came, or threw
   self.shots.assign(shots.begin(), shots.end());
   self.plan();
+  if (shots.empty()) return;
   self.worker.start();
+  self.rounds_left = self.worker.task().rounds.size();
 }
 
 void GlRenderer::finish() {
   Impl& self = impl();
-  for (const GlRound& round : self.worker.task().rounds) {
-    self.write(round, self.worker.wait());
-    self.worker.release();
-  }
-  self.worker.task().models.clear();
-  self.worker.task().grids.clear();
+  self.take_rounds([&](const GlRound& round, const Pixels& pixels) { self.write(round, pixels); });
 }
 
 void GlRenderer::Impl::plan() {
