@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
-NAMES = ("lidar", "step", "camera", "train")
+NAMES = ("lidar", "step", "camera", "train", "camera_train")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 STAGE = "step/stage/"
@@ -44,11 +44,11 @@ def number(value: float) -> str:
     return f"{float(f'{value:.4g}'):,}"
 
 
-def source(name: str, result: Result) -> str:
+def source(result: Result) -> str:
     """Say where and from what a benchmark's figures were measured."""
     machine, commit = result["machine"], result["commit"]
     return (
-        f"`{name}`: {machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
+        f"{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
         f"Embree {machine['embree']}, Python {machine['python']}; commit {commit[:12]}"
         + (" with changes" if commit.endswith("-dirty") else "")
     )
@@ -58,17 +58,39 @@ def table(results: dict[str, Result]) -> str:
     """Return what stands between the markers."""
     if not results:
         return "Not measured yet.\n"
-    lines = ["| figure | value | unit |", "|---|---:|---|"]
-    for result in results.values():
-        for figure in result["figures"]:
-            if figure["name"].startswith((FRAMES, MODES)):
-                continue
-            unit = "" if figure["unit"] == "1" else figure["unit"]
-            lines.append(f"| `{figure['name']}` | {number(figure['value'])} | {unit} |")
-    missing = [name for name in NAMES if name not in results]
-    lines += [f"| `{name}` | not measured yet | |" for name in missing]
-    lines += ["", *(f"- {source(name, result)}" for name, result in results.items())]
-    return "\n".join(lines) + "\n"
+    lines = []
+    for name, result in results.items():
+        lines += [f"**{name}**: {source(result)}", "", *benchmark(result["figures"])]
+    missing = [f"`{name}`" for name in NAMES if name not in results]
+    if missing:
+        lines += [f"Not measured yet: {', '.join(missing)}.", ""]
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def benchmark(figures: list[dict[str, Any]]) -> list[str]:
+    """Return tables of a benchmark's figures: a table for subjects with the same first figure, such as all seeds.
+
+    Figures of what is alone in its kind are a list.
+    """
+    subjects: dict[str, dict[str, str]] = {}
+    for figure in figures:
+        if figure["name"].startswith((FRAMES, MODES, STAGE)):
+            continue
+        subject, what = figure["name"].rsplit("/", 1)
+        unit = "" if figure["unit"] in ("1", "1/s") else f" {figure['unit']}"  # rates say so by their name
+        subjects.setdefault(subject, {})[what] = number(figure["value"]) + unit
+    kinds: dict[str, dict[str, dict[str, str]]] = {}
+    for subject, row in subjects.items():
+        kinds.setdefault(next(iter(row)), {})[subject] = row
+    tables: list[str] = []
+    alone: list[str] = []
+    for kind in kinds.values():
+        if len(kind) == 1:
+            alone += [f"| `{subject}/{what}` | {value} |" for subject, row in kind.items() for what, value in row.items()]
+        else:
+            cells = {(f"`{subject}`", f"`{what}`"): value for subject, row in kind.items() for what, value in row.items()}
+            tables += [*pivot(cells, "").splitlines(), ""]
+    return [*tables, *(["| | |", "|---|---:|", *alone, ""] if alone else [])]
 
 
 def stages(results: dict[str, Result]) -> str:
@@ -78,13 +100,12 @@ def stages(results: dict[str, Result]) -> str:
     return "\n".join(["| stage | ns |", "|---|---:|", *rows]) + "\n"
 
 
-def pivot(figures: dict[tuple[str, str], float], corner: str) -> str:
-    """Return a table of figures by (row, column), in the order they come."""
-    rows, columns = (list(dict.fromkeys(key[i] for key in figures)) for i in (0, 1))
+def pivot(cells: dict[tuple[str, str], str], corner: str) -> str:
+    """Return a table of cells by (row, column), in the order they come."""
+    rows, columns = (list(dict.fromkeys(key[i] for key in cells)) for i in (0, 1))
     lines = [f"| {corner} | {' | '.join(columns)} |", "|---|" + "---:|" * len(columns)]
     for row in rows:
-        cells = [number(figures[row, column]) if (row, column) in figures else "" for column in columns]
-        lines.append(f"| {row} | {' | '.join(cells)} |")
+        lines.append(f"| {row} | {' | '.join(cells.get((row, column), '') for column in columns)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -96,7 +117,7 @@ def frames(results: dict[str, Result]) -> str:
             world, size, what = f["name"].removeprefix(FRAMES).split("/")
             width, height, drones = size.split("x")
             row = f"{width} x {height}, N = {drones}"
-            figures[row, f"{world} {what.removesuffix('_frames_per_second')}"] = f["value"]
+            figures[row, f"{world} {what.removesuffix('_frames_per_second')}"] = number(f["value"])
     return pivot(figures, "frames/s") if figures else "Not measured yet.\n"
 
 
@@ -106,7 +127,7 @@ def modes(results: dict[str, Result]) -> str:
     for f in results.get("camera", {"figures": []})["figures"]:
         if f["name"].startswith(MODES):
             world, mode, motion, _ = f["name"].removeprefix(MODES).split("/")
-            figures[mode.replace("_", " "), f"{world}, {motion}"] = f["value"]
+            figures[mode.replace("_", " "), f"{world}, {motion}"] = number(f["value"])
     return pivot(figures, "µs per drone and step") if figures else "Not measured yet.\n"
 
 
