@@ -86,9 +86,13 @@ def benchmark(figures: list[dict[str, Any]]) -> list[str]:
     alone: list[str] = []
     for kind in kinds.values():
         if len(kind) == 1:
-            alone += [f"| `{subject}/{what}` | {value} |" for subject, row in kind.items() for what, value in row.items()]
+            alone += [
+                f"| `{subject}/{what}` | {value} |" for subject, row in kind.items() for what, value in row.items()
+            ]
         else:
-            cells = {(f"`{subject}`", f"`{what}`"): value for subject, row in kind.items() for what, value in row.items()}
+            cells = {
+                (f"`{subject}`", f"`{what}`"): value for subject, row in kind.items() for what, value in row.items()
+            }
             tables += [*pivot(cells, "").splitlines(), ""]
     return [*tables, *(["| | |", "|---|---:|", *alone, ""] if alone else [])]
 
