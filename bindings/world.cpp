@@ -48,13 +48,12 @@ py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[
 // The semantic ids are shown as cameras report them.
 py::list materials(const World& world) {
   py::list list;
-  std::uint16_t usual_semantic = 0;
-  for (const Material& material : world.materials()) {
-    ++usual_semantic;
+  for (std::size_t i = 0; i < world.materials().size(); ++i) {
+    const Material& material = world.materials()[i];
     py::dict entry;
     entry["name"] = material.name;
     entry["base_color"] = triple(material.base_color);
-    entry["semantic"] = material.semantic != 0 ? material.semantic : usual_semantic;
+    entry["semantic"] = world.semantic(i);
     list.append(entry);
   }
   return list;

@@ -128,6 +128,7 @@ class World {
 
   const std::string& name() const { return description_.name; }
   std::span<const Material> materials() const { return description_.materials; }
+  std::uint16_t semantic(std::size_t material) const;  // the class that cameras report of a material, in [1, 65532]
   std::span<const Primitive> primitives() const { return description_.primitives; }
   const TriangleMesh& triangles() const { return description_.mesh; }
   const Markers& markers() const { return description_.markers; }

@@ -13,9 +13,7 @@ constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};
 
 Appearance::Appearance(const World& world) : marker_radius(world.markers().radius), light(world.light()) {
   for (std::size_t i = 0; i < world.materials().size(); ++i) {
-    const Material& material = world.materials()[i];
-    const auto semantic = material.semantic != 0 ? material.semantic : static_cast<std::uint16_t>(i + 1);
-    materials.push_back({material.base_color, semantic, 0});
+    materials.push_back({world.materials()[i].base_color, world.semantic(i), 0});
   }
   std::uint16_t instance = 0;
   for (const Primitive& primitive : world.primitives()) {

@@ -59,7 +59,7 @@ struct GlRenderer::Impl {
   };
   std::unordered_map<const World*, KnownWorld> worlds;
   std::vector<Shot> shots;
-  std::vector<std::uint32_t> order;  // of the shots, those of one kind of camera and of one world beside each other
+  std::vector<std::uint32_t> order;  // of the shots, those of one kind of camera beside each other
   std::vector<FramePart> parts;      // one a view of the task
   std::size_t rounds_left = 0;       // of the task
 
@@ -92,6 +92,7 @@ struct GlRenderer::Impl {
     worker.task().models.clear();
     worker.task().grids.clear();
   }
+
   void plan();
   void plan_group(std::span<const std::uint32_t> group);
   void write(const GlRound& round, const Pixels& pixels) const;

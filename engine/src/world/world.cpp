@@ -68,6 +68,11 @@ World::World(SceneDescription description)
 
 World::~World() = default;
 
+std::uint16_t World::semantic(std::size_t material) const {
+  const std::uint16_t given = materials()[material].semantic;
+  return given != 0 ? given : static_cast<std::uint16_t>(material + 1);
+}
+
 std::string World::to_json() const { return write_scene(description_); }
 
 void World::save(const std::filesystem::path& path) const { write_text_file(path, kSceneFile, to_json()); }
