@@ -4,7 +4,8 @@ lidar   the LiDAR stage against bare Embree and against a bare direct loop
 step    a whole step of the vector environment, stage by stage, and its memory
 camera  cameras against bare Embree and bare OpenGL, over sizes, worlds and backends; capture modes; memory
 train   PPO from scratch, several seeds: speed, and how much of what it has never seen it flies
-camera_train  the same of the camera tasks: by what is green in an image, also at 640 x 480, and from pixels
+camera_train  the same of the camera tasks: by what is green in an image, and from its pixels
+camera_large  the first of these at 640 x 480; half an hour
 """
 
 from __future__ import annotations
@@ -34,8 +35,6 @@ RUNS = 7
 SIZES = (1, 16, 256, 1024, 4096, 16384)
 SEEDS = (0, 1, 2, 3, 4)
 CAMERA_SEEDS = (0, 1, 2)
-#: The camera training at the thesis's resolution: fewer fly at once, so that their images take less memory.
-LARGE = {"width_px": 640, "num_envs": 128, "batch_size": 2048, "total_steps": 800_000, "evaluation_worlds": 20}
 
 Figure = dict[str, Any]
 
@@ -174,8 +173,8 @@ def bench_train() -> list[Figure]:
     return figures
 
 
-def bench_camera_train() -> list[Figure]:
-    """Train the camera tasks from scratch.
+def train_camera(name: str, args: Any) -> tuple[Any, list[Figure]]:
+    """Train from scratch with `train_ppo.Args`; return its outcome and figures.
 
     Success is of one flight from each start marker, and of 50 from all over each spawn box.
     """
@@ -183,39 +182,55 @@ def bench_camera_train() -> list[Figure]:
     import evaluate
     import train_ppo
 
-    figures: list[Figure] = []
+    args = dataclasses.replace(args, out=OUT / "train" / name.replace("/", "-"), progress=False)
+    print("hyperparameters:", args)
+    model, outcome = train_ppo.train(args)
+    policy, total = evaluate.greedy(model), outcome.seconds + outcome.evaluation_seconds
+    figures = [
+        figure(f"train/{name}/seconds", total, "s", 1),
+        figure(f"train/{name}/steps", outcome.steps, "1", 1),
+    ]
+    for scenes in args.setup.playgrounds:
+        worlds = swiftlet.scenes.load(scenes)
+        alone = evaluate.fly(policy, worlds, setup=args.setup)
+        flights = evaluate.fly(policy, worlds * 50, 1000, setup=args.setup, random_start=True)
+        rate, from_start = (evaluate.summary(flown)["success_rate"] for flown in (flights, alone))
+        print(f"{name}: {scenes}: from the start {from_start:.0%}, from its surroundings {rate:.1%}")
+        key = scenes.replace("-", "_")
+        figures.append(figure(f"train/{name}/{key}/success_rate", from_start, "1", len(alone)))
+        figures.append(figure(f"train/{name}/{key}/random_start_success_rate", rate, "1", len(flights)))
+    return outcome, figures
 
-    def train(name: str, args: train_ppo.Args) -> train_ppo.Outcome:
-        args = dataclasses.replace(args, out=OUT / "train" / name.replace("/", "-"), progress=False)
-        print("hyperparameters:", args)
-        model, outcome = train_ppo.train(args)
-        policy, total = evaluate.greedy(model), outcome.seconds + outcome.evaluation_seconds
-        figures.append(figure(f"train/{name}/seconds", total, "s", 1))
-        figures.append(figure(f"train/{name}/steps", outcome.steps, "1", 1))
-        for scenes in args.setup.playgrounds:
-            worlds = swiftlet.scenes.load(scenes)
-            alone = evaluate.fly(policy, worlds, setup=args.setup)
-            flights = evaluate.fly(policy, worlds * 50, 1000, setup=args.setup, random_start=True)
-            rate, from_start = (evaluate.summary(flown)["success_rate"] for flown in (flights, alone))
-            print(f"{name}: {scenes}: from the start {from_start:.0%}, from its surroundings {rate:.1%}")
-            key = scenes.replace("-", "_")
-            figures.append(figure(f"train/{name}/{key}/success_rate", from_start, "1", len(alone)))
-            figures.append(figure(f"train/{name}/{key}/random_start_success_rate", rate, "1", len(flights)))
-        return outcome
 
+def bench_camera_train() -> list[Figure]:
+    """Train the camera tasks: from what is green in the image, and from its pixels."""
+    sys.path.insert(0, str(ROOT / "training"))
+    import train_ppo
+
+    figures = []
     for task in ("camera", "pixels"):
         defaults = train_ppo.DEFAULTS[task]
-        seeds = CAMERA_SEEDS if task == "camera" else CAMERA_SEEDS[:1]
-        outcomes = [train(f"{task}/seed{seed}", dataclasses.replace(defaults, seed=seed)) for seed in seeds]
+        outcomes = []
+        for seed in CAMERA_SEEDS if task == "camera" else CAMERA_SEEDS[:1]:
+            outcome, its_figures = train_camera(f"{task}/seed{seed}", dataclasses.replace(defaults, seed=seed))
+            outcomes.append(outcome)
+            figures += its_figures
         rates = [outcome.steps_per_second for outcome in outcomes]
         figures.append(figure(f"train/{task}/steps_per_second", statistics.median(rates), "1/s", len(rates)))
         if defaults.frame_skip > 1:
             flown = [defaults.frame_skip * rate for rate in rates]
             figures.append(figure(f"train/{task}/flown_steps_per_second", statistics.median(flown), "1/s", len(flown)))
-    large = dataclasses.replace(train_ppo.DEFAULTS["camera"], **LARGE)
-    outcome = train("camera/640x480", large)
-    figures.append(figure("train/camera/640x480/steps_per_second", outcome.steps_per_second, "1/s", 1))
     return figures
+
+
+def bench_camera_large() -> list[Figure]:
+    """Train the camera task at the thesis's resolution."""
+    sys.path.insert(0, str(ROOT / "training"))
+    import train_ppo
+
+    args = dataclasses.replace(train_ppo.DEFAULTS["camera"], width_px=640, evaluation_worlds=20)
+    outcome, figures = train_camera("camera/640x480", args)
+    return [*figures, figure("train/camera/640x480/steps_per_second", outcome.steps_per_second, "1/s", 1)]
 
 
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
@@ -224,6 +239,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "camera": bench_camera,
     "train": bench_train,
     "camera_train": bench_camera_train,
+    "camera_large": bench_camera_large,
 }
 
 

@@ -218,8 +218,10 @@ void register_batch(py::module_& module) {
              const py::object& world_index) {
             const auto rows = integers<std::int64_t>(indices, "indices", {-1});
             const auto n = rows.given() ? static_cast<py::ssize_t>(rows.rows()) : 0;
-            batch.spawn(rows, floats(position, "position", {n, 3}), floats(quat_wxyz, "quat_wxyz", {n, 4}),
-                        integers<std::int32_t>(world_index, "world_index", {n}));
+            const auto p = floats(position, "position", {n, 3});
+            const auto q = floats(quat_wxyz, "quat_wxyz", {n, 4});
+            const auto w = integers<std::int32_t>(world_index, "world_index", {n});
+            released(batch, [&] { batch.spawn(rows, p, q, w); });
           },
           py::arg("indices"), py::arg("position"), py::arg("quat_wxyz") = none, py::arg("world_index") = none)
       .def(
@@ -308,7 +310,13 @@ void register_batch(py::module_& module) {
                                return view<std::int32_t>(self, batch.goal_index().data(), {size_of(batch)});
                              })
       .def("snapshot", [](const Batch& batch) { return py::bytes(batch.snapshot()); })
-      .def("restore", [](Batch& batch, const py::bytes& blob) { batch.restore(blob); }, py::arg("blob"));
+      .def(
+          "restore",
+          [](Batch& batch, const py::bytes& bytes) {
+            const std::string blob = bytes;
+            released(batch, [&] { batch.restore(blob); });
+          },
+          py::arg("blob"));
 }
 
 }  // namespace swiftlet::bindings

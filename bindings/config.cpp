@@ -41,7 +41,7 @@ CameraOutputs outputs_of(const py::object& names) {
   CameraOutputs outputs{.rgb = false};
   if (py::isinstance<py::str>(names)) throw py::type_error("outputs: expected a sequence of names, got a string");
   for (const py::handle name : names) {
-    const auto text = name.cast<std::string>();
+    const auto text = py::str(name).cast<std::string>();
     const auto* const output =
         std::find_if(std::begin(kOutputs), std::end(kOutputs), [&](const Output& o) { return text == o.name; });
     if (output == std::end(kOutputs)) {

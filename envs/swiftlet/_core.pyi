@@ -86,9 +86,10 @@ class CameraConfig:
     width_px, height_px
         In [1, 8192].
     hfov_deg, vfov_deg
-        In [0.1, 179]. One of them: pixels are square. None: ``hfov_deg`` is 90. Both: each as it says.
+        In [0.1, 179]. One of them: pixels are square, and the other, which follows, is below 179, too. None: ``hfov_deg``
+        is 90. Both: each as it says.
     offset_m
-        (3,) of the camera in the body frame.
+        (3,) m, of the camera in the body frame.
     quat_wxyz
         (4,) camera to body; normalised if close to unit.
     near_m, far_m
@@ -476,10 +477,20 @@ class Camera:
 
     @property
     def frame_step(self) -> npt.NDArray[np.int64]:
-        """(N,) the step of the episode whose pose a frame shows, 0 being the reset; -1: stale."""
+        """(N,) how often the drone had been sensed in its episode before a frame; -1: stale.
+
+        Where `Batch.reset` and `Batch.step` alone sense, it is the step whose pose the frame shows, 0 being the reset.
+        `Batch.capture` gives the number of the last sense.
+        """
 
     def jpeg(self, index: int, quality: int = 90) -> bytes:
-        """Return the file of one drone's rgb (else grey) frame; quality from 1 to 100."""
+        """Return the file of one drone's rgb (else grey) frame, also of a stale one; quality from 1 to 100.
+
+        Raises
+        ------
+        ValueError
+            The camera writes neither, or there is no such drone or quality.
+        """
 
     def save_frames(
         self,
@@ -530,10 +541,11 @@ class Batch:
     drone
         Default: the 650-class quadrotor.
     cameras
-        Of each drone.
+        Of each drone, each of another name; at most 2**32 pixels each in all. One that writes ``instance`` needs worlds of at
+        most 65535 primitives, meshes and markers.
     camera_backend
-        ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL; without it,
-        raycast with a `RuntimeWarning`. ``"auto"``: the faster of the two, timed on the batch's worlds.
+        ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL. ``"auto"``: the
+        faster of the two, timed on the batch's worlds. Without OpenGL, both are raycast with a `RuntimeWarning`.
     autoreset_mode
         ``"next_step"``, ``"same_step"`` or ``"disabled"``, as in `gymnasium.vector.AutoresetMode`.
     num_threads
@@ -634,7 +646,7 @@ class Batch:
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:
-        """Read the sensors at the present poses."""
+        """Read the sensors at the present poses. Cameras whose capture mode says so render."""
 
     def spawn(
         self,
@@ -643,10 +655,13 @@ class Batch:
         quat_wxyz: npt.ArrayLike | None = None,
         world_index: npt.ArrayLike | None = None,
     ) -> None:
-        """Bring slots (K,) to life at positions (K, 3) m, quaternions (K, 4), in worlds (K,)."""
+        """Bring slots (K,) to life at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there."""
 
     def remove(self, indices: npt.ArrayLike) -> None:
-        """Empty slots (K,): they cost nothing and read as absent, with ranges of inf and the pose they had."""
+        """Empty slots (K,): they cost nothing and read as absent, with ranges of inf and the pose they had.
+
+        Their frames are black, with depths of inf, and stale.
+        """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
         """Put drones into worlds (N,), where they are in the coordinates of."""
@@ -664,13 +679,16 @@ class Batch:
         """Change the LiDARs of some drones from the next `sense` on; what is None stays."""
 
     def camera(self, name: str = "front") -> Camera:
-        """Return one camera: its images and configuration."""
+        """Return one camera: its images and configuration. `ValueError` where there is none of that name."""
 
     def capture(self, mask: npt.ArrayLike | None = None, camera: str | None = None) -> None:
         """Render now, whatever the capture mode: one camera, or all."""
 
     def set_capture_mode(self, mode: str, camera: str | None = None) -> None:
-        """Change when frames are rendered: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``."""
+        """Change when frames are rendered, of one camera or all: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.
+
+        `ValueError` for ``"on_demand"`` of a camera that the task observes.
+        """
 
     def set_camera(
         self,
@@ -682,7 +700,7 @@ class Batch:
         offset_m: Sequence[float] | None = None,
         quat_wxyz: Sequence[float] | None = None,
     ) -> None:
-        """Change the cameras of some drones; what is None stays. Their frames are stale until they are rendered anew.
+        """Change one camera of some drones; what is None stays. Their frames are stale until they are rendered anew.
 
         A field of view lets go of the other one, unless both are given.
         """

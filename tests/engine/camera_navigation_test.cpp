@@ -502,5 +502,19 @@ TEST(CameraNavigation, OnMovementIsEveryStepToTheBit) {
   }
 }
 
+TEST(CameraNavigation, ASnapshotWithAModeTheTaskRefusesChangesNothing) {
+  Batch batch(camera_batch(2, ObservationKind::blob), parlours());
+  batch.reset({});
+  std::string damaged = batch.snapshot();
+  batch.set_capture_mode(0, CaptureMode::on_movement);
+  const std::string blob = batch.snapshot();
+  const auto [mode, other] = std::mismatch(damaged.begin(), damaged.end(), blob.begin());
+  ASSERT_TRUE(mode != damaged.end());
+  ASSERT_EQ(*mode, static_cast<char>(CaptureMode::every_step));
+  *mode = static_cast<char>(CaptureMode::on_demand);
+  EXPECT_REFUSED(batch.restore(damaged), "capture_mode");
+  EXPECT_TRUE(batch.snapshot() == blob);
+}
+
 }  // namespace
 }  // namespace swiftlet

@@ -807,6 +807,14 @@ TEST(GlRenderer, FailingAndHangingOnTheWay) {
     EXPECT_THROW(album.take(renderer), GlUnavailable) << how;
     EXPECT_THROW(album.take(renderer), GlUnavailable) << how;  // and stays of no use
   }
+  // While the caller writes the first round, the device fails at the second: what is being read must stay.
+  const Wish wish("failing-late");
+  GlRenderer renderer;
+  Album many(camera_of(16, 32));
+  for (int i = 0; i < 5000; ++i) many.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
+  EXPECT_THROW(many.take(renderer), GlUnavailable);
+  EXPECT_NE(many.images.instance[0], 0);
+  EXPECT_THROW(many.take(renderer), GlUnavailable);
   Album album(camera_of(16, 16));
   album.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   album.take(good);  // others do not mind

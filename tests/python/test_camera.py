@@ -342,6 +342,7 @@ class TestConfig:
             ({"far_m": np.inf}, "camera.far_m"),
             ({"outputs": ()}, "camera.outputs.*at least one"),
             ({"outputs": ("rgb", "heat")}, "outputs.*rgb, depth.*heat"),
+            ({"outputs": (1,)}, "outputs.*rgb, depth.*1"),
             ({"depth_kind": "deep"}, 'depth_kind: expected "planar" or "range", got "deep"'),
             ({"layout": "wch"}, 'layout: expected "hwc" or "chw", got "wch"'),
             (

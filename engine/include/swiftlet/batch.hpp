@@ -81,7 +81,8 @@ class Batch {
   void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
   const std::string& camera_backend_report() const;                                 // which backend renders, and why
   std::string take_warning();  // what was not told yet, such as that OpenGL failed; empty mostly
-  std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;  // the file's bytes; quality in [1, 100]
+  // The bytes of a file of one drone's rgb, else grey, frame, also of a stale one; quality in [1, 100].
+  std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
   void seed(std::span<const std::uint64_t> seeds, Mask mask = {});           // (N,); episode counters go to 0

@@ -57,7 +57,6 @@ struct CameraOutputs {
   bool normal = false;
   bool grey = false;
 
-  bool operator==(const CameraOutputs&) const = default;
   bool any_color() const { return rgb || grey; }
 };
 
@@ -66,12 +65,12 @@ struct CameraConfig {
   std::string name = "front";                  // of its own in the batch
   int width_px = 640;                          // in [1, 8192]
   int height_px = 480;                         // in [1, 8192]
-  std::optional<float> hfov_deg;               // in [0.1, 179]; neither given: 90. Of one alone, pixels are square.
+  std::optional<float> hfov_deg;               // in [0.1, 179], also what follows; neither given: 90. Of one alone, pixels are square.
   std::optional<float> vfov_deg;               // likewise; both given: each as it says
   std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // camera to body; normalised if close to unit
   float near_m = 0.05F;                        // > 0; planar depth below which nothing is seen
-  float far_m = 100.0F;                        // > near_m, finite; planar depth beyond which the sky is seen
+  float far_m = 100.0F;                        // > near_m, at most 1e6; planar depth beyond which the sky is seen
   CameraOutputs outputs;
   DepthKind depth_kind = DepthKind::planar;
   ImageLayout layout = ImageLayout::hwc;  // of rgb and normal
@@ -88,7 +87,7 @@ struct CameraConfig {
 enum class CameraBackend : std::uint8_t {
   raycast,    // the engine's own tracing: needs nothing, and repeats to the bit
   gl,         // OpenGL 4.5 by EGL, headless; without it, raycast with a warning
-  automatic,  // the faster of the two on the batch's worlds, timed when it is made
+  automatic,  // the faster of the two on the batch's worlds, timed when it is made; likewise
 };
 
 // Exact pose, with optional Gaussian noise.
@@ -174,7 +173,7 @@ struct BatchConfig {
   int num_threads = 0;  // 0: physical cores in the affinity mask
   bool has_lidar = false;
   LidarConfig lidar;
-  std::vector<CameraConfig> cameras;
+  std::vector<CameraConfig> cameras;  // of different names; at most 2^32 pixels each, of all drones
   CameraBackend camera_backend = CameraBackend::raycast;
   PoseSensorConfig pose_sensor;
   TaskKind task = TaskKind::none;  // navigation requires a LiDAR

@@ -41,7 +41,7 @@ struct CameraImages {
                                          // 0 where nothing is seen
   std::vector<float> normal;             // (N, H, W, 3) or (N, 3, H, W) unit, world frame, towards the camera; 0 where nothing
   std::vector<std::uint8_t> grey;        // (N, H, W) 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded
-  std::vector<std::int64_t> frame_step;  // (N,) the step of the episode whose pose the frame shows, 0 being the reset; -1: stale
+  std::vector<std::int64_t> frame_step;  // (N,) how often the drone had been sensed in its episode; -1: stale
 };
 
 // What a step or reset returns. Two of these rotate, so that what one returned stays intact during the next.

@@ -106,8 +106,10 @@ struct Batch::Impl {
                                            Scratch& scratch) const;
   void sense_all(std::initializer_list<Role> roles);
   void start_frames(std::initializer_list<Role> roles);
-  void finish_frames();
+  void start_shots();
+  void finish_shots();
   void retake_frames();
+  void set_mode(std::size_t camera, CaptureMode mode);
 
   // --- pieces shared with the other calls
   Outputs& out() { return slots[current]; }
@@ -133,6 +135,7 @@ struct Batch::Impl {
   void require_own_process() const;
   void require_lidar() const;
   void require_camera(std::size_t camera) const;
+  void require_mode(std::size_t camera, CaptureMode mode) const;
   void require_index(std::int64_t index) const;
   void require_task() const;
   void require_begun() const;
@@ -378,7 +381,7 @@ void Batch::Impl::sense_all(std::initializer_list<Role> roles) {
     std::erase_if(scratch.drones, [this](std::uint32_t drone) { return role[drone] == Role::landed; });  // sensed when it did
     sense(scratch.drones, scratch);
   });
-  finish_frames();
+  finish_shots();
 }
 
 void Batch::Impl::start_frames(std::initializer_list<Role> roles) {
@@ -392,10 +395,14 @@ void Batch::Impl::start_frames(std::initializer_list<Role> roles) {
       }
     }
   }
+  start_shots();
+}
+
+void Batch::Impl::start_shots() {
   if (!shots.empty()) renderer->start(shots);
 }
 
-void Batch::Impl::finish_frames() {
+void Batch::Impl::finish_shots() {
   if (!shots.empty()) renderer->finish(shots, workers);
 }
 
@@ -408,8 +415,8 @@ void Batch::Impl::retake_frames() {
       shots.push_back(camera.retake(drone, *worlds[static_cast<std::size_t>(camera.taken().world[drone])]));
     }
   }
-  if (!shots.empty()) renderer->start(shots);
-  finish_frames();
+  start_shots();
+  finish_shots();
 }
 
 // ---------------------------------------------------------------------------------------------------------- shared pieces
@@ -492,6 +499,11 @@ void Batch::Impl::for_each_chosen(Mask mask, const F& f) {
   }
 }
 
+void Batch::Impl::set_mode(std::size_t camera, CaptureMode mode) {
+  cameras[camera].set_mode(mode);
+  config.cameras[camera].capture_mode = mode;
+}
+
 template <class F>
 void Batch::Impl::run_blocks(const F& f) {
   workers.run(schedule.num_blocks(), [&](std::size_t block, Scratch& scratch) { f(schedule.drones(block), scratch); });
@@ -512,6 +524,12 @@ void Batch::Impl::require_lidar() const {
 
 void Batch::Impl::require_camera(std::size_t camera) const {
   if (camera >= cameras.size()) refuse("camera", "an index below " + std::to_string(cameras.size()), camera);
+}
+
+void Batch::Impl::require_mode(std::size_t camera, CaptureMode mode) const {
+  const bool observed = camera == 0 && navigation && config.navigation.observation != ObservationKind::goal;
+  require(!observed || mode != CaptureMode::on_demand, "capture_mode",
+          "every_step or on_movement (the task observes this camera)", "on_demand");
 }
 
 void Batch::Impl::require_index(std::int64_t index) const {
@@ -751,18 +769,15 @@ void Batch::capture(std::size_t camera, Mask mask) {
       impl_->shots.push_back(impl_->cameras[camera].take(drone, impl_->world_of(drone), step, impl_->state));
     }
   }
-  if (!impl_->shots.empty()) impl_->renderer->start(impl_->shots);
-  impl_->finish_frames();
+  impl_->start_shots();
+  impl_->finish_shots();
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
   impl_->require_own_process();
   impl_->require_camera(camera);
-  const bool observed = camera == 0 && impl_->navigation && impl_->config.navigation.observation != ObservationKind::goal;
-  require(!observed || mode != CaptureMode::on_demand, "capture_mode",
-          "every_step or on_movement (the task observes this camera)", "on_demand");
-  impl_->cameras[camera].set_mode(mode);
-  impl_->config.cameras[camera].capture_mode = mode;
+  impl_->require_mode(camera, mode);
+  impl_->set_mode(camera, mode);
 }
 
 void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask) {
@@ -978,7 +993,8 @@ void Batch::restore(const std::string& blob) {
     sensors::Camera& camera = impl_->cameras[index];
     const auto mode = reader.value<CaptureMode>();
     require(mode <= CaptureMode::on_demand, "snapshot", "a capture mode below 3", static_cast<int>(mode));
-    changes.emplace_back([this, index, mode] { set_capture_mode(index, mode); });
+    impl_->require_mode(index, mode);
+    changes.emplace_back([this, index, mode] { impl_->set_mode(index, mode); });
     for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
       const auto setting = reader.value<CameraSetting>();
       CameraConfig config = camera.config();

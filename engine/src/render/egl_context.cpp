@@ -131,8 +131,9 @@ EglWish egl_wish() {
   if (value == "none") return EglWish::none;
   if (value == "software") return EglWish::software;
   if (value == "failing") return EglWish::failing;
+  if (value == "failing-late") return EglWish::failing_late;
   if (value == "hanging") return EglWish::hanging;
-  throw GlUnavailable("SWIFTLET_EGL: expected none, software, failing or hanging, got \"" + value + '"');
+  throw GlUnavailable("SWIFTLET_EGL: expected none, software, failing, failing-late or hanging, got \"" + value + '"');
 }
 
 EglContext::EglContext(EglWish wish) {

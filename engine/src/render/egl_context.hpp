@@ -7,11 +7,12 @@ namespace swiftlet::render {
 
 // What the environment variable SWIFTLET_EGL says.
 enum class EglWish {
-  any,       // not set, or empty
-  none,      // "none": as if there was no EGL
-  software,  // "software": only devices that are no hardware
-  failing,   // "failing": as `any`, but the first frames never come back: reading them fails
-  hanging,   // "hanging": as `any`, but reading the first frames never ends
+  any,           // not set, or empty
+  none,          // "none": as if there was no EGL
+  software,      // "software": only devices that are no hardware
+  failing,       // "failing": as `any`, but the first frames never come back: reading them fails
+  failing_late,  // "failing-late": the same of frames that are not the first to be read of a task
+  hanging,       // "hanging": as `any`, but reading the first frames never ends
 };
 EglWish egl_wish();  // throws GlUnavailable on any other value
 

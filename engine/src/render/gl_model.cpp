@@ -108,8 +108,8 @@ void add_mesh(const TriangleMesh& mesh, const Appearance& appearance, Soup& soup
     }
     const Vec3d normal = (at[1] - at[0]).cross(at[2] - at[0]);
     if (!(normal.norm() > 0.0)) continue;  // of no area: nobody sees it
-    Surface surface = appearance.materials[mesh.materials.empty() ? 0 : mesh.materials[i]];
-    surface.instance = static_cast<std::uint16_t>(appearance.first_object + (mesh.objects.empty() ? 0 : mesh.objects[i]));
+    Surface surface = appearance.materials[mesh.materials[i]];
+    surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
     soup.add(corners, normal.normalized(), surface);
   }
 }
@@ -242,7 +242,7 @@ void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const V
   shape.ids = pack(surface);
   model.shapes[static_cast<std::size_t>(kind)].push_back(shape);
   const float reach = kind == RoundKind::cylinder ? std::hypot(half.x(), half.z()) : std::max(half.x(), half.z());
-  model.bounds[static_cast<std::size_t>(kind)].push_back({center, rotation.col(2), half.x(), half.z(), reach});
+  model.bounds[static_cast<std::size_t>(kind)].push_back({center, rotation.col(2), half.x(), reach});
 }
 
 }  // namespace

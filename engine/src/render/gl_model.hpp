@@ -56,8 +56,8 @@ static_assert(sizeof(RoundShape) == 8 * 16);
 // What is known here of where a RoundShape is.
 struct RoundBound {
   Vec3 center, axis;
-  float radius, half_height;  // m
-  float reach;                // m, radius of the ball round it
+  float radius;  // m
+  float reach;   // m, radius of the ball round it
 };
 
 struct GlModel {

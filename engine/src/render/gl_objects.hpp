@@ -30,7 +30,6 @@ class GlObject {
   }
 
   GLuint name() const { return name_; }
-  explicit operator bool() const { return name_ != 0; }
 
  private:
   GLuint name_ = 0;

@@ -25,12 +25,8 @@ void write_vectors(const T* from, std::size_t count, ImageLayout layout, std::si
   }
 }
 
-// 0.299 R + 0.587 G + 0.114 B, rounded.
 void write_grey(const std::uint8_t* from, std::size_t count, std::uint8_t* to) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const unsigned int sum = 299U * from[4 * i] + 587U * from[4 * i + 1] + 114U * from[4 * i + 2];
-    to[i] = static_cast<std::uint8_t>((sum + 500U) / 1000U);
-  }
+  for (std::size_t i = 0; i < count; ++i) to[i] = grey_of(from[4 * i], from[4 * i + 1], from[4 * i + 2]);
 }
 
 void write_every_second(const std::uint16_t* from, std::size_t count, std::uint16_t* to) {

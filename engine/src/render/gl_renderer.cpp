@@ -18,9 +18,11 @@
 namespace swiftlet::render {
 namespace {
 
-// Pixels that are drawn and read at once, at most: what bounds the memory of device and readbacks, at up to 32 bytes a pixel.
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24U;
-// And on a software device, which gains nothing by more: the caller writes frames while it draws the next.
+// What bounds the memory of each atlas and readback, at up to 32 bytes a pixel: views that are larger are drawn in parts, and no
+// more of them at once.
+constexpr int kMaxSide = 4096;
+constexpr std::int64_t kMaxPixels = std::int64_t{kMaxSide} * kMaxSide;
+// On a software device, which gains nothing by more: the caller writes frames while it draws the next.
 constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 20U;
 constexpr std::size_t kGrain = 1U << 16U;  // pixels that are worth a task of their own
 
@@ -154,8 +156,9 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   GlTask& task = worker.task();
   const CameraConfig& camera = *shots[group[0]].camera;
   const GlPass pass = pass_of(camera);
-  const int columns = pieces(camera.width_px * pass.samples, worker.max_side());
-  const int rows = pieces(camera.height_px * pass.samples, worker.max_side());
+  const int side = std::min(worker.max_side(), kMaxSide);
+  const int columns = pieces(camera.width_px * pass.samples, side);
+  const int rows = pieces(camera.height_px * pass.samples, side);
   const AtlasSize tile{pieces(camera.width_px, columns), pieces(camera.height_px, rows), 1};
   const std::int64_t tile_pixels = static_cast<std::int64_t>(tile.pixels()) * pass.samples * pass.samples;
   const std::int64_t by_memory = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;

@@ -1,4 +1,4 @@
-// GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all shots of one size as tiles of one atlas.
+// GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all shots of one kind of camera as tiles of an atlas.
 #pragma once
 
 #include <memory>
@@ -21,7 +21,7 @@ class GlUnavailable : public std::runtime_error {
 // GlUnavailable, and nothing is done on destruction.
 //
 // The environment variable SWIFTLET_EGL chooses: "software" takes no GPU; for tests, "none" is as if there was no EGL, "failing"
-// as if the first frames could not be read, and "hanging" as if reading them never ended.
+// as if the first frames could not be read, "failing-late" the same of later ones, and "hanging" as if reading never ended.
 class GlRenderer {
  public:
   GlRenderer();  // throws GlUnavailable

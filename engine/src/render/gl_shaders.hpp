@@ -23,8 +23,6 @@ struct Attachments {
 struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // of the sun
-
-  bool operator==(const ShaderTraits&) const = default;
 };
 
 // Numbers in the shaders' layout qualifiers.

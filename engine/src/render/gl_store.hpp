@@ -24,7 +24,6 @@ class GlStore {
     return first;
   }
 
-  std::size_t size() const { return size_; }
   GLuint name() const { return buffer_.name(); }  // another one after it has grown; 0 while empty
 
  private:

@@ -83,6 +83,12 @@ struct GlWorker::Shared {
     return true;
   }
 
+  void fail(const std::string& why) {
+    const std::lock_guard lock(mutex);
+    if (error.empty()) error = why;
+    changed.notify_all();
+  }
+
   void give_sign() {
     const std::lock_guard lock(mutex);
     ++signs_of_life;
@@ -164,15 +170,16 @@ void GlWorker::release() {
   shared_->changed.notify_all();
 }
 
-void GlWorker::run(Shared& s) {
-  try {
-    const EglContext context(s.wish);
-    GlPainter painter;
-    Atlases atlases;
-    GlReadback readback_0(context.is_software());
-    GlReadback readback_1(context.is_software());
-    const std::array<GlReadback*, kNumReadbacks> readbacks{&readback_0, &readback_1};
+// What the thread has of OpenGL, and does with it.
+struct GlWorker::Device {
+  Shared& s;
+  const EglContext context;
+  GlPainter painter;
+  Atlases atlases;
+  std::array<GlReadback, kNumReadbacks> readbacks;
 
+  explicit Device(Shared& shared)
+      : s(shared), context(s.wish), readbacks{GlReadback(context.is_software()), GlReadback(context.is_software())} {
     GLint side = 0;
     std::array<GLint, 2> viewport{};
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
@@ -185,44 +192,9 @@ void GlWorker::run(Shared& s) {
       s.ready = true;
     }
     s.changed.notify_all();
+  }
 
-    const auto draw = [&](const GlRound& round, GlReadback& readback) {
-      const auto views = std::span<const GlView>(s.task.views).subspan(round.first_view, static_cast<std::size_t>(round.count));
-      const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
-      GlPass pass = round.pass;
-      if (pass.samples > 1 && pass.traits.writes.color) {
-        const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
-        const GlAtlas& samples = atlases.get(large, {.color = true});
-        GlPass colors = pass;
-        colors.traits.writes = {.color = true};
-        painter.paint(samples, views, colors);
-        pass.traits.writes.color = false;
-        pass.traits.shadows = false;
-        pass.samples = 1;
-        painter.paint(atlas, views, pass);
-        painter.resolve(samples, atlas, round.pass.samples, round.count);
-      } else {
-        pass.samples = 1;
-        painter.paint(atlas, views, pass);
-      }
-      readback.start(atlas, round.count);
-    };
-    // Of an earlier round, while the next is under way.
-    const auto publish = [&](GlReadback& readback, std::size_t round) {
-      if (s.wish == EglWish::failing) throw GlUnavailable("reading pictures fails by SWIFTLET_EGL=failing");
-      if (s.wish == EglWish::hanging) {
-        std::unique_lock lock(s.mutex);
-        s.changed.wait(lock, [&] { return s.stop; });
-        return;
-      }
-      readback.finish();
-      const std::lock_guard lock(s.mutex);
-      s.pixels[round % kNumReadbacks] = readback.pixels();
-      s.published = round + 1;
-      ++s.signs_of_life;
-      s.changed.notify_all();
-    };
-
+  void work() {
     std::uint64_t done = 0;
     while (true) {
       {
@@ -246,20 +218,71 @@ void GlWorker::run(Shared& s) {
           s.changed.wait(lock, [&] { return s.stop || s.released + kNumReadbacks > round; });
           if (s.stop) return;
         }
-        draw(s.task.rounds[round], *readbacks[round % kNumReadbacks]);
+        draw(s.task.rounds[round], readbacks[round % kNumReadbacks]);
         // A device of its own copies the round before while it draws this one; software has copied it already.
         if (s.is_software) {
-          publish(*readbacks[round % kNumReadbacks], round);
+          publish(round);
         } else if (round > 0) {
-          publish(*readbacks[(round - 1) % kNumReadbacks], round - 1);
+          publish(round - 1);
         }
       }
-      if (!s.is_software && count > 0) publish(*readbacks[(count - 1) % kNumReadbacks], count - 1);
+      if (!s.is_software && count > 0) publish(count - 1);
+    }
+  }
+
+  void draw(const GlRound& round, GlReadback& readback) {
+    const auto views = std::span<const GlView>(s.task.views).subspan(round.first_view, static_cast<std::size_t>(round.count));
+    const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
+    GlPass pass = round.pass;
+    if (pass.samples == 1) {
+      painter.paint(atlas, views, pass);
+    } else {  // of colours alone
+      const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
+      const GlAtlas& samples = atlases.get(large, {.color = true});
+      GlPass colors = pass;
+      colors.traits.writes = {.color = true};
+      painter.paint(samples, views, colors);
+      pass.traits.writes.color = false;
+      pass.traits.shadows = false;
+      pass.samples = 1;
+      if (pass.traits.writes != Attachments{}) painter.paint(atlas, views, pass);
+      painter.resolve(samples, atlas, round.pass.samples, round.count);
+    }
+    readback.start(atlas, round.count);
+  }
+
+  void publish(std::size_t round) {
+    if (s.wish == EglWish::failing || (s.wish == EglWish::failing_late && round > 0)) {
+      throw GlUnavailable("reading pictures fails by SWIFTLET_EGL");
+    }
+    if (s.wish == EglWish::hanging) {
+      std::unique_lock lock(s.mutex);
+      s.changed.wait(lock, [&] { return s.stop; });
+      return;
+    }
+    GlReadback& readback = readbacks[round % kNumReadbacks];
+    readback.finish();
+    const std::lock_guard lock(s.mutex);
+    s.pixels[round % kNumReadbacks] = readback.pixels();
+    s.published = round + 1;
+    ++s.signs_of_life;
+    s.changed.notify_all();
+  }
+};
+
+void GlWorker::run(Shared& s) {
+  try {
+    Device device(s);
+    try {
+      device.work();
+    } catch (const std::exception& error) {
+      s.fail(error.what());
+      // The caller may still be reading the round before: it stays until the caller is done with all of this.
+      std::unique_lock lock(s.mutex);
+      s.changed.wait(lock, [&] { return s.stop; });
     }
   } catch (const std::exception& error) {
-    const std::lock_guard lock(s.mutex);
-    if (s.error.empty()) s.error = error.what();
-    s.changed.notify_all();
+    s.fail(error.what());
   }
 }
 

@@ -56,6 +56,7 @@ class GlWorker {
 
  private:
   struct Shared;
+  struct Device;
   static void run(Shared& s);
 
   std::shared_ptr<Shared> shared_;

@@ -22,7 +22,7 @@ struct Tile {
 // along it are planar depths.
 struct Lens {
   float fx, fy, cx, cy;  // px
-  // The grid of samples within a pixel, by which all of this is repeated: shifts[0] is of the pixel's centre, and where there are
+  // The grid of samples within a pixel, by which all of this is repeated: grids[0] is of the pixel's centre, and where there are
   // several samples the others follow.
   struct Grid {
     std::vector<float> left;  // (columns of tiles, kSide * kSide) y of the directions of a tile's pixels, row by row

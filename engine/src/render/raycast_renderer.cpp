@@ -69,19 +69,20 @@ void average(const Job& job, const Tile& tile, RaycastScratch& scratch) {
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
   CameraOutputs colors = job.shot.camera->outputs;
   colors.depth = colors.semantic = colors.instance = colors.normal = false;
-  for (auto& sums : scratch.sums) std::fill_n(sums, TilePixels::kCount, std::uint16_t{0});
+  const std::size_t pixels_of_tile = tile.height * Tile::kSide;
+  for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
   const auto grids = std::span(job.shot.lens->grids).subspan(1);
   for (const Lens::Grid& grid : grids) {
     sample(job, grid, tile, colors, scratch);
     for (std::size_t c = 0; c < 3; ++c) {
-      for (std::size_t i = 0; i < TilePixels::kCount; ++i) {
+      for (std::size_t i = 0; i < pixels_of_tile; ++i) {
         scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
       }
     }
   }
   const auto count = static_cast<unsigned int>(grids.size());
   for (std::size_t c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < TilePixels::kCount; ++i) {
+    for (std::size_t i = 0; i < pixels_of_tile; ++i) {
       channels[c][i] = static_cast<std::uint8_t>((scratch.sums[c][i] + count / 2) / count);
     }
   }

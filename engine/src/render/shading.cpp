@@ -412,6 +412,17 @@ std::int32_t lit_color(const Shading::Tables& tables, const std::array<float, 3>
   return static_cast<std::int32_t>(color);
 }
 
+// Whether a table of colours can be read where it is nearest: no channel skips a level from one entry to the next.
+bool is_fine(std::span<const std::int32_t> colors) {
+  const auto skips = [](std::int32_t a, std::int32_t b) {
+    for (int shift = 0; shift < 24; shift += 8) {
+      if (std::abs(((a >> shift) & 0xFF) - ((b >> shift) & 0xFF)) > 1) return true;
+    }
+    return false;
+  };
+  return std::adjacent_find(colors.begin(), colors.end(), skips) == colors.end();
+}
+
 ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const Shading::Tables& tables) {
   ShadedSolid solid{.shape = &shape, .surface = surface, .sun = {}, .up = {}, .faces = {}};
   const Vec3 to_sun(tables.light.sun_direction[0], tables.light.sun_direction[1], tables.light.sun_direction[2]);
@@ -450,7 +461,8 @@ Shading::Shading(const World& world) {
     const trace::Shape& shape = scene.shape(i);
     ShadedSolid& solid = tables_.solids.emplace_back(make_solid(shape, appearance.primitives[i], tables_));
     if (shape.kind == trace::ShapeKind::cylinder && solid.up[0] == 0.0F && solid.up[1] == 0.0F) {
-      solid.ramp = tables_.ramps[world.primitives()[i].material].data();
+      const auto& ramp = tables_.ramps[world.primitives()[i].material];
+      if (is_fine(ramp)) solid.ramp = ramp.data();
     }
   }
   for (std::size_t i = 0; i < appearance.markers.size(); ++i) {

@@ -9,8 +9,6 @@
 namespace swiftlet::sensors {
 namespace {
 
-bool same_lens(const CameraConfig& a, const CameraConfig& b) { return a.hfov_deg == b.hfov_deg && a.vfov_deg == b.vfov_deg; }
-
 Mat3 matrix_of(const std::array<float, 4>& q) { return Quat(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix(); }
 
 Vec3 vector_of(const std::array<float, 3>& v) { return {v[0], v[1], v[2]}; }
@@ -34,7 +32,7 @@ Camera::Camera(const CameraConfig& config, std::size_t num_drones)
       offset_(num_drones, vector_of(config.offset_m)),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
       quat_wxyz_(num_drones, config.quat_wxyz) {
-  settings_.push_back(std::make_unique<Setting>(Setting{config, render::make_lens(config), num_drones}));
+  settings_.push_back(std::make_unique<Setting>(Setting{config.hfov_deg, config.vfov_deg, render::make_lens(config), num_drones}));
   taken_.position.resize(3 * num_drones);
   taken_.quat_wxyz.resize(4 * num_drones);
   taken_.world.resize(num_drones);
@@ -51,8 +49,8 @@ Camera::Camera(const CameraConfig& config, std::size_t num_drones)
 
 CameraConfig Camera::config_of(std::size_t drone) const {
   CameraConfig config = *config_;
-  config.hfov_deg = settings_[setting_[drone]]->config.hfov_deg;
-  config.vfov_deg = settings_[setting_[drone]]->config.vfov_deg;
+  config.hfov_deg = settings_[setting_[drone]]->hfov_deg;
+  config.vfov_deg = settings_[setting_[drone]]->vfov_deg;
   config.offset_m = {offset_[drone].x(), offset_[drone].y(), offset_[drone].z()};
   config.quat_wxyz = quat_wxyz_[drone];
   return config;
@@ -61,11 +59,12 @@ CameraConfig Camera::config_of(std::size_t drone) const {
 void Camera::set_config(std::size_t drone, const CameraConfig& config) {
   --settings_[setting_[drone]]->drones;
   const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
-  auto setting = find([&](const auto& other) { return same_lens(other->config, config); });
+  auto setting =
+      find([&](const auto& other) { return other->hfov_deg == config.hfov_deg && other->vfov_deg == config.vfov_deg; });
   if (setting == settings_.end()) {
     setting = find([](const auto& other) { return other->drones == 0; });
     if (setting == settings_.end()) setting = settings_.insert(setting, std::make_unique<Setting>());
-    **setting = {config, render::make_lens(config), 0};
+    **setting = {config.hfov_deg, config.vfov_deg, render::make_lens(config), 0};
   }
   ++(*setting)->drones;
   setting_[drone] = static_cast<std::uint32_t>(setting - settings_.begin());

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "render/shot.hpp"
@@ -54,7 +55,7 @@ class Camera {
   // Where shots point to stays where it is when cameras move in memory.
   std::unique_ptr<CameraConfig> config_;
   struct Setting {  // drones of equal FOV share one; one that no drone has any more makes room for the next
-    CameraConfig config;
+    std::optional<float> hfov_deg, vfov_deg;
     render::Lens lens;
     std::size_t drones;
   };
