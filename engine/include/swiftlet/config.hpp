@@ -65,7 +65,7 @@ struct CameraConfig {
   std::string name = "front";                  // of its own in the batch
   int width_px = 640;                          // in [1, 8192]
   int height_px = 480;                         // in [1, 8192]
-  std::optional<float> hfov_deg;               // in [0.1, 179], also what follows; neither given: 90. Of one alone, pixels are square.
+  std::optional<float> hfov_deg;               // in [0.1, 179], also what follows; neither: 90. Of one alone, pixels are square.
   std::optional<float> vfov_deg;               // likewise; both given: each as it says
   std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // camera to body; normalised if close to unit

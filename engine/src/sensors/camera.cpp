@@ -32,7 +32,8 @@ Camera::Camera(const CameraConfig& config, std::size_t num_drones)
       offset_(num_drones, vector_of(config.offset_m)),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
       quat_wxyz_(num_drones, config.quat_wxyz) {
-  settings_.push_back(std::make_unique<Setting>(Setting{config.hfov_deg, config.vfov_deg, render::make_lens(config), num_drones}));
+  settings_.push_back(
+      std::make_unique<Setting>(Setting{config.hfov_deg, config.vfov_deg, render::make_lens(config), num_drones}));
   taken_.position.resize(3 * num_drones);
   taken_.quat_wxyz.resize(4 * num_drones);
   taken_.world.resize(num_drones);
