@@ -505,7 +505,7 @@ TEST(CameraChange, MakesADroneOneThatWasMadeSo) {
   const std::size_t pixels = std::size_t{24} * 18;
   for (std::size_t drone = 0; drone < 8; ++drone) {
     SCOPED_TRACE(drone);
-    const CameraConfig is = batch.camera_config(0, drone);
+    const CameraConfig is = batch.camera_config(0, static_cast<std::int64_t>(drone));
     EXPECT_EQ(is.hfov_deg, configs[drone].hfov_deg);
     EXPECT_EQ(is.vfov_deg, configs[drone].vfov_deg);
     EXPECT_EQ(is.offset_m, configs[drone].offset_m);
@@ -721,8 +721,8 @@ BatchConfig two_cameras(CaptureMode mode) {
     if (x.frame_step != y.frame_step) return ::testing::AssertionFailure() << "camera " << camera << ": other ages";
     const auto pixels = static_cast<std::size_t>(config.width_px * config.height_px);
     for (std::size_t i = 0; i < x.frame_step.size(); ++i) {
-      const CameraConfig mine = a.camera_config(camera, i);
-      const CameraConfig its = b.camera_config(camera, i);
+      const CameraConfig mine = a.camera_config(camera, static_cast<std::int64_t>(i));
+      const CameraConfig its = b.camera_config(camera, static_cast<std::int64_t>(i));
       if (mine.hfov_deg != its.hfov_deg || mine.vfov_deg != its.vfov_deg || mine.offset_m != its.offset_m ||
           mine.quat_wxyz != its.quat_wxyz || mine.capture_mode != its.capture_mode) {
         return ::testing::AssertionFailure() << "camera " << camera << " of drone " << i << " is set otherwise";
