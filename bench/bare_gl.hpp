@@ -1,10 +1,14 @@
-// OpenGL with nothing around it: each camera a tile of one atlas, a viewport, a uniform and one draw call of all triangles, and
-// the attachments read back; what the benchmarks hold the engine's OpenGL cameras against.
+// OpenGL with nothing around it: each camera a tile of one atlas, a viewport, a uniform and one draw call of all triangles, or
+// one for each row of those cells of a grid over them that it sees, and the attachments read back; what the benchmarks hold the
+// engine's OpenGL cameras against.
 #pragma once
 
 #include <epoxy/gl.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -22,7 +26,7 @@ class BareGl {
   // colors: linear, of each triangle
   BareGl(const swiftlet::TriangleMesh& mesh, const std::vector<std::array<float, 3>>& colors, const swiftlet::Light& light,
          float near_m)
-      : context_(swiftlet::render::egl_wish()), near_m_(near_m), num_indices_(static_cast<GLsizei>(3 * mesh.triangles.size())) {
+      : context_(swiftlet::render::egl_wish()), near_m_(near_m) {
     program_ = glCreateProgram();
     attach(GL_VERTEX_SHADER, kVertexShader);
     attach(GL_FRAGMENT_SHADER, kFragmentShader);
@@ -43,7 +47,7 @@ class BareGl {
     for (const swiftlet::Vec3& v : mesh.vertices) vertices.insert(vertices.end(), {v.x(), v.y(), v.z()});
     std::vector<std::int32_t> indices;
     std::vector<float> facets;  // normal and colour of each triangle, as two vec4
-    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    for (const std::uint32_t i : sort_into_cells(mesh)) {
       const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])]; };
       const swiftlet::Vec3 n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
       facets.insert(facets.end(), {n.x(), n.y(), n.z(), 0.0F, colors[i][0], colors[i][1], colors[i][2], 0.0F});
@@ -86,8 +90,9 @@ class BareGl {
     depth.resize(rgba.size() / 4);
   }
 
-  // rotation: camera (x forward, y left, z up) to world
-  void render(const std::vector<swiftlet::Vec3>& position, const std::vector<swiftlet::Mat3>& rotation, float fx, float fy) {
+  // rotation: camera (x forward, y left, z up) to world; culled: cells out of a camera's sight are left out
+  void render(const std::vector<swiftlet::Vec3>& position, const std::vector<swiftlet::Mat3>& rotation, float fx, float fy,
+              bool culled) {
     const auto count = static_cast<int>(position.size());
     glViewport(0, 0, width_, height_ * count);
     constexpr std::array<float, 4> kSky{0.8F, 0.9F, 1.0F, 1.0F}, kNothing{1e30F, 0, 0, 0};
@@ -97,6 +102,7 @@ class BareGl {
     glClearNamedFramebufferfv(frame_, GL_DEPTH, 0, &kFarthest);
     const GLint matrix = glGetUniformLocation(program_, "to_clip");
     const GLint eye = glGetUniformLocation(program_, "eye");
+    const GLint first = glGetUniformLocation(program_, "first");
     for (int i = 0; i < count; ++i) {
       const auto at = static_cast<std::size_t>(i);
       const swiftlet::Mat3 to_camera = rotation[at].transpose();
@@ -109,7 +115,24 @@ class BareGl {
       glUniformMatrix4fv(matrix, 1, GL_FALSE, to_clip.data());
       glUniform3fv(eye, 1, position[at].data());
       glViewport(0, height_ * i, width_, height_);
-      glDrawElements(GL_TRIANGLES, num_indices_, GL_UNSIGNED_INT, nullptr);
+      const float across = 0.5F * static_cast<float>(width_) / fx, along = 0.5F * static_cast<float>(height_) / fy;
+      const swiftlet::Mat3& r = rotation[at];
+      const std::array<swiftlet::Vec3, 5> sides{r.col(0), across * r.col(0) + r.col(1), across * r.col(0) - r.col(1),
+                                                along * r.col(0) + r.col(2), along * r.col(0) - r.col(2)};
+      const auto is_seen = [&](const Cell& cell) {
+        return !culled || std::all_of(sides.begin(), sides.end(), [&](const swiftlet::Vec3& side) {
+          return side.dot(cell.center - position[at]) + side.cwiseAbs().dot(cell.half) >= 0.0F;
+        });
+      };
+      for (std::size_t cell = 0; cell < cells_.size(); ++cell) {
+        if (!is_seen(cells_[cell])) continue;
+        const std::uint32_t from = cells_[cell].first;
+        while (cell + 1 < cells_.size() && is_seen(cells_[cell + 1])) ++cell;
+        const std::uint32_t count = cells_[cell].first + cells_[cell].count - from;
+        glUniform1i(first, static_cast<GLint>(from));
+        glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(3 * count), GL_UNSIGNED_INT,
+                       reinterpret_cast<const void*>(3 * sizeof(std::int32_t) * from));
+      }
     }
     glReadBuffer(GL_COLOR_ATTACHMENT0);
     glReadPixels(0, 0, width_, height_ * count, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
@@ -133,16 +156,52 @@ void main() {
   static constexpr const char* kFragmentShader = R"(#version 450 core
 layout(std430, binding = 0) readonly buffer Facets { vec4 facets[]; };
 uniform vec3 to_sun, sun, sky, ground;
+uniform int first;
 in vec3 from_eye;
 layout(location = 0) out vec4 color;
 layout(location = 1) out float depth;
 void main() {
-  vec3 n = facets[2 * gl_PrimitiveID].xyz;
+  int facet = 2 * (first + gl_PrimitiveID);
+  vec3 n = facets[facet].xyz;
   n = dot(n, from_eye) > 0.0 ? -n : n;
   vec3 light = mix(ground, sky, 0.5 + 0.5 * n.z) + sun * max(0.0, dot(n, to_sun));
-  color = vec4(pow(min(facets[2 * gl_PrimitiveID + 1].xyz * light, 1.0), vec3(1.0 / 2.2)), 1.0);
+  color = vec4(pow(min(facets[facet + 1].xyz * light, 1.0), vec3(1.0 / 2.2)), 1.0);
   depth = 1.0 / gl_FragCoord.w;
 })";
+
+  struct Cell {
+    std::uint32_t first = 0, count = 0;  // triangles
+    swiftlet::Vec3 center, half;
+  };
+
+  // Makes square cells of some hundred triangles, row by row, and returns the triangles in their order.
+  std::vector<std::uint32_t> sort_into_cells(const swiftlet::TriangleMesh& mesh) {
+    constexpr double kTriangles = 500.0;
+    Eigen::AlignedBox3f all;
+    for (const swiftlet::Vec3& v : mesh.vertices) all.extend(v);
+    const int side = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(mesh.triangles.size()) / kTriangles)));
+    std::vector<std::vector<std::uint32_t>> members(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
+    std::vector<Eigen::AlignedBox3f> bounds(members.size());
+    for (std::uint32_t i = 0; i < mesh.triangles.size(); ++i) {
+      Eigen::AlignedBox3f box;
+      for (const int corner : mesh.triangles[i]) box.extend(mesh.vertices[static_cast<std::size_t>(corner)]);
+      const auto place = [&](int axis) {
+        const float share = (box.center()[axis] - all.min()[axis]) / all.sizes()[axis];
+        return std::clamp(static_cast<int>(share * static_cast<float>(side)), 0, side - 1);
+      };
+      const auto cell = static_cast<std::size_t>(place(1) * side + place(0));
+      members[cell].push_back(i);
+      bounds[cell].extend(box);
+    }
+    std::vector<std::uint32_t> order;
+    for (std::size_t cell = 0; cell < members.size(); ++cell) {
+      if (members[cell].empty()) continue;
+      cells_.push_back({static_cast<std::uint32_t>(order.size()), static_cast<std::uint32_t>(members[cell].size()),
+                        bounds[cell].center(), bounds[cell].sizes() / 2});
+      order.insert(order.end(), members[cell].begin(), members[cell].end());
+    }
+    return order;
+  }
 
   [[noreturn]] static void fail(const char* what) {
     std::fprintf(stderr, "bare OpenGL: %s\n", what);
@@ -168,7 +227,7 @@ void main() {
 
   swiftlet::render::EglContext context_;
   float near_m_;
-  GLsizei num_indices_;
+  std::vector<Cell> cells_;
   GLuint program_ = 0, array_ = 0, frame_ = 0;
   int width_ = 0, height_ = 0;
 };

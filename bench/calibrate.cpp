@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "bench.hpp"
+#include "platform/flush_denormals.hpp"
 #include "sensors/beams.hpp"
 #include "swiftlet/world.hpp"
 #include "trace/scene.hpp"
@@ -150,7 +151,7 @@ int crossover(const char* name, double (*advantage)(int)) {
 }  // namespace
 
 int main() {
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
   const int bundle = crossover("in reach", bundle_advantage);
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
   std::printf(

@@ -32,6 +32,7 @@
 #include "bare_embree.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
+#include "platform/flush_denormals.hpp"
 #include "swiftlet/batch.hpp"
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
@@ -247,7 +248,7 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
           [&, coherent](std::size_t w) { trace_bare<RTCRayHit16, 16>(scenes[w]->scene, rays[w], coherent); });
     }
   }
-  const swiftlet::trace::FlushDenormals flush;
+  const swiftlet::FlushDenormals flush;
   bench::Times times = bench::interleave(variants, runs);
 
   const auto fastest = [&](std::size_t first, std::size_t end) {

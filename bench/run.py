@@ -176,7 +176,8 @@ def bench_train() -> list[Figure]:
 def train_camera(name: str, args: Any) -> tuple[Any, list[Figure]]:
     """Train from scratch with `train_ppo.Args`; return its outcome and figures.
 
-    Success is of one flight from each start marker, and of 50 from all over each spawn box.
+    Success is of one flight from each start marker, of 50 from all over each spawn box, and of one flight in each of
+    100 generated playgrounds.
     """
     sys.path.insert(0, str(ROOT / "training"))
     import evaluate
@@ -199,6 +200,10 @@ def train_camera(name: str, args: Any) -> tuple[Any, list[Figure]]:
         key = scenes.replace("-", "_")
         figures.append(figure(f"train/{name}/{key}/success_rate", from_start, "1", len(alone)))
         figures.append(figure(f"train/{name}/{key}/random_start_success_rate", rate, "1", len(flights)))
+    unseen = evaluate.fly(policy, args.setup.generated(evaluate.UNSEEN_SEED, 100), 1000, setup=args.setup)
+    rate = evaluate.summary(unseen)["success_rate"]
+    print(f"{name}: unseen generated playgrounds {rate:.0%}")
+    figures.append(figure(f"train/{name}/unseen_success_rate", rate, "1", len(unseen)))
     return outcome, figures
 
 

@@ -10,6 +10,7 @@
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "motion/pose_access.hpp"
+#include "platform/flush_denormals.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
 #include "swiftlet/batch.hpp"
@@ -87,7 +88,7 @@ void profile(bench::Figures& figures) {
   Batch batch(config, worlds);
   RandomPolicy policy(kDrones);
   batch.reset({});
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
 
   // The same stages as in the batch, on a copy of its state.
   const DroneModel drone_model = DroneModel::quadrotor650();

@@ -115,14 +115,15 @@ def pivot(cells: dict[tuple[str, str], str], corner: str) -> str:
 
 def frames(results: dict[str, Result]) -> str:
     """Return the table of camera frames per second over resolution, number of drones, world and backend."""
-    figures = {}
+    figures = []
     for f in results.get("camera", {"figures": []})["figures"]:
         if f["name"].startswith(FRAMES):
             world, size, what = f["name"].removeprefix(FRAMES).split("/")
-            width, height, drones = size.split("x")
-            row = f"{width} x {height}, N = {drones}"
-            figures[row, f"{world} {what.removesuffix('_frames_per_second')}"] = number(f["value"])
-    return pivot(figures, "frames/s") if figures else "Not measured yet.\n"
+            column = f"{world} {what.removesuffix('_frames_per_second')}"
+            figures.append((tuple(map(int, size.split("x"))), column, number(f["value"])))
+    figures.sort(key=lambda figure: figure[0])
+    cells = {(f"{size[0]} x {size[1]}, N = {size[2]}", column): value for size, column, value in figures}
+    return pivot(cells, "frames/s") if cells else "Not measured yet.\n"
 
 
 def modes(results: dict[str, Result]) -> str:

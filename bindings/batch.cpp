@@ -28,11 +28,20 @@ AutoresetMode autoreset_mode(const std::string& text) {
   throw py::value_error("autoreset_mode: expected \"next_step\", \"same_step\" or \"disabled\", got \"" + text + "\"");
 }
 
-std::unique_ptr<Batch> make_batch(const Worlds& worlds, int num_drones, const std::optional<LidarConfig>& lidar,
-                                  const std::optional<PoseSensorConfig>& pose_sensor, const std::optional<NavigationConfig>& task,
-                                  const std::optional<DroneModel>& drone, const std::vector<CameraConfig>& cameras,
-                                  const std::string& backend, const std::string& autoreset, int num_threads, int block_size,
-                                  const py::object& world_index) {
+// Letting go of a batch waits for its threads.
+struct Released {
+  void operator()(Batch* batch) const {
+    const py::gil_scoped_release release;
+    std::default_delete<Batch>()(batch);
+  }
+};
+
+std::unique_ptr<Batch, Released> make_batch(const Worlds& worlds, int num_drones, const std::optional<LidarConfig>& lidar,
+                                            const std::optional<PoseSensorConfig>& pose_sensor,
+                                            const std::optional<NavigationConfig>& task, const std::optional<DroneModel>& drone,
+                                            const std::vector<CameraConfig>& cameras, const std::string& backend,
+                                            const std::string& autoreset, int num_threads, int block_size,
+                                            const py::object& world_index) {
   BatchConfig config;
   config.num_drones = num_drones;
   config.num_threads = num_threads;
@@ -46,8 +55,11 @@ std::unique_ptr<Batch> make_batch(const Worlds& worlds, int num_drones, const st
   config.task = task ? TaskKind::navigation : TaskKind::none;
   config.navigation = task.value_or(NavigationConfig());
   const auto index = integers<std::int32_t>(world_index, "world_index", {num_drones});
-  auto batch = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()),
-                                       drone.value_or(DroneModel::quadrotor650()), index);
+  auto batch = [&] {  // worlds are prepared for tracing, backends timed
+    const py::gil_scoped_release release;
+    return std::unique_ptr<Batch, Released>(
+        new Batch(config, Batch::Worlds(worlds.begin(), worlds.end()), drone.value_or(DroneModel::quadrotor650()), index));
+  }();
   warn(*batch);
   return batch;
 }
@@ -120,6 +132,8 @@ void step(Batch& batch, const py::object& actions) {
 // The one of that name, or all.
 std::vector<std::size_t> chosen_cameras(const Batch& batch, const std::optional<std::string>& name) {
   if (name) return {batch.camera_index(*name)};
+  if (batch.config().cameras.empty())
+    throw py::value_error("camera: expected a Batch with cameras (cameras=[...]), got one without");
   std::vector<std::size_t> all(batch.config().cameras.size());
   std::iota(all.begin(), all.end(), std::size_t{0});
   return all;
@@ -150,7 +164,7 @@ void register_batch(py::module_& module) {
       .def_readonly("normal", &ContactView::normal);
 
   const auto none = py::none();
-  py::class_<Batch>(module, "Batch", "N drone slots over W worlds, stepped together.")
+  py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
            py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none,
            py::arg("cameras") = std::vector<CameraConfig>(), py::arg("camera_backend") = "raycast",
@@ -164,6 +178,7 @@ void register_batch(py::module_& module) {
                                for (const auto& world : batch.worlds()) worlds.push_back(std::const_pointer_cast<World>(world));
                                return worlds;
                              })
+      .def_property_readonly("drone", &Batch::drone)
       .def_property_readonly("position", state_view<float>([](const Batch& b) -> auto& { return b.state().position; }, 3))
       .def_property_readonly("quat_wxyz", state_view<float>([](const Batch& b) -> auto& { return b.state().quat_wxyz; }, 4))
       .def_property_readonly("active", state_view<bool>([](const Batch& b) -> auto& { return b.state().active; }))
@@ -185,6 +200,7 @@ void register_batch(py::module_& module) {
                                const auto& batch = self.cast<const Batch&>();
                                return view<float>(self, batch.lidar_max_range_m().data(), {size_of(batch)});
                              })
+      .def("lidar_config_of", &Batch::lidar_config, py::arg("index"))
       .def_property_readonly("lidar_directions", [](const Batch& batch) { return per_ray(batch, &Batch::lidar_directions); })
       .def_property_readonly("lidar_points", [](const Batch& batch) { return per_ray(batch, &Batch::lidar_points); })
       .def(
@@ -309,7 +325,12 @@ void register_batch(py::module_& module) {
                                const auto& batch = self.cast<const Batch&>();
                                return view<std::int32_t>(self, batch.goal_index().data(), {size_of(batch)});
                              })
-      .def("snapshot", [](const Batch& batch) { return py::bytes(batch.snapshot()); })
+      .def("snapshot",
+           [](Batch& batch) {
+             std::string blob;
+             released(batch, [&] { blob = batch.snapshot(); });
+             return py::bytes(blob);
+           })
       .def(
           "restore",
           [](Batch& batch, const py::bytes& bytes) {

@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
+#include "released.hpp"
 #include "swiftlet/batch.hpp"
 
 namespace swiftlet::bindings {
@@ -66,7 +67,9 @@ void register_camera(py::module_& module) {
       .def(
           "jpeg",
           [](const CameraView& camera, std::int64_t index, int quality) {
-            return py::bytes(camera.batch().jpeg(camera.index, index, quality));
+            std::string file;
+            released(camera.batch(), [&] { file = camera.batch().jpeg(camera.index, index, quality); });
+            return py::bytes(file);
           },
           py::arg("index"), py::arg("quality") = 90)
       .def(

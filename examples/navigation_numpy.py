@@ -7,7 +7,7 @@ python examples/navigation_numpy.py flies both side by side with the same action
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from gymnasium import spaces
@@ -31,11 +31,11 @@ class Navigation(swiftlet.Task):
         self,
         config: swiftlet.NavigationConfig,
         lidar: swiftlet.LidarConfig,
-        camera: swiftlet.CameraConfig | None = None,
+        cameras: Sequence[swiftlet.CameraConfig] = (),
     ) -> None:
         self.config = config
         self.lidar = lidar
-        self.camera = camera
+        self.camera = cameras
         self.max_episode_steps = config.max_episode_steps
         rays = lidar.shape[0] * lidar.shape[1]
         head = [-1.0, 0.0] if config.observation == "blob" else [-1.0, -1.0, -1.0]
@@ -178,7 +178,7 @@ def main() -> None:
     ):
         engine = swiftlet.DroneVectorEnv(35, observation=config.observation)
         assert engine.lidar is not None
-        twin_task = Navigation(config, engine.lidar, engine.camera)
+        twin_task = Navigation(config, engine.lidar, engine.cameras)
         twin = swiftlet.DroneVectorEnv(35, worlds=engine.batch.worlds, task=twin_task)
         engine.reset(seed=0)
         twin.reset(seed=0)

@@ -114,7 +114,7 @@ def fly(world: swiftlet.World, share: float) -> Image:
         batch.move(position[None])
         trail.record()
     batch.sense()
-    return ThirdPersonView(batch, lidar=lidar, cameras=[camera.name], trail=trail).frame(0)
+    return ThirdPersonView(batch, cameras=[camera.name], trail=trail).frame(0)
 
 
 @dataclass

@@ -11,11 +11,6 @@ import swiftlet
 
 TaskName = Literal["lidar", "camera", "pixels"]
 
-IDS: dict[TaskName, str] = {
-    "lidar": "swiftlet/LidarNavigation-v0",
-    "camera": "swiftlet/CameraNavigation-v0",
-    "pixels": "swiftlet/CameraPixels-v0",
-}
 OBSERVATIONS: dict[TaskName, str] = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
 
 # The camera playgrounds have start and goal at one height, and no farther apart sideways than this: the goal is before
@@ -35,31 +30,22 @@ class Setup:
     frame_skip: int = 1
 
     @property
-    def env_id(self) -> str:
-        """Gymnasium's id of the env."""
-        return IDS[self.task]
-
-    @property
     def playgrounds(self) -> tuple[str, str]:
         """The sets of shipped playgrounds to train in and to validate in."""
         return ("train", "validation") if self.task == "lidar" else ("camera-train", "camera-validation")
 
-    def keywords(self) -> dict[str, Any]:
-        """Return the keywords of `swiftlet.DroneVectorEnv`, without the observation, which the id implies."""
-        if self.task == "lidar":
-            return {"frame_skip": self.frame_skip}
-        camera = swiftlet.CameraConfig(
-            width_px=self.width_px,
-            height_px=self.height_px,
-            samples_per_pixel=self.samples_per_pixel,
-            layout="chw",
-        )
-        return {"frame_skip": self.frame_skip, "camera": camera}
-
     def make(self, num_envs: int, **keywords: Any) -> swiftlet.DroneVectorEnv:
         """Make the env."""
-        observation = OBSERVATIONS[self.task]
-        return swiftlet.DroneVectorEnv(num_envs, observation=observation, **self.keywords(), **keywords)
+        if self.task != "lidar":
+            keywords["camera"] = swiftlet.CameraConfig(
+                width_px=self.width_px,
+                height_px=self.height_px,
+                samples_per_pixel=self.samples_per_pixel,
+                layout="chw",
+            )
+        return swiftlet.DroneVectorEnv(
+            num_envs, observation=OBSERVATIONS[self.task], frame_skip=self.frame_skip, **keywords
+        )
 
     def generated(self, seed: int, count: int) -> list[swiftlet.World]:
         """Return playgrounds generated from the seeds seed, seed + 1, ..., leaving out what does not suit the task."""

@@ -39,7 +39,7 @@ from tasks import Setup, TaskName, remember, task_names
 TRAINING_SEED = 0
 CHOOSING_SEED = 500_000
 
-#: An evaluation flight that takes longer has failed: those that reach the goal take half as long.
+#: An evaluation flight that takes more flown steps has failed: those that reach the goal take half as long.
 EVALUATION_STEPS = 500
 
 # Options of glibc's mallopt, from malloc.h.
@@ -57,7 +57,7 @@ class Args:
     out: Path = Path("out/train/lidar")
     """Where policy.zip, progress.csv, TensorBoard logs and result.json go."""
     resume: Path | None = None
-    """A policy.zip to go on from."""
+    """A policy.zip to begin with, its network included. Steps and schedules begin anew."""
     total_steps: int = 1_500_000
     """Step budget. Learning rate and entropy bonus fall to zero with it: it is not only a limit."""
     max_minutes: float | None = None
@@ -85,9 +85,9 @@ class Args:
     samples_per_pixel: int = 1
     """Of the camera."""
     frame_skip: int = 1
-    """Flown steps per decision of the policy. All other numbers of steps here count decisions."""
+    """Flown steps per decision of the policy. The other numbers of steps here count decisions, but for the next one."""
     max_episode_steps: int = 400
-    """Training episodes are cut here: a policy that stalls gets no more reward."""
+    """Training episodes are cut after so many flown steps: a policy that stalls gets no more reward."""
     reward_scale: float = 0.1
     """Training sees reward * reward_scale ..."""
     reward_clip: float = 10.0
@@ -224,8 +224,6 @@ class Supervisor(BaseCallback):
         self.successes: list[bool] = []
 
     def _on_training_start(self) -> None:
-        # The model's counter starts where a resumed one stopped.
-        self.first_step = self.num_timesteps
         self.bar = tqdm(
             total=self.args.total_steps,
             unit=" steps",
@@ -234,11 +232,13 @@ class Supervisor(BaseCallback):
             dynamic_ncols=True,
             desc="training",
         )
+        if self.args.resume:  # what is learned must be better than what it begins with, to take its place
+            self.evaluate()
 
     def _on_rollout_start(self) -> None:
-        done = (self.num_timesteps - self.first_step) / self.args.total_steps
+        done = self.num_timesteps / self.args.total_steps
         self.model.ent_coef = self.args.entropy * max(0.0, 1.0 - done / 0.8)
-        if self.num_timesteps - self.first_step >= self.next_evaluation:
+        if self.num_timesteps >= self.next_evaluation:
             self.next_evaluation += self.args.evaluate_every
             self.evaluate()
             self.evaluating_in_rollouts_s = self.evaluating_s
@@ -256,7 +256,7 @@ class Supervisor(BaseCallback):
         self.successes = recent
         rate = sum(recent) / max(len(recent), 1)
         self.logger.record("rollout/success_rate", rate)
-        self.bar.update(self.num_timesteps - self.first_step - self.bar.n)
+        self.bar.update(self.num_timesteps - self.bar.n)
         self.bar.set_postfix_str(f"success {rate:.0%}")
 
     def _on_training_end(self) -> None:
@@ -311,17 +311,18 @@ def make_envs(args: Args) -> ScaledReward:
         # A world is drawn as often as it stands in the list.
         repeats = round(args.playground_share / (1 - args.playground_share) * args.generated / len(playgrounds))
         worlds += playgrounds * max(repeats - 1, 0)
-    venv = swiftlet.sb3.make_vec(
-        setup.env_id,
-        num_envs=args.num_envs,
+    envs = setup.make(
+        args.num_envs,
         worlds=worlds,
         max_episode_steps=args.max_episode_steps,
         random_start=args.random_start,
         random_world=True,
         stagger_first_episode=True,
         num_threads=args.num_threads,
-        **setup.keywords(),
+        autoreset_mode="same_step",
+        copy=False,
     )
+    venv = swiftlet.sb3.make_vec(envs)
     return ScaledReward(venv, args.reward_scale, args.reward_clip, args.step_cost)
 
 
@@ -344,37 +345,35 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     args.out.mkdir(parents=True, exist_ok=True)
     venv = make_envs(args)
     venv.seed(args.seed * args.num_envs)
+    hyperparameters = {
+        "n_steps": args.steps_per_update,
+        "batch_size": args.batch_size,
+        "n_epochs": args.epochs,
+        "learning_rate": LinearSchedule(args.learning_rate, 0.0, 1.0),
+        "gamma": args.gamma,
+        "gae_lambda": args.gae_lambda,
+        "clip_range": args.clip_range,
+        "ent_coef": args.entropy,
+        "seed": args.seed,
+    }
     if args.resume:
-        model = TimedPPO.load(args.resume, env=venv, device="cpu")
+        model = TimedPPO.load(args.resume, env=venv, device="cpu", **hyperparameters)
     else:
         policy, features = POLICIES[args.task]
-        model = TimedPPO(
-            policy,
-            venv,
-            n_steps=args.steps_per_update,
-            batch_size=args.batch_size,
-            n_epochs=args.epochs,
-            learning_rate=LinearSchedule(args.learning_rate, 0.0, 1.0),
-            gamma=args.gamma,
-            gae_lambda=args.gae_lambda,
-            clip_range=args.clip_range,
-            ent_coef=args.entropy,
-            policy_kwargs={
-                "net_arch": list(args.net),
-                "activation_fn": torch.nn.ReLU,
-                "features_extractor_class": features,
-            },
-            seed=args.seed,
-            device="cpu",
-        )
+        network = {
+            "net_arch": list(args.net),
+            "activation_fn": torch.nn.ReLU,
+            "features_extractor_class": features,
+        }
+        model = TimedPPO(policy, venv, policy_kwargs=network, device="cpu", **hyperparameters)
     remember(model, args.setup)
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
 
     supervisor = Supervisor(args)
     before = time.perf_counter()
-    model.learn(args.total_steps, callback=supervisor, reset_num_timesteps=args.resume is None, log_interval=1)
+    model.learn(args.total_steps, callback=supervisor, log_interval=1)
     elapsed = time.perf_counter() - before - supervisor.evaluating_s
-    steps = model.num_timesteps - supervisor.first_step
+    steps = model.num_timesteps
     seconds = {
         "environment": venv.seconds,
         "policy and rollout buffer": model.collecting_s - venv.seconds - supervisor.evaluating_in_rollouts_s,

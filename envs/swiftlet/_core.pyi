@@ -484,12 +484,12 @@ class Camera:
         """
 
     def jpeg(self, index: int, quality: int = 90) -> bytes:
-        """Return the file of one drone's rgb (else grey) frame, also of a stale one; quality from 1 to 100.
+        """Return the file of one drone's rgb (else grey) frame; quality from 1 to 100.
 
         Raises
         ------
         ValueError
-            The camera writes neither, or there is no such drone or quality.
+            The camera writes neither, the frame is stale, or there is no such drone or quality.
         """
 
     def save_frames(
@@ -579,6 +579,8 @@ class Batch:
     @property
     def worlds(self) -> list[World]: ...
     @property
+    def drone(self) -> DroneModel: ...
+    @property
     def position(self) -> _F32:
         """(N, 3) m, world frame."""
 
@@ -605,6 +607,9 @@ class Batch:
     @property
     def lidar_max_range_m(self) -> _F32:
         """(N,) m, of each drone's LiDAR as `set_lidar` left it; `RuntimeError` without a LiDAR."""
+
+    def lidar_config_of(self, index: int) -> LidarConfig:
+        """Return the LiDAR's setting of one drone, as `set_lidar` changed it; `RuntimeError` without a LiDAR."""
 
     @property
     def lidar_directions(self) -> _F32:
@@ -664,7 +669,7 @@ class Batch:
         """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Put drones into worlds (N,), where they are in the coordinates of."""
+        """Put drones into worlds (N,); each keeps its coordinates."""
 
     def set_lidar(
         self,

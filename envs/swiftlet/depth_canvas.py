@@ -115,7 +115,7 @@ class DepthCanvas:
             if offset < 0:
                 leave[slope == 0] = -np.inf
         window = np.s_[top:bottom, left:right]
-        seen = (enter < leave) & (enter >= self._near) & (enter < self.depth[window])
+        seen = (enter < leave) & (enter >= self._near) & (enter.astype(np.float32) < self.depth[window])
         self.rgb[window][seen] = colors[face[seen]]
         self.depth[window][seen] = enter[seen]
 

@@ -7,7 +7,7 @@ does the rest: motion, sensing, autoreset, time limits, episode statistics, seed
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,7 +56,7 @@ class Task:
     observation_space, action_space
         Spaces of one env.
     lidar, camera
-        The LiDAR and the camera the task needs, if any.
+        The LiDAR and the camera the task needs, if any; several cameras as a sequence.
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never.
     step_m
@@ -73,7 +73,7 @@ class Task:
     observation_space: spaces.Box
     action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, (3,), np.float32)
     lidar: LidarConfig | None = None
-    camera: CameraConfig | None = None
+    camera: CameraConfig | Sequence[CameraConfig] | None = None
     max_episode_steps: int = 1000
     step_m: float = 0.1
 

@@ -8,13 +8,15 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch, CameraConfig, DroneModel, LidarConfig, World
+from swiftlet._core import Batch, CameraConfig, World
+from swiftlet.beams import beams_of
 from swiftlet.depth_canvas import Color, DepthCanvas, Floats, Image
 from swiftlet.stage import Stage
 from swiftlet.task import rotate
 from swiftlet.trail import Trail
 
 _DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
+_OTHER = (0.35, 0.45, 0.6)
 _EDGE: Color = (20, 40, 110)
 _TRAIL: Color = (35, 90, 210)
 _BEAM: Color = (250, 130, 70)
@@ -33,14 +35,14 @@ class ThirdPersonView:
     ----------
     batch
         Whose drones to draw.
-    drone
-        The batch's drone model; None for the default one.
-    lidar
-        The batch's LiDAR. A beam that hits nothing is drawn as long as the drone's range. None draws no beams.
     cameras
         Names of cameras of the batch whose views are drawn.
     trail
         Where the drones have been. None draws no trails.
+    beams
+        Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
+    others
+        Whether the other drones of the same world are drawn, too, paler. They neither see nor touch each other.
     width_px, height_px
         Of the picture.
     """
@@ -48,20 +50,20 @@ class ThirdPersonView:
     def __init__(
         self,
         batch: Batch,
-        drone: DroneModel | None = None,
-        lidar: LidarConfig | None = None,
         cameras: Sequence[str] = (),
         trail: Trail | None = None,
         *,
+        beams: bool = True,
+        others: bool = False,
         width_px: int = 640,
         height_px: int = 480,
     ) -> None:
         self._batch = batch
-        self._lidar = lidar
-        self._directions = None if lidar is None else np.asarray(batch.lidar_directions, float)
         self._cameras = [batch.camera(name) for name in cameras]
         self._trail = trail
-        self._corners = np.asarray((DroneModel() if drone is None else drone).hull, float)
+        self._beams = beams
+        self._others = others
+        self._corners = np.asarray(batch.drone.hull, float)
         self._normals, self._offsets = _faces(self._corners)
         self._edges = _edges(self._corners, self._normals, self._offsets)
         self._length = float(np.ptp(self._corners, axis=0).max())
@@ -78,17 +80,29 @@ class ThirdPersonView:
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
         canvas, obstacles = self._stages[index].set(position, quat_wxyz)
         if self._batch.active[env]:
-            self._draw_drone(canvas, world, position, quat_wxyz)
+            self._draw_drone(canvas, world, position, quat_wxyz, _DRONE)
             self._draw_trail(canvas, env)
             self._draw_cameras(canvas, env, position, quat_wxyz)
-            self._draw_beams(canvas, env, position, quat_wxyz)
+            self._draw_beams(canvas, env)
+        if self._others:
+            for other in np.flatnonzero(self._batch.active & (self._batch.world_index == index)):
+                if other != env:
+                    pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
+                    self._draw_drone(canvas, world, *pose, _OTHER)
         obstacles.draw(canvas)
         return _averaged(canvas.rgb)
 
-    def _draw_drone(self, canvas: DepthCanvas, world: World, position: Floats, quat_wxyz: Floats) -> None:
+    def _draw_drone(
+        self,
+        canvas: DepthCanvas,
+        world: World,
+        position: Floats,
+        quat_wxyz: Floats,
+        color: tuple[float, float, float],
+    ) -> None:
         normals = rotate(quat_wxyz, self._normals)
         corners = position + rotate(quat_wxyz, self._corners)
-        canvas.solid(normals, self._offsets + normals @ position, corners, _shaded(world, normals, _DRONE))
+        canvas.solid(normals, self._offsets + normals @ position, corners, _shaded(world, normals, color))
         canvas.lines(corners[self._edges[:, 0]], corners[self._edges[:, 1]], _EDGE, width_px=_FINER)
 
     def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
@@ -105,15 +119,11 @@ class ThirdPersonView:
             for corner, following in zip(corners, corners[1:] + corners[:1], strict=True):
                 canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=_FINER)
 
-    def _draw_beams(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
-        if self._lidar is None or self._directions is None:
+    def _draw_beams(self, canvas: DepthCanvas, env: int) -> None:
+        if not self._beams:
             return
-        ranges = np.asarray(self._batch.lidar_ranges[env], float).ravel()
-        directions = rotate(quat_wxyz, self._directions[env].reshape(-1, 3))
-        origin = position + rotate(quat_wxyz, np.asarray(self._lidar.offset_m, float))
-        hit = np.isfinite(ranges)
-        ends = origin + directions * np.where(hit, ranges, self._batch.lidar_max_range_m[env])[:, None]
-        some = np.arange(0, len(ends), -(-len(ends) // _MAX_BEAMS))
+        origin, ends, hit = beams_of(self._batch, env)
+        some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
         canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=_FINER, opacity=0.6)
         canvas.dots(ends[hit], _HIT, size_px=3 * _FINER)
 

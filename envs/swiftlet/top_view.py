@@ -7,7 +7,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch, DroneModel, LidarConfig, World
+from swiftlet._core import Batch, World
+from swiftlet.beams import beams_of
 from swiftlet.task import rotate
 
 Image: TypeAlias = npt.NDArray[np.uint8]
@@ -37,23 +38,18 @@ class TopView:
     ----------
     batch
         Whose drones to draw.
-    drone
-        The batch's drone model; None for the default one.
-    lidar
-        The batch's LiDAR. A beam that hits nothing is drawn as long as the drone's range. None draws no beams.
+    beams
+        Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
     size_px
         Side of the picture.
     """
 
-    def __init__(
-        self, batch: Batch, drone: DroneModel | None = None, lidar: LidarConfig | None = None, *, size_px: int = 256
-    ) -> None:
+    def __init__(self, batch: Batch, *, beams: bool = True, size_px: int = 256) -> None:
         self._batch = batch
-        self._lidar = lidar
-        self._hull = np.asarray((DroneModel() if drone is None else drone).hull, float)
+        self._beams = beams
+        self._hull = np.asarray(batch.drone.hull, float)
         self._canvases = [_Canvas(world, size_px) for world in batch.worlds]
         self._backgrounds: dict[int, Image] = {}
-        self._directions = None if lidar is None else np.asarray(batch.lidar_directions, float)
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (size_px, size_px, 3) uint8, a new array."""
@@ -66,12 +62,8 @@ class TopView:
             return image
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
-        if self._lidar is not None and self._directions is not None:
-            ranges = np.asarray(self._batch.lidar_ranges[env], float).ravel()
-            directions = rotate(quat_wxyz, self._directions[env].reshape(-1, 3))
-            origin = position + rotate(quat_wxyz, np.asarray(self._lidar.offset_m, float))
-            hit = np.isfinite(ranges)
-            ends = origin + directions * np.where(hit, ranges, self._batch.lidar_max_range_m[env])[:, None]
+        if self._beams:
+            origin, ends, hit = beams_of(self._batch, env)
             canvas.lines(image, origin, ends, _BEAM)
             canvas.dots(image, ends[hit], _HIT)
         canvas.polygon(image, position + rotate(quat_wxyz, self._hull), _DRONE)

@@ -121,8 +121,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Default: that of the thesis, 35 beams over 270 degrees and 3 m, for camera tasks 20 over 180; with a `Task`, the
         one it asks for.
     camera
-        Default: for camera tasks 64 x 48 pixels over 90 degrees, facing forward, else none; with a `Task`, the one it
-        asks for. With ``"pixels"`` its layout is ``"chw"``, whatever it says.
+        One, or a sequence of several, of which a camera task sees the first. Default: for camera tasks 64 x 48 pixels
+        over 90 degrees, facing forward, else none; with a `Task`, what it asks for. With ``"pixels"`` the layout of the
+        first is ``"chw"``, whatever it says.
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
     pose_sensor, drone
@@ -139,8 +140,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_mode
         None, or ``"rgb_array"``: a picture of each env.
     render_view
-        ``"top"``: from above, LiDAR beams included. ``"camera"``: the last frame of the drone's own camera.
-        ``"third_person"``: from behind and above the drone, with LiDAR beams, the camera's view and the trail.
+        ``"top"``: from above, LiDAR beams included. ``"camera"``: the last frame of the drone's own camera, the first
+        if it has several; black where it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
+        beams, the cameras' views and the trail. ``"fleet"``: the same, with the other drones of its world.
     **navigation
         Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``,
         ``"discrete_forward"``, which is the default of camera tasks), ``reward`` (their default ends an episode that
@@ -175,7 +177,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         task: Task | None = None,
         observation: str = "goal",
         lidar: LidarConfig | None = None,
-        camera: CameraConfig | None = None,
+        camera: CameraConfig | Sequence[CameraConfig] | None = None,
         camera_backend: str = "raycast",
         pose_sensor: PoseSensorConfig | None = None,
         drone: DroneModel | None = None,
@@ -205,9 +207,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         config: NavigationConfig | None = None
         if task is None:
             lidar = copied(defaults.lidar) if lidar is None else lidar
-            camera = copied(defaults.camera if camera is None else camera)
-            if observation == "pixels" and isinstance(camera, CameraConfig):
-                camera.layout = "chw"
+            cameras = _listed(defaults.camera if camera is None else camera)
+            if observation == "pixels" and cameras:
+                cameras[0].layout = "chw"
             navigation = {"action": defaults.action, "reward": defaults.reward, **navigation}
             if max_episode_steps is not None:
                 config = NavigationConfig(observation=observation, max_episode_steps=max_episode_steps, **navigation)
@@ -220,16 +222,16 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             if not isinstance(task, Task):
                 raise TypeError(f"task: expected a swiftlet.Task object, got {task!r}")
             lidar = task.lidar if lidar is None else lidar
-            camera = task.camera if camera is None else camera
+            cameras = _listed(task.camera if camera is None else camera)
         self.lidar = lidar
-        self.camera = camera
+        self.cameras = cameras
 
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         self.batch = Batch(
             scenes.load(defaults.worlds if worlds is None else worlds),
             num_envs,
             lidar=lidar,
-            cameras=[] if camera is None else [camera],
+            cameras=cameras,
             camera_backend=camera_backend,
             pose_sensor=pose_sensor,
             task=config,
@@ -242,7 +244,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             assert config is not None
             assert lidar is not None
             self.stepper = self.batch
-            self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config, camera)
+            self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config, cameras)
         else:
             limit = task.max_episode_steps if max_episode_steps is None else max_episode_steps
             self.stepper = TaskRunner(self.batch, task, limit, mode)
@@ -256,7 +258,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._view: views.View | None = None
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
-            self._view, self.trail = views.make(render_view, self.batch, drone, lidar, self.camera)
+            self._view, self.trail = views.make(render_view, self.batch, cameras)
 
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
@@ -465,7 +467,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
 
 def navigation_spaces(
-    lidar: LidarConfig, config: NavigationConfig, camera: CameraConfig | None = None
+    lidar: LidarConfig, config: NavigationConfig, cameras: Sequence[CameraConfig] = ()
 ) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
     """Return the observation space and the action space of one env of a navigation task."""
     ranges = int(np.prod(lidar.shape))
@@ -473,13 +475,23 @@ def navigation_spaces(
     low = np.concatenate([head, np.zeros(ranges)]).astype(np.float32)
     observation_space: spaces.Space[Any] = spaces.Box(low, np.ones(len(low), np.float32), dtype=np.float32)
     if config.observation == "pixels":
-        assert camera is not None
-        image = spaces.Box(0, 255, (3, camera.height_px, camera.width_px), np.uint8)
+        image = spaces.Box(0, 255, (3, cameras[0].height_px, cameras[0].width_px), np.uint8)
         observation_space = spaces.Dict({"image": image, "ranges": observation_space})
     discrete = {"discrete": 6, "discrete_forward": 3}
     if config.action in discrete:
         return observation_space, spaces.Discrete(discrete[config.action])
     return observation_space, spaces.Box(-1.0, 1.0, (3 if config.action == "displacement" else 4,), np.float32)
+
+
+def _listed(camera: CameraConfig | Sequence[CameraConfig] | None) -> list[CameraConfig]:
+    """Return copies of no, one or several cameras."""
+    if camera is None:
+        return []
+    cameras = list(camera) if isinstance(camera, Sequence) else [camera]
+    for its in cameras:
+        if not isinstance(its, CameraConfig):
+            raise TypeError(f"camera: expected a swiftlet.CameraConfig or a sequence of them, got {its!r}")
+    return [copied(its) for its in cameras]
 
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

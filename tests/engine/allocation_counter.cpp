@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <new>
 
-#include "trace/handover.hpp"
+#include "platform/handover.hpp"
 
 // Under the thread sanitizer nothing is counted: its own operators know which library a call comes from, and leave oneTBB's and
 // Embree's hand-overs of memory between their threads alone.

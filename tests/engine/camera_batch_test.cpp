@@ -556,7 +556,8 @@ TEST(CameraChange, ARemovedDroneKeepsItsCamera) {
 TEST(CameraRefusal, OfEveryFieldOfTheConfiguration) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::pair<std::function<void(CameraConfig&)>, std::string>> cases{
-      {[](CameraConfig& c) { c.name = ""; }, "camera.name: expected a name, got an empty one"},
+      {[](CameraConfig& c) { c.name = ""; }, "camera.name: expected letters, digits, _ and -, got \"\""},
+      {[](CameraConfig& c) { c.name = "../front"; }, "camera.name: expected letters, digits, _ and -, got \"../front\""},
       {[](CameraConfig& c) { c.width_px = 0; }, "camera.width_px: expected an integer in [1, 8192], got 0"},
       {[](CameraConfig& c) { c.width_px = 8193; }, "camera.width_px: expected an integer in [1, 8192], got 8193"},
       {[](CameraConfig& c) { c.height_px = -4; }, "camera.height_px: expected an integer in [1, 8192], got -4"},
@@ -685,6 +686,15 @@ TEST(CameraJpeg, IsAFileOfTheFrame) {
     EXPECT_EQ(256 * byte(7) + byte(8), 50);
     EXPECT_EQ(byte(9), grey ? 1 : 3);
   }
+}
+
+TEST(CameraJpeg, OfAStaleFrameIsRefused) {
+  Batch batch(camera_batch({.width_px = 8, .height_px = 8, .capture_mode = CaptureMode::on_demand}, 2), halls());
+  const std::string message = "index: expected a drone whose frame is not stale (call sense or capture first), got 1";
+  EXPECT_REFUSED((void)batch.jpeg(0, 1, 90), message);
+  batch.capture(0, Flags{1, 0});
+  EXPECT_NO_THROW((void)batch.jpeg(0, 0, 90));
+  EXPECT_REFUSED((void)batch.jpeg(0, 1, 90), message);
 }
 
 TEST(CameraJpeg, OfEitherLayoutIsTheSame) {

@@ -15,6 +15,7 @@
 #include "batch_helpers.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
+#include "platform/flush_denormals.hpp"
 #include "random.hpp"
 #include "render/lens.hpp"
 #include "swiftlet/batch.hpp"
@@ -969,7 +970,7 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
     rays.z = lens.grids[0].up.data() + tile.row * render::Tile::kSide;
     std::fill_n(rays.t_hit, trace::kMaxRays, kInfinity);
     std::fill_n(rays.element, trace::kMaxRays, -1);
-    const trace::FlushDenormals flush;
+    const FlushDenormals flush;
     trace::trace_tile(scene.get(), 0, wide, rays, normals);
   };
   Random random(60);

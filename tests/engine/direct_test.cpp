@@ -19,6 +19,7 @@
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
 #include "on_target.hpp"
+#include "platform/flush_denormals.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "task/ranges.hpp"

@@ -102,6 +102,7 @@ struct Album {
   Lens lens;
   std::vector<Shot> shots;
   CameraImages images;
+  Workers workers{2};
 
   explicit Album(const CameraConfig& config) : camera(config), lens(lens_of(config)) {}
   Album(const Album&) = delete;
@@ -136,7 +137,7 @@ struct Album {
   void take(GlRenderer& renderer) {
     prepare();
     renderer.start(shots);
-    renderer.finish();
+    renderer.finish(workers);
   }
 
   std::size_t at(std::size_t shot, int u, int v) const {
@@ -608,7 +609,7 @@ TEST(GlRenderer, CamerasOfSeveralSizesAtOnce) {
     both.push_back(high.shots[i]);
   }
   renderer.start(both);
-  renderer.finish();
+  renderer.finish(wide.workers);
   const CameraImages together_wide = wide.images;
   const CameraImages together_high = high.images;
   wide.take(renderer);
@@ -732,7 +733,7 @@ TEST(GlRenderer, SameShotsAgainAllocateNothing) {
   album.prepare();
   const auto take = [&] {
     renderer.start(album.shots);
-    renderer.finish();
+    renderer.finish(album.workers);
   };
   for (int i = 0; i < 3; ++i) take();
   const std::uint64_t before = swiftlet::testing::allocations_of_this_thread();
@@ -742,8 +743,9 @@ TEST(GlRenderer, SameShotsAgainAllocateNothing) {
 
 TEST(GlRenderer, NothingToDo) {
   NEEDS_RENDERER(renderer);
+  Workers workers(1);
   renderer.start({});
-  renderer.finish();
+  renderer.finish(workers);
 }
 
 TEST(GlRenderer, StartedAndNeverFinished) {
@@ -777,8 +779,8 @@ TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {
     again.prepare();
     another.start(album.shots);
     first.start(again.shots);
-    another.finish();
-    first.finish();
+    another.finish(album.workers);
+    first.finish(again.workers);
     EXPECT_EQ(album.images.depth, expected.images.depth);
     EXPECT_EQ(again.images.rgb, expected.images.rgb);
   }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "platform/flush_denormals.hpp"
 #include "random/philox.hpp"
 #include "render/raycast_renderer.hpp"
 #include "task/ranges.hpp"
@@ -117,7 +118,7 @@ void expect_digest(const Digest& digest, std::uint64_t expected) {
 // Rays of any origin: 64 worlds of 8 blocks each.
 Digest trace_blocks(int primitives) {
   Exact exact(static_cast<std::uint32_t>(primitives));
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
   const auto block = std::make_unique<trace::RayBlock>();
   block->count = kRays;
   Digest digest;
@@ -150,7 +151,7 @@ TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x121905830F8
 // Rays of one origin: what is gathered, what is in view and where the sensor is must not show in the bits.
 TEST(KernelBits, Bundles) {
   Exact exact(1);
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
   const auto reach = std::make_unique<trace::Reach>();
   const auto bundle = std::make_unique<trace::RayBundle>();
   std::vector<float> x(kRays + trace::kRayPadding), y(x), z(x);
@@ -201,7 +202,7 @@ TEST(KernelBits, Pictures) {
   constexpr std::size_t kPixels = 37 * 21;
   constexpr CameraOutputs kAll{.rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true, .grey = true};
   Exact exact(3);
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
   const auto scratch = std::make_unique<render::RaycastScratch>();
   std::vector<std::uint8_t> rgb(3 * kPixels), grey(kPixels);
   std::vector<float> depth(kPixels), normal(3 * kPixels);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "platform/flush_denormals.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "swiftlet/world.hpp"
@@ -329,7 +330,7 @@ struct Answers {
 // Traces the rays in the given order, in blocks of block_size, each ray's answer at its own index.
 Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std::size_t>& order, std::size_t block_size) {
   Answers answers{std::vector<float>(rays.size()), std::vector<std::int32_t>(rays.size())};
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
   const auto block = std::make_unique<trace::RayBlock>();
   for (std::size_t first = 0; first < order.size(); first += block_size) {
     block->count = std::min(block_size, order.size() - first);

@@ -513,6 +513,12 @@ class TestChange:
         np.testing.assert_array_equal(batch.camera().depth[0], batch.camera().depth[2])
         assert (batch.camera().depth[0] != batch.camera().depth[1]).any()
 
+    def test_of_nothing(self, flat):
+        batch = batch_of([flat], 2)
+        batch.sense()
+        batch.set_camera()
+        assert batch.camera().frame_step.tolist() == [0, 0]
+
     @pytest.mark.parametrize(
         ("arguments", "match"),
         [
@@ -544,6 +550,10 @@ class TestErrors:
             batch.capture(camera="rear")
         with pytest.raises(ValueError, match="a Batch with cameras"):
             swiftlet.Batch([flat]).camera()
+        with pytest.raises(ValueError, match="a Batch with cameras"):
+            swiftlet.Batch([flat]).capture()
+        with pytest.raises(ValueError, match="a Batch with cameras"):
+            swiftlet.Batch([flat]).set_capture_mode("on_demand")
         assert "no cameras" in swiftlet.Batch([flat]).camera_backend_report()
 
     @pytest.mark.parametrize("index", [2, 100, -1])

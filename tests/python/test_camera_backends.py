@@ -51,9 +51,37 @@ def off_silhouettes(*ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
     return alone
 
 
-@pytest.mark.parametrize("name", swiftlet.scenes.names())
+def gems() -> swiftlet.World:
+    """Octahedra of triangles, each an object of its own, over a floor of triangles under an open sky.
+
+    They are convex: what one of them hides of itself has no silhouettes within its id.
+    """
+    rng = np.random.default_rng(4)
+    faces = [[i, j, k] if (i + j + k) % 2 else [i, k, j] for i in (0, 1) for j in (2, 3) for k in (4, 5)]
+    meshes = []
+    for _ in range(120):
+        arms = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.1, 0.9, 3)[:, None]
+        centre = rng.uniform([-8, -8, 1], [8, 8, 5])
+        corners = centre + np.stack([arms, -arms], axis=1).reshape(6, 3)
+        meshes.append({"vertices": corners.tolist(), "triangles": faces, "material": str(rng.choice(["clay", "sand"]))})
+    floor = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
+    meshes.append({"vertices": floor, "triangles": [[0, 1, 2], [0, 2, 3]], "material": "sand"})
+    return swiftlet.World.from_dict(
+        {
+            "swiftlet_scene": 1,
+            "name": "gems",
+            "materials": {
+                "clay": {"base_color": [0.6, 0.3, 0.2]},
+                "sand": {"base_color": [0.7, 0.6, 0.4]},
+            },
+            "meshes": meshes,
+        }
+    )
+
+
+@pytest.mark.parametrize("name", [*swiftlet.scenes.names(), "gems"])
 def test_backends_agree(name: str) -> None:
-    world = swiftlet.scenes.load(name)[0]
+    world = gems() if name == "gems" else swiftlet.scenes.load(name)[0]
     poses = random_poses(world, POSES, np.random.default_rng(0))
     size = {"width_px": 40, "height_px": 30}
     raycast, gl = (pictures(backend, world, poses, **size) for backend in ("raycast", "gl"))
@@ -125,6 +153,59 @@ def test_gl_repeats_what_raycast_shows_after_moves() -> None:
         np.testing.assert_array_equal(raycast.frame_step, gl.frame_step)
 
 
+@pytest.mark.parametrize("autoreset_mode", ["next_step", "same_step"])
+@pytest.mark.parametrize("capture_mode", ["every_step", "on_movement"])
+def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) -> None:
+    """Beside a LiDAR, over the ends of episodes, with frames of which some are due and others not."""
+    raycast, gl = (
+        swiftlet.DroneVectorEnv(
+            8,
+            observation="pixels",
+            camera=swiftlet.CameraConfig(width_px=32, height_px=24, capture_mode=capture_mode),
+            camera_backend=backend,
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=7,
+            stagger_first_episode=True,
+        )
+        for backend in ("raycast", "gl")
+    )
+    assert gl.batch.camera_backend_report().startswith("gl")
+    rng = np.random.default_rng(3)
+    ours, theirs = raycast.reset(seed=0)[0], gl.reset(seed=0)[0]
+    ended = 0
+    for _ in range(30):
+        assert np.abs(ours["image"].astype(int) - theirs["image"]).mean() < 2
+        np.testing.assert_array_equal(ours["ranges"], theirs["ranges"])
+        np.testing.assert_array_equal(raycast.batch.camera().frame_step, gl.batch.camera().frame_step)
+        actions = rng.integers(3, size=8)
+        (ours, *rest), (theirs, *rest_of_theirs) = raycast.step(actions), gl.step(actions)
+        for one, other in zip(rest[:3], rest_of_theirs[:3], strict=True):
+            np.testing.assert_array_equal(one, other)
+        ended += int((rest[1] | rest[2]).sum())
+    assert ended > 16
+
+
+def test_capture_on_demand_by_gl() -> None:
+    world = swiftlet.scenes.load("playground/camera-train-1")[0]
+    camera = swiftlet.CameraConfig(width_px=32, height_px=24, capture_mode="on_demand", outputs=("rgb", "instance"))
+    batch = swiftlet.Batch([world], 3, cameras=[camera], camera_backend="gl")
+    batch.sense()
+    assert batch.camera().frame_step.tolist() == [-1, -1, -1]
+    assert not batch.camera().rgb.any()
+    batch.capture(np.array([False, True, False]))
+    assert batch.camera().frame_step.tolist() == [-1, 0, -1]
+    assert batch.camera().instance.any(axis=(1, 2)).tolist() == [False, True, False]
+    batch.set_camera(np.array([False, True, False]), hfov_deg=40)
+    assert batch.camera().frame_step.tolist() == [-1, -1, -1]
+    batch.set_capture_mode("on_movement")
+    batch.sense()
+    assert batch.camera().frame_step.tolist() == [1, 1, 1]
+    reference = swiftlet.Batch([world], 3, cameras=[camera])
+    reference.set_camera(np.array([False, True, False]), hfov_deg=40)
+    reference.capture()
+    assert (batch.camera().instance == reference.camera().instance).mean() > 0.99
+
+
 def test_auto_tells_both_speeds() -> None:
     world = swiftlet.scenes.load("playground/camera-train-1")[0]
     camera = swiftlet.CameraConfig(width_px=32, height_px=24)
@@ -151,7 +232,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("backend", ["gl", "auto"])
-@pytest.mark.parametrize("wish", ["none", "failing"])
+@pytest.mark.parametrize("wish", ["none", "failing", "hanging"])
 def test_without_opengl_raycast_renders_with_one_warning(backend: str, wish: str) -> None:
     result = run(
         "with warnings.catch_warnings(record=True) as caught:\n"
@@ -180,8 +261,20 @@ def test_raycast_needs_no_opengl_and_says_nothing() -> None:
         "",  # the batch is alive when the interpreter ends
         "import atexit; atexit.register(lambda: batch.sense())\n",
         "raise SystemExit(0)\n",
-        "import threading; t = threading.Thread(target=batch.sense); t.start(); t.join()\n",
+        "import threading\n"
+        "others = [batch, make('gl'), make('gl')]\n"
+        "threads = [threading.Thread(target=lambda b=b: [b.sense() for _ in range(20)]) for b in others]\n"
+        "[t.start() for t in threads]; [t.join() for t in threads]\n"
+        "assert all(np.array_equal(b.camera().rgb, batch.camera().rgb) for b in others)\n",
         "import os; pid = os.fork()\nif pid: os.waitpid(pid, 0)\n",  # the child has a copy that it must not touch
+        "import os; pid = os.fork()\n"
+        "if pid:\n"
+        "    assert os.waitpid(pid, 0)[1] == 0\n"
+        "else:\n"
+        "    with warnings.catch_warnings(record=True) as caught:\n"
+        "        warnings.simplefilter('always'); own = make('gl'); own.sense()\n"
+        "    assert 'forked' in str(caught[0].message) and own.camera().rgb.any()\n"
+        "    os._exit(0)\n",  # as multiprocessing does: exit handlers of Mesa wait for threads that are the parent's
         "batches = [make('gl') for _ in range(20)]\nfor b in batches: b.sense()\n",
         "for _ in range(30): make('gl').sense()\n",
         "try:\n    batch.capture(np.ones(3, bool))\nexcept ValueError: pass\nbatch.capture()\n",

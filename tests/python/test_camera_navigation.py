@@ -74,8 +74,8 @@ class TestSpaces:
         assert envs.single_action_space == spaces.Discrete(3)
         assert [world.name for world in envs.batch.worlds] == ["playground/camera-train-1", "playground/camera-train-2"]
         assert envs.lidar == swiftlet.LidarConfig(beams=20, hfov_deg=180.0)
-        assert 4 * envs.camera.height_px == 3 * envs.camera.width_px
-        assert np.isclose(envs.camera.fx, envs.camera.width_px / 2)  # 90 degrees
+        assert 4 * envs.cameras[0].height_px == 3 * envs.cameras[0].width_px
+        assert np.isclose(envs.cameras[0].fx, envs.cameras[0].width_px / 2)  # 90 degrees
 
     def test_of_the_pixels(self):
         envs = gymnasium.make_vec(PIXELS, 2)
@@ -97,16 +97,34 @@ class TestSpaces:
         camera = swiftlet.CameraConfig(width_px=32, height_px=24)
         envs = make(PIXELS, camera=camera)
         assert camera.layout == "hwc"
-        assert envs.camera.layout == "chw"
+        assert envs.cameras[0].layout == "chw"
         default = gymnasium.make_vec(CAMERA, 1)
-        default.camera.width_px = 1
-        assert gymnasium.make_vec(CAMERA, 1).camera.width_px > 1
+        default.cameras[0].width_px = 1
+        assert gymnasium.make_vec(CAMERA, 1).cameras[0].width_px > 1
 
     def test_a_camera_beside_the_lidar_task(self, room):
         envs = swiftlet.DroneVectorEnv(2, worlds=room, camera=SMALL)
         envs.reset(seed=0)
         assert envs.single_observation_space.shape == (38,)
         assert envs.batch.camera().rgb.shape == (2, 24, 32, 3)
+
+    def test_several_cameras(self, make):
+        belly = swiftlet.CameraConfig(name="belly", width_px=8, height_px=8, outputs=("depth",))
+        for env_id in (CAMERA, PIXELS):
+            envs = make(env_id, 2, camera=[SMALL, belly])
+            alone = make(env_id, 2)
+            observed, expected = envs.reset(seed=0)[0], alone.reset(seed=0)[0]
+            if env_id == PIXELS:
+                np.testing.assert_array_equal(observed["image"], expected["image"])
+            else:
+                np.testing.assert_array_equal(observed, expected)
+            assert envs.batch.camera("belly").depth.shape == (2, 8, 8)
+            assert (envs.batch.camera("belly").frame_step == 0).all()
+        for camera in (3, [belly, "front"]):
+            with pytest.raises(
+                TypeError, match=r"camera: expected a swiftlet\.CameraConfig or a sequence of them, got"
+            ):
+                make(CAMERA, camera=camera)
 
 
 class TestChecker:
@@ -386,7 +404,7 @@ class TestBadInput:
             ({"camera": swiftlet.CameraConfig(outputs=["depth"])}, ValueError, "camera.outputs.*rgb"),
             ({"camera": swiftlet.CameraConfig(capture_mode="on_demand")}, ValueError, "capture_mode.*on_demand"),
             ({"camera_backend": "paper"}, ValueError, "camera_backend.*paper"),
-            ({"camera": 3}, TypeError, "incompatible"),
+            ({"camera": 3}, TypeError, "camera: expected"),
         ],
     )
     @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])

@@ -116,7 +116,7 @@ def test_beams_and_hits(room):
     batch = swiftlet.Batch([room], lidar=lidar)
     batch.set_pose(np.float32([[2, 6, 2]]))
     batch.sense()
-    plain, drawn = ThirdPersonView(batch).frame(0), ThirdPersonView(batch, lidar=lidar).frame(0)
+    plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
     assert batch.lidar_ranges[0, 0, 0] == pytest.approx(6)
     canvas = viewed(room, (2, 6, 2))
     (begin, end) = canvas.project(np.array([[2, 6, 2], [8, 6, 2.0]]))[:, :2]
@@ -137,7 +137,7 @@ def test_a_beam_that_misses_ends_without_a_dot(room):
     batch.set_pose(np.float32([[2, 6, 2]]))
     batch.sense()
     assert np.isinf(batch.lidar_ranges).all()
-    plain, drawn = ThirdPersonView(batch).frame(0), ThirdPersonView(batch, lidar=lidar).frame(0)
+    plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
     assert (mask_of(drawn, "beam") & changed(drawn, plain)).sum() > 50
     assert not (mask_of(drawn, "hit") & changed(drawn, plain)).any()
 
@@ -176,6 +176,22 @@ def test_each_drones_own_camera_is_drawn(room):
         assert np.hypot(columns.mean() - x, rows.mean() - y) < 40
     with pytest.raises(ValueError, match="front"):
         ThirdPersonView(batch, cameras=["front"])
+
+
+def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet):
+    batch = swiftlet.Batch([room, closet], 4, world_index=[0, 0, 1, 0])
+    batch.set_pose(
+        np.float32([[2, 6, 2], [3.5, 6.9, 2], [3.5, 6.9, 2], [2, 6, 2]])
+    )  # the last one is where the first is
+    alone, fleet = ThirdPersonView(batch), ThirdPersonView(batch, others=True)
+    own, all_of_them = alone.frame(0), fleet.frame(0)
+    np.testing.assert_array_equal(mask_of(own, "drone") & ~changed(all_of_them, own), mask_of(own, "drone"))
+    rows, columns = np.nonzero(changed(all_of_them, own))
+    ((x, y, _),) = viewed(room, (2, 6, 2)).project(np.array([[3.5, 6.9, 2]]))
+    assert len(rows) > 200
+    assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.3 * np.ptp(columns)
+    batch.remove([1, 3])
+    np.testing.assert_array_equal(fleet.frame(0), own)
 
 
 def test_the_trail_is_where_the_drone_was(room):
@@ -238,7 +254,7 @@ def test_a_removed_drone_is_not_drawn(room):
     batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig())
     batch.sense()
     batch.remove([0])
-    image = ThirdPersonView(batch, lidar=swiftlet.LidarConfig()).frame(0)
+    image = ThirdPersonView(batch).frame(0)
     assert not mask_of(image, "drone").any()
 
 
@@ -259,7 +275,7 @@ def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
     drone = swiftlet.DroneModel(np.float32(hull))
     batch = swiftlet.Batch([room], drone=drone)
     batch.set_pose(np.float32([[5, 6, 2]]))
-    assert mask_of(ThirdPersonView(batch, drone).frame(0), "drone").sum() > 500
+    assert mask_of(ThirdPersonView(batch).frame(0), "drone").sum() > 500
 
 
 def test_render_view_chooses(room):
@@ -270,7 +286,9 @@ def test_render_view_chooses(room):
         shapes[name] = [frame.shape for frame in envs.render()]
         envs.close()
     assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
-    with pytest.raises(ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', got 'side'"):
+    with pytest.raises(
+        ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', 'fleet', got 'side'"
+    ):
         swiftlet.DroneVectorEnv(1, worlds=room, render_view="side")
     with pytest.raises(ValueError, match="render_view: 'camera' needs a camera, and this env has none"):
         swiftlet.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
@@ -301,11 +319,14 @@ def test_the_drones_own_camera(room, camera):
 
     config = swiftlet.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
     batch = swiftlet.Batch([room], 2, cameras=[config])
-    view, trail = views.make("camera", batch, None, None, config)
+    view, trail = views.make("camera", batch, [config])
     assert trail is None
     batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
     batch.sense()
     frames = [view.frame(0), view.frame(1)]
+    batch.begin_episode(np.array([True, False]))
+    assert view.frame(0).shape == (24, 32, 3)
+    assert not view.frame(0).any()  # what it saw is of the episode before
     expected = swiftlet.render(room, (2, 6, 1), camera=swiftlet.CameraConfig(width_px=32, height_px=24))["rgb"]
     assert frames[1].shape == (24, 32, 3)
     if "outputs" not in camera:
@@ -324,7 +345,7 @@ def test_a_camera_without_colours_is_refused(room):
     config = swiftlet.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
     batch = swiftlet.Batch([room], cameras=[config])
     with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
-        views.make("camera", batch, None, None, config)
+        views.make("camera", batch, [config])
 
 
 def test_stable_baselines_gets_pictures_and_trails(room):

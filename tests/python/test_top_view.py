@@ -1,8 +1,11 @@
 """Pictures from above."""
 
 import numpy as np
+import pytest
 
 import swiftlet
+from swiftlet.beams import beams_of
+from swiftlet.third_person_view import ThirdPersonView
 from swiftlet.top_view import TopView
 
 FLOOR, SOLID, GOAL, DRONE = (255, 255, 255), (120, 124, 132), (52, 160, 80), (35, 70, 160)
@@ -17,7 +20,7 @@ def pixel(image, x, y, world):
 def test_things_are_where_they_are(room):
     batch = swiftlet.Batch([room], 1, lidar=swiftlet.LidarConfig())
     batch.sense()
-    image = TopView(batch, lidar=swiftlet.LidarConfig()).frame(0)
+    image = TopView(batch).frame(0)
     assert image.shape == (256, 256, 3)
     assert image.dtype == np.uint8
     assert pixel(image, 4, 4.5, room) == SOLID
@@ -49,10 +52,31 @@ def test_a_beam_that_hits_nothing_is_as_long_as_the_drones_range(room):
     batch = swiftlet.Batch([room], 2, lidar=lidar)
     batch.set_lidar(np.array([False, True]), max_range_m=1.0)
     batch.sense()
-    view = TopView(batch, lidar=lidar)
+    view = TopView(batch)
     assert pixel(view.frame(0), 2, 6.5, room) != FLOOR
     assert pixel(view.frame(1), 2, 6.5, room) == FLOOR
     assert pixel(view.frame(1), 2, 4.8, room) != FLOOR
+
+
+def test_beams_are_those_of_the_lidar_as_it_is_now(room):
+    batch = swiftlet.Batch([room], 2, lidar=swiftlet.LidarConfig(beams=9, max_range_m=10))
+    batch.set_pose(quat_wxyz=np.float32([[1, 0, 0, 0], [0.8, 0, 0, 0.6]]))
+    views = TopView(batch), ThirdPersonView(batch)
+    batch.set_lidar(np.array([False, True]), hfov_deg=40, max_range_m=4.5, offset_m=(0.2, 0.1, 0.3))
+    batch.sense()
+    assert batch.lidar_config_of(0).hfov_deg == 270
+    assert batch.lidar_config_of(1).hfov_deg == 40
+    for drone in range(2):
+        origin, ends, hit = beams_of(batch, drone)
+        np.testing.assert_allclose(ends[hit], batch.lidar_points[drone].reshape(-1, 3)[hit], atol=1e-5)
+        np.testing.assert_allclose(np.linalg.norm(ends[~hit] - origin, axis=1), [10, 4.5][drone], atol=1e-5)
+        assert hit.any()
+    for view, fresh in zip(views, (TopView(batch), ThirdPersonView(batch)), strict=True):
+        np.testing.assert_array_equal(view.frame(1), fresh.frame(1))
+    with pytest.raises(ValueError, match=r"index: expected an integer in \[0, 2\), got 2"):
+        batch.lidar_config_of(2)
+    with pytest.raises(RuntimeError, match="no LiDAR"):
+        swiftlet.Batch([room]).lidar_config_of(0)
 
 
 def test_meshes_and_every_kind_of_primitive_are_drawn():

@@ -80,6 +80,19 @@ def test_stops_when_solved(train, flown, tmp_path):
     assert json.loads((tmp_path / "one" / "result.json").read_text())["steps"] == outcome.steps
 
 
+def test_what_is_resumed_stays_until_something_better_is_learned(train, flown, tmp_path):
+    policy = tmp_path / "one" / "policy.zip"
+    flown([True] * 9)
+    before = weights(train(total_steps=1024, learning_rate=1e-3)[0])
+    policies = flown([True] * 8 + [False], [False] * 9, [False] * 9)
+    model, outcome = train(resume=policy, learning_rate=2e-3, stop_when_solved=False)
+    assert [e["steps"] for e in outcome.evaluations] == [0, 1024, 2048]
+    assert torch.equal(policies[0], before)
+    assert not torch.equal(policies[1], before)
+    assert torch.equal(weights(model), before)
+    assert model.lr_schedule(1.0) == 2e-3
+
+
 def test_worlds_of_training_choosing_and_judging_are_distinct(training):
     train_ppo, evaluate = training("train_ppo"), training("evaluate")
     args = train_ppo.Args()

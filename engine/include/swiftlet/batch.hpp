@@ -31,6 +31,8 @@ struct CameraChange {
   std::optional<float> vfov_deg;
   std::optional<std::array<float, 3>> offset_m;
   std::optional<std::array<float, 4>> quat_wxyz;
+
+  bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }
 };
 
 // All methods check their input before they change anything and throw std::invalid_argument naming the field, what was expected
@@ -68,9 +70,10 @@ class Batch {
 
   // --- the LiDAR
   void set_lidar(const LidarChange& change, Mask mask = {});
-  std::span<const float> lidar_max_range_m() const;   // (N,) m, of each drone; std::logic_error without a LiDAR
-  void lidar_directions(std::span<float> out) const;  // (N, channels, beams, 3) unit, body frame
-  void lidar_points(std::span<float> out) const;      // (N, channels, beams, 3) m, world frame, inf on a miss
+  std::span<const float> lidar_max_range_m() const;    // (N,) m, of each drone; std::logic_error without a LiDAR
+  LidarConfig lidar_config(std::int64_t index) const;  // of one drone, as changed at run time; likewise
+  void lidar_directions(std::span<float> out) const;   // (N, channels, beams, 3) unit, body frame
+  void lidar_points(std::span<float> out) const;       // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
   std::size_t camera_index(std::string_view name) const;
@@ -81,7 +84,7 @@ class Batch {
   void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
   const std::string& camera_backend_report() const;                                 // which backend renders, and why
   std::string take_warning();  // what was not told yet, such as that OpenGL failed; empty mostly
-  // The bytes of a file of one drone's rgb, else grey, frame, also of a stale one; quality in [1, 100].
+  // The bytes of a file of one drone's rgb, else grey, frame, which is not to be stale; quality in [1, 100].
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing

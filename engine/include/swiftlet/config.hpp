@@ -62,11 +62,12 @@ struct CameraOutputs {
 
 // A pinhole camera. Its frame: x along the optical axis, y left, z up. The centre of the image is where the axis meets it.
 struct CameraConfig {
-  std::string name = "front";                  // of its own in the batch
-  int width_px = 640;                          // in [1, 8192]
-  int height_px = 480;                         // in [1, 8192]
-  std::optional<float> hfov_deg;               // in [0.1, 179], also what follows; neither: 90. Of one alone, pixels are square.
-  std::optional<float> vfov_deg;               // likewise; both given: each as it says
+  std::string name = "front";  // of its own in the batch: letters, digits, _ and -
+  int width_px = 640;          // in [1, 8192]
+  int height_px = 480;         // in [1, 8192]
+  // Each in [0.1, 179]. One alone: pixels are square, and the other, which follows, is below 179, too. Neither: hfov_deg is 90.
+  std::optional<float> hfov_deg;
+  std::optional<float> vfov_deg;
   std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // camera to body; normalised if close to unit
   float near_m = 0.05F;                        // > 0; planar depth below which nothing is seen

@@ -11,25 +11,28 @@
 
 #include "batch/arrays.hpp"
 #include "batch/draw.hpp"
-#include "batch/platform.hpp"
 #include "batch/require.hpp"
 #include "batch/schedule.hpp"
 #include "batch/snapshot.hpp"
-#include "batch/workers.hpp"
 #include "collision/sweep.hpp"
 #include "motion/pose_access.hpp"
+#include "platform/platform.hpp"
+#include "platform/workers.hpp"
 #include "render/jpeg.hpp"
 #include "render/renderer.hpp"
 #include "sensors/camera.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
+#include "task/green_blob.hpp"
 #include "task/navigation.hpp"
 
 namespace swiftlet {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr std::size_t kTypicalShots = 16;                        // per camera, to time backends by
+// Per camera, to time backends by: so many shots, or fewer of many pixels.
+constexpr std::size_t kTypicalShots = 256;
+constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
 constexpr std::uint64_t kSnapshotMagic = 0x31304c5446495753ULL;  // "SWIFTL01"
 
 // The run-time setting of one drone's LiDAR, as it stands in a snapshot.
@@ -74,11 +77,22 @@ Batch::Worlds validated(Batch::Worlds worlds) {
   return worlds;
 }
 
+// What one thread needs while it steps a block; made once.
+struct Scratch {
+  sensors::ScanScratch scan;
+  task::GreenBlobScratch green;
+  std::vector<std::uint32_t> drones;  // those of the block that a stage is about
+  bool changed_world = false;         // a reset moved a drone to another world
+
+  explicit Scratch(std::size_t block_size) { drones.reserve(block_size); }
+};
+
 }  // namespace
 
 struct Batch::Impl {
   Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index);
   void add_cameras();
+  void add_typical_shots();
 
   // What a drone does in the call under way.
   enum class Role : std::uint8_t {
@@ -109,12 +123,12 @@ struct Batch::Impl {
   void start_shots();
   void finish_shots();
   void retake_frames();
-  void set_mode(std::size_t camera, CaptureMode mode);
 
   // --- pieces shared with the other calls
   Outputs& out() { return slots[current]; }
   const Outputs& last() const { return slots[1 - current]; }
   std::size_t size() const { return state.active.size(); }
+  std::uint64_t hash();
   bool chosen(Mask mask, std::size_t drone) const { return state.active[drone] && (mask.empty() || mask[drone]); }
   std::span<const float> ranges_of(std::size_t drone) const { return std::span(state.lidar_ranges).subspan(drone * rays, rays); }
   const World& world_of(std::size_t drone) const { return *worlds[static_cast<std::size_t>(state.world_index[drone])]; }
@@ -168,8 +182,9 @@ struct Batch::Impl {
   std::size_t current = 0;  // the slot of the last step or reset
   Schedule schedule;
   Workers workers;
-  std::uint64_t hash = 0;  // of the configuration
-  long owner;              // the process that made this batch
+  std::vector<std::unique_ptr<Scratch>> scratches;  // of each of their threads
+  std::optional<std::uint64_t> known_hash;
+  long owner;  // the process that made this batch
 };
 
 Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index)
@@ -178,9 +193,12 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
       drone_model(std::move(drone_in)),
       hull(drone_model),
       schedule(static_cast<std::size_t>(config.num_drones), worlds.size(), static_cast<std::size_t>(config.block_size)),
-      workers(config.num_threads > 0 ? config.num_threads : physical_cores(), static_cast<std::size_t>(config.block_size)),
+      workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       owner(process_id()) {
   const auto n = static_cast<std::size_t>(config.num_drones);
+  for (int i = 0; i < workers.num_threads(); ++i) {
+    scratches.push_back(std::make_unique<Scratch>(static_cast<std::size_t>(config.block_size)));
+  }
   for (const auto& world : worlds) {
     world_pointers.push_back(world.get());
     // Built here, not by whichever thread first needs them in the middle of a step.
@@ -217,7 +235,6 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
     }
   }
   schedule.rebuild(state);
-  hash = config_hash(config, worlds, drone_model);
   role.resize(n, Role::rests);
   add_cameras();
 }
@@ -227,18 +244,37 @@ void Batch::Impl::add_cameras() {
     if (camera.outputs.instance) {
       for (const auto& world : worlds) require_instances(*world);
     }
-    cameras.emplace_back(camera, size());
+    try {
+      cameras.emplace_back(camera, size());
+    } catch (const std::bad_alloc&) {
+      refuse("num_drones x camera pixels", "frames that fit in memory",
+             std::to_string(size()) + " of " + std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
+                 " pixels");
+    }
   }
   if (cameras.empty()) return;
   for (const World* const world : world_pointers) world->shading();  // as above: built here
   shots.reserve(size() * cameras.size());
+  if (config.camera_backend == CameraBackend::automatic) add_typical_shots();
+  renderer.emplace(config.camera_backend, shots, workers);
+}
+
+// Of drones spread over the batch as it is scheduled, world by world.
+void Batch::Impl::add_typical_shots() {
+  std::vector<std::uint32_t> drones;
+  for (std::size_t block = 0; block < schedule.num_blocks(); ++block) {
+    const auto its = schedule.drones(block);
+    drones.insert(drones.end(), its.begin(), its.end());
+  }
   for (sensors::Camera& camera : cameras) {
-    for (std::size_t drone = 0; drone < std::min(size(), kTypicalShots); ++drone) {
+    const auto pixels = static_cast<std::size_t>(camera.config().width_px) * static_cast<std::size_t>(camera.config().height_px);
+    const std::size_t count = std::min({drones.size(), kTypicalShots, std::max<std::size_t>(kTypicalPixels / pixels, 1)});
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t drone = drones[i * drones.size() / count];
       shots.push_back(camera.take(drone, world_of(drone), 0, state));
       camera.mark_stale(drone);
     }
   }
-  renderer.emplace(config.camera_backend, shots, workers);
 }
 
 // ---------------------------------------------------------------------------------------------------------------- one step
@@ -458,6 +494,12 @@ void Batch::Impl::begin_next_episode(std::uint32_t drone, Scratch& scratch) {
   scratch.changed_world |= world != state.world_index[drone];
 }
 
+// Of all that a snapshot must have in common with the batch that restores it. Worlds can be large: it is made when first needed.
+std::uint64_t Batch::Impl::hash() {
+  if (!known_hash) known_hash = config_hash(config, worlds, drone_model);
+  return *known_hash;
+}
+
 void Batch::Impl::clear_outputs(Outputs& outputs, std::size_t drone) {
   outputs.reward[drone] = 0.0F;
   std::fill_n(outputs.reward_terms.begin() + static_cast<std::ptrdiff_t>(drone) * kNumRewardTerms, kNumRewardTerms, 0.0F);
@@ -484,7 +526,7 @@ void Batch::Impl::mark_absent(std::size_t drone) {
 
 void Batch::Impl::reschedule_if_moved() {
   bool moved = false;
-  for (auto& scratch : workers.scratch()) moved |= std::exchange(scratch->changed_world, false);
+  for (const auto& scratch : scratches) moved |= std::exchange(scratch->changed_world, false);
   if (moved) schedule.rebuild(state);
 }
 
@@ -499,14 +541,10 @@ void Batch::Impl::for_each_chosen(Mask mask, const F& f) {
   }
 }
 
-void Batch::Impl::set_mode(std::size_t camera, CaptureMode mode) {
-  cameras[camera].set_mode(mode);
-  config.cameras[camera].capture_mode = mode;
-}
-
 template <class F>
 void Batch::Impl::run_blocks(const F& f) {
-  workers.run(schedule.num_blocks(), [&](std::size_t block, Scratch& scratch) { f(schedule.drones(block), scratch); });
+  workers.run(schedule.num_blocks(),
+              [&](std::size_t block, std::size_t thread) { f(schedule.drones(block), *scratches[thread]); });
 }
 
 // ------------------------------------------------------------------------------------------------------ refusing bad input
@@ -662,7 +700,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
     const auto drone = static_cast<std::uint32_t>(index);
     impl_->navigation->begin(drone, state);
     impl_->clear_outputs(impl_->out(), drone);
-    impl_->observe({&drone, 1}, *impl_->workers.scratch()[0]);
+    impl_->observe({&drone, 1}, *impl_->scratches[0]);
   }
 }
 
@@ -708,6 +746,12 @@ void Batch::set_lidar(const LidarChange& change, Mask mask) {
 std::span<const float> Batch::lidar_max_range_m() const {
   impl_->require_lidar();
   return impl_->lidar->max_range();
+}
+
+LidarConfig Batch::lidar_config(std::int64_t index) const {
+  impl_->require_lidar();
+  impl_->require_index(index);
+  return impl_->lidar->config_of(static_cast<std::size_t>(index));
 }
 
 void Batch::lidar_directions(std::span<float> out) const {
@@ -777,7 +821,7 @@ void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
   impl_->require_own_process();
   impl_->require_camera(camera);
   impl_->require_mode(camera, mode);
-  impl_->set_mode(camera, mode);
+  impl_->config.cameras[camera].capture_mode = mode;
 }
 
 void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask) {
@@ -795,6 +839,7 @@ void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask
     return config;
   };
   changed(its.config()).validate();  // as with LiDARs: also where no drone is chosen
+  if (!change.any()) return;
   impl_->for_each_chosen(mask, [&](std::uint32_t drone) { its.set_config(drone, changed(its.config_of(drone))); });
 }
 
@@ -814,6 +859,7 @@ std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) con
   const CameraImages& images = impl_->cameras[camera].images();
   const std::size_t pixels = static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px);
   const auto row = static_cast<std::size_t>(index);
+  require(images.frame_step[row] >= 0, "index", "a drone whose frame is not stale (call sense or capture first)", index);
   return config.outputs.rgb ? render::compress_rgb(images.rgb.data() + 3 * row * pixels, config, quality)
                             : render::compress_grey(images.grey.data() + row * pixels, config, quality);
 }
@@ -929,7 +975,7 @@ std::string Batch::snapshot() const {
   impl_->require_own_process();
   SnapshotWriter writer;
   writer.value(kSnapshotMagic);
-  writer.value(impl_->hash);
+  writer.value(impl_->hash());
   const auto write = [&](const auto& array, std::size_t) { writer.array(array); };
   for_each_array(impl_->state, impl_->rays, write);
   for (std::size_t drone = 0; impl_->lidar && drone < impl_->size(); ++drone) {
@@ -961,7 +1007,7 @@ void Batch::restore(const std::string& blob) {
   impl_->require_own_process();
   SnapshotReader reader(blob);
   require(reader.value<std::uint64_t>() == kSnapshotMagic, "snapshot", "the bytes of Batch.snapshot()", "something else");
-  require(reader.value<std::uint64_t>() == impl_->hash, "snapshot", "one of a batch with this configuration and these worlds",
+  require(reader.value<std::uint64_t>() == impl_->hash(), "snapshot", "one of a batch with this configuration and these worlds",
           "one of another");
   // Everything is read before anything changes.
   std::vector<std::function<void()>> changes;
@@ -994,7 +1040,7 @@ void Batch::restore(const std::string& blob) {
     const auto mode = reader.value<CaptureMode>();
     require(mode <= CaptureMode::on_demand, "snapshot", "a capture mode below 3", static_cast<int>(mode));
     impl_->require_mode(index, mode);
-    changes.emplace_back([this, index, mode] { impl_->set_mode(index, mode); });
+    changes.emplace_back([this, index, mode] { impl_->config.cameras[index].capture_mode = mode; });
     for (std::size_t drone = 0; drone < impl_->size(); ++drone) {
       const auto setting = reader.value<CameraSetting>();
       CameraConfig config = camera.config();

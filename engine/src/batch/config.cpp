@@ -61,7 +61,12 @@ float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(wid
 float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
 
 void CameraConfig::validate() const {
-  require(!name.empty(), "camera.name", "a name", "an empty one");
+  // It becomes part of file names.
+  const auto is_plain = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_' || c == '-';
+  };
+  require(!name.empty() && std::all_of(name.begin(), name.end(), is_plain), "camera.name", "letters, digits, _ and -",
+          '"' + name + '"');
   require(width_px >= 1 && width_px <= kMaxSide, "camera.width_px", "an integer in [1, 8192]", width_px);
   require(height_px >= 1 && height_px <= kMaxSide, "camera.height_px", "an integer in [1, 8192]", height_px);
   const auto require_fov = [](const std::optional<float>& fov_deg, const char* field) {

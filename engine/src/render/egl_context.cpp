@@ -12,8 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "batch/platform.hpp"
-#include "render/gl_renderer.hpp"
+#include "platform/platform.hpp"
 
 namespace swiftlet::render {
 namespace {
@@ -37,14 +36,6 @@ std::string error_name(EGLint error) {
   std::ostringstream text;
   text << "EGL error 0x" << std::hex << error;
   return text.str();
-}
-
-// The library libepoxy exits the process where a library it needs is not there, so they are looked for before it is asked.
-void require_libraries() {
-  if (const std::string why = load_error("libEGL.so.1"); !why.empty()) throw GlUnavailable("EGL is not installed: " + why);
-  if (const std::string why = load_error("libOpenGL.so.0"); !why.empty() && !load_error("libGL.so.1").empty()) {
-    throw GlUnavailable("OpenGL is not installed: " + why);
-  }
 }
 
 template <class Function>
@@ -138,7 +129,12 @@ EglWish egl_wish() {
 
 EglContext::EglContext(EglWish wish) {
   if (wish == EglWish::none) throw GlUnavailable("EGL is switched off by SWIFTLET_EGL=none");
-  require_libraries();
+  // The library libepoxy exits the process where a library it needs is not there.
+  if (const std::string why = gl_load_error(); !why.empty()) throw GlUnavailable(why);
+  static const long first_process = process_id();  // whose displays and drivers' threads they are
+  if (process_id() != first_process) {
+    throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
+  }
   const char* client_extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
   const auto get_platform_display = extension_function<PFNEGLGETPLATFORMDISPLAYEXTPROC>("eglGetPlatformDisplayEXT");
   if (client_extensions == nullptr || get_platform_display == nullptr) {
@@ -147,8 +143,12 @@ EglContext::EglContext(EglWish wish) {
   std::string tried;
   const auto attempt = [&](const std::string& name, EGLenum platform, void* native) {
     const EGLDisplay display = get_platform_display(platform, native, nullptr);
-    std::string why_not = "no display";
-    if (display != EGL_NO_DISPLAY && try_display(display, why_not)) return true;
+    std::string why_not;
+    if (display == EGL_NO_DISPLAY) {
+      why_not = "no display";
+    } else if (try_display(display, wish, why_not)) {
+      return true;
+    }
     tried += (tried.empty() ? "" : "; ") + name + ": " + why_not;
     return false;
   };
@@ -164,7 +164,7 @@ EglContext::EglContext(EglWish wish) {
   throw GlUnavailable("no OpenGL 4.5 without a screen: " + tried);
 }
 
-bool EglContext::try_display(void* display, std::string& why_not) {
+bool EglContext::try_display(void* display, EglWish wish, std::string& why_not) {
   EGLint major = 0;
   EGLint minor = 0;
   if (eglInitialize(display, &major, &minor) != EGL_TRUE) {
@@ -207,17 +207,21 @@ bool EglContext::try_display(void* display, std::string& why_not) {
   GLint blocks = 0;
   glGetIntegerv(GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS, &blocks);
   const auto* const renderer = reinterpret_cast<const char*>(glGetString(GL_RENDERER));
-  if (renderer == nullptr || blocks < 4) {
+  const std::string_view name = renderer == nullptr ? "" : renderer;
+  is_software_ = name.find("llvmpipe") != std::string_view::npos || name.find("softpipe") != std::string_view::npos ||
+                 name.find("SwiftShader") != std::string_view::npos;
+  if (name.empty() || blocks < 4) {
     why_not = "its vertex shaders read no buffers";
+  } else if (wish == EglWish::software && !is_software_) {
+    why_not = std::string(name) + " is no software device";
+  }
+  if (!why_not.empty()) {
     eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglDestroyContext(display, context);
     return false;
   }
   display_ = display;
   context_ = context;
-  const std::string_view name = renderer;
-  is_software_ = name.find("llvmpipe") != std::string_view::npos || name.find("softpipe") != std::string_view::npos ||
-                 name.find("SwiftShader") != std::string_view::npos;
   GLint gl_major = 0;
   GLint gl_minor = 0;
   glGetIntegerv(GL_MAJOR_VERSION, &gl_major);

@@ -1,9 +1,16 @@
 // EglContext: an OpenGL 4.5 core context without any surface, current on the thread that made it.
 #pragma once
 
+#include <stdexcept>
 #include <string>
 
 namespace swiftlet::render {
+
+// There is no EGL, or it has no device that renders, or one failed on the way. what() says which and why.
+class GlUnavailable : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
 
 // What the environment variable SWIFTLET_EGL says.
 enum class EglWish {
@@ -16,8 +23,9 @@ enum class EglWish {
 };
 EglWish egl_wish();  // throws GlUnavailable on any other value
 
-// Takes the first that works of: the CUDA devices that CUDA_VISIBLE_DEVICES names, in its order; other hardware; Mesa's software
-// device; Mesa's surfaceless platform. Displays are the process's, shared with other libraries in it, and never terminated.
+// Of the process that makes the first one, alone: what a fork leaves of OpenGL does not work. Takes the first that works of: the
+// CUDA devices that CUDA_VISIBLE_DEVICES names, in its order; other hardware; Mesa's software device; Mesa's surfaceless
+// platform. Displays are the process's, shared with other libraries in it, and never terminated.
 class EglContext {
  public:
   explicit EglContext(EglWish wish);  // throws GlUnavailable, with all that was tried
@@ -29,7 +37,7 @@ class EglContext {
   bool is_software() const { return is_software_; }
 
  private:
-  bool try_display(void* display, std::string& why_not);
+  bool try_display(void* display, EglWish wish, std::string& why_not);
 
   void* display_ = nullptr;
   void* context_ = nullptr;

@@ -2,7 +2,7 @@
 
 #include <array>
 
-#include "render/gl_renderer.hpp"
+#include "render/egl_context.hpp"
 
 namespace swiftlet::render {
 namespace {

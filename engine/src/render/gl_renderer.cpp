@@ -1,8 +1,5 @@
 #include "render/gl_renderer.hpp"
 
-#include <oneapi/tbb/blocked_range.h>
-#include <oneapi/tbb/parallel_for.h>
-
 #include <algorithm>
 #include <bit>
 #include <cstdint>
@@ -10,10 +7,9 @@
 #include <unordered_map>
 #include <vector>
 
-#include "batch/platform.hpp"
-#include "render/gl_readout.hpp"
+#include "platform/platform.hpp"
+#include "render/gl_frame_writer.hpp"
 #include "render/gl_worker.hpp"
-#include "trace/handover.hpp"
 
 namespace swiftlet::render {
 namespace {
@@ -24,7 +20,8 @@ constexpr int kMaxSide = 4096;
 constexpr std::int64_t kMaxPixels = std::int64_t{kMaxSide} * kMaxSide;
 // On a software device, which gains nothing by more: the caller writes frames while it draws the next.
 constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 20U;
-constexpr std::size_t kGrain = 1U << 16U;  // pixels that are worth a task of their own
+constexpr std::size_t kMaxSoftwareTriangles = std::size_t{1} << 24U;  // a round of which takes it some seconds
+constexpr std::size_t kGrain = 1U << 16U;                             // pixels that are worth a task of their own
 
 // What may share an atlas.
 auto kind_of(const CameraConfig& camera) {
@@ -97,7 +94,7 @@ struct GlRenderer::Impl {
 
   void plan();
   void plan_group(std::span<const std::uint32_t> group);
-  void write(const GlRound& round, const Pixels& pixels) const;
+  void write(const GlRound& round, const Pixels& pixels, Workers& workers) const;
 };
 
 GlRenderer::GlRenderer() : impl_(std::make_unique<Impl>()) {}
@@ -125,9 +122,9 @@ void GlRenderer::start(std::span<const Shot> shots) {
   self.rounds_left = self.worker.task().rounds.size();
 }
 
-void GlRenderer::finish() {
+void GlRenderer::finish(Workers& workers) {
   Impl& self = impl();
-  self.take_rounds([&](const GlRound& round, const Pixels& pixels) { self.write(round, pixels); });
+  self.take_rounds([&](const GlRound& round, const Pixels& pixels) { self.write(round, pixels, workers); });
 }
 
 void GlRenderer::Impl::plan() {
@@ -161,9 +158,14 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   const int rows = pieces(camera.height_px * pass.samples, side);
   const AtlasSize tile{pieces(camera.width_px, columns), pieces(camera.height_px, rows), 1};
   const std::int64_t tile_pixels = static_cast<std::int64_t>(tile.pixels()) * pass.samples * pass.samples;
-  const std::int64_t by_memory = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
+  std::int64_t by_size = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
+  if (worker.is_software()) {  // it is to give signs of life, whatever it draws
+    std::size_t triangles = 1;
+    for (const std::uint32_t i : group) triangles = std::max(triangles, shots[i].world->triangles().triangles.size());
+    by_size = std::min(by_size, static_cast<std::int64_t>(kMaxSoftwareTriangles / triangles));
+  }
   const int most =
-      std::max(1, static_cast<int>(std::min<std::int64_t>(worker.max_side() / (tile.height * pass.samples), by_memory)));
+      std::max(1, static_cast<int>(std::min<std::int64_t>(worker.max_side() / (tile.height * pass.samples), by_size)));
 
   const std::size_t first_view = task.views.size();
   for (const std::uint32_t i : group) {
@@ -188,28 +190,16 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   }
 }
 
-void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels) const {
-  const auto write_tile = [&](std::size_t tile) {
-    const FramePart& part = parts[round.first_view + tile];
-    const Shot& shot = shots[part.shot];
-    write_frame(pixels, round.size, tile, shot, part);
-  };
+void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels, Workers& workers) const {
   const auto count = static_cast<std::size_t>(round.count);
   const std::size_t tile_pixels = AtlasSize{round.size.width, round.size.height, 1}.pixels();
   const std::size_t grain = std::max<std::size_t>(1, kGrain / tile_pixels);
-  if (count <= grain) {
-    for (std::size_t tile = 0; tile < count; ++tile) write_tile(tile);
-    return;
-  }
-  static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
-  const char joined = 0;
-  handover::release(&forked);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, grain), [&](const tbb::blocked_range<std::size_t>& range) {
-    handover::acquire(&forked);
-    for (std::size_t tile = range.begin(); tile != range.end(); ++tile) write_tile(tile);
-    handover::release(&joined);
+  workers.run((count + grain - 1) / grain, [&](std::size_t job, std::size_t) {
+    for (std::size_t tile = job * grain; tile < std::min(count, (job + 1) * grain); ++tile) {
+      const FramePart& part = parts[round.first_view + tile];
+      write_frame(pixels, round.size, tile, shots[part.shot], part);
+    }
   });
-  handover::acquire(&joined);
 }
 
 }  // namespace swiftlet::render

@@ -3,18 +3,13 @@
 
 #include <memory>
 #include <span>
-#include <stdexcept>
 #include <string>
 
+#include "platform/workers.hpp"
+#include "render/egl_context.hpp"
 #include "render/shot.hpp"
 
 namespace swiftlet::render {
-
-// There is no EGL, or it has no device that renders, or one failed on the way. what() says which and why.
-class GlUnavailable : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
 
 // A thread of its own owns the context. Not thread-safe: one caller at a time. Worlds are copied to the device when they are
 // first seen, and known by their address from then on: they outlive the renderer. In a forked child start() and finish() throw
@@ -33,9 +28,9 @@ class GlRenderer {
 
   // Begins to render; the shots, and what they point to, stay as they are until finish().
   void start(std::span<const Shot> shots);
-  // Writes all frames as they arrive, in parallel in the caller's task arena. Throws GlUnavailable where the device failed or did
+  // Writes all frames as they arrive. Throws GlUnavailable where the device failed or did
   // not answer in time; the frames are then undefined, and the renderer of no more use.
-  void finish();
+  void finish(Workers& workers);
 
  private:
   struct Impl;

@@ -3,7 +3,7 @@
 #include <array>
 #include <string>
 
-#include "render/gl_renderer.hpp"
+#include "render/egl_context.hpp"
 
 namespace swiftlet::render {
 namespace {

@@ -71,13 +71,14 @@ struct GlWorker::Shared {
 
   explicit Shared(EglWish what) : wish(what) {}
 
+  milliseconds patience() const { return wish == EglWish::hanging && ready ? kLittlePatience : kPatience; }
+
   // Waits until something is so. False where nothing happened for too long.
   template <class Condition>
   bool wait(std::unique_lock<std::mutex>& lock, const Condition& condition) {
-    const milliseconds patience = wish == EglWish::hanging && ready ? kLittlePatience : kPatience;
     while (!condition()) {
       const std::uint64_t signs = signs_of_life;
-      changed.wait_for(lock, patience, [&] { return condition() || signs_of_life != signs; });
+      changed.wait_for(lock, patience(), [&] { return condition() || signs_of_life != signs; });
       if (signs_of_life == signs && !condition()) return false;
     }
     return true;
@@ -155,7 +156,7 @@ const Pixels& GlWorker::wait() {
   shared_->wait(lock, [&] { return shared_->published > round || !shared_->error.empty(); });
   if (shared_->published > round) return shared_->pixels[round % kNumReadbacks];
   if (!shared_->error.empty()) throw GlUnavailable(shared_->error);
-  shared_->error = "the OpenGL driver did not answer within " + std::to_string(kPatience.count() / 1000) + " s";
+  shared_->error = "the OpenGL driver did not answer within " + std::to_string(shared_->patience().count()) + " ms";
   shared_->stop = true;
   shared_->changed.notify_all();
   thread_.detach();

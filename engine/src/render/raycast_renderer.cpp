@@ -5,7 +5,7 @@
 #include <limits>
 #include <span>
 
-#include "render/frame_writer.hpp"
+#include "render/tile_writer.hpp"
 #include "trace/packets.hpp"
 
 namespace swiftlet::render {

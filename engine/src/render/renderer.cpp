@@ -5,28 +5,11 @@
 #include <limits>
 #include <sstream>
 
-#include "render/raycast_renderer.hpp"
-
 namespace swiftlet::render {
 namespace {
 
 constexpr std::size_t kTilesPerJob = 64;  // a small image, or some rows of a large one
 constexpr int kTimedRuns = 3;             // of a backend, the best of which counts
-
-// Shots of one camera follow each other.
-void raycast(std::span<const Shot> shots, Workers& workers) {
-  while (!shots.empty()) {
-    const std::size_t tiles = shots[0].lens->tiles.size();
-    const auto other = std::find_if(shots.begin(), shots.end(), [&](const Shot& shot) { return shot.camera != shots[0].camera; });
-    const auto count = static_cast<std::size_t>(other - shots.begin());
-    const std::size_t jobs = (tiles + kTilesPerJob - 1) / kTilesPerJob;
-    workers.run(count * jobs, [&](std::size_t job, Scratch& scratch) {
-      const std::size_t first = job % jobs * kTilesPerJob;
-      render_tiles(shots[job / jobs], first, std::min(first + kTilesPerJob, tiles), scratch.raycast);
-    });
-    shots = shots.subspan(count);
-  }
-}
 
 // Once to warm up, then the best of some.
 template <class Render>
@@ -44,6 +27,7 @@ double frames_per_second(std::size_t frames, const Render& render) {
 }  // namespace
 
 Renderer::Renderer(CameraBackend backend, std::span<const Shot> typical, Workers& workers) : report_("raycast: as asked for") {
+  for (int i = 0; i < workers.num_threads(); ++i) raycast_scratches_.push_back(std::make_unique<RaycastScratch>());
   if (backend == CameraBackend::raycast) return;
   try {
     gl_ = std::make_unique<GlRenderer>();
@@ -77,6 +61,21 @@ void Renderer::give_up_gl(const std::string& why) {
   warning_ = "cameras: gl is not available, raycast renders instead: " + why;
 }
 
+// Shots of one camera follow each other.
+void Renderer::raycast(std::span<const Shot> shots, Workers& workers) {
+  while (!shots.empty()) {
+    const std::size_t tiles = shots[0].lens->tiles.size();
+    const auto other = std::find_if(shots.begin(), shots.end(), [&](const Shot& shot) { return shot.camera != shots[0].camera; });
+    const auto count = static_cast<std::size_t>(other - shots.begin());
+    const std::size_t jobs = (tiles + kTilesPerJob - 1) / kTilesPerJob;
+    workers.run(count * jobs, [&](std::size_t job, std::size_t thread) {
+      const std::size_t first = job % jobs * kTilesPerJob;
+      render_tiles(shots[job / jobs], first, std::min(first + kTilesPerJob, tiles), *raycast_scratches_[thread]);
+    });
+    shots = shots.subspan(count);
+  }
+}
+
 void Renderer::start(std::span<const Shot> shots) {
   if (!gl_) return;
   try {
@@ -89,7 +88,7 @@ void Renderer::start(std::span<const Shot> shots) {
 void Renderer::finish(std::span<const Shot> shots, Workers& workers) {
   if (gl_) {
     try {
-      workers.within([&] { gl_->finish(); });
+      gl_->finish(workers);
       return;
     } catch (const GlUnavailable& error) {
       give_up_gl(error.what());

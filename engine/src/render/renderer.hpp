@@ -5,9 +5,11 @@
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
-#include "batch/workers.hpp"
+#include "platform/workers.hpp"
 #include "render/gl_renderer.hpp"
+#include "render/raycast_renderer.hpp"
 #include "render/shot.hpp"
 #include "swiftlet/config.hpp"
 
@@ -29,10 +31,12 @@ class Renderer {
   void finish(std::span<const Shot> shots, Workers& workers);
 
  private:
+  void raycast(std::span<const Shot> shots, Workers& workers);
   void choose(std::span<const Shot> typical, Workers& workers);
   void give_up_gl(const std::string& why);
 
-  std::unique_ptr<GlRenderer> gl_;  // null: raycast renders
+  std::unique_ptr<GlRenderer> gl_;                                  // null: raycast renders
+  std::vector<std::unique_ptr<RaycastScratch>> raycast_scratches_;  // of each thread
   std::string report_;
   std::string warning_;
 };

@@ -27,7 +27,7 @@ void for_each_image(CameraImages& images, const F& f) {
 }  // namespace
 
 Camera::Camera(const CameraConfig& config, std::size_t num_drones)
-    : config_(std::make_unique<CameraConfig>(config)),
+    : config_(&config),
       setting_(num_drones, 0U),
       offset_(num_drones, vector_of(config.offset_m)),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
@@ -118,7 +118,7 @@ render::Shot Camera::shot(std::size_t drone, const World& world, const Pose& pos
   Mat3 rotation;
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
   render::Shot shot{.world = &world,
-                    .camera = config_.get(),
+                    .camera = config_,
                     .lens = &settings_[setting_[drone]]->lens,
                     .position = pose.position + trace::rotated(body, offset_[drone]),
                     .rotation = rotation,

@@ -17,6 +17,7 @@ namespace swiftlet::sensors {
 
 class Camera {
  public:
+  // The configuration outlives the camera and stays where it is; all of it but the capture mode stays as it is.
   Camera(const CameraConfig& config, std::size_t num_drones);
 
   const CameraConfig& config() const { return *config_; }  // but for what a drone has of its own
@@ -25,7 +26,6 @@ class Camera {
   // A drone's own setting, as changed at run time. Setting it marks its frame stale.
   CameraConfig config_of(std::size_t drone) const;
   void set_config(std::size_t drone, const CameraConfig& config);  // of the same resolution and outputs
-  void set_mode(CaptureMode mode) { config_->capture_mode = mode; }
 
   // The drone's frame shows nothing that counts any more, as after a reset.
   void mark_stale(std::size_t drone) { images_.frame_step[drone] = -1; }
@@ -52,18 +52,17 @@ class Camera {
  private:
   render::Shot shot(std::size_t drone, const World& world, const Pose& pose);
 
-  // Where shots point to stays where it is when cameras move in memory.
-  std::unique_ptr<CameraConfig> config_;
+  const CameraConfig* config_;
   struct Setting {  // drones of equal FOV share one; one that no drone has any more makes room for the next
     std::optional<float> hfov_deg, vfov_deg;
     render::Lens lens;
     std::size_t drones;
   };
-  std::vector<std::unique_ptr<Setting>> settings_;
-  std::vector<std::uint32_t> setting_;           // (N,) into settings_
-  std::vector<Vec3> offset_;                     // (N,) m, body frame
-  std::vector<Mat3> mounting_;                   // (N,) camera to body
-  std::vector<std::array<float, 4>> quat_wxyz_;  // (N,) the same, as given
+  std::vector<std::unique_ptr<Setting>> settings_;  // shots point to them
+  std::vector<std::uint32_t> setting_;              // (N,) into settings_
+  std::vector<Vec3> offset_;                        // (N,) m, body frame
+  std::vector<Mat3> mounting_;                      // (N,) camera to body
+  std::vector<std::array<float, 4>> quat_wxyz_;     // (N,) the same, as given
   Taken taken_;
   CameraImages images_;
 };

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "platform/flush_denormals.hpp"
 #include "swiftlet/world.hpp"
 #include "trace/scene.hpp"
 
@@ -79,7 +80,7 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
   hits.normal.assign(count, Vec3::Zero());
   hits.primitive.assign(count, -1);
   hits.material.assign(count, -1);
-  const trace::FlushDenormals flush;
+  const FlushDenormals flush;
   const auto rays = std::make_unique<trace::RayBlock>();
   for (std::size_t first = 0; first < count; first += trace::kMaxRays) {
     rays->count = std::min(trace::kMaxRays, count - first);

@@ -9,14 +9,10 @@
 #include <stdexcept>
 #include <string>
 
-#include "batch/platform.hpp"
-#include "trace/handover.hpp"
+#include "platform/handover.hpp"
+#include "platform/platform.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
-
-#if defined(__SSE__) || defined(_M_X64)
-#include <xmmintrin.h>
-#endif
 
 namespace swiftlet::trace {
 namespace {
@@ -66,27 +62,6 @@ Place place_at_solid(const Shape& shape, const std::array<float, 3>& o, float ne
 }
 
 }  // namespace
-
-#if defined(__SSE__) || defined(_M_X64)
-FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
-  constexpr unsigned int kFlushToZero = 0x8000;
-  constexpr unsigned int kDenormalsAreZero = 0x0040;
-  _mm_setcsr(saved_ | kFlushToZero | kDenormalsAreZero);
-}
-FlushDenormals::~FlushDenormals() { _mm_setcsr(saved_); }
-#elif defined(__aarch64__)
-FlushDenormals::FlushDenormals() {
-  constexpr std::uint64_t kFlushToZero = 1U << 24U;  // of operands and results
-  std::uint64_t control = 0;
-  asm volatile("mrs %0, fpcr" : "=r"(control));
-  saved_ = static_cast<unsigned int>(control);
-  asm volatile("msr fpcr, %0" : : "r"(control | kFlushToZero));
-}
-FlushDenormals::~FlushDenormals() { asm volatile("msr fpcr, %0" : : "r"(std::uint64_t{saved_})); }
-#else
-FlushDenormals::FlushDenormals() : saved_(0) {}
-FlushDenormals::~FlushDenormals() = default;
-#endif
 
 Scene::Scene(const World& world, std::size_t max_direct) {
   add_primitives(world.primitives(), max_direct);

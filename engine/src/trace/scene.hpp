@@ -23,18 +23,6 @@ namespace swiftlet::trace {
 // Called for every element (index into World::primitives(), then primitives().size() + triangle index) near a point.
 using NearbyCallback = void (*)(void* context, std::uint32_t element);
 
-// Denormals as zero on this thread for as long as this lives: Embree asks for it.
-class FlushDenormals {
- public:
-  FlushDenormals();
-  ~FlushDenormals();
-  FlushDenormals(const FlushDenormals&) = delete;
-  FlushDenormals& operator=(const FlushDenormals&) = delete;
-
- private:
-  unsigned int saved_;
-};
-
 // What the rays of one sensor may meet: the shapes whose bounding boxes come within its range. Filled by Scene::gather.
 struct Reach {
   std::array<Candidate, kMaxCandidates> candidates;

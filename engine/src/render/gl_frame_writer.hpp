@@ -1,4 +1,4 @@
-// GlReadout: from the pixels of an atlas to the images of frames.
+// Writing the pixels of an atlas into frames, in the layout the camera asks for.
 #pragma once
 
 #include <cstddef>

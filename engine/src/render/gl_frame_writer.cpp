@@ -1,4 +1,4 @@
-#include "render/gl_readout.hpp"
+#include "render/gl_frame_writer.hpp"
 
 #include <cmath>
 #include <cstdint>

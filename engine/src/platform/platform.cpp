@@ -1,4 +1,4 @@
-#include "batch/platform.hpp"
+#include "platform/platform.hpp"
 
 #include <algorithm>
 #include <thread>
@@ -26,17 +26,36 @@ long process_id() { return _getpid(); }
 long process_id() { return static_cast<long>(getpid()); }
 #endif
 
+namespace {
+
+// Loads a shared library for as long as the process lives. Returns why it cannot be, or nothing.
 #if defined(_WIN32)
+constexpr const char* kEgl = "libEGL.dll";
+constexpr const char* kOpenGl[] = {"opengl32.dll"};
 std::string load_error(const char* library) {
   return LoadLibraryA(library) != nullptr ? std::string() : std::string(library) + " cannot be loaded";
 }
 #else
+constexpr const char* kEgl = "libEGL.so.1";
+constexpr const char* kOpenGl[] = {"libOpenGL.so.0", "libGL.so.1"};
 std::string load_error(const char* library) {
   if (dlopen(library, RTLD_LAZY | RTLD_LOCAL) != nullptr) return {};
   const char* why = dlerror();
   return why != nullptr ? why : std::string(library) + " cannot be loaded";
 }
 #endif
+
+}  // namespace
+
+std::string gl_load_error() {
+  if (const std::string why = load_error(kEgl); !why.empty()) return "EGL is not installed: " + why;
+  std::string why;
+  for (const char* library : kOpenGl) {
+    why = load_error(library);
+    if (why.empty()) return {};
+  }
+  return "OpenGL is not installed: " + why;
+}
 
 #if defined(__linux__)
 int physical_cores() {

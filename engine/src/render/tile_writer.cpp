@@ -1,7 +1,7 @@
-#include "render/frame_writer.hpp"
+#include "render/tile_writer.hpp"
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "render/frame_writer.cpp"
+#define HWY_TARGET_INCLUDE "render/tile_writer.cpp"
 #include <hwy/foreach_target.h>
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
