@@ -31,7 +31,7 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 // Per camera, to time backends by: so many shots, or fewer of many pixels.
-constexpr std::size_t kTypicalShots = 256;
+constexpr std::size_t kTypicalShots = 64;
 constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
 constexpr std::uint64_t kSnapshotMagic = 0x31304c5446495753ULL;  // "SWIFTL01"
 
