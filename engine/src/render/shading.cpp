@@ -332,11 +332,10 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
     std::uint64_t left = bits_of(d, every(d));
     for (bool first = true; left != 0; first = false) {
       const std::int32_t number = elements[std::countr_zero(left)];
-      Pixels its;
+      Pixels its = pixels;
       Mask mask;
       if (number < 0) {
         mask = hn::RebindMask(d, hn::Lt(element, hn::Zero(di)));
-        its = pixels;
         its.semantic = its.instance = hn::Zero(di);
         its.normal = {zero, zero, zero};
         if (wanted.any_color()) its.color = sky(d, di, tables, rays.direction);
