@@ -57,8 +57,9 @@ std::unique_ptr<Batch, Released> make_batch(const Worlds& worlds, int num_drones
   const auto index = integers<std::int32_t>(world_index, "world_index", {num_drones});
   auto batch = [&] {  // worlds are prepared for tracing, backends timed
     const py::gil_scoped_release release;
-    return std::unique_ptr<Batch, Released>(
-        new Batch(config, Batch::Worlds(worlds.begin(), worlds.end()), drone.value_or(DroneModel::quadrotor650()), index));
+    auto made = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()),
+                                        drone.value_or(DroneModel::quadrotor650()), index);
+    return std::unique_ptr<Batch, Released>(made.release());
   }();
   warn(*batch);
   return batch;
