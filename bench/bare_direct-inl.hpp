@@ -1,11 +1,11 @@
 // The limit for direct tracing: the least code that does the same work. Any number of rooms, boxes, cylinders and spheres in any
 // orientation; what is out of a sensor's range is left out once per sensor; every ray is tested against the rest. No tree, no
 // batches, no elements, no meshes; poses and beams come as plain arrays, ranges go to one. Included once per SIMD target.
-#if defined(SWIFTLET_BENCH_BARE_DIRECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
-#ifdef SWIFTLET_BENCH_BARE_DIRECT_INL_HPP
-#undef SWIFTLET_BENCH_BARE_DIRECT_INL_HPP
+#if defined(FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
+#ifdef FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
+#undef FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
 #else
-#define SWIFTLET_BENCH_BARE_DIRECT_INL_HPP
+#define FLOCKSTEP_BENCH_BARE_DIRECT_INL_HPP
 #endif
 
 #include <hwy/highway.h>

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "collision/sweep.hpp"
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/world.hpp"
 #include "trace/embree.hpp"
 #include "trace/shape.hpp"
 
@@ -21,7 +21,7 @@ inline constexpr int kPillarSides = 16;
 struct BareScene {
   RTCDevice device = rtcNewDevice(nullptr);
   RTCScene scene = rtcNewScene(device);
-  std::vector<swiftlet::trace::Shape> shapes;  // that user geometry points to
+  std::vector<flockstep::trace::Shape> shapes;  // that user geometry points to
   BareScene() = default;
   BareScene(const BareScene&) = delete;
   BareScene& operator=(const BareScene&) = delete;
@@ -40,30 +40,30 @@ struct BareScene {
 };
 
 // That makes pillars polygons of kPillarSides: of k sides, it is r (1 - cos(pi / k)).
-inline float chord_error(const swiftlet::World& world) {
+inline float chord_error(const flockstep::World& world) {
   float radius = 1.0F;
   for (const auto& primitive : world.primitives()) {
-    if (primitive.kind == swiftlet::PrimitiveKind::cylinder) radius = primitive.half_extents.x();
+    if (primitive.kind == flockstep::PrimitiveKind::cylinder) radius = primitive.half_extents.x();
   }
   return 1.0001F * radius * (1.0F - std::cos(std::numbers::pi_v<float> / kPillarSides));
 }
 
 // A world's triangles, primitives tessellated.
-inline std::unique_ptr<BareScene> triangle_scene(const swiftlet::World& world) {
-  const swiftlet::TriangleMesh mesh = world.mesh(chord_error(world));
+inline std::unique_ptr<BareScene> triangle_scene(const flockstep::World& world) {
+  const flockstep::TriangleMesh mesh = world.mesh(chord_error(world));
   auto bare = std::make_unique<BareScene>();
   RTCGeometry geometry = rtcNewGeometry(bare->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   auto* vertices = static_cast<float*>(
       rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh.vertices.size()));
   auto* indices =
       static_cast<int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, mesh.triangles.size()));
-  for (const swiftlet::Vec3& vertex : mesh.vertices) vertices = std::copy_n(vertex.data(), 3, vertices);
+  for (const flockstep::Vec3& vertex : mesh.vertices) vertices = std::copy_n(vertex.data(), 3, vertices);
   for (const auto& triangle : mesh.triangles) indices = std::copy(triangle.begin(), triangle.end(), indices);
   bare->finish(geometry);
   return bare;
 }
 
-#if SWIFTLET_EMBREE_MAJOR >= 4
+#if FLOCKSTEP_EMBREE_MAJOR >= 4
 using Query = RTCIntersectArguments;
 inline Query make_query(bool coherent) {
   Query query;
@@ -94,16 +94,16 @@ inline void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, 
 #endif
 
 // Poses that a drone can be in: not touching anything.
-inline std::vector<swiftlet::Vec3> free_positions(const swiftlet::World& world, int count, std::uint32_t seed) {
+inline std::vector<flockstep::Vec3> free_positions(const flockstep::World& world, int count, std::uint32_t seed) {
   std::mt19937 random(seed);
-  const swiftlet::DroneModel drone = swiftlet::DroneModel::quadrotor650();
-  std::vector<swiftlet::Vec3> positions;
+  const flockstep::DroneModel drone = flockstep::DroneModel::quadrotor650();
+  std::vector<flockstep::Vec3> positions;
   while (static_cast<int>(positions.size()) < count) {
-    swiftlet::Vec3 position;
+    flockstep::Vec3 position;
     for (int axis = 0; axis < 3; ++axis) {
       position[axis] = std::uniform_real_distribution<float>(world.bounds().min[axis], world.bounds().max[axis])(random);
     }
-    if (!swiftlet::collision::overlaps(world, drone, {position, swiftlet::Quat::Identity()})) positions.push_back(position);
+    if (!flockstep::collision::overlaps(world, drone, {position, flockstep::Quat::Identity()})) positions.push_back(position);
   }
   return positions;
 }

@@ -16,17 +16,17 @@
 #include <vector>
 
 #include "render/egl_context.hpp"
-#include "swiftlet/pose.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
 
 namespace bench {
 
 class BareGl {
  public:
   // colors: linear, of each triangle
-  BareGl(const swiftlet::TriangleMesh& mesh, const std::vector<std::array<float, 3>>& colors, const swiftlet::Light& light,
+  BareGl(const flockstep::TriangleMesh& mesh, const std::vector<std::array<float, 3>>& colors, const flockstep::Light& light,
          float near_m)
-      : context_(swiftlet::render::egl_wish()), near_m_(near_m) {
+      : context_(flockstep::render::egl_wish()), near_m_(near_m) {
     program_ = glCreateProgram();
     attach(GL_VERTEX_SHADER, kVertexShader);
     attach(GL_FRAGMENT_SHADER, kFragmentShader);
@@ -44,12 +44,12 @@ class BareGl {
     set("ground", light.ground_ambient);
 
     std::vector<float> vertices;
-    for (const swiftlet::Vec3& v : mesh.vertices) vertices.insert(vertices.end(), {v.x(), v.y(), v.z()});
+    for (const flockstep::Vec3& v : mesh.vertices) vertices.insert(vertices.end(), {v.x(), v.y(), v.z()});
     std::vector<std::int32_t> indices;
     std::vector<float> facets;  // normal and colour of each triangle, as two vec4
     for (const std::uint32_t i : sort_into_cells(mesh)) {
       const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])]; };
-      const swiftlet::Vec3 n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+      const flockstep::Vec3 n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
       facets.insert(facets.end(), {n.x(), n.y(), n.z(), 0.0F, colors[i][0], colors[i][1], colors[i][2], 0.0F});
       indices.insert(indices.end(), mesh.triangles[i].begin(), mesh.triangles[i].end());
     }
@@ -91,7 +91,7 @@ class BareGl {
   }
 
   // rotation: camera (x forward, y left, z up) to world; culled: cells out of a camera's sight are left out
-  void render(const std::vector<swiftlet::Vec3>& position, const std::vector<swiftlet::Mat3>& rotation, float fx, float fy,
+  void render(const std::vector<flockstep::Vec3>& position, const std::vector<flockstep::Mat3>& rotation, float fx, float fy,
               bool culled) {
     const auto count = static_cast<int>(position.size());
     glViewport(0, 0, width_, height_ * count);
@@ -105,7 +105,7 @@ class BareGl {
     const GLint first = glGetUniformLocation(program_, "first");
     for (int i = 0; i < count; ++i) {
       const auto at = static_cast<std::size_t>(i);
-      const swiftlet::Mat3 to_camera = rotation[at].transpose();
+      const flockstep::Mat3 to_camera = rotation[at].transpose();
       Eigen::Matrix4f to_clip = Eigen::Matrix4f::Zero();
       to_clip.block<1, 3>(0, 0) = -2.0F * fx / static_cast<float>(width_) * to_camera.row(1);
       to_clip.block<1, 3>(1, 0) = 2.0F * fy / static_cast<float>(height_) * to_camera.row(2);
@@ -116,11 +116,11 @@ class BareGl {
       glUniform3fv(eye, 1, position[at].data());
       glViewport(0, height_ * i, width_, height_);
       const float across = 0.5F * static_cast<float>(width_) / fx, along = 0.5F * static_cast<float>(height_) / fy;
-      const swiftlet::Mat3& r = rotation[at];
-      const std::array<swiftlet::Vec3, 5> sides{r.col(0), across * r.col(0) + r.col(1), across * r.col(0) - r.col(1),
+      const flockstep::Mat3& r = rotation[at];
+      const std::array<flockstep::Vec3, 5> sides{r.col(0), across * r.col(0) + r.col(1), across * r.col(0) - r.col(1),
                                                 along * r.col(0) + r.col(2), along * r.col(0) - r.col(2)};
       const auto is_seen = [&](const Cell& cell) {
-        return !culled || std::all_of(sides.begin(), sides.end(), [&](const swiftlet::Vec3& side) {
+        return !culled || std::all_of(sides.begin(), sides.end(), [&](const flockstep::Vec3& side) {
           return side.dot(cell.center - position[at]) + side.cwiseAbs().dot(cell.half) >= 0.0F;
         });
       };
@@ -171,14 +171,14 @@ void main() {
 
   struct Cell {
     std::uint32_t first = 0, count = 0;  // triangles
-    swiftlet::Vec3 center, half;
+    flockstep::Vec3 center, half;
   };
 
   // Makes square cells of some hundred triangles, row by row, and returns the triangles in their order.
-  std::vector<std::uint32_t> sort_into_cells(const swiftlet::TriangleMesh& mesh) {
+  std::vector<std::uint32_t> sort_into_cells(const flockstep::TriangleMesh& mesh) {
     constexpr double kTriangles = 500.0;
     Eigen::AlignedBox3f all;
-    for (const swiftlet::Vec3& v : mesh.vertices) all.extend(v);
+    for (const flockstep::Vec3& v : mesh.vertices) all.extend(v);
     const int side = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(mesh.triangles.size()) / kTriangles)));
     std::vector<std::vector<std::uint32_t>> members(static_cast<std::size_t>(side) * static_cast<std::size_t>(side));
     std::vector<Eigen::AlignedBox3f> bounds(members.size());
@@ -225,7 +225,7 @@ void main() {
     return name;
   }
 
-  swiftlet::render::EglContext context_;
+  flockstep::render::EglContext context_;
   float near_m_;
   std::vector<Cell> cells_;
   GLuint program_ = 0, array_ = 0, frame_ = 0;

@@ -14,14 +14,14 @@
 #include "bench.hpp"
 #include "platform/flush_denormals.hpp"
 #include "sensors/beams.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 #include "trace/scene.hpp"
 #include "trace/shape.hpp"
 #include "trace/user_geometry.hpp"
 
 namespace {
 
-using namespace swiftlet;
+using namespace flockstep;
 
 constexpr int kRuns = 7;
 constexpr std::size_t kOrigins = 64;
@@ -161,14 +161,14 @@ int main() {
 
 #include <cstddef>
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Shapes in view up to which a bundle's rays are tested against every one.
 inline constexpr std::size_t kMaxDirect = %d;
 // Shapes of a world up to which rays of any origins are tested against every one.
 inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace
 )",
       trace::simd_target(), bundle, any_origin);
 }

@@ -14,14 +14,14 @@
 
 #include "bare_embree.hpp"
 
-#ifndef SWIFTLET_BENCH_CAMERA_TYPES
-#define SWIFTLET_BENCH_CAMERA_TYPES
+#ifndef FLOCKSTEP_BENCH_CAMERA_TYPES
+#define FLOCKSTEP_BENCH_CAMERA_TYPES
 namespace bench {
 
 // What bare shading needs of a scene.
 struct Paint {
   std::vector<std::array<float, 3>> colors;  // linear, of each triangle
-  swiftlet::Light light;
+  flockstep::Light light;
   std::array<std::uint8_t, 1024> levels;  // encoded, by the square root of a linear value
 };
 
@@ -62,7 +62,7 @@ void shade(const Paint& paint, const Shaded& rays, std::size_t count, std::uint8
     nx = hn::Mul(nx, scale);
     ny = hn::Mul(ny, scale);
     nz = hn::Mul(nz, scale);
-    const swiftlet::Light& light = paint.light;
+    const flockstep::Light& light = paint.light;
     const auto& s = light.sun_direction;
     const auto sun = hn::Max(hn::MulAdd(nx, set(s[0]), hn::MulAdd(ny, set(s[1]), hn::Mul(nz, set(s[2])))), hn::Zero(d));
     const auto up = hn::MulAdd(nz, set(0.5F), set(0.5F));
@@ -101,7 +101,7 @@ HWY_AFTER_NAMESPACE();
 #include "bench.hpp"
 #include "mesh_world.hpp"
 #include "platform/flush_denormals.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 #include "trace/scene.hpp"
 
 namespace bench {
@@ -110,25 +110,25 @@ HWY_EXPORT(shade);
 
 namespace {
 
-using swiftlet::Mat3;
-using swiftlet::Quat;
-using swiftlet::Vec3;
+using flockstep::Mat3;
+using flockstep::Quat;
+using flockstep::Vec3;
 
 constexpr int kRuns = 7;
 
 // The world's triangles with a colour each, markers among them, for the bare loop.
 struct BareWorld {
   std::unique_ptr<bench::BareScene> scene;
-  swiftlet::TriangleMesh mesh;
+  flockstep::TriangleMesh mesh;
   bench::Paint paint;
 
-  explicit BareWorld(const swiftlet::World& world) {
-    swiftlet::SceneDescription description;
+  explicit BareWorld(const flockstep::World& world) {
+    flockstep::SceneDescription description;
     description.materials.assign(world.materials().begin(), world.materials().end());
     description.primitives.assign(world.primitives().begin(), world.primitives().end());
     description.mesh = world.triangles();
     const auto add_marker = [&](const Vec3& center, const std::array<float, 3>& color) {
-      description.primitives.push_back({.kind = swiftlet::PrimitiveKind::sphere,
+      description.primitives.push_back({.kind = flockstep::PrimitiveKind::sphere,
                                         .center = center,
                                         .half_extents = Vec3::Constant(world.markers().radius),
                                         .material = static_cast<std::uint16_t>(description.materials.size())});
@@ -136,7 +136,7 @@ struct BareWorld {
     };
     if (world.markers().start) add_marker(*world.markers().start, {0.8F, 0.03F, 0.02F});
     if (world.markers().goal) add_marker(*world.markers().goal, {0.02F, 0.6F, 0.05F});
-    const swiftlet::World solid(std::move(description));
+    const flockstep::World solid(std::move(description));
     scene = bench::triangle_scene(solid);
     mesh = solid.mesh(bench::chord_error(solid));
     for (const std::uint16_t material : mesh.materials) {
@@ -208,8 +208,8 @@ void render_bare(const BareWorld& world, BareCameras& cameras, bool coherent) {
 
 constexpr float kFarM = 100.0F;
 
-swiftlet::CameraConfig rgb_and_depth(int width, int height) {
-  swiftlet::CameraConfig camera;
+flockstep::CameraConfig rgb_and_depth(int width, int height) {
+  flockstep::CameraConfig camera;
   camera.width_px = width;
   camera.height_px = height;
   camera.far_m = kFarM;
@@ -223,7 +223,7 @@ struct Poses {
   std::vector<Quat> rotations;
   std::vector<float> position, quat_wxyz;  // the same
 
-  Poses(const swiftlet::World& world, int count) : points(bench::free_positions(world, count, 1)) {
+  Poses(const flockstep::World& world, int count) : points(bench::free_positions(world, count, 1)) {
     std::mt19937 random(2);
     for (const Vec3& p : points) {
       const float yaw = std::uniform_real_distribution<float>(0.0F, 2.0F * std::numbers::pi_v<float>)(random);
@@ -236,14 +236,14 @@ struct Poses {
   }
 };
 
-std::unique_ptr<swiftlet::Batch> make_batch(const std::shared_ptr<const swiftlet::World>& world, const Poses& poses,
-                                            const swiftlet::CameraConfig& camera, swiftlet::CameraBackend backend) {
-  swiftlet::BatchConfig config;
+std::unique_ptr<flockstep::Batch> make_batch(const std::shared_ptr<const flockstep::World>& world, const Poses& poses,
+                                            const flockstep::CameraConfig& camera, flockstep::CameraBackend backend) {
+  flockstep::BatchConfig config;
   config.num_drones = static_cast<int>(poses.points.size());
   config.num_threads = 1;
   config.cameras = {camera};
   config.camera_backend = backend;
-  auto batch = std::make_unique<swiftlet::Batch>(config, swiftlet::Batch::Worlds{world});
+  auto batch = std::make_unique<flockstep::Batch>(config, flockstep::Batch::Worlds{world});
   if (const std::string warning = batch->take_warning(); !warning.empty()) {
     std::fprintf(stderr, "%s\n", warning.c_str());
     std::exit(1);
@@ -265,11 +265,11 @@ double share_that_differs(const std::vector<float>& ours, const std::vector<floa
   return static_cast<double>(differ) / static_cast<double>(ours.size());
 }
 
-void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, const BareWorld& bare, int width,
+void bench_case(const std::string& name, const std::shared_ptr<const flockstep::World>& world, const BareWorld& bare, int width,
                 int height, int num_drones, bench::Figures& figures) {
-  const swiftlet::CameraConfig camera = rgb_and_depth(width, height);
+  const flockstep::CameraConfig camera = rgb_and_depth(width, height);
   const Poses poses(*world, num_drones);
-  const auto batch = make_batch(world, poses, camera, swiftlet::CameraBackend::raycast);
+  const auto batch = make_batch(world, poses, camera, flockstep::CameraBackend::raycast);
   const auto n = static_cast<std::size_t>(num_drones);
   const std::size_t pixels = n * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   BareCameras cameras{width, height, camera.fx(), camera.fy(), poses.points, {}, {}, {}};
@@ -277,7 +277,7 @@ void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::W
   cameras.rgb.resize(3 * pixels);
   cameras.depth.resize(pixels);
 
-  const auto gl = make_batch(world, poses, camera, swiftlet::CameraBackend::gl);
+  const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
   bench::BareGl bare_gl(bare.mesh, bare.paint.colors, bare.paint.light, camera.near_m);
   bare_gl.make_atlas(width, height, num_drones);
   const std::vector<bench::Variant> variants{
@@ -289,7 +289,7 @@ void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::W
       {"bare Embree 4x2 incoherent", [&] { render_bare<RTCRayHit8, 2>(bare, cameras, false); }},
       {"bare Embree 4x4 coherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, true); }},
       {"bare Embree 4x4 incoherent", [&] { render_bare<RTCRayHit16, 4>(bare, cameras, false); }}};
-  const swiftlet::FlushDenormals flush;
+  const flockstep::FlushDenormals flush;
   const bench::Times times = bench::interleave(variants, kRuns);
   constexpr std::size_t kFirstGl = 2, kFirstEmbree = 4;
   const auto fastest = [&](std::size_t first, std::size_t last) {
@@ -337,7 +337,7 @@ void bench_case(const std::string& name, const std::shared_ptr<const swiftlet::W
 constexpr std::array<std::array<int, 3>, 2> kCases{{{64, 64, 256}, {640, 480, 16}}};
 
 // Frames per second over resolution, number of drones, world and backend, where bench_case has not measured them.
-void bench_table(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, bench::Figures& figures) {
+void bench_table(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
   constexpr int kTableRuns = 5;
   constexpr long long kMostPixels = 5'000'000;
   for (const auto& [width, height] : {std::pair{64, 64}, {128, 128}, {320, 240}, {640, 480}}) {
@@ -345,9 +345,9 @@ void bench_table(const std::string& name, const std::shared_ptr<const swiftlet::
       if (static_cast<long long>(width) * height * num_drones > kMostPixels) continue;
       if (std::find(kCases.begin(), kCases.end(), std::array{width, height, num_drones}) != kCases.end()) continue;
       const Poses poses(*world, num_drones);
-      const swiftlet::CameraConfig camera = rgb_and_depth(width, height);
-      const auto raycast = make_batch(world, poses, camera, swiftlet::CameraBackend::raycast);
-      const auto gl = make_batch(world, poses, camera, swiftlet::CameraBackend::gl);
+      const flockstep::CameraConfig camera = rgb_and_depth(width, height);
+      const auto raycast = make_batch(world, poses, camera, flockstep::CameraBackend::raycast);
+      const auto gl = make_batch(world, poses, camera, flockstep::CameraBackend::gl);
       const bench::Times times =
           bench::interleave({{"raycast", [&] { raycast->capture(0); }}, {"gl", [&] { gl->capture(0); }}}, kTableRuns);
       const std::string size = size_of(width, height, num_drones);
@@ -363,30 +363,30 @@ void bench_table(const std::string& name, const std::shared_ptr<const swiftlet::
 
 // What the capture modes cost: sense() with cameras of each mode, of drones that stand still or move before each, beside sense()
 // without cameras.
-void bench_modes(const std::string& name, const std::shared_ptr<const swiftlet::World>& world, bench::Figures& figures) {
+void bench_modes(const std::string& name, const std::shared_ptr<const flockstep::World>& world, bench::Figures& figures) {
   constexpr int kDrones = 64;
   const Poses poses(*world, kDrones);
   std::vector<float> shifted = poses.position;
   for (std::size_t i = 2; i < shifted.size(); i += 3) shifted[i] += 0.01F;
   const auto bare = [&] {
-    swiftlet::BatchConfig config;
+    flockstep::BatchConfig config;
     config.num_drones = kDrones;
     config.num_threads = 1;
-    return std::make_unique<swiftlet::Batch>(config, swiftlet::Batch::Worlds{world});
+    return std::make_unique<flockstep::Batch>(config, flockstep::Batch::Worlds{world});
   };
-  std::vector<std::pair<std::string, std::unique_ptr<swiftlet::Batch>>> batches;
-  for (const auto& [mode, text] : {std::pair{swiftlet::CaptureMode::every_step, "every_step"},
-                                   {swiftlet::CaptureMode::on_movement, "on_movement"},
-                                   {swiftlet::CaptureMode::on_demand, "on_demand"}}) {
-    swiftlet::CameraConfig camera = rgb_and_depth(64, 64);
+  std::vector<std::pair<std::string, std::unique_ptr<flockstep::Batch>>> batches;
+  for (const auto& [mode, text] : {std::pair{flockstep::CaptureMode::every_step, "every_step"},
+                                   {flockstep::CaptureMode::on_movement, "on_movement"},
+                                   {flockstep::CaptureMode::on_demand, "on_demand"}}) {
+    flockstep::CameraConfig camera = rgb_and_depth(64, 64);
     camera.capture_mode = mode;
-    batches.emplace_back(text, make_batch(world, poses, camera, swiftlet::CameraBackend::raycast));
+    batches.emplace_back(text, make_batch(world, poses, camera, flockstep::CameraBackend::raycast));
   }
   batches.emplace_back("no_camera", bare());
   std::vector<bench::Variant> variants;
   for (const bool moving : {false, true}) {
     for (const auto& [text, batch] : batches) {
-      swiftlet::Batch* const its = batch.get();
+      flockstep::Batch* const its = batch.get();
       variants.push_back({text + (moving ? "/moving" : "/still"), [&, its, moving, up = false]() mutable {
                             if (moving) {
                               its->set_pose(up ? shifted : poses.position, {});
@@ -411,8 +411,8 @@ int main(int argc, char** argv) {
   const std::string part = argc > 1 ? argv[1] : "";
   const auto asked = [&](const char* its) { return part.empty() || part == its; };
   bench::Figures figures;
-  const std::vector<std::pair<std::string, std::shared_ptr<const swiftlet::World>>> worlds{
-      {"playground", swiftlet::World::load(SWIFTLET_SCENES "/playground/camera-train-1.json")},
+  const std::vector<std::pair<std::string, std::shared_ptr<const flockstep::World>>> worlds{
+      {"playground", flockstep::World::load(FLOCKSTEP_SCENES "/playground/camera-train-1.json")},
       {"mesh1k", bench::mesh_world(20, 20.0F)},
       {"mesh100k", bench::mesh_world(200, 60.0F)},
       {"mesh1M", bench::mesh_world(640, 180.0F)}};

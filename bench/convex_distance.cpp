@@ -17,7 +17,7 @@
 #include "convex_oracle.hpp"
 
 #if __has_include(<fcl/narrowphase/detail/gjk_solver_libccd.h>)
-#define SWIFTLET_BENCH_FCL
+#define FLOCKSTEP_BENCH_FCL
 #include <fcl/geometry/shape/box.h>
 #include <fcl/geometry/shape/convex.h>
 #include <fcl/geometry/shape/cylinder.h>
@@ -27,7 +27,7 @@
 
 namespace {
 
-using namespace swiftlet;
+using namespace flockstep;
 using collision::Vec3d;
 
 constexpr int kCases = 2000;
@@ -136,7 +136,7 @@ void report(const std::string& library, Kind kind, const std::vector<Case>& case
               static_cast<double>(allocated) / kCases, sink > 0.0 ? "" : " ");
 }
 
-#ifdef SWIFTLET_BENCH_FCL
+#ifdef FLOCKSTEP_BENCH_FCL
 // FCL wants faces, though its support function for so few vertices does not read them: any triangles on the hull will do.
 fcl::Convexd fcl_hull(const DroneModel& drone) {
   auto vertices = std::make_shared<std::vector<fcl::Vector3d>>();
@@ -202,7 +202,7 @@ int main() {
                                                             c.position - collision::closest_point(c.convex, c.position));
     return found.overlapping ? 0.0 : found.distance;
   };
-#ifdef SWIFTLET_BENCH_FCL
+#ifdef FLOCKSTEP_BENCH_FCL
   const fcl::Convexd fcl_body = fcl_hull(drone);
   fcl::detail::GJKSolver_libccd<double> libccd;
   libccd.distance_tolerance = 1e-6;
@@ -215,7 +215,7 @@ int main() {
   for (const Kind kind : {Kind::box, Kind::cylinder, Kind::triangle}) {
     const std::vector<Case> cases = make_cases(kind, drone);
     report("Bullet, as the engine asks it", kind, cases, engine);
-#ifdef SWIFTLET_BENCH_FCL
+#ifdef FLOCKSTEP_BENCH_FCL
     report("FCL, libccd solver", kind, cases, fcl_query(libccd, fcl_body));
     report("FCL, own solver", kind, cases, fcl_query(indep, fcl_body));
 #endif

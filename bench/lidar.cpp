@@ -33,7 +33,7 @@
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "platform/flush_denormals.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -49,8 +49,8 @@ namespace {
 
 using bench::BareScene, bench::chord_error, bench::free_positions, bench::make_query, bench::Query, bench::trace_packet,
     bench::triangle_scene;
-using swiftlet::Vec3;
-using swiftlet::trace::Shape;
+using flockstep::Vec3;
+using flockstep::trace::Shape;
 
 constexpr int kRuns = 9;
 
@@ -60,20 +60,20 @@ struct Rays {
   std::vector<float> t;  // result
 };
 
-std::unique_ptr<BareScene> analytic_scene(const swiftlet::World& world) {
+std::unique_ptr<BareScene> analytic_scene(const flockstep::World& world) {
   auto bare = std::make_unique<BareScene>();
-  for (const auto& primitive : world.primitives()) bare->shapes.push_back(swiftlet::trace::make_shape(primitive));
+  for (const auto& primitive : world.primitives()) bare->shapes.push_back(flockstep::trace::make_shape(primitive));
   RTCGeometry geometry = rtcNewGeometry(bare->device, RTC_GEOMETRY_TYPE_USER);
   rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(bare->shapes.size()));
   rtcSetGeometryUserData(geometry, bare->shapes.data());
   rtcSetGeometryBoundsFunction(
       geometry,
       [](const RTCBoundsFunctionArguments* args) {
-        const swiftlet::Aabb box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds();
+        const flockstep::Aabb box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds();
         *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
       },
       nullptr);
-  rtcSetGeometryIntersectFunction(geometry, swiftlet::trace::primitive_intersect_function());
+  rtcSetGeometryIntersectFunction(geometry, flockstep::trace::primitive_intersect_function());
   bare->finish(geometry);
   return bare;
 }
@@ -126,7 +126,7 @@ void trace_bare_single(RTCScene scene, Rays& rays) {
     ray.ray.tfar = rays.range[k];
     ray.ray.mask = 0xFFFFFFFFU;
     ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
-#if SWIFTLET_EMBREE_MAJOR >= 4
+#if FLOCKSTEP_EMBREE_MAJOR >= 4
     rtcIntersect1(scene, &ray, nullptr);
 #else
     RTCIntersectContext context;
@@ -142,12 +142,12 @@ struct BareDirect {
   std::vector<bench::Shape> shapes;
   std::vector<float> position, rotation, ranges;
 
-  explicit BareDirect(const swiftlet::World& world) {
-    for (const swiftlet::Primitive& primitive : world.primitives()) {
-      const Shape from = swiftlet::trace::make_shape(primitive);
+  explicit BareDirect(const flockstep::World& world) {
+    for (const flockstep::Primitive& primitive : world.primitives()) {
+      const Shape from = flockstep::trace::make_shape(primitive);
       bench::Shape& to = shapes.emplace_back();
-      to.kind = primitive.kind == swiftlet::PrimitiveKind::cylinder ? bench::Kind::cylinder
-                : primitive.kind == swiftlet::PrimitiveKind::sphere ? bench::Kind::sphere
+      to.kind = primitive.kind == flockstep::PrimitiveKind::cylinder ? bench::Kind::cylinder
+                : primitive.kind == flockstep::PrimitiveKind::sphere ? bench::Kind::sphere
                                                                     : bench::Kind::box;
       to.turned = !from.aligned;
       for (int i = 0; i < 3; ++i) {
@@ -175,14 +175,14 @@ struct BareDirect {
   }
 };
 
-void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int num_drones,
-                const swiftlet::Batch::Worlds& worlds, int runs, bench::Figures& figures) {
-  swiftlet::BatchConfig config;
+void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
+                const flockstep::Batch::Worlds& worlds, int runs, bench::Figures& figures) {
+  flockstep::BatchConfig config;
   config.num_drones = num_drones;
   config.num_threads = 1;
   config.has_lidar = true;
   config.lidar = lidar;
-  swiftlet::Batch batch(config, worlds);
+  flockstep::Batch batch(config, worlds);
   const auto n = static_cast<std::size_t>(num_drones);
   std::vector<float> position(3 * n);
   for (std::size_t w = 0; w < worlds.size(); ++w) {
@@ -248,7 +248,7 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
           [&, coherent](std::size_t w) { trace_bare<RTCRayHit16, 16>(scenes[w]->scene, rays[w], coherent); });
     }
   }
-  const swiftlet::FlushDenormals flush;
+  const flockstep::FlushDenormals flush;
   bench::Times times = bench::interleave(variants, runs);
 
   const auto fastest = [&](std::size_t first, std::size_t end) {
@@ -278,28 +278,28 @@ void bench_case(const std::string& name, const swiftlet::LidarConfig& lidar, int
 }
 
 // Thousands of upright cylinders on a floor.
-std::shared_ptr<const swiftlet::World> forest() {
+std::shared_ptr<const flockstep::World> forest() {
   constexpr float kHalfSide = 100.0F;  // m
   std::mt19937 random(1);
   std::uniform_real_distribution<float> place(-kHalfSide, kHalfSide);
-  swiftlet::SceneDescription description;
-  description.primitives.push_back({.kind = swiftlet::PrimitiveKind::room, .half_extents = {kHalfSide, kHalfSide, 2.5F}});
+  flockstep::SceneDescription description;
+  description.primitives.push_back({.kind = flockstep::PrimitiveKind::room, .half_extents = {kHalfSide, kHalfSide, 2.5F}});
   for (int i = 0; i < 5000; ++i) {
-    description.primitives.push_back({.kind = swiftlet::PrimitiveKind::cylinder,
+    description.primitives.push_back({.kind = flockstep::PrimitiveKind::cylinder,
                                       .center = {place(random), place(random), 0.0F},
                                       .half_extents = {0.25F, 0.25F, 2.5F}});
   }
-  return std::make_shared<const swiftlet::World>(std::move(description));
+  return std::make_shared<const flockstep::World>(std::move(description));
 }
 
 // The same worlds as triangles only.
-swiftlet::Batch::Worlds tessellated(const swiftlet::Batch::Worlds& worlds) {
-  swiftlet::Batch::Worlds meshes;
+flockstep::Batch::Worlds tessellated(const flockstep::Batch::Worlds& worlds) {
+  flockstep::Batch::Worlds meshes;
   for (const auto& world : worlds) {
-    swiftlet::SceneDescription description;
+    flockstep::SceneDescription description;
     description.mesh = world->mesh(chord_error(*world));
     description.materials.assign(world->materials().begin(), world->materials().end());
-    meshes.push_back(std::make_shared<const swiftlet::World>(std::move(description)));
+    meshes.push_back(std::make_shared<const flockstep::World>(std::move(description)));
   }
   return meshes;
 }
@@ -307,16 +307,16 @@ swiftlet::Batch::Worlds tessellated(const swiftlet::Batch::Worlds& worlds) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  swiftlet::Batch::Worlds worlds;
+  flockstep::Batch::Worlds worlds;
   for (int i = 1; i <= 5; ++i) {
-    worlds.push_back(swiftlet::World::load(SWIFTLET_SCENES "/playground/train-" + std::to_string(i) + ".json"));
+    worlds.push_back(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-" + std::to_string(i) + ".json"));
   }
   // With "fan" only the first case, quickly: what bench/run.py divides by while it times the steps of an environment.
   const bool quick = argc > 1 && std::string(argv[1]) == "fan";
   bench::Figures figures;
   bench_case("fan35x1024", {}, 1024, worlds, quick ? 1 : kRuns, figures);
   if (!quick) {
-    swiftlet::LidarConfig grid;
+    flockstep::LidarConfig grid;
     grid.channels = 16;
     grid.beams = 360;
     grid.hfov_deg = 360.0F;
@@ -324,7 +324,7 @@ int main(int argc, char** argv) {
     grid.max_range_m = 30.0F;
     bench_case("grid16x360x256", grid, 256, worlds, kRuns, figures);
     bench_case("forest_fan35x1024", {}, 1024, {forest()}, kRuns, figures);
-    const swiftlet::Batch::Worlds meshes = tessellated(worlds);
+    const flockstep::Batch::Worlds meshes = tessellated(worlds);
     bench_case("mesh_fan35x1024", {}, 1024, meshes, kRuns, figures);
     bench_case("mesh_grid16x360x256", grid, 256, meshes, kRuns, figures);
   }

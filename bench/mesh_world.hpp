@@ -8,19 +8,19 @@
 #include <random>
 #include <utility>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
 namespace bench {
 
 // A grid of cells x cells squares, side_m long in all, and a tree, a trunk and a crown of 36 triangles, for every 150 triangles
 // of it: about 2.5 cells^2 triangles.
-inline std::shared_ptr<const swiftlet::World> mesh_world(int cells, float side_m) {
-  using swiftlet::Vec3;
-  swiftlet::SceneDescription description;
+inline std::shared_ptr<const flockstep::World> mesh_world(int cells, float side_m) {
+  using flockstep::Vec3;
+  flockstep::SceneDescription description;
   description.materials = {{.name = "grass", .base_color = {0.25F, 0.4F, 0.12F}},
                            {.name = "bark", .base_color = {0.3F, 0.2F, 0.12F}},
                            {.name = "leaves", .base_color = {0.1F, 0.3F, 0.1F}}};
-  swiftlet::TriangleMesh& mesh = description.mesh;
+  flockstep::TriangleMesh& mesh = description.mesh;
   const auto height = [](float x, float y) {
     return 1.2F * std::sin(0.21F * x) * std::cos(0.17F * y) + 0.4F * std::sin(0.9F * x + 0.5F * y) + 0.15F * std::sin(2.3F * y);
   };
@@ -72,7 +72,7 @@ inline std::shared_ptr<const swiftlet::World> mesh_world(int cells, float side_m
     join(fork, crown, 2);
   }
   description.name = std::to_string(mesh.triangles.size()) + " triangles";
-  return std::make_shared<const swiftlet::World>(std::move(description));
+  return std::make_shared<const flockstep::World>(std::move(description));
 }
 
 }  // namespace bench

@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
-import swiftlet
-from swiftlet import _core
+import flockstep
+from flockstep import _core
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "bench"
@@ -45,7 +45,7 @@ def figure(name: str, value: float, unit: str, runs: int) -> Figure:
 
 def native(name: str, *args: str) -> list[Figure]:
     """Run a C++ benchmark and return the figures it prints."""
-    folder = Path(os.environ["SWIFTLET_BENCH_DIR"])
+    folder = Path(os.environ["FLOCKSTEP_BENCH_DIR"])
     result = subprocess.run([folder / name, *args], check=True, stdout=subprocess.PIPE, text=True)
     figures: list[Figure] = json.loads(result.stdout)
     return figures
@@ -76,7 +76,7 @@ def bench_step() -> list[Figure]:
     rng = np.random.default_rng(0)
     steps: dict[int, Callable[[int], object]] = {}
     for n in SIZES:
-        envs = swiftlet.DroneVectorEnv(n, worlds="train", num_threads=1)
+        envs = flockstep.DroneVectorEnv(n, worlds="train", num_threads=1)
         envs.reset(seed=0)
         actions = rng.integers(0, 6, (64, n))
         steps[n] = lambda i, envs=envs, actions=actions: envs.step(actions[i % 64])
@@ -101,13 +101,13 @@ def bench_step() -> list[Figure]:
 
 
 LIDAR_TASK = """
-    lidar, task = swiftlet.LidarConfig(), swiftlet.NavigationConfig()
-    batch = swiftlet.Batch(swiftlet.scenes.load("train"), n, lidar=lidar, task=task, num_threads=1)
+    lidar, task = flockstep.LidarConfig(), flockstep.NavigationConfig()
+    batch = flockstep.Batch(flockstep.scenes.load("train"), n, lidar=lidar, task=task, num_threads=1)
     batch.reset(); batch.step(np.zeros(n, np.int64)); batch.step(np.zeros(n, np.int64)); return batch
 """
 SMALL_CAMERA = """
-    camera = swiftlet.CameraConfig(width_px=64, height_px=64)
-    batch = swiftlet.Batch(swiftlet.scenes.load("camera-train"), n, cameras=[camera], num_threads=1)
+    camera = flockstep.CameraConfig(width_px=64, height_px=64)
+    batch = flockstep.Batch(flockstep.scenes.load("camera-train"), n, cameras=[camera], num_threads=1)
     batch.sense(); return batch
 """
 
@@ -123,7 +123,7 @@ def bench_camera() -> list[Figure]:
 def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
     """Return the memory of one more drone of a batch; of the LiDAR task, with its observations in both output slots."""
     code = (
-        "import resource, sys, numpy as np, swiftlet\n"
+        "import resource, sys, numpy as np, flockstep\n"
         "def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024\n"
         "n = int(sys.argv[1])\n"
         f"def make(n):{make}"
@@ -142,7 +142,7 @@ def bench_train() -> list[Figure]:
     import tasks
     import train_ppo
 
-    playgrounds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
+    playgrounds = flockstep.scenes.load("train") + flockstep.scenes.load("validation")
     unseen = tasks.Setup().generated(evaluate.UNSEEN_SEED, 100)
     figures, outcomes = [], []
     for seed in SEEDS:
@@ -192,7 +192,7 @@ def train_camera(name: str, args: Any) -> tuple[Any, list[Figure]]:
         figure(f"train/{name}/steps", outcome.steps, "1", 1),
     ]
     for scenes in args.setup.playgrounds:
-        worlds = swiftlet.scenes.load(scenes)
+        worlds = flockstep.scenes.load(scenes)
         alone = evaluate.fly(policy, worlds, setup=args.setup)
         flights = evaluate.fly(policy, worlds * 50, 1000, setup=args.setup, random_start=True)
         rate, from_start = (evaluate.summary(flown)["success_rate"] for flown in (flights, alone))

@@ -13,13 +13,13 @@
 #include "platform/flush_denormals.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 #include "task/navigation.hpp"
 #include "trace/scene.hpp"
 
 namespace {
 
-using namespace swiftlet;
+using namespace flockstep;
 
 constexpr int kDrones = 1024;
 constexpr int kWarmUp = 1000;  // steps, until drones are everywhere and episodes end all the time
@@ -81,7 +81,7 @@ void profile(bench::Figures& figures) {
   Batch::Worlds worlds;
   std::vector<const World*> pointers;
   for (int i = 1; i <= 5; ++i) {
-    worlds.push_back(World::load(SWIFTLET_SCENES "/playground/train-" + std::to_string(i) + ".json"));
+    worlds.push_back(World::load(FLOCKSTEP_SCENES "/playground/train-" + std::to_string(i) + ".json"));
     pointers.push_back(worlds.back().get());
   }
   const BatchConfig config = navigation_config(kDrones);

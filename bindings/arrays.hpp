@@ -15,9 +15,9 @@
 #include <type_traits>
 #include <vector>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 
 namespace py = pybind11;
 using Shape = std::vector<py::ssize_t>;
@@ -103,4 +103,4 @@ inline py::array_t<float> rows(std::span<const Vec3> points) {
   return array;
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

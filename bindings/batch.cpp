@@ -1,4 +1,4 @@
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
 #include <pybind11/stl.h>
 
@@ -9,7 +9,7 @@
 #include "names.hpp"
 #include "released.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 using Worlds = std::vector<std::shared_ptr<World>>;
@@ -341,4 +341,4 @@ void register_batch(py::module_& module) {
           py::arg("blob"));
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

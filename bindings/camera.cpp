@@ -4,9 +4,9 @@
 
 #include "arrays.hpp"
 #include "released.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 // One camera of a batch, which it keeps alive: its images are views.
@@ -75,9 +75,9 @@ void register_camera(py::module_& module) {
       .def(
           "save_frames",
           [](const py::object& camera, const py::object& folder, const py::object& indices, const py::object& outputs) {
-            return py::module_::import("swiftlet.frames").attr("save_frames")(camera, folder, indices, outputs);
+            return py::module_::import("flockstep.frames").attr("save_frames")(camera, folder, indices, outputs);
           },
           py::arg("folder"), py::arg("indices") = py::none(), py::arg("outputs") = py::none());
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

@@ -5,9 +5,9 @@
 
 #include <string>
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 
 // Throws ValueError where the batch has no camera of that name.
 pybind11::object camera_view(const pybind11::object& batch, const std::string& name);
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

@@ -1,4 +1,4 @@
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -8,7 +8,7 @@
 
 #include "names.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 namespace py = pybind11;
@@ -198,4 +198,4 @@ void register_config(py::module_& module) {
                           "random_start", "random_world", "stagger_first_episode"});
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

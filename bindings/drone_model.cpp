@@ -1,8 +1,8 @@
-#include "swiftlet/drone_model.hpp"
+#include "flockstep/drone_model.hpp"
 
 #include "arrays.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 DroneModel make_drone_model(const py::object& hull) {
@@ -28,4 +28,4 @@ void register_drone_model(py::module_& module) {
       .def(py::pickle([](const py::object& self) { return hull_of(self).attr("tolist")(); }, &make_drone_model));
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

@@ -2,7 +2,7 @@
 
 #include "arrays.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 struct Seen {
@@ -46,4 +46,4 @@ void register_green_blob(py::module_& module) {
   module.def("green_blob", &green_blob, py::arg("image"), py::arg("layout") = "hwc");
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

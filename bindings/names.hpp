@@ -3,11 +3,11 @@
 
 #include <string>
 
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 
 CaptureMode capture_mode(const std::string& text);      // "every_step", "on_movement" or "on_demand"
 CameraBackend camera_backend(const std::string& text);  // "raycast", "gl" or "auto"
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

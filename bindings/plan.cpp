@@ -1,8 +1,8 @@
-#include "swiftlet/plan.hpp"
+#include "flockstep/plan.hpp"
 
 #include "arrays.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 py::object plan_path(const World& world, const py::object& start, const py::object& goals, const std::optional<DroneModel>& drone,
@@ -31,4 +31,4 @@ void register_plan(py::module_& module) {
              py::arg("cell_m") = 0.1F);
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

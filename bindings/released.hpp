@@ -5,9 +5,9 @@
 
 #include <string>
 
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 
 // Passes on what the batch has to say, as a RuntimeWarning.
 inline void warn(Batch& batch) {
@@ -24,4 +24,4 @@ void released(Batch& batch, const F& f) {
   warn(batch);
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

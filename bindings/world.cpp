@@ -1,16 +1,16 @@
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
 #include "arrays.hpp"
 
-namespace swiftlet::bindings {
+namespace flockstep::bindings {
 namespace {
 
 // Scene names are resolved in Python, which knows where the package keeps its files.
 std::filesystem::path resolve(const py::object& source) {
-  return py::module_::import("swiftlet.scenes").attr("resolve")(source).cast<std::filesystem::path>();
+  return py::module_::import("flockstep.scenes").attr("resolve")(source).cast<std::filesystem::path>();
 }
 
 py::object row(const std::optional<Vec3>& point) {
@@ -143,4 +143,4 @@ void register_world(py::module_& module) {
       .def("__repr__", [](const World& world) { return "World('" + world.name() + "')"; });
 }
 
-}  // namespace swiftlet::bindings
+}  // namespace flockstep::bindings

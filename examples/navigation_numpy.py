@@ -3,7 +3,7 @@
 python examples/navigation_numpy.py flies both side by side with the same actions and prints how far apart they are.
 """
 
-# ruff: noqa: D102 - the methods are those of swiftlet.Task, documented there
+# ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from gymnasium import spaces
 
-import swiftlet
-from swiftlet.task import Array, BoolArray, Target, rotate
+import flockstep
+from flockstep.task import Array, BoolArray, Target, rotate
 
 DIRECTIONS = {
     "discrete": np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32),
@@ -21,17 +21,17 @@ DIRECTIONS = {
 }
 
 
-class Navigation(swiftlet.Task):
-    """Fly from the start over the waypoints to the goal; see `swiftlet.NavigationConfig` for the fields.
+class Navigation(flockstep.Task):
+    """Fly from the start over the waypoints to the goal; see `flockstep.NavigationConfig` for the fields.
 
     Random starts, random worlds, staggered time limits, frame skip and the observation of pixels are left out.
     """
 
     def __init__(
         self,
-        config: swiftlet.NavigationConfig,
-        lidar: swiftlet.LidarConfig,
-        cameras: Sequence[swiftlet.CameraConfig] = (),
+        config: flockstep.NavigationConfig,
+        lidar: flockstep.LidarConfig,
+        cameras: Sequence[flockstep.CameraConfig] = (),
     ) -> None:
         self.config = config
         self.lidar = lidar
@@ -47,7 +47,7 @@ class Navigation(swiftlet.Task):
         else:
             self.action_space = spaces.Box(-1, 1, (3 if config.action == "displacement" else 4,), np.float32)
 
-    def setup(self, batch: swiftlet.Batch) -> None:
+    def setup(self, batch: flockstep.Batch) -> None:
         n, worlds = batch.num_drones, batch.worlds
         self.goals = np.zeros((len(worlds), max(len(w.waypoints) for w in worlds) + 1, 3))
         for row, world in zip(self.goals, worlds, strict=True):
@@ -59,13 +59,13 @@ class Navigation(swiftlet.Task):
         self.action = self.last_action
         self.reward_terms = np.zeros((n, 6))
 
-    def reset(self, batch: swiftlet.Batch, mask: BoolArray) -> None:
+    def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         super().reset(batch, mask)
         self.goal_index[mask] = 0
         self.last_action[mask] = np.nan
         self.last_distance[mask] = self.distance(batch)[mask]
 
-    def act(self, batch: swiftlet.Batch, actions: Array) -> Target:
+    def act(self, batch: flockstep.Batch, actions: Array) -> Target:
         self.action = actions.astype(float)
         quat = batch.quat_wxyz
         if self.discrete:
@@ -81,7 +81,7 @@ class Navigation(swiftlet.Task):
             quat = quat / np.linalg.norm(quat, axis=1, keepdims=True)
         return batch.position + rotate(batch.quat_wxyz, np.float32(self.config.step_m) * displacement), quat
 
-    def step(self, batch: swiftlet.Batch) -> tuple[Array, BoolArray]:
+    def step(self, batch: flockstep.Batch) -> tuple[Array, BoolArray]:
         r = self.config.reward
         crashed = batch.contact.hit
         distance = self.distance(batch)
@@ -117,11 +117,11 @@ class Navigation(swiftlet.Task):
         self.success[:] = at_goal & ~crashed
         return self.reward_terms.sum(axis=1), crashed | at_goal | outran
 
-    def observe(self, batch: swiftlet.Batch) -> Array:
+    def observe(self, batch: flockstep.Batch) -> Array:
         head = self.blob(batch) if self.config.observation == "blob" else self.direction(batch)
         return np.concatenate([head, self.ranges(batch)], axis=1)
 
-    def direction(self, batch: swiftlet.Batch) -> Array:
+    def direction(self, batch: flockstep.Batch) -> Array:
         """Return the unit direction to the current goal in the sensed body frame, (N, 3)."""
         offset = self.goal(batch) - batch.sensed_position
         length = np.linalg.norm(offset, axis=1, keepdims=True)
@@ -129,7 +129,7 @@ class Navigation(swiftlet.Task):
         direction = rotate(batch.sensed_quat_wxyz.astype(float), direction, inverse=True)
         return np.clip(direction, -1, 1)
 
-    def blob(self, batch: swiftlet.Batch) -> Array:
+    def blob(self, batch: flockstep.Batch) -> Array:
         """Return offset and area of the box around what is green in each image, (N, 2)."""
         rgb = batch.camera().rgb.astype(int)
         if batch.camera().config.layout == "chw":
@@ -146,16 +146,16 @@ class Navigation(swiftlet.Task):
                 blob[1] = (right - left) * (rows.max() + 1 - rows.min()) / (width * height)
         return blobs
 
-    def goal(self, batch: swiftlet.Batch) -> Array:
+    def goal(self, batch: flockstep.Batch) -> Array:
         """Return the current goal of each drone, (N, 3) m."""
         return self.goals[batch.world_index, self.goal_index]
 
-    def distance(self, batch: swiftlet.Batch) -> Array:
+    def distance(self, batch: flockstep.Batch) -> Array:
         """Return the distance of each drone to its current goal, (N,) m."""
         distance: Array = np.linalg.norm(self.goal(batch) - batch.position, axis=1)
         return distance
 
-    def ranges(self, batch: swiftlet.Batch) -> Array:
+    def ranges(self, batch: flockstep.Batch) -> Array:
         """Return the LiDAR ranges over the maximum range, (N, beams), 1 on a miss."""
         ranges = batch.lidar_ranges.reshape(batch.num_drones, -1).astype(float)
         return np.minimum(ranges / batch.lidar_max_range_m[:, None], 1)
@@ -171,15 +171,15 @@ class Navigation(swiftlet.Task):
 
 def main() -> None:
     """Fly the engine's tasks and these with the same random actions."""
-    camera_reward = swiftlet.NavigationReward(outrun_weight=1.0)
+    camera_reward = flockstep.NavigationReward(outrun_weight=1.0)
     for config in (
-        swiftlet.NavigationConfig(),
-        swiftlet.NavigationConfig(observation="blob", action="discrete_forward", reward=camera_reward),
+        flockstep.NavigationConfig(),
+        flockstep.NavigationConfig(observation="blob", action="discrete_forward", reward=camera_reward),
     ):
-        engine = swiftlet.DroneVectorEnv(35, observation=config.observation)
+        engine = flockstep.DroneVectorEnv(35, observation=config.observation)
         assert engine.lidar is not None
         twin_task = Navigation(config, engine.lidar, engine.cameras)
-        twin = swiftlet.DroneVectorEnv(35, worlds=engine.batch.worlds, task=twin_task)
+        twin = flockstep.DroneVectorEnv(35, worlds=engine.batch.worlds, task=twin_task)
         engine.reset(seed=0)
         twin.reset(seed=0)
         engine.action_space.seed(0)

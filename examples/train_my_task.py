@@ -1,47 +1,47 @@
 """A task of your own, trained with Stable-Baselines3 in about a minute: fly to a random point in an empty room.
 
-pip install 'swiftlet[sb3]', then: python examples/train_my_task.py
+pip install 'flockstep[sb3]', then: python examples/train_my_task.py
 """
 
-# ruff: noqa: D102 - the methods are those of swiftlet.Task, documented there
+# ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
 import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 
-import swiftlet
-from swiftlet.task import Array, BoolArray
+import flockstep
+from flockstep.task import Array, BoolArray
 
-ROOM = {"swiftlet_scene": 1, "name": "empty", "room": {"min": [0, 0, 0], "max": [8, 8, 4]}}
+ROOM = {"flockstep_scene": 1, "name": "empty", "room": {"min": [0, 0, 0], "max": [8, 8, 4]}}
 
 
-class FlyToPoint(swiftlet.Task):
+class FlyToPoint(flockstep.Task):
     """Observe where the target lies; earn the metres gained; 1 at the target, -1 for touching a wall."""
 
     observation_space = spaces.Box(-8.0, 8.0, (3,), np.float32)
     max_episode_steps = 150
 
-    def setup(self, batch: swiftlet.Batch) -> None:
+    def setup(self, batch: flockstep.Batch) -> None:
         self.target = np.zeros((batch.num_drones, 3))
         self.last_distance = np.zeros(batch.num_drones)
 
-    def reset(self, batch: swiftlet.Batch, mask: BoolArray) -> None:
+    def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         low, size = np.array([1, 1, 1]), np.array([6, 6, 2])
         batch.set_pose(low + size * batch.random(stream=0, count=3), None, mask)
         self.target[mask] = (low + size * batch.random(stream=1, count=3))[mask]
         self.last_distance[mask] = self.distance(batch)[mask]
 
-    def step(self, batch: swiftlet.Batch) -> tuple[Array, BoolArray]:
+    def step(self, batch: flockstep.Batch) -> tuple[Array, BoolArray]:
         distance = self.distance(batch)
         self.success[:] = distance < 0.3
         reward = self.last_distance - distance + self.success - batch.contact.hit
         self.last_distance = distance
         return reward, self.success | batch.contact.hit
 
-    def observe(self, batch: swiftlet.Batch) -> Array:
+    def observe(self, batch: flockstep.Batch) -> Array:
         return self.target - batch.position
 
-    def distance(self, batch: swiftlet.Batch) -> Array:
+    def distance(self, batch: flockstep.Batch) -> Array:
         distance: Array = np.linalg.norm(self.target - batch.position, axis=1)
         return distance
 
@@ -49,7 +49,7 @@ class FlyToPoint(swiftlet.Task):
 def main(total_timesteps: int = 150_000) -> float:
     """Train, then return the share of episodes that reached the target."""
     torch.set_num_threads(1)  # the network is small
-    envs = swiftlet.sb3.make_vec(FlyToPoint(), num_envs=64, worlds=swiftlet.World.from_dict(ROOM), num_threads=1)
+    envs = flockstep.sb3.make_vec(FlyToPoint(), num_envs=64, worlds=flockstep.World.from_dict(ROOM), num_threads=1)
     model = PPO("MlpPolicy", envs, n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
     model.learn(total_timesteps)
     observation = envs.reset()

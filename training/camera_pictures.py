@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 import tyro
 
-import swiftlet
-from swiftlet.frames import normal_rgb
-from swiftlet.picture import facing
-from swiftlet.third_person_view import ThirdPersonView
-from swiftlet.trail import Trail
+import flockstep
+from flockstep.frames import normal_rgb
+from flockstep.picture import facing
+from flockstep.third_person_view import ThirdPersonView
+from flockstep.trail import Trail
 
 WORLD = "playground/camera-train-1"
 #: From where, and what to look at (m).
@@ -55,14 +55,14 @@ def shown(output: str, frame: npt.NDArray[Any]) -> Image:
     return image
 
 
-def capture(backend: str, world: swiftlet.World) -> dict[str, npt.NDArray[Any]] | None:
+def capture(backend: str, world: flockstep.World) -> dict[str, npt.NDArray[Any]] | None:
     """Return the frames of all poses by output, or None where the backend is not available."""
-    camera = swiftlet.CameraConfig(
+    camera = flockstep.CameraConfig(
         width_px=TILE_PX[0], height_px=TILE_PX[1], outputs=OUTPUTS, samples_per_pixel=4, shadows=True
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # that raycast stands in: the report says so, too
-        batch = swiftlet.Batch([world], len(POSES), cameras=[camera], camera_backend=backend)
+        batch = flockstep.Batch([world], len(POSES), cameras=[camera], camera_backend=backend)
         positions = np.array([position for position, _ in POSES.values()], np.float32)
         batch.set_pose(positions, np.stack([facing(position, target) for position, target in POSES.values()]))
         batch.capture()
@@ -73,7 +73,7 @@ def capture(backend: str, world: swiftlet.World) -> dict[str, npt.NDArray[Any]] 
 
 def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[str]:
     """Write a sheet of camera frames, a column for each output; return the backends that are on it."""
-    world = swiftlet.World.load(WORLD)
+    world = flockstep.World.load(WORLD)
     frames = {backend: taken for backend in backends if (taken := capture(backend, world)) is not None}
     rows = [(pose, backend) for pose in range(len(POSES)) for backend in frames]
     left, top, gap = 0.62, 0.30, 0.04  # inches, of 100 pixels
@@ -99,12 +99,12 @@ def draw_sheet(path: Path, backends: Sequence[str] = ("raycast", "gl")) -> list[
     return list(frames)
 
 
-def fly(world: swiftlet.World, share: float) -> Image:
+def fly(world: flockstep.World, share: float) -> Image:
     """Return a picture from behind a drone that has flown a share of the shortest path over its world's markers."""
-    lidar = swiftlet.LidarConfig()
-    camera = swiftlet.CameraConfig(width_px=64, height_px=48)
-    batch = swiftlet.Batch([world], lidar=lidar, cameras=[camera])
-    path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+    lidar = flockstep.LidarConfig()
+    camera = flockstep.CameraConfig(width_px=64, height_px=48)
+    batch = flockstep.Batch([world], lidar=lidar, cameras=[camera])
+    path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])
     if path is None:
         raise ValueError(f"{world.name}: no path over its markers")
     trail = Trail(batch)
@@ -129,7 +129,7 @@ def main(args: Args) -> None:
     """Draw, and say what is where."""
     args.out.mkdir(parents=True, exist_ok=True)
     backends = draw_sheet(args.out / "camera-sheet.png")
-    imageio.imwrite(args.out / "third-person.png", fly(swiftlet.World.load("playground/train-2"), 0.15), optimize=True)
+    imageio.imwrite(args.out / "third-person.png", fly(flockstep.World.load("playground/train-2"), 0.15), optimize=True)
     print(f"camera-sheet.png (by {' and '.join(backends)}) and third-person.png are in {args.out}/")
 
 

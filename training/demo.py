@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import tyro
 
-import swiftlet
+import flockstep
 from camera_pictures import draw_sheet
 from evaluate import UNSEEN_SEED, fly, greedy, summary
 from plot_paths import animate, picture_name, plot_flight, plot_overview
@@ -85,7 +85,7 @@ def main(args: Args) -> None:
         )
     )
     policy = greedy(model)
-    worlds = swiftlet.scenes.load("train") + swiftlet.scenes.load("validation")
+    worlds = flockstep.scenes.load("train") + flockstep.scenes.load("validation")
     flights = fly(policy, worlds)
     print("Drawing ...")
     for world, flight in zip(worlds, flights, strict=True):

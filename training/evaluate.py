@@ -21,7 +21,7 @@ import torch
 import tyro
 from stable_baselines3 import PPO
 
-import swiftlet
+import flockstep
 from tasks import Setup, setup_of
 
 #: Playgrounds generated from these seeds on are for evaluation alone: no training uses them.
@@ -56,7 +56,7 @@ def greedy(model: PPO) -> Policy:
 
 def fly(
     policy: Policy,
-    worlds: Sequence[swiftlet.World],
+    worlds: Sequence[flockstep.World],
     max_episode_steps: int = 3000,
     shortest: bool = False,
     setup: Setup | None = None,
@@ -103,9 +103,9 @@ def length_m(path: npt.NDArray[np.float32]) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def shortest_path_m(world: swiftlet.World) -> float | None:
+def shortest_path_m(world: flockstep.World) -> float | None:
     """Return the length of the shortest collision-free path over the markers, or None if there is none."""
-    path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+    path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])
     return None if path is None else length_m(path)
 
 
@@ -148,7 +148,7 @@ def main(args: Args) -> None:
     model = PPO.load(args.policy, device="cpu")
     policy, setup = greedy(model), setup_of(model)
     names = args.worlds or setup.playgrounds
-    groups = {name: swiftlet.scenes.load(name) * args.repeats for name in names}
+    groups = {name: flockstep.scenes.load(name) * args.repeats for name in names}
     if args.generated:
         groups["generated"] = setup.generated(UNSEEN_SEED, args.generated)
     result: dict[str, Any] = {}

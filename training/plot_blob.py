@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from stable_baselines3 import PPO
 
-import swiftlet
+import flockstep
 from evaluate import Policy, greedy
 from tasks import Setup, setup_of
 
@@ -35,13 +35,13 @@ def draw_capture(axes: Axes, image: Image) -> None:
     axes.set_title("capture")
 
 
-def draw_mask(axes: Axes, blob: swiftlet.GreenBlob) -> None:
+def draw_mask(axes: Axes, blob: flockstep.GreenBlob) -> None:
     """Draw which pixels count as green."""
     axes.imshow(blob.mask, cmap="gray", vmin=0, vmax=1)
     axes.set_title("green: G > 1.25 max(R, B) + 16")
 
 
-def draw_direction(axes: Axes, image: Image, blob: swiftlet.GreenBlob) -> None:
+def draw_direction(axes: Axes, image: Image, blob: flockstep.GreenBlob) -> None:
     """Draw the box around the green, and the arrow from the middle of the image to its centre."""
     height, width = image.shape[:2]
     axes.imshow(image)
@@ -60,7 +60,7 @@ def plot(images: Sequence[Image], path: Path) -> None:
     """Write a picture with a row for each image."""
     figure, grid = plt.subplots(len(images), 3, figsize=(12, 3.2 * len(images)), layout="constrained", squeeze=False)
     for row, image in zip(grid, images, strict=True):
-        blob = swiftlet.green_blob(image)
+        blob = flockstep.green_blob(image)
         draw_capture(row[0], image)
         draw_mask(row[1], blob)
         draw_direction(row[2], image, blob)
@@ -71,10 +71,10 @@ def plot(images: Sequence[Image], path: Path) -> None:
     plt.close(figure)
 
 
-def captures(policy: Policy | None, setup: Setup, world: swiftlet.World, width_px: int, max_steps: int) -> list[Image]:
+def captures(policy: Policy | None, setup: Setup, world: flockstep.World, width_px: int, max_steps: int) -> list[Image]:
     """Return what a large camera sees on a flight, while the goal is in view."""
-    eye = swiftlet.Batch(
-        [world], cameras=[swiftlet.CameraConfig(width_px=width_px, height_px=width_px * 3 // 4, samples_per_pixel=4)]
+    eye = flockstep.Batch(
+        [world], cameras=[flockstep.CameraConfig(width_px=width_px, height_px=width_px * 3 // 4, samples_per_pixel=4)]
     )
     envs = setup.make(1, worlds=[world], autoreset_mode="disabled")
     observation, _ = envs.reset(seed=0)
@@ -83,7 +83,7 @@ def captures(policy: Policy | None, setup: Setup, world: swiftlet.World, width_p
         eye.set_pose(envs.batch.position, envs.batch.quat_wxyz)
         eye.sense()
         image = eye.camera().rgb[0].copy()
-        if swiftlet.green_blob(image).width >= SEEN_PX:
+        if flockstep.green_blob(image).width >= SEEN_PX:
             seen.append(image)
         actions = np.zeros(1, np.int64) if policy is None else policy(observation)
         observation, _, terminated, truncated, _ = envs.step(actions)
@@ -117,7 +117,7 @@ def main(args: Args) -> None:
     setup = Setup("camera") if model is None else setup_of(model)
     if setup.task == "lidar":
         raise SystemExit(f"{args.policy} was trained for the LiDAR task, which has no camera")
-    world = swiftlet.scenes.load(args.world)[0]
+    world = flockstep.scenes.load(args.world)[0]
     images = captures(None if model is None else greedy(model), setup, world, args.width_px, args.max_steps)
     if not images:
         raise SystemExit(f"the goal of {args.world} was never in view")

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from stable_baselines3 import PPO
 
-import swiftlet
+import flockstep
 from evaluate import Flight, Policy, fly, greedy
 from tasks import Setup, setup_of
 
@@ -27,7 +27,7 @@ MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
 TOP, SIDE = (0, 1), (0, 2)  # the axes of a view: x and y, x and z
 
 
-def draw_world(axes: Axes, world: swiftlet.World, view: tuple[int, int]) -> None:
+def draw_world(axes: Axes, world: flockstep.World, view: tuple[int, int]) -> None:
     """Draw room, obstacles and markers as seen along the axis that is not in the view."""
     across, up = view
     for primitive in world.primitives:
@@ -51,7 +51,7 @@ def draw_world(axes: Axes, world: swiftlet.World, view: tuple[int, int]) -> None
     axes.set_ylabel("xyz"[up] + " / m")
 
 
-def plot_flight(world: swiftlet.World, flight: Flight, path: Path) -> None:
+def plot_flight(world: flockstep.World, flight: Flight, path: Path) -> None:
     """Write a picture of one flight: from above, and from the side."""
     low, high = world.bounds
     size = high - low
@@ -68,7 +68,7 @@ def plot_flight(world: swiftlet.World, flight: Flight, path: Path) -> None:
     plt.close(figure)
 
 
-def plot_overview(worlds: Sequence[swiftlet.World], flights: Sequence[Flight], path: Path) -> None:
+def plot_overview(worlds: Sequence[flockstep.World], flights: Sequence[Flight], path: Path) -> None:
     """Write one picture of all flights from above."""
     columns = 4
     rows = -(-len(worlds) // columns)
@@ -85,7 +85,7 @@ def plot_overview(worlds: Sequence[swiftlet.World], flights: Sequence[Flight], p
 
 def animate(
     policy: Policy,
-    world: swiftlet.World,
+    world: flockstep.World,
     path: Path,
     max_steps: int = 400,
     frames_per_second: int = 30,
@@ -106,7 +106,7 @@ def animate(
     imageio.imwrite(path, np.stack(pictures), duration=1000 / frames_per_second, loop=0)
 
 
-def picture_name(world: swiftlet.World) -> str:
+def picture_name(world: flockstep.World) -> str:
     """Return the file name of a world's picture."""
     return f"path-{world.name.replace('/', '-')}.png"
 
@@ -128,7 +128,7 @@ def main(args: Args) -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     model = PPO.load(args.policy, device="cpu")
     policy, setup = greedy(model), setup_of(model)
-    worlds = [world for name in args.worlds or setup.playgrounds for world in swiftlet.scenes.load(name)]
+    worlds = [world for name in args.worlds or setup.playgrounds for world in flockstep.scenes.load(name)]
     flights = fly(policy, worlds, setup=setup)
     for world, flight in zip(worlds, flights, strict=True):
         plot_flight(world, flight, args.out / picture_name(world))

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-import swiftlet
+import flockstep
 
 TaskName = Literal["lidar", "camera", "pixels"]
 
@@ -34,24 +34,24 @@ class Setup:
         """The sets of shipped playgrounds to train in and to validate in."""
         return ("train", "validation") if self.task == "lidar" else ("camera-train", "camera-validation")
 
-    def make(self, num_envs: int, **keywords: Any) -> swiftlet.DroneVectorEnv:
+    def make(self, num_envs: int, **keywords: Any) -> flockstep.DroneVectorEnv:
         """Make the env."""
         if self.task != "lidar":
-            keywords["camera"] = swiftlet.CameraConfig(
+            keywords["camera"] = flockstep.CameraConfig(
                 width_px=self.width_px,
                 height_px=self.height_px,
                 samples_per_pixel=self.samples_per_pixel,
                 layout="chw",
             )
-        return swiftlet.DroneVectorEnv(
+        return flockstep.DroneVectorEnv(
             num_envs, observation=OBSERVATIONS[self.task], frame_skip=self.frame_skip, **keywords
         )
 
-    def generated(self, seed: int, count: int) -> list[swiftlet.World]:
+    def generated(self, seed: int, count: int) -> list[flockstep.World]:
         """Return playgrounds generated from the seeds seed, seed + 1, ..., leaving out what does not suit the task."""
-        worlds: list[swiftlet.World] = []
+        worlds: list[flockstep.World] = []
         while len(worlds) < count:
-            world = swiftlet.World.playground(seed=seed)
+            world = flockstep.World.playground(seed=seed)
             seed += 1
             if self.task == "lidar":
                 worlds.append(world)
@@ -60,7 +60,7 @@ class Setup:
         return worlds
 
 
-def without_waypoints(world: swiftlet.World) -> swiftlet.World:
+def without_waypoints(world: flockstep.World) -> flockstep.World:
     """Return a generated playground as the camera task has them: straight to the goal, at one height."""
     scene = world.to_dict()
     markers = scene["markers"]
@@ -69,7 +69,7 @@ def without_waypoints(world: swiftlet.World) -> swiftlet.World:
         place[2] = CAMERA_HEIGHT_M
     for corner, side in (("min", -1), ("max", 1)):
         markers["spawn_box"][corner][2] = CAMERA_HEIGHT_M + 0.25 * side
-    return swiftlet.World.from_dict(scene)
+    return flockstep.World.from_dict(scene)
 
 
 def remember(model: BaseAlgorithm, setup: Setup) -> None:

@@ -29,8 +29,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from tqdm import tqdm
 
-import swiftlet
-import swiftlet.sb3
+import flockstep
+import flockstep.sb3
 from evaluate import fly, greedy
 from policy import BlobFeatures, LogRangeFeatures, PixelFeatures
 from tasks import Setup, TaskName, remember, task_names
@@ -213,7 +213,7 @@ class Supervisor(BaseCallback):
     def __init__(self, args: Args) -> None:
         super().__init__()
         self.args = args
-        self.playgrounds = [world for name in args.setup.playgrounds for world in swiftlet.scenes.load(name)]
+        self.playgrounds = [world for name in args.setup.playgrounds for world in flockstep.scenes.load(name)]
         self.kept = args.setup.generated(CHOOSING_SEED, args.evaluation_worlds)
         self.next_evaluation = args.evaluate_every
         self.started = time.perf_counter()
@@ -305,7 +305,7 @@ class Outcome:
 def make_envs(args: Args) -> ScaledReward:
     """Return the training environments: each episode is flown in a world drawn at random."""
     setup = args.setup
-    playgrounds = swiftlet.scenes.load(setup.playgrounds[0])
+    playgrounds = flockstep.scenes.load(setup.playgrounds[0])
     worlds = playgrounds + setup.generated(TRAINING_SEED, args.generated)
     if 0 < args.playground_share < 1 and args.generated:
         # A world is drawn as often as it stands in the list.
@@ -322,7 +322,7 @@ def make_envs(args: Args) -> ScaledReward:
         autoreset_mode="same_step",
         copy=False,
     )
-    venv = swiftlet.sb3.make_vec(envs)
+    venv = flockstep.sb3.make_vec(envs)
     return ScaledReward(venv, args.reward_scale, args.reward_clip, args.step_cost)
 
 

@@ -15,7 +15,7 @@ namespace {
 std::atomic<std::uint64_t> total{0};
 thread_local std::uint64_t of_this_thread = 0;
 
-#if !defined(SWIFTLET_THREAD_SANITIZER)
+#if !defined(FLOCKSTEP_THREAD_SANITIZER)
 void* allocate(std::size_t size, std::size_t alignment) noexcept {
   total.fetch_add(1, std::memory_order_relaxed);
   ++of_this_thread;
@@ -36,14 +36,14 @@ void* allocate_or_throw(std::size_t size, std::size_t alignment) {
 
 }  // namespace
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 std::uint64_t allocations_of_this_thread() { return of_this_thread; }
 std::uint64_t allocations() { return total.load(std::memory_order_relaxed); }
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing
 
-#if !defined(SWIFTLET_THREAD_SANITIZER)
+#if !defined(FLOCKSTEP_THREAD_SANITIZER)
 // The whole replaceable set ([new.delete]), so that no allocation goes uncounted and each goes back where it came from.
 void* operator new(std::size_t size) { return allocate_or_throw(size, 0); }
 void* operator new[](std::size_t size) { return allocate_or_throw(size, 0); }

@@ -4,10 +4,10 @@
 
 #include <cstdint>
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 // Calls of operator new so far, by this thread or by all threads together.
 std::uint64_t allocations_of_this_thread();
 std::uint64_t allocations();
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing

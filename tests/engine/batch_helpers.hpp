@@ -13,12 +13,12 @@
 #include <vector>
 
 #include "batch/arrays.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 inline std::shared_ptr<const World> playground(const std::string& name) {
-  return World::load(std::filesystem::path(SWIFTLET_SCENES) / "playground" / (name + ".json"));
+  return World::load(std::filesystem::path(FLOCKSTEP_SCENES) / "playground" / (name + ".json"));
 }
 
 inline Primitive primitive(PrimitiveKind kind, const Vec3& center, const Vec3& half_extents,
@@ -132,12 +132,12 @@ std::string message_of(const F& f) {
   return "nothing was thrown";
 }
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing
 
 // The statement throws std::invalid_argument and its message names the field.
 #define EXPECT_REFUSED(statement, field)                                                             \
   do {                                                                                               \
     EXPECT_THROW(statement, std::invalid_argument);                                                  \
-    const std::string refusal = swiftlet::testing::message_of([&] { statement; });                   \
+    const std::string refusal = flockstep::testing::message_of([&] { statement; });                   \
     EXPECT_NE(refusal.find(field), std::string::npos) << "expected " << field << " in: " << refusal; \
   } while (false)

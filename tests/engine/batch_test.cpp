@@ -1,4 +1,4 @@
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 Batch::Worlds playgrounds() {
@@ -118,4 +118,4 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -13,7 +13,7 @@
 #include "trace/ray_block.hpp"
 #include "trace/view.hpp"
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 // Unit directions in the sensor's frame as a bundle wants them: structure of arrays, padded, and with their view.
 class Directions {
@@ -92,4 +92,4 @@ inline void copy(const trace::RayBundle& bundle, trace::RayBlock& block) {
   }
 }
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing

@@ -18,9 +18,9 @@
 #include "batch_helpers.hpp"
 #include "picture_oracle.hpp"
 #include "random.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using testing::camera_batch;
@@ -895,4 +895,4 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -13,10 +13,10 @@
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 #include "random.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 #include "task/green_blob.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using testing::lidar_batch;
@@ -517,4 +517,4 @@ TEST(CameraNavigation, ASnapshotWithAModeTheTaskRefusesChangesNothing) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -18,12 +18,12 @@
 #include "platform/flush_denormals.hpp"
 #include "random.hpp"
 #include "render/lens.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 #include "trace/embree.hpp"
 #include "trace/packets.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using enum PrimitiveKind;
@@ -1137,4 +1137,4 @@ TEST(CameraBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

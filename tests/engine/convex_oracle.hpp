@@ -8,10 +8,10 @@
 #include <functional>
 #include <vector>
 
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::oracle {
+namespace flockstep::oracle {
 
 using Vec3d = Eigen::Vector3d;
 
@@ -147,4 +147,4 @@ inline Distance distance(const Support& a, const Support& b) {
   return result;
 }
 
-}  // namespace swiftlet::oracle
+}  // namespace flockstep::oracle

@@ -27,7 +27,7 @@
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 using oracle::Vec3d;
@@ -85,8 +85,8 @@ struct Tracer {
 // -- The three ways agree: bundles traced directly, blocks (through Embree where the world has more than kMaxDirectAnyOrigin
 // primitives, else without origin or view in common), and closed forms in double precision.
 //
-// How many rays: SWIFTLET_RAYS, if set, as in
-//   SWIFTLET_RAYS=10000000 ./dev test engine --gtest_filter='Agreement*'
+// How many rays: FLOCKSTEP_RAYS, if set, as in
+//   FLOCKSTEP_RAYS=10000000 ./dev test engine --gtest_filter='Agreement*'
 
 std::size_t rays_wanted() {
 #if defined(NDEBUG)
@@ -94,7 +94,7 @@ std::size_t rays_wanted() {
 #else  // sanitizers and debug builds are slow
   constexpr std::size_t kDefault = 20'000;
 #endif
-  const char* const text = std::getenv("SWIFTLET_RAYS");
+  const char* const text = std::getenv("FLOCKSTEP_RAYS");
   return text == nullptr ? kDefault : std::stoul(text);
 }
 
@@ -211,7 +211,7 @@ TEST(Agreement, DirectlyThroughEmbreeAndByClosedForms) {
   write("through Embree", tally.by_embree);
   write("from a list", tally.by_list);
   RecordProperty("counts", text.str());
-  if (std::getenv("SWIFTLET_RAYS") != nullptr) std::cout << text.str() << '\n';
+  if (std::getenv("FLOCKSTEP_RAYS") != nullptr) std::cout << text.str() << '\n';
 }
 
 // -- Single rays with care, asked in every way there is.
@@ -664,7 +664,7 @@ TEST(DirectBits, AreTheSameOnEverySimdTarget) {
   std::string names;
   for (const std::int64_t target : targets) names += std::string(names.empty() ? "" : " ") + hwy::TargetName(target);
   RecordProperty("targets", names);
-  if (std::getenv("SWIFTLET_RAYS") != nullptr) std::cout << names << '\n';
+  if (std::getenv("FLOCKSTEP_RAYS") != nullptr) std::cout << names << '\n';
   ASSERT_FALSE(targets.empty());
   const auto run = [](std::int64_t target) {
     const OnTarget on(target);
@@ -689,4 +689,4 @@ TEST(DirectBits, AreTheSameOnEverySimdTarget) {
 }
 
 }  // namespace
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

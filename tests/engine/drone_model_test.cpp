@@ -1,4 +1,4 @@
-#include "swiftlet/drone_model.hpp"
+#include "flockstep/drone_model.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 std::string refusal(std::vector<Vec3> hull) {
@@ -91,4 +91,4 @@ TEST(DroneModel, RefusesPointsThatAreNotFinite) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

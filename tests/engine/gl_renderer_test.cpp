@@ -25,24 +25,24 @@
 #include <unistd.h>
 #endif
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 using oracle::Vec3d;
-using swiftlet::testing::make_world;
-using swiftlet::testing::message_of;
-using swiftlet::testing::playground;
-using swiftlet::testing::primitive;
-using swiftlet::testing::Random;
+using flockstep::testing::make_world;
+using flockstep::testing::message_of;
+using flockstep::testing::playground;
+using flockstep::testing::primitive;
+using flockstep::testing::Random;
 using enum PrimitiveKind;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-// Sets SWIFTLET_EGL while it lives.
+// Sets FLOCKSTEP_EGL while it lives.
 class Wish {
  public:
-  explicit Wish(const char* value) { setenv("SWIFTLET_EGL", value, 1); }
-  ~Wish() { unsetenv("SWIFTLET_EGL"); }
+  explicit Wish(const char* value) { setenv("FLOCKSTEP_EGL", value, 1); }
+  ~Wish() { unsetenv("FLOCKSTEP_EGL"); }
 };
 
 // A renderer, or why there is none here.
@@ -736,9 +736,9 @@ TEST(GlRenderer, SameShotsAgainAllocateNothing) {
     renderer.finish(album.workers);
   };
   for (int i = 0; i < 3; ++i) take();
-  const std::uint64_t before = swiftlet::testing::allocations_of_this_thread();
+  const std::uint64_t before = flockstep::testing::allocations_of_this_thread();
   for (int i = 0; i < 5; ++i) take();
-  EXPECT_EQ(swiftlet::testing::allocations_of_this_thread() - before, 0U);
+  EXPECT_EQ(flockstep::testing::allocations_of_this_thread() - before, 0U);
 }
 
 TEST(GlRenderer, NothingToDo) {
@@ -789,12 +789,12 @@ TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {
 TEST(GlRenderer, WithoutEglItSaysSo) {
   const Wish wish("none");
   EXPECT_THROW(GlRenderer(), GlUnavailable);
-  EXPECT_NE(message_of([] { GlRenderer renderer; }).find("SWIFTLET_EGL=none"), std::string::npos);
+  EXPECT_NE(message_of([] { GlRenderer renderer; }).find("FLOCKSTEP_EGL=none"), std::string::npos);
 }
 
 TEST(GlRenderer, UnknownWishIsRefused) {
   const Wish wish("please");
-  EXPECT_NE(message_of([] { GlRenderer renderer; }).find("SWIFTLET_EGL"), std::string::npos);
+  EXPECT_NE(message_of([] { GlRenderer renderer; }).find("FLOCKSTEP_EGL"), std::string::npos);
 }
 
 TEST(GlRenderer, FailingAndHangingOnTheWay) {
@@ -851,4 +851,4 @@ TEST(GlRenderer, ForkedChildLeavesItAlone) {
 #endif
 
 }  // namespace
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -12,9 +12,9 @@
 
 #include "allocation_counter.hpp"
 #include "random.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::task {
+namespace flockstep::task {
 namespace {
 
 using testing::Random;
@@ -332,4 +332,4 @@ TEST(GreenBlob, ManyThreadsAtOnce) {
 }
 
 }  // namespace
-}  // namespace swiftlet::task
+}  // namespace flockstep::task

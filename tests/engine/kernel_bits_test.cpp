@@ -22,7 +22,7 @@
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 constexpr std::size_t kRays = trace::kMaxRays;  // of a block and of a bundle
@@ -250,4 +250,4 @@ TEST(KernelBits, OfNeon) { EXPECT_STREQ(trace::simd_target(), "NEON"); }
 #endif
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

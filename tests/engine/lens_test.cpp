@@ -7,10 +7,10 @@
 #include <cstddef>
 #include <vector>
 
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 #include "trace/ray_block.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 // One pixel, thin, small, of whole tiles, and neither; narrow and wide; one and several samples.
@@ -131,4 +131,4 @@ TEST(Lens, ViewsHoldAllRaysOfTheirTile) {
 }
 
 }  // namespace
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -13,9 +13,9 @@
 #include "batch_helpers.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
@@ -494,4 +494,4 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 SceneDescription navigable() {
@@ -64,4 +64,4 @@ TEST(Markers, WorldsThatCannotBeNavigatedAreNamedWithTheMarker) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

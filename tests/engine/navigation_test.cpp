@@ -17,9 +17,9 @@
 #include "batch_helpers.hpp"
 #include "collision/sweep.hpp"
 #include "random.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using testing::bytes_of;
@@ -757,4 +757,4 @@ TEST(Navigation, RefusesAWorldWithoutMarkers) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -6,7 +6,7 @@
 #include <fstream>
 #include <string>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 class Obj : public testing::Test {
@@ -30,7 +30,7 @@ class Obj : public testing::Test {
     return "accepted";
   }
 
-  std::filesystem::path path_ = std::filesystem::path(testing::TempDir()) / "swiftlet_obj_test.obj";
+  std::filesystem::path path_ = std::filesystem::path(testing::TempDir()) / "flockstep_obj_test.obj";
 };
 
 const std::string kSquare = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
@@ -92,4 +92,4 @@ TEST(ObjFile, AMissingFileIsNamed) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

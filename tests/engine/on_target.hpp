@@ -5,7 +5,7 @@
 
 #include <cstdint>
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 // Lets all that is dispatched be run by one SIMD target, until this goes.
 class OnTarget {
@@ -16,4 +16,4 @@ class OnTarget {
   OnTarget& operator=(const OnTarget&) = delete;
 };
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing

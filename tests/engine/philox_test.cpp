@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Words = std::array<std::uint32_t, 4>;
@@ -59,4 +59,4 @@ TEST(Philox, NormalOfExtremeWordsIsFinite) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -16,9 +16,9 @@
 
 #include "batch_helpers.hpp"
 #include "ray_oracle.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet::oracle {
+namespace flockstep::oracle {
 
 // -- Which way a pixel looks.
 
@@ -200,9 +200,9 @@ inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction)
   return levels(world, lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z())));
 }
 
-}  // namespace swiftlet::oracle
+}  // namespace flockstep::oracle
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 inline constexpr CameraOutputs kAllOutputs{
     .rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true, .grey = true};
@@ -338,4 +338,4 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
   return compared;
 }
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing

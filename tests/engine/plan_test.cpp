@@ -1,4 +1,4 @@
-#include "swiftlet/plan.hpp"
+#include "flockstep/plan.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 
 #include "collision/sweep.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Vec2d = Eigen::Vector2d;
@@ -270,4 +270,4 @@ TEST(Plan, BadArgumentsAreRefused) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

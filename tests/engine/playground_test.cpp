@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "collision/sweep.hpp"
-#include "swiftlet/plan.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/plan.hpp"
+#include "flockstep/world.hpp"
 #include "world/markers.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Vec2 = Eigen::Vector2f;
@@ -110,7 +110,7 @@ const std::map<std::string, std::vector<Vec3>> kRoutes{
 
 class ShippedPlayground : public testing::TestWithParam<std::string> {
  protected:
-  std::shared_ptr<const World> world_ = World::load(std::string(SWIFTLET_SCENES) + "/playground/" + GetParam() + ".json");
+  std::shared_ptr<const World> world_ = World::load(std::string(FLOCKSTEP_SCENES) + "/playground/" + GetParam() + ".json");
   DroneModel drone_ = DroneModel::quadrotor650();
 };
 
@@ -306,4 +306,4 @@ TEST(GeneratedPlayground, MorePillarsThanFitAreRefusedInTheEnd) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -10,7 +10,7 @@
 
 #include "batch_helpers.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using testing::make_world;
@@ -83,4 +83,4 @@ TEST(PoseSensor, NoiseIsNormalAndIndependentInEveryAxisAndScan) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

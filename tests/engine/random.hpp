@@ -3,9 +3,9 @@
 
 #include <random>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet::testing {
+namespace flockstep::testing {
 
 class Random {
  public:
@@ -30,4 +30,4 @@ class Random {
   std::normal_distribution<float> normal_;
 };
 
-}  // namespace swiftlet::testing
+}  // namespace flockstep::testing

@@ -7,9 +7,9 @@
 #include <cmath>
 #include <limits>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::oracle {
+namespace flockstep::oracle {
 
 using Vec3d = Eigen::Vector3d;
 
@@ -170,4 +170,4 @@ inline bool is_clear_cut(const World& world, const Hit& hit, const Vec3d& origin
   return steepness(world, hit, origin, direction, max_range) <= 5.0;
 }
 
-}  // namespace swiftlet::oracle
+}  // namespace flockstep::oracle

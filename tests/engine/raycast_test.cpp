@@ -13,11 +13,11 @@
 #include "platform/flush_denormals.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using oracle::Vec3d;
@@ -444,4 +444,4 @@ TEST(RaycastBits, RaycastOfOneIsRaycastOfMany) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

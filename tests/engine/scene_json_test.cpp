@@ -11,10 +11,10 @@
 
 #include "world/scene_description.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
-std::string scene(const std::string& fields) { return R"({"swiftlet_scene": 1, )" + fields + "}"; }
+std::string scene(const std::string& fields) { return R"({"flockstep_scene": 1, )" + fields + "}"; }
 
 const std::string kRoom = R"("room": {"min": [0, 0, 0], "max": [4, 6, 2]})";
 
@@ -230,17 +230,20 @@ struct BadScene {
 TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
   const std::vector<BadScene> cases{
       {"not an object", "[]", "x.json: expected an object, got []"},
-      {"no version", "{" + kRoom + "}", "x.json: expected a field \"swiftlet_scene\", found none"},
-      {"another version", R"({"swiftlet_scene": 2})", "x.json: /swiftlet_scene: expected version 1, got 2"},
-      {"a version that is no number", R"({"swiftlet_scene": "1"})", "x.json: /swiftlet_scene: expected version 1, got \"1\""},
-      {"empty scene", R"({"swiftlet_scene": 1})",
+      {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none"},
+      {"the key of another name of this format", R"({"other_scene": 1, )" + kRoom + "}",
+       "x.json: /other_scene: expected the key \"flockstep_scene\" instead (the format's name has changed, and nothing else: "
+       "rename the key)"},
+      {"another version", R"({"flockstep_scene": 2})", "x.json: /flockstep_scene: expected version 1, got 2"},
+      {"a version that is no number", R"({"flockstep_scene": "1"})", "x.json: /flockstep_scene: expected version 1, got \"1\""},
+      {"empty scene", R"({"flockstep_scene": 1})",
        "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
        "scene"},
       {"empty lists", scene(R"("boxes": [])"),
        "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
        "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
-       "x.json: /rooms: unknown field; expected one of swiftlet_scene, $schema, name, materials, room, pillars, cylinders, "
+       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, materials, room, pillars, cylinders, "
        "boxes, "
        "spheres, capsules, planes, discs, meshes, markers, light"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
@@ -409,11 +412,11 @@ TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
     EXPECT_EQ(message_of(text).rfind(start, 0), 0U) << message_of(text);
   };
   expect_starts("", "x.json: not valid JSON: parse error at line 1, column 1");
-  expect_starts("{\"swiftlet_scene\": 1,\n \"room\": {\"min\": [0, 0",
+  expect_starts("{\"flockstep_scene\": 1,\n \"room\": {\"min\": [0, 0",
                 "x.json: not valid JSON: parse error at line 2, column 23");
-  expect_starts("{\"swiftlet_scene\": NaN}", "x.json: not valid JSON: parse error at line 1, column 20");
-  expect_starts("{\"swiftlet_scene\": Infinity}", "x.json: not valid JSON: parse error at line 1, column 20");
-  expect_starts("{\"swiftlet_scene\": 1e999}", "x.json: not valid JSON: number overflow");
+  expect_starts("{\"flockstep_scene\": NaN}", "x.json: not valid JSON: parse error at line 1, column 21");
+  expect_starts("{\"flockstep_scene\": Infinity}", "x.json: not valid JSON: parse error at line 1, column 21");
+  expect_starts("{\"flockstep_scene\": 1e999}", "x.json: not valid JSON: number overflow");
 }
 
 // Every prefix of a scene is an error, none a crash or a world.
@@ -479,7 +482,7 @@ TEST(SceneJson, RoundTripKeepsEveryBit) {
 
 TEST(SceneJson, ShippedScenesRoundTrip) {
   int count = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(SWIFTLET_SCENES) / "playground")) {
+  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(FLOCKSTEP_SCENES) / "playground")) {
     const auto world = World::load(entry.path());
     expect_same(*world, *World::from_json(world->to_json()));
     EXPECT_EQ(world->name(), "playground/" + entry.path().stem().string());
@@ -489,7 +492,7 @@ TEST(SceneJson, ShippedScenesRoundTrip) {
 }
 
 TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "swiftlet_scene_json_test";
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_scene_json_test";
   std::filesystem::create_directories(folder);
   std::ofstream(folder / "a.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   std::ofstream(folder / "flat.obj") << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
@@ -509,4 +512,4 @@ TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -12,7 +12,7 @@
 
 #include "random.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 using testing::Random;
@@ -122,4 +122,4 @@ TEST(ShapeTree, TheOrderDependsOnNothingButTheBoxes) {
 }
 
 }  // namespace
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -13,9 +13,9 @@
 
 #include "batch_helpers.hpp"
 #include "random.hpp"
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using testing::lidar_batch;
@@ -365,4 +365,4 @@ TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -14,7 +14,7 @@
 #include "allocation_counter.hpp"
 #include "convex_oracle.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 namespace {
 
 constexpr float kDegree = std::numbers::pi_v<float> / 180.0F;
@@ -604,4 +604,4 @@ TEST(Sweep, AllocatesNothing) {
 }
 
 }  // namespace
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

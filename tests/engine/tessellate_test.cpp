@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Vec3d = Eigen::Vector3d;
@@ -210,4 +210,4 @@ TEST(Tessellate, BadChordErrorsAreRefused) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -13,7 +13,7 @@
 #include "trace/calibrated.hpp"
 #include "trace/direct.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 using testing::cone;
@@ -204,4 +204,4 @@ TEST(View, HidesWhatIsBesideItAboveOrBelow) {
 }
 
 }  // namespace
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -1,4 +1,4 @@
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,7 +12,7 @@
 
 #include "trace/scene.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
@@ -262,14 +262,14 @@ TEST(World, LoadNamesTheFileThatIsWrong) {
   EXPECT_EQ(load_message("no-such.obj"), "no-such.obj: cannot read an OBJ file: No such file or directory");
   EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json or .obj, got \".stl\"");
   EXPECT_EQ(load_message(testing::TempDir()).rfind(testing::TempDir(), 0), 0U);
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "swiftlet_folder.json";
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_folder.json";
   std::filesystem::create_directories(folder);
   EXPECT_EQ(load_message(folder).rfind(folder.string() + ": cannot read a scene file", 0), 0U) << load_message(folder);
   std::filesystem::remove(folder);
 }
 
 TEST(World, SavesAndLoads) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "swiftlet_world_test.json";
+  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_world_test.json";
   const World world(valid());
   world.save(path);
   EXPECT_EQ(World::load(path)->to_json(), world.to_json());
@@ -278,10 +278,10 @@ TEST(World, SavesAndLoads) {
 }
 
 TEST(World, LoadsABareMesh) {
-  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "swiftlet_world_test.obj";
+  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_world_test.obj";
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n";
   const auto world = World::load(path);
-  EXPECT_EQ(world->name(), "swiftlet_world_test");
+  EXPECT_EQ(world->name(), "flockstep_world_test");
   EXPECT_EQ(world->bounds().max, Vec3(1, 2, 0));
 
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
@@ -300,4 +300,4 @@ TEST(World, TheSceneIsBuiltOnce) {
 }
 
 }  // namespace
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
-import swiftlet
+import flockstep
 
 ROOT = Path(__file__).resolve().parents[2]
 
 # Small enough that random flight ends soon: one pillar, one waypoint.
 ROOM: dict[str, Any] = {
-    "swiftlet_scene": 1,
+    "flockstep_scene": 1,
     "name": "room",
     "room": {"min": [0, 0, 0], "max": [8, 8, 4]},
     "pillars": [{"center": [4, 4.5], "radius": 0.25}],
@@ -32,7 +32,7 @@ ROOM: dict[str, Any] = {
 
 # Barely larger than the drone: a random walk crashes within a few steps.
 CLOSET: dict[str, Any] = {
-    "swiftlet_scene": 1,
+    "flockstep_scene": 1,
     "name": "closet",
     "room": {"min": [0, 0, 0], "max": [2, 2, 1.2]},
     "markers": {"start": [1, 1, 0.6], "goal": [1.3, 1.65, 0.6]},
@@ -40,18 +40,18 @@ CLOSET: dict[str, Any] = {
 
 
 @pytest.fixture(scope="session")
-def room() -> swiftlet.World:
-    return swiftlet.World.from_dict(ROOM)
+def room() -> flockstep.World:
+    return flockstep.World.from_dict(ROOM)
 
 
 @pytest.fixture(scope="session")
-def closet() -> swiftlet.World:
-    return swiftlet.World.from_dict(CLOSET)
+def closet() -> flockstep.World:
+    return flockstep.World.from_dict(CLOSET)
 
 
 @pytest.fixture(scope="session")
-def playgrounds() -> list[swiftlet.World]:
-    return swiftlet.scenes.load("train")
+def playgrounds() -> list[flockstep.World]:
+    return flockstep.scenes.load("train")
 
 
 @pytest.fixture(scope="session")

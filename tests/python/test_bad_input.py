@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-import swiftlet
+import flockstep
 
 BIG = np.float64(1e39)  # beyond float32
 
 
 @pytest.fixture
 def batch(room):
-    batch = swiftlet.Batch(
+    batch = flockstep.Batch(
         [room],
         2,
-        lidar=swiftlet.LidarConfig(),
-        task=swiftlet.NavigationConfig(),
+        lidar=flockstep.LidarConfig(),
+        task=flockstep.NavigationConfig(),
         autoreset_mode="disabled",
         num_threads=1,
     )
@@ -52,8 +52,8 @@ def test_discrete_actions(batch, actions, match):
 @pytest.mark.parametrize("kind", ["displacement", "displacement_yaw"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, BIG])
 def test_continuous_actions_must_be_finite(room, kind, bad):
-    task = swiftlet.NavigationConfig(action=kind)
-    batch = swiftlet.Batch([room], 2, lidar=swiftlet.LidarConfig(), task=task)
+    task = flockstep.NavigationConfig(action=kind)
+    batch = flockstep.Batch([room], 2, lidar=flockstep.LidarConfig(), task=task)
     batch.reset([0, 1])
     actions = np.zeros((2, 3 if kind == "displacement" else 4))
     actions[1, 2] = bad
@@ -61,8 +61,8 @@ def test_continuous_actions_must_be_finite(room, kind, bad):
 
 
 def test_continuous_actions_must_have_their_shape_and_dtype(room):
-    batch = swiftlet.Batch(
-        [room], 2, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig(action="displacement")
+    batch = flockstep.Batch(
+        [room], 2, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig(action="displacement")
     )
     batch.reset([0, 1])
     refused(batch, lambda: batch.step(np.zeros((2, 4), np.float32)), r"actions.*\(2, 3\).*\(2, 4\)")
@@ -131,17 +131,17 @@ def test_other_calls(batch, call, match):
         ({"autoreset_mode": "sometimes"}, "autoreset_mode.*sometimes"),
         ({"world_index": [1]}, "world_index"),
         ({"world_index": [0, 0]}, "world_index.*shape"),
-        ({"task": swiftlet.NavigationConfig()}, "lidar"),
+        ({"task": flockstep.NavigationConfig()}, "lidar"),
     ],
 )
 def test_a_batch_that_cannot_be(room, arguments, match):
     with pytest.raises(ValueError, match=f"(?s){match}"):
-        swiftlet.Batch([room], **arguments)
+        flockstep.Batch([room], **arguments)
 
 
 def test_no_worlds():
     with pytest.raises(ValueError, match="worlds"):
-        swiftlet.Batch([])
+        flockstep.Batch([])
 
 
 @pytest.mark.parametrize(
@@ -165,23 +165,23 @@ def test_no_worlds():
 )
 def test_lidars(fields, match):
     with pytest.raises(ValueError, match=f"(?s){match}"):
-        swiftlet.LidarConfig(**fields)
+        flockstep.LidarConfig(**fields)
 
 
 @pytest.mark.parametrize(
     ("config", "fields", "match"),
     [
-        (swiftlet.NavigationReward, {"goal_radius_m": 0.0}, "goal_radius_m"),
-        (swiftlet.NavigationReward, {"min_clearance": 1.0}, "min_clearance"),
-        (swiftlet.NavigationReward, {"step_scale": 0.0}, "step_scale"),
-        (swiftlet.NavigationReward, {"crash_weight": np.nan}, "crash_weight"),
-        (swiftlet.NavigationConfig, {"action": "jump"}, "action.*jump"),
-        (swiftlet.NavigationConfig, {"step_m": 0.0}, "step_m"),
-        (swiftlet.NavigationConfig, {"step_m": np.nan}, "step_m"),
-        (swiftlet.NavigationConfig, {"yaw_step_deg": 181.0}, "yaw_step_deg"),
-        (swiftlet.NavigationConfig, {"max_episode_steps": -1}, "max_episode_steps"),
-        (swiftlet.PoseSensorConfig, {"position_noise_std_m": -1.0}, "position_noise_std_m"),
-        (swiftlet.PoseSensorConfig, {"tilt_noise_std_deg": np.inf}, "tilt_noise_std_deg"),
+        (flockstep.NavigationReward, {"goal_radius_m": 0.0}, "goal_radius_m"),
+        (flockstep.NavigationReward, {"min_clearance": 1.0}, "min_clearance"),
+        (flockstep.NavigationReward, {"step_scale": 0.0}, "step_scale"),
+        (flockstep.NavigationReward, {"crash_weight": np.nan}, "crash_weight"),
+        (flockstep.NavigationConfig, {"action": "jump"}, "action.*jump"),
+        (flockstep.NavigationConfig, {"step_m": 0.0}, "step_m"),
+        (flockstep.NavigationConfig, {"step_m": np.nan}, "step_m"),
+        (flockstep.NavigationConfig, {"yaw_step_deg": 181.0}, "yaw_step_deg"),
+        (flockstep.NavigationConfig, {"max_episode_steps": -1}, "max_episode_steps"),
+        (flockstep.PoseSensorConfig, {"position_noise_std_m": -1.0}, "position_noise_std_m"),
+        (flockstep.PoseSensorConfig, {"tilt_noise_std_deg": np.inf}, "tilt_noise_std_deg"),
     ],
 )
 def test_configs(config, fields, match):
@@ -189,7 +189,7 @@ def test_configs(config, fields, match):
         config(**fields)
 
 
-@pytest.mark.parametrize("config", [swiftlet.LidarConfig, swiftlet.NavigationReward, swiftlet.NavigationConfig])
+@pytest.mark.parametrize("config", [flockstep.LidarConfig, flockstep.NavigationReward, flockstep.NavigationConfig])
 def test_unknown_fields(config):
     with pytest.raises(TypeError, match="nonsense"):
         config(nonsense=1)
@@ -204,16 +204,16 @@ def test_unknown_fields(config):
     ],
 )
 def test_worlds_that_cannot_be_navigated(closet, markers, match):
-    world = swiftlet.World.from_dict({**closet.to_dict(), "markers": markers})
+    world = flockstep.World.from_dict({**closet.to_dict(), "markers": markers})
     with pytest.raises(ValueError, match=match):
-        swiftlet.Batch([world], lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+        flockstep.Batch([world], lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
 
 
 def test_a_start_inside_a_pillar(room):
     scene = room.to_dict()
     scene["markers"]["start"] = [4, 4.5, 2]
     with pytest.raises(ValueError, match="start"):
-        swiftlet.DroneVectorEnv(1, worlds=swiftlet.World.from_dict(scene))
+        flockstep.DroneVectorEnv(1, worlds=flockstep.World.from_dict(scene))
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_a_start_inside_a_pillar(room):
 )
 def test_hulls(hull, match):
     with pytest.raises(ValueError, match=match):
-        swiftlet.DroneModel(hull)
+        flockstep.DroneModel(hull)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_rays(room, origins, directions, max_range, match):
 
 
 def test_a_batch_without_a_task_has_no_step(room):
-    batch = swiftlet.Batch([room])
+    batch = flockstep.Batch([room])
     with pytest.raises(RuntimeError, match="task"):
         batch.step([0])
     with pytest.raises(RuntimeError, match="task"):
@@ -257,6 +257,6 @@ def test_a_batch_without_a_task_has_no_step(room):
 
 
 def test_step_before_reset(room):
-    batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+    batch = flockstep.Batch([room], lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
     with pytest.raises(RuntimeError, match="reset"):
         batch.step([0])

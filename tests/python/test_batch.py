@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import swiftlet
+import flockstep
 
 FACING_X = np.array([1, 0, 0, 0], np.float32)
 
@@ -21,7 +21,7 @@ def yaw(degrees):
 
 @pytest.fixture
 def batch(room):
-    return swiftlet.Batch([room], 3, lidar=swiftlet.LidarConfig(), num_threads=1)
+    return flockstep.Batch([room], 3, lidar=flockstep.LidarConfig(), num_threads=1)
 
 
 class TestMotion:
@@ -44,7 +44,7 @@ class TestMotion:
         np.testing.assert_array_equal(batch.position[1:, 0], 2)
 
     def test_stops_where_the_hull_touches_the_wall(self, closet):
-        batch = swiftlet.Batch([closet], num_threads=1)
+        batch = flockstep.Batch([closet], num_threads=1)
         contact = batch.move([[2.0, 1, 0.6]])
         assert batch.position[0, 0] == pytest.approx(2 - 0.465, abs=1e-3)
         assert contact.fraction[0] == pytest.approx((1 - 0.465) / 1.0, abs=1e-3)
@@ -52,14 +52,14 @@ class TestMotion:
         np.testing.assert_allclose(contact.normal[0], [-1, 0, 0], atol=1e-3)
 
     def test_turning_into_a_wall_is_contact_too(self, closet):
-        batch = swiftlet.Batch([closet], num_threads=1)
+        batch = flockstep.Batch([closet], num_threads=1)
         batch.set_pose([[1, 0.31, 0.6]])
         contact = batch.move(None, yaw(90)[None])
         assert contact.hit[0]
         assert 0 < contact.fraction[0] < 1
 
     def test_a_start_in_penetration_is_reported_and_not_moved(self, closet):
-        batch = swiftlet.Batch([closet], num_threads=1)
+        batch = flockstep.Batch([closet], num_threads=1)
         batch.set_pose([[1.9, 1, 0.6]])
         contact = batch.move([[3.0, 1, 0.6]])
         assert contact.inside[0]
@@ -80,7 +80,7 @@ class TestMotion:
     @given(st.integers(0, 2**32))
     def test_no_flight_ends_inside_something(self, room, seed):
         rng = np.random.default_rng(seed)
-        batch = swiftlet.Batch([room], 16, num_threads=1)
+        batch = flockstep.Batch([room], 16, num_threads=1)
         for _ in range(5):
             target = batch.position + rng.normal(scale=3, size=(16, 3))
             quat = rng.normal(size=(16, 4))
@@ -100,7 +100,7 @@ class TestLidar:
         np.testing.assert_allclose(angles, np.linspace(-135, 135, 35), atol=1e-3)
 
     def test_a_full_turn_leaves_out_the_end(self, room):
-        batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig(beams=4, hfov_deg=360))
+        batch = flockstep.Batch([room], lidar=flockstep.LidarConfig(beams=4, hfov_deg=360))
         directions = batch.lidar_directions[0, 0]
         angles = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
         np.testing.assert_allclose(np.mod(angles, 360), [180, 270, 0, 90], atol=1e-3)
@@ -127,17 +127,17 @@ class TestLidar:
         assert np.isinf(points[~hit]).all()
 
     def test_a_pattern(self, room):
-        lidar = swiftlet.LidarConfig(azimuth_deg=[0, 90, 0], elevation_deg=[0, 0, -90], max_range_m=10)
-        batch = swiftlet.Batch([room], lidar=lidar)
+        lidar = flockstep.LidarConfig(azimuth_deg=[0, 90, 0], elevation_deg=[0, 0, -90], max_range_m=10)
+        batch = flockstep.Batch([room], lidar=lidar)
         batch.sense()
         assert batch.lidar_ranges.shape == (1, 1, 3)
         np.testing.assert_allclose(batch.lidar_ranges[0, 0], [6, 4, 2], atol=1e-5)
 
     def test_mounting(self, room):
-        lidar = swiftlet.LidarConfig(
+        lidar = flockstep.LidarConfig(
             azimuth_deg=[0], elevation_deg=[0], max_range_m=10, offset_m=(0.5, 0, 0), quat_wxyz=yaw(180)
         )
-        batch = swiftlet.Batch([room], lidar=lidar)
+        batch = flockstep.Batch([room], lidar=lidar)
         batch.sense()
         np.testing.assert_allclose(batch.lidar_ranges[0, 0], [2.5], atol=1e-5)
 
@@ -161,7 +161,7 @@ class TestLidar:
 
     def test_without_a_lidar_there_are_no_ranges(self, room):
         with pytest.raises(RuntimeError, match="lidar="):
-            swiftlet.Batch([room]).lidar_max_range_m  # noqa: B018
+            flockstep.Batch([room]).lidar_max_range_m  # noqa: B018
 
 
 class TestPoseSensor:
@@ -173,8 +173,8 @@ class TestPoseSensor:
 
     def test_noise_has_the_standard_deviation_it_says(self, room):
         n = 4000
-        noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.02, tilt_noise_std_deg=3)
-        batch = swiftlet.Batch([room], n, pose_sensor=noise)
+        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.02, tilt_noise_std_deg=3)
+        batch = flockstep.Batch([room], n, pose_sensor=noise)
         batch.seed(np.arange(n))
         batch.sense()
         error = batch.sensed_position - batch.position
@@ -204,7 +204,7 @@ class TestSlots:
         assert np.isfinite(batch.lidar_ranges[1]).any()
 
     def test_a_drone_can_change_worlds(self, room, closet):
-        batch = swiftlet.Batch([room, closet], 2, lidar=swiftlet.LidarConfig(azimuth_deg=[0], elevation_deg=[0]))
+        batch = flockstep.Batch([room, closet], 2, lidar=flockstep.LidarConfig(azimuth_deg=[0], elevation_deg=[0]))
         batch.set_pose(np.float32([[1, 1, 0.6]] * 2))
         batch.sense()
         assert np.isinf(batch.lidar_ranges[0, 0, 0])
@@ -215,13 +215,13 @@ class TestSlots:
         assert np.isinf(batch.lidar_ranges[1, 0, 0])
 
     def test_worlds_are_dealt_in_turn(self, room, closet):
-        assert swiftlet.Batch([room, closet], 5).world_index.tolist() == [0, 1, 0, 1, 0]
-        assert swiftlet.Batch([room, closet], 3, world_index=[1, 1, 0]).world_index.tolist() == [1, 1, 0]
+        assert flockstep.Batch([room, closet], 5).world_index.tolist() == [0, 1, 0, 1, 0]
+        assert flockstep.Batch([room, closet], 3, world_index=[1, 1, 0]).world_index.tolist() == [1, 1, 0]
 
 
 class TestRandom:
     def test_depends_on_seed_episode_and_stream_alone(self, room):
-        few, many = swiftlet.Batch([room], 4), swiftlet.Batch([room], 100)
+        few, many = flockstep.Batch([room], 4), flockstep.Batch([room], 100)
         few.seed(np.arange(4) + 7)
         many.seed(np.arange(100) + 7)
         numbers = few.random(3, 5)
@@ -235,7 +235,7 @@ class TestRandom:
         np.testing.assert_array_equal(numbers, few.random(3, 5))
 
     def test_is_uniform(self, room):
-        batch = swiftlet.Batch([room], 1000)
+        batch = flockstep.Batch([room], 1000)
         batch.seed(np.arange(1000))
         numbers = batch.random(0, 50)
         assert numbers.min() >= 0
@@ -257,7 +257,7 @@ class TestLifetime:
     def test_a_view_outlives_its_batch(self, room):
         views = []
         for _ in range(20):
-            batch = swiftlet.Batch([room], 500, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+            batch = flockstep.Batch([room], 500, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
             batch.reset(np.arange(500))
             arrays = (batch.position, batch.observation, batch.contact.hit, batch.lidar_ranges)
             views.append((*arrays, batch.lidar_max_range_m))
@@ -271,7 +271,7 @@ class TestLifetime:
             np.testing.assert_array_equal(max_range, 3)
 
     def test_a_hull_outlives_its_model(self):
-        hull = swiftlet.DroneModel().hull
+        hull = flockstep.DroneModel().hull
         gc.collect()
         np.testing.assert_allclose(np.ptp(hull, axis=0), [0.93, 0.59, 0.20], atol=1e-6)
 
@@ -291,10 +291,10 @@ class TestFork:
         return result
 
     def test_a_batch_can_be_made_in_a_child(self, room):
-        swiftlet.Batch([room], 200, num_threads=4, lidar=swiftlet.LidarConfig()).sense()  # the parent has used its own
+        flockstep.Batch([room], 200, num_threads=4, lidar=flockstep.LidarConfig()).sense()  # the parent has used its own
 
         def use():
-            batch = swiftlet.Batch([room], 200, num_threads=4, lidar=swiftlet.LidarConfig())
+            batch = flockstep.Batch([room], 200, num_threads=4, lidar=flockstep.LidarConfig())
             batch.sense()
             return bool(np.isfinite(batch.lidar_ranges).any())
 
@@ -335,15 +335,15 @@ class TestSnapshot:
         assert np.isinf(batch.lidar_ranges).all()
         assert batch.active.tolist() == [True, True, False]
 
-    @pytest.mark.parametrize("other", [{"num_drones": 4}, {"lidar": swiftlet.LidarConfig(beams=34)}, {"lidar": None}])
+    @pytest.mark.parametrize("other", [{"num_drones": 4}, {"lidar": flockstep.LidarConfig(beams=34)}, {"lidar": None}])
     def test_is_refused_by_another_configuration(self, batch, room, other):
-        arguments = {"num_drones": 3, "lidar": swiftlet.LidarConfig(), **other}
+        arguments = {"num_drones": 3, "lidar": flockstep.LidarConfig(), **other}
         with pytest.raises(ValueError, match="snapshot"):
-            swiftlet.Batch([room], **arguments).restore(batch.snapshot())
+            flockstep.Batch([room], **arguments).restore(batch.snapshot())
 
     def test_is_refused_by_other_worlds(self, batch, closet):
         with pytest.raises(ValueError, match="snapshot"):
-            swiftlet.Batch([closet], 3, lidar=swiftlet.LidarConfig()).restore(batch.snapshot())
+            flockstep.Batch([closet], 3, lidar=flockstep.LidarConfig()).restore(batch.snapshot())
 
     @pytest.mark.parametrize("damage", [lambda b: b[:-1], lambda b: b + b"x", lambda b: b"", lambda b: b"x" * len(b)])
     def test_damaged_ones_change_nothing(self, batch, damage):

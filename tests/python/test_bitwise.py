@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import swiftlet
+import flockstep
 
 OUTPUTS = (
     "observation",
@@ -36,12 +36,12 @@ def outputs(batch):
 
 def history(worlds, num_drones, kind="displacement_yaw", **arguments):
     """Every output of every step, (STEPS + 1, N, ...)."""
-    task = swiftlet.NavigationConfig(
+    task = flockstep.NavigationConfig(
         action=kind, max_episode_steps=25, random_start=True, random_world=True, stagger_first_episode=True
     )
-    noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
+    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
     arguments = {"autoreset_mode": "same_step", "num_threads": 1, **arguments}
-    batch = swiftlet.Batch(worlds, num_drones, lidar=swiftlet.LidarConfig(), pose_sensor=noise, task=task, **arguments)
+    batch = flockstep.Batch(worlds, num_drones, lidar=flockstep.LidarConfig(), pose_sensor=noise, task=task, **arguments)
     batch.reset(np.arange(num_drones) + 1000)
     rows = [outputs(batch)]
     for actions in actions_of(num_drones, kind):
@@ -122,14 +122,14 @@ def episodes(env, num_envs, action_of):
 @pytest.mark.parametrize("own_task", [False, True])
 def test_autoreset_modes_agree_but_for_the_reset_rows(room, closet, example, own_task):
     def run(mode):
-        lidar = swiftlet.LidarConfig()
-        noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.01)
+        lidar = flockstep.LidarConfig()
+        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01)
         arguments = {"worlds": [room, closet], "lidar": lidar, "pose_sensor": noise, "autoreset_mode": mode}
         if own_task:
-            twin = example("navigation_numpy").Navigation(swiftlet.NavigationConfig(max_episode_steps=15), lidar)
-            env = swiftlet.DroneVectorEnv(6, task=twin, **arguments)
+            twin = example("navigation_numpy").Navigation(flockstep.NavigationConfig(max_episode_steps=15), lidar)
+            env = flockstep.DroneVectorEnv(6, task=twin, **arguments)
         else:
-            env = swiftlet.DroneVectorEnv(6, max_episode_steps=15, random_start=True, random_world=True, **arguments)
+            env = flockstep.DroneVectorEnv(6, max_episode_steps=15, random_start=True, random_world=True, **arguments)
         return episodes(env, 6, lambda i, e, s: np.random.default_rng([i, e, s]).integers(6))
 
     first_starts, first_rows = run("next_step")
@@ -145,15 +145,15 @@ def test_autoreset_modes_agree_but_for_the_reset_rows(room, closet, example, own
 
 
 def test_restored_equals_uninterrupted(worlds):
-    task = swiftlet.NavigationConfig(max_episode_steps=25, random_start=True, random_world=True)
-    arguments = {"lidar": swiftlet.LidarConfig(), "task": task, "num_threads": 2}
-    noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
-    one = swiftlet.Batch(worlds, 64, pose_sensor=noise, **arguments)
+    task = flockstep.NavigationConfig(max_episode_steps=25, random_start=True, random_world=True)
+    arguments = {"lidar": flockstep.LidarConfig(), "task": task, "num_threads": 2}
+    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
+    one = flockstep.Batch(worlds, 64, pose_sensor=noise, **arguments)
     one.reset(np.arange(64))
     actions = actions_of(64, "discrete")
     for a in actions[:30]:
         one.step(a)
-    other = swiftlet.Batch(worlds, 64, pose_sensor=noise, **arguments)
+    other = flockstep.Batch(worlds, 64, pose_sensor=noise, **arguments)
     other.restore(one.snapshot())
     for a in actions[30:]:
         assert_same(outputs(one), outputs(other))

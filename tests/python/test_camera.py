@@ -14,7 +14,7 @@ import pytest
 import trimesh.ray.ray_triangle
 from PIL import Image
 
-import swiftlet
+import flockstep
 
 OUTPUTS = {
     "rgb": (np.uint8, 3),
@@ -27,7 +27,7 @@ OUTPUTS = {
 
 # Flat things alone, so that its triangles are the world itself: a room, turned boxes, a plane and a mesh of hills.
 FLAT = {
-    "swiftlet_scene": 1,
+    "flockstep_scene": 1,
     "name": "flat",
     "materials": {
         "default": {"base_color": [0.8, 0.8, 0.8]},
@@ -61,21 +61,21 @@ ROUND = {
 
 @pytest.fixture(scope="module")
 def flat():
-    return swiftlet.World.from_dict(FLAT)
+    return flockstep.World.from_dict(FLAT)
 
 
 @pytest.fixture(scope="module")
 def round_world():
-    return swiftlet.World.from_dict(ROUND)
+    return flockstep.World.from_dict(ROUND)
 
 
 def camera_of(**fields):
-    return swiftlet.CameraConfig(**{"width_px": 24, "height_px": 18, "outputs": tuple(OUTPUTS), **fields})
+    return flockstep.CameraConfig(**{"width_px": 24, "height_px": 18, "outputs": tuple(OUTPUTS), **fields})
 
 
 def batch_of(worlds, num_drones=1, *, cameras=None, **arguments):
     cameras = [camera_of()] if cameras is None else cameras
-    return swiftlet.Batch(worlds, num_drones, cameras=cameras, **{"num_threads": 1, **arguments})
+    return flockstep.Batch(worlds, num_drones, cameras=cameras, **{"num_threads": 1, **arguments})
 
 
 def rotation(quat_wxyz):
@@ -241,7 +241,7 @@ class TestDepth:
         mount /= np.linalg.norm(mount)
         config = camera_of(depth_kind=kind, offset_m=(0.2, -0.1, 0.3), quat_wxyz=mount, hfov_deg=100, vfov_deg=60)
         scene = {**ROUND, "markers": {}}  # which rays do not see
-        batch = batch_of([swiftlet.World.from_dict(scene)], 40, cameras=[config])
+        batch = batch_of([flockstep.World.from_dict(scene)], 40, cameras=[config])
         batch.set_pose(*random_poses(rng, 40))
         batch.sense()
         camera = batch.camera()
@@ -264,7 +264,7 @@ class TestDepth:
 
     def test_is_that_of_an_independent_library(self, flat):
         rng = np.random.default_rng(5)
-        world = swiftlet.World.from_dict({**FLAT, "markers": {}})
+        world = flockstep.World.from_dict({**FLAT, "markers": {}})
         batch = batch_of([world], 12, cameras=[camera_of(depth_kind="range", near_m=1e-3)])
         batch.set_pose(*random_poses(rng, 12))
         batch.sense()
@@ -279,7 +279,7 @@ class TestDepth:
 
     def test_of_round_things_is_that_of_an_independent_library(self):
         rng = np.random.default_rng(6)
-        world = swiftlet.World.from_dict({**ROUND, "markers": {}})
+        world = flockstep.World.from_dict({**ROUND, "markers": {}})
         batch = batch_of([world], 12, cameras=[camera_of(depth_kind="range", near_m=1e-3)])
         batch.set_pose(*random_poses(rng, 12))
         batch.sense()
@@ -305,7 +305,7 @@ class TestDepth:
 
 class TestConfig:
     def test_defaults_are_those_of_the_thesis(self):
-        config = swiftlet.CameraConfig()
+        config = flockstep.CameraConfig()
         assert (config.name, config.width_px, config.height_px) == ("front", 640, 480)
         assert (config.fx, config.fy, config.cx, config.cy) == (320, 320, 320, 240)
         assert config.outputs == ("rgb",)
@@ -313,12 +313,12 @@ class TestConfig:
 
     def test_repr_equality_and_pickling(self):
         config = camera_of(name="c", hfov_deg=70, quat_wxyz=(0, 1, 0, 0), shadows=True, samples_per_pixel=4)
-        assert eval(repr(config), {"CameraConfig": swiftlet.CameraConfig}) == config
+        assert eval(repr(config), {"CameraConfig": flockstep.CameraConfig}) == config
         for other in (pickle.loads(pickle.dumps(config)), copy.copy(config), copy.deepcopy(config)):
             assert other == config
             assert other is not config
         assert config != camera_of(name="c", hfov_deg=71, quat_wxyz=(0, 1, 0, 0), shadows=True, samples_per_pixel=4)
-        assert config != swiftlet.LidarConfig()
+        assert config != flockstep.LidarConfig()
         with pytest.raises(TypeError, match="hash"):
             hash(config)
 
@@ -354,8 +354,8 @@ class TestConfig:
     )
     def test_bad_fields(self, flat, fields, match):
         with pytest.raises(ValueError, match=match):
-            swiftlet.CameraConfig(**fields)
-        config = swiftlet.CameraConfig()
+            flockstep.CameraConfig(**fields)
+        config = flockstep.CameraConfig()
         with pytest.raises(ValueError, match=match):  # set later, they are refused where they enter at the latest
             self.use(flat, config, fields)
 
@@ -363,15 +363,15 @@ class TestConfig:
     def use(world, config, fields):
         for field, value in fields.items():
             setattr(config, field, value)
-        swiftlet.Batch([world], cameras=[config])
+        flockstep.Batch([world], cameras=[config])
 
     def test_a_string_is_no_list_of_outputs(self):
         with pytest.raises(TypeError, match="outputs"):
-            swiftlet.CameraConfig(outputs="rgb")
+            flockstep.CameraConfig(outputs="rgb")
 
     def test_unknown_fields(self):
         with pytest.raises(TypeError, match="zoom"):
-            swiftlet.CameraConfig(zoom=2)
+            flockstep.CameraConfig(zoom=2)
 
     def test_two_of_one_name(self, flat):
         with pytest.raises(ValueError, match=r'camera.name.*"front"'):
@@ -394,8 +394,8 @@ class TestModes:
 
     @pytest.fixture
     def probes(self):
-        hall = swiftlet.World.from_dict(
-            {"swiftlet_scene": 1, "name": "hall", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
+        hall = flockstep.World.from_dict(
+            {"flockstep_scene": 1, "name": "hall", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
         )
 
         def make(mode):
@@ -549,12 +549,12 @@ class TestErrors:
         with pytest.raises(ValueError, match="rear"):
             batch.capture(camera="rear")
         with pytest.raises(ValueError, match="a Batch with cameras"):
-            swiftlet.Batch([flat]).camera()
+            flockstep.Batch([flat]).camera()
         with pytest.raises(ValueError, match="a Batch with cameras"):
-            swiftlet.Batch([flat]).capture()
+            flockstep.Batch([flat]).capture()
         with pytest.raises(ValueError, match="a Batch with cameras"):
-            swiftlet.Batch([flat]).set_capture_mode("on_demand")
-        assert "no cameras" in swiftlet.Batch([flat]).camera_backend_report()
+            flockstep.Batch([flat]).set_capture_mode("on_demand")
+        assert "no cameras" in flockstep.Batch([flat]).camera_backend_report()
 
     @pytest.mark.parametrize("index", [2, 100, -1])
     def test_an_index_that_is_not_there(self, flat, index):
@@ -672,7 +672,7 @@ class TestFork:
 class TestGolden:
     """Pictures of both backends, found right by eye; after a change that is meant to show, renew them and look at them.
 
-    SWIFTLET_RENEW_GOLDEN=1 ./dev test python -k golden
+    FLOCKSTEP_RENEW_GOLDEN=1 ./dev test python -k golden
     """
 
     FOLDER = Path(__file__).resolve().parents[1] / "golden"
@@ -691,15 +691,15 @@ class TestGolden:
         """Each as it is saved: 8 bits, three times 8, or 16."""
         shoot = functools.partial(cls.shoot, backend)
         hall = shoot(
-            swiftlet.World.from_dict(ROUND), [3.6, -3.8, 2.6], (0.42, 0.05, 0.1, 0.9), hfov_deg=80, samples_per_pixel=4
+            flockstep.World.from_dict(ROUND), [3.6, -3.8, 2.6], (0.42, 0.05, 0.1, 0.9), hfov_deg=80, samples_per_pixel=4
         )
         sun = {**ROUND, "light": {"sun_direction": [0.5, -0.4, 0.7], "sun_color": [0.9, 0.85, 0.7]}}
         del sun["room"]
         sun["planes"] = [{"center": [0, 0, 0], "size": [10, 10]}]
         yard = shoot(
-            swiftlet.World.from_dict(sun), [4, -4.5, 3], (0.4, 0.07, 0.12, 0.9), samples_per_pixel=4, shadows=True
+            flockstep.World.from_dict(sun), [4, -4.5, 3], (0.4, 0.07, 0.12, 0.9), samples_per_pixel=4, shadows=True
         )
-        playground = swiftlet.World.load("playground/camera-train-1")
+        playground = flockstep.World.load("playground/camera-train-1")
         flight = shoot(playground, playground.start, (1, 0, 0, 0))
         palette = (np.arange(1, 17) * 14 + 16).astype(np.uint8)
         return {
@@ -718,7 +718,7 @@ class TestGolden:
     @pytest.mark.parametrize("backend", ["raycast", "gl"])
     def test_golden(self, backend, name):
         path, picture = self.FOLDER / f"{name}.png", self.pictures(backend)[name]
-        if os.environ.get("SWIFTLET_RENEW_GOLDEN") and backend == "raycast":
+        if os.environ.get("FLOCKSTEP_RENEW_GOLDEN") and backend == "raycast":
             self.FOLDER.mkdir(exist_ok=True)
             Image.fromarray(picture).save(path, optimize=True)
         assert path.stat().st_size < 20_000

@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-import swiftlet
+import flockstep
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
 POSES = 1000
 
 
 def random_poses(
-    world: swiftlet.World, count: int, rng: np.random.Generator
+    world: flockstep.World, count: int, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Anywhere in the world's bounds, turned any way."""
     low, high = np.asarray(world.bounds, float)
@@ -29,10 +29,10 @@ def random_poses(
 
 
 def pictures(
-    backend: str, world: swiftlet.World, poses: tuple[npt.NDArray[np.float32], ...], **fields: object
-) -> swiftlet.Camera:
-    camera = swiftlet.CameraConfig(outputs=OUTPUTS, **fields)
-    batch = swiftlet.Batch([world], len(poses[0]), cameras=[camera], camera_backend=backend)
+    backend: str, world: flockstep.World, poses: tuple[npt.NDArray[np.float32], ...], **fields: object
+) -> flockstep.Camera:
+    camera = flockstep.CameraConfig(outputs=OUTPUTS, **fields)
+    batch = flockstep.Batch([world], len(poses[0]), cameras=[camera], camera_backend=backend)
     assert batch.camera_backend_report().startswith(backend)
     batch.set_pose(*poses)
     batch.capture()
@@ -51,7 +51,7 @@ def off_silhouettes(*ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
     return alone
 
 
-def gems() -> swiftlet.World:
+def gems() -> flockstep.World:
     """Octahedra of triangles, each an object of its own, over a floor of triangles under an open sky.
 
     They are convex: what one of them hides of itself has no silhouettes within its id.
@@ -66,9 +66,9 @@ def gems() -> swiftlet.World:
         meshes.append({"vertices": corners.tolist(), "triangles": faces, "material": str(rng.choice(["clay", "sand"]))})
     floor = [[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]]
     meshes.append({"vertices": floor, "triangles": [[0, 1, 2], [0, 2, 3]], "material": "sand"})
-    return swiftlet.World.from_dict(
+    return flockstep.World.from_dict(
         {
-            "swiftlet_scene": 1,
+            "flockstep_scene": 1,
             "name": "gems",
             "materials": {
                 "clay": {"base_color": [0.6, 0.3, 0.2]},
@@ -79,9 +79,9 @@ def gems() -> swiftlet.World:
     )
 
 
-@pytest.mark.parametrize("name", [*swiftlet.scenes.names(), "gems"])
+@pytest.mark.parametrize("name", [*flockstep.scenes.names(), "gems"])
 def test_backends_agree(name: str) -> None:
-    world = gems() if name == "gems" else swiftlet.scenes.load(name)[0]
+    world = gems() if name == "gems" else flockstep.scenes.load(name)[0]
     poses = random_poses(world, POSES, np.random.default_rng(0))
     size = {"width_px": 40, "height_px": 30}
     raycast, gl = (pictures(backend, world, poses, **size) for backend in ("raycast", "gl"))
@@ -104,9 +104,9 @@ def test_backends_agree(name: str) -> None:
     "fields", [{"samples_per_pixel": 9}, {"shadows": True}, {"layout": "chw", "depth_kind": "range"}]
 )
 def test_options_agree(fields: dict[str, object]) -> None:
-    world = swiftlet.World.from_dict(
+    world = flockstep.World.from_dict(
         {
-            "swiftlet_scene": 1,
+            "flockstep_scene": 1,
             "materials": {"clay": {"base_color": [0.6, 0.3, 0.2]}, "sand": {"base_color": [0.7, 0.6, 0.4]}},
             "planes": [{"center": [0, 0, 0], "size": [20, 20], "material": "sand"}],
             "boxes": [
@@ -139,10 +139,10 @@ def test_options_agree(fields: dict[str, object]) -> None:
 
 def test_gl_repeats_what_raycast_shows_after_moves() -> None:
     """A batch renders by the same renderer again and again, also some of its frames alone."""
-    world = swiftlet.scenes.load("playground/camera-train-1")[0]
+    world = flockstep.scenes.load("playground/camera-train-1")[0]
     rng = np.random.default_rng(2)
-    camera = swiftlet.CameraConfig(width_px=32, height_px=24, outputs=("instance",))
-    batches = [swiftlet.Batch([world], 8, cameras=[camera], camera_backend=name) for name in ("raycast", "gl")]
+    camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("instance",))
+    batches = [flockstep.Batch([world], 8, cameras=[camera], camera_backend=name) for name in ("raycast", "gl")]
     for _ in range(20):
         poses, mask = random_poses(world, 8, rng), rng.random(8) < 0.6
         for batch in batches:
@@ -158,10 +158,10 @@ def test_gl_repeats_what_raycast_shows_after_moves() -> None:
 def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) -> None:
     """Beside a LiDAR, over the ends of episodes, with frames of which some are due and others not."""
     raycast, gl = (
-        swiftlet.DroneVectorEnv(
+        flockstep.DroneVectorEnv(
             8,
             observation="pixels",
-            camera=swiftlet.CameraConfig(width_px=32, height_px=24, capture_mode=capture_mode),
+            camera=flockstep.CameraConfig(width_px=32, height_px=24, capture_mode=capture_mode),
             camera_backend=backend,
             autoreset_mode=autoreset_mode,
             max_episode_steps=7,
@@ -186,9 +186,9 @@ def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) ->
 
 
 def test_capture_on_demand_by_gl() -> None:
-    world = swiftlet.scenes.load("playground/camera-train-1")[0]
-    camera = swiftlet.CameraConfig(width_px=32, height_px=24, capture_mode="on_demand", outputs=("rgb", "instance"))
-    batch = swiftlet.Batch([world], 3, cameras=[camera], camera_backend="gl")
+    world = flockstep.scenes.load("playground/camera-train-1")[0]
+    camera = flockstep.CameraConfig(width_px=32, height_px=24, capture_mode="on_demand", outputs=("rgb", "instance"))
+    batch = flockstep.Batch([world], 3, cameras=[camera], camera_backend="gl")
     batch.sense()
     assert batch.camera().frame_step.tolist() == [-1, -1, -1]
     assert not batch.camera().rgb.any()
@@ -200,26 +200,26 @@ def test_capture_on_demand_by_gl() -> None:
     batch.set_capture_mode("on_movement")
     batch.sense()
     assert batch.camera().frame_step.tolist() == [1, 1, 1]
-    reference = swiftlet.Batch([world], 3, cameras=[camera])
+    reference = flockstep.Batch([world], 3, cameras=[camera])
     reference.set_camera(np.array([False, True, False]), hfov_deg=40)
     reference.capture()
     assert (batch.camera().instance == reference.camera().instance).mean() > 0.99
 
 
 def test_auto_tells_both_speeds() -> None:
-    world = swiftlet.scenes.load("playground/camera-train-1")[0]
-    camera = swiftlet.CameraConfig(width_px=32, height_px=24)
-    report = swiftlet.Batch([world], 4, cameras=[camera], camera_backend="auto").camera_backend_report()
+    world = flockstep.scenes.load("playground/camera-train-1")[0]
+    camera = flockstep.CameraConfig(width_px=32, height_px=24)
+    report = flockstep.Batch([world], 4, cameras=[camera], camera_backend="auto").camera_backend_report()
     assert report.startswith(("raycast: the faster on 4 frames", "gl: the faster on 4 frames"))
     assert "raycast " in report and "gl " in report and "frames/s" in report
 
 
 def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     program = (
-        "import warnings, numpy as np, swiftlet\n"
-        "world = swiftlet.scenes.load('playground/camera-train-1')[0]\n"
-        "camera = swiftlet.CameraConfig(width_px=32, height_px=24)\n"
-        "def make(backend): return swiftlet.Batch([world], 4, cameras=[camera], camera_backend=backend)\n"
+        "import warnings, numpy as np, flockstep\n"
+        "world = flockstep.scenes.load('playground/camera-train-1')[0]\n"
+        "camera = flockstep.CameraConfig(width_px=32, height_px=24)\n"
+        "def make(backend): return flockstep.Batch([world], 4, cameras=[camera], camera_backend=backend)\n"
     )
     return subprocess.run(
         [sys.executable, "-c", program + code],
@@ -243,7 +243,7 @@ def test_without_opengl_raycast_renders_with_one_warning(backend: str, wish: str
         "assert np.array_equal(batch.camera().rgb, reference.camera().rgb)\n"
         "assert batch.camera().rgb.any()\n"
         "print(len(caught), caught[0].category.__name__, caught[0].message, '|', batch.camera_backend_report())\n",
-        SWIFTLET_EGL=wish,
+        FLOCKSTEP_EGL=wish,
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith("1 RuntimeWarning cameras: gl is not available, raycast renders instead: ")
@@ -251,7 +251,7 @@ def test_without_opengl_raycast_renders_with_one_warning(backend: str, wish: str
 
 
 def test_raycast_needs_no_opengl_and_says_nothing() -> None:
-    result = run("make('raycast').sense()\n", SWIFTLET_EGL="none")
+    result = run("make('raycast').sense()\n", FLOCKSTEP_EGL="none")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 
@@ -288,6 +288,6 @@ def test_gl_ends_cleanly(end: str) -> None:
 
 
 def test_unknown_backend() -> None:
-    world = swiftlet.scenes.load("playground/camera-train-1")[0]
+    world = flockstep.scenes.load("playground/camera-train-1")[0]
     with pytest.raises(ValueError, match=r'camera_backend: expected "raycast", "gl" or "auto", got "vulkan"'):
-        swiftlet.Batch([world], 1, cameras=[swiftlet.CameraConfig()], camera_backend="vulkan")
+        flockstep.Batch([world], 1, cameras=[flockstep.CameraConfig()], camera_backend="vulkan")

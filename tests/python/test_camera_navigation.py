@@ -14,16 +14,16 @@ from stable_baselines3.common.env_checker import check_env as check_sb3_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecTransposeImage
 
-import swiftlet
-from swiftlet.testing import check_vector_env
+import flockstep
+from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
-CAMERA = "swiftlet/CameraNavigation-v0"
-PIXELS = "swiftlet/CameraPixels-v0"
-SMALL = swiftlet.CameraConfig(width_px=32, height_px=24)
+CAMERA = "flockstep/CameraNavigation-v0"
+PIXELS = "flockstep/CameraPixels-v0"
+SMALL = flockstep.CameraConfig(width_px=32, height_px=24)
 
 PARLOUR = {
-    "swiftlet_scene": 1,
+    "flockstep_scene": 1,
     "name": "parlour",
     "materials": {"white": {"base_color": [0.9, 0.9, 0.9]}, "pillar": {"base_color": [0.35, 0.45, 0.6]}},
     "room": {"min": [0, 0, 0], "max": [5, 4, 2], "material": "white"},
@@ -40,7 +40,7 @@ torch.set_num_threads(1)
 
 @pytest.fixture(scope="module")
 def parlour():
-    return swiftlet.World.from_dict(PARLOUR)
+    return flockstep.World.from_dict(PARLOUR)
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ class TestSpaces:
         np.testing.assert_array_equal(space.high, [1.0] * 22)
         assert envs.single_action_space == spaces.Discrete(3)
         assert [world.name for world in envs.batch.worlds] == ["playground/camera-train-1", "playground/camera-train-2"]
-        assert envs.lidar == swiftlet.LidarConfig(beams=20, hfov_deg=180.0)
+        assert envs.lidar == flockstep.LidarConfig(beams=20, hfov_deg=180.0)
         assert 4 * envs.cameras[0].height_px == 3 * envs.cameras[0].width_px
         assert np.isclose(envs.cameras[0].fx, envs.cameras[0].width_px / 2)  # 90 degrees
 
@@ -86,7 +86,7 @@ class TestSpaces:
         assert envs.single_action_space == spaces.Discrete(3)
 
     def test_of_ones_own_camera_and_lidar(self, make):
-        lidar = swiftlet.LidarConfig(beams=5, channels=2, vfov_deg=20)
+        lidar = flockstep.LidarConfig(beams=5, channels=2, vfov_deg=20)
         envs = make(PIXELS, lidar=lidar, action="displacement")
         assert envs.single_observation_space["image"].shape == (3, 24, 32)
         assert envs.single_observation_space["ranges"].shape == (10,)
@@ -94,7 +94,7 @@ class TestSpaces:
         assert make(CAMERA, lidar=lidar).single_observation_space.shape == (12,)
 
     def test_the_callers_camera_stays_as_it_is(self, make):
-        camera = swiftlet.CameraConfig(width_px=32, height_px=24)
+        camera = flockstep.CameraConfig(width_px=32, height_px=24)
         envs = make(PIXELS, camera=camera)
         assert camera.layout == "hwc"
         assert envs.cameras[0].layout == "chw"
@@ -103,13 +103,13 @@ class TestSpaces:
         assert gymnasium.make_vec(CAMERA, 1).cameras[0].width_px > 1
 
     def test_a_camera_beside_the_lidar_task(self, room):
-        envs = swiftlet.DroneVectorEnv(2, worlds=room, camera=SMALL)
+        envs = flockstep.DroneVectorEnv(2, worlds=room, camera=SMALL)
         envs.reset(seed=0)
         assert envs.single_observation_space.shape == (38,)
         assert envs.batch.camera().rgb.shape == (2, 24, 32, 3)
 
     def test_several_cameras(self, make):
-        belly = swiftlet.CameraConfig(name="belly", width_px=8, height_px=8, outputs=("depth",))
+        belly = flockstep.CameraConfig(name="belly", width_px=8, height_px=8, outputs=("depth",))
         for env_id in (CAMERA, PIXELS):
             envs = make(env_id, 2, camera=[SMALL, belly])
             alone = make(env_id, 2)
@@ -122,7 +122,7 @@ class TestSpaces:
             assert (envs.batch.camera("belly").frame_step == 0).all()
         for camera in (3, [belly, "front"]):
             with pytest.raises(
-                TypeError, match=r"camera: expected a swiftlet\.CameraConfig or a sequence of them, got"
+                TypeError, match=r"camera: expected a flockstep\.CameraConfig or a sequence of them, got"
             ):
                 make(CAMERA, camera=camera)
 
@@ -231,7 +231,7 @@ class TestSameBits:
     OUTPUTS = ("observation", "reward", "terminated", "truncated", "success", "crashed", "reward_terms", "position")
 
     def history(self, num_drones, observation, worlds, **arguments):
-        task = swiftlet.NavigationConfig(
+        task = flockstep.NavigationConfig(
             observation=observation,
             action="discrete_forward",
             max_episode_steps=25,
@@ -239,12 +239,12 @@ class TestSameBits:
             random_start=True,
             random_world=True,
             stagger_first_episode=True,
-            reward=swiftlet.NavigationReward(outrun_weight=1.0),
+            reward=flockstep.NavigationReward(outrun_weight=1.0),
         )
-        camera = swiftlet.CameraConfig(width_px=20, height_px=15, layout="chw", samples_per_pixel=4)
+        camera = flockstep.CameraConfig(width_px=20, height_px=15, layout="chw", samples_per_pixel=4)
         arguments = {"autoreset_mode": "same_step", "num_threads": 1, **arguments}
-        lidar = swiftlet.LidarConfig(beams=20, hfov_deg=180)
-        batch = swiftlet.Batch(worlds, num_drones, lidar=lidar, cameras=[camera], task=task, **arguments)
+        lidar = flockstep.LidarConfig(beams=20, hfov_deg=180)
+        batch = flockstep.Batch(worlds, num_drones, lidar=lidar, cameras=[camera], task=task, **arguments)
         batch.reset(np.arange(num_drones) + 50)
         names = (*self.OUTPUTS, "image") if observation == "pixels" else self.OUTPUTS
         rows = [{name: getattr(batch, name).copy() for name in names}]
@@ -256,7 +256,7 @@ class TestSameBits:
 
     @pytest.mark.parametrize("observation", ["blob", "pixels"])
     def test_whatever_the_threads_blocks_and_number_of_envs(self, parlour, observation):
-        worlds = [parlour, *swiftlet.scenes.load("camera-train")]
+        worlds = [parlour, *flockstep.scenes.load("camera-train")]
         run = self.history(60, observation, worlds)
         assert (run["terminated"] | run["truncated"]).sum() > 60
         for arguments in ({"num_threads": 4}, {"block_size": 7, "num_threads": 3}):
@@ -270,7 +270,7 @@ class TestSameBits:
 
 
 class TestFrameSkip:
-    @pytest.mark.parametrize("env_id", ["swiftlet/LidarNavigation-v0", CAMERA, PIXELS])
+    @pytest.mark.parametrize("env_id", ["flockstep/LidarNavigation-v0", CAMERA, PIXELS])
     def test_is_that_many_steps_of_the_same_action(self, make, env_id):
         arguments = {"autoreset_mode": "disabled", "action": "discrete_forward", "num_envs": 8}
         single, skipping = make(env_id, **arguments), make(env_id, frame_skip=3, **arguments)
@@ -294,7 +294,7 @@ class TestGreenBlob:
         image = np.full((48, 64, 3), 200, np.uint8)
         image[10:14, 40:48] = (35, 160, 50)
         for layout, array in (("hwc", image), ("chw", np.ascontiguousarray(image.transpose(2, 0, 1)))):
-            blob = swiftlet.green_blob(array, layout)
+            blob = flockstep.green_blob(array, layout)
             assert blob.found
             assert (blob.x, blob.y, blob.width, blob.height) == (40, 10, 8, 4)
             assert blob.offset == 12 / 32
@@ -302,7 +302,7 @@ class TestGreenBlob:
             assert blob.mask.dtype == bool
             assert blob.mask.sum() == 32
             assert blob.mask[10:14, 40:48].all()
-        assert not swiftlet.green_blob(image[:, :40]).found
+        assert not flockstep.green_blob(image[:, :40]).found
 
     @pytest.mark.parametrize(
         ("image", "layout", "match"),
@@ -316,12 +316,12 @@ class TestGreenBlob:
     )
     def test_bad_input(self, image, layout, match):
         with pytest.raises(ValueError, match=match):
-            swiftlet.green_blob(image, layout)
+            flockstep.green_blob(image, layout)
 
 
 class TestStableBaselines:
     def make(self, parlour, env_id, num_envs=6, **arguments):
-        return swiftlet.sb3.make_vec(
+        return flockstep.sb3.make_vec(
             env_id, num_envs, worlds=parlour, max_episode_steps=12, random_start=True, num_threads=1, **arguments
         )
 
@@ -357,18 +357,18 @@ class TestStableBaselines:
 
 @pytest.mark.parametrize("mode", MODES)
 def test_agrees_with_its_numpy_twin(parlour, example, mode):
-    worlds = [parlour, *swiftlet.scenes.load("camera-train")]
-    config = swiftlet.NavigationConfig(
+    worlds = [parlour, *flockstep.scenes.load("camera-train")]
+    config = flockstep.NavigationConfig(
         observation="blob",
         action="discrete_forward",
         max_episode_steps=60,
-        reward=swiftlet.NavigationReward(outrun_weight=1.0),
+        reward=flockstep.NavigationReward(outrun_weight=1.0),
     )
-    lidar, camera = swiftlet.LidarConfig(beams=20, hfov_deg=180), swiftlet.CameraConfig(width_px=64, height_px=48)
+    lidar, camera = flockstep.LidarConfig(beams=20, hfov_deg=180), flockstep.CameraConfig(width_px=64, height_px=48)
     arguments = {"worlds": worlds, "autoreset_mode": mode, "max_episode_steps": 60, "num_threads": 1}
-    engine = swiftlet.DroneVectorEnv(12, observation="blob", camera=camera, **arguments)
+    engine = flockstep.DroneVectorEnv(12, observation="blob", camera=camera, **arguments)
     twin_task = example("navigation_numpy").Navigation(config, lidar, camera)
-    twin = swiftlet.DroneVectorEnv(12, task=twin_task, **arguments)
+    twin = flockstep.DroneVectorEnv(12, task=twin_task, **arguments)
     np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
     ends = {"crashed": 0, "success": 0}
     outruns = seen = 0
@@ -401,8 +401,8 @@ class TestBadInput:
             ({"frame_skip": 0}, ValueError, "frame_skip.*0"),
             ({"frame_skip": 2000}, ValueError, "frame_skip.*2000"),
             ({"action": "discrete_backward"}, ValueError, "action.*discrete_backward"),
-            ({"camera": swiftlet.CameraConfig(outputs=["depth"])}, ValueError, "camera.outputs.*rgb"),
-            ({"camera": swiftlet.CameraConfig(capture_mode="on_demand")}, ValueError, "capture_mode.*on_demand"),
+            ({"camera": flockstep.CameraConfig(outputs=["depth"])}, ValueError, "camera.outputs.*rgb"),
+            ({"camera": flockstep.CameraConfig(capture_mode="on_demand")}, ValueError, "capture_mode.*on_demand"),
             ({"camera_backend": "paper"}, ValueError, "camera_backend.*paper"),
             ({"camera": 3}, TypeError, "camera: expected"),
         ],
@@ -414,16 +414,16 @@ class TestBadInput:
 
     def test_an_observation_that_does_not_exist(self):
         with pytest.raises(ValueError, match=r"observation.*goal.*blob.*pixels.*smell"):
-            swiftlet.DroneVectorEnv(1, observation="smell")
+            flockstep.DroneVectorEnv(1, observation="smell")
         with pytest.raises(ValueError, match=r"observation.*smell"):
-            swiftlet.NavigationConfig(observation="smell")
+            flockstep.NavigationConfig(observation="smell")
 
     def test_a_task_of_ones_own_observes_by_itself(self):
-        class Still(swiftlet.Task):
+        class Still(flockstep.Task):
             observation_space = spaces.Box(-1, 1, (1,), np.float32)
 
         with pytest.raises(TypeError, match="observation"):
-            swiftlet.DroneVectorEnv(1, task=Still(), observation="blob")
+            flockstep.DroneVectorEnv(1, task=Still(), observation="blob")
 
     def test_actions(self, make):
         envs = make(CAMERA)
@@ -433,11 +433,11 @@ class TestBadInput:
                 envs.step(bad)
 
     def test_pixels_need_their_layout(self, parlour):
-        task = swiftlet.NavigationConfig(observation="pixels")
+        task = flockstep.NavigationConfig(observation="pixels")
         with pytest.raises(ValueError, match=r"camera.layout.*chw.*hwc"):
-            swiftlet.Batch([parlour], lidar=swiftlet.LidarConfig(), cameras=[SMALL], task=task)
+            flockstep.Batch([parlour], lidar=flockstep.LidarConfig(), cameras=[SMALL], task=task)
         with pytest.raises(ValueError, match="cameras"):
-            swiftlet.Batch([parlour], lidar=swiftlet.LidarConfig(), task=task)
+            flockstep.Batch([parlour], lidar=flockstep.LidarConfig(), task=task)
 
     def test_the_camera_of_the_task_takes_its_pictures_itself(self, make):
         envs = make(CAMERA)
@@ -447,7 +447,7 @@ class TestBadInput:
 
 
 def test_configs_pickle():
-    config = swiftlet.NavigationConfig(observation="pixels", action="discrete_forward", frame_skip=4)
+    config = flockstep.NavigationConfig(observation="pixels", action="discrete_forward", frame_skip=4)
     assert pickle.loads(pickle.dumps(config)) == config
     assert copy.copy(config) == config
     assert "frame_skip=4" in repr(config)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-import swiftlet
-from swiftlet.depth_canvas import DepthCanvas
-from swiftlet.task import rotate
+import flockstep
+from flockstep.depth_canvas import DepthCanvas
+from flockstep.task import rotate
 
 INK = (250, 10, 10)
 # fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.
-CAMERA = swiftlet.CameraConfig(width_px=40, height_px=30, hfov_deg=90, near_m=0.1)
+CAMERA = flockstep.CameraConfig(width_px=40, height_px=30, hfov_deg=90, near_m=0.1)
 LEVEL = np.array([1.0, 0, 0, 0])
 
 
@@ -33,10 +33,10 @@ def test_project():
 
 def test_project_agrees_with_the_camera(room):
     """The goal's projected centre is the middle of its pixels."""
-    camera = swiftlet.CameraConfig(width_px=400, height_px=300, outputs=("rgb", "depth", "semantic"))
+    camera = flockstep.CameraConfig(width_px=400, height_px=300, outputs=("rgb", "depth", "semantic"))
     position, quat_wxyz = np.array([3.0, 5.5, 2.5]), np.array([0.98, 0.05, 0.1, -0.16])
     quat_wxyz /= np.linalg.norm(quat_wxyz)
-    picture = swiftlet.render(room, position, quat_wxyz, camera=camera)
+    picture = flockstep.render(room, position, quat_wxyz, camera=camera)
     drawn = DepthCanvas(picture["rgb"], picture["depth"], camera, position, quat_wxyz)
     ((x, y, depth),) = drawn.project(np.array([room.goal], float))
     rows, columns = np.nonzero(picture["semantic"] == 65535)
@@ -150,12 +150,12 @@ def test_a_solid_agrees_with_the_engines_box():
     turn = np.array([0.9, 0.1, 0.3, 0.3])
     turn /= np.linalg.norm(turn)
     scene = {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "name": "box",
         "boxes": [{"center": [2, 0.3, -0.2], "size": (2 * half).tolist(), "quat_wxyz": turn.tolist()}],
     }
-    camera = swiftlet.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth"))
-    expected = swiftlet.render(swiftlet.World.from_dict(scene), (0, 0, 0), camera=camera)["depth"]
+    camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth"))
+    expected = flockstep.render(flockstep.World.from_dict(scene), (0, 0, 0), camera=camera)["depth"]
     rgb, depth = np.zeros((120, 160, 3), np.uint8), np.full((120, 160), np.inf, np.float32)
     normals = rotate(turn, BOX_NORMALS)
     center = np.array([2, 0.3, -0.2])

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import swiftlet
-from swiftlet.frames import depth_mm, normal_rgb
+import flockstep
+from flockstep.frames import depth_mm, normal_rgb
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
 
 
 def batch_of(room, num_drones=2, **camera):
-    config = swiftlet.CameraConfig(**{"width_px": 40, "height_px": 30, "outputs": OUTPUTS, **camera})
-    return swiftlet.Batch([room], num_drones, cameras=[config])
+    config = flockstep.CameraConfig(**{"width_px": 40, "height_px": 30, "outputs": OUTPUTS, **camera})
+    return flockstep.Batch([room], num_drones, cameras=[config])
 
 
 def read(path):

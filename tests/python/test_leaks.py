@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import swiftlet
+import flockstep
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
@@ -36,8 +36,8 @@ def growth(use: Callable[[], None]) -> int:
 
 
 def use_batch(world, num_threads):
-    task = swiftlet.NavigationConfig(random_start=True, max_episode_steps=2)
-    batch = swiftlet.Batch([world], DRONES, lidar=swiftlet.LidarConfig(), task=task, num_threads=num_threads)
+    task = flockstep.NavigationConfig(random_start=True, max_episode_steps=2)
+    batch = flockstep.Batch([world], DRONES, lidar=flockstep.LidarConfig(), task=task, num_threads=num_threads)
     batch.reset(np.arange(DRONES))
     for _ in range(3):
         batch.step(np.zeros(DRONES, int))
@@ -46,7 +46,7 @@ def use_batch(world, num_threads):
 
 
 def use_env(**arguments):
-    env = swiftlet.DroneVectorEnv(DRONES, num_threads=1, max_episode_steps=2, **arguments)
+    env = flockstep.DroneVectorEnv(DRONES, num_threads=1, max_episode_steps=2, **arguments)
     env.reset(seed=0)
     for _ in range(3):
         env.step(env.action_space.sample())
@@ -57,7 +57,7 @@ def test_the_measure_sees_one_batch_kept_per_round(room):
     kept = []
 
     def leak():
-        kept.append(swiftlet.Batch([room], DRONES, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig()))
+        kept.append(flockstep.Batch([room], DRONES, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig()))
         kept[-1].reset(np.arange(DRONES))
 
     assert growth(leak) > ROUNDS * BATCH_BYTES // 2
@@ -71,7 +71,7 @@ def test_batches(room, num_threads):
 
 def test_views_that_are_dropped_let_their_batch_go(room):
     def use():
-        batch = swiftlet.Batch([room], DRONES, lidar=swiftlet.LidarConfig(), task=swiftlet.NavigationConfig())
+        batch = flockstep.Batch([room], DRONES, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
         batch.reset(np.arange(DRONES))
         view = batch.observation
         del batch
@@ -86,7 +86,7 @@ def test_envs(room, copy):
 
 
 def test_envs_with_a_task_in_python(room, example):
-    config, lidar = swiftlet.NavigationConfig(), swiftlet.LidarConfig()
+    config, lidar = flockstep.NavigationConfig(), flockstep.LidarConfig()
 
     def use():
         use_env(worlds=room, task=example("navigation_numpy").Navigation(config, lidar))
@@ -99,7 +99,7 @@ def test_worlds():
     i, j = np.meshgrid(np.arange(101), np.arange(101), indexing="ij")
     corner = (i * 101 + j)[:-1, :-1].ravel()
     scene = {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "meshes": [
             {
                 "vertices": np.stack([i, j, np.sin(i + j)], axis=-1).reshape(-1, 3).tolist(),
@@ -111,7 +111,7 @@ def test_worlds():
     }
 
     def use():
-        world = swiftlet.World.from_dict(scene)
+        world = flockstep.World.from_dict(scene)
         assert world.raycast([[50, 50, 9]], [[0, 0, -1]], 20.0)["primitive"][0] >= 0
 
     for _ in range(3):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-import swiftlet
+import flockstep
 
-OUTRUN = swiftlet.NavigationReward(outrun_weight=1.0, thesis_switch=True)
-WEIGHTED = swiftlet.NavigationReward(
+OUTRUN = flockstep.NavigationReward(outrun_weight=1.0, thesis_switch=True)
+WEIGHTED = flockstep.NavigationReward(
     distance_weight=2.0,
     crash_weight=0.5,
     free_space_weight=3.0,
@@ -45,17 +45,17 @@ def homing(batch, rng, kind):
 
 @pytest.mark.parametrize("kind", ["discrete", "displacement", "displacement_yaw"])
 @pytest.mark.parametrize(
-    "reward", [swiftlet.NavigationReward(), WEIGHTED, OUTRUN], ids=["thesis", "weighted", "outrun"]
+    "reward", [flockstep.NavigationReward(), WEIGHTED, OUTRUN], ids=["thesis", "weighted", "outrun"]
 )
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
     worlds = [room, closet, *playgrounds]
-    lidar = swiftlet.LidarConfig()
-    config = swiftlet.NavigationConfig(action=kind, reward=reward, max_episode_steps=120)
+    lidar = flockstep.LidarConfig()
+    config = flockstep.NavigationConfig(action=kind, reward=reward, max_episode_steps=120)
     twin_task = example("navigation_numpy").Navigation(config, lidar)
     arguments = {"worlds": worlds, "lidar": lidar, "autoreset_mode": mode, "max_episode_steps": 120, "num_threads": 1}
-    engine = swiftlet.DroneVectorEnv(28, action=kind, reward=reward, **arguments)
-    twin = swiftlet.DroneVectorEnv(28, task=twin_task, **arguments)
+    engine = flockstep.DroneVectorEnv(28, action=kind, reward=reward, **arguments)
+    twin = flockstep.DroneVectorEnv(28, task=twin_task, **arguments)
     rng = np.random.default_rng(0)
     np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
     crashed = succeeded = 0
@@ -94,7 +94,7 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
 class TestByHand:
     @pytest.fixture
     def env(self, room):
-        env = swiftlet.DroneVectorEnv(1, worlds=room, num_threads=1)
+        env = flockstep.DroneVectorEnv(1, worlds=room, num_threads=1)
         env.reset(seed=0)
         return env
 
@@ -121,8 +121,8 @@ class TestByHand:
 
     def test_a_waypoint_and_the_switch(self, room):
         for thesis_switch in (False, True):
-            reward = swiftlet.NavigationReward(thesis_switch=thesis_switch)
-            env = swiftlet.DroneVectorEnv(1, worlds=room, reward=reward)
+            reward = flockstep.NavigationReward(thesis_switch=thesis_switch)
+            env = flockstep.DroneVectorEnv(1, worlds=room, reward=reward)
             env.reset(seed=0)
             env.batch.set_pose([[3.55, 2.5, 2]])
             env.step([0])  # to 0.35 m before the waypoint (4, 2.5)
@@ -167,8 +167,8 @@ class TestByHand:
     def test_outrunning_the_goal(self, room):
         scene = room.to_dict()
         scene["markers"]["waypoints"] = []
-        world = swiftlet.World.from_dict(scene)
-        env = swiftlet.DroneVectorEnv(1, worlds=world, reward=OUTRUN)
+        world = flockstep.World.from_dict(scene)
+        env = flockstep.DroneVectorEnv(1, worlds=world, reward=OUTRUN)
         env.reset(seed=0)
         env.batch.set_pose([[6.45, 6, 2]])
         _, _, terminated, _, infos = env.step([0])
@@ -180,11 +180,11 @@ class TestByHand:
 
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     """Flying a shortest path earns about what the thesis reports: 11,435.5 on train-3."""
-    env = swiftlet.DroneVectorEnv(
-        1, worlds=playgrounds[2], action="displacement", reward=swiftlet.NavigationReward(thesis_switch=True)
+    env = flockstep.DroneVectorEnv(
+        1, worlds=playgrounds[2], action="displacement", reward=flockstep.NavigationReward(thesis_switch=True)
     )
     world = playgrounds[2]
-    path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+    path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])
     env.reset(seed=0)
     total, target = 0.0, 1
     for _ in range(1000):

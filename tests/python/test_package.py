@@ -1,4 +1,4 @@
-"""What `import swiftlet` brings, and what it does not."""
+"""What `import flockstep` brings, and what it does not."""
 
 import copy
 import pickle
@@ -8,7 +8,7 @@ import sys
 import gymnasium
 import pytest
 
-import swiftlet
+import flockstep
 
 
 def run(code: str) -> str:
@@ -18,25 +18,25 @@ def run(code: str) -> str:
 
 
 def test_every_exported_name_is_there():
-    for name in swiftlet.__all__:
-        assert getattr(swiftlet, name) is not None
+    for name in flockstep.__all__:
+        assert getattr(flockstep, name) is not None
 
 
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        swiftlet.nothing  # noqa: B018
+        flockstep.nothing  # noqa: B018
 
 
 def test_import_needs_neither_sb3_nor_torch_nor_gl():
     code = (
-        "import sys, swiftlet; "
+        "import sys, flockstep; "
         "print([m for m in ('torch', 'stable_baselines3', 'OpenGL', 'matplotlib', 'PIL') if m in sys.modules])"
     )
     assert run(code) == "[]"
 
 
 def test_envs_are_registered_by_import():
-    spec = gymnasium.spec("swiftlet/LidarNavigation-v0")
+    spec = gymnasium.spec("flockstep/LidarNavigation-v0")
     assert spec.vector_entry_point is not None
     assert spec.max_episode_steps is None  # the engine counts
 
@@ -44,11 +44,11 @@ def test_envs_are_registered_by_import():
 @pytest.mark.parametrize(
     "config",
     [
-        swiftlet.LidarConfig(beams=7, offset_m=(0.1, 0, 0)),
-        swiftlet.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10]),
-        swiftlet.PoseSensorConfig(tilt_noise_std_deg=2.0),
-        swiftlet.NavigationReward(crash_weight=0.5),
-        swiftlet.NavigationConfig(action="displacement", reward=swiftlet.NavigationReward(step_scale=7.0)),
+        flockstep.LidarConfig(beams=7, offset_m=(0.1, 0, 0)),
+        flockstep.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10]),
+        flockstep.PoseSensorConfig(tilt_noise_std_deg=2.0),
+        flockstep.NavigationReward(crash_weight=0.5),
+        flockstep.NavigationConfig(action="displacement", reward=flockstep.NavigationReward(step_scale=7.0)),
     ],
 )
 def test_configs_can_be_copied_pickled_compared_and_read(config):
@@ -60,10 +60,10 @@ def test_configs_can_be_copied_pickled_compared_and_read(config):
 
 
 def test_worlds_can_be_copied_into_a_spec(room):
-    spec = gymnasium.make("swiftlet/LidarNavigation-v0", worlds=room, lidar=swiftlet.LidarConfig(beams=9)).spec
+    spec = gymnasium.make("flockstep/LidarNavigation-v0", worlds=room, lidar=flockstep.LidarConfig(beams=9)).spec
     assert spec is not None
     assert gymnasium.make(spec).observation_space.shape == (12,)
 
 
 def test_version():
-    assert swiftlet.__version__.count(".") == 2
+    assert flockstep.__version__.count(".") == 2

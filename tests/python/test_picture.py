@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-import swiftlet
-from swiftlet.picture import facing
-from swiftlet.task import rotate
+import flockstep
+from flockstep.picture import facing
+from flockstep.task import rotate
 
 
 def test_a_picture_is_what_a_drones_camera_sees(room):
-    camera = swiftlet.CameraConfig(name="any", width_px=40, height_px=30, outputs=("rgb", "depth", "instance"))
+    camera = flockstep.CameraConfig(name="any", width_px=40, height_px=30, outputs=("rgb", "depth", "instance"))
     quat_wxyz = [0.8, 0.0, 0.0, 0.6]
-    picture = swiftlet.render(room, (3, 4, 2), quat_wxyz, camera=camera)
-    batch = swiftlet.Batch([room], cameras=[camera])
+    picture = flockstep.render(room, (3, 4, 2), quat_wxyz, camera=camera)
+    batch = flockstep.Batch([room], cameras=[camera])
     batch.set_pose(np.float32([[3, 4, 2]]), np.float32([quat_wxyz]))
     batch.capture()
     assert list(picture) == ["rgb", "depth", "instance"]
@@ -21,9 +21,9 @@ def test_a_picture_is_what_a_drones_camera_sees(room):
 
 
 def test_by_default_it_is_large_and_faces_ahead(room):
-    picture = swiftlet.render(room, (2, 4, 2))
+    picture = flockstep.render(room, (2, 4, 2))
     assert picture["rgb"].shape == (480, 640, 3)
-    np.testing.assert_array_equal(picture["rgb"], swiftlet.render(room, (2, 4, 2), look_at=(3, 4, 2))["rgb"])
+    np.testing.assert_array_equal(picture["rgb"], flockstep.render(room, (2, 4, 2), look_at=(3, 4, 2))["rgb"])
 
 
 @pytest.mark.parametrize("target", [(4, 5, 3), (-1, 2, 0), (0, 0, 5), (0, 0, -5), (-3, 0, 0), (1e-3, 0, 1)])
@@ -37,19 +37,19 @@ def test_facing_points_there_and_stays_level(target):
 
 
 def test_what_is_looked_at_is_in_the_middle(room):
-    camera = swiftlet.CameraConfig(width_px=101, height_px=75, outputs=("semantic",))
-    seen = swiftlet.render(room, (1, 7, 3.5), look_at=room.goal, camera=camera)["semantic"]
+    camera = flockstep.CameraConfig(width_px=101, height_px=75, outputs=("semantic",))
+    seen = flockstep.render(room, (1, 7, 3.5), look_at=room.goal, camera=camera)["semantic"]
     assert seen[37, 50] == 65535
 
 
 def test_bad_input_is_refused(room):
     with pytest.raises(ValueError, match="look_at: expected None beside quat_wxyz"):
-        swiftlet.render(room, (1, 1, 1), (1, 0, 0, 0), look_at=(2, 2, 2))
+        flockstep.render(room, (1, 1, 1), (1, 0, 0, 0), look_at=(2, 2, 2))
     with pytest.raises(ValueError, match="look_at: expected another point"):
-        swiftlet.render(room, (1, 1, 1), look_at=(1, 1, 1))
+        flockstep.render(room, (1, 1, 1), look_at=(1, 1, 1))
     with pytest.raises(ValueError, match=r"position: expected shape \(3,\), got \(2,\)"):
-        swiftlet.render(room, (1, 1))
+        flockstep.render(room, (1, 1))
     with pytest.raises(ValueError, match=r"quat_wxyz: expected shape \(4,\), got \(3,\)"):
-        swiftlet.render(room, (1, 1, 1), (1, 0, 0))
+        flockstep.render(room, (1, 1, 1), (1, 0, 0))
     with pytest.raises(ValueError, match="position"):
-        swiftlet.render(room, (1, 1, np.nan))
+        flockstep.render(room, (1, 1, np.nan))

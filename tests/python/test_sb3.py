@@ -10,9 +10,9 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
-import swiftlet
+import flockstep
 
-ID = "swiftlet/LidarNavigation-v0"
+ID = "flockstep/LidarNavigation-v0"
 
 torch.set_num_threads(1)  # the networks are small
 
@@ -21,7 +21,7 @@ torch.set_num_threads(1)  # the networks are small
 def make(closet):
     def make(num_envs=6, **arguments):
         arguments = {"worlds": closet, "max_episode_steps": 10, "num_threads": 1, **arguments}
-        return swiftlet.sb3.make_vec(ID, num_envs, **arguments)
+        return flockstep.sb3.make_vec(ID, num_envs, **arguments)
 
     return make
 
@@ -109,10 +109,10 @@ class TestPoisonedSlots:
 
     def test_rollouts_are_those_of_an_adapter_that_copies_and_poisons(self, closet):
         def rollout(poison):
-            env = swiftlet.DroneVectorEnv(
+            env = flockstep.DroneVectorEnv(
                 8, worlds=closet, max_episode_steps=10, autoreset_mode="same_step", copy=False, num_threads=1
             )
-            envs = swiftlet.sb3.make_vec(env)
+            envs = flockstep.sb3.make_vec(env)
             if poison:
                 # Hand out private arrays, and fill each with NaN as soon as it may be used again: after the next step.
                 step_wait, reset = envs.step_wait, envs.reset
@@ -173,7 +173,7 @@ class TestMaking:
     def test_of_a_task(self, closet):
         from gymnasium import spaces
 
-        class Still(swiftlet.Task):
+        class Still(flockstep.Task):
             observation_space = spaces.Box(-10, 10, (3,), np.float32)
 
             def step(self, batch):
@@ -182,20 +182,20 @@ class TestMaking:
             def observe(self, batch):
                 return batch.position
 
-        envs = swiftlet.sb3.make_vec(Still(), 3, worlds=closet)
+        envs = flockstep.sb3.make_vec(Still(), 3, worlds=closet)
         assert envs.reset().shape == (3, 3)
 
     def test_of_a_ready_env(self, closet):
-        ready = swiftlet.DroneVectorEnv(3, worlds=closet, autoreset_mode="same_step")
-        assert swiftlet.sb3.make_vec(ready).num_envs == 3
+        ready = flockstep.DroneVectorEnv(3, worlds=closet, autoreset_mode="same_step")
+        assert flockstep.sb3.make_vec(ready).num_envs == 3
         with pytest.raises(TypeError, match="ready"):
-            swiftlet.sb3.make_vec(ready, 5)
+            flockstep.sb3.make_vec(ready, 5)
         with pytest.raises(ValueError, match="same-step"):
-            swiftlet.sb3.make_vec(swiftlet.DroneVectorEnv(3, worlds=closet))
+            flockstep.sb3.make_vec(flockstep.DroneVectorEnv(3, worlds=closet))
 
     def test_of_another_packages_id(self):
         with pytest.raises(TypeError, match="CartPole"):
-            swiftlet.sb3.make_vec("CartPole-v1", 2)
+            flockstep.sb3.make_vec("CartPole-v1", 2)
 
 
 def test_training_and_evaluation_run_without_a_warning(make):

@@ -7,8 +7,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-import swiftlet
-from swiftlet import scenes
+import flockstep
+from flockstep import scenes
 
 SHIPPED = scenes.names()
 SCHEMA = json.loads((scenes.directory() / "schema.json").read_text())
@@ -31,7 +31,7 @@ def test_shipped_scenes_keep_to_the_schema(name):
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenes_load(name):
-    world = swiftlet.World.load(name)
+    world = flockstep.World.load(name)
     assert world.name == name
     assert world.start is not None
     assert world.goal is not None
@@ -40,17 +40,17 @@ def test_shipped_scenes_load(name):
 def test_what_save_writes_keeps_to_the_schema(tmp_path, room):
     room.save(tmp_path / "saved.json")
     jsonschema.validate(json.loads((tmp_path / "saved.json").read_text()), SCHEMA)
-    assert swiftlet.World.load(tmp_path / "saved.json").to_dict() == room.to_dict()
+    assert flockstep.World.load(tmp_path / "saved.json").to_dict() == room.to_dict()
 
 
-@pytest.mark.parametrize("key", ["walls", "swiftlet_scene"])
+@pytest.mark.parametrize("key", ["walls", "flockstep_scene"])
 def test_schema_and_loader_refuse_alike(room, key):
     scene = room.to_dict()
     scene[key] = 7
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(scene, SCHEMA)
     with pytest.raises(ValueError, match=key):
-        swiftlet.World.from_dict(scene)
+        flockstep.World.from_dict(scene)
 
 
 POSE = {"center": [0, 0, 1], "quat_wxyz": [0.6, 0.8, 0, 0]}
@@ -71,13 +71,13 @@ class TestSolids:
         ],
     )
     def test_accepted(self, kind, solid):
-        scene = {"swiftlet_scene": 1, "materials": {"red": {"base_color": [1, 0, 0]}}, kind: [solid]}
+        scene = {"flockstep_scene": 1, "materials": {"red": {"base_color": [1, 0, 0]}}, kind: [solid]}
         jsonschema.validate(scene, SCHEMA)
-        world = swiftlet.World.from_dict(scene)
+        world = flockstep.World.from_dict(scene)
         saved = world.to_dict()
         assert len(saved[kind]) == 1
         jsonschema.validate(saved, SCHEMA)
-        assert swiftlet.World.from_dict(saved).to_dict() == saved
+        assert flockstep.World.from_dict(saved).to_dict() == saved
 
     @pytest.mark.parametrize(
         ("kind", "solid"),
@@ -109,37 +109,37 @@ class TestSolids:
         ],
     )
     def test_refused(self, kind, solid):
-        scene = {"swiftlet_scene": 1, kind: [solid]}
+        scene = {"flockstep_scene": 1, kind: [solid]}
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(scene, SCHEMA)
         with pytest.raises(ValueError, match=f"/{kind}/0"):
-            swiftlet.World.from_dict(scene)
+            flockstep.World.from_dict(scene)
 
     @pytest.mark.parametrize("kind", ["capsules", "planes", "discs"])
     @pytest.mark.parametrize("value", [{}, 3, None, [3]])
     def test_a_list_of_objects(self, kind, value):
-        scene = {"swiftlet_scene": 1, "spheres": [{"center": [0, 0, 0], "radius": 1}], kind: value}
+        scene = {"flockstep_scene": 1, "spheres": [{"center": [0, 0, 0], "radius": 1}], kind: value}
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(scene, SCHEMA)
         with pytest.raises(ValueError, match=f"/{kind}"):
-            swiftlet.World.from_dict(scene)
+            flockstep.World.from_dict(scene)
 
     def test_a_capsule_shorter_than_its_caps(self):
         # A schema cannot compare two fields; its description says so.
-        scene = {"swiftlet_scene": 1, "capsules": [{**POSE, "radius": 0.5, "height": 0.99}]}
+        scene = {"flockstep_scene": 1, "capsules": [{**POSE, "radius": 0.5, "height": 0.99}]}
         jsonschema.validate(scene, SCHEMA)
         with pytest.raises(ValueError, match=r"/capsules/0/height.*twice the radius"):
-            swiftlet.World.from_dict(scene)
+            flockstep.World.from_dict(scene)
 
 
 def with_light(**light):
-    return {"swiftlet_scene": 1, "room": {"min": [0, 0, 0], "max": [1, 1, 1]}, "light": light}
+    return {"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [1, 1, 1]}, "light": light}
 
 
 def with_semantic(semantic):
     materials = {"wall": {"base_color": [1, 1, 1], "semantic": semantic}}
     return {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "materials": materials,
         "room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": "wall"},
     }
@@ -164,10 +164,10 @@ class TestLight:
     )
     def test_accepted(self, light):
         jsonschema.validate(with_light(**light), SCHEMA)
-        saved = swiftlet.World.from_dict(with_light(**light)).to_dict()
+        saved = flockstep.World.from_dict(with_light(**light)).to_dict()
         assert set(saved.get("light", {})) == set(light)
         jsonschema.validate(saved, SCHEMA)
-        assert swiftlet.World.from_dict(saved).to_dict() == saved
+        assert flockstep.World.from_dict(saved).to_dict() == saved
 
     @pytest.mark.parametrize(
         ("field", "value"),
@@ -197,7 +197,7 @@ class TestLight:
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(scene, SCHEMA)
         with pytest.raises(ValueError, match=f"/light/{field}.*expected"):
-            swiftlet.World.from_dict(scene)
+            flockstep.World.from_dict(scene)
 
     @pytest.mark.parametrize("light", [[], 1, None])
     def test_an_object(self, light):
@@ -205,12 +205,12 @@ class TestLight:
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(scene, SCHEMA)
         with pytest.raises(ValueError, match="/light: expected an object"):
-            swiftlet.World.from_dict(scene)
+            flockstep.World.from_dict(scene)
 
     @pytest.mark.parametrize("semantic", [1, 7, 7.0, 65532])
     def test_semantic_accepted(self, semantic):
         jsonschema.validate(with_semantic(semantic), SCHEMA)
-        world = swiftlet.World.from_dict(with_semantic(semantic))
+        world = flockstep.World.from_dict(with_semantic(semantic))
         assert [m["semantic"] for m in world.materials] == [semantic]
         assert world.to_dict()["materials"]["wall"]["semantic"] == semantic
         jsonschema.validate(world.to_dict(), SCHEMA)
@@ -220,16 +220,16 @@ class TestLight:
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(with_semantic(semantic), SCHEMA)
         with pytest.raises(ValueError, match=r"/materials/wall/semantic: expected an integer in \[1, 65532\]"):
-            swiftlet.World.from_dict(with_semantic(semantic))
+            flockstep.World.from_dict(with_semantic(semantic))
 
     def test_too_many_meshes(self):
-        scene = {"swiftlet_scene": 1, "meshes": [0] * 65537}
+        scene = {"flockstep_scene": 1, "meshes": [0] * 65537}
         assert SCHEMA["properties"]["meshes"]["maxItems"] == 65536
         with pytest.raises(ValueError, match="/meshes: expected at most 65536 meshes, got 65537"):
-            swiftlet.World.from_dict(scene)
+            flockstep.World.from_dict(scene)
 
     def test_the_schema_tells_the_defaults(self):
-        light = swiftlet.World.from_dict(with_light()).light
+        light = flockstep.World.from_dict(with_light()).light
         properties = SCHEMA["properties"]["light"]["properties"]
         assert list(light) == list(properties)
         for field, value in light.items():
@@ -238,7 +238,7 @@ class TestLight:
 
 @pytest.mark.parametrize("name", [*scenes.SETS["camera-train"], *scenes.SETS["camera-validation"]])
 def test_camera_playgrounds_are_white_with_pillars_that_no_marker_looks_like(name):
-    world = swiftlet.World.load(name)
+    world = flockstep.World.load(name)
     color = {m["name"]: np.array(m["base_color"]) for m in world.materials}
     kinds = {(p["kind"], p["material"]) for p in world.primitives}
     assert kinds == {("room", "white"), ("cylinder", "pillar")}
@@ -297,41 +297,41 @@ class TestLoad:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"swiftlet_scene": 1, "room"', "json"),  # truncated
+        ('{"flockstep_scene": 1, "room"', "json"),  # truncated
         ("[]", "object"),
-        ('{"swiftlet_scene": 2, "room": {"min": [0,0,0], "max": [1,1,1]}}', "/swiftlet_scene.*version 1"),
-        ('{"swiftlet_scene": 1, "room": {"min": [0,0,0], "max": [1,1,1]}, "wals": []}', "/wals.*unknown field"),
-        ('{"swiftlet_scene": 1, "room": {"min": [0,0], "max": [1,1,1]}}', "/room/min.*3 numbers"),
-        ('{"swiftlet_scene": 1, "room": {"min": [2,0,0], "max": [1,1,1]}}', "/room.*min < max"),
-        ('{"swiftlet_scene": 1, "boxes": [{"center": [0,0,0], "size": [1,1,"one"]}]}', "/boxes/0/size/2"),
-        ('{"swiftlet_scene": 1, "spheres": [{"center": [0,0,0], "radius": -1}]}', "/spheres/0/radius"),
-        ('{"swiftlet_scene": 1}', "empty scene"),
+        ('{"flockstep_scene": 2, "room": {"min": [0,0,0], "max": [1,1,1]}}', "/flockstep_scene.*version 1"),
+        ('{"flockstep_scene": 1, "room": {"min": [0,0,0], "max": [1,1,1]}, "wals": []}', "/wals.*unknown field"),
+        ('{"flockstep_scene": 1, "room": {"min": [0,0], "max": [1,1,1]}}', "/room/min.*3 numbers"),
+        ('{"flockstep_scene": 1, "room": {"min": [2,0,0], "max": [1,1,1]}}', "/room.*min < max"),
+        ('{"flockstep_scene": 1, "boxes": [{"center": [0,0,0], "size": [1,1,"one"]}]}', "/boxes/0/size/2"),
+        ('{"flockstep_scene": 1, "spheres": [{"center": [0,0,0], "radius": -1}]}', "/spheres/0/radius"),
+        ('{"flockstep_scene": 1}', "empty scene"),
     ],
 )
 def test_a_mistake_in_a_scene_file_is_named_with_its_place(tmp_path, text, message):
     path = tmp_path / "broken.json"
     path.write_text(text)
     with pytest.raises(ValueError, match=rf"(?is)broken\.json.*{message}"):
-        swiftlet.World.load(path)
+        flockstep.World.load(path)
 
 
 def test_a_degenerate_triangle_is_refused(tmp_path):
     path = tmp_path / "flat.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     with pytest.raises(ValueError, match=r"(?i)flat\.obj.*triangle"):
-        swiftlet.World.load(path)
+        flockstep.World.load(path)
 
 
 def test_an_index_out_of_range_is_refused(tmp_path):
     path = tmp_path / "wild.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     with pytest.raises(ValueError, match=r"(?i)wild\.obj.*9"):
-        swiftlet.World.load(path)
+        flockstep.World.load(path)
 
 
 def test_an_obj_file_is_a_world(tmp_path):
     path = tmp_path / "one.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    vertices, triangles = swiftlet.World.load(path).mesh()
+    vertices, triangles = flockstep.World.load(path).mesh()
     assert triangles.shape == (1, 3)
     np.testing.assert_array_equal(vertices[triangles[0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-import swiftlet
-from swiftlet.task import rotate
-from swiftlet.testing import check_vector_env
+import flockstep
+from flockstep.task import rotate
+from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
 
 
-class Climb(swiftlet.Task):
+class Climb(flockstep.Task):
     """As little as a task can be: earn height, end at 3 m."""
 
     observation_space = spaces.Box(-np.inf, np.inf, (4,), np.float32)
@@ -72,15 +72,15 @@ class TestRotate:
 @pytest.mark.parametrize("mode", MODES)
 def test_a_small_task_passes_the_checker(room, mode):
     check_vector_env(
-        lambda n: swiftlet.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1)
+        lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Climb(), autoreset_mode=mode, num_threads=1)
     )
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_numpy_twin_passes_the_checker(closet, mode, example):
-    lidar, config = swiftlet.LidarConfig(), swiftlet.NavigationConfig(action="displacement", max_episode_steps=10)
+    lidar, config = flockstep.LidarConfig(), flockstep.NavigationConfig(action="displacement", max_episode_steps=10)
     check_vector_env(
-        lambda n: swiftlet.DroneVectorEnv(
+        lambda n: flockstep.DroneVectorEnv(
             n,
             worlds=closet,
             task=example("navigation_numpy").Navigation(config, lidar),
@@ -91,7 +91,7 @@ def test_the_numpy_twin_passes_the_checker(closet, mode, example):
 
 
 def test_statistics_of_episodes(room):
-    env = swiftlet.DroneVectorEnv(2, worlds=room, task=Climb())
+    env = flockstep.DroneVectorEnv(2, worlds=room, task=Climb())
     observation, _ = env.reset(seed=0)
     bonus = observation[:, 3].astype(float)
     up, down = np.float32([0, 0, 1]), np.float32([0, 0, -0.5])
@@ -118,7 +118,7 @@ def test_steps_and_flying_are_what_they_say(room):
             return super().step(batch)
 
     seen = []
-    env = swiftlet.DroneVectorEnv(2, worlds=room, task=Probe(), max_episode_steps=3)
+    env = flockstep.DroneVectorEnv(2, worlds=room, task=Probe(), max_episode_steps=3)
     env.reset(seed=0)
     for _ in range(5):
         env.step(np.zeros((2, 3), np.float32))
@@ -128,13 +128,13 @@ def test_steps_and_flying_are_what_they_say(room):
 
 def test_own_tasks_observe_with_a_lidar_of_their_own(room):
     class Seeing(Climb):
-        lidar = swiftlet.LidarConfig(beams=5)
+        lidar = flockstep.LidarConfig(beams=5)
         observation_space = spaces.Box(0, np.inf, (5,), np.float32)
 
         def observe(self, batch):
             return batch.lidar_ranges[:, 0]
 
-    env = swiftlet.DroneVectorEnv(2, worlds=room, task=Seeing())
+    env = flockstep.DroneVectorEnv(2, worlds=room, task=Seeing())
     observation, _ = env.reset(seed=0)
     kept = observation.copy()
     env.step(np.ones((2, 3), np.float32))
@@ -144,7 +144,7 @@ def test_own_tasks_observe_with_a_lidar_of_their_own(room):
 class TestMistakes:
     def env(self, room, **members):
         task = type("Broken", (Climb,), members)()
-        return swiftlet.DroneVectorEnv(2, worlds=room, task=task)
+        return flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
     def test_reward_of_a_wrong_shape(self, room):
         env = self.env(room, step=lambda self, batch: (np.zeros(3), np.zeros(2, bool)))
@@ -162,16 +162,16 @@ class TestMistakes:
 
     def test_a_class_instead_of_an_object(self, room):
         with pytest.raises(TypeError, match="task"):
-            swiftlet.DroneVectorEnv(2, worlds=room, task=Climb)
+            flockstep.DroneVectorEnv(2, worlds=room, task=Climb)
 
     def test_fields_of_the_navigation_task(self, room):
         with pytest.raises(TypeError, match="action"):
-            swiftlet.DroneVectorEnv(2, worlds=room, task=Climb(), action="discrete")
+            flockstep.DroneVectorEnv(2, worlds=room, task=Climb(), action="discrete")
 
     def test_a_world_without_a_start(self):
-        world = swiftlet.World.from_dict({"swiftlet_scene": 1, "room": {"min": [0, 0, 0], "max": [3, 3, 3]}})
+        world = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [3, 3, 3]}})
         with pytest.raises(ValueError, match="start marker"):
-            swiftlet.DroneVectorEnv(2, worlds=world, task=Climb()).reset(seed=0)
+            flockstep.DroneVectorEnv(2, worlds=world, task=Climb()).reset(seed=0)
 
     @pytest.mark.parametrize(
         ("actions", "match"),
@@ -191,8 +191,8 @@ class TestMistakes:
 
     @pytest.mark.parametrize(("actions", "match"), [([0, 6], "0 to 5"), ([0.0, 1.0], "integers"), ([0], "shape")])
     def test_bad_discrete_actions(self, room, actions, match, example):
-        task = example("navigation_numpy").Navigation(swiftlet.NavigationConfig(), swiftlet.LidarConfig())
-        env = swiftlet.DroneVectorEnv(2, worlds=room, task=task)
+        task = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), flockstep.LidarConfig())
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
         env.reset(seed=0)
         with pytest.raises(ValueError, match=f"actions.*{match}"):
             env.step(actions)
@@ -203,8 +203,8 @@ class TestSnapshot:
     def make(self, request, room):
         def make(**arguments):
             if request.param == "python":
-                return swiftlet.DroneVectorEnv(5, worlds=room, task=Climb(), **arguments)
-            return swiftlet.DroneVectorEnv(
+                return flockstep.DroneVectorEnv(5, worlds=room, task=Climb(), **arguments)
+            return flockstep.DroneVectorEnv(
                 5,
                 **{
                     "worlds": room,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-import swiftlet
-from swiftlet.stage import Stage
-from swiftlet.task import rotate
-from swiftlet.third_person_view import ThirdPersonView, frustum
-from swiftlet.trail import Trail
+import flockstep
+from flockstep.stage import Stage
+from flockstep.task import rotate
+from flockstep.third_person_view import ThirdPersonView, frustum
+from flockstep.trail import Trail
 
 LENGTH = 0.93  # of the default drone
 
@@ -33,7 +33,7 @@ def changed(after, before):
 
 
 def test_the_drone_is_where_it_projects_to(room):
-    batch = swiftlet.Batch([room])
+    batch = flockstep.Batch([room])
     view = ThirdPersonView(batch)
     for position in [(2, 2.5, 2), (5, 6, 1), (7.4, 7.5, 3.7), (0.6, 0.5, 0.3)]:
         batch.set_pose(np.float32([position]))
@@ -48,7 +48,7 @@ def test_the_drone_is_where_it_projects_to(room):
 
 def test_it_is_as_large_as_its_hull(room):
     """Every pixel of the drone is inside the rectangle around its projected corners, which it fills to its borders."""
-    batch = swiftlet.Batch([room])
+    batch = flockstep.Batch([room])
     quat_wxyz = np.float32([0.9, 0.1, -0.2, 0.37])
     quat_wxyz /= np.linalg.norm(quat_wxyz)
     batch.set_pose(np.float32([[5, 6, 2]]), quat_wxyz[None])
@@ -56,7 +56,7 @@ def test_it_is_as_large_as_its_hull(room):
     with_drone = view.frame(0)
     batch.remove([0])
     rows, columns = np.nonzero(changed(with_drone, view.frame(0)))
-    hull = np.array([5, 6, 2]) + rotate(quat_wxyz.astype(float), np.asarray(swiftlet.DroneModel().hull, float))
+    hull = np.array([5, 6, 2]) + rotate(quat_wxyz.astype(float), np.asarray(flockstep.DroneModel().hull, float))
     corners = viewed(room, (5, 6, 2), quat_wxyz).project(hull)[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     np.testing.assert_allclose([columns.min(), rows.min()], low, atol=2)
@@ -65,7 +65,7 @@ def test_it_is_as_large_as_its_hull(room):
 
 def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
     rng = np.random.default_rng(0)
-    bare = swiftlet.World.from_dict({k: v for k, v in room.to_dict().items() if k != "markers"})
+    bare = flockstep.World.from_dict({k: v for k, v in room.to_dict().items() if k != "markers"})
     stage = Stage(bare, LENGTH, (64, 48))
     low, high = np.asarray(room.bounds, float)
     for _ in range(50):
@@ -84,7 +84,7 @@ def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
 
 def test_a_pillar_between_viewer_and_drone_dissolves(room):
     """The drone is seen through it; the pillar stays to be seen, too."""
-    batch = swiftlet.Batch([room])
+    batch = flockstep.Batch([room])
     view = ThirdPersonView(batch)
     # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it: the pillar at (4, 4.5) is half way.
     batch.set_pose(np.float32([[5.2, 3.9, 2]]))
@@ -99,12 +99,12 @@ def test_a_pillar_between_viewer_and_drone_dissolves(room):
 def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
     wall = [[3, -20, -20], [3, 20, -20], [3, 20, 20], [3, -20, 20]]
     scene = {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "name": "wall",
         "meshes": [{"vertices": wall, "triangles": [[0, 1, 2], [0, 2, 3]]}],
     }
-    world = swiftlet.World.from_dict(scene)
-    batch = swiftlet.Batch([world])
+    world = flockstep.World.from_dict(scene)
+    batch = flockstep.Batch([world])
     batch.set_pose(np.float32([[4.5, 0, 0]]))
     assert mask_of(ThirdPersonView(batch).frame(0), "drone").sum() > 2000
     canvas = viewed(world, (4.5, 0, 0))
@@ -112,8 +112,8 @@ def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
 
 
 def test_beams_and_hits(room):
-    lidar = swiftlet.LidarConfig(azimuth_deg=[0], elevation_deg=[0], max_range_m=10)
-    batch = swiftlet.Batch([room], lidar=lidar)
+    lidar = flockstep.LidarConfig(azimuth_deg=[0], elevation_deg=[0], max_range_m=10)
+    batch = flockstep.Batch([room], lidar=lidar)
     batch.set_pose(np.float32([[2, 6, 2]]))
     batch.sense()
     plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
@@ -132,8 +132,8 @@ def test_beams_and_hits(room):
 
 
 def test_a_beam_that_misses_ends_without_a_dot(room):
-    lidar = swiftlet.LidarConfig(beams=9, hfov_deg=90, max_range_m=0.8)
-    batch = swiftlet.Batch([room], lidar=lidar)
+    lidar = flockstep.LidarConfig(beams=9, hfov_deg=90, max_range_m=0.8)
+    batch = flockstep.Batch([room], lidar=lidar)
     batch.set_pose(np.float32([[2, 6, 2]]))
     batch.sense()
     assert np.isinf(batch.lidar_ranges).all()
@@ -143,10 +143,10 @@ def test_a_beam_that_misses_ends_without_a_dot(room):
 
 
 def test_a_frustums_corners_are_the_images_corners():
-    camera = swiftlet.CameraConfig(
+    camera = flockstep.CameraConfig(
         width_px=60, height_px=50, hfov_deg=70, vfov_deg=90, offset_m=(0.1, -0.2, 0.3), quat_wxyz=(0.6, 0, 0.8, 0)
     )
-    from swiftlet.depth_canvas import DepthCanvas
+    from flockstep.depth_canvas import DepthCanvas
 
     points = frustum(camera, 1.5)
     np.testing.assert_allclose(points[0], camera.offset_m, atol=1e-7)
@@ -162,8 +162,8 @@ def test_a_frustums_corners_are_the_images_corners():
 
 
 def test_each_drones_own_camera_is_drawn(room):
-    camera = swiftlet.CameraConfig(name="belly", width_px=8, height_px=6)
-    batch = swiftlet.Batch([room], 2, cameras=[camera])
+    camera = flockstep.CameraConfig(name="belly", width_px=8, height_px=6)
+    batch = flockstep.Batch([room], 2, cameras=[camera])
     batch.set_pose(np.float32([[2, 6, 2], [2, 6, 2]]))
     batch.set_camera(np.array([False, True]), "belly", quat_wxyz=[0.70710678, 0, 0.70710678, 0])
     view = ThirdPersonView(batch, cameras=["belly"])
@@ -179,7 +179,7 @@ def test_each_drones_own_camera_is_drawn(room):
 
 
 def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet):
-    batch = swiftlet.Batch([room, closet], 4, world_index=[0, 0, 1, 0])
+    batch = flockstep.Batch([room, closet], 4, world_index=[0, 0, 1, 0])
     batch.set_pose(
         np.float32([[2, 6, 2], [3.5, 6.9, 2], [3.5, 6.9, 2], [2, 6, 2]])
     )  # the last one is where the first is
@@ -195,7 +195,7 @@ def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet):
 
 
 def test_the_trail_is_where_the_drone_was(room):
-    batch = swiftlet.Batch([room])
+    batch = flockstep.Batch([room])
     trail = Trail(batch)
     for x in np.arange(2, 4.01, 0.25):
         batch.set_pose(np.float32([[x, 6.5, 2]]))
@@ -213,7 +213,7 @@ def test_the_trail_is_where_the_drone_was(room):
 
 
 def test_a_trail_begins_with_its_episode():
-    envs = swiftlet.DroneVectorEnv(
+    envs = flockstep.DroneVectorEnv(
         3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4
     )
     envs.reset(seed=0)
@@ -241,7 +241,7 @@ def test_a_trail_begins_with_its_episode():
 
 
 def test_a_trail_forgets_what_is_long_ago(room):
-    batch = swiftlet.Batch([room], 2)
+    batch = flockstep.Batch([room], 2)
     trail = Trail(batch, max_steps=10)
     for step in range(25):
         batch.set_pose(np.float32([[step * 0.1, 1, 1], [step * 0.1, 2, 1]]))
@@ -251,7 +251,7 @@ def test_a_trail_forgets_what_is_long_ago(room):
 
 
 def test_a_removed_drone_is_not_drawn(room):
-    batch = swiftlet.Batch([room], lidar=swiftlet.LidarConfig())
+    batch = flockstep.Batch([room], lidar=flockstep.LidarConfig())
     batch.sense()
     batch.remove([0])
     image = ThirdPersonView(batch).frame(0)
@@ -259,7 +259,7 @@ def test_a_removed_drone_is_not_drawn(room):
 
 
 def test_a_picture_depends_on_its_env_alone(room, closet):
-    batch = swiftlet.Batch([room, closet], 3)
+    batch = flockstep.Batch([room, closet], 3)
     view = ThirdPersonView(batch, width_px=96, height_px=64)
     frames = [view.frame(i) for i in (0, 1, 2, 0)]
     assert frames[0].shape == (64, 96, 3)
@@ -272,8 +272,8 @@ def test_a_picture_depends_on_its_env_alone(room, closet):
 
 @pytest.mark.parametrize("hull", [[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]])
 def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
-    drone = swiftlet.DroneModel(np.float32(hull))
-    batch = swiftlet.Batch([room], drone=drone)
+    drone = flockstep.DroneModel(np.float32(hull))
+    batch = flockstep.Batch([room], drone=drone)
     batch.set_pose(np.float32([[5, 6, 2]]))
     assert mask_of(ThirdPersonView(batch).frame(0), "drone").sum() > 500
 
@@ -281,7 +281,7 @@ def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
 def test_render_view_chooses(room):
     shapes = {}
     for name in ("top", "third_person"):
-        envs = swiftlet.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
+        envs = flockstep.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
         envs.reset(seed=0)
         shapes[name] = [frame.shape for frame in envs.render()]
         envs.close()
@@ -289,17 +289,17 @@ def test_render_view_chooses(room):
     with pytest.raises(
         ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', 'fleet', got 'side'"
     ):
-        swiftlet.DroneVectorEnv(1, worlds=room, render_view="side")
+        flockstep.DroneVectorEnv(1, worlds=room, render_view="side")
     with pytest.raises(ValueError, match="render_view: 'camera' needs a camera, and this env has none"):
-        swiftlet.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
-    assert swiftlet.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
+        flockstep.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
+    assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
 
 
 def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
-    camera = swiftlet.CameraConfig(name="eye", width_px=32, height_px=24)
+    camera = flockstep.CameraConfig(name="eye", width_px=32, height_px=24)
     shown = {}
     for name in ("camera", "third_person"):
-        envs = swiftlet.DroneVectorEnv(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
+        envs = flockstep.DroneVectorEnv(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
         envs.reset(seed=0)
         envs.step([0, 2])
         shown[name] = envs.render()
@@ -307,7 +307,7 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
             np.testing.assert_array_equal(shown[name], envs.batch.camera("eye").rgb)
         envs.close()
     assert mask_of(shown["third_person"][0], "frustum").sum() > 100
-    single = swiftlet.DroneEnv(worlds=room, camera=camera, render_mode="rgb_array", render_view="camera")
+    single = flockstep.DroneEnv(worlds=room, camera=camera, render_mode="rgb_array", render_view="camera")
     single.reset(seed=0)
     single.step(0)
     np.testing.assert_array_equal(single.render(), shown["camera"][0])
@@ -315,10 +315,10 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
 
 @pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
 def test_the_drones_own_camera(room, camera):
-    from swiftlet import views
+    from flockstep import views
 
-    config = swiftlet.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
-    batch = swiftlet.Batch([room], 2, cameras=[config])
+    config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
+    batch = flockstep.Batch([room], 2, cameras=[config])
     view, trail = views.make("camera", batch, [config])
     assert trail is None
     batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
@@ -327,7 +327,7 @@ def test_the_drones_own_camera(room, camera):
     batch.begin_episode(np.array([True, False]))
     assert view.frame(0).shape == (24, 32, 3)
     assert not view.frame(0).any()  # what it saw is of the episode before
-    expected = swiftlet.render(room, (2, 6, 1), camera=swiftlet.CameraConfig(width_px=32, height_px=24))["rgb"]
+    expected = flockstep.render(room, (2, 6, 1), camera=flockstep.CameraConfig(width_px=32, height_px=24))["rgb"]
     assert frames[1].shape == (24, 32, 3)
     if "outputs" not in camera:
         np.testing.assert_array_equal(frames[1], expected)
@@ -340,18 +340,18 @@ def test_the_drones_own_camera(room, camera):
 
 
 def test_a_camera_without_colours_is_refused(room):
-    from swiftlet import views
+    from flockstep import views
 
-    config = swiftlet.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
-    batch = swiftlet.Batch([room], cameras=[config])
+    config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
+    batch = flockstep.Batch([room], cameras=[config])
     with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
         views.make("camera", batch, [config])
 
 
 def test_stable_baselines_gets_pictures_and_trails(room):
     pytest.importorskip("stable_baselines3")
-    vec = swiftlet.sb3.make_vec(
-        "swiftlet/LidarNavigation-v0", 2, worlds=room, render_mode="rgb_array", render_view="third_person"
+    vec = flockstep.sb3.make_vec(
+        "flockstep/LidarNavigation-v0", 2, worlds=room, render_mode="rgb_array", render_view="third_person"
     )
     vec.seed(0)
     vec.reset()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-import swiftlet
-from swiftlet.beams import beams_of
-from swiftlet.third_person_view import ThirdPersonView
-from swiftlet.top_view import TopView
+import flockstep
+from flockstep.beams import beams_of
+from flockstep.third_person_view import ThirdPersonView
+from flockstep.top_view import TopView
 
 FLOOR, SOLID, GOAL, DRONE = (255, 255, 255), (120, 124, 132), (52, 160, 80), (35, 70, 160)
 
@@ -18,7 +18,7 @@ def pixel(image, x, y, world):
 
 
 def test_things_are_where_they_are(room):
-    batch = swiftlet.Batch([room], 1, lidar=swiftlet.LidarConfig())
+    batch = flockstep.Batch([room], 1, lidar=flockstep.LidarConfig())
     batch.sense()
     image = TopView(batch).frame(0)
     assert image.shape == (256, 256, 3)
@@ -31,7 +31,7 @@ def test_things_are_where_they_are(room):
 
 
 def test_the_picture_follows_the_drone(room):
-    batch = swiftlet.Batch([room], 2)
+    batch = flockstep.Batch([room], 2)
     view = TopView(batch)
     before = view.frame(0)
     batch.set_pose(np.float32([[6, 6, 2], [2, 4, 2]]))
@@ -42,14 +42,14 @@ def test_the_picture_follows_the_drone(room):
 
 
 def test_a_removed_drone_is_not_drawn(room):
-    batch = swiftlet.Batch([room], 1)
+    batch = flockstep.Batch([room], 1)
     batch.remove([0])
     assert pixel(TopView(batch).frame(0), 2, 4, room) != DRONE
 
 
 def test_a_beam_that_hits_nothing_is_as_long_as_the_drones_range(room):
-    lidar = swiftlet.LidarConfig(azimuth_deg=[90], elevation_deg=[0])  # towards the wall at y = 8, 4 m away
-    batch = swiftlet.Batch([room], 2, lidar=lidar)
+    lidar = flockstep.LidarConfig(azimuth_deg=[90], elevation_deg=[0])  # towards the wall at y = 8, 4 m away
+    batch = flockstep.Batch([room], 2, lidar=lidar)
     batch.set_lidar(np.array([False, True]), max_range_m=1.0)
     batch.sense()
     view = TopView(batch)
@@ -59,7 +59,7 @@ def test_a_beam_that_hits_nothing_is_as_long_as_the_drones_range(room):
 
 
 def test_beams_are_those_of_the_lidar_as_it_is_now(room):
-    batch = swiftlet.Batch([room], 2, lidar=swiftlet.LidarConfig(beams=9, max_range_m=10))
+    batch = flockstep.Batch([room], 2, lidar=flockstep.LidarConfig(beams=9, max_range_m=10))
     batch.set_pose(quat_wxyz=np.float32([[1, 0, 0, 0], [0.8, 0, 0, 0.6]]))
     views = TopView(batch), ThirdPersonView(batch)
     batch.set_lidar(np.array([False, True]), hfov_deg=40, max_range_m=4.5, offset_m=(0.2, 0.1, 0.3))
@@ -76,12 +76,12 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
     with pytest.raises(ValueError, match=r"index: expected an integer in \[0, 2\), got 2"):
         batch.lidar_config_of(2)
     with pytest.raises(RuntimeError, match="no LiDAR"):
-        swiftlet.Batch([room]).lidar_config_of(0)
+        flockstep.Batch([room]).lidar_config_of(0)
 
 
 def test_meshes_and_every_kind_of_primitive_are_drawn():
     scene = {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "name": "all",
         "room": {"min": [0, 0, 0], "max": [8, 8, 4]},
         "boxes": [{"center": [2, 2, 1], "size": [1, 1, 1]}],
@@ -95,8 +95,8 @@ def test_meshes_and_every_kind_of_primitive_are_drawn():
         "discs": [{"center": [7, 4, 1], "radius": 0.4}],
         "meshes": [{"vertices": [[5, 5, 1], [7, 5, 1], [6, 7, 1]], "triangles": [[0, 1, 2]]}],
     }
-    world = swiftlet.World.from_dict(scene)
-    batch = swiftlet.Batch([world], 1)
+    world = flockstep.World.from_dict(scene)
+    batch = flockstep.Batch([world], 1)
     image = TopView(batch).frame(0)
     for x, y in [(2, 2), (6, 2), (2, 6), (6, 6), (4.8, 1), (4.4, 7), (7.3, 4)]:
         assert pixel(image, x, y, world) == SOLID, (x, y)
@@ -104,8 +104,8 @@ def test_meshes_and_every_kind_of_primitive_are_drawn():
 
 
 def test_frames_of_worlds_of_different_sizes_have_one_shape(room, closet):
-    env = swiftlet.DroneVectorEnv(3, worlds=[room, closet], render_mode="rgb_array")
+    env = flockstep.DroneVectorEnv(3, worlds=[room, closet], render_mode="rgb_array")
     env.reset(seed=0)
     frames = env.render()
     assert np.array(frames).shape == (3, 256, 256, 3)
-    assert swiftlet.DroneVectorEnv(1, worlds=room).render() is None
+    assert flockstep.DroneVectorEnv(1, worlds=room).render() is None

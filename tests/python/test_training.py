@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-import swiftlet
+import flockstep
 
 
 @pytest.fixture
@@ -138,15 +138,15 @@ def test_camera_tasks_train_fly_and_are_drawn(training, train, tmp_path, task):
 def test_a_picture_of_the_blob(training, tmp_path):
     plot_blob = training("plot_blob")
     world = {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "room": {"min": [0, 0, 0], "max": [6, 4, 3]},
         "markers": {"start": [1, 2, 1.5], "goal": [5, 2.5, 1.5]},
     }
     scene = tmp_path / "hall.json"
     scene.write_text(json.dumps(world))
-    images = plot_blob.captures(None, training("tasks").Setup("camera"), swiftlet.World.from_dict(world), 160, 100)
+    images = plot_blob.captures(None, training("tasks").Setup("camera"), flockstep.World.from_dict(world), 160, 100)
     assert 20 < len(images) < 60  # until the goal is out of view beside the drone
-    assert all(swiftlet.green_blob(image).offset < 0 for image in images)  # y grows to the left
+    assert all(flockstep.green_blob(image).offset < 0 for image in images)  # y grows to the left
     plot_blob.main(plot_blob.Args(world=str(scene), out=tmp_path / "blob.png", width_px=160))
     assert (tmp_path / "blob.png").stat().st_size > 1000
     with pytest.raises(SystemExit, match="never in view"):

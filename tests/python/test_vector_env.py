@@ -10,11 +10,11 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 
-import swiftlet
-from swiftlet.testing import check_vector_env
+import flockstep
+from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
-ID = "swiftlet/LidarNavigation-v0"
+ID = "flockstep/LidarNavigation-v0"
 
 
 def make(closet, num_envs=4, **kwargs):
@@ -51,7 +51,7 @@ class TestChecker:
                 random_world=True,
                 random_start=True,
                 stagger_first_episode=True,
-                pose_sensor=swiftlet.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=1.0),
+                pose_sensor=flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=1.0),
                 autoreset_mode=mode,
                 num_threads=3,
                 render_mode="rgb_array",
@@ -187,7 +187,7 @@ class TestWrappers:
 
 class TestReset:
     def test_env_i_of_a_batch_seeded_s_is_the_env_seeded_s_plus_i(self, room):
-        noise = swiftlet.PoseSensorConfig(position_noise_std_m=0.01)
+        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01)
         envs = make(room, 4, random_start=True, pose_sensor=noise)
         observation, _ = envs.reset(seed=40)
         for i in range(4):
@@ -401,7 +401,7 @@ class TestMaking:
         assert make([room, closet], 5).batch.world_index.tolist() == [0, 1, 0, 1, 0]
 
     def test_is_a_direct_subclass(self):
-        assert swiftlet.DroneVectorEnv.__base__ is gymnasium.vector.VectorEnv
+        assert flockstep.DroneVectorEnv.__base__ is gymnasium.vector.VectorEnv
 
     @pytest.mark.parametrize(
         ("arguments", "error", "match"),
@@ -418,7 +418,7 @@ class TestMaking:
     )
     def test_bad_arguments(self, room, arguments, error, match):
         with pytest.raises(error, match=match):
-            swiftlet.DroneVectorEnv(**{"worlds": room, **arguments})
+            flockstep.DroneVectorEnv(**{"worlds": room, **arguments})
 
     def test_attributes_per_env(self, room):
         envs = make(room, 3, render_mode="rgb_array")

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import swiftlet
+import flockstep
 
 SCENE = {
-    "swiftlet_scene": 1,
+    "flockstep_scene": 1,
     "name": "shapes",
     "room": {"min": [-5, -5, 0], "max": [5, 5, 4]},
     "cylinders": [{"center": [-2, 1, 1.5], "radius": 0.5, "height": 2, "quat_wxyz": [0.8, 0.6, 0, 0]}],
@@ -21,7 +21,7 @@ SCENE = {
 
 @pytest.fixture(scope="module")
 def shapes():
-    return swiftlet.World.from_dict(SCENE)
+    return flockstep.World.from_dict(SCENE)
 
 
 def interval(primitive, origin, direction):
@@ -97,9 +97,9 @@ def rays(count, seed=0):
 
 class TestRaycast:
     def test_tells_the_material(self):
-        world = swiftlet.World.from_dict(
+        world = flockstep.World.from_dict(
             {
-                "swiftlet_scene": 1,
+                "flockstep_scene": 1,
                 "materials": {"red": {"base_color": [1, 0, 0]}, "blue": {"base_color": [0, 0, 1]}},
                 "spheres": [{"center": [5, 0, 0], "radius": 1, "material": "blue"}],
                 "meshes": [
@@ -141,7 +141,7 @@ class TestRaycast:
         corners = rng.uniform(-1, 1, (60, 3))
         lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {i} {i + 1} {i + 2}" for i in range(1, 59, 3)]
         path.write_text("\n".join(lines))
-        world = swiftlet.World.load(path)
+        world = flockstep.World.load(path)
         origin, direction = rng.uniform(-2, 2, (2000, 3)).astype(np.float32), rng.normal(size=(2000, 3))
         direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
         expected = brute_force(*world.mesh(), origin.astype(float), direction.astype(float))
@@ -190,13 +190,13 @@ class TestLight:
             "horizon_color": [1, 1, 1],
             "gamma": 1.5,
         }
-        world = swiftlet.World.from_dict({**SCENE, "light": light})
+        world = flockstep.World.from_dict({**SCENE, "light": light})
         np.testing.assert_allclose(world.light["sun_direction"], [0, 0.6, -0.8], rtol=1e-7)
         assert {**world.light, "sun_direction": None} == {
             **{k: tuple(v) if isinstance(v, list) else v for k, v in light.items()},
             "sun_direction": None,
         }
-        assert swiftlet.World.from_dict({**SCENE, "light": world.light}).light == world.light
+        assert flockstep.World.from_dict({**SCENE, "light": world.light}).light == world.light
         assert pickle.loads(pickle.dumps(world)).light == world.light
         assert shapes.light != world.light
 
@@ -208,12 +208,12 @@ class TestLight:
 
 def test_each_mesh_stays_one():
     triangle = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]]}
-    scene = {"swiftlet_scene": 1, "meshes": [triangle, {**triangle, "position": [0, 0, 1]}]}
-    world = swiftlet.World.from_dict(scene)
+    scene = {"flockstep_scene": 1, "meshes": [triangle, {**triangle, "position": [0, 0, 1]}]}
+    world = flockstep.World.from_dict(scene)
     meshes = world.to_dict()["meshes"]
     assert [m["triangles"] for m in meshes] == [[[0, 1, 2]]] * 2
     assert [m["vertices"][0] for m in meshes] == [[0, 0, 0], [0, 0, 1]]
-    assert swiftlet.World.from_dict(world.to_dict()).to_dict() == world.to_dict()
+    assert flockstep.World.from_dict(world.to_dict()).to_dict() == world.to_dict()
     vertices, triangles = world.mesh()
     assert vertices.shape == (6, 3)
     assert triangles.tolist() == [[0, 1, 2], [3, 4, 5]]
@@ -223,28 +223,28 @@ class TestPlayground:
     @settings(max_examples=10, deadline=None)
     @given(st.integers(0, 2**32))
     def test_is_a_function_of_its_seed_and_can_be_flown(self, seed):
-        world = swiftlet.World.playground(seed)
-        assert world.to_dict() == swiftlet.World.playground(seed).to_dict()
+        world = flockstep.World.playground(seed)
+        assert world.to_dict() == flockstep.World.playground(seed).to_dict()
         assert len([p for p in world.primitives if p["kind"] == "cylinder"]) == 12
-        path = swiftlet.plan(world, world.start, [*world.waypoints, world.goal])
+        path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])
         assert path is not None
 
     def test_seeds_differ(self):
-        assert swiftlet.World.playground(1).to_dict() != swiftlet.World.playground(2).to_dict()
+        assert flockstep.World.playground(1).to_dict() != flockstep.World.playground(2).to_dict()
 
     @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size": (1, 1, 1)}, {"pillar_radius_m": 0}])
     def test_refuses_what_cannot_be(self, arguments):
         with pytest.raises(ValueError, match=r".+"):
-            swiftlet.World.playground(0, **arguments)
+            flockstep.World.playground(0, **arguments)
 
 
-@pytest.mark.parametrize("name", [n for n in swiftlet.scenes.names() if n.startswith("playground/")])
+@pytest.mark.parametrize("name", [n for n in flockstep.scenes.names() if n.startswith("playground/")])
 def test_a_shortest_path_can_be_flown_and_the_straight_one_cannot(name):
-    world = swiftlet.World.load(name)
+    world = flockstep.World.load(name)
     goals = [*world.waypoints, world.goal]
-    path = swiftlet.plan(world, world.start, goals)
+    path = flockstep.plan(world, world.start, goals)
     assert path is not None
-    batch = swiftlet.Batch([world])
+    batch = flockstep.Batch([world])
 
     def hits(points):
         batch.set_pose(world.start[None])
@@ -258,9 +258,9 @@ def test_a_shortest_path_can_be_flown_and_the_straight_one_cannot(name):
 
 def test_plan_says_so_when_there_is_no_path():
     scene = {
-        "swiftlet_scene": 1,
+        "flockstep_scene": 1,
         "name": "walled",
         "room": {"min": [0, 0, 0], "max": [6, 3, 2]},
         "boxes": [{"center": [3, 1.5, 1], "size": [0.2, 3, 2]}],
     }
-    assert swiftlet.plan(swiftlet.World.from_dict(scene), [1, 1.5, 1], [[5, 1.5, 1]]) is None
+    assert flockstep.plan(flockstep.World.from_dict(scene), [1, 1.5, 1], [[5, 1.5, 1]]) is None

@@ -3,11 +3,11 @@
 
 #include <cstddef>
 
-#include "swiftlet/config.hpp"
-#include "swiftlet/state.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/state.hpp"
 #include "task/navigation.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // Each calls f(array, columns) for every array of the struct; it holds N * columns values.
 
@@ -59,4 +59,4 @@ void for_each_output(std::size_t observation_size, std::size_t image_size, const
   f(&Outputs::episode_length, 1U);
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -1,4 +1,4 @@
-#include "swiftlet/batch.hpp"
+#include "flockstep/batch.hpp"
 
 #include <algorithm>
 #include <array>
@@ -26,14 +26,14 @@
 #include "task/green_blob.hpp"
 #include "task/navigation.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 // Per camera, to time backends by: so many shots, or fewer of many pixels.
 constexpr std::size_t kTypicalShots = 64;
 constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
-constexpr std::uint64_t kSnapshotMagic = 0x31304c5446495753ULL;  // "SWIFTL01"
+constexpr std::uint64_t kSnapshotMagic = 0x3130534b434f4c46ULL;  // "FLOCKS01"
 
 // The run-time setting of one drone's LiDAR, as it stands in a snapshot.
 struct LidarSetting {
@@ -1077,4 +1077,4 @@ void Batch::restore(const std::string& blob) {
   impl_->retake_frames();
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

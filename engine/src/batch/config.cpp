@@ -1,4 +1,4 @@
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 
 #include "batch/require.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 constexpr int kMaxRays = 1 << 18;  // per drone
@@ -154,4 +154,4 @@ void BatchConfig::validate() const {
   }
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

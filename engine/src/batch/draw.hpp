@@ -5,9 +5,9 @@
 #include <cstdint>
 
 #include "random/philox.hpp"
-#include "swiftlet/state.hpp"
+#include "flockstep/state.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // Streams of the engine have the top bit set; a user's are below.
 enum class Stream : std::uint32_t {
@@ -28,4 +28,4 @@ inline std::array<std::uint32_t, 4> draw(const State& state, std::size_t drone, 
   return draw(state.seed[drone], state.episode[drone], static_cast<std::uint32_t>(stream), index);
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <string_view>
 
-namespace swiftlet {
+namespace flockstep {
 
 template <class Got>
 [[noreturn]] void refuse(std::string_view field, std::string_view expected, const Got& got) {
@@ -19,4 +19,4 @@ void require(bool holds, std::string_view field, std::string_view expected, cons
   if (!holds) refuse(field, expected, got);
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace swiftlet {
+namespace flockstep {
 
 Schedule::Schedule(std::size_t num_drones, std::size_t num_worlds, std::size_t block_size) : block_size_(block_size) {
   order_.resize(num_drones);
@@ -36,4 +36,4 @@ void Schedule::rebuild(const State& state) {
   }
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

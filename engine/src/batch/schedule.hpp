@@ -5,9 +5,9 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/state.hpp"
+#include "flockstep/state.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 class Schedule {
  public:
@@ -28,4 +28,4 @@ class Schedule {
   std::vector<Block> blocks_;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -2,7 +2,7 @@
 
 #include <sstream>
 
-namespace swiftlet {
+namespace flockstep {
 
 std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shared_ptr<const World>>& worlds,
                           const DroneModel& drone) {
@@ -76,4 +76,4 @@ std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shar
   return hash_bytes(text.str());
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -9,11 +9,11 @@
 #include <vector>
 
 #include "batch/require.hpp"
-#include "swiftlet/config.hpp"
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // FNV-1a, 64 bit (Fowler, Noll, Vo).
 inline std::uint64_t hash_bytes(std::string_view bytes) {
@@ -78,4 +78,4 @@ class SnapshotReader {
   std::size_t at_ = 0;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -4,7 +4,7 @@
 #include <cassert>
 #include <cmath>
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 namespace {
 
@@ -132,4 +132,4 @@ Vec3d closest_point(const Convex& convex, const Vec3d& point) {
   return convex.center + convex.rotation * local;
 }
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -4,9 +4,9 @@
 #include <array>
 #include <cstdint>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
@@ -37,4 +37,4 @@ Vec3d support(const Convex& convex, const Vec3d& direction);
 // The point nearest to `point`, itself if inside; world frame.
 Vec3d closest_point(const Convex& convex, const Vec3d& point);
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

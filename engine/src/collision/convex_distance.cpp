@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 namespace {
 
@@ -46,14 +46,14 @@ class Side {
 
 }  // namespace
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision
 
 // Bullet leaves its flag for margins unset and copies it, which is undefined; we have no margins.
 template <>
-MinkowskiDiff<swiftlet::collision::Side>::MinkowskiDiff(const swiftlet::collision::Side& a, const swiftlet::collision::Side& b)
+MinkowskiDiff<flockstep::collision::Side>::MinkowskiDiff(const flockstep::collision::Side& a, const flockstep::collision::Side& b)
     : m_convexAPtr(&a), m_convexBPtr(&b), m_enableMargin(false) {}
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 namespace {
 
@@ -124,4 +124,4 @@ Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& posi
   return result;
 }
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -4,7 +4,7 @@
 #include "collision/convex.hpp"
 #include "collision/hull.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 // The obstacle lies in normal . x <= offset (world frame, m). The hull's distance from this half space bounds its distance from
 // the obstacle from below, exactly, whatever the accuracy of the search that found the plane.
@@ -36,4 +36,4 @@ struct Penetration {
 };
 Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle);
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

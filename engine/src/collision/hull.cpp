@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 namespace {
 
@@ -47,4 +47,4 @@ int Hull::support(const Vec3& direction) const {
   return index[lane];
 }
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -4,9 +4,9 @@
 #include <array>
 #include <cstddef>
 
-#include "swiftlet/drone_model.hpp"
+#include "flockstep/drone_model.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 class Hull {
  public:
@@ -33,4 +33,4 @@ class Hull {
   float radius_ = 0.0F;
 };
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -1,6 +1,6 @@
 #include "collision/obstacles.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 Obstacles::Obstacles(const World& world) : world_(&world), scene_(&world.scene()) {
   for (const Primitive& primitive : world.primitives()) {
@@ -24,4 +24,4 @@ Convex Obstacles::convex(std::uint32_t element) const {
   return make_triangle(at(corners[0]), at(corners[1]), at(corners[2]));
 }
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -9,7 +9,7 @@
 #include "collision/convex.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 // The inside of an axis-aligned box; all the rest is solid.
 struct Room {
@@ -43,4 +43,4 @@ class Obstacles {
   std::vector<Convex> convexes_;  // one per primitive; unused where it is a room
 };
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -3,9 +3,9 @@
 
 #include <cmath>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 // The position moves along the segment, the rotation along the shortest arc, both uniformly over time 0 to 1. Since the rotation
 // turns about one axis, which it leaves in place, R(t) = R(0) exp(t angle [axis]) with the axis in the body frame.
@@ -52,4 +52,4 @@ struct Path {
   double angle = 0.0;                               // rad per unit of time, in [0, pi]
 };
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

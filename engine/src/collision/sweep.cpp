@@ -10,7 +10,7 @@
 #include "collision/convex_distance.hpp"
 #include "collision/path.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 namespace {
 
@@ -403,4 +403,4 @@ bool overlaps(const World& world, const DroneModel& drone, const Pose& pose) {
   return overlaps(world.obstacles(), Hull(drone), pose);
 }
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

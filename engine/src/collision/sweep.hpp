@@ -3,11 +3,11 @@
 
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/pose.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::collision {
+namespace flockstep::collision {
 
 // Where a motion ended.
 struct Contact {
@@ -35,4 +35,4 @@ Contact sweep(const World& world, const DroneModel& drone, const Pose& from, con
 bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose);
 bool overlaps(const World& world, const DroneModel& drone, const Pose& pose);
 
-}  // namespace swiftlet::collision
+}  // namespace flockstep::collision

@@ -3,10 +3,10 @@
 
 #include <cstddef>
 
-#include "swiftlet/pose.hpp"
-#include "swiftlet/state.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 inline Vec3 position_of(const State& state, std::size_t drone) {
   const float* const p = state.position.data() + 3 * drone;
@@ -30,4 +30,4 @@ inline void set_pose_of(State& state, std::size_t drone, const Pose& pose) {
   store_pose(state.position.data() + 3 * drone, state.quat_wxyz.data() + 4 * drone, pose);
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -6,7 +6,7 @@
 #include <xmmintrin.h>
 #endif
 
-namespace swiftlet {
+namespace flockstep {
 
 #if defined(__SSE__) || defined(_M_X64)
 FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
@@ -29,4 +29,4 @@ FlushDenormals::FlushDenormals() : saved_(0) {}
 FlushDenormals::~FlushDenormals() = default;
 #endif
 
-}  // namespace swiftlet
+}  // namespace flockstep

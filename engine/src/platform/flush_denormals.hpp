@@ -1,7 +1,7 @@
 // FlushDenormals: how a thread calculates with the smallest numbers.
 #pragma once
 
-namespace swiftlet {
+namespace flockstep {
 
 // Denormals as zero on this thread for as long as this lives: Embree asks for it.
 class FlushDenormals {
@@ -15,4 +15,4 @@ class FlushDenormals {
   unsigned int saved_;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -5,20 +5,20 @@
 
 #if defined(__has_feature)
 #if __has_feature(thread_sanitizer)
-#define SWIFTLET_THREAD_SANITIZER
+#define FLOCKSTEP_THREAD_SANITIZER
 #endif
 #endif
 #if defined(__SANITIZE_THREAD__)
-#define SWIFTLET_THREAD_SANITIZER
+#define FLOCKSTEP_THREAD_SANITIZER
 #endif
 
-#if defined(SWIFTLET_THREAD_SANITIZER)
+#if defined(FLOCKSTEP_THREAD_SANITIZER)
 #include <sanitizer/tsan_interface.h>
 #endif
 
-namespace swiftlet::handover {
+namespace flockstep::handover {
 
-#if defined(SWIFTLET_THREAD_SANITIZER)
+#if defined(FLOCKSTEP_THREAD_SANITIZER)
 inline void release(const void* at) { __tsan_release(const_cast<void*>(at)); }
 inline void acquire(const void* at) { __tsan_acquire(const_cast<void*>(at)); }
 #else
@@ -26,4 +26,4 @@ inline void release(const void*) {}
 inline void acquire(const void*) {}
 #endif
 
-}  // namespace swiftlet::handover
+}  // namespace flockstep::handover

@@ -18,7 +18,7 @@
 #include <string>
 #endif
 
-namespace swiftlet {
+namespace flockstep {
 
 #if defined(_WIN32)
 long process_id() { return _getpid(); }
@@ -77,4 +77,4 @@ int physical_cores() {
 int physical_cores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
 #endif
 
-}  // namespace swiftlet
+}  // namespace flockstep

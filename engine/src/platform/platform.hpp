@@ -3,7 +3,7 @@
 
 #include <string>
 
-namespace swiftlet {
+namespace flockstep {
 
 long process_id();
 
@@ -13,4 +13,4 @@ int physical_cores();
 // Loads EGL and OpenGL for as long as the process lives. Returns why they cannot be, or nothing.
 std::string gl_load_error();
 
-}  // namespace swiftlet
+}  // namespace flockstep

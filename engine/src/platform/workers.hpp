@@ -10,7 +10,7 @@
 #include "platform/flush_denormals.hpp"
 #include "platform/handover.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 class Workers {
  public:
@@ -50,4 +50,4 @@ class Workers {
   tbb::task_arena arena_;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <numbers>
 
-namespace swiftlet {
+namespace flockstep {
 
 inline std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> counter, std::array<std::uint32_t, 2> key) {
   constexpr int kRounds = 10;
@@ -32,4 +32,4 @@ inline std::array<float, 2> normal_pair(const std::array<std::uint32_t, 4>& bits
   return {static_cast<float>(radius * std::cos(angle)), static_cast<float>(radius * std::sin(angle))};
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
@@ -31,4 +31,4 @@ Appearance::Appearance(const World& world) : marker_radius(world.markers().radiu
   if (places.goal) markers.push_back({*places.goal, {kGoalColor, kSemanticGoal, ++instance}});
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -5,10 +5,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "swiftlet/pose.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 struct Surface {
   std::array<float, 3> color{};  // linear RGB
@@ -33,4 +33,4 @@ struct Appearance {
   Light light;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

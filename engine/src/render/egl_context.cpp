@@ -14,7 +14,7 @@
 
 #include "platform/platform.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 std::string variable(const char* name) {
@@ -117,18 +117,18 @@ std::vector<Candidate> devices(EglWish wish, const char* client_extensions, std:
 }  // namespace
 
 EglWish egl_wish() {
-  const std::string value = variable("SWIFTLET_EGL");
+  const std::string value = variable("FLOCKSTEP_EGL");
   if (value.empty()) return EglWish::any;
   if (value == "none") return EglWish::none;
   if (value == "software") return EglWish::software;
   if (value == "failing") return EglWish::failing;
   if (value == "failing-late") return EglWish::failing_late;
   if (value == "hanging") return EglWish::hanging;
-  throw GlUnavailable("SWIFTLET_EGL: expected none, software, failing, failing-late or hanging, got \"" + value + '"');
+  throw GlUnavailable("FLOCKSTEP_EGL: expected none, software, failing, failing-late or hanging, got \"" + value + '"');
 }
 
 EglContext::EglContext(EglWish wish) {
-  if (wish == EglWish::none) throw GlUnavailable("EGL is switched off by SWIFTLET_EGL=none");
+  if (wish == EglWish::none) throw GlUnavailable("EGL is switched off by FLOCKSTEP_EGL=none");
   // The library libepoxy exits the process where a library it needs is not there.
   if (const std::string why = gl_load_error(); !why.empty()) throw GlUnavailable(why);
   static const long first_process = process_id();  // whose displays and drivers' threads they are
@@ -236,4 +236,4 @@ EglContext::~EglContext() {
   eglReleaseThread();
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

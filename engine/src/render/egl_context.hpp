@@ -4,7 +4,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // There is no EGL, or it has no device that renders, or one failed on the way. what() says which and why.
 class GlUnavailable : public std::runtime_error {
@@ -12,7 +12,7 @@ class GlUnavailable : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// What the environment variable SWIFTLET_EGL says.
+// What the environment variable FLOCKSTEP_EGL says.
 enum class EglWish {
   any,           // not set, or empty
   none,          // "none": as if there was no EGL
@@ -45,4 +45,4 @@ class EglContext {
   bool is_software_ = false;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -4,7 +4,7 @@
 
 #include "render/egl_context.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 struct Format {
@@ -119,4 +119,4 @@ void GlReadback::finish() {
   }
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

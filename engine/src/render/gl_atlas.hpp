@@ -9,7 +9,7 @@
 #include "render/gl_objects.hpp"
 #include "render/gl_shaders.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 struct AtlasSize {
   int width = 0;   // px, of a tile
@@ -74,4 +74,4 @@ class GlReadback {
   Pixels pixels_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -5,7 +5,7 @@
 #include <cstring>
 #include <limits>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 // Four values a pixel become three, of one pixel or of one plane after the other.
@@ -84,4 +84,4 @@ void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, 
   }
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -6,7 +6,7 @@
 #include "render/gl_atlas.hpp"
 #include "render/shot.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // Which part of a frame a tile of the atlas holds: all of it, but of a picture larger than what can be drawn at once.
 struct FramePart {
@@ -18,4 +18,4 @@ struct FramePart {
 // Writes the part of all images that the frame has.
 void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const Shot& shot, const FramePart& part);
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

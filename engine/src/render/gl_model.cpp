@@ -9,7 +9,7 @@
 
 #include "render/appearance.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 using Vec3d = Eigen::Vector3d;
@@ -289,4 +289,4 @@ GlModel::GlModel(const World& world) {
   make_chunks(soup, light, *this);
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -6,10 +6,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "swiftlet/pose.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // A corner of flat geometry: mesh triangles, rooms, boxes and planes. What is said of the triangle is that of the one whose last
 // corner this is; each corner is the last of one triangle at most, so that triangles share corners and yet have values of their
@@ -72,4 +72,4 @@ struct GlModel {
   Light light;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -5,7 +5,7 @@
 
 #include <utility>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // Kind: static GLuint make() and static void destroy(GLuint).
 template <class Kind>
@@ -88,4 +88,4 @@ using GlVertexArray = GlObject<VertexArrayKind>;
 using GlShader = GlObject<ShaderKind>;
 using GlProgram = GlObject<ProgramKind>;
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

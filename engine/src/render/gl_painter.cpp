@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 using Vec3d = Eigen::Vector3d;
@@ -334,4 +334,4 @@ void GlPainter::resolve(const GlAtlas& samples, const GlAtlas& into, int side, i
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -13,7 +13,7 @@
 #include "render/gl_store.hpp"
 #include "render/gl_sun_grid.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // One tile: a camera, or a part of its picture.
 struct GlView {
@@ -105,4 +105,4 @@ class GlPainter {
   std::vector<std::uint32_t> sky_views_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -11,7 +11,7 @@
 #include "render/gl_frame_writer.hpp"
 #include "render/gl_worker.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 // What bounds the memory of each atlas and readback, at up to 32 bytes a pixel: views that are larger are drawn in parts, and no
@@ -202,4 +202,4 @@ void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels, Workers
   });
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -9,13 +9,13 @@
 #include "render/egl_context.hpp"
 #include "render/shot.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // A thread of its own owns the context. Not thread-safe: one caller at a time. Worlds are copied to the device when they are
 // first seen, and known by their address from then on: they outlive the renderer. In a forked child start() and finish() throw
 // GlUnavailable, and nothing is done on destruction.
 //
-// The environment variable SWIFTLET_EGL chooses: "software" takes no GPU; for tests, "none" is as if there was no EGL, "failing"
+// The environment variable FLOCKSTEP_EGL chooses: "software" takes no GPU; for tests, "none" is as if there was no EGL, "failing"
 // as if the first frames could not be read, "failing-late" the same of later ones, and "hanging" as if reading never ended.
 class GlRenderer {
  public:
@@ -39,4 +39,4 @@ class GlRenderer {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

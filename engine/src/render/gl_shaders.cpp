@@ -5,7 +5,7 @@
 
 #include "render/egl_context.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 // What every shader knows. Tiles lie above each other in the atlas, row 0 of each, the top of its picture, at its lowest y.
@@ -616,4 +616,4 @@ GLuint GlShaders::sky(const ShaderTraits& traits) { return get(Role::sky, {.writ
 
 GLuint GlShaders::resolve() { return get(Role::resolve, {.writes = {.color = true}}); }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -8,7 +8,7 @@
 #include "render/gl_model.hpp"
 #include "render/gl_objects.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // What is drawn for each pixel, into which attachment.
 struct Attachments {
@@ -53,4 +53,4 @@ class GlShaders {
   std::unordered_map<std::uint32_t, GlProgram> programs_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -7,7 +7,7 @@
 
 #include "render/gl_objects.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 template <class T>
 class GlStore {
@@ -42,4 +42,4 @@ class GlStore {
   std::size_t capacity_ = 0;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

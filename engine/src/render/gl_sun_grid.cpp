@@ -5,7 +5,7 @@
 #include <limits>
 #include <numeric>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 using Vec2d = Eigen::Vector2d;
@@ -220,4 +220,4 @@ GlSunGrid::GlSunGrid(const World& world) {
   all.finish();
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -9,9 +9,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // A plane is a box, a disc a cylinder of no thickness.
 enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule };
@@ -39,4 +39,4 @@ struct GlSunGrid {
   std::vector<SunCaster> casters;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -13,7 +13,7 @@
 #include "render/egl_context.hpp"
 #include "render/gl_renderer.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 using std::chrono::milliseconds;
@@ -254,7 +254,7 @@ struct GlWorker::Device {
 
   void publish(std::size_t round) {
     if (s.wish == EglWish::failing || (s.wish == EglWish::failing_late && round > 0)) {
-      throw GlUnavailable("reading pictures fails by SWIFTLET_EGL");
+      throw GlUnavailable("reading pictures fails by FLOCKSTEP_EGL");
     }
     if (s.wish == EglWish::hanging) {
       std::unique_lock lock(s.mutex);
@@ -287,4 +287,4 @@ void GlWorker::run(Shared& s) {
   }
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -13,7 +13,7 @@
 #include "render/gl_painter.hpp"
 #include "render/gl_sun_grid.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // Views that are drawn and read back at once.
 struct GlRound {
@@ -63,4 +63,4 @@ class GlWorker {
   std::thread thread_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

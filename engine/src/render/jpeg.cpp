@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <vector>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 std::string compress(const std::uint8_t* pixels, const CameraConfig& camera, int format, int subsampling, int quality) {
@@ -37,4 +37,4 @@ std::string compress_grey(const std::uint8_t* image, const CameraConfig& camera,
   return compress(image, camera, TJPF_GRAY, TJSAMP_GRAY, quality);
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

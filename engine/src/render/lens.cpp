@@ -5,7 +5,7 @@
 
 #include "trace/ray_block.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 // The slopes (centre - (i + place)) / focal of the pixels of every tile along one side of the image, for all pixels of a tile,
@@ -61,4 +61,4 @@ Lens make_lens(const CameraConfig& camera) {
   return lens;
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

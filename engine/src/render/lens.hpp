@@ -4,10 +4,10 @@
 #include <cstddef>
 #include <vector>
 
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 #include "trace/view.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // A block of pixels that is traced at once.
 struct Tile {
@@ -35,4 +35,4 @@ struct Lens {
 
 Lens make_lens(const CameraConfig& camera);
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -8,7 +8,7 @@
 #include "render/tile_writer.hpp"
 #include "trace/packets.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 static_assert(Tile::kSide == trace::kTileWidth && TilePixels::kCount == trace::kMaxRays);
@@ -116,4 +116,4 @@ void render_tiles(const Shot& shot, std::size_t first, std::size_t last, Raycast
   }
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

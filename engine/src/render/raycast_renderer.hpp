@@ -7,7 +7,7 @@
 #include "render/shot.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // What one thread needs while it renders; made once.
 struct RaycastScratch {
@@ -26,4 +26,4 @@ struct RaycastScratch {
 // Renders tiles [first, last) of the shot's lens into its frame. A pixel's value depends on the shot alone.
 void render_tiles(const Shot& shot, std::size_t first, std::size_t last, RaycastScratch& scratch);
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

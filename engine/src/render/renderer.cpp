@@ -5,7 +5,7 @@
 #include <limits>
 #include <sstream>
 
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 constexpr std::size_t kTilesPerJob = 64;  // a small image, or some rows of a large one
@@ -100,4 +100,4 @@ void Renderer::finish(std::span<const Shot> shots, Workers& workers) {
   raycast(shots, workers);
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -11,9 +11,9 @@
 #include "render/gl_renderer.hpp"
 #include "render/raycast_renderer.hpp"
 #include "render/shot.hpp"
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 class Renderer {
  public:
@@ -41,4 +41,4 @@ class Renderer {
   std::string warning_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

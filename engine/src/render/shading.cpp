@@ -14,9 +14,9 @@
 
 #include "trace/intersect-inl.hpp"
 
-#ifndef SWIFTLET_RENDER_COMMON_FACE
-#define SWIFTLET_RENDER_COMMON_FACE
-namespace swiftlet::render {
+#ifndef FLOCKSTEP_RENDER_COMMON_FACE
+#define FLOCKSTEP_RENDER_COMMON_FACE
+namespace flockstep::render {
 
 // The face (-x, +x, -y, ..., as seen) of a box that all rays of a tile meet, or -1 where that is not certain. All rays meet the
 // box. A face of a box is convex, and so is its picture: what its corners show, the tile shows. The near plane can spoil that
@@ -54,11 +54,11 @@ inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) 
   return face;
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render
 #endif
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::render::HWY_NAMESPACE {
+namespace flockstep::render::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 using trace::HWY_NAMESPACE::rotate;
 using trace::HWY_NAMESPACE::Vec3V;
@@ -389,11 +389,11 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
   }
 }
 
-}  // namespace swiftlet::render::HWY_NAMESPACE
+}  // namespace flockstep::render::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::render {
+namespace flockstep::render {
 namespace {
 
 HWY_EXPORT(shade);
@@ -485,5 +485,5 @@ void Shading::shade(const trace::RayBundle& rays, const trace::FacetNormals& nor
   HWY_DYNAMIC_DISPATCH(shade)(tables_, rays, normals, shaded.empty() ? nullptr : shaded.data(), wanted, depth_kind, out);
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render
 #endif

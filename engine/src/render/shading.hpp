@@ -8,11 +8,11 @@
 
 #include "render/appearance.hpp"
 #include "render/lens.hpp"
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // What a tile shows, as plain arrays. Rows are Tile::kSide wide.
 struct TilePixels {
@@ -67,4 +67,4 @@ class Shading {
   Tables tables_;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

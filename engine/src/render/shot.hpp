@@ -4,11 +4,11 @@
 #include <cstdint>
 
 #include "render/lens.hpp"
-#include "swiftlet/config.hpp"
-#include "swiftlet/pose.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 // One image of each output, laid out as in CameraImages; null where the camera does not write it.
 struct Frame {
@@ -34,4 +34,4 @@ struct Shot {
   Frame frame;
 };
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

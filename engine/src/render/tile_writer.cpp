@@ -10,7 +10,7 @@
 #include <cstring>
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::render::HWY_NAMESPACE {
+namespace flockstep::render::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr std::size_t kSide = Tile::kSide;
@@ -72,11 +72,11 @@ void write(const TilePixels& pixels, const Tile& tile, const CameraConfig& camer
   }
 }
 
-}  // namespace swiftlet::render::HWY_NAMESPACE
+}  // namespace flockstep::render::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::render {
+namespace flockstep::render {
 
 HWY_EXPORT(write);
 
@@ -84,5 +84,5 @@ void write_tile(const TilePixels& pixels, const Tile& tile, const CameraConfig& 
   HWY_DYNAMIC_DISPATCH(write)(pixels, tile, camera, frame);
 }
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render
 #endif

@@ -4,8 +4,8 @@
 #include "render/shading.hpp"
 #include "render/shot.hpp"
 
-namespace swiftlet::render {
+namespace flockstep::render {
 
 void write_tile(const TilePixels& pixels, const Tile& tile, const CameraConfig& camera, const Frame& frame);
 
-}  // namespace swiftlet::render
+}  // namespace flockstep::render

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
@@ -81,4 +81,4 @@ void write_directions(const BeamPattern& pattern, float* out) {
   }
 }
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

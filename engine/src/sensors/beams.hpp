@@ -4,12 +4,12 @@
 #include <cstddef>
 #include <vector>
 
-#include "swiftlet/config.hpp"
-#include "swiftlet/pose.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/pose.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/view.hpp"
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 
 // A part of a pattern that is traced at once: a rectangle of its grid, so that its beams point much the same way.
 struct Tile {
@@ -32,4 +32,4 @@ BeamPattern make_pattern(const LidarConfig& config);
 // Writes the pattern's directions to out (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

@@ -6,7 +6,7 @@
 #include "motion/pose_access.hpp"
 #include "trace/ray_block.hpp"
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 namespace {
 
 Mat3 matrix_of(const std::array<float, 4>& q) { return Quat(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix(); }
@@ -136,4 +136,4 @@ render::Shot Camera::shot(std::size_t drone, const World& world, const Pose& pos
   return shot;
 }
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "render/shot.hpp"
-#include "swiftlet/config.hpp"
-#include "swiftlet/pose.hpp"
-#include "swiftlet/state.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 
 class Camera {
  public:
@@ -67,4 +67,4 @@ class Camera {
   CameraImages images_;
 };
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

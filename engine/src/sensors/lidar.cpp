@@ -5,7 +5,7 @@
 
 #include "motion/pose_access.hpp"
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 namespace {
 
 bool same_beams(const LidarConfig& a, const LidarConfig& b) {
@@ -123,4 +123,4 @@ void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t dron
   }
 }
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

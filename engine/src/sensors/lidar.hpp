@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "sensors/beams.hpp"
-#include "swiftlet/config.hpp"
-#include "swiftlet/state.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/state.hpp"
+#include "flockstep/world.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 
 // Rays of several drones in one world that wait until they fill a block.
 struct WaitingRays {
@@ -65,4 +65,4 @@ class Lidar {
   std::vector<Vec3> offset_;            // (N,) m, body frame
 };
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

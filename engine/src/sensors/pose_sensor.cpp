@@ -6,7 +6,7 @@
 #include "batch/draw.hpp"
 #include "motion/pose_access.hpp"
 
-namespace swiftlet::sensors {
+namespace flockstep::sensors {
 
 void sense_pose(std::span<const std::uint32_t> drones, const PoseSensorConfig& config, State& state) {
   const float tilt_std_rad = config.tilt_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
@@ -28,4 +28,4 @@ void sense_pose(std::span<const std::uint32_t> drones, const PoseSensorConfig& c
   }
 }
 
-}  // namespace swiftlet::sensors
+}  // namespace flockstep::sensors

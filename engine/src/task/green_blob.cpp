@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <opencv2/imgproc.hpp>
 
-namespace swiftlet::task {
+namespace flockstep::task {
 namespace {
 
 // Green is told by the ratio of the channels, which light scales alike. The goal, of linear colour (0.02, 0.6, 0.05), is written
@@ -71,4 +71,4 @@ GreenBlob find_green(std::span<const std::uint8_t> rgb, int width_px, int height
   return blob;
 }
 
-}  // namespace swiftlet::task
+}  // namespace flockstep::task

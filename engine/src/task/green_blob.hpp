@@ -6,9 +6,9 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/config.hpp"
+#include "flockstep/config.hpp"
 
-namespace swiftlet::task {
+namespace flockstep::task {
 
 struct GreenBlob {
   bool found = false;
@@ -29,4 +29,4 @@ struct GreenBlobScratch {
 GreenBlob find_green(std::span<const std::uint8_t> rgb, int width_px, int height_px, ImageLayout layout,
                      GreenBlobScratch& scratch);
 
-}  // namespace swiftlet::task
+}  // namespace flockstep::task

@@ -10,7 +10,7 @@
 #include "motion/pose_access.hpp"
 #include "world/markers.hpp"
 
-namespace swiftlet::task {
+namespace flockstep::task {
 namespace {
 
 constexpr double kCentimetresPerMetre = 100.0;
@@ -222,4 +222,4 @@ void Navigation::begin(std::size_t drone, const State& state) {
   }
 }
 
-}  // namespace swiftlet::task
+}  // namespace flockstep::task

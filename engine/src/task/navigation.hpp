@@ -8,15 +8,15 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/config.hpp"
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/pose.hpp"
-#include "swiftlet/state.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
+#include "flockstep/world.hpp"
 #include "task/green_blob.hpp"
 #include "task/ranges.hpp"
 
-namespace swiftlet::task {
+namespace flockstep::task {
 
 inline constexpr std::size_t kMaxActionSize = 4;
 
@@ -78,4 +78,4 @@ class Navigation {
   std::vector<std::array<double, kNumRewardTerms>> earned_;  // (N,) in this step() so far
 };
 
-}  // namespace swiftlet::task
+}  // namespace flockstep::task

@@ -10,7 +10,7 @@
 #include <array>
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::task::HWY_NAMESPACE {
+namespace flockstep::task::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // Sixteen sums side by side on every target, the i-th of every 16th range: so the total has the same bits on all of them, and no
@@ -52,11 +52,11 @@ Clearance normalise(std::span<const float> ranges, float max_range, float* norma
   return clearance;
 }
 
-}  // namespace swiftlet::task::HWY_NAMESPACE
+}  // namespace flockstep::task::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::task {
+namespace flockstep::task {
 
 HWY_EXPORT(normalise);
 
@@ -64,5 +64,5 @@ Clearance normalise(std::span<const float> ranges, float max_range, float* norma
   return HWY_DYNAMIC_DISPATCH(normalise)(ranges, max_range, normalised);
 }
 
-}  // namespace swiftlet::task
+}  // namespace flockstep::task
 #endif

@@ -3,7 +3,7 @@
 
 #include <span>
 
-namespace swiftlet::task {
+namespace flockstep::task {
 
 struct Clearance {
   double nearest = 1.0;  // the smallest of the normalised ranges
@@ -13,4 +13,4 @@ struct Clearance {
 // Writes ranges (m) over max_range, 1 on a miss, to `normalised`, which is as long.
 Clearance normalise(std::span<const float> ranges, float max_range, float* normalised);
 
-}  // namespace swiftlet::task
+}  // namespace flockstep::task

@@ -4,11 +4,11 @@
 
 #include <cstddef>
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Shapes in view up to which a bundle's rays are tested against every one.
 inline constexpr std::size_t kMaxDirect = 384;
 // Shapes of a world up to which rays of any origins are tested against every one.
 inline constexpr std::size_t kMaxDirectAnyOrigin = 16;
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -11,7 +11,7 @@
 #include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::trace::HWY_NAMESPACE {
+namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr std::size_t kMinCulled = 4;  // candidates; to look whether fewer are in view costs as much as to test them
@@ -150,11 +150,11 @@ void trace_markers(std::span<const NumberedShape> markers, RayBlock& rays) {
   });
 }
 
-}  // namespace swiftlet::trace::HWY_NAMESPACE
+}  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 HWY_EXPORT(trace_bundle);
 HWY_EXPORT(trace_shapes);
@@ -167,5 +167,5 @@ bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, R
 void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_shapes)(shapes, rays); }
 void trace_markers(std::span<const NumberedShape> markers, RayBlock& rays) { HWY_DYNAMIC_DISPATCH(trace_markers)(markers, rays); }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace
 #endif

@@ -9,7 +9,7 @@
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Where the sensor is, which may leave little to test.
 enum class Place : std::uint8_t {
@@ -40,4 +40,4 @@ void trace_direct(std::span<const NumberedShape> shapes, RayBlock& rays);
 // The same for spheres that are seen from outside only.
 void trace_markers(std::span<const NumberedShape> markers, RayBlock& rays);
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

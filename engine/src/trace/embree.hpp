@@ -1,7 +1,7 @@
 // The one place that knows which Embree this is: 3.13 or 4.x.
 #pragma once
 
-#if SWIFTLET_EMBREE_MAJOR >= 4
+#if FLOCKSTEP_EMBREE_MAJOR >= 4
 #include <embree4/rtcore.h>
 #else
 #include <embree3/rtcore.h>
@@ -9,7 +9,7 @@
 
 #include <cstddef>
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Sixteen or eight rays and their hits, structure of arrays, as Embree reads and writes them.
 template <std::size_t kSize>
@@ -25,7 +25,7 @@ struct Packet<16> {
 
 // Traces a packet whose rays may have anything to do with each other. Embree's coherent traversal would let a ray's last bits, at
 // the edges triangles share, depend on the rays beside it.
-#if SWIFTLET_EMBREE_MAJOR >= 4
+#if FLOCKSTEP_EMBREE_MAJOR >= 4
 inline void intersect_packet(const int* valid, RTCScene scene, Packet<8>& packet) {
   rtcIntersect8(valid, scene, &packet.rays, nullptr);
 }
@@ -70,4 +70,4 @@ inline void intersect_coherent(const int* valid, RTCScene scene, Packet<16>& pac
 }
 #endif
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -6,11 +6,11 @@
 // Distances stay fractions: what is nearer is decided by multiplying crosswise, and one division at the end gives the nearest
 // hit's distance. Only correctly rounded operations are used and nothing is contracted, so a ray's result has the same bits on
 // every target and beside any other rays. Branches on "no ray of this vector" save work and change no bit.
-#if defined(SWIFTLET_TRACE_INTERSECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
-#ifdef SWIFTLET_TRACE_INTERSECT_INL_HPP
-#undef SWIFTLET_TRACE_INTERSECT_INL_HPP
+#if defined(FLOCKSTEP_TRACE_INTERSECT_INL_HPP) == defined(HWY_TARGET_TOGGLE)
+#ifdef FLOCKSTEP_TRACE_INTERSECT_INL_HPP
+#undef FLOCKSTEP_TRACE_INTERSECT_INL_HPP
 #else
-#define SWIFTLET_TRACE_INTERSECT_INL_HPP
+#define FLOCKSTEP_TRACE_INTERSECT_INL_HPP
 #endif
 
 #include <hwy/highway.h>
@@ -21,7 +21,7 @@
 #include "trace/shape.hpp"
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::trace::HWY_NAMESPACE {
+namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 template <class V>
@@ -258,7 +258,7 @@ HWY_INLINE IntervalOf<D> world_interval(D d, const Shape& shape, const Vec3V<V>&
   return interval(d, shape, rotate(d, shape.to_local, o), rotate(d, shape.to_local, direction));
 }
 
-}  // namespace swiftlet::trace::HWY_NAMESPACE
+}  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #endif  // include guard

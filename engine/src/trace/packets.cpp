@@ -13,7 +13,7 @@
 #include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::trace::HWY_NAMESPACE {
+namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 template <std::size_t kSize>
@@ -149,11 +149,11 @@ void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle
 void trace_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<16>(scene, first_element, rays); }
 void trace_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<8>(scene, first_element, rays); }
 
-}  // namespace swiftlet::trace::HWY_NAMESPACE
+}  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 HWY_EXPORT(trace_16);
 HWY_EXPORT(trace_tile);
@@ -169,5 +169,5 @@ void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle
   HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, rays, normals);
 }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace
 #endif

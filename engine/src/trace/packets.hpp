@@ -7,7 +7,7 @@
 #include "trace/embree.hpp"
 #include "trace/ray_block.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Each takes what the scene has nearer than the block's t_hit and element; a hit gets the element first_element + primID.
 
@@ -21,4 +21,4 @@ void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& ra
 inline constexpr std::size_t kTileWidth = 16;
 void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals);
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

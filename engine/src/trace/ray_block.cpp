@@ -9,7 +9,7 @@
 #include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::trace::HWY_NAMESPACE {
+namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBlock& block) {
@@ -34,11 +34,11 @@ void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBl
   block.count += count;
 }
 
-}  // namespace swiftlet::trace::HWY_NAMESPACE
+}  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 HWY_EXPORT(append);
 
@@ -46,5 +46,5 @@ void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBl
   HWY_DYNAMIC_DISPATCH(append)(bundle, first, count, block);
 }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace
 #endif

@@ -4,10 +4,10 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 #include "trace/view.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 inline constexpr std::size_t kMaxRays = 256;    // of one portion
 inline constexpr std::size_t kRayPadding = 16;  // whole vectors may be read and written past the last ray
@@ -61,4 +61,4 @@ struct FacetNormals {
 // Appends rays [first, first + count) of the bundle, with what they have hit so far. The block has room for them.
 void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBlock& block);
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

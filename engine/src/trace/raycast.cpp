@@ -6,10 +6,10 @@
 #include <string>
 
 #include "platform/flush_denormals.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 #include "trace/scene.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Vec3d = Eigen::Vector3d;
@@ -114,4 +114,4 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
   return hits;
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -14,7 +14,7 @@
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 static_assert(kMaxDirectAnyOrigin <= kMaxDirect && kMaxDirect <= kMaxCandidates);
@@ -293,4 +293,4 @@ void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback cal
       &visit);
 }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 #include "trace/calibrated.hpp"
 #include "trace/direct.hpp"
 #include "trace/embree.hpp"
@@ -18,7 +18,7 @@
 #include "trace/shape.hpp"
 #include "trace/shape_tree.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Called for every element (index into World::primitives(), then primitives().size() + triangle index) near a point.
 using NearbyCallback = void (*)(void* context, std::uint32_t element);
@@ -97,4 +97,4 @@ class Scene {
   bool wide_packets_ = false;            // the processor has vectors for packets of 16
 };
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -2,7 +2,7 @@
 
 #include "world/scene_description.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 ShapeKind kind_of(PrimitiveKind kind) {
@@ -36,4 +36,4 @@ Shape make_shape(const Primitive& primitive) {
   return shape;
 }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

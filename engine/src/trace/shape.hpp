@@ -3,9 +3,9 @@
 
 #include <cstdint>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // A convex solid. A plane is a box, a disc a cylinder of no thickness; a room is a box seen from within.
 enum class ShapeKind : std::uint8_t { box, cylinder, capsule, sphere };
@@ -30,4 +30,4 @@ struct NumberedShape {
 
 Shape make_shape(const Primitive& primitive);
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

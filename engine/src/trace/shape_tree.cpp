@@ -13,7 +13,7 @@
 #include <utility>
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::trace::HWY_NAMESPACE {
+namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 std::uint32_t near(const ShapeTree::Node& node, const Vec3& point, float radius) {
@@ -36,11 +36,11 @@ std::uint32_t near(const ShapeTree::Node& node, const Vec3& point, float radius)
   return bits & ((1U << node.count) - 1U);
 }
 
-}  // namespace swiftlet::trace::HWY_NAMESPACE
+}  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 HWY_EXPORT(near);
@@ -109,5 +109,5 @@ ShapeTree::ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t>
   }
 }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace
 #endif

@@ -8,9 +8,9 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // Up to 16 boxes are one node: a plain list. More are sorted along a space-filling curve and cut into nodes of 16, these into
 // nodes of 16, and so on.
@@ -62,4 +62,4 @@ class ShapeTree {
   std::vector<Node> nodes_;  // the root is the last
 };
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

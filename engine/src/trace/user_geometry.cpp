@@ -9,7 +9,7 @@
 #include "trace/intersect-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
-namespace swiftlet::trace::HWY_NAMESPACE {
+namespace flockstep::trace::HWY_NAMESPACE {
 
 // The fields of RTCRayHitN are arrays of N; these are their places in it, in units of N.
 enum Field : std::size_t { org_x, org_y, org_z, t_near, dir_x, dir_y, dir_z, time, t_far, mask, id, flags };
@@ -54,11 +54,11 @@ void intersect_primitive(const RTCIntersectFunctionNArguments* args) {
 RTCIntersectFunctionN select_intersect_function() { return intersect_primitive; }
 const char* target_name() { return hwy::TargetName(HWY_TARGET); }
 
-}  // namespace swiftlet::trace::HWY_NAMESPACE
+}  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 HWY_EXPORT(select_intersect_function);
 HWY_EXPORT(target_name);
@@ -66,5 +66,5 @@ HWY_EXPORT(target_name);
 RTCIntersectFunctionN primitive_intersect_function() { return HWY_DYNAMIC_DISPATCH(select_intersect_function)(); }
 const char* simd_target() { return HWY_DYNAMIC_DISPATCH(target_name)(); }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace
 #endif

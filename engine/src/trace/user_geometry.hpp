@@ -4,7 +4,7 @@
 
 #include "trace/embree.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // The callback; its user pointer is an array of Shape indexed by primID.
 RTCIntersectFunctionN primitive_intersect_function();
@@ -12,4 +12,4 @@ RTCIntersectFunctionN primitive_intersect_function();
 // The SIMD target it was chosen for, e.g. "AVX2".
 const char* simd_target();
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

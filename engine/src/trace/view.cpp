@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 namespace {
 
 constexpr float kMargin = 1e-5F;       // of the range: for rounding in rotated normals
@@ -64,4 +64,4 @@ View make_pyramid(float left_min, float left_max, float up_min, float up_max) {
   return view;
 }
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

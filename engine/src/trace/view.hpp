@@ -4,9 +4,9 @@
 #include <array>
 #include <span>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet::trace {
+namespace flockstep::trace {
 
 // All points p that rays of these directions reach within a range R satisfy n . p <= R * reach for each of the four normals n.
 // A narrow set (all within 80 degrees of their mean) has the sides of a pyramid, reach 0; a wide one, like a fan, the two planes
@@ -23,4 +23,4 @@ View make_view(std::span<const float> x, std::span<const float> y, std::span<con
 // Of the directions (1, y, z) with y in [left_min, left_max] and z in [up_min, up_max].
 View make_pyramid(float left_min, float left_max, float up_min, float up_max);
 
-}  // namespace swiftlet::trace
+}  // namespace flockstep::trace

@@ -1,4 +1,4 @@
-#include "swiftlet/drone_model.hpp"
+#include "flockstep/drone_model.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <string>
 #include <utility>
 
-namespace swiftlet {
+namespace flockstep {
 
 namespace {
 
@@ -94,4 +94,4 @@ DroneModel DroneModel::quadrotor650() {
   return DroneModel(std::move(hull));
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

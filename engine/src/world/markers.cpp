@@ -6,7 +6,7 @@
 
 #include "collision/sweep.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 [[noreturn]] void refuse(const World& world, const std::string& marker, const std::string& expected) {
@@ -51,4 +51,4 @@ void require_navigable(const World& world, const DroneModel& drone) {
   }
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

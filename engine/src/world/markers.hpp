@@ -1,13 +1,13 @@
 // What a task that flies from marker to marker needs of a world.
 #pragma once
 
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // Throws std::invalid_argument naming the world and the marker unless start and goal are there, every marker lies within the
 // bounds of the world, and the drone at the start and in every corner of the spawn box (level, facing +x) touches nothing.
 void require_navigable(const World& world, const DroneModel& drone);
 
-}  // namespace swiftlet
+}  // namespace flockstep

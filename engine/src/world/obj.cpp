@@ -14,7 +14,7 @@
 
 #include "world/text_file.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 [[noreturn]] void refuse(const std::filesystem::path& path, std::size_t line, const std::string& expected, std::string_view got) {
@@ -94,4 +94,4 @@ TriangleMesh load_obj(const std::filesystem::path& path) {
   return mesh;
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -3,12 +3,12 @@
 
 #include <filesystem>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // Polygons are triangulated. `materials` of the result is empty.
 // Throws std::invalid_argument naming the file and the line.
 TriangleMesh load_obj(const std::filesystem::path& path);
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -1,7 +1,7 @@
 // Lazy Theta*: A* on a grid in which a node's parent may be any node it sees, not only a neighbour, and that sight is checked
 // only once a node is expanded. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning and path length
 // analysis in 3D", AAAI 2010. Sight is the sweep of the drone's hull through the true world.
-#include "swiftlet/plan.hpp"
+#include "flockstep/plan.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -15,7 +15,7 @@
 
 #include "collision/sweep.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Path = std::vector<Vec3>;
@@ -306,4 +306,4 @@ std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& dron
   return path;
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -11,10 +11,10 @@
 
 #include "collision/sweep.hpp"
 #include "random/philox.hpp"
-#include "swiftlet/plan.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/plan.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Vec2d = Eigen::Vector2d;
@@ -293,4 +293,4 @@ std::shared_ptr<const World> World::playground(const PlaygroundConfig& config) {
   throw std::invalid_argument(text.str());
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -11,7 +11,7 @@
 #include <string_view>
 #include <utility>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 [[noreturn]] void refuse(const std::string& field, const std::string& expected, const std::string& got) {
@@ -282,4 +282,4 @@ Aabb bounds(const Primitive& primitive) {
   return Aabb{primitive.center - reach, primitive.center + reach};
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -3,9 +3,9 @@
 
 #include <cstddef>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // Coordinates beyond this are refused: float32 resolves 6 cm there, and squares of it are far from overflow.
 inline constexpr double kMaxCoordinate = 1e6;  // m
@@ -46,4 +46,4 @@ SceneDescription canonical(SceneDescription description);
 // The smallest axis-aligned box around a primitive.
 Aabb bounds(const Primitive& primitive);
 
-}  // namespace swiftlet
+}  // namespace flockstep

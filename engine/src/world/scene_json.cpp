@@ -15,7 +15,7 @@
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 using Json = nlohmann::ordered_json;  // keeps the order of materials, which their indices depend on
@@ -165,14 +165,18 @@ constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_colo
                                                   {"zenith_color", &Light::zenith_color},
                                                   {"horizon_color", &Light::horizon_color}}};
 
+// The key that says what the file is, and its version.
+constexpr const char* kVersionKey = "flockstep_scene";
+
 class SceneReader {
  public:
   SceneReader(Field root, std::filesystem::path base_dir) : root_(std::move(root)), base_dir_(std::move(base_dir)) {}
 
   SceneDescription read() {
-    check_object(root_, {"swiftlet_scene", "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
+    refuse_older_name();
+    check_object(root_, {kVersionKey, "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
                          "capsules", "planes", "discs", "meshes", "markers", "light"});
-    const Field version = require(root_, "swiftlet_scene");
+    const Field version = require(root_, kVersionKey);
     if (version.value != kVersion) refuse(version, "version 1");
     if (const auto name = find(root_, "name")) {
       if (!name->value.is_string()) refuse(*name, "a string");
@@ -200,6 +204,16 @@ class SceneReader {
   }
 
  private:
+  // Files written before the project had its present name.
+  void refuse_older_name() const {
+    if (!root_.value.is_object() || root_.value.contains(kVersionKey)) return;
+    for (const auto& [key, value] : root_.value.items()) {
+      if (!key.ends_with("_scene")) continue;
+      fail(child(root_, key), std::string("expected the key \"") + kVersionKey +
+                                  "\" instead (the format's name has changed, and nothing else: rename the key)");
+    }
+  }
+
   template <class Function>
   void for_each(const char* key, const Function& function) {
     const std::optional<Field> list = find(root_, key);
@@ -694,7 +708,7 @@ SceneDescription parse_scene(const std::string& text, const std::string& source,
 }
 
 std::string write_scene(const SceneDescription& description) {
-  Json document = {{"swiftlet_scene", kVersion}, {"name", description.name}};
+  Json document = {{kVersionKey, kVersion}, {"name", description.name}};
   Json& materials = document["materials"] = Json::object();
   for (const Material& material : description.materials) materials[material.name] = write_material(material);
   for (const Primitive& primitive : description.primitives) {
@@ -706,4 +720,4 @@ std::string write_scene(const SceneDescription& description) {
   return format(document);
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <string>
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // source names the text in error messages; mesh files are looked up relative to base_dir.
 // Throws std::invalid_argument: source, JSON pointer of the offending field, what was expected, what came.
@@ -16,4 +16,4 @@ SceneDescription parse_scene(const std::string& text, const std::string& source,
 // mesh for each object (an empty one for a number that no triangle has), and of the light only what is not the default.
 std::string write_scene(const SceneDescription& description);
 
-}  // namespace swiftlet
+}  // namespace flockstep

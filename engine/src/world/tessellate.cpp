@@ -10,7 +10,7 @@
 
 #include "world/scene_description.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 // Appends triangles of one primitive, given in its local frame, to a mesh.
@@ -180,4 +180,4 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
   return mesh;
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -1,13 +1,13 @@
 // Every primitive as triangles, for pictures, exports and triangle-only tools.
 #pragma once
 
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // The scene's primitives in order, then its triangle meshes. Vertices lie on the surfaces; no point of a triangle is farther than
 // chord_error_m from them. Triangles are counter-clockwise seen from free space: outside a solid, inside a room.
 // objects are numbered as World::mesh() says. Throws std::invalid_argument unless chord_error_m is at least 1e-6.
 TriangleMesh tessellate(const SceneDescription& description, float chord_error_m);
 
-}  // namespace swiftlet
+}  // namespace flockstep

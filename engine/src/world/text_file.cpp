@@ -6,7 +6,7 @@
 #include <sstream>
 #include <stdexcept>
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
@@ -31,4 +31,4 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
   if (!(file << text) || !file.flush()) fail(path, "write " + kind);
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

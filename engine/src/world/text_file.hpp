@@ -4,10 +4,10 @@
 #include <filesystem>
 #include <string>
 
-namespace swiftlet {
+namespace flockstep {
 
 // kind says in messages what the file was taken for ("a scene file"). Throw std::invalid_argument naming the file and the cause.
 std::string read_text_file(const std::filesystem::path& path, const std::string& kind);
 void write_text_file(const std::filesystem::path& path, const std::string& kind, const std::string& text);
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -1,4 +1,4 @@
-#include "swiftlet/world.hpp"
+#include "flockstep/world.hpp"
 
 #include <mutex>
 #include <stdexcept>
@@ -14,7 +14,7 @@
 #include "world/tessellate.hpp"
 #include "world/text_file.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 namespace {
 
 constexpr const char* kSceneFile = "a scene file";
@@ -94,4 +94,4 @@ const render::Shading& World::shading() const {
   return *lazy_->shading;
 }
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -1,10 +1,10 @@
 """A batched drone simulator for reinforcement learning.
 
->>> import gymnasium, swiftlet
->>> envs = gymnasium.make_vec("swiftlet/LidarNavigation-v0", num_envs=1024, worlds="train")
+>>> import gymnasium, flockstep
+>>> envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=1024, worlds="train")
 
 `World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment
-of it, `Task` is the base of a task of your own, `swiftlet.sb3` serves Stable-Baselines3 and `swiftlet.testing` checks
+of it, `Task` is the base of a task of your own, `flockstep.sb3` serves Stable-Baselines3 and `flockstep.testing` checks
 any Gymnasium vector environment. `render` takes a picture of a world.
 """
 
@@ -13,8 +13,8 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-from swiftlet import registration, scenes
-from swiftlet._core import (
+from flockstep import registration, scenes
+from flockstep._core import (
     Batch,
     Camera,
     CameraConfig,
@@ -30,10 +30,10 @@ from swiftlet._core import (
     green_blob,
     plan,
 )
-from swiftlet.env import DroneEnv
-from swiftlet.picture import render
-from swiftlet.task import Task
-from swiftlet.vector_env import DroneVectorEnv
+from flockstep.env import DroneEnv
+from flockstep.picture import render
+from flockstep.task import Task
+from flockstep.vector_env import DroneVectorEnv
 
 __all__ = [
     "Batch",
@@ -64,5 +64,5 @@ registration.register()
 
 def __getattr__(name: str) -> ModuleType:
     if name in ("sb3", "testing"):  # on first use: the one needs Stable-Baselines3, the other nobody but a test
-        return importlib.import_module(f"swiftlet.{name}")
-    raise AttributeError(f"module 'swiftlet' has no attribute {name!r}")
+        return importlib.import_module(f"flockstep.{name}")
+    raise AttributeError(f"module 'flockstep' has no attribute {name!r}")

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch, CameraConfig, World
+from flockstep._core import Batch, CameraConfig, World
 
 Array: TypeAlias = npt.NDArray[Any]
 

@@ -305,7 +305,7 @@ class World:
 
     @staticmethod
     def load(source: str | PathLike[str]) -> World:
-        """Load a shipped scene by its name, or a ``.json`` or ``.obj`` file by its path; see `swiftlet.scenes`."""
+        """Load a shipped scene by its name, or a ``.json`` or ``.obj`` file by its path; see `flockstep.scenes`."""
 
     @staticmethod
     def from_dict(scene: Mapping[str, Any], base_dir: str | PathLike[str] = "") -> World:

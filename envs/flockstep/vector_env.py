@@ -14,8 +14,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from swiftlet import scenes, views
-from swiftlet._core import (
+from flockstep import scenes, views
+from flockstep._core import (
     Batch,
     CameraConfig,
     DroneModel,
@@ -24,12 +24,12 @@ from swiftlet._core import (
     NavigationReward,
     PoseSensorConfig,
 )
-from swiftlet.task import Task, TaskRunner
+from flockstep.task import Task, TaskRunner
 
 if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
-    from swiftlet.trail import Trail
+    from flockstep.trail import Trail
 
     class NavigationFields(TypedDict, total=False):
         """Fields of `NavigationConfig`, each a keyword of the env."""
@@ -96,12 +96,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     The navigation tasks differ in what they observe, and so in their defaults:
 
-    - ``"goal"`` (``swiftlet/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
+    - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
-    - ``"blob"`` (``swiftlet/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the camera's
-      image, as `swiftlet.green_blob` has it (offset of its box from the image's centre in x, over half the width, and
+    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the camera's
+      image, as `flockstep.green_blob` has it (offset of its box from the image's centre in x, over half the width, and
       its area over the image's; both 0 where no green is seen), then the ranges.
-    - ``"pixels"`` (``swiftlet/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
+    - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,).
 
     Env i is in world i modulo the number of worlds, unless ``random_world`` is set.
@@ -111,7 +111,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     num_envs
         Number of drones.
     worlds
-        A set of `swiftlet.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
+        A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
         these. Default: ``"train"``, for camera tasks ``"camera-train"``.
     task
         A `Task` instead of the navigation task.
@@ -220,7 +220,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             if given:
                 raise TypeError(f"{', '.join(given)}: of the navigation task, but a task of your own is given")
             if not isinstance(task, Task):
-                raise TypeError(f"task: expected a swiftlet.Task object, got {task!r}")
+                raise TypeError(f"task: expected a flockstep.Task object, got {task!r}")
             lidar = task.lidar if lidar is None else lidar
             cameras = _listed(task.camera if camera is None else camera)
         self.lidar = lidar
@@ -490,7 +490,7 @@ def _listed(camera: CameraConfig | Sequence[CameraConfig] | None) -> list[Camera
     cameras = list(camera) if isinstance(camera, Sequence) else [camera]
     for its in cameras:
         if not isinstance(its, CameraConfig):
-            raise TypeError(f"camera: expected a swiftlet.CameraConfig or a sequence of them, got {its!r}")
+            raise TypeError(f"camera: expected a flockstep.CameraConfig or a sequence of them, got {its!r}")
     return [copied(its) for its in cameras]
 
 

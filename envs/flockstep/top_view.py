@@ -7,9 +7,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch, World
-from swiftlet.beams import beams_of
-from swiftlet.task import rotate
+from flockstep._core import Batch, World
+from flockstep.beams import beams_of
+from flockstep.task import rotate
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 Points: TypeAlias = npt.NDArray[np.float64]

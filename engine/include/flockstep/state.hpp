@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace swiftlet {
+namespace flockstep {
 
 using FlagArray = std::vector<std::uint8_t>;  // 0 or 1, viewed as bool
 
@@ -60,4 +60,4 @@ struct Outputs {
   std::vector<std::int64_t> episode_length;  // (N,) likewise, in flown steps
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

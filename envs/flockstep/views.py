@@ -8,10 +8,10 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch, CameraConfig
-from swiftlet.third_person_view import ThirdPersonView
-from swiftlet.top_view import TopView
-from swiftlet.trail import Trail
+from flockstep._core import Batch, CameraConfig
+from flockstep.third_person_view import ThirdPersonView
+from flockstep.top_view import TopView
+from flockstep.trail import Trail
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 

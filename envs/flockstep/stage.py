@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import CameraConfig, World
-from swiftlet.depth_canvas import DepthCanvas, Floats, Image, Ints
-from swiftlet.picture import facing, render
-from swiftlet.task import rotate
+from flockstep._core import CameraConfig, World
+from flockstep.depth_canvas import DepthCanvas, Floats, Image, Ints
+from flockstep.picture import facing, render
+from flockstep.task import rotate
 
 # In lengths of the drone:
 _BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,
@@ -115,7 +115,7 @@ def _emptied(world: World) -> World | None:
             markers[name] = place.tolist()
     return World.from_dict(
         {
-            "swiftlet_scene": 1,
+            "flockstep_scene": 1,
             "name": world.name,
             "materials": {m["name"]: {"base_color": m["base_color"]} for m in world.materials},
             "room": {

@@ -1,6 +1,6 @@
 """A checker for Gymnasium vector environments, which Gymnasium itself does not have.
 
->>> check_vector_env(lambda n: gymnasium.make_vec("swiftlet/LidarNavigation-v0", n, max_episode_steps=20))
+>>> check_vector_env(lambda n: gymnasium.make_vec("flockstep/LidarNavigation-v0", n, max_episode_steps=20))
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
-namespace swiftlet {
+namespace flockstep {
 
 // World frame: right-handed, x east, y north, z up (metres). Body frame: x forward, y left, z up.
 using Vec3 = Eigen::Vector3f;
@@ -22,4 +22,4 @@ struct Aabb {
   Vec3 max = Vec3::Constant(0.0F);  // m
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet.vector_env import DroneVectorEnv, Observation
+from flockstep.vector_env import DroneVectorEnv, Observation
 
 
 class DroneEnv(gymnasium.Env[Observation, Any]):

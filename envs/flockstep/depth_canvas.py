@@ -7,8 +7,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import CameraConfig
-from swiftlet.task import rotate
+from flockstep._core import CameraConfig
+from flockstep.task import rotate
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 Floats: TypeAlias = npt.NDArray[np.floating[Any]]

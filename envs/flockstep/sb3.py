@@ -1,8 +1,8 @@
 """Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones.
 
 >>> from stable_baselines3 import PPO
->>> model = PPO("MlpPolicy", swiftlet.sb3.make_vec("swiftlet/LidarNavigation-v0", num_envs=1024))
->>> model = PPO("MultiInputPolicy", swiftlet.sb3.make_vec("swiftlet/CameraPixels-v0", num_envs=64))
+>>> model = PPO("MlpPolicy", flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", num_envs=1024))
+>>> model = PPO("MultiInputPolicy", flockstep.sb3.make_vec("flockstep/CameraPixels-v0", num_envs=64))
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
-from swiftlet.task import Task
-from swiftlet.vector_env import DroneVectorEnv, Observation
+from flockstep.task import Task
+from flockstep.vector_env import DroneVectorEnv, Observation
 
 
 def make_vec(env: str | Task | DroneVectorEnv, num_envs: int = 1, **kwargs: Any) -> DroneVecEnv:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from swiftlet._core import Camera
+    from flockstep._core import Camera
 
 Array: TypeAlias = npt.NDArray[Any]
 

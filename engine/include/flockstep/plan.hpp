@@ -5,10 +5,10 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and
 // facing +x, touches nothing; nullopt if there is none on a grid of cell_m spacing. The path is close to the shortest: cell_m
@@ -18,4 +18,4 @@ namespace swiftlet {
 std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
                                       float cell_m = 0.1F);
 
-}  // namespace swiftlet
+}  // namespace flockstep

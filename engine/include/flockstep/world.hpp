@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 namespace trace {
 class Scene;
@@ -160,4 +160,4 @@ class World {
   std::unique_ptr<Lazy> lazy_;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

@@ -1,4 +1,4 @@
-"""The scenes that come with swiftlet: their names, the named sets, and where they lie."""
+"""The scenes that come with flockstep: their names, the named sets, and where they lie."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TypeAlias
 
-from swiftlet._core import World
+from flockstep._core import World
 
 WorldsLike: TypeAlias = str | PathLike[str] | World | Sequence[str | PathLike[str] | World]
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from swiftlet._core import Batch, CameraConfig, LidarConfig
+from flockstep._core import Batch, CameraConfig, LidarConfig
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

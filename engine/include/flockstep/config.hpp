@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-namespace swiftlet {
+namespace flockstep {
 
 // A scanning LiDAR. Either a grid of channels x beams, or (azimuth_deg, elevation_deg) lists of equal length.
 struct LidarConfig {
@@ -185,4 +185,4 @@ struct BatchConfig {
   void validate() const;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

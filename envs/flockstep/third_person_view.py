@@ -8,12 +8,12 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch, CameraConfig, World
-from swiftlet.beams import beams_of
-from swiftlet.depth_canvas import Color, DepthCanvas, Floats, Image
-from swiftlet.stage import Stage
-from swiftlet.task import rotate
-from swiftlet.trail import Trail
+from flockstep._core import Batch, CameraConfig, World
+from flockstep.beams import beams_of
+from flockstep.depth_canvas import Color, DepthCanvas, Floats, Image
+from flockstep.stage import Stage
+from flockstep.task import rotate
+from flockstep.trail import Trail
 
 _DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
 _OTHER = (0.35, 0.45, 0.6)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch
-from swiftlet.task import rotate
+from flockstep._core import Batch
+from flockstep.task import rotate
 
 Points = npt.NDArray[np.float64]
 

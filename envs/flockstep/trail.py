@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from swiftlet._core import Batch
+from flockstep._core import Batch
 
 
 class Trail:

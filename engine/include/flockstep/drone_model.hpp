@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
-#include "swiftlet/pose.hpp"
+#include "flockstep/pose.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 inline constexpr int kMaxHullVertices = 32;
 
@@ -28,4 +28,4 @@ class DroneModel {
   Aabb extents_;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep

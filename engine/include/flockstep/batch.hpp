@@ -9,12 +9,12 @@
 #include <string_view>
 #include <vector>
 
-#include "swiftlet/config.hpp"
-#include "swiftlet/drone_model.hpp"
-#include "swiftlet/state.hpp"
-#include "swiftlet/world.hpp"
+#include "flockstep/config.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/state.hpp"
+#include "flockstep/world.hpp"
 
-namespace swiftlet {
+namespace flockstep {
 
 // Run-time changes to the LiDARs of some drones; what is not set stays. The number of rays is fixed per batch.
 struct LidarChange {
@@ -112,4 +112,4 @@ class Batch {
   std::unique_ptr<Impl> impl_;
 };
 
-}  // namespace swiftlet
+}  // namespace flockstep
