@@ -15,9 +15,9 @@
 #include <cstdlib>
 #include <vector>
 
-#include "render/egl_context.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "render/egl_context.hpp"
 
 namespace bench {
 
@@ -118,7 +118,7 @@ class BareGl {
       const float across = 0.5F * static_cast<float>(width_) / fx, along = 0.5F * static_cast<float>(height_) / fy;
       const flockstep::Mat3& r = rotation[at];
       const std::array<flockstep::Vec3, 5> sides{r.col(0), across * r.col(0) + r.col(1), across * r.col(0) - r.col(1),
-                                                along * r.col(0) + r.col(2), along * r.col(0) - r.col(2)};
+                                                 along * r.col(0) + r.col(2), along * r.col(0) - r.col(2)};
       const auto is_seen = [&](const Cell& cell) {
         return !culled || std::all_of(sides.begin(), sides.end(), [&](const flockstep::Vec3& side) {
           return side.dot(cell.center - position[at]) + side.cwiseAbs().dot(cell.half) >= 0.0F;

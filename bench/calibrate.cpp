@@ -11,10 +11,10 @@
 #include <random>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
 #include "bench.hpp"
-#include "platform/flush_denormals.hpp"
-#include "sensors/beams.hpp"
 #include "flockstep/world.hpp"
+#include "sensors/beams.hpp"
 #include "trace/scene.hpp"
 #include "trace/shape.hpp"
 #include "trace/user_geometry.hpp"
@@ -67,27 +67,27 @@ double bundle_advantage(int within) {
   for (Vec3& origin : origins) origin = Vec3(place(random), place(random), place(random));
 
   auto bundle = std::make_unique<trace::RayBundle>();
-  auto reach = std::make_unique<trace::Reach>();
+  auto candidates = std::make_unique<trace::CandidateSet>();
   auto block = std::make_unique<trace::RayBlock>();
   bundle->rotation = Mat3::Identity();
   bundle->range = kRange;
   const auto for_each_bundle = [&](const auto& trace) {
     for (const Vec3& origin : origins) {
       bundle->origin = origin;
-      scene.gather(origin, kRange, *reach);
-      for (const sensors::Tile& tile : pattern.tiles) {
+      scene.gather(origin, kRange, *candidates);
+      for (const sensors::BeamTile& tile : pattern.tiles) {
         bundle->x = pattern.x.data() + tile.first;
         bundle->y = pattern.y.data() + tile.first;
         bundle->z = pattern.z.data() + tile.first;
         bundle->count = tile.rows * tile.width;
-        bundle->view = &tile.view;
+        bundle->view = &tile.frustum;
         trace();
       }
     }
   };
   const auto direct = [&] {
     for_each_bundle(
-        [&] { trace::trace_direct(std::span(reach->candidates).first(reach->count), trace::kMaxCandidates, *bundle); });
+        [&] { trace::trace_direct(std::span(candidates->list).first(candidates->count), trace::kMaxCandidates, *bundle); });
   };
   const auto embree = [&] {
     block->count = 0;

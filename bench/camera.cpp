@@ -98,10 +98,10 @@ HWY_AFTER_NAMESPACE();
 #include <vector>
 
 #include "bare_gl.hpp"
+#include "base/flush_denormals.hpp"
 #include "bench.hpp"
-#include "mesh_world.hpp"
-#include "platform/flush_denormals.hpp"
 #include "flockstep/batch.hpp"
+#include "mesh_world.hpp"
 #include "trace/scene.hpp"
 
 namespace bench {
@@ -237,7 +237,7 @@ struct Poses {
 };
 
 std::unique_ptr<flockstep::Batch> make_batch(const std::shared_ptr<const flockstep::World>& world, const Poses& poses,
-                                            const flockstep::CameraConfig& camera, flockstep::CameraBackend backend) {
+                                             const flockstep::CameraConfig& camera, flockstep::CameraBackend backend) {
   flockstep::BatchConfig config;
   config.num_drones = static_cast<int>(poses.points.size());
   config.num_threads = 1;

@@ -30,9 +30,9 @@
 #include <vector>
 
 #include "bare_embree.hpp"
+#include "base/flush_denormals.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
-#include "platform/flush_denormals.hpp"
 #include "flockstep/batch.hpp"
 #include "trace/scene.hpp"
 #include "trace/user_geometry.hpp"
@@ -148,7 +148,7 @@ struct BareDirect {
       bench::Shape& to = shapes.emplace_back();
       to.kind = primitive.kind == flockstep::PrimitiveKind::cylinder ? bench::Kind::cylinder
                 : primitive.kind == flockstep::PrimitiveKind::sphere ? bench::Kind::sphere
-                                                                    : bench::Kind::box;
+                                                                     : bench::Kind::box;
       to.turned = !from.aligned;
       for (int i = 0; i < 3; ++i) {
         to.center[i] = from.center[i];

@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
+#include "base/pose_access.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
-#include "motion/pose_access.hpp"
-#include "platform/flush_denormals.hpp"
+#include "flockstep/batch.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
-#include "flockstep/batch.hpp"
 #include "task/navigation.hpp"
 #include "trace/scene.hpp"
 

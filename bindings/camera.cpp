@@ -3,8 +3,8 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
-#include "released.hpp"
 #include "flockstep/batch.hpp"
+#include "released.hpp"
 
 namespace flockstep::bindings {
 namespace {

@@ -165,16 +165,16 @@ void register_config(py::module_& module) {
       .def_readwrite("free_space_weight", &NavigationReward::free_space_weight)
       .def_readwrite("step_weight", &NavigationReward::step_weight)
       .def_readwrite("action_change_weight", &NavigationReward::action_change_weight)
-      .def_readwrite("outrun_weight", &NavigationReward::outrun_weight)
+      .def_readwrite("overshoot_weight", &NavigationReward::overshoot_weight)
       .def_readwrite("goal_reward", &NavigationReward::goal_reward)
       .def_readwrite("waypoint_share", &NavigationReward::waypoint_share)
       .def_readwrite("goal_radius_m", &NavigationReward::goal_radius_m)
       .def_readwrite("min_clearance", &NavigationReward::min_clearance)
       .def_readwrite("step_scale", &NavigationReward::step_scale)
-      .def_readwrite("thesis_switch", &NavigationReward::thesis_switch);
+      .def_readwrite("carry_over_distance", &NavigationReward::carry_over_distance);
   add_common(reward,
-             {"distance_weight", "crash_weight", "free_space_weight", "step_weight", "action_change_weight", "outrun_weight",
-              "goal_reward", "waypoint_share", "goal_radius_m", "min_clearance", "step_scale", "thesis_switch"});
+             {"distance_weight", "crash_weight", "free_space_weight", "step_weight", "action_change_weight", "overshoot_weight",
+              "goal_reward", "waypoint_share", "goal_radius_m", "min_clearance", "step_scale", "carry_over_distance"});
 
   py::class_<NavigationConfig> navigation(module, "NavigationConfig", "Fly from the start over the waypoints to the goal.");
   navigation

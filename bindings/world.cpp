@@ -72,13 +72,13 @@ py::dict light(const World& world) {
   return entry;
 }
 
-py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range) {
+py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range_m) {
   const Input<float> from = floats(origins, "origins", {-1, 3});
   const Input<float> along = floats(directions, "directions", {-1, 3});
   RayHits hits;
   {
     const py::gil_scoped_release release;
-    hits = world.raycast(from, along, max_range);
+    hits = world.raycast(from, along, max_range_m);
   }
   py::dict result;
   result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
@@ -112,10 +112,10 @@ void register_world(py::module_& module) {
           py::arg("scene"), py::arg("base_dir") = "")
       .def_static(
           "playground",
-          [](std::uint64_t seed, int pillars, const std::array<float, 3>& size, float pillar_radius_m) {
-            return std::const_pointer_cast<World>(World::playground({seed, pillars, size, pillar_radius_m}));
+          [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m) {
+            return std::const_pointer_cast<World>(World::playground({seed, pillars, size_m, pillar_radius_m}));
           },
-          py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size") = PlaygroundConfig().size,
+          py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
           py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
@@ -127,14 +127,14 @@ void register_world(py::module_& module) {
                                const auto& box = world.markers().spawn_box;
                                return box ? py::object(box_rows(*box)) : py::none();
                              })
-      .def_property_readonly("marker_radius", [](const World& world) { return world.markers().radius; })
+      .def_property_readonly("marker_radius_m", [](const World& world) { return world.markers().radius; })
       .def_property_readonly("materials", &materials)
       .def_property_readonly("light", &light)
       .def_property_readonly("primitives", &primitives)
       .def("to_dict", [](const World& world) { return py::module_::import("json").attr("loads")(world.to_json()); })
       .def("save", &World::save, py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
-      .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range"))
+      .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))
       .def("__copy__", [](const py::object& self) { return self; })  // immutable
       .def(
           "__deepcopy__", [](const py::object& self, const py::dict&) { return self; }, py::arg("memo"))

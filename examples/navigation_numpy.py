@@ -95,7 +95,7 @@ class Navigation(flockstep.Task):
         distance_term = np.where(at_goal, r.goal_reward, np.where(at_waypoint, waypoint_reward, closer_cm))
         goal_x = self.goal(batch)[:, 0]
         self.goal_index += at_waypoint
-        self.last_distance = distance if r.thesis_switch else self.distance(batch)
+        self.last_distance = distance if r.carry_over_distance else self.distance(batch)
 
         ranges = self.ranges(batch)
         nearest = ranges.min(axis=1)
@@ -107,15 +107,15 @@ class Navigation(flockstep.Task):
         changed = self.action != self.last_action
         change_term = -np.where(changed.any(axis=1) if changed.ndim > 1 else changed, 1.0, 0.0)
         self.last_action = np.where(self.flying.reshape(-1, *[1] * (changed.ndim - 1)), self.action, self.last_action)
-        outran = (r.outrun_weight != 0) & (batch.position[:, 0] > goal_x + r.goal_radius_m)
-        outrun_term = np.where(outran, -r.goal_reward / 10, 0)
+        overshot = (r.overshoot_weight != 0) & (batch.position[:, 0] > goal_x + r.goal_radius_m)
+        overshoot_term = np.where(overshot, -r.goal_reward / 10, 0)
 
-        terms = [distance_term, crash_term, free_space_term, step_term, change_term, outrun_term]
+        terms = [distance_term, crash_term, free_space_term, step_term, change_term, overshoot_term]
         weights = [r.distance_weight, r.crash_weight, r.free_space_weight, r.step_weight]
-        weights += [r.action_change_weight, r.outrun_weight]
+        weights += [r.action_change_weight, r.overshoot_weight]
         self.reward_terms = np.stack(terms, axis=1) * weights
         self.success[:] = at_goal & ~crashed
-        return self.reward_terms.sum(axis=1), crashed | at_goal | outran
+        return self.reward_terms.sum(axis=1), crashed | at_goal | overshot
 
     def observe(self, batch: flockstep.Batch) -> Array:
         head = self.blob(batch) if self.config.observation == "blob" else self.direction(batch)
@@ -171,7 +171,7 @@ class Navigation(flockstep.Task):
 
 def main() -> None:
     """Fly the engine's tasks and these with the same random actions."""
-    camera_reward = flockstep.NavigationReward(outrun_weight=1.0)
+    camera_reward = flockstep.NavigationReward(overshoot_weight=1.0)
     for config in (
         flockstep.NavigationConfig(),
         flockstep.NavigationConfig(observation="blob", action="discrete_forward", reward=camera_reward),

@@ -35,7 +35,7 @@ class Flight:
     """One flight from start to end of its episode."""
 
     world: str
-    outcome: str  # "success", "crash", "outrun" or "time-out"
+    outcome: str  # "success", "crash", "overshoot" or "time-out"
     steps: int  # flown
     reward: float  # the task's own, unscaled sum
     path_length_m: float
@@ -95,7 +95,7 @@ def fly(
 
 def outcome(success: bool, crashed: bool, truncated: bool) -> str:
     """Return in a word how an episode ended."""
-    return "success" if success else "crash" if crashed else "time-out" if truncated else "outrun"
+    return "success" if success else "crash" if crashed else "time-out" if truncated else "overshoot"
 
 
 def length_m(path: npt.NDArray[np.float32]) -> float:
@@ -117,7 +117,7 @@ def summary(flights: Sequence[Flight]) -> dict[str, Any]:
         "flights": len(flights),
         "success_rate": sum(f.outcome == "success" for f in flights) / count,
         "crash_rate": sum(f.outcome == "crash" for f in flights) / count,
-        "outrun_rate": sum(f.outcome == "outrun" for f in flights) / count,
+        "overshoot_rate": sum(f.outcome == "overshoot" for f in flights) / count,
         "time_out_rate": sum(f.outcome == "time-out" for f in flights) / count,
         "path_over_shortest": float(np.median(detours)) if detours else None,
     }

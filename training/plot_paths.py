@@ -22,7 +22,7 @@ import flockstep
 from evaluate import Flight, Policy, fly, greedy
 from tasks import Setup, setup_of
 
-OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "outrun": "tab:purple", "time-out": "tab:orange"}
+OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "overshoot": "tab:purple", "time-out": "tab:orange"}
 MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
 TOP, SIDE = (0, 1), (0, 2)  # the axes of a view: x and y, x and z
 
@@ -42,7 +42,7 @@ def draw_world(axes: Axes, world: flockstep.World, view: tuple[int, int]) -> Non
         axes.add_patch(Rectangle(corner, 2 * half[across], 2 * half[up], **style))
     places = [("start", world.start), *(("waypoint", w) for w in world.waypoints), ("goal", world.goal)]
     for kind, place in places:
-        axes.add_patch(Circle((place[across], place[up]), world.marker_radius, color=MARKER_COLOR[kind], zorder=3))
+        axes.add_patch(Circle((place[across], place[up]), world.marker_radius_m, color=MARKER_COLOR[kind], zorder=3))
     low, high = world.bounds
     axes.set_xlim(low[across] - 0.2, high[across] + 0.2)
     axes.set_ylim(low[up] - 0.2, high[up] + 0.2)

@@ -195,7 +195,7 @@ class NavigationReward:
         -(step number) / ``step_scale``, the first step being number 0.
     action_change_weight
         -1 if the action differs from the last one; the first action counts as a change.
-    outrun_weight
+    overshoot_weight
         -R / 10 when x exceeds the goal's x + ``goal_radius_m``; if not 0, the episode ends there.
     goal_reward
         R.
@@ -207,7 +207,7 @@ class NavigationReward:
         M, in (0, 1), in units of the maximum range.
     step_scale
         Steps.
-    thesis_switch
+    carry_over_distance
         Keep the last distance when the current goal changes, as the thesis's program did.
     """
 
@@ -216,13 +216,13 @@ class NavigationReward:
     free_space_weight: float
     step_weight: float
     action_change_weight: float
-    outrun_weight: float
+    overshoot_weight: float
     goal_reward: float
     waypoint_share: float
     goal_radius_m: float
     min_clearance: float
     step_scale: float
-    thesis_switch: bool
+    carry_over_distance: bool
     def __init__(
         self,
         *,
@@ -231,13 +231,13 @@ class NavigationReward:
         free_space_weight: float = 1.0,
         step_weight: float = 1.0,
         action_change_weight: float = 1.0,
-        outrun_weight: float = 0.0,
+        overshoot_weight: float = 0.0,
         goal_reward: float = 10000.0,
         waypoint_share: float = 0.1,
         goal_radius_m: float = 0.5,
         min_clearance: float = 0.2,
         step_scale: float = 3000.0,
-        thesis_switch: bool = False,
+        carry_over_distance: bool = False,
     ) -> None: ...
 
 @final
@@ -313,9 +313,9 @@ class World:
 
     @staticmethod
     def playground(
-        seed: int, pillars: int = 12, size: Sequence[float] = (14.0, 14.0, 5.25), pillar_radius_m: float = 0.25
+        seed: int, pillars: int = 12, size_m: Sequence[float] = (14.0, 14.0, 5.25), pillar_radius_m: float = 0.25
     ) -> World:
-        """Generate a room of ``size`` metres with full-height pillars, a start, waypoints and a goal.
+        """Generate a room of ``size_m`` metres with full-height pillars, a start, waypoints and a goal.
 
         The default drone can fly from the start over the waypoints to the goal. The same arguments make the same world.
         """
@@ -345,7 +345,7 @@ class World:
         """(2, 3) m: least and greatest corner of where a task may start drones, or None."""
 
     @property
-    def marker_radius(self) -> float:
+    def marker_radius_m(self) -> float:
         """Metres, as drawn."""
 
     @property
@@ -378,7 +378,7 @@ class World:
         """
 
     def raycast(
-        self, origins: npt.ArrayLike, directions: npt.ArrayLike, max_range: float
+        self, origins: npt.ArrayLike, directions: npt.ArrayLike, max_range_m: float
     ) -> dict[str, npt.NDArray[Any]]:
         """Return the nearest hit of each of R rays.
 
@@ -386,7 +386,7 @@ class World:
         ----------
         origins, directions
             (R, 3) m; directions need not be unit, but not zero.
-        max_range
+        max_range_m
             Metres.
 
         Returns

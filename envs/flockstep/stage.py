@@ -108,7 +108,7 @@ def _emptied(world: World) -> World | None:
     if not rooms:
         return None
     center, half = np.asarray(rooms[0]["center"], float), np.asarray(rooms[0]["half_extents"], float)
-    markers: dict[str, Any] = {"radius": world.marker_radius, "waypoints": world.waypoints.tolist()}
+    markers: dict[str, Any] = {"radius": world.marker_radius_m, "waypoints": world.waypoints.tolist()}
     for name in ("start", "goal"):
         place = getattr(world, name)
         if place is not None:

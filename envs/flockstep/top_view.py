@@ -98,7 +98,7 @@ class _Canvas:
         markers = [(world.start, _START), *((w, _WAYPOINT) for w in world.waypoints), (world.goal, _GOAL)]
         for position, color in markers:
             if position is not None:
-                self.polygon(image, _sphere_points(np.asarray(position, float), world.marker_radius), color)
+                self.polygon(image, _sphere_points(np.asarray(position, float), world.marker_radius_m), color)
         return image
 
     def polygon(self, image: Image, points: Points, color: Color) -> None:

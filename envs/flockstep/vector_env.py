@@ -79,14 +79,14 @@ DEFAULTS = {
         # Across the playground, at 10 m, the goal is 1.6 pixels wide: it never falls between the centres of four.
         CameraConfig(width_px=64, height_px=48),
         "discrete_forward",
-        NavigationReward(outrun_weight=1.0),
+        NavigationReward(overshoot_weight=1.0),
     ),
     "pixels": Defaults(
         "camera-train",
         LidarConfig(beams=20, hfov_deg=180.0),
         CameraConfig(width_px=64, height_px=48, layout="chw"),
         "discrete_forward",
-        NavigationReward(outrun_weight=1.0),
+        NavigationReward(overshoot_weight=1.0),
     ),
 }
 
@@ -146,7 +146,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     **navigation
         Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``,
         ``"discrete_forward"``, which is the default of camera tasks), ``reward`` (their default ends an episode that
-        outruns the goal), ``step_m``, ``yaw_step_deg``, ``frame_skip``, ``random_start``, ``random_world``,
+        overshoots the goal), ``step_m``, ``yaw_step_deg``, ``frame_skip``, ``random_start``, ``random_world``,
         ``stagger_first_episode``.
 
     Infos

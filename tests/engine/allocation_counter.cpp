@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <new>
 
-#include "platform/handover.hpp"
+#include "base/thread_sanitizer.hpp"
 
 // Under the thread sanitizer nothing is counted: its own operators know which library a call comes from, and leave oneTBB's and
 // Embree's hand-overs of memory between their threads alone.

@@ -138,6 +138,6 @@ std::string message_of(const F& f) {
 #define EXPECT_REFUSED(statement, field)                                                             \
   do {                                                                                               \
     EXPECT_THROW(statement, std::invalid_argument);                                                  \
-    const std::string refusal = flockstep::testing::message_of([&] { statement; });                   \
+    const std::string refusal = flockstep::testing::message_of([&] { statement; });                  \
     EXPECT_NE(refusal.find(field), std::string::npos) << "expected " << field << " in: " << refusal; \
   } while (false)

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "random.hpp"
+#include "trace/frustum.hpp"
 #include "trace/ray_block.hpp"
-#include "trace/view.hpp"
 
 namespace flockstep::testing {
 
@@ -25,25 +25,25 @@ class Directions {
       y_.push_back(static_cast<float>(unit.y()));
       z_.push_back(static_cast<float>(unit.z()));
     }
-    view_ = trace::make_view(x_, y_, z_);
+    view_ = trace::make_frustum(x_, y_, z_);
     for (auto* component : {&x_, &y_, &z_}) component->resize(count_ + trace::kRayPadding);
   }
   std::size_t size() const { return count_; }
   Vec3 operator[](std::size_t i) const { return {x_[i], y_[i], z_[i]}; }
-  const trace::View& view() const { return view_; }
+  const trace::Frustum& view() const { return view_; }
   // Lets a bundle point at those from first on; this must outlive it.
   void aim(trace::RayBundle& rays, std::size_t first = 0) const {
     rays.x = x_.data() + first;
     rays.y = y_.data() + first;
     rays.z = z_.data() + first;
-    rays.view = &view_;
+    rays.frustum = &view_;
     rays.count = count_ - first;
   }
 
  private:
   std::size_t count_;
   std::vector<float> x_, y_, z_;
-  trace::View view_;
+  trace::Frustum view_;
 };
 
 // A single channel about the sensor's x axis.
@@ -72,8 +72,8 @@ inline std::vector<Vec3> cone(Random& random, std::size_t count, float degrees) 
 }
 
 // A view that holds everything: it has no plane.
-inline const trace::View& everywhere() {
-  static const trace::View view{};
+inline const trace::Frustum& everywhere() {
+  static const trace::Frustum view{};
   return view;
 }
 

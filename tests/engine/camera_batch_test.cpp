@@ -16,9 +16,9 @@
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
 #include "picture_oracle.hpp"
 #include "random.hpp"
-#include "flockstep/batch.hpp"
 
 namespace flockstep {
 namespace {

@@ -12,8 +12,8 @@
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
-#include "random.hpp"
 #include "flockstep/batch.hpp"
+#include "random.hpp"
 #include "task/green_blob.hpp"
 
 namespace flockstep {
@@ -61,7 +61,7 @@ BatchConfig camera_batch(int num_drones, ObservationKind observation, AutoresetM
   config.navigation.max_episode_steps = 40;
   config.navigation.random_start = true;
   config.navigation.stagger_first_episode = true;
-  config.navigation.reward.outrun_weight = 1.0F;
+  config.navigation.reward.overshoot_weight = 1.0F;
   config.autoreset_mode = mode;
   return config;
 }
@@ -70,7 +70,7 @@ constexpr std::size_t kImage = 3 * 32 * 24;
 constexpr ObservationKind kKinds[] = {ObservationKind::blob, ObservationKind::pixels};
 constexpr AutoresetMode kModes[] = {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled};
 
-// Mostly forward, and more to the left: so that goals are reached and outrun, and walls hit.
+// Mostly forward, and more to the left: so that goals are reached and overshoot, and walls hit.
 std::int64_t action_of(Random& random) {
   const auto number = random.generator()() % 10;
   return number < 5 ? 0 : number < 8 ? 1 : 2;

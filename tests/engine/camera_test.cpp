@@ -12,13 +12,13 @@
 #include <utility>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
 #include "on_target.hpp"
 #include "picture_oracle.hpp"
-#include "platform/flush_denormals.hpp"
 #include "random.hpp"
-#include "render/lens.hpp"
-#include "flockstep/batch.hpp"
+#include "render/pinhole_camera.hpp"
 #include "trace/embree.hpp"
 #include "trace/packets.hpp"
 #include "trace/scene.hpp"
@@ -957,17 +957,17 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
   rtcReleaseGeometry(geometry);
   rtcCommitScene(scene.get());
 
-  const auto trace = [&](const render::Lens& lens, const render::Tile& tile, const Mat3& rotation, bool wide,
-                         trace::RayBundle& rays, trace::FacetNormals& normals) {
+  const auto trace = [&](const render::PinholeCamera& pinhole, const render::PixelTile& tile, const Mat3& rotation, bool wide,
+                         trace::RayBundle& rays, trace::GeometricNormals& normals) {
     static const std::vector<float> ones(trace::kMaxRays + trace::kRayPadding, 1.0F);
     rays.origin = Vec3(0.1F, 0.2F, 0.3F);
     rays.rotation = rotation;
     rays.near = 0.05F;
     rays.range = 20.0F;
-    rays.count = tile.height * render::Tile::kSide;
+    rays.count = tile.height * render::PixelTile::kSide;
     rays.x = ones.data();
-    rays.y = lens.grids[0].left.data() + tile.column * render::Tile::kSide;
-    rays.z = lens.grids[0].up.data() + tile.row * render::Tile::kSide;
+    rays.y = pinhole.grids[0].left.data() + tile.column * render::PixelTile::kSide;
+    rays.z = pinhole.grids[0].up.data() + tile.row * render::PixelTile::kSide;
     std::fill_n(rays.t_hit, trace::kMaxRays, kInfinity);
     std::fill_n(rays.element, trace::kMaxRays, -1);
     const FlushDenormals flush;
@@ -976,15 +976,15 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
   Random random(60);
   const auto four = std::make_unique<trace::RayBundle>();
   const auto two = std::make_unique<trace::RayBundle>();
-  trace::FacetNormals of_four, of_two;
+  trace::GeometricNormals of_four, of_two;
   std::size_t hits = 0;
   for (const auto& [width, height] : {std::pair{48, 48}, {17, 3}, {16, 7}, {5, 1}}) {
-    const render::Lens lens = render::make_lens(camera_of(width, height));
+    const render::PinholeCamera pinhole = render::make_pinhole_camera(camera_of(width, height));
     for (int i = 0; i < 5; ++i) {
       const Mat3 rotation = random.rotation().toRotationMatrix();
-      for (const render::Tile& tile : lens.tiles) {
-        trace(lens, tile, rotation, true, *four, of_four);
-        trace(lens, tile, rotation, false, *two, of_two);
+      for (const render::PixelTile& tile : pinhole.tiles) {
+        trace(pinhole, tile, rotation, true, *four, of_four);
+        trace(pinhole, tile, rotation, false, *two, of_two);
         for (std::size_t ray = 0; ray < four->count; ++ray) {
           ASSERT_EQ(four->element[ray], two->element[ray]);
           if (four->element[ray] < 0) continue;

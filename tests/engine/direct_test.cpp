@@ -16,10 +16,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
 #include "on_target.hpp"
-#include "platform/flush_denormals.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "task/ranges.hpp"
@@ -244,7 +244,7 @@ class Ways {
     const std::vector<float> x(1 + kRayPadding, direction.x()), y(1 + kRayPadding, direction.y()),
         z(1 + kRayPadding, direction.z());
     const auto first = [](const std::vector<float>& all) { return std::span(all).first(1); };
-    const View view = make_view(first(x), first(y), first(z));
+    const Frustum view = make_frustum(first(x), first(y), first(z));
     RayBundle& bundle = tracer_->bundle;
     bundle.origin = origin;
     bundle.rotation = Mat3::Identity();
@@ -253,7 +253,7 @@ class Ways {
     bundle.x = x.data();
     bundle.y = y.data();
     bundle.z = z.data();
-    bundle.view = &view;
+    bundle.frustum = &view;
     for (const auto& [way, world] : {std::pair{"directly", alone_.get()}, {"directly in company", crowd_.get()}}) {
       EXPECT_TRUE(tracer_->directly(world->scene())) << way;
       answers.push_back({way, bundle.t_hit[0], bundle.element[0]});
@@ -580,7 +580,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     keep(bundle, whole);
     hits += static_cast<std::size_t>(std::count_if(whole.element.begin(), whole.element.end(), [](int e) { return e >= 0; }));
 
-    bundle.view = &everywhere();
+    bundle.frustum = &everywhere();
     ASSERT_TRUE(tracer->directly(scene));
     Bits seen;
     keep(bundle, seen);

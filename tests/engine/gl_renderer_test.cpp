@@ -28,12 +28,12 @@
 namespace flockstep::render {
 namespace {
 
-using oracle::Vec3d;
 using flockstep::testing::make_world;
 using flockstep::testing::message_of;
 using flockstep::testing::playground;
 using flockstep::testing::primitive;
 using flockstep::testing::Random;
+using oracle::Vec3d;
 using enum PrimitiveKind;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
@@ -74,13 +74,13 @@ CameraConfig camera_of(int width, int height, float hfov_deg = 90.0F) {
   return camera;
 }
 
-Lens lens_of(const CameraConfig& camera) {
+PinholeCamera lens_of(const CameraConfig& camera) {
   const float half = 0.5F * *camera.hfov_deg * std::numbers::pi_v<float> / 180.0F;
-  Lens lens{};
-  lens.fx = lens.fy = 0.5F * static_cast<float>(camera.width_px) / std::tan(half);
-  lens.cx = 0.5F * static_cast<float>(camera.width_px);
-  lens.cy = 0.5F * static_cast<float>(camera.height_px);
-  return lens;
+  PinholeCamera pinhole{};
+  pinhole.fx = pinhole.fy = 0.5F * static_cast<float>(camera.width_px) / std::tan(half);
+  pinhole.cx = 0.5F * static_cast<float>(camera.width_px);
+  pinhole.cy = 0.5F * static_cast<float>(camera.height_px);
+  return pinhole;
 }
 
 struct Pose {
@@ -96,27 +96,27 @@ Pose looking(const Vec3& from, const Vec3& to) {
   return pose;
 }
 
-// Images of some shots, and what was taken.
+// Images of some requests, and what was taken.
 struct Album {
   CameraConfig camera;
-  Lens lens;
-  std::vector<Shot> shots;
+  PinholeCamera pinhole;
+  std::vector<RenderRequest> requests;
   CameraImages images;
   Workers workers{2};
 
-  explicit Album(const CameraConfig& config) : camera(config), lens(lens_of(config)) {}
+  explicit Album(const CameraConfig& config) : camera(config), pinhole(lens_of(config)) {}
   Album(const Album&) = delete;
   Album& operator=(const Album&) = delete;
 
   void add(const World& world, const Pose& pose = {}) {
-    shots.push_back({&world, &camera, &lens, pose.position, pose.rotation, {}});
+    requests.push_back({&world, &camera, &pinhole, pose.position, pose.rotation, {}});
   }
   std::size_t pixels() const { return static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px); }
 
-  // Makes room for the images, full of what no picture is made of, and points the shots there.
+  // Makes room for the images, full of what no picture is made of, and points the requests there.
   void prepare() {
     const auto room = [&](auto& images, bool wanted, std::size_t channels, auto value) {
-      images.assign(wanted ? shots.size() * pixels() * channels : 0, value);
+      images.assign(wanted ? requests.size() * pixels() * channels : 0, value);
     };
     const CameraOutputs& outputs = camera.outputs;
     room(images.rgb, outputs.rgb, 3, std::uint8_t{77});
@@ -125,38 +125,38 @@ struct Album {
     room(images.instance, outputs.instance, 1, std::uint16_t{777});
     room(images.normal, outputs.normal, 3, -7.0F);
     room(images.grey, outputs.grey, 1, std::uint8_t{77});
-    for (std::size_t i = 0; i < shots.size(); ++i) {
+    for (std::size_t i = 0; i < requests.size(); ++i) {
       const auto at = [&](auto& images, std::size_t channels) {
         return images.empty() ? nullptr : images.data() + i * pixels() * channels;
       };
-      shots[i].frame = {at(images.rgb, 3),      at(images.depth, 1),  at(images.semantic, 1),
-                        at(images.instance, 1), at(images.normal, 3), at(images.grey, 1)};
+      requests[i].frame = {at(images.rgb, 3),      at(images.depth, 1),  at(images.semantic, 1),
+                           at(images.instance, 1), at(images.normal, 3), at(images.grey, 1)};
     }
   }
 
   void take(GlRenderer& renderer) {
     prepare();
-    renderer.start(shots);
+    renderer.start(requests);
     renderer.finish(workers);
   }
 
-  std::size_t at(std::size_t shot, int u, int v) const {
-    return shot * pixels() + static_cast<std::size_t>(v) * static_cast<std::size_t>(camera.width_px) +
+  std::size_t at(std::size_t request, int u, int v) const {
+    return request * pixels() + static_cast<std::size_t>(v) * static_cast<std::size_t>(camera.width_px) +
            static_cast<std::size_t>(u);
   }
-  std::array<std::uint8_t, 3> rgb(std::size_t shot, int u, int v) const {
-    const std::uint8_t* at_pixel = images.rgb.data() + 3 * at(shot, u, v);
+  std::array<std::uint8_t, 3> rgb(std::size_t request, int u, int v) const {
+    const std::uint8_t* at_pixel = images.rgb.data() + 3 * at(request, u, v);
     return {at_pixel[0], at_pixel[1], at_pixel[2]};
   }
-  Vec3 normal(std::size_t shot, int u, int v) const {
-    const float* at_pixel = images.normal.data() + 3 * at(shot, u, v);
+  Vec3 normal(std::size_t request, int u, int v) const {
+    const float* at_pixel = images.normal.data() + 3 * at(request, u, v);
     return {at_pixel[0], at_pixel[1], at_pixel[2]};
   }
   // Of one metre of planar depth, world frame; at a point of the pixel, its centre being 0.
-  Vec3d ray(std::size_t shot, int u, int v, double du = 0.0, double dv = 0.0) const {
-    const Vec3d direction(1.0, (static_cast<double>(lens.cx) - u - 0.5 - du) / static_cast<double>(lens.fx),
-                          (static_cast<double>(lens.cy) - v - 0.5 - dv) / static_cast<double>(lens.fy));
-    return shots[shot].rotation.cast<double>() * direction;
+  Vec3d ray(std::size_t request, int u, int v, double du = 0.0, double dv = 0.0) const {
+    const Vec3d direction(1.0, (static_cast<double>(pinhole.cx) - u - 0.5 - du) / static_cast<double>(pinhole.fx),
+                          (static_cast<double>(pinhole.cy) - v - 0.5 - dv) / static_cast<double>(pinhole.fy));
+    return requests[request].rotation.cast<double>() * direction;
   }
 };
 
@@ -207,7 +207,7 @@ Seen look(const World& world, const Appearance& appearance, const CameraConfig& 
   for (std::size_t i = 0; i < appearance.markers.size(); ++i) {
     const MarkerSphere& marker = appearance.markers[i];
     const Vec3d center = marker.center.cast<double>();
-    const double t = oracle::ball(origin - center, ray, static_cast<double>(appearance.marker_radius)).enter;
+    const double t = oracle::ball(origin - center, ray, static_cast<double>(appearance.marker_radius_m)).enter;
     if (t < 0.0 || t > reach || near + t >= seen.depth) continue;
     seen = {near + t, static_cast<int>(num_primitives + world.triangles().triangles.size() + i),
             (origin + t * ray - center).normalized(), marker.surface};
@@ -250,25 +250,25 @@ void expect_true(const Album& album, double least_share) {
   std::size_t clear = 0;
   std::size_t total = 0;
   std::size_t bad = 0;
-  for (std::size_t i = 0; i < album.shots.size(); ++i) {
-    const Shot& shot = album.shots[i];
-    const Appearance appearance(*shot.world);
-    const Light& light = shot.world->light();
-    const Vec3d eye = shot.position.cast<double>();
+  for (std::size_t i = 0; i < album.requests.size(); ++i) {
+    const RenderRequest& request = album.requests[i];
+    const Appearance appearance(*request.world);
+    const Light& light = request.world->light();
+    const Vec3d eye = request.position.cast<double>();
     for (int v = 0; v < album.camera.height_px; ++v) {
       for (int u = 0; u < album.camera.width_px; ++u) {
         ++total;
         const Vec3d ray = album.ray(i, u, v);
-        const Seen seen = look(*shot.world, appearance, album.camera, eye, ray);
+        const Seen seen = look(*request.world, appearance, album.camera, eye, ray);
         const auto lit = [&](const Seen& what, const Vec3d& along) {
           return !album.camera.shadows || what.element < 0 ||
-                 sun_reaches(*shot.world, eye + what.depth * along + 1e-3 * what.normal, light);
+                 sun_reaches(*request.world, eye + what.depth * along + 1e-3 * what.normal, light);
         };
         const bool sun = lit(seen, ray);
         bool is_clear = true;
         for (const auto& [du, dv] : {std::pair{0.05, 0.0}, {-0.05, 0.0}, {0.0, 0.05}, {0.0, -0.05}}) {
           const Vec3d aside = album.ray(i, u, v, du, dv);
-          const Seen other = look(*shot.world, appearance, album.camera, eye, aside);
+          const Seen other = look(*request.world, appearance, album.camera, eye, aside);
           is_clear =
               is_clear && other.element == seen.element && lit(other, aside) == sun &&
               (seen.element < 0 || (other.normal.dot(seen.normal) > 0.99 && std::abs(other.depth / seen.depth - 1.0) < 0.05));
@@ -286,8 +286,8 @@ void expect_true(const Album& album, double least_share) {
         for (std::size_t k = 0; k < 3; ++k) good = good && std::abs(color[k] - expected_color[k]) < 1.0;
         if (good) continue;
         if (++bad > 5) continue;
-        ADD_FAILURE() << "shot " << i << " at (" << u << ", " << v << "): depth " << depth << " for " << expected << ", instance "
-                      << album.images.instance[at] << " for " << seen.surface.instance << ", semantic "
+        ADD_FAILURE() << "request " << i << " at (" << u << ", " << v << "): depth " << depth << " for " << expected
+                      << ", instance " << album.images.instance[at] << " for " << seen.surface.instance << ", semantic "
                       << album.images.semantic[at] << " for " << seen.surface.semantic << ", normal "
                       << album.normal(i, u, v).transpose() << " for " << seen.normal.transpose() << ", colour " << int{color[0]}
                       << ' ' << int{color[1]} << ' ' << int{color[2]} << " for " << expected_color[0] << ' ' << expected_color[1]
@@ -571,10 +571,10 @@ TEST(GlRenderer, ManyWorldsAndManyTilesAreEachTheirOwnPicture) {
     album.add(*worlds[i * i % worlds.size()], {random.point(3.0F), random.rotation().toRotationMatrix()});
   }
   album.take(renderer);
-  for (std::size_t i = 0; i < album.shots.size(); i += i < 4 || i > 2490 ? 1 : 97) {
+  for (std::size_t i = 0; i < album.requests.size(); i += i < 4 || i > 2490 ? 1 : 97) {
     Album alone(album.camera);
-    const Shot& shot = album.shots[i];
-    alone.add(*shot.world, {shot.position, shot.rotation});
+    const RenderRequest& request = album.requests[i];
+    alone.add(*request.world, {request.position, request.rotation});
     alone.take(renderer);
     std::size_t same = 0;
     for (std::size_t k = 0; k < alone.pixels(); ++k) {
@@ -603,10 +603,10 @@ TEST(GlRenderer, CamerasOfSeveralSizesAtOnce) {
   }
   wide.prepare();
   high.prepare();
-  std::vector<Shot> both;
+  std::vector<RenderRequest> both;
   for (std::size_t i = 0; i < 6; ++i) {
-    both.push_back(wide.shots[i]);
-    both.push_back(high.shots[i]);
+    both.push_back(wide.requests[i]);
+    both.push_back(high.requests[i]);
   }
   renderer.start(both);
   renderer.finish(wide.workers);
@@ -636,7 +636,7 @@ TEST(GlRenderer, Shadows) {
   album.add(world, down);
   album.take(renderer);
   const auto at = [&](float x, float y) {
-    const auto pixel = [&](float offset) { return static_cast<int>(std::lround(50.0F - album.lens.fx * offset / 6.0F)); };
+    const auto pixel = [&](float offset) { return static_cast<int>(std::lround(50.0F - album.pinhole.fx * offset / 6.0F)); };
     return album.rgb(0, pixel(y), pixel(x));
   };
   const auto lit = at(-2, 1);
@@ -732,7 +732,7 @@ TEST(GlRenderer, SameShotsAgainAllocateNothing) {
   for (int i = 0; i < 40; ++i) album.add(*world, {Vec3(7, 7, 2) + random.point(1.5F), random.rotation().toRotationMatrix()});
   album.prepare();
   const auto take = [&] {
-    renderer.start(album.shots);
+    renderer.start(album.requests);
     renderer.finish(album.workers);
   };
   for (int i = 0; i < 3; ++i) take();
@@ -754,12 +754,12 @@ TEST(GlRenderer, StartedAndNeverFinished) {
   Album album(camera_of(16, 32));
   for (int i = 0; i < 3000; ++i) album.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   album.prepare();
-  renderer.start(album.shots);  // more rounds than are read ahead
+  renderer.start(album.requests);  // more rounds than are read ahead
   Album another(camera_of(24, 24));
   another.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   another.take(renderer);
   EXPECT_NE(another.images.instance[0], 0);
-  renderer.start(album.shots);
+  renderer.start(album.requests);
 }
 
 TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {
@@ -777,8 +777,8 @@ TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {
     again.add(*world);
     album.prepare();
     again.prepare();
-    another.start(album.shots);
-    first.start(again.shots);
+    another.start(album.requests);
+    first.start(again.requests);
     another.finish(album.workers);
     first.finish(again.workers);
     EXPECT_EQ(album.images.depth, expected.images.depth);
@@ -834,7 +834,7 @@ TEST(GlRenderer, ForkedChildLeavesItAlone) {
   if (child == 0) {
     bool refused = false;
     try {
-      shared->start(album.shots);
+      shared->start(album.requests);
     } catch (const GlUnavailable&) {
       refused = true;
     }

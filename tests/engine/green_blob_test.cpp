@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "allocation_counter.hpp"
-#include "random.hpp"
 #include "flockstep/world.hpp"
+#include "random.hpp"
 
 namespace flockstep::task {
 namespace {

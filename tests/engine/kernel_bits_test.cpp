@@ -13,9 +13,9 @@
 #include <utility>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
+#include "base/philox.hpp"
 #include "batch_helpers.hpp"
-#include "platform/flush_denormals.hpp"
-#include "random/philox.hpp"
 #include "render/raycast_renderer.hpp"
 #include "task/ranges.hpp"
 #include "trace/ray_block.hpp"
@@ -152,7 +152,7 @@ TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x121905830F8
 TEST(KernelBits, Bundles) {
   Exact exact(1);
   const FlushDenormals flush;
-  const auto reach = std::make_unique<trace::Reach>();
+  const auto reach = std::make_unique<trace::CandidateSet>();
   const auto bundle = std::make_unique<trace::RayBundle>();
   std::vector<float> x(kRays + trace::kRayPadding), y(x), z(x);
   bundle->x = x.data();
@@ -169,7 +169,8 @@ TEST(KernelBits, Bundles) {
         y[ray] = direction.y();
         z[ray] = direction.z();
       }
-      const trace::View view = trace::make_view(std::span(x).first(kRays), std::span(y).first(kRays), std::span(z).first(kRays));
+      const trace::Frustum view =
+          trace::make_frustum(std::span(x).first(kRays), std::span(y).first(kRays), std::span(z).first(kRays));
       bundle->view = &view;
       bundle->origin = exact.point(6.0F);
       bundle->rotation = exact.rotation().toRotationMatrix();
@@ -223,15 +224,16 @@ TEST(KernelBits, Pictures) {
                                 .depth_kind = i % 2 == 0 ? DepthKind::planar : DepthKind::range,
                                 .samples_per_pixel = i % 4 == 1 ? 4 : 1,
                                 .shadows = i % 4 >= 2};
-      const render::Lens lens = render::make_lens(camera);
+      const render::PinholeCamera pinhole = render::make_pinhole_camera(camera);
       const Vec3 place = exact.point(2.0F);
-      const render::Shot shot{&world,
-                              &camera,
-                              &lens,
-                              place,
-                              exact.rotation().toRotationMatrix(),
-                              {rgb.data(), depth.data(), semantic.data(), instance.data(), normal.data(), grey.data()}};
-      render::render_tiles(shot, 0, lens.tiles.size(), *scratch);
+      const render::RenderRequest request{
+          &world,
+          &camera,
+          &pinhole,
+          place,
+          exact.rotation().toRotationMatrix(),
+          {rgb.data(), depth.data(), semantic.data(), instance.data(), normal.data(), grey.data()}};
+      render::render_tiles(request, 0, pinhole.tiles.size(), *scratch);
       for (const std::uint8_t value : rgb) digest.add(std::uint64_t{value});
       for (const float value : depth) digest.add(value);
       for (const std::uint16_t value : semantic) digest.add(std::uint64_t{value});

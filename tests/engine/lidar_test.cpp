@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
-#include "flockstep/batch.hpp"
 
 namespace flockstep {
 namespace {

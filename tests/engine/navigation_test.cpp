@@ -16,8 +16,8 @@
 
 #include "batch_helpers.hpp"
 #include "collision/sweep.hpp"
-#include "random.hpp"
 #include "flockstep/batch.hpp"
+#include "random.hpp"
 
 namespace flockstep {
 namespace {
@@ -55,7 +55,7 @@ BatchConfig one_drone(const LidarConfig& lidar = {}) {
 }
 
 // In the order of NavigationReward's weights.
-enum Term { kDistance, kCrash, kFreeSpace, kStepNumber, kActionChange, kOutrun };
+enum Term { kDistance, kCrash, kFreeSpace, kStepNumber, kActionChange, kOvershoot };
 
 class Flight {
  public:
@@ -139,9 +139,9 @@ TEST(NavigationReward, AWeightIsThatOfItsTermAlone) {
     flight.put({19.5F, 4, 5});
     return flight.step(3);
   };
-  const std::vector<float NavigationReward::*> weights{&NavigationReward::distance_weight,      &NavigationReward::crash_weight,
-                                                       &NavigationReward::free_space_weight,    &NavigationReward::step_weight,
-                                                       &NavigationReward::action_change_weight, &NavigationReward::outrun_weight};
+  const std::vector<float NavigationReward::*> weights{
+      &NavigationReward::distance_weight, &NavigationReward::crash_weight,         &NavigationReward::free_space_weight,
+      &NavigationReward::step_weight,     &NavigationReward::action_change_weight, &NavigationReward::overshoot_weight};
   for (std::size_t k = 0; k < weights.size(); ++k) {
     SCOPED_TRACE(k);
     const auto once = terms_with(weights[k], 1.0F);
@@ -159,10 +159,10 @@ TEST(NavigationReward, AWeightIsThatOfItsTermAlone) {
 }
 
 TEST(NavigationReward, AWaypointIsReachedWithinTheRadius) {
-  for (const bool thesis_switch : {false, true}) {
-    SCOPED_TRACE(thesis_switch);
+  for (const bool carry_over_distance : {false, true}) {
+    SCOPED_TRACE(carry_over_distance);
     BatchConfig config = one_drone();
-    config.navigation.reward.thesis_switch = thesis_switch;
+    config.navigation.reward.carry_over_distance = carry_over_distance;
     Flight flight(config);
     flight.put({6.25F, 10, 5});
     EXPECT_EQ(flight.step(0)[kDistance], 100.0F * (2.0F - 0.625F));  // at 0.625 m: not yet
@@ -172,7 +172,7 @@ TEST(NavigationReward, AWaypointIsReachedWithinTheRadius) {
     EXPECT_EQ(flight.batch.goal_index()[0], 1);
     expect_flags(flight, false, false, false, false);
     expect_goal_direction(flight, {0.5F, 3, 0});
-    const double last = thesis_switch ? 0.5 : std::hypot(0.5, 3.0);
+    const double last = carry_over_distance ? 0.5 : std::hypot(0.5, 3.0);
     EXPECT_FLOAT_EQ(flight.step(0)[kDistance], static_cast<float>(100.0 * (last - std::hypot(0.375, 3.0))));
     EXPECT_EQ(flight.batch.goal_index()[0], 1);
   }
@@ -264,16 +264,16 @@ TEST(NavigationReward, AnActionIsAChangeIfAnyOfItIs) {
   EXPECT_EQ(flight.step(action)[kActionChange], -1.0F);  // the first of an episode
 }
 
-TEST(NavigationReward, OutrunningTheGoal) {
+TEST(NavigationReward, OvershootningTheGoal) {
   for (const float weight : {1.0F, 0.0F, 0.5F}) {
     SCOPED_TRACE(weight);
     BatchConfig config = one_drone();
-    config.navigation.reward.outrun_weight = weight;
+    config.navigation.reward.overshoot_weight = weight;
     Flight flight(config);
     flight.put({7.375F, 15, 5});
-    EXPECT_EQ(flight.step(0)[kOutrun], 0.0F);  // at 7.5, the waypoint's x and the radius: not beyond
+    EXPECT_EQ(flight.step(0)[kOvershoot], 0.0F);  // at 7.5, the waypoint's x and the radius: not beyond
     expect_flags(flight, false, false, false, false);
-    EXPECT_EQ(flight.step(0)[kOutrun], -1000.0F * weight);
+    EXPECT_EQ(flight.step(0)[kOvershoot], -1000.0F * weight);
     expect_flags(flight, weight != 0.0F, false, false, false);
   }
 }

@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
-#include "ray_oracle.hpp"
 #include "flockstep/batch.hpp"
+#include "ray_oracle.hpp"
 
 namespace flockstep::oracle {
 

@@ -13,7 +13,7 @@
 #include "collision/sweep.hpp"
 #include "flockstep/plan.hpp"
 #include "flockstep/world.hpp"
-#include "world/markers.hpp"
+#include "scenario/navigable.hpp"
 
 namespace flockstep {
 namespace {
@@ -237,13 +237,13 @@ TEST(GeneratedPlayground, ManySizesAndNumbersOfPillars) {
   const DroneModel drone = DroneModel::quadrotor650();
   std::vector<PlaygroundConfig> configs;
   for (const int count : {0, 1, 30, 60, 120, 200}) configs.push_back({.seed = 5, .pillars = count});
-  configs.push_back({.seed = 5, .pillars = 1, .size = {6, 6, 1.5F}});
-  configs.push_back({.seed = 5, .pillars = 6, .size = {8, 8, 3}});
-  configs.push_back({.seed = 5, .pillars = 20, .size = {40, 10, 8}});
+  configs.push_back({.seed = 5, .pillars = 1, .size_m = {6, 6, 1.5F}});
+  configs.push_back({.seed = 5, .pillars = 6, .size_m = {8, 8, 3}});
+  configs.push_back({.seed = 5, .pillars = 20, .size_m = {40, 10, 8}});
   configs.push_back({.seed = 5, .pillars = 12, .pillar_radius_m = 0.5F});
   configs.push_back({.seed = 5, .pillars = 12, .pillar_radius_m = 0.05F});
   for (const PlaygroundConfig& config : configs) {
-    SCOPED_TRACE(std::to_string(config.pillars) + " pillars, " + std::to_string(config.size[0]) + " m");
+    SCOPED_TRACE(std::to_string(config.pillars) + " pillars, " + std::to_string(config.size_m[0]) + " m");
     const auto world = World::playground(config);
     EXPECT_EQ(pillars(*world).size(), static_cast<std::size_t>(config.pillars));
     EXPECT_GT(smallest_gap(pillars(*world)), 0.0F);
@@ -275,10 +275,10 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
   const std::vector<std::pair<PlaygroundConfig, std::string>> cases{
       {{.pillars = -1}, "pillars: expected an integer in [0, 200], got -1"},
       {{.pillars = 201}, "pillars: expected an integer in [0, 200], got 201"},
-      {{.size = {5, 14, 5}}, "size[0]: expected metres in [6, 200], got 5"},
-      {{.size = {14, nan, 5}}, "size[1]: expected metres in [6, 200], got nan"},
-      {{.size = {14, 14, 1}}, "size[2]: expected metres in [1.5, 100], got 1"},
-      {{.size = {14, 14, std::numeric_limits<float>::infinity()}}, "size[2]: expected metres in [1.5, 100], got inf"},
+      {{.size_m = {5, 14, 5}}, "size_m[0]: expected metres in [6, 200], got 5"},
+      {{.size_m = {14, nan, 5}}, "size_m[1]: expected metres in [6, 200], got nan"},
+      {{.size_m = {14, 14, 1}}, "size_m[2]: expected metres in [1.5, 100], got 1"},
+      {{.size_m = {14, 14, std::numeric_limits<float>::infinity()}}, "size_m[2]: expected metres in [1.5, 100], got inf"},
       {{.pillar_radius_m = 0}, "pillar_radius_m: expected metres in [0.01, 1] (a fourteenth of the room), got 0"},
       {{.pillar_radius_m = 1.5F}, "pillar_radius_m: expected metres in [0.01, 1] (a fourteenth of the room), got 1.5"},
       {{.pillar_radius_m = nan}, "pillar_radius_m: expected metres in [0.01, 1] (a fourteenth of the room), got nan"},
@@ -295,7 +295,7 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
 
 TEST(GeneratedPlayground, MorePillarsThanFitAreRefusedInTheEnd) {
   try {
-    World::playground({.pillars = 200, .size = {6, 6, 2}, .pillar_radius_m = 0.4F});
+    World::playground({.pillars = 200, .size_m = {6, 6, 2}, .pillar_radius_m = 0.4F});
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
     EXPECT_EQ(

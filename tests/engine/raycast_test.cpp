@@ -9,11 +9,11 @@
 #include <random>
 #include <vector>
 
+#include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
-#include "platform/flush_denormals.hpp"
+#include "flockstep/world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
-#include "flockstep/world.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
@@ -316,7 +316,7 @@ TEST(Raycast, RefusesBadInput) {
   EXPECT_REFUSED(world->raycast(origin, std::vector<float>{0, 0, 0}, 1.0F), "directions");
   EXPECT_REFUSED(world->raycast(origin, std::vector<float>{1, 0, 0, 1, 0, 0}, 1.0F), "directions");
   EXPECT_REFUSED(world->raycast(std::vector<float>{0, 0}, std::vector<float>{1, 0}, 1.0F), "directions");
-  for (const float range : {0.0F, -1.0F, nan}) EXPECT_REFUSED(world->raycast(origin, ahead, range), "max_range");
+  for (const float range : {0.0F, -1.0F, nan}) EXPECT_REFUSED(world->raycast(origin, ahead, range), "max_range_m");
   EXPECT_TRUE(world->raycast({}, {}, 1.0F).t_hit.empty());
 }
 

@@ -12,8 +12,8 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
-#include "random.hpp"
 #include "flockstep/batch.hpp"
+#include "random.hpp"
 
 namespace flockstep {
 namespace {
@@ -309,13 +309,13 @@ TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
       [](BatchConfig& c) { c.navigation.reward.free_space_weight = 2.0F; },
       [](BatchConfig& c) { c.navigation.reward.step_weight = 2.0F; },
       [](BatchConfig& c) { c.navigation.reward.action_change_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.outrun_weight = 2.0F; },
+      [](BatchConfig& c) { c.navigation.reward.overshoot_weight = 2.0F; },
       [](BatchConfig& c) { c.navigation.reward.goal_reward = 2.0F; },
       [](BatchConfig& c) { c.navigation.reward.waypoint_share = 0.2F; },
       [](BatchConfig& c) { c.navigation.reward.goal_radius_m = 0.4F; },
       [](BatchConfig& c) { c.navigation.reward.min_clearance = 0.3F; },
       [](BatchConfig& c) { c.navigation.reward.step_scale = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.thesis_switch = true; },
+      [](BatchConfig& c) { c.navigation.reward.carry_over_distance = true; },
   };
   for (std::size_t i = 0; i < changes.size(); ++i) {
     SCOPED_TRACE("change " + std::to_string(i));

@@ -232,13 +232,13 @@ def test_hulls(hull, match):
 
 
 @pytest.mark.parametrize(
-    ("origins", "directions", "max_range", "match"),
+    ("origins", "directions", "max_range_m", "match"),
     [
         ([[0, 0, 1]], [[0, 0, 0]], 1.0, "directions"),
         ([[0, 0, 1]], [[np.nan, 0, 0]], 1.0, "directions"),
         ([[0, 0, np.inf]], [[1, 0, 0]], 1.0, "origins"),
-        ([[0, 0, 1]], [[1, 0, 0]], -1.0, "max_range"),
-        ([[0, 0, 1]], [[1, 0, 0]], np.nan, "max_range"),
+        ([[0, 0, 1]], [[1, 0, 0]], -1.0, "max_range_m"),
+        ([[0, 0, 1]], [[1, 0, 0]], np.nan, "max_range_m"),
         ([[0, 0, 1]], [[1, 0, 0]] * 2, 1.0, "directions"),
         ([0, 0, 1], [[1, 0, 0]], 1.0, "origins"),
     ],

@@ -60,7 +60,7 @@ def make(parlour):
 
 
 def actions_of(num_envs, steps, seed=0):
-    """Mostly forward, so that goals are reached, outrun and crashed into."""
+    """Mostly forward, so that goals are reached, overshoot and crashed into."""
     return np.random.default_rng(seed).choice(3, size=(steps, num_envs), p=[0.6, 0.2, 0.2])
 
 
@@ -239,7 +239,7 @@ class TestSameBits:
             random_start=True,
             random_world=True,
             stagger_first_episode=True,
-            reward=flockstep.NavigationReward(outrun_weight=1.0),
+            reward=flockstep.NavigationReward(overshoot_weight=1.0),
         )
         camera = flockstep.CameraConfig(width_px=20, height_px=15, layout="chw", samples_per_pixel=4)
         arguments = {"autoreset_mode": "same_step", "num_threads": 1, **arguments}
@@ -362,7 +362,7 @@ def test_agrees_with_its_numpy_twin(parlour, example, mode):
         observation="blob",
         action="discrete_forward",
         max_episode_steps=60,
-        reward=flockstep.NavigationReward(outrun_weight=1.0),
+        reward=flockstep.NavigationReward(overshoot_weight=1.0),
     )
     lidar, camera = flockstep.LidarConfig(beams=20, hfov_deg=180), flockstep.CameraConfig(width_px=64, height_px=48)
     arguments = {"worlds": worlds, "autoreset_mode": mode, "max_episode_steps": 60, "num_threads": 1}
@@ -371,7 +371,7 @@ def test_agrees_with_its_numpy_twin(parlour, example, mode):
     twin = flockstep.DroneVectorEnv(12, task=twin_task, **arguments)
     np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
     ends = {"crashed": 0, "success": 0}
-    outruns = seen = 0
+    overshoots = seen = 0
     for actions in actions_of(12, 200, seed=2):
         ours, theirs = engine.step(actions), twin.step(actions)
         ended = ours[2] | ours[3]
@@ -380,7 +380,7 @@ def test_agrees_with_its_numpy_twin(parlour, example, mode):
         same(ours[2], theirs[2])
         same(ours[3], theirs[3])
         seen += (ours[0][:, 1] > 0).sum()
-        outruns += (engine.batch.reward_terms[:, 5] != 0).sum()
+        overshoots += (engine.batch.reward_terms[:, 5] != 0).sum()
         if ended.any():
             infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
             for key in ends:
@@ -390,7 +390,7 @@ def test_agrees_with_its_numpy_twin(parlour, example, mode):
             options = {"reset_mask": ended}
             np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=2e-4)
     assert min(ends.values()) > 2
-    assert outruns > 0
+    assert overshoots > 0
     assert seen > 500
 
 

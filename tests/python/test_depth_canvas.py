@@ -42,7 +42,7 @@ def test_project_agrees_with_the_camera(room):
     rows, columns = np.nonzero(picture["semantic"] == 65535)
     assert x == pytest.approx(columns.mean() + 0.5, abs=0.6)
     assert y == pytest.approx(rows.mean() + 0.5, abs=0.6)
-    assert depth == pytest.approx(picture["depth"][int(y), int(x)] + room.marker_radius, abs=0.02)
+    assert depth == pytest.approx(picture["depth"][int(y), int(x)] + room.marker_radius_m, abs=0.02)
 
 
 def test_a_lines_pixels():

@@ -5,7 +5,7 @@ import pytest
 
 import flockstep
 
-OUTRUN = flockstep.NavigationReward(outrun_weight=1.0, thesis_switch=True)
+OVERSHOOT = flockstep.NavigationReward(overshoot_weight=1.0, carry_over_distance=True)
 WEIGHTED = flockstep.NavigationReward(
     distance_weight=2.0,
     crash_weight=0.5,
@@ -45,7 +45,7 @@ def homing(batch, rng, kind):
 
 @pytest.mark.parametrize("kind", ["discrete", "displacement", "displacement_yaw"])
 @pytest.mark.parametrize(
-    "reward", [flockstep.NavigationReward(), WEIGHTED, OUTRUN], ids=["thesis", "weighted", "outrun"]
+    "reward", [flockstep.NavigationReward(), WEIGHTED, OVERSHOOT], ids=["thesis", "weighted", "overshoot"]
 )
 @pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
 def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, reward, mode):
@@ -120,8 +120,8 @@ class TestByHand:
         assert env.batch.reward_terms[0, 4] == 0
 
     def test_a_waypoint_and_the_switch(self, room):
-        for thesis_switch in (False, True):
-            reward = flockstep.NavigationReward(thesis_switch=thesis_switch)
+        for carry_over_distance in (False, True):
+            reward = flockstep.NavigationReward(carry_over_distance=carry_over_distance)
             env = flockstep.DroneVectorEnv(1, worlds=room, reward=reward)
             env.reset(seed=0)
             env.batch.set_pose([[3.55, 2.5, 2]])
@@ -131,7 +131,7 @@ class TestByHand:
             observation = env.step([0])[0][0]
             to_goal = np.array([6 - 3.75, 1.5, 0])
             np.testing.assert_allclose(observation[:3], to_goal / np.linalg.norm(to_goal), atol=1e-5)
-            last = 0.35 if thesis_switch else np.hypot(6 - 3.65, 1.5)
+            last = 0.35 if carry_over_distance else np.hypot(6 - 3.65, 1.5)
             expected = 100 * (last - np.hypot(6 - 3.75, 1.5))
             assert env.batch.reward_terms[0, 0] == pytest.approx(expected, abs=1e-3)
 
@@ -164,11 +164,11 @@ class TestByHand:
         env.step([2])
         assert env.batch.reward_terms[0, 1] == pytest.approx(0.5 / 3 - 0.2, abs=1e-5)
 
-    def test_outrunning_the_goal(self, room):
+    def test_overshooting_the_goal(self, room):
         scene = room.to_dict()
         scene["markers"]["waypoints"] = []
         world = flockstep.World.from_dict(scene)
-        env = flockstep.DroneVectorEnv(1, worlds=world, reward=OUTRUN)
+        env = flockstep.DroneVectorEnv(1, worlds=world, reward=OVERSHOOT)
         env.reset(seed=0)
         env.batch.set_pose([[6.45, 6, 2]])
         _, _, terminated, _, infos = env.step([0])
@@ -181,7 +181,7 @@ class TestByHand:
 def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
     """Flying a shortest path earns about what the thesis reports: 11,435.5 on train-3."""
     env = flockstep.DroneVectorEnv(
-        1, worlds=playgrounds[2], action="displacement", reward=flockstep.NavigationReward(thesis_switch=True)
+        1, worlds=playgrounds[2], action="displacement", reward=flockstep.NavigationReward(carry_over_distance=True)
     )
     world = playgrounds[2]
     path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])

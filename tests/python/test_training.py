@@ -126,7 +126,7 @@ def test_camera_tasks_train_fly_and_are_drawn(training, train, tmp_path, task):
         2,
     ]
     for group in judged.values():
-        rates = [group["summary"][f"{end}_rate"] for end in ("success", "crash", "outrun", "time_out")]
+        rates = [group["summary"][f"{end}_rate"] for end in ("success", "crash", "overshoot", "time_out")]
         assert sum(rates) == pytest.approx(1)
 
     plot_paths = training("plot_paths")

@@ -135,15 +135,15 @@ struct NavigationReward {
   float free_space_weight = 1.0F;     // sum(l / M - 1) / (|L| / M - |L|): 1 in the open
   float step_weight = 1.0F;           // -(step number) / step_scale, the first step being number 0
   float action_change_weight = 1.0F;  // -1 if the action differs from the last one; the first action counts as a change
-  float outrun_weight =
+  float overshoot_weight =
       0.0F;  // -R / 10 when x exceeds the current goal's x + goal_radius_m; non-zero also ends the episode there
 
-  float goal_reward = 10000.0F;  // R
-  float waypoint_share = 0.1F;   // of R, split among the waypoints
-  float goal_radius_m = 0.5F;    // T, > 0: goal and waypoints count as reached within it
-  float min_clearance = 0.2F;    // M, in (0, 1), in units of max_range_m
-  float step_scale = 3000.0F;    // > 0
-  bool thesis_switch = false;    // keep the last distance when the goal changes, as the thesis's program did
+  float goal_reward = 10000.0F;      // R
+  float waypoint_share = 0.1F;       // of R, split among the waypoints
+  float goal_radius_m = 0.5F;        // T, > 0: goal and waypoints count as reached within it
+  float min_clearance = 0.2F;        // M, in (0, 1), in units of max_range_m
+  float step_scale = 3000.0F;        // > 0
+  bool carry_over_distance = false;  // keep the last distance when the goal changes, as the thesis's program did
 
   void validate() const;
 };

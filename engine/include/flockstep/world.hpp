@@ -93,9 +93,9 @@ struct SceneDescription {
 // A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
 struct PlaygroundConfig {
   std::uint64_t seed = 0;
-  int pillars = 12;                                // how many, in [0, 200]
-  std::array<float, 3> size{14.0F, 14.0F, 5.25F};  // m, room: x and y in [6, 200], z in [1.5, 100]
-  float pillar_radius_m = 0.25F;                   // at least 0.01, at most a fourteenth of the shorter side of the room
+  int pillars = 12;                                  // how many, in [0, 200]
+  std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};  // m, room: x and y in [6, 200], z in [1.5, 100]
+  float pillar_radius_m = 0.25F;                     // at least 0.01, at most a fourteenth of the shorter side of the room
 };
 
 struct RayHits {

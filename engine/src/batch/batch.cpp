@@ -9,15 +9,15 @@
 #include <numeric>
 #include <utility>
 
+#include "base/platform.hpp"
+#include "base/pose_access.hpp"
+#include "base/random.hpp"
+#include "base/require.hpp"
+#include "base/workers.hpp"
 #include "batch/arrays.hpp"
-#include "batch/draw.hpp"
-#include "batch/require.hpp"
 #include "batch/schedule.hpp"
 #include "batch/snapshot.hpp"
 #include "collision/sweep.hpp"
-#include "motion/pose_access.hpp"
-#include "platform/platform.hpp"
-#include "platform/workers.hpp"
 #include "render/jpeg.hpp"
 #include "render/renderer.hpp"
 #include "sensors/camera.hpp"
@@ -30,8 +30,8 @@ namespace flockstep {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-// Per camera, to time backends by: so many shots, or fewer of many pixels.
-constexpr std::size_t kTypicalShots = 64;
+// Per camera, to time backends by: so many requests, or fewer of many pixels.
+constexpr std::size_t kTypicalRequests = 64;
 constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
 constexpr std::uint64_t kSnapshotMagic = 0x3130534b434f4c46ULL;  // "FLOCKS01"
 
@@ -92,7 +92,7 @@ struct Scratch {
 struct Batch::Impl {
   Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, std::span<const std::int32_t> world_index);
   void add_cameras();
-  void add_typical_shots();
+  void add_typical_requests();
 
   // What a drone does in the call under way.
   enum class Role : std::uint8_t {
@@ -120,8 +120,8 @@ struct Batch::Impl {
                                            Scratch& scratch) const;
   void sense_all(std::initializer_list<Role> roles);
   void start_frames(std::initializer_list<Role> roles);
-  void start_shots();
-  void finish_shots();
+  void start_requests();
+  void finish_requests();
   void retake_frames();
 
   // --- pieces shared with the other calls
@@ -174,10 +174,10 @@ struct Batch::Impl {
   std::optional<sensors::Lidar> lidar;
   std::optional<task::Navigation> navigation;
   std::vector<sensors::Camera> cameras;
-  std::optional<render::Renderer> renderer;  // where there are cameras
-  std::vector<render::Shot> shots;           // being rendered
-  std::vector<Role> role;                    // (N,)
-  std::vector<float> actions;                // (N, action size) of this step
+  std::optional<render::Renderer> renderer;     // where there are cameras
+  std::vector<render::RenderRequest> requests;  // being rendered
+  std::vector<Role> role;                       // (N,)
+  std::vector<float> actions;                   // (N, action size) of this step
   std::array<Outputs, 2> slots;
   std::size_t current = 0;  // the slot of the last step or reset
   Schedule schedule;
@@ -254,13 +254,13 @@ void Batch::Impl::add_cameras() {
   }
   if (cameras.empty()) return;
   for (const World* const world : world_pointers) world->shading();  // as above: built here
-  shots.reserve(size() * cameras.size());
-  if (config.camera_backend == CameraBackend::automatic) add_typical_shots();
-  renderer.emplace(config.camera_backend, shots, workers);
+  requests.reserve(size() * cameras.size());
+  if (config.camera_backend == CameraBackend::automatic) add_typical_requests();
+  renderer.emplace(config.camera_backend, requests, workers);
 }
 
 // Of drones spread over the batch as it is scheduled, world by world.
-void Batch::Impl::add_typical_shots() {
+void Batch::Impl::add_typical_requests() {
   std::vector<std::uint32_t> drones;
   for (std::size_t block = 0; block < schedule.num_blocks(); ++block) {
     const auto its = schedule.drones(block);
@@ -268,10 +268,10 @@ void Batch::Impl::add_typical_shots() {
   }
   for (sensors::Camera& camera : cameras) {
     const auto pixels = static_cast<std::size_t>(camera.config().width_px) * static_cast<std::size_t>(camera.config().height_px);
-    const std::size_t count = std::min({drones.size(), kTypicalShots, std::max<std::size_t>(kTypicalPixels / pixels, 1)});
+    const std::size_t count = std::min({drones.size(), kTypicalRequests, std::max<std::size_t>(kTypicalPixels / pixels, 1)});
     for (std::size_t i = 0; i < count; ++i) {
       const std::size_t drone = drones[i * drones.size() / count];
-      shots.push_back(camera.take(drone, world_of(drone), 0, state));
+      requests.push_back(camera.take(drone, world_of(drone), 0, state));
       camera.mark_stale(drone);
     }
   }
@@ -417,42 +417,42 @@ void Batch::Impl::sense_all(std::initializer_list<Role> roles) {
     std::erase_if(scratch.drones, [this](std::uint32_t drone) { return role[drone] == Role::landed; });  // sensed when it did
     sense(scratch.drones, scratch);
   });
-  finish_shots();
+  finish_requests();
 }
 
 void Batch::Impl::start_frames(std::initializer_list<Role> roles) {
-  shots.clear();
+  requests.clear();
   for (sensors::Camera& camera : cameras) {
     for (std::size_t block = 0; block < schedule.num_blocks(); ++block) {
       for (const std::uint32_t drone : schedule.drones(block)) {
         if (std::find(roles.begin(), roles.end(), role[drone]) == roles.end() || !camera.is_due(drone, state)) continue;
         const std::int64_t step = state.scans[drone] - (role[drone] == Role::landed ? 1 : 0);
-        shots.push_back(camera.take(drone, world_of(drone), step, state));
+        requests.push_back(camera.take(drone, world_of(drone), step, state));
       }
     }
   }
-  start_shots();
+  start_requests();
 }
 
-void Batch::Impl::start_shots() {
-  if (!shots.empty()) renderer->start(shots);
+void Batch::Impl::start_requests() {
+  if (!requests.empty()) renderer->start(requests);
 }
 
-void Batch::Impl::finish_shots() {
-  if (!shots.empty()) renderer->finish(shots, workers);
+void Batch::Impl::finish_requests() {
+  if (!requests.empty()) renderer->finish(requests, workers);
 }
 
 // After a restore: all frames but stale ones, as they were.
 void Batch::Impl::retake_frames() {
-  shots.clear();
+  requests.clear();
   for (sensors::Camera& camera : cameras) {
     for (std::uint32_t drone = 0; drone < size(); ++drone) {
       if (!state.active[drone] || camera.images().frame_step[drone] < 0) continue;
-      shots.push_back(camera.retake(drone, *worlds[static_cast<std::size_t>(camera.taken().world[drone])]));
+      requests.push_back(camera.retake(drone, *worlds[static_cast<std::size_t>(camera.taken().world[drone])]));
     }
   }
-  start_shots();
-  finish_shots();
+  start_requests();
+  finish_requests();
 }
 
 // ---------------------------------------------------------------------------------------------------------- shared pieces
@@ -805,16 +805,16 @@ void Batch::capture(std::size_t camera, Mask mask) {
   impl_->require_own_process();
   impl_->require_camera(camera);
   impl_->require_mask(mask);
-  impl_->shots.clear();
+  impl_->requests.clear();
   for (std::size_t block = 0; block < impl_->schedule.num_blocks(); ++block) {
     for (const std::uint32_t drone : impl_->schedule.drones(block)) {
       if (!impl_->chosen(mask, drone)) continue;
       const std::int64_t step = std::max<std::int64_t>(impl_->state.scans[drone] - 1, 0);
-      impl_->shots.push_back(impl_->cameras[camera].take(drone, impl_->world_of(drone), step, impl_->state));
+      impl_->requests.push_back(impl_->cameras[camera].take(drone, impl_->world_of(drone), step, impl_->state));
     }
   }
-  impl_->start_shots();
-  impl_->finish_shots();
+  impl_->start_requests();
+  impl_->finish_requests();
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {

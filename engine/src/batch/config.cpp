@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "batch/require.hpp"
+#include "base/require.hpp"
 
 namespace flockstep {
 namespace {
@@ -102,7 +102,7 @@ void NavigationReward::validate() const {
   require_finite(free_space_weight, "reward.free_space_weight");
   require_finite(step_weight, "reward.step_weight");
   require_finite(action_change_weight, "reward.action_change_weight");
-  require_finite(outrun_weight, "reward.outrun_weight");
+  require_finite(overshoot_weight, "reward.overshoot_weight");
   require_finite(goal_reward, "reward.goal_reward");
   require_finite(waypoint_share, "reward.waypoint_share");
   require_positive(goal_radius_m, "reward.goal_radius_m");

@@ -64,11 +64,11 @@ std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shar
     field(task.stagger_first_episode);
     const NavigationReward& reward = task.reward;
     for (const float value : {reward.distance_weight, reward.crash_weight, reward.free_space_weight, reward.step_weight,
-                              reward.action_change_weight, reward.outrun_weight, reward.goal_reward, reward.waypoint_share,
+                              reward.action_change_weight, reward.overshoot_weight, reward.goal_reward, reward.waypoint_share,
                               reward.goal_radius_m, reward.min_clearance, reward.step_scale}) {
       field(value);
     }
-    field(reward.thesis_switch);
+    field(reward.carry_over_distance);
   }
   field(static_cast<int>(config.autoreset_mode));
   for (const auto& world : worlds) field(world->to_json());

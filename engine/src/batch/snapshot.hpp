@@ -8,7 +8,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "batch/require.hpp"
+#include "base/require.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/world.hpp"

@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "platform/platform.hpp"
+#include "base/platform.hpp"
 
 namespace flockstep::render {
 namespace {

@@ -44,10 +44,10 @@ void write_depth(const float* from, std::size_t count, const CameraConfig& camer
 }
 
 // From planar depth to range, of a row from the column `left` on.
-void lengthen(const Lens& lens, int left, int row, std::size_t count, float* depth) {
-  const float z = (lens.cy - static_cast<float>(row) - 0.5F) / lens.fy;
-  const float per_pixel = 1.0F / lens.fx;
-  const float first = lens.cx - static_cast<float>(left) - 0.5F;
+void lengthen(const PinholeCamera& pinhole, int left, int row, std::size_t count, float* depth) {
+  const float z = (pinhole.cy - static_cast<float>(row) - 0.5F) / pinhole.fy;
+  const float per_pixel = 1.0F / pinhole.fx;
+  const float first = pinhole.cx - static_cast<float>(left) - 0.5F;
   for (std::size_t i = 0; i < count; ++i) {
     const float y = (first - static_cast<float>(static_cast<int>(i))) * per_pixel;
     depth[i] *= std::sqrt(1.0F + y * y + z * z);
@@ -56,9 +56,10 @@ void lengthen(const Lens& lens, int left, int row, std::size_t count, float* dep
 
 }  // namespace
 
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const Shot& shot, const FramePart& part) {
-  const CameraConfig& camera = *shot.camera;
-  const Frame& frame = shot.frame;
+void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
+                 const FramePart& part) {
+  const CameraConfig& camera = *request.camera;
+  const Frame& frame = request.frame;
   const auto tile_width = static_cast<std::size_t>(size.width);
   const auto frame_width = static_cast<std::size_t>(camera.width_px);
   const std::size_t frame_pixels = frame_width * static_cast<std::size_t>(camera.height_px);
@@ -80,7 +81,7 @@ void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, 
   if (frame.depth == nullptr || camera.depth_kind == DepthKind::planar) return;
   for (int row = part.top; row < part.top + part.height; ++row) {
     float* const depth = frame.depth + static_cast<std::size_t>(row) * frame_width + static_cast<std::size_t>(part.left);
-    lengthen(*shot.lens, part.left, row, width, depth);
+    lengthen(*request.pinhole, part.left, row, width, depth);
   }
 }
 

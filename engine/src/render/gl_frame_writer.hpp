@@ -4,18 +4,19 @@
 #include <cstddef>
 
 #include "render/gl_atlas.hpp"
-#include "render/shot.hpp"
+#include "render/render_request.hpp"
 
 namespace flockstep::render {
 
 // Which part of a frame a tile of the atlas holds: all of it, but of a picture larger than what can be drawn at once.
 struct FramePart {
-  std::size_t shot = 0;
+  std::size_t request = 0;
   int left = 0, top = 0;      // px
   int width = 0, height = 0;  // px, at most the tile's
 };
 
 // Writes the part of all images that the frame has.
-void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const Shot& shot, const FramePart& part);
+void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
+                 const FramePart& part);
 
 }  // namespace flockstep::render

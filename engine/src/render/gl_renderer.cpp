@@ -7,7 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "platform/platform.hpp"
+#include "base/platform.hpp"
 #include "render/gl_frame_writer.hpp"
 #include "render/gl_worker.hpp"
 
@@ -57,8 +57,8 @@ struct GlRenderer::Impl {
     bool has_grid = false;
   };
   std::unordered_map<const World*, KnownWorld> worlds;
-  std::vector<Shot> shots;
-  std::vector<std::uint32_t> order;  // of the shots, those of one kind of camera beside each other
+  std::vector<RenderRequest> requests;
+  std::vector<std::uint32_t> order;  // of the requests, those of one kind of camera beside each other
   std::vector<FramePart> parts;      // one a view of the task
   std::size_t rounds_left = 0;       // of the task
 
@@ -112,12 +112,12 @@ GlRenderer::Impl& GlRenderer::impl() {
 
 std::string GlRenderer::description() const { return impl_->worker.description(); }
 
-void GlRenderer::start(std::span<const Shot> shots) {
+void GlRenderer::start(std::span<const RenderRequest> requests) {
   Impl& self = impl();
   self.take_rounds([](const GlRound&, const Pixels&) {});  // of a start() whose finish() never came, or threw
-  self.shots.assign(shots.begin(), shots.end());
+  self.requests.assign(requests.begin(), requests.end());
   self.plan();
-  if (shots.empty()) return;
+  if (requests.empty()) return;
   self.worker.start();
   self.rounds_left = self.worker.task().rounds.size();
 }
@@ -132,13 +132,13 @@ void GlRenderer::Impl::plan() {
   task.views.clear();
   task.rounds.clear();
   parts.clear();
-  order.resize(shots.size());
-  for (std::size_t i = 0; i < shots.size(); ++i) order[i] = static_cast<std::uint32_t>(i);
+  order.resize(requests.size());
+  for (std::size_t i = 0; i < requests.size(); ++i) order[i] = static_cast<std::uint32_t>(i);
   const auto same_kind = [&](std::uint32_t a, std::uint32_t b) {
-    return shots[a].camera == shots[b].camera || kind_of(*shots[a].camera) == kind_of(*shots[b].camera);
+    return requests[a].camera == requests[b].camera || kind_of(*requests[a].camera) == kind_of(*requests[b].camera);
   };
   std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-    if (!same_kind(a, b)) return kind_of(*shots[a].camera) < kind_of(*shots[b].camera);
+    if (!same_kind(a, b)) return kind_of(*requests[a].camera) < kind_of(*requests[b].camera);
     return a < b;
   });
   for (std::size_t first = 0; first < order.size();) {
@@ -151,7 +151,7 @@ void GlRenderer::Impl::plan() {
 
 void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   GlTask& task = worker.task();
-  const CameraConfig& camera = *shots[group[0]].camera;
+  const CameraConfig& camera = *requests[group[0]].camera;
   const GlPass pass = pass_of(camera);
   const int side = std::min(worker.max_side(), kMaxSide);
   const int columns = pieces(camera.width_px * pass.samples, side);
@@ -161,7 +161,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   std::int64_t by_size = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
   if (worker.is_software()) {  // it is to give signs of life, whatever it draws
     std::size_t triangles = 1;
-    for (const std::uint32_t i : group) triangles = std::max(triangles, shots[i].world->triangles().triangles.size());
+    for (const std::uint32_t i : group) triangles = std::max(triangles, requests[i].world->triangles().triangles.size());
     by_size = std::min(by_size, static_cast<std::int64_t>(kMaxSoftwareTriangles / triangles));
   }
   const int most =
@@ -169,16 +169,16 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
 
   const std::size_t first_view = task.views.size();
   for (const std::uint32_t i : group) {
-    const Shot& shot = shots[i];
-    const std::uint32_t model = model_of(*shot.world, pass.traits.shadows);
+    const RenderRequest& request = requests[i];
+    const std::uint32_t model = model_of(*request.world, pass.traits.shadows);
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < columns; ++column) {
         const int left = column * tile.width;
         const int top = row * tile.height;
         parts.push_back(
             {i, left, top, std::min(tile.width, camera.width_px - left), std::min(tile.height, camera.height_px - top)});
-        task.views.push_back({model, shot.position, shot.rotation, shot.lens->fx, shot.lens->fy,
-                              shot.lens->cx - static_cast<float>(left), shot.lens->cy - static_cast<float>(top)});
+        task.views.push_back({model, request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
+                              request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top)});
       }
     }
   }
@@ -197,7 +197,7 @@ void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels, Workers
   workers.run((count + grain - 1) / grain, [&](std::size_t job, std::size_t) {
     for (std::size_t tile = job * grain; tile < std::min(count, (job + 1) * grain); ++tile) {
       const FramePart& part = parts[round.first_view + tile];
-      write_frame(pixels, round.size, tile, shots[part.shot], part);
+      write_frame(pixels, round.size, tile, requests[part.request], part);
     }
   });
 }

@@ -1,13 +1,13 @@
-// GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all shots of one kind of camera as tiles of an atlas.
+// GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all requests of one kind of camera as tiles of an atlas.
 #pragma once
 
 #include <memory>
 #include <span>
 #include <string>
 
-#include "platform/workers.hpp"
+#include "base/workers.hpp"
 #include "render/egl_context.hpp"
-#include "render/shot.hpp"
+#include "render/render_request.hpp"
 
 namespace flockstep::render {
 
@@ -26,8 +26,8 @@ class GlRenderer {
 
   std::string description() const;  // of the device, such as "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5"
 
-  // Begins to render; the shots, and what they point to, stay as they are until finish().
-  void start(std::span<const Shot> shots);
+  // Begins to render; the requests, and what they point to, stay as they are until finish().
+  void start(std::span<const RenderRequest> requests);
   // Writes all frames as they arrive. Throws GlUnavailable where the device failed or did
   // not answer in time; the frames are then undefined, and the renderer of no more use.
   void finish(Workers& workers);

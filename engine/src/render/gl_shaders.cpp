@@ -27,7 +27,7 @@ layout(location = 1) uniform vec4 range;
 struct View {
   vec4 eye_offset;  // m, world frame; y of the tile's middle in the atlas, from -1 to 1
   vec4 w_cx;        // clip coordinates of a point as seen from the eye, by dot product: w, which is the planar depth, x,
-  vec4 x_cy;        // and y within the tile; beside them the lens, px
+  vec4 x_cy;        // and y within the tile; beside them the pinhole, px
   vec4 y_fx;        // 1 / fx
   vec4 ray_0_fy;    // 1 / fy
   vec4 ray_u;

@@ -11,14 +11,14 @@
 namespace flockstep::render {
 namespace {
 
-static_assert(Tile::kSide == trace::kTileWidth && TilePixels::kCount == trace::kMaxRays);
+static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == trace::kMaxRays);
 
 // How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
 constexpr float kLift = 1e-4F;
 
-// A shot, and what is looked up of its world once.
+// A request, and what is looked up of its world once.
 struct Job {
-  const Shot& shot;
+  const RenderRequest& request;
   const trace::Scene& scene;
   const Shading& shading;
 };
@@ -27,7 +27,7 @@ struct Job {
 void find_shadows(const Job& job, RaycastScratch& scratch) {
   const trace::RayBundle& rays = scratch.bundle;
   trace::RayBlock& block = scratch.block;
-  const auto& to_sun = job.shot.world->light().sun_direction;
+  const auto& to_sun = job.request.world->light().sun_direction;
   const Vec3 sun(to_sun[0], to_sun[1], to_sun[2]);
   block.count = rays.count;
   block.near = 0.0F;
@@ -51,28 +51,29 @@ void find_shadows(const Job& job, RaycastScratch& scratch) {
 }
 
 // Traces and shades one sample of each pixel of the tile.
-void sample(const Job& job, const Lens::Grid& grid, const Tile& tile, const CameraOutputs& wanted, RaycastScratch& scratch) {
-  scratch.bundle.y = grid.left.data() + tile.column * Tile::kSide;
-  scratch.bundle.z = grid.up.data() + tile.row * Tile::kSide;
-  scratch.bundle.count = tile.height * Tile::kSide;
-  scratch.bundle.view = &tile.view;
-  job.scene.intersect_tile(scratch.reach, scratch.bundle, scratch.normals, scratch.block);
-  const bool shadows = job.shot.camera->shadows && wanted.any_color();
+void sample(const Job& job, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
+            RaycastScratch& scratch) {
+  scratch.bundle.y = grid.left.data() + tile.column * PixelTile::kSide;
+  scratch.bundle.z = grid.up.data() + tile.row * PixelTile::kSide;
+  scratch.bundle.count = tile.height * PixelTile::kSide;
+  scratch.bundle.frustum = &tile.frustum;
+  job.scene.intersect_tile(scratch.candidates, scratch.bundle, scratch.normals, scratch.block);
+  const bool shadows = job.request.camera->shadows && wanted.any_color();
   if (shadows) find_shadows(job, scratch);
   const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
-  job.shading.shade(scratch.bundle, scratch.normals, shaded, wanted, job.shot.camera->depth_kind, scratch.pixels);
+  job.shading.shade(scratch.bundle, scratch.normals, shaded, wanted, job.request.camera->depth_kind, scratch.pixels);
 }
 
 // The mean of all samples' colours.
-void average(const Job& job, const Tile& tile, RaycastScratch& scratch) {
+void average(const Job& job, const PixelTile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
-  CameraOutputs colors = job.shot.camera->outputs;
+  CameraOutputs colors = job.request.camera->outputs;
   colors.depth = colors.semantic = colors.instance = colors.normal = false;
-  const std::size_t pixels_of_tile = tile.height * Tile::kSide;
+  const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
   for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
-  const auto grids = std::span(job.shot.lens->grids).subspan(1);
-  for (const Lens::Grid& grid : grids) {
+  const auto grids = std::span(job.request.pinhole->grids).subspan(1);
+  for (const PinholeCamera::Grid& grid : grids) {
     sample(job, grid, tile, colors, scratch);
     for (std::size_t c = 0; c < 3; ++c) {
       for (std::size_t i = 0; i < pixels_of_tile; ++i) {
@@ -95,24 +96,24 @@ RaycastScratch::RaycastScratch() {
   bundle.x = ones;
 }
 
-void render_tiles(const Shot& shot, std::size_t first, std::size_t last, RaycastScratch& scratch) {
-  const CameraConfig& camera = *shot.camera;
-  const Lens& lens = *shot.lens;
-  scratch.bundle.origin = shot.position;
-  scratch.bundle.rotation = shot.rotation;
+void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
+  const CameraConfig& camera = *request.camera;
+  const PinholeCamera& pinhole = *request.pinhole;
+  scratch.bundle.origin = request.position;
+  scratch.bundle.rotation = request.rotation;
   scratch.bundle.near = camera.near_m;
   scratch.bundle.range = camera.far_m;
-  const Job job{shot, shot.world->scene(), shot.world->shading()};
-  job.scene.gather_visible(shot.position, camera.near_m * lens.corner, camera.far_m * lens.corner, scratch.reach);
+  const Job job{request, request.world->scene(), request.world->shading()};
+  job.scene.gather_visible(request.position, camera.near_m * pinhole.corner, camera.far_m * pinhole.corner, scratch.candidates);
   CameraOutputs wanted = camera.outputs;
-  const bool samples = lens.grids.size() > 1;
+  const bool samples = pinhole.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
-    const Tile& tile = lens.tiles[i];
-    if (centre) sample(job, lens.grids[0], tile, wanted, scratch);
+    const PixelTile& tile = pinhole.tiles[i];
+    if (centre) sample(job, pinhole.grids[0], tile, wanted, scratch);
     if (samples && camera.outputs.any_color()) average(job, tile, scratch);
-    write_tile(scratch.pixels, tile, camera, shot.frame);
+    write_tile(scratch.pixels, tile, camera, request.frame);
   }
 }
 

@@ -3,8 +3,8 @@
 
 #include <cstddef>
 
+#include "render/render_request.hpp"
 #include "render/shading.hpp"
-#include "render/shot.hpp"
 #include "trace/scene.hpp"
 
 namespace flockstep::render {
@@ -12,8 +12,8 @@ namespace flockstep::render {
 // What one thread needs while it renders; made once.
 struct RaycastScratch {
   trace::RayBundle bundle;
-  trace::FacetNormals normals;
-  trace::Reach reach;
+  trace::GeometricNormals normals;
+  trace::CandidateSet candidates;
   trace::RayBlock block;
   TilePixels pixels;
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
@@ -23,7 +23,7 @@ struct RaycastScratch {
   RaycastScratch();
 };
 
-// Renders tiles [first, last) of the shot's lens into its frame. A pixel's value depends on the shot alone.
-void render_tiles(const Shot& shot, std::size_t first, std::size_t last, RaycastScratch& scratch);
+// Renders tiles [first, last) of the request's pinhole into its frame. A pixel's value depends on the request alone.
+void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
 
 }  // namespace flockstep::render

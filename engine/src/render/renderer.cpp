@@ -29,7 +29,8 @@ double frames_per_second(std::size_t frames, const Render& render) {
 
 }  // namespace
 
-Renderer::Renderer(CameraBackend backend, std::span<const Shot> typical, Workers& workers) : report_("raycast: as asked for") {
+Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers)
+    : report_("raycast: as asked for") {
   for (int i = 0; i < workers.num_threads(); ++i) raycast_scratches_.push_back(std::make_unique<RaycastScratch>());
   if (backend == CameraBackend::raycast) return;
   try {
@@ -42,7 +43,7 @@ Renderer::Renderer(CameraBackend backend, std::span<const Shot> typical, Workers
   if (backend == CameraBackend::automatic) choose(typical, workers);
 }
 
-void Renderer::choose(std::span<const Shot> typical, Workers& workers) {
+void Renderer::choose(std::span<const RenderRequest> typical, Workers& workers) {
   const std::string device = gl_->description();
   const double of_raycast = frames_per_second(typical.size(), [&] { raycast(typical, workers); });
   const double of_gl = frames_per_second(typical.size(), [&] {
@@ -64,31 +65,32 @@ void Renderer::give_up_gl(const std::string& why) {
   warning_ = "cameras: gl is not available, raycast renders instead: " + why;
 }
 
-// Shots of one camera follow each other.
-void Renderer::raycast(std::span<const Shot> shots, Workers& workers) {
-  while (!shots.empty()) {
-    const std::size_t tiles = shots[0].lens->tiles.size();
-    const auto other = std::find_if(shots.begin(), shots.end(), [&](const Shot& shot) { return shot.camera != shots[0].camera; });
-    const auto count = static_cast<std::size_t>(other - shots.begin());
+// Requests of one camera follow each other.
+void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
+  while (!requests.empty()) {
+    const std::size_t tiles = requests[0].pinhole->tiles.size();
+    const auto other = std::find_if(requests.begin(), requests.end(),
+                                    [&](const RenderRequest& request) { return request.camera != requests[0].camera; });
+    const auto count = static_cast<std::size_t>(other - requests.begin());
     const std::size_t jobs = (tiles + kTilesPerJob - 1) / kTilesPerJob;
     workers.run(count * jobs, [&](std::size_t job, std::size_t thread) {
       const std::size_t first = job % jobs * kTilesPerJob;
-      render_tiles(shots[job / jobs], first, std::min(first + kTilesPerJob, tiles), *raycast_scratches_[thread]);
+      render_tiles(requests[job / jobs], first, std::min(first + kTilesPerJob, tiles), *raycast_scratches_[thread]);
     });
-    shots = shots.subspan(count);
+    requests = requests.subspan(count);
   }
 }
 
-void Renderer::start(std::span<const Shot> shots) {
+void Renderer::start(std::span<const RenderRequest> requests) {
   if (!gl_) return;
   try {
-    gl_->start(shots);
+    gl_->start(requests);
   } catch (const GlUnavailable& error) {
     give_up_gl(error.what());
   }
 }
 
-void Renderer::finish(std::span<const Shot> shots, Workers& workers) {
+void Renderer::finish(std::span<const RenderRequest> requests, Workers& workers) {
   if (gl_) {
     try {
       gl_->finish(workers);
@@ -97,7 +99,7 @@ void Renderer::finish(std::span<const Shot> shots, Workers& workers) {
       give_up_gl(error.what());
     }
   }
-  raycast(shots, workers);
+  raycast(requests, workers);
 }
 
 }  // namespace flockstep::render

@@ -25,7 +25,7 @@ inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) 
   if (shape.kind != trace::ShapeKind::box) return -1;
   const float* const half = shape.half_extents;
   const Vec3 origin = trace::rotated(shape.to_local, rays.origin - Vec3(shape.center[0], shape.center[1], shape.center[2]));
-  const std::array<std::size_t, 4> corners{0, Tile::kSide - 1, rays.count - Tile::kSide, rays.count - 1};
+  const std::array<std::size_t, 4> corners{0, PixelTile::kSide - 1, rays.count - PixelTile::kSide, rays.count - 1};
   std::array<Vec3, 4> directions;
   float longest = 0.0F;
   for (std::size_t i = 0; i < 4; ++i) {
@@ -63,7 +63,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 using trace::HWY_NAMESPACE::rotate;
 using trace::HWY_NAMESPACE::Vec3V;
 
-using Floats = hn::CappedTag<float, Tile::kSide>;
+using Floats = hn::CappedTag<float, PixelTile::kSide>;
 using Ints = hn::RebindToSigned<Floats>;
 using V = hn::Vec<Floats>;
 using I = hn::Vec<Ints>;
@@ -234,8 +234,8 @@ template <bool kShadows>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
                                   std::uint64_t which, const Vec3V<V>& facet, const Rays<kShadows>& rays,
                                   const CameraOutputs& wanted) {
-  alignas(64) std::int32_t material[Tile::kSide] = {};
-  alignas(64) std::int32_t object[Tile::kSide] = {};
+  alignas(64) std::int32_t material[PixelTile::kSide] = {};
+  alignas(64) std::int32_t object[PixelTile::kSide] = {};
   for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
     const auto triangle = static_cast<std::size_t>(elements[lane] - tables.first_triangle);
@@ -310,7 +310,7 @@ bool all_equal(const std::int32_t* values, std::size_t count) {
 }
 
 template <bool kShadows>
-HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
+HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::GeometricNormals& normals,
                            const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   const Floats d;
   const Ints di;
@@ -370,7 +370,7 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
   }
 }
 
-void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::FacetNormals& normals,
+void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::GeometricNormals& normals,
            const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
@@ -480,7 +480,7 @@ Shading::Shading(const World& world) {
   tables_.first_object = appearance.first_object;
 }
 
-void Shading::shade(const trace::RayBundle& rays, const trace::FacetNormals& normals, std::span<const std::uint8_t> shaded,
+void Shading::shade(const trace::RayBundle& rays, const trace::GeometricNormals& normals, std::span<const std::uint8_t> shaded,
                     const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const {
   HWY_DYNAMIC_DISPATCH(shade)(tables_, rays, normals, shaded.empty() ? nullptr : shaded.data(), wanted, depth_kind, out);
 }

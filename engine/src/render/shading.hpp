@@ -6,17 +6,17 @@
 #include <span>
 #include <vector>
 
-#include "render/appearance.hpp"
-#include "render/lens.hpp"
 #include "flockstep/config.hpp"
+#include "render/appearance.hpp"
+#include "render/pinhole_camera.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
 namespace flockstep::render {
 
-// What a tile shows, as plain arrays. Rows are Tile::kSide wide.
+// What a tile shows, as plain arrays. Rows are PixelTile::kSide wide.
 struct TilePixels {
-  static constexpr std::size_t kCount = Tile::kSide * Tile::kSide;
+  static constexpr std::size_t kCount = PixelTile::kSide * PixelTile::kSide;
   alignas(64) std::uint8_t r[kCount], g[kCount], b[kCount];
   alignas(64) float depth[kCount];
   alignas(64) std::uint16_t semantic[kCount], instance[kCount];
@@ -43,7 +43,7 @@ class Shading {
 
   // Writes what is wanted of the traced tile. normals: of the triangles hit. shaded: nothing, or 1 for each ray whose hit lies in
   // the shadow of something else.
-  void shade(const trace::RayBundle& rays, const trace::FacetNormals& normals, std::span<const std::uint8_t> shaded,
+  void shade(const trace::RayBundle& rays, const trace::GeometricNormals& normals, std::span<const std::uint8_t> shaded,
              const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
   // 255 * min(v, 1)^(1 / gamma), rounded, of a linear value v >= 0: the levels table at sqrt(min(v, 1)) * kLevels.

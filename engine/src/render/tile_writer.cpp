@@ -13,7 +13,7 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::render::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr std::size_t kSide = Tile::kSide;
+constexpr std::size_t kSide = PixelTile::kSide;
 
 // A row of kSide pixels of three channels, side by side.
 template <class T>
@@ -26,7 +26,7 @@ HWY_INLINE void interleave(const T* a, const T* b, const T* c, T* out) {
 
 // Three channels of a tile into an image of either layout.
 template <class T>
-HWY_INLINE void write_channels(const T* a, const T* b, const T* c, const Tile& tile, const CameraConfig& camera, T* image) {
+HWY_INLINE void write_channels(const T* a, const T* b, const T* c, const PixelTile& tile, const CameraConfig& camera, T* image) {
   const auto width = static_cast<std::size_t>(camera.width_px);
   const auto plane = width * static_cast<std::size_t>(camera.height_px);
   for (std::size_t row = 0; row < tile.height; ++row) {
@@ -47,7 +47,7 @@ HWY_INLINE void write_channels(const T* a, const T* b, const T* c, const Tile& t
 }
 
 template <class T>
-HWY_INLINE void write_plane(const T* values, const Tile& tile, const CameraConfig& camera, T* image) {
+HWY_INLINE void write_plane(const T* values, const PixelTile& tile, const CameraConfig& camera, T* image) {
   const auto width = static_cast<std::size_t>(camera.width_px);
   for (std::size_t row = 0; row < tile.height; ++row) {
     T* const to = image + (tile.row + row) * width + tile.column;
@@ -59,7 +59,7 @@ HWY_INLINE void write_plane(const T* values, const Tile& tile, const CameraConfi
   }
 }
 
-void write(const TilePixels& pixels, const Tile& tile, const CameraConfig& camera, const Frame& frame) {
+void write(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame) {
   if (frame.rgb != nullptr) write_channels(pixels.r, pixels.g, pixels.b, tile, camera, frame.rgb);
   if (frame.depth != nullptr) write_plane(pixels.depth, tile, camera, frame.depth);
   if (frame.semantic != nullptr) write_plane(pixels.semantic, tile, camera, frame.semantic);
@@ -80,7 +80,7 @@ namespace flockstep::render {
 
 HWY_EXPORT(write);
 
-void write_tile(const TilePixels& pixels, const Tile& tile, const CameraConfig& camera, const Frame& frame) {
+void write_tile(const TilePixels& pixels, const PixelTile& tile, const CameraConfig& camera, const Frame& frame) {
   HWY_DYNAMIC_DISPATCH(write)(pixels, tile, camera, frame);
 }
 

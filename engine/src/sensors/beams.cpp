@@ -36,7 +36,7 @@ Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, s
 
 // Calls f(out index, tile index) for each beam of the tile.
 template <class F>
-void for_each_beam(const BeamPattern& pattern, const Tile& tile, const F& f) {
+void for_each_beam(const BeamPattern& pattern, const BeamTile& tile, const F& f) {
   for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
     f((tile.channel + i / tile.width) * pattern.columns + tile.beam + i % tile.width, tile.first + i);
   }
@@ -54,7 +54,7 @@ BeamPattern make_pattern(const LidarConfig& config) {
   const std::size_t width = channels == 1 && pattern.columns <= kFan ? pattern.columns : kTileWidth;
   for (std::size_t channel = 0; channel < channels; channel += height) {
     for (std::size_t beam = 0; beam < pattern.columns; beam += width) {
-      Tile tile{
+      BeamTile tile{
           pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}};
       for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
         const Eigen::Vector3d direction = mounting * beam_direction(config, channel + i / tile.width, beam + i % tile.width);
@@ -63,7 +63,7 @@ BeamPattern make_pattern(const LidarConfig& config) {
         pattern.z.push_back(static_cast<float>(direction.z()));
       }
       const auto part = [&tile](const std::vector<float>& all) { return std::span(all).subspan(tile.first); };
-      tile.view = trace::make_view(part(pattern.x), part(pattern.y), part(pattern.z));
+      tile.frustum = trace::make_frustum(part(pattern.x), part(pattern.y), part(pattern.z));
       pattern.tiles.push_back(tile);
     }
   }
@@ -72,7 +72,7 @@ BeamPattern make_pattern(const LidarConfig& config) {
 }
 
 void write_directions(const BeamPattern& pattern, float* out) {
-  for (const Tile& tile : pattern.tiles) {
+  for (const BeamTile& tile : pattern.tiles) {
     for_each_beam(pattern, tile, [&](std::size_t to, std::size_t from) {
       out[3 * to] = pattern.x[from];
       out[3 * to + 1] = pattern.y[from];

@@ -6,24 +6,24 @@
 
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
+#include "trace/frustum.hpp"
 #include "trace/ray_block.hpp"
-#include "trace/view.hpp"
 
 namespace flockstep::sensors {
 
 // A part of a pattern that is traced at once: a rectangle of its grid, so that its beams point much the same way.
-struct Tile {
+struct BeamTile {
   std::size_t first;          // of its beams in the pattern's arrays; there they follow row by row
   std::size_t rows, width;    // rows * width beams
   std::size_t channel, beam;  // of its first
-  trace::View view;           // body frame
+  trace::Frustum frustum;     // body frame
 };
 
 // The beams of one setting (mounting rotation included), structure of arrays, tile by tile, padded so that whole vectors can be
 // read.
 struct BeamPattern {
   std::vector<float> x, y, z;  // (rays + trace::kRayPadding,) unit, body frame
-  std::vector<Tile> tiles;
+  std::vector<BeamTile> tiles;
   std::size_t columns;  // beams per channel
 };
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "motion/pose_access.hpp"
+#include "base/pose_access.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep::sensors {
@@ -33,7 +33,7 @@ Camera::Camera(const CameraConfig& config, std::size_t num_drones)
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
       quat_wxyz_(num_drones, config.quat_wxyz) {
   settings_.push_back(
-      std::make_unique<Setting>(Setting{config.hfov_deg, config.vfov_deg, render::make_lens(config), num_drones}));
+      std::make_unique<Setting>(Setting{config.hfov_deg, config.vfov_deg, render::make_pinhole_camera(config), num_drones}));
   taken_.position.resize(3 * num_drones);
   taken_.quat_wxyz.resize(4 * num_drones);
   taken_.world.resize(num_drones);
@@ -65,7 +65,7 @@ void Camera::set_config(std::size_t drone, const CameraConfig& config) {
   if (setting == settings_.end()) {
     setting = find([](const auto& other) { return other->drones == 0; });
     if (setting == settings_.end()) setting = settings_.insert(setting, std::make_unique<Setting>());
-    **setting = {config.hfov_deg, config.vfov_deg, render::make_lens(config), 0};
+    **setting = {config.hfov_deg, config.vfov_deg, render::make_pinhole_camera(config), 0};
   }
   ++(*setting)->drones;
   setting_[drone] = static_cast<std::uint32_t>(setting - settings_.begin());
@@ -99,41 +99,41 @@ bool Camera::is_due(std::size_t drone, const State& state) const {
   }
 }
 
-render::Shot Camera::take(std::size_t drone, const World& world, std::int64_t step, const State& state) {
+render::RenderRequest Camera::take(std::size_t drone, const World& world, std::int64_t step, const State& state) {
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
   taken_.world[drone] = state.world_index[drone];
   images_.frame_step[drone] = step;
-  return shot(drone, world, pose);
+  return request(drone, world, pose);
 }
 
-render::Shot Camera::retake(std::size_t drone, const World& world) {
+render::RenderRequest Camera::retake(std::size_t drone, const World& world) {
   const float* const p = &taken_.position[3 * drone];
   const float* const q = &taken_.quat_wxyz[4 * drone];
-  return shot(drone, world, {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])});
+  return request(drone, world, {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])});
 }
 
-render::Shot Camera::shot(std::size_t drone, const World& world, const Pose& pose) {
+render::RenderRequest Camera::request(std::size_t drone, const World& world, const Pose& pose) {
   const Mat3 body = pose.rotation.toRotationMatrix();
   Mat3 rotation;
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
-  render::Shot shot{.world = &world,
-                    .camera = config_,
-                    .lens = &settings_[setting_[drone]]->lens,
-                    .position = pose.position + trace::rotated(body, offset_[drone]),
-                    .rotation = rotation,
-                    .frame = {}};
+  render::RenderRequest request{.world = &world,
+                                .camera = config_,
+                                .pinhole = &settings_[setting_[drone]]->pinhole,
+                                .position = pose.position + trace::rotated(body, offset_[drone]),
+                                .rotation = rotation,
+                                .frame = {}};
   const std::size_t pixels = static_cast<std::size_t>(config_->width_px) * static_cast<std::size_t>(config_->height_px);
   const auto image = [&](auto& images, std::size_t values) {
     return images.empty() ? nullptr : images.data() + drone * pixels * values;
   };
-  shot.frame = {.rgb = image(images_.rgb, 3),
-                .depth = image(images_.depth, 1),
-                .semantic = image(images_.semantic, 1),
-                .instance = image(images_.instance, 1),
-                .normal = image(images_.normal, 3),
-                .grey = image(images_.grey, 1)};
-  return shot;
+  request.frame = {.rgb = image(images_.rgb, 3),
+                   .depth = image(images_.depth, 1),
+                   .semantic = image(images_.semantic, 1),
+                   .instance = image(images_.instance, 1),
+                   .normal = image(images_.normal, 3),
+                   .grey = image(images_.grey, 1)};
+  return request;
 }
 
 }  // namespace flockstep::sensors

@@ -7,11 +7,11 @@
 #include <optional>
 #include <vector>
 
-#include "render/shot.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
+#include "render/render_request.hpp"
 
 namespace flockstep::sensors {
 
@@ -35,9 +35,9 @@ class Camera {
   // Whether a step or sense() is to render the drone's frame.
   bool is_due(std::size_t drone, const State& state) const;
   // The picture of where the drone is now; from now on its frame counts as taken there, at this step of its episode.
-  render::Shot take(std::size_t drone, const World& world, std::int64_t step, const State& state);
+  render::RenderRequest take(std::size_t drone, const World& world, std::int64_t step, const State& state);
   // The picture its frame already shows, once more.
-  render::Shot retake(std::size_t drone, const World& world);
+  render::RenderRequest retake(std::size_t drone, const World& world);
 
   // Where the frames were taken; with frame_step and the settings, all that they depend on. (N, ...)
   struct Taken {
@@ -50,15 +50,15 @@ class Camera {
   std::vector<std::int64_t>& frame_step() { return images_.frame_step; }
 
  private:
-  render::Shot shot(std::size_t drone, const World& world, const Pose& pose);
+  render::RenderRequest request(std::size_t drone, const World& world, const Pose& pose);
 
   const CameraConfig* config_;
   struct Setting {  // drones of equal FOV share one; one that no drone has any more makes room for the next
     std::optional<float> hfov_deg, vfov_deg;
-    render::Lens lens;
+    render::PinholeCamera pinhole;
     std::size_t drones;
   };
-  std::vector<std::unique_ptr<Setting>> settings_;  // shots point to them
+  std::vector<std::unique_ptr<Setting>> settings_;  // requests point to them
   std::vector<std::uint32_t> setting_;              // (N,) into settings_
   std::vector<Vec3> offset_;                        // (N,) m, body frame
   std::vector<Mat3> mounting_;                      // (N,) camera to body

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "motion/pose_access.hpp"
+#include "base/pose_access.hpp"
 
 namespace flockstep::sensors {
 namespace {
@@ -32,7 +32,7 @@ void finish(const trace::Scene& scene, ScanScratch& scratch) {
 
 // Lets a tile's rays join those that wait, with what they have hit so far.
 template <class Trace>
-void wait(const trace::RayBundle& bundle, const Tile& tile, float* out, std::size_t columns, WaitingRays& waiting,
+void wait(const trace::RayBundle& bundle, const BeamTile& tile, float* out, std::size_t columns, WaitingRays& waiting,
           const Trace& trace) {
   for (std::size_t row = 0; row < tile.rows; ++row) {
     for (std::size_t beam = 0; beam < tile.width;) {
@@ -98,15 +98,15 @@ void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t dron
   rays.rotation = pose.rotation.toRotationMatrix();
   rays.origin = pose.position + trace::rotated(rays.rotation, offset_[drone]);
   rays.range = max_range_[drone];
-  scene.gather(rays.origin, rays.range, scratch.reach);
-  for (const Tile& tile : pattern.tiles) {
+  scene.gather(rays.origin, rays.range, scratch.candidates);
+  for (const BeamTile& tile : pattern.tiles) {
     rays.x = pattern.x.data() + tile.first;
     rays.y = pattern.y.data() + tile.first;
     rays.z = pattern.z.data() + tile.first;
     rays.count = tile.rows * tile.width;
-    rays.view = &tile.view;
+    rays.frustum = &tile.frustum;
     float* const out = ranges + tile.channel * pattern.columns + tile.beam;
-    switch (scene.intersect(scratch.reach, rays)) {
+    switch (scene.intersect(scratch.candidates, rays)) {
       case trace::Traced::fully:
         for (std::size_t row = 0; row < tile.rows; ++row) {
           std::copy_n(rays.t_hit + row * tile.width, tile.width, out + row * pattern.columns);

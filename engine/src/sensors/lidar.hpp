@@ -7,10 +7,10 @@
 #include <span>
 #include <vector>
 
-#include "sensors/beams.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
+#include "sensors/beams.hpp"
 #include "trace/scene.hpp"
 
 namespace flockstep::sensors {
@@ -28,9 +28,9 @@ struct WaitingRays {
 
 // One worker's rays on their way to the tracer.
 struct ScanScratch {
-  trace::RayBundle bundle;    // of one drone
-  trace::Reach reach;         // of that drone
-  WaitingRays crowd, meshes;  // to go through Embree: for everything, for what is nearer among triangles
+  trace::RayBundle bundle;         // of one drone
+  trace::CandidateSet candidates;  // of that drone
+  WaitingRays crowd, meshes;       // to go through Embree: for everything, for what is nearer among triangles
 };
 
 class Lidar {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <numbers>
 
-#include "batch/draw.hpp"
-#include "motion/pose_access.hpp"
+#include "base/pose_access.hpp"
+#include "base/random.hpp"
 
 namespace flockstep::sensors {
 

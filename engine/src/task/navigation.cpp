@@ -5,10 +5,10 @@
 #include <limits>
 #include <numbers>
 
-#include "batch/draw.hpp"
+#include "base/pose_access.hpp"
+#include "base/random.hpp"
 #include "collision/sweep.hpp"
-#include "motion/pose_access.hpp"
-#include "world/markers.hpp"
+#include "scenario/navigable.hpp"
 
 namespace flockstep::task {
 namespace {
@@ -110,7 +110,7 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
   } else if (reached) {
     distance_term = static_cast<double>(reward.goal_reward) * static_cast<double>(reward.waypoint_share) / num_waypoints;
     ++nav_.goal_index[drone];
-    if (!reward.thesis_switch) nav_.last_distance[drone] = distance_m(current_goal(drone, world), position);
+    if (!reward.carry_over_distance) nav_.last_distance[drone] = distance_m(current_goal(drone, world), position);
   }
 
   // clearance; sum(l / M - 1) / (|L| / M - |L|), written so that the ranges are only summed
@@ -131,7 +131,7 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
   const bool same_action = std::equal(action, action + action_size(), last_action.begin());
   std::copy_n(action, action_size(), last_action.begin());
 
-  const bool outran = reward.outrun_weight != 0.0F && position.x() > goal.x() + reward.goal_radius_m;
+  const bool overshot = reward.overshoot_weight != 0.0F && position.x() > goal.x() + reward.goal_radius_m;
 
   const std::array<double, kNumRewardTerms> terms{
       static_cast<double>(reward.distance_weight) * distance_term,
@@ -139,7 +139,7 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
       static_cast<double>(reward.free_space_weight) * free_space_term,
       static_cast<double>(reward.step_weight) * step_term,
       static_cast<double>(reward.action_change_weight) * (same_action ? 0.0 : -1.0),
-      static_cast<double>(reward.outrun_weight) * (outran ? -static_cast<double>(reward.goal_reward) / 10.0 : 0.0),
+      static_cast<double>(reward.overshoot_weight) * (overshot ? -static_cast<double>(reward.goal_reward) / 10.0 : 0.0),
   };
   std::array<double, kNumRewardTerms>& earned = earned_[drone];
   double total = 0.0;
@@ -153,7 +153,7 @@ void Navigation::evaluate(std::size_t drone, const float* action, std::size_t nu
 
   ++nav_.step[drone];
   nav_.episode_return[drone] += total;
-  const bool terminated = crashed || at_final_goal || outran;
+  const bool terminated = crashed || at_final_goal || overshot;
   const bool truncated = !terminated && nav_.time_limit[drone] > 0 && nav_.step[drone] >= nav_.time_limit[drone];
   nav_.done[drone] = terminated || truncated;
   out.reward[drone] = static_cast<float>(step_total);

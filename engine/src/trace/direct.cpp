@@ -42,24 +42,25 @@ HWY_INLINE void leave_room(D d, const Candidate& room, const Vec3V<V>& o, const 
 // half. Their number, or max_seen + 1 if there are more than max_seen.
 std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_seen, const RayBundle& rays,
                         const Candidate** seen) {
-  const hn::CappedTag<float, View::kPlanes> d;
+  const hn::CappedTag<float, Frustum::kPlanes> d;
   using V = hn::Vec<decltype(d)>;
-  alignas(16) float x[View::kPlanes], y[View::kPlanes], z[View::kPlanes], reach[View::kPlanes];  // world frame
-  for (std::size_t i = 0; i < View::kPlanes; i += hn::Lanes(d)) {
-    const View& view = *rays.view;
-    const Vec3V<V> normal = rotate(
-        d, rays.rotation, {hn::Load(d, view.x.data() + i), hn::Load(d, view.y.data() + i), hn::Load(d, view.z.data() + i)});
+  alignas(16) float x[Frustum::kPlanes], y[Frustum::kPlanes], z[Frustum::kPlanes], reach[Frustum::kPlanes];  // world frame
+  for (std::size_t i = 0; i < Frustum::kPlanes; i += hn::Lanes(d)) {
+    const Frustum& frustum = *rays.frustum;
+    const Vec3V<V> normal =
+        rotate(d, rays.rotation,
+               {hn::Load(d, frustum.x.data() + i), hn::Load(d, frustum.y.data() + i), hn::Load(d, frustum.z.data() + i)});
     hn::Store(normal.x, d, x + i);
     hn::Store(normal.y, d, y + i);
     hn::Store(normal.z, d, z + i);
-    hn::Store(hn::Mul(hn::Set(d, rays.range), hn::Load(d, view.reach.data() + i)), d, reach + i);
+    hn::Store(hn::Mul(hn::Set(d, rays.range), hn::Load(d, frustum.reach.data() + i)), d, reach + i);
   }
   std::size_t count = 0;
   for (const Candidate& candidate : candidates) {
     const Vec3 center = candidate.shape->box_center - rays.origin;
     const Vec3& half = candidate.shape->box_half;
     bool hidden = false;
-    for (std::size_t i = 0; i < View::kPlanes; i += hn::Lanes(d)) {
+    for (std::size_t i = 0; i < Frustum::kPlanes; i += hn::Lanes(d)) {
       const auto along = [&](int axis, const float* normal) HWY_ATTR {
         const V n = hn::Load(d, normal + i);
         return hn::Sub(hn::Mul(n, hn::Set(d, center[axis])), hn::Mul(hn::Abs(n), hn::Set(d, half[axis])));
@@ -80,15 +81,15 @@ HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction,
   const Shape& shape = *candidate.shape;
   const auto& local = candidate.local_origin;
   const Vec3V<V> o{hn::Set(d, local[0]), hn::Set(d, local[1]), hn::Set(d, local[2])};
-  if (candidate.place == Place::in_room) {
+  if (candidate.hint == OriginHint::in_room) {
     leave_room(d, candidate, o, direction, nearest);
     return;
   }
   const Vec3V<V> dir = shape.aligned ? direction : rotate(d, shape.to_local, direction);
-  if (candidate.place == Place::beside_cylinder) {
+  if (candidate.hint == OriginHint::beside_cylinder) {
     const auto entry = cylinder_side(d, o, dir, shape.half_extents[0], shape.half_extents[2]);
     if (!hn::AllFalse(d, entry.valid)) nearest.take(d, entry.at, entry.valid, candidate.element);
-  } else if (candidate.place == Place::outside_marker) {
+  } else if (candidate.hint == OriginHint::outside_marker) {
     nearest.meet_front(d, sphere_interval(d, o, dir, shape.half_extents[0]), candidate.element, near);
   } else {
     nearest.meet(d, interval(d, shape, o, dir), candidate.element, near);

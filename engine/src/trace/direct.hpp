@@ -12,7 +12,7 @@
 namespace flockstep::trace {
 
 // Where the sensor is, which may leave little to test.
-enum class Place : std::uint8_t {
+enum class OriginHint : std::uint8_t {
   anywhere,
   in_room,          // its inside: only walls within reach can be hit
   beside_cylinder,  // outside it, between the planes of its caps: only its side can be hit
@@ -23,15 +23,15 @@ enum class Place : std::uint8_t {
 struct Candidate {
   const Shape* shape;
   std::int32_t element;
-  Place place;
+  OriginHint hint;
   std::array<bool, 3> walls;          // of a room: the axes across which a wall is within reach
   std::array<float, 3> local_origin;  // m, of the rays, in the shape's frame
 };
 
 inline constexpr std::size_t kMaxCandidates = 512;
 
-// Traces all rays of the bundle against those of the candidates that its view sees. False, and nothing done, if these are more
-// than max_seen (at most kMaxCandidates).
+// Traces all rays of the bundle against those of the candidates that its frustum holds. False, and nothing done, if these are
+// more than max_seen (at most kMaxCandidates).
 bool trace_direct(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays);
 
 // Traces all rays of the block against these shapes: takes what is nearer than its t_hit.

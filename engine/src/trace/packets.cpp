@@ -83,7 +83,7 @@ HWY_INLINE void for_4_by(std::size_t lanes, const F& f) {
 }
 
 template <std::size_t kRows>
-HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBundle& rays, FacetNormals& normals) {
+HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBundle& rays, GeometricNormals& normals) {
   const hn::CappedTag<float, 4> d;
   const hn::RebindToSigned<decltype(d)> di;
   using V = hn::Vec<decltype(d)>;
@@ -138,7 +138,7 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBun
   }
 }
 
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals) {
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, GeometricNormals& normals) {
   if (wide) {
     trace_tile_by<4>(scene, first_element, rays, normals);
   } else {
@@ -165,7 +165,7 @@ void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& r
 void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays);
 }
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals) {
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, GeometricNormals& normals) {
   HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, rays, normals);
 }
 

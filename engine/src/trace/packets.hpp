@@ -19,6 +19,6 @@ void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& ra
 // Rays that are rows of kTileWidth and point much the same way: packets of 4 x 4, if wide, or 4 x 2. Rows that fill up the last
 // packets need directions, too. Writes the normals of the triangles it takes.
 inline constexpr std::size_t kTileWidth = 16;
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, FacetNormals& normals);
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, GeometricNormals& normals);
 
 }  // namespace flockstep::trace

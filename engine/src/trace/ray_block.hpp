@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "flockstep/pose.hpp"
-#include "trace/view.hpp"
+#include "trace/frustum.hpp"
 
 namespace flockstep::trace {
 
@@ -31,7 +31,7 @@ struct RayBundle {
   float range;
   std::size_t count = 0;        // at most kMaxRays
   const float *x, *y, *z;       // (count + kRayPadding,) directions, sensor frame
-  const View* view;             // that holds them, sensor frame
+  const Frustum* frustum;       // that holds them, sensor frame
   alignas(64) RayFloats t_hit;  // inf on a miss; written by Scene::intersect
   alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
 
@@ -54,7 +54,7 @@ struct RayBlock {
 };
 
 // The geometric normals of the triangles that a bundle's rays have hit, of any length and side; world frame.
-struct FacetNormals {
+struct GeometricNormals {
   alignas(64) RayFloats x, y, z;
 };
 

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "platform/flush_denormals.hpp"
+#include "base/flush_denormals.hpp"
 #include "flockstep/world.hpp"
 #include "trace/scene.hpp"
 
@@ -62,7 +62,7 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
                                 " numbers), got " + std::to_string(directions.size()));
   }
   if (!(max_range_m > 0.0F)) {
-    throw std::invalid_argument("max_range: expected a number > 0, got " + std::to_string(max_range_m));
+    throw std::invalid_argument("max_range_m: expected a number > 0, got " + std::to_string(max_range_m));
   }
   require_finite(origins, "origins");
   require_finite(directions, "directions");

@@ -9,8 +9,8 @@
 #include <stdexcept>
 #include <string>
 
-#include "platform/handover.hpp"
-#include "platform/platform.hpp"
+#include "base/platform.hpp"
+#include "base/thread_sanitizer.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -47,18 +47,18 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
 }
 
 // near: nothing nearer is seen, so what is within it may be seen otherwise than the short cuts have it.
-Place place_in_room(const Shape& room, const std::array<float, 3>& o, float near) {
+OriginHint hint_in_room(const Shape& room, const std::array<float, 3>& o, float near) {
   const float* const half = room.half_extents;
   // On a wall the wall itself is seen, at 0, whichever way a ray goes: as of any other solid.
   const bool within = std::abs(o[0]) + near < half[0] && std::abs(o[1]) + near < half[1] && std::abs(o[2]) + near < half[2];
-  return within ? Place::in_room : Place::anywhere;
+  return within ? OriginHint::in_room : OriginHint::anywhere;
 }
 
-Place place_at_solid(const Shape& shape, const std::array<float, 3>& o, float near) {
+OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, float near) {
   const float* const half = shape.half_extents;
   const float away = half[0] + near;
   const bool beside = shape.kind == ShapeKind::cylinder && o[0] * o[0] + o[1] * o[1] > away * away && std::abs(o[2]) <= half[2];
-  return beside ? Place::beside_cylinder : Place::anywhere;
+  return beside ? OriginHint::beside_cylinder : OriginHint::anywhere;
 }
 
 }  // namespace
@@ -122,19 +122,19 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
   rtcSetGeometryBoundsFunction(
       geometry,
       [](const RTCBoundsFunctionArguments* args) {
-        handover::acquire(args->geometryUserPtr);
+        thread_sanitizer::acquire(args->geometryUserPtr);
         const Aabb box = static_cast<const Shape*>(args->geometryUserPtr)[args->primID].bounds();
         *args->bounds_o = {box.min.x(), box.min.y(), box.min.z(), 0, box.max.x(), box.max.y(), box.max.z(), 0};
-        handover::release(args->geometryUserPtr);
+        thread_sanitizer::release(args->geometryUserPtr);
       },
       nullptr);
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(crowd_.get(), geometry);
   rtcReleaseGeometry(geometry);
-  handover::release(crowd_shapes_.data());  // to Embree's builders, and back
+  thread_sanitizer::release(crowd_shapes_.data());  // to Embree's builders, and back
   commit(crowd_.get());
-  handover::acquire(crowd_shapes_.data());
+  thread_sanitizer::acquire(crowd_shapes_.data());
 }
 
 void Scene::add_triangles(const TriangleMesh& mesh) {
@@ -197,12 +197,12 @@ void Scene::intersect_casters(RayBlock& rays) const {
   intersect_meshes(rays);
 }
 
-void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, Reach& reach) const {
-  if (reach.count == kMaxCandidates) {
-    reach.crowded = true;
+void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const {
+  if (candidates.count == kMaxCandidates) {
+    candidates.crowded = true;
     return;
   }
-  Candidate& candidate = reach.candidates[reach.count++];
+  Candidate& candidate = candidates.list[candidates.count++];
   candidate.shape = &shape;
   candidate.element = element;
   const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
@@ -210,45 +210,47 @@ void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& 
   candidate.local_origin = {local.x(), local.y(), local.z()};
 }
 
-void Scene::gather(const Vec3& origin, float range_m, Reach& reach) const { gather(origin, 0.0F, range_m, reach); }
+void Scene::gather(const Vec3& origin, float range_m, CandidateSet& candidates) const {
+  gather(origin, 0.0F, range_m, candidates);
+}
 
-void Scene::gather(const Vec3& origin, float near_m, float range_m, Reach& reach) const {
-  reach.count = 0;
-  reach.crowded = false;
+void Scene::gather(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const {
+  candidates.count = 0;
+  candidates.crowded = false;
   for (std::uint32_t room = 0; room < num_rooms_; ++room) {
     const Shape& shape = shapes_[room].shape;
-    add_candidate(shape, static_cast<std::int32_t>(room), origin, reach);
-    Candidate& candidate = reach.candidates[reach.count - 1];
-    candidate.place = place_in_room(shape, candidate.local_origin, near_m);
-    if (candidate.place != Place::in_room) continue;
+    add_candidate(shape, static_cast<std::int32_t>(room), origin, candidates);
+    Candidate& candidate = candidates.list[candidates.count - 1];
+    candidate.hint = hint_in_room(shape, candidate.local_origin, near_m);
+    if (candidate.hint != OriginHint::in_room) continue;
     bool reachable = false;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       candidate.walls[axis] = shape.half_extents[axis] - std::abs(candidate.local_origin[axis]) <= range_m;
       reachable |= candidate.walls[axis];
     }
-    if (!reachable) --reach.count;
+    if (!reachable) --candidates.count;
   }
   tree_.for_each_near(origin, range_m, [&](std::uint32_t element) {
     const Shape& shape = shapes_[element].shape;
-    add_candidate(shape, static_cast<std::int32_t>(element), origin, reach);
-    if (reach.crowded) return;
-    Candidate& candidate = reach.candidates[reach.count - 1];
-    candidate.place = place_at_solid(shape, candidate.local_origin, near_m);
+    add_candidate(shape, static_cast<std::int32_t>(element), origin, candidates);
+    if (candidates.crowded) return;
+    Candidate& candidate = candidates.list[candidates.count - 1];
+    candidate.hint = hint_at_solid(shape, candidate.local_origin, near_m);
   });
-  reach.meshes = meshes_ && squared_distance(mesh_center_ - origin, mesh_half_) <= range_m * range_m;
+  candidates.meshes = meshes_ && squared_distance(mesh_center_ - origin, mesh_half_) <= range_m * range_m;
 }
 
-void Scene::gather_visible(const Vec3& origin, float near_m, float range_m, Reach& reach) const {
-  gather(origin, near_m, range_m, reach);
+void Scene::gather_visible(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const {
+  gather(origin, near_m, range_m, candidates);
   for (const auto& [shape, element] : markers_) {
-    add_candidate(shape, element, origin, reach);
-    if (reach.crowded) return;
-    reach.candidates[reach.count - 1].place = Place::outside_marker;
+    add_candidate(shape, element, origin, candidates);
+    if (candidates.crowded) return;
+    candidates.list[candidates.count - 1].hint = OriginHint::outside_marker;
   }
 }
 
-void Scene::intersect_tile(const Reach& reach, RayBundle& rays, FacetNormals& normals, RayBlock& block) const {
-  if (intersect(reach, rays) == Traced::nothing) {
+void Scene::intersect_tile(const CandidateSet& candidates, RayBundle& rays, GeometricNormals& normals, RayBlock& block) const {
+  if (intersect(candidates, rays) == Traced::nothing) {
     block.count = 0;
     block.near = rays.near;
     append(rays, 0, rays.count, block);
@@ -259,12 +261,13 @@ void Scene::intersect_tile(const Reach& reach, RayBundle& rays, FacetNormals& no
     std::copy_n(block.t_hit, rays.count, rays.t_hit);
     std::copy_n(block.element, rays.count, rays.element);
   }
-  if (reach.meshes) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, rays, normals);
+  if (candidates.meshes) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, rays, normals);
 }
 
-Traced Scene::intersect(const Reach& reach, RayBundle& rays) const {
-  if (reach.crowded || !trace_direct(std::span(reach.candidates).first(reach.count), kMaxDirect, rays)) return Traced::nothing;
-  return reach.meshes ? Traced::primitives_only : Traced::fully;
+Traced Scene::intersect(const CandidateSet& candidates, RayBundle& rays) const {
+  if (candidates.crowded || !trace_direct(std::span(candidates.list).first(candidates.count), kMaxDirect, rays))
+    return Traced::nothing;
+  return candidates.meshes ? Traced::primitives_only : Traced::fully;
 }
 
 void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {

@@ -1,6 +1,6 @@
 // trace::Scene: one world as rays meet it, and the question asked of it: what is the nearest thing along these rays.
 //
-// Primitives are traced directly where few are within reach (see Reach), and by Embree where many are; triangles always by
+// Primitives are traced directly where few are within reach (see CandidateSet), and by Embree where many are; triangles always by
 // Embree.
 #pragma once
 
@@ -24,14 +24,14 @@ namespace flockstep::trace {
 using NearbyCallback = void (*)(void* context, std::uint32_t element);
 
 // What the rays of one sensor may meet: the shapes whose bounding boxes come within its range. Filled by Scene::gather.
-struct Reach {
-  std::array<Candidate, kMaxCandidates> candidates;
+struct CandidateSet {
+  std::array<Candidate, kMaxCandidates> list;
   std::size_t count = 0;
   bool crowded = false;  // there are more
   bool meshes = false;   // triangles are within range
 };
 
-// How far Scene::intersect(Reach) came with a bundle.
+// How far Scene::intersect(CandidateSet) came with a bundle.
 enum class Traced : std::uint8_t {
   fully,
   primitives_only,  // meshes are left to do, by Scene::intersect_meshes with what was found so far
@@ -53,14 +53,14 @@ class Scene {
   void intersect_meshes(RayBlock& rays) const;
 
   // For many rays of one origin and range: gather once, then trace bundle after bundle.
-  void gather(const Vec3& origin, float range_m, Reach& reach) const;
-  Traced intersect(const Reach& reach, RayBundle& rays) const;
+  void gather(const Vec3& origin, float range_m, CandidateSet& candidates) const;
+  Traced intersect(const CandidateSet& candidates, RayBundle& rays) const;
 
   // The same for a camera, whose bundles are tiles: kTileWidth rays a row. It sees the markers too, numbered on after the
   // triangles, and nothing nearer than near_m, the distance of its near plane's corners.
-  void gather_visible(const Vec3& origin, float near_m, float range_m, Reach& reach) const;
+  void gather_visible(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const;
   // Nearest hits, and the normals of those on triangles; the block is scratch. Call under FlushDenormals.
-  void intersect_tile(const Reach& reach, RayBundle& rays, FacetNormals& normals, RayBlock& block) const;
+  void intersect_tile(const CandidateSet& candidates, RayBundle& rays, GeometricNormals& normals, RayBlock& block) const;
   // Whether anything that casts a shadow, rooms and markers do not, lies on the rays of the block: t_hit is finite then.
   void intersect_casters(RayBlock& rays) const;
 
@@ -78,9 +78,9 @@ class Scene {
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
   EmbreeScene new_scene();
-  void gather(const Vec3& origin, float near_m, float range_m, Reach& reach) const;
+  void gather(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const;
   void intersect_primitives(RayBlock& rays) const;  // takes what is nearer than t_hit
-  void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, Reach& reach) const;
+  void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const;
   void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
   void add_triangles(const TriangleMesh& mesh);
   void commit(RTCScene scene) const;

@@ -1,4 +1,4 @@
-#include "render/lens.hpp"
+#include "render/pinhole_camera.hpp"
 
 #include <gtest/gtest.h>
 
@@ -42,53 +42,53 @@ TEST(LensFocalLength, OfKnownAngles) {
   EXPECT_NEAR(both.fy(), 415.69219, 1e-4);  // 240 / tan 30
 }
 
-TEST(Lens, EveryPixelLooksThroughItsSamples) {
+TEST(PinholeCamera, EveryPixelLooksThroughItsSamples) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
-    const Lens lens = make_lens(camera);
+    const PinholeCamera pinhole = make_pinhole_camera(camera);
     const auto samples = static_cast<std::size_t>(camera.samples_per_pixel);
-    ASSERT_EQ(lens.grids.size(), samples == 1 ? 1 : 1 + samples);
+    ASSERT_EQ(pinhole.grids.size(), samples == 1 ? 1 : 1 + samples);
     const auto side = static_cast<std::size_t>(std::lround(std::sqrt(static_cast<double>(samples))));
     const auto place = [&](std::size_t grid, std::size_t step) {  // within a pixel
       return grid == 0 ? 0.5 : (static_cast<double>(step) + 0.5) / static_cast<double>(side);
     };
-    for (const Tile& tile : lens.tiles) {
-      for (std::size_t grid = 0; grid < lens.grids.size(); ++grid) {
+    for (const PixelTile& tile : pinhole.tiles) {
+      for (std::size_t grid = 0; grid < pinhole.grids.size(); ++grid) {
         const double left = place(grid, (grid - 1) % side);
         const double down = place(grid, (grid - 1) / side);
-        const float* const y = lens.grids[grid].left.data() + tile.column * Tile::kSide;
-        const float* const z = lens.grids[grid].up.data() + tile.row * Tile::kSide;
-        for (std::size_t ray = 0; ray < Tile::kSide * Tile::kSide; ++ray) {
-          const double u = static_cast<double>(tile.column + ray % Tile::kSide) + left;
-          const double v = static_cast<double>(tile.row + ray / Tile::kSide) + down;
+        const float* const y = pinhole.grids[grid].left.data() + tile.column * PixelTile::kSide;
+        const float* const z = pinhole.grids[grid].up.data() + tile.row * PixelTile::kSide;
+        for (std::size_t ray = 0; ray < PixelTile::kSide * PixelTile::kSide; ++ray) {
+          const double u = static_cast<double>(tile.column + ray % PixelTile::kSide) + left;
+          const double v = static_cast<double>(tile.row + ray / PixelTile::kSide) + down;
           const double its_y = (0.5 * camera.width_px - u) / static_cast<double>(camera.fx());
           const double its_z = (0.5 * camera.height_px - v) / static_cast<double>(camera.fy());
           ASSERT_NEAR(y[ray], its_y, 1e-6 * (1.0 + std::abs(its_y))) << "grid " << grid << ", ray " << ray;
           ASSERT_NEAR(z[ray], its_z, 1e-6 * (1.0 + std::abs(its_z))) << "grid " << grid << ", ray " << ray;
-          ASSERT_LE(std::hypot(1.0, its_y, its_z), static_cast<double>(lens.corner) * (1.0 + 1e-6));
+          ASSERT_LE(std::hypot(1.0, its_y, its_z), static_cast<double>(pinhole.corner) * (1.0 + 1e-6));
         }
       }
     }
   }
 }
 
-TEST(Lens, WholeVectorsMayBeReadPastTheLastRay) {
-  const Lens lens = make_lens({.width_px = 17, .height_px = 3});
-  for (const Lens::Grid& grid : lens.grids) {
-    EXPECT_EQ(grid.left.size(), 2 * Tile::kSide * Tile::kSide + trace::kRayPadding);
-    EXPECT_EQ(grid.up.size(), Tile::kSide * Tile::kSide + trace::kRayPadding);
+TEST(PinholeCamera, WholeVectorsMayBeReadPastTheLastRay) {
+  const PinholeCamera pinhole = make_pinhole_camera({.width_px = 17, .height_px = 3});
+  for (const PinholeCamera::Grid& grid : pinhole.grids) {
+    EXPECT_EQ(grid.left.size(), 2 * PixelTile::kSide * PixelTile::kSide + trace::kRayPadding);
+    EXPECT_EQ(grid.up.size(), PixelTile::kSide * PixelTile::kSide + trace::kRayPadding);
   }
 }
 
-TEST(Lens, TilesHoldEveryPixelOnce) {
+TEST(PinholeCamera, TilesHoldEveryPixelOnce) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
     const auto width = static_cast<std::size_t>(camera.width_px);
     const auto height = static_cast<std::size_t>(camera.height_px);
     std::vector<int> times(width * height, 0);
-    for (const Tile& tile : make_lens(camera).tiles) {
-      EXPECT_EQ(tile.column % Tile::kSide, 0U);
-      EXPECT_EQ(tile.row % Tile::kSide, 0U);
+    for (const PixelTile& tile : make_pinhole_camera(camera).tiles) {
+      EXPECT_EQ(tile.column % PixelTile::kSide, 0U);
+      EXPECT_EQ(tile.row % PixelTile::kSide, 0U);
       ASSERT_LE(tile.column + tile.width, width);
       ASSERT_LE(tile.row + tile.height, height);
       for (std::size_t row = tile.row; row < tile.row + tile.height; ++row) {
@@ -100,27 +100,28 @@ TEST(Lens, TilesHoldEveryPixelOnce) {
 }
 
 // Those that only fill up the last tiles included, and as narrow as the tile's own borders.
-TEST(Lens, ViewsHoldAllRaysOfTheirTile) {
+TEST(PinholeCamera, ViewsHoldAllRaysOfTheirTile) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
-    const Lens lens = make_lens(camera);
-    for (const Tile& tile : lens.tiles) {
-      const trace::View& view = tile.view;
+    const PinholeCamera pinhole = make_pinhole_camera(camera);
+    for (const PixelTile& tile : pinhole.tiles) {
+      const trace::Frustum& view = tile.frustum;
       const auto above = [&](std::size_t plane, const Vec3& direction) {
         return Vec3(view.x[plane], view.y[plane], view.z[plane]).dot(direction);
       };
-      for (std::size_t plane = 0; plane < trace::View::kPlanes; ++plane) {
-        for (const Lens::Grid& grid : lens.grids) {
-          for (std::size_t ray = 0; ray < Tile::kSide * Tile::kSide; ++ray) {
-            const Vec3 direction(1.0F, grid.left[tile.column * Tile::kSide + ray], grid.up[tile.row * Tile::kSide + ray]);
+      for (std::size_t plane = 0; plane < trace::Frustum::kPlanes; ++plane) {
+        for (const PinholeCamera::Grid& grid : pinhole.grids) {
+          for (std::size_t ray = 0; ray < PixelTile::kSide * PixelTile::kSide; ++ray) {
+            const Vec3 direction(1.0F, grid.left[tile.column * PixelTile::kSide + ray],
+                                 grid.up[tile.row * PixelTile::kSide + ray]);
             ASSERT_LE(above(plane, direction), view.reach[plane]) << "plane " << plane << ", ray " << ray;
           }
         }
         float most = -1e9F;
-        for (const std::size_t right : {std::size_t{0}, Tile::kSide}) {
-          for (const std::size_t down : {std::size_t{0}, Tile::kSide}) {
-            const Vec3 corner(1.0F, (lens.cx - static_cast<float>(tile.column + right)) / lens.fx,
-                              (lens.cy - static_cast<float>(tile.row + down)) / lens.fy);
+        for (const std::size_t right : {std::size_t{0}, PixelTile::kSide}) {
+          for (const std::size_t down : {std::size_t{0}, PixelTile::kSide}) {
+            const Vec3 corner(1.0F, (pinhole.cx - static_cast<float>(tile.column + right)) / pinhole.fx,
+                              (pinhole.cy - static_cast<float>(tile.row + down)) / pinhole.fy);
             most = std::max(most, above(plane, corner.normalized()));
           }
         }

@@ -1,12 +1,12 @@
-// Shot: one picture to take, and where to write it.
+// RenderRequest: one picture to take, and where to write it.
 #pragma once
 
 #include <cstdint>
 
-#include "render/lens.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "render/pinhole_camera.hpp"
 
 namespace flockstep::render {
 
@@ -25,12 +25,12 @@ inline std::uint8_t grey_of(std::uint8_t r, std::uint8_t g, std::uint8_t b) {
   return static_cast<std::uint8_t>((299U * r + 587U * g + 114U * b + 500U) / 1000U);
 }
 
-struct Shot {
+struct RenderRequest {
   const World* world;
   const CameraConfig* camera;
-  const Lens* lens;  // of that camera, with the drone's own field of view
-  Vec3 position;     // m, world frame
-  Mat3 rotation;     // camera to world
+  const PinholeCamera* pinhole;  // of that camera, with the drone's own field of view
+  Vec3 position;                 // m, world frame
+  Mat3 rotation;                 // camera to world
   Frame frame;
 };
 

@@ -1,4 +1,4 @@
-#include "platform/platform.hpp"
+#include "base/platform.hpp"
 
 #include <algorithm>
 #include <thread>

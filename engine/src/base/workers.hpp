@@ -7,8 +7,8 @@
 
 #include <cstddef>
 
-#include "platform/flush_denormals.hpp"
-#include "platform/handover.hpp"
+#include "base/flush_denormals.hpp"
+#include "base/thread_sanitizer.hpp"
 
 namespace flockstep {
 
@@ -29,20 +29,20 @@ class Workers {
     }
     static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
     const char joined = 0;
-    handover::release(&forked);
+    thread_sanitizer::release(&forked);
     arena_.execute([&] {
       tbb::parallel_for(
           tbb::blocked_range<std::size_t>(0, count, 1),
           [&](const tbb::blocked_range<std::size_t>& range) {
-            handover::acquire(&forked);
+            thread_sanitizer::acquire(&forked);
             const FlushDenormals flush;
             const auto thread = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
             for (std::size_t i = range.begin(); i != range.end(); ++i) f(i, thread);
-            handover::release(&joined);
+            thread_sanitizer::release(&joined);
           },
           tbb::simple_partitioner());
     });
-    handover::acquire(&joined);
+    thread_sanitizer::acquire(&joined);
   }
 
  private:

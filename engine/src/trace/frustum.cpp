@@ -1,4 +1,4 @@
-#include "trace/view.hpp"
+#include "trace/frustum.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,16 +9,16 @@ namespace {
 constexpr float kMargin = 1e-5F;       // of the range: for rounding in rotated normals
 constexpr double kNarrow = 0.1736482;  // cosine of 80 degrees
 
-void set_plane(View& view, std::size_t plane, const Eigen::Vector3d& normal, double reach) {
-  view.x[plane] = static_cast<float>(normal.x());
-  view.y[plane] = static_cast<float>(normal.y());
-  view.z[plane] = static_cast<float>(normal.z());
-  view.reach[plane] = static_cast<float>(std::max(reach, 0.0)) + kMargin;
+void set_plane(Frustum& frustum, std::size_t plane, const Eigen::Vector3d& normal, double reach) {
+  frustum.x[plane] = static_cast<float>(normal.x());
+  frustum.y[plane] = static_cast<float>(normal.y());
+  frustum.z[plane] = static_cast<float>(normal.z());
+  frustum.reach[plane] = static_cast<float>(std::max(reach, 0.0)) + kMargin;
 }
 
 }  // namespace
 
-View make_view(std::span<const float> x, std::span<const float> y, std::span<const float> z) {
+Frustum make_frustum(std::span<const float> x, std::span<const float> y, std::span<const float> z) {
   using Vec3d = Eigen::Vector3d;
   const auto direction = [&](std::size_t i) { return Vec3d(x[i], y[i], z[i]); };
   Vec3d mean = Vec3d::Zero();
@@ -41,27 +41,27 @@ View make_view(std::span<const float> x, std::span<const float> y, std::span<con
     elevation[0] = std::max(elevation[0], d.z());
     elevation[1] = std::max(elevation[1], -d.z());
   }
-  View view{};
+  Frustum frustum{};
   if (narrowest > kNarrow) {
-    for (std::size_t plane = 0; plane < View::kPlanes; ++plane) {
+    for (std::size_t plane = 0; plane < Frustum::kPlanes; ++plane) {
       const Vec3d across = plane < 2 ? side : up;
-      set_plane(view, plane, ((plane % 2 == 0 ? 1.0 : -1.0) * across - slope[plane] * mean).normalized(), 0.0);
+      set_plane(frustum, plane, ((plane % 2 == 0 ? 1.0 : -1.0) * across - slope[plane] * mean).normalized(), 0.0);
     }
   } else {
-    set_plane(view, 0, Vec3d::UnitZ(), elevation[0]);
-    set_plane(view, 1, -Vec3d::UnitZ(), elevation[1]);
+    set_plane(frustum, 0, Vec3d::UnitZ(), elevation[0]);
+    set_plane(frustum, 1, -Vec3d::UnitZ(), elevation[1]);
   }
-  return view;
+  return frustum;
 }
 
-View make_pyramid(float left_min, float left_max, float up_min, float up_max) {
+Frustum make_pyramid(float left_min, float left_max, float up_min, float up_max) {
   using Vec3d = Eigen::Vector3d;
-  View view{};
-  set_plane(view, 0, Vec3d(-left_max, 1, 0).normalized(), 0.0);
-  set_plane(view, 1, Vec3d(left_min, -1, 0).normalized(), 0.0);
-  set_plane(view, 2, Vec3d(-up_max, 0, 1).normalized(), 0.0);
-  set_plane(view, 3, Vec3d(up_min, 0, -1).normalized(), 0.0);
-  return view;
+  Frustum frustum{};
+  set_plane(frustum, 0, Vec3d(-left_max, 1, 0).normalized(), 0.0);
+  set_plane(frustum, 1, Vec3d(left_min, -1, 0).normalized(), 0.0);
+  set_plane(frustum, 2, Vec3d(-up_max, 0, 1).normalized(), 0.0);
+  set_plane(frustum, 3, Vec3d(up_min, 0, -1).normalized(), 0.0);
+  return frustum;
 }
 
 }  // namespace flockstep::trace

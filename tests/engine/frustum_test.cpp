@@ -1,4 +1,4 @@
-#include "trace/view.hpp"
+#include "trace/frustum.hpp"
 
 #include <gtest/gtest.h>
 
@@ -54,12 +54,12 @@ Directions random_set(Random& random, unsigned kind) {
   }
 }
 
-TEST(View, HoldsWhateverItsDirectionsReach) {
+TEST(Frustum, HoldsWhateverItsDirectionsReach) {
   for (unsigned seed = 0; seed < 900; ++seed) {
     Random random(seed);
     const Directions set = random_set(random, seed);
-    const View& view = set.view();
-    for (std::size_t plane = 0; plane < View::kPlanes; ++plane) {
+    const Frustum& view = set.view();
+    for (std::size_t plane = 0; plane < Frustum::kPlanes; ++plane) {
       const Vec3 normal(view.x[plane], view.y[plane], view.z[plane]);
       const float length = normal.norm();
       ASSERT_TRUE(length == 0.0F || std::abs(length - 1.0F) < 1e-6F);
@@ -72,13 +72,13 @@ TEST(View, HoldsWhateverItsDirectionsReach) {
 }
 
 // A view as narrow as its set: of a pyramid the four sides touch directions, of a wide set the planes above and below do.
-TEST(View, IsAsNarrowAsItsDirections) {
+TEST(Frustum, IsAsNarrowAsItsDirections) {
   for (unsigned seed = 0; seed < 300; ++seed) {
     Random random(seed);
     const bool is_narrow = seed % 2 == 0;
     const Directions set = is_narrow ? Directions(cone(random, 40, random.within(1, 60))) : Directions(fan(35, 270));
-    const View& view = set.view();
-    for (std::size_t plane = 0; plane < (is_narrow ? View::kPlanes : 2U); ++plane) {
+    const Frustum& view = set.view();
+    for (std::size_t plane = 0; plane < (is_narrow ? Frustum::kPlanes : 2U); ++plane) {
       const Vec3 normal(view.x[plane], view.y[plane], view.z[plane]);
       float most = -1.0F;
       for (std::size_t i = 0; i < set.size(); ++i) most = std::max(most, normal.dot(set[i]));
@@ -111,7 +111,7 @@ struct Crowd {
 };
 
 // Boxes around points that rays reach, the point on any side of them: with the view, all rays hit what they hit without.
-TEST(View, NeverHidesABoxThatARayReaches) {
+TEST(Frustum, NeverHidesABoxThatARayReaches) {
   const auto rays = std::make_unique<RayBundle>();
   std::size_t hits = 0;
   for (unsigned seed = 0; seed < 6000; ++seed) {
@@ -158,7 +158,7 @@ TEST(View, NeverHidesABoxThatARayReaches) {
 }
 
 // More boxes than are traced directly, but most of them out of view.
-TEST(View, HidesWhatIsBesideItAboveOrBelow) {
+TEST(Frustum, HidesWhatIsBesideItAboveOrBelow) {
   const auto rays = std::make_unique<RayBundle>();
   Random random(1);
   const Quat turn = random.rotation();

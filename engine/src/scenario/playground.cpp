@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "base/philox.hpp"
 #include "collision/sweep.hpp"
-#include "random/philox.hpp"
 #include "flockstep/plan.hpp"
 #include "flockstep/world.hpp"
 
@@ -83,12 +83,12 @@ void check(const PlaygroundConfig& config) {
   constexpr std::array<float, 3> kLeast{6.0F, 6.0F, 1.5F};
   constexpr std::array<float, 3> kMost{200.0F, 200.0F, 100.0F};
   for (std::size_t i = 0; i < 3; ++i) {
-    if (config.size[i] >= kLeast[i] && config.size[i] <= kMost[i]) continue;
+    if (config.size_m[i] >= kLeast[i] && config.size_m[i] <= kMost[i]) continue;
     std::ostringstream range;
     range << "metres in [" << kLeast[i] << ", " << kMost[i] << ']';
-    refuse("size[" + std::to_string(i) + ']', range.str(), config.size[i]);
+    refuse("size_m[" + std::to_string(i) + ']', range.str(), config.size_m[i]);
   }
-  const float thickest = std::min(config.size[0], config.size[1]) / 14.0F;
+  const float thickest = std::min(config.size_m[0], config.size_m[1]) / 14.0F;
   if (!(config.pillar_radius_m >= 0.01F && config.pillar_radius_m <= thickest)) {
     std::ostringstream range;
     range << "metres in [0.01, " << thickest << "] (a fourteenth of the room)";
@@ -122,7 +122,7 @@ double next_y(Draws& draws, const Vec3d& last, double x, const Vec3d& scale, dou
 }
 
 std::optional<Route> draw_route(Draws& draws, const PlaygroundConfig& config) {
-  const Vec3d scale(config.size[0] / kRoom[0], config.size[1] / kRoom[1], config.size[2] / kRoom[2]);
+  const Vec3d scale(config.size_m[0] / kRoom[0], config.size_m[1] / kRoom[1], config.size_m[2] / kRoom[2]);
   // A leg must hold a pillar that is clear of the markers at its ends.
   const double shortest_leg = 2.0 * (kMarkerClearance + config.pillar_radius_m) + 0.1;
   // Sideways steps make room for more legs than the room is long.
@@ -135,7 +135,7 @@ std::optional<Route> draw_route(Draws& draws, const PlaygroundConfig& config) {
     const double x = kStartX + (kGoalX - kStartX) * i / num_legs + draws.uniform(-spread, spread);
     const double y = i == 0 ? draws.uniform(kYRange[0], kYRange[1]) : next_y(draws, route.markers.back(), x, scale, shortest_leg);
     const double z =
-        std::clamp(draws.uniform(kZRange[0], kZRange[1]) * scale.z(), kVerticalClearance, config.size[2] - kVerticalClearance);
+        std::clamp(draws.uniform(kZRange[0], kZRange[1]) * scale.z(), kVerticalClearance, config.size_m[2] - kVerticalClearance);
     route.markers.emplace_back(centimetres(x * scale.x()), centimetres(y * scale.y()), centimetres(z));
   }
   for (std::size_t i = 0; i < route.num_legs(); ++i) {
@@ -180,7 +180,7 @@ class PillarField {
 
   bool fits(const Vec2d& center) const {
     const double radius = config_.pillar_radius_m;
-    const Vec2d size(config_.size[0], config_.size[1]);
+    const Vec2d size(config_.size_m[0], config_.size_m[1]);
     if (!(center.minCoeff() >= radius && (size - center).minCoeff() >= radius)) return false;
     for (std::size_t i = 0; i < route_.markers.size(); ++i) {
       if ((center - route_.flat(i)).norm() < kMarkerClearance + radius) return false;
@@ -207,7 +207,7 @@ class PillarField {
     for (std::size_t i = 0; i < route_.markers.size(); ++i) {
       lane_.push_back(route_.flat(i));
       if (i != leg) continue;
-      const Vec2d size(config_.size[0], config_.size[1]);
+      const Vec2d size(config_.size_m[0], config_.size_m[1]);
       const Vec2d margin = Vec2d::Constant(kLaneHalfWidth);
       lane_.push_back(detour.cwiseMax(margin).cwiseMin(size - margin));
     }
@@ -216,13 +216,13 @@ class PillarField {
   static Vec2d across(const Vec2d& v) { return Vec2d(-v.y(), v.x()) / v.norm(); }
 
   Vec2d beside_the_route(Draws& draws) const {
-    const Vec2d reach = Vec2d::Constant(2.0 * config_.size[1] / kRoom[1]);
+    const Vec2d reach = Vec2d::Constant(2.0 * config_.size_m[1] / kRoom[1]);
     const auto leg = static_cast<std::size_t>(draws.below(static_cast<int>(route_.num_legs())));
     const Vec2d point = route_.flat(leg) + draws.uniform(0.0, 1.0) * (route_.flat(leg + 1) - route_.flat(leg));
     return rounded(point + draws.point(-reach, reach));
   }
 
-  Vec2d anywhere(Draws& draws) const { return rounded(draws.point(Vec2d::Zero(), {config_.size[0], config_.size[1]})); }
+  Vec2d anywhere(Draws& draws) const { return rounded(draws.point(Vec2d::Zero(), {config_.size_m[0], config_.size_m[1]})); }
 
   static Vec2d rounded(const Vec2d& point) { return {centimetres(point.x()), centimetres(point.y())}; }
 
@@ -237,7 +237,7 @@ SceneDescription describe(const PlaygroundConfig& config, const Route& route, co
   SceneDescription scene;
   scene.name = "playground/seed-" + std::to_string(config.seed);
   scene.materials = {Material{"white", {0.9F, 0.9F, 0.9F}}, Material{"pillar", {0.35F, 0.45F, 0.6F}}};
-  const Vec3 half = Vec3(config.size[0], config.size[1], config.size[2]) / 2.0F;
+  const Vec3 half = Vec3(config.size_m[0], config.size_m[1], config.size_m[2]) / 2.0F;
   scene.primitives.push_back(Primitive{.kind = PrimitiveKind::room, .center = half, .half_extents = half, .material = 0});
   for (const Vec2d& center : pillars) {
     scene.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
@@ -287,7 +287,7 @@ std::shared_ptr<const World> World::playground(const PlaygroundConfig& config) {
     if (plan(*world, drone, start, goals, kCoarseCell) || plan(*world, drone, start, goals)) return world;
   }
   std::ostringstream text;
-  text << "playground: pillars: expected few enough for a free path through " << config.size[0] << " x " << config.size[1]
+  text << "playground: pillars: expected few enough for a free path through " << config.size_m[0] << " x " << config.size_m[1]
        << " m, got " << config.pillars << " of radius " << config.pillar_radius_m << " m (no path in " << kAttempts
        << " layouts)";
   throw std::invalid_argument(text.str());

@@ -16,7 +16,7 @@
 #include <sanitizer/tsan_interface.h>
 #endif
 
-namespace flockstep::handover {
+namespace flockstep::thread_sanitizer {
 
 #if defined(FLOCKSTEP_THREAD_SANITIZER)
 inline void release(const void* at) { __tsan_release(const_cast<void*>(at)); }
@@ -26,4 +26,4 @@ inline void release(const void*) {}
 inline void acquire(const void*) {}
 #endif
 
-}  // namespace flockstep::handover
+}  // namespace flockstep::thread_sanitizer

@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "random/philox.hpp"
+#include "base/philox.hpp"
 #include "flockstep/state.hpp"
 
 namespace flockstep {

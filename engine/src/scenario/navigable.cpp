@@ -1,4 +1,4 @@
-#include "world/markers.hpp"
+#include "scenario/navigable.hpp"
 
 #include <sstream>
 #include <stdexcept>

@@ -1,4 +1,4 @@
-#include "platform/flush_denormals.hpp"
+#include "base/flush_denormals.hpp"
 
 #include <cstdint>
 

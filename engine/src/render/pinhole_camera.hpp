@@ -1,26 +1,26 @@
-// Lens: which way each pixel looks.
+// PinholeCamera: which way each pixel looks.
 #pragma once
 
 #include <cstddef>
 #include <vector>
 
 #include "flockstep/config.hpp"
-#include "trace/view.hpp"
+#include "trace/frustum.hpp"
 
 namespace flockstep::render {
 
 // A block of pixels that is traced at once.
-struct Tile {
+struct PixelTile {
   static constexpr std::size_t kSide = 16;  // pixels; a row of it is a vector of rays
   std::size_t column, row;                  // of its first pixel, a multiple of kSide
   std::size_t width, height;                // at most kSide
-  trace::View view;                         // camera frame
+  trace::Frustum frustum;                   // camera frame
 };
 
 // The pinhole model. The ray through pixel (u, v), counted from the upper left, has the direction
 // (1, (cx - u - 1/2) / fx, (cy - v - 1/2) / fy) in the camera's frame (x along the optical axis, y left, z up), so that lengths
 // along it are planar depths.
-struct Lens {
+struct PinholeCamera {
   float fx, fy, cx, cy;  // px
   // The grid of samples within a pixel, by which all of this is repeated: grids[0] is of the pixel's centre, and where there are
   // several samples the others follow.
@@ -29,10 +29,10 @@ struct Lens {
     std::vector<float> up;    // (rows of tiles, kSide * kSide) z, likewise
   };
   std::vector<Grid> grids;
-  std::vector<Tile> tiles;  // row by row; each holds all samples of its pixels
-  float corner;             // length of the longest direction
+  std::vector<PixelTile> tiles;  // row by row; each holds all samples of its pixels
+  float corner;                  // length of the longest direction
 };
 
-Lens make_lens(const CameraConfig& camera);
+PinholeCamera make_pinhole_camera(const CameraConfig& camera);
 
 }  // namespace flockstep::render
