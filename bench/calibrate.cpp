@@ -80,7 +80,7 @@ double bundle_advantage(int within) {
         bundle->y = pattern.y.data() + tile.first;
         bundle->z = pattern.z.data() + tile.first;
         bundle->count = tile.rows * tile.width;
-        bundle->view = &tile.frustum;
+        bundle->frustum = &tile.frustum;
         trace();
       }
     }

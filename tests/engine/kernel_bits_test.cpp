@@ -171,7 +171,7 @@ TEST(KernelBits, Bundles) {
       }
       const trace::Frustum view =
           trace::make_frustum(std::span(x).first(kRays), std::span(y).first(kRays), std::span(z).first(kRays));
-      bundle->view = &view;
+      bundle->frustum = &view;
       bundle->origin = exact.point(6.0F);
       bundle->rotation = exact.rotation().toRotationMatrix();
       bundle->range = exact.within(2.0F, 8.0F);
