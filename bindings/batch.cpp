@@ -2,31 +2,24 @@
 
 #include <pybind11/stl.h>
 
-#include <numeric>
+#include <optional>
+#include <string>
 
 #include "arrays.hpp"
 #include "camera.hpp"
-#include "names.hpp"
+#include "convert.hpp"
+#include "lidar.hpp"
 #include "released.hpp"
+#include "task.hpp"
+#include "terms.hpp"
 
 namespace flockstep::bindings {
 namespace {
 
 using Worlds = std::vector<std::shared_ptr<World>>;
 
-py::ssize_t size_of(const Batch& batch) { return batch.config().num_drones; }
+py::ssize_t size_of(const Batch& batch) { return batch.config().num_drones(); }
 Shape n_by(const Batch& batch, py::ssize_t columns) { return {size_of(batch), columns}; }
-Shape scan_shape(const Batch& batch) {
-  const BatchConfig& config = batch.config();
-  return {size_of(batch), config.has_lidar ? config.lidar.rows() : 0, config.has_lidar ? config.lidar.columns() : 0};
-}
-
-AutoresetMode autoreset_mode(const std::string& text) {
-  if (text == "next_step") return AutoresetMode::next_step;
-  if (text == "same_step") return AutoresetMode::same_step;
-  if (text == "disabled") return AutoresetMode::disabled;
-  throw py::value_error("autoreset_mode: expected \"next_step\", \"same_step\" or \"disabled\", got \"" + text + "\"");
-}
 
 // Letting go of a batch waits for its threads.
 struct Released {
@@ -37,27 +30,26 @@ struct Released {
 };
 
 std::unique_ptr<Batch, Released> make_batch(const Worlds& worlds, int num_drones, const std::optional<LidarConfig>& lidar,
-                                            const std::optional<PoseSensorConfig>& pose_sensor,
-                                            const std::optional<NavigationConfig>& task, const std::optional<DroneModel>& drone,
-                                            const std::vector<CameraConfig>& cameras, const std::string& backend,
-                                            const std::string& autoreset, int num_threads, int block_size,
+                                            const std::optional<PoseSensorConfig>& pose_sensor, const py::object& task,
+                                            const std::optional<DroneModel>& drone, const std::vector<CameraConfig>& cameras,
+                                            const std::string& backend, const std::optional<EpisodeConfig>& episode,
+                                            const std::optional<ClockConfig>& clock, int num_threads, int block_size,
                                             const py::object& world_index) {
   BatchConfig config;
-  config.num_drones = num_drones;
+  config.num_envs = num_drones;
   config.num_threads = num_threads;
   config.block_size = block_size;
-  config.autoreset_mode = autoreset_mode(autoreset);
-  config.has_lidar = lidar.has_value();
-  config.lidar = lidar.value_or(LidarConfig());
+  config.lidar = lidar;
   config.pose_sensor = pose_sensor.value_or(PoseSensorConfig());
   config.cameras = cameras;
-  config.camera_backend = camera_backend(backend);
-  config.task = task ? TaskKind::navigation : TaskKind::none;
-  config.navigation = task.value_or(NavigationConfig());
+  config.camera_backend = enum_of<CameraBackend>(backend, "camera_backend");
+  config.episode = episode.value_or(EpisodeConfig());
+  config.clock = clock.value_or(ClockConfig());
   const auto index = integers<std::int32_t>(world_index, "world_index", {num_drones});
+  std::unique_ptr<Task> own_task = make_task(task);
   auto batch = [&] {  // worlds are prepared for tracing, backends timed
     const py::gil_scoped_release release;
-    auto made = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()),
+    auto made = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task),
                                         drone.value_or(DroneModel::quadrotor650()), index);
     return std::unique_ptr<Batch, Released>(made.release());
   }();
@@ -75,35 +67,6 @@ auto state_view(const Get& get, py::ssize_t columns = 0) {
   };
 }
 
-void require_task(const Batch& batch) {
-  if (batch.config().task == TaskKind::none) throw std::runtime_error("this Batch has no built-in task: give it one (task=...)");
-}
-
-template <class T, class Member>
-auto output_view(Member member, py::ssize_t columns = 0, bool writable = false) {
-  return [member, columns, writable](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    require_task(batch);
-    const py::ssize_t width = columns < 0 ? batch.observation_size() : columns;
-    return view<T>(self, (batch.outputs().*member).data(), width == 0 ? Shape{size_of(batch)} : n_by(batch, width), writable);
-  };
-}
-
-// The same of images.
-template <class Member>
-auto image_view(Member member, bool writable = false) {
-  return [member, writable](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    require_task(batch);
-    if (batch.image_size() == 0) {
-      throw std::runtime_error("this Batch's task observes no pixels: give it one that does (observation=\"pixels\")");
-    }
-    const CameraConfig& camera = batch.config().cameras[0];
-    return view<std::uint8_t>(self, (batch.outputs().*member).data(), {size_of(batch), 3, camera.height_px, camera.width_px},
-                              writable);
-  };
-}
-
 // The contact of a batch's last move: views into the batch.
 struct ContactView {
   py::array_t<bool> hit, inside;
@@ -118,40 +81,103 @@ ContactView contact_of(const py::object& self) {
           view<float>(self, contact.normal.data(), n_by(batch, 3))};
 }
 
+const TaskSpec& spec_of(const Batch& batch) {
+  if (batch.task() == nullptr) throw std::runtime_error("this Batch has no task: give it one (task=...)");
+  return batch.task()->spec();
+}
+
+template <class T, class Member>
+auto output_view(Member member, bool writable = false) {
+  return [member, writable](const py::object& self) {
+    const auto& batch = self.cast<const Batch&>();
+    spec_of(batch);
+    return view<T>(self, (batch.outputs().*member).data(), {size_of(batch)}, writable);
+  };
+}
+
+// A view of an array with a row per env, whose type is known at run time alone.
+py::array typed_view(const py::object& self, const std::byte* data, DType type, const std::vector<std::int64_t>& row,
+                     bool writable = false) {
+  Shape shape{size_of(self.cast<const Batch&>())};
+  shape.insert(shape.end(), row.begin(), row.end());
+  switch (type) {
+    case DType::boolean:
+      return view<bool>(self, reinterpret_cast<const bool*>(data), shape, writable);
+    case DType::uint8:
+      return view<std::uint8_t>(self, reinterpret_cast<const std::uint8_t*>(data), shape, writable);
+    case DType::int32:
+      return view<std::int32_t>(self, reinterpret_cast<const std::int32_t*>(data), shape, writable);
+    case DType::int64:
+      return view<std::int64_t>(self, reinterpret_cast<const std::int64_t*>(data), shape, writable);
+    case DType::float32:
+      return view<float>(self, reinterpret_cast<const float*>(data), shape, writable);
+    default:
+      return view<double>(self, reinterpret_cast<const double*>(data), shape, writable);
+  }
+}
+
+// An observation: the array of its only field, or a dict of the arrays of several.
+auto observation_view(std::vector<Buffer> Outputs::* member, bool writable = false) {
+  return [member, writable](const py::object& self) -> py::object {
+    const auto& batch = self.cast<const Batch&>();
+    const TaskSpec& spec = spec_of(batch);
+    const std::vector<Buffer>& buffers = batch.outputs().*member;
+    const auto field_view = [&](std::size_t i) {
+      const Field& field = spec.observation[i];
+      return typed_view(self, buffers[i].bytes().data(), field.type, field.shape, writable);
+    };
+    if (buffers.size() == 1) return field_view(0);
+    py::dict fields;
+    for (std::size_t i = 0; i < buffers.size(); ++i) fields[py::str(spec.observation[i].name)] = field_view(i);
+    return fields;
+  };
+}
+
+// Views of the arrays of the batch's task, by their names.
+class TaskArrays final : public ArrayVisitor {
+ public:
+  explicit TaskArrays(const py::object& owner) : owner_(owner), batch_(owner.cast<const Batch&>()) {}
+  void bytes(std::string_view name, std::span<std::byte> bytes, std::optional<DType> type) override {
+    if (!type) return;
+    const std::size_t columns = bytes.size() / flockstep::size_of(*type) / static_cast<std::size_t>(size_of(batch_));
+    std::vector<std::int64_t> row;
+    if (columns != 1) row.push_back(static_cast<std::int64_t>(columns));
+    arrays[py::str(std::string(name))] = typed_view(owner_, bytes.data(), *type, row);
+  }
+  void blob(std::string_view, std::string&) override {}
+
+  py::dict arrays;
+
+ private:
+  py::object owner_;
+  const Batch& batch_;
+};
+
+py::dict task_state(const py::object& self) {
+  TaskArrays arrays(self);
+  self.cast<const Batch&>().visit_task(arrays);
+  return arrays.arrays;
+}
+
 void step(Batch& batch, const py::object& actions) {
-  require_task(batch);
-  const ActionKind kind = batch.config().navigation.action;
-  if (is_discrete(kind)) {
+  const Field& field = spec_of(batch).action;
+  if (!is_floating(field.type)) {
     const auto input = integers<std::int64_t>(actions, "actions", {size_of(batch)});
     released(batch, [&] { batch.step(std::span<const std::int64_t>(input)); });
   } else {
-    const Input<float> input(actions, "actions", n_by(batch, kind == ActionKind::displacement ? 3 : 4), "f", "floats");
+    Shape shape{size_of(batch)};
+    shape.insert(shape.end(), field.shape.begin(), field.shape.end());
+    const Input<float> input(actions, "actions", shape, "f", "floats");
     released(batch, [&] { batch.step(std::span<const float>(input)); });
   }
 }
 
-// The one of that name, or all.
-std::vector<std::size_t> chosen_cameras(const Batch& batch, const std::optional<std::string>& name) {
-  if (name) return {batch.camera_index(*name)};
-  if (batch.config().cameras.empty())
-    throw py::value_error("camera: expected a Batch with cameras (cameras=[...]), got one without");
-  std::vector<std::size_t> all(batch.config().cameras.size());
-  std::iota(all.begin(), all.end(), std::size_t{0});
-  return all;
-}
+std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name) { return batch.camera_index(name.value_or("")); }
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   py::array_t<float> numbers(n_by(batch, std::max(count, 0)));
   batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())});
   return numbers;
-}
-
-py::array_t<float> per_ray(const Batch& batch, void (Batch::*fill)(std::span<float>) const) {
-  Shape shape = scan_shape(batch);
-  shape.push_back(3);
-  py::array_t<float> array(shape);
-  (batch.*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())});
-  return array;
 }
 
 }  // namespace
@@ -169,9 +195,9 @@ void register_batch(py::module_& module) {
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
            py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none,
            py::arg("cameras") = std::vector<CameraConfig>(), py::arg("camera_backend") = "raycast",
-           py::arg("autoreset_mode") = "next_step", py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
-           py::arg("world_index") = none)
-      .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones; })
+           py::arg("episode") = none, py::arg("clock") = none, py::arg("num_threads") = 0,
+           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
+      .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", &Batch::num_threads)
       .def_property_readonly("worlds",
                              [](const Batch& batch) {
@@ -187,23 +213,12 @@ void register_batch(py::module_& module) {
                              state_view<std::int32_t>([](const Batch& b) -> auto& { return b.state().world_index; }))
       .def_property_readonly("episode", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().episode; }))
       .def_property_readonly("sensed_position",
-                             state_view<float>([](const Batch& b) -> auto& { return b.state().sensed_position; }, 3))
+                             state_view<float>([](const Batch& b) -> auto& { return b.sensed_position(); }, 3))
       .def_property_readonly("sensed_quat_wxyz",
-                             state_view<float>([](const Batch& b) -> auto& { return b.state().sensed_quat_wxyz; }, 4))
+                             state_view<float>([](const Batch& b) -> auto& { return b.sensed_quat_wxyz(); }, 4))
       .def_property_readonly("contact", &contact_of)
-      .def_property_readonly("lidar_ranges",
-                             [](const py::object& self) {
-                               const auto& batch = self.cast<const Batch&>();
-                               return view<float>(self, batch.state().lidar_ranges.data(), scan_shape(batch));
-                             })
-      .def_property_readonly("lidar_max_range_m",
-                             [](const py::object& self) {
-                               const auto& batch = self.cast<const Batch&>();
-                               return view<float>(self, batch.lidar_max_range_m().data(), {size_of(batch)});
-                             })
-      .def("lidar_config_of", &Batch::lidar_config, py::arg("index"))
-      .def_property_readonly("lidar_directions", [](const Batch& batch) { return per_ray(batch, &Batch::lidar_directions); })
-      .def_property_readonly("lidar_points", [](const Batch& batch) { return per_ray(batch, &Batch::lidar_points); })
+      .def_property_readonly("tick", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().tick; }))
+      .def("lidar", &lidar_view, py::arg("name") = none)
       .def(
           "set_pose",
           [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
@@ -254,40 +269,38 @@ void register_batch(py::module_& module) {
           py::arg("world_index"), py::arg("mask") = none)
       .def(
           "set_lidar",
-          [](Batch& batch, const py::object& mask, std::optional<float> max_range_m, std::optional<float> hfov_deg,
-             std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
+          [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, std::optional<float> max_range_m,
+             std::optional<float> hfov_deg, std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
+            batch.require_lidar(lidar.value_or(""));
             batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", size_of(batch)));
           },
-          py::arg("mask") = none, py::kw_only(), py::arg("max_range_m") = none, py::arg("hfov_deg") = none,
+          py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none, py::arg("hfov_deg") = none,
           py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
-      .def("camera", &camera_view, py::arg("name") = "front")
+      .def("camera", &camera_view, py::arg("name") = none)
       .def(
           "capture",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera) {
             const auto m = flags(mask, "mask", size_of(batch));
-            const auto chosen = chosen_cameras(batch, camera);
-            released(batch, [&] {
-              for (const std::size_t index : chosen) batch.capture(index, m);
-            });
+            const std::size_t index = camera_of(batch, camera);
+            released(batch, [&] { batch.capture(index, m); });
           },
           py::arg("mask") = none, py::arg("camera") = none)
       .def(
           "set_capture_mode",
           [](Batch& batch, const std::string& mode, const std::optional<std::string>& camera) {
-            const CaptureMode chosen_mode = capture_mode(mode);
-            for (const std::size_t index : chosen_cameras(batch, camera)) batch.set_capture_mode(index, chosen_mode);
+            batch.set_capture_mode(camera_of(batch, camera), enum_of<CaptureMode>(mode, "capture_mode"));
           },
           py::arg("mode"), py::arg("camera") = none)
       .def(
           "set_camera",
-          [](Batch& batch, const py::object& mask, const std::string& camera, std::optional<float> hfov_deg,
+          [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera, std::optional<float> hfov_deg,
              std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
-            batch.set_camera(batch.camera_index(camera), {hfov_deg, vfov_deg, offset_m, quat_wxyz},
+            batch.set_camera(camera_of(batch, camera), {hfov_deg, vfov_deg, offset_m, quat_wxyz},
                              flags(mask, "mask", size_of(batch)));
           },
-          py::arg("mask") = none, py::arg("camera") = "front", py::kw_only(), py::arg("hfov_deg") = none,
+          py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none,
           py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
       .def("camera_backend_report", &Batch::camera_backend_report)
       .def(
@@ -309,23 +322,26 @@ void register_batch(py::module_& module) {
           },
           py::arg("seeds") = none, py::arg("mask") = none)
       .def("step", &step, py::arg("actions"))
-      .def_property_readonly("observation", output_view<float>(&Outputs::observation, -1, true))
-      .def_property_readonly("final_observation", output_view<float>(&Outputs::final_observation, -1))
-      .def_property_readonly("image", image_view(&Outputs::image, true))
-      .def_property_readonly("final_image", image_view(&Outputs::final_image))
-      .def_property_readonly("reward", output_view<float>(&Outputs::reward, 0, true))
-      .def_property_readonly("reward_terms", output_view<float>(&Outputs::reward_terms, kNumRewardTerms))
+      .def_property_readonly("spec", [](const Batch& batch) { return spec_of(batch); })
+      .def_property_readonly("observation", observation_view(&Outputs::observation, true))
+      .def_property_readonly("final_observation", observation_view(&Outputs::final_observation))
+      .def_property_readonly("reward", output_view<float>(&Outputs::reward, true))
+      .def_property_readonly("reward_terms",
+                             [](const py::object& self) {
+                               const auto& batch = self.cast<const Batch&>();
+                               const auto terms = static_cast<py::ssize_t>(spec_of(batch).reward_terms.size());
+                               return view<float>(self, batch.outputs().reward_terms.data(), n_by(batch, terms));
+                             })
       .def_property_readonly("terminated", output_view<bool>(&Outputs::terminated))
       .def_property_readonly("truncated", output_view<bool>(&Outputs::truncated))
       .def_property_readonly("success", output_view<bool>(&Outputs::success))
       .def_property_readonly("crashed", output_view<bool>(&Outputs::crashed))
       .def_property_readonly("episode_return", output_view<double>(&Outputs::episode_return))
       .def_property_readonly("episode_length", output_view<std::int64_t>(&Outputs::episode_length))
-      .def_property_readonly("goal_index",
-                             [](const py::object& self) {
-                               const auto& batch = self.cast<const Batch&>();
-                               return view<std::int32_t>(self, batch.goal_index().data(), {size_of(batch)});
-                             })
+      .def_property_readonly("steps", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.episodes().steps; }))
+      .def_property_readonly("flying", state_view<bool>([](const Batch& b) -> auto& { return b.episodes().flying; }))
+      .def_property_readonly("terms", &terms_of)
+      .def_property_readonly("task_state", &task_state)
       .def("snapshot",
            [](Batch& batch) {
              std::string blob;

@@ -15,7 +15,7 @@ struct CameraView {
   std::size_t index;
 
   Batch& batch() const { return owner.cast<Batch&>(); }
-  const CameraConfig& config() const { return batch().config().cameras[index]; }
+  const CameraConfig& config() const { return batch().camera_config(index); }
 };
 
 template <class T, class Stored>
@@ -25,7 +25,7 @@ py::array_t<T> image(const CameraView& camera, const std::vector<Stored>& values
     throw py::value_error("camera \"" + config.name + "\": expected \"" + output + "\" among its outputs, got " +
                           std::string(py::repr(py::cast(config).attr("outputs"))));
   }
-  Shape shape{camera.batch().config().num_drones};
+  Shape shape{camera.batch().config().num_drones()};
   if (channels > 1 && config.layout == ImageLayout::chw) shape.push_back(channels);
   shape.push_back(config.height_px);
   shape.push_back(config.width_px);
@@ -41,8 +41,8 @@ auto image_view(Member member, py::ssize_t channels, const char* output) {
 
 }  // namespace
 
-py::object camera_view(const py::object& batch, const std::string& name) {
-  return py::cast(CameraView{batch, batch.cast<const Batch&>().camera_index(name)});
+py::object camera_view(const py::object& batch, const std::optional<std::string>& name) {
+  return py::cast(CameraView{batch, batch.cast<const Batch&>().camera_index(name.value_or(""))});
 }
 
 void register_camera(py::module_& module) {
@@ -62,7 +62,7 @@ void register_camera(py::module_& module) {
                              [](const CameraView& camera) {
                                const Batch& batch = camera.batch();
                                return view<std::int64_t>(camera.owner, batch.images(camera.index).frame_step.data(),
-                                                         {batch.config().num_drones});
+                                                         {batch.config().num_drones()});
                              })
       .def(
           "jpeg",

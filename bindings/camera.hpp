@@ -3,11 +3,12 @@
 
 #include <pybind11/pybind11.h>
 
+#include <optional>
 #include <string>
 
 namespace flockstep::bindings {
 
 // Throws ValueError where the batch has no camera of that name.
-pybind11::object camera_view(const pybind11::object& batch, const std::string& name);
+pybind11::object camera_view(const pybind11::object& batch, const std::optional<std::string>& name);
 
 }  // namespace flockstep::bindings

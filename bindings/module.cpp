@@ -10,7 +10,10 @@ void register_drone_model(pybind11::module_& module);
 void register_world(pybind11::module_& module);
 void register_plan(pybind11::module_& module);
 void register_green_blob(pybind11::module_& module);
+void register_lidar(pybind11::module_& module);
 void register_camera(pybind11::module_& module);
+void register_task(pybind11::module_& module);
+void register_terms(pybind11::module_& module);
 void register_batch(pybind11::module_& module);
 }  // namespace flockstep::bindings
 
@@ -25,6 +28,9 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_world(module);
   flockstep::bindings::register_plan(module);
   flockstep::bindings::register_green_blob(module);
+  flockstep::bindings::register_lidar(module);
   flockstep::bindings::register_camera(module);
+  flockstep::bindings::register_task(module);
+  flockstep::bindings::register_terms(module);
   flockstep::bindings::register_batch(module);
 }

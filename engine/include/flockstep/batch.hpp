@@ -1,4 +1,4 @@
-// Batch: N drone slots over W worlds, stepped together.
+// Batch: E envs over W worlds, stepped together.
 #pragma once
 
 #include <cstdint>
@@ -9,31 +9,38 @@
 #include <string_view>
 #include <vector>
 
+#include "flockstep/buffer.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/state.hpp"
+#include "flockstep/task.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
 
-// Run-time changes to the LiDARs of some drones; what is not set stays. The number of rays is fixed per batch.
-struct LidarChange {
-  std::optional<float> max_range_m;
-  std::optional<float> hfov_deg;
-  std::optional<float> vfov_deg;
-  std::optional<std::array<float, 3>> offset_m;
-  std::optional<std::array<float, 4>> quat_wxyz;
+// What a step or reset returns, a row per env. Two of these rotate, so that what one returned stays intact during the next.
+struct Outputs {
+  std::vector<Buffer> observation;           // one for each field of TaskSpec::observation
+  std::vector<Buffer> final_observation;     // likewise; valid where terminated or truncated
+  std::vector<float> reward;                 // (E,)
+  std::vector<float> reward_terms;           // (E, number of terms); their sum is the reward
+  FlagArray terminated;                      // (E,)
+  FlagArray truncated;                       // (E,)
+  FlagArray success;                         // (E,) ended here, and the task calls it a success
+  FlagArray crashed;                         // (E,) ended here, with a collision
+  std::vector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
+  std::vector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
+
+  static constexpr auto fields() {
+    using C = Outputs;
+    return field_list(field("observation", &C::observation), field("final_observation", &C::final_observation),
+                      field("reward", &C::reward), field("reward_terms", &C::reward_terms), field("terminated", &C::terminated),
+                      field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed),
+                      field("episode_return", &C::episode_return), field("episode_length", &C::episode_length));
+  }
 };
 
-// The same for a camera. The resolution is fixed per batch.
-struct CameraChange {
-  std::optional<float> hfov_deg;  // either of the two lets go of the other, unless both are given
-  std::optional<float> vfov_deg;
-  std::optional<std::array<float, 3>> offset_m;
-  std::optional<std::array<float, 4>> quat_wxyz;
-
-  bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }
-};
+struct Simulation;
 
 // All methods check their input before they change anything and throw std::invalid_argument naming the field, what was expected
 // and what came. A mask is (N,), 0 or 1, or empty for every active drone. Not thread-safe: one caller at a time.
@@ -43,10 +50,10 @@ class Batch {
   using Worlds = std::vector<std::shared_ptr<const World>>;
   using Mask = std::span<const std::uint8_t>;
 
-  // world_index: (N,), or empty for drone i in world i mod W. Drones start at their world's start marker, else at the centre of
-  // its bounds.
-  Batch(BatchConfig config, Worlds worlds, DroneModel drone = DroneModel::quadrotor650(),
-        std::span<const std::int32_t> world_index = {});
+  // world_index: (E,), or empty for env i in world i mod W. Drones start at their world's start marker, else at the centre of
+  // its bounds. Without a task there is nothing to reset() and step(), and all else works.
+  Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task = nullptr,
+        DroneModel drone = DroneModel::quadrotor650(), std::span<const std::int32_t> world_index = {});
   ~Batch();
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
@@ -66,17 +73,24 @@ class Batch {
   void spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
              std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span keeps what is
   void remove(std::span<const std::int64_t> indices);
-  void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (N,)
+  void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (E,)
 
-  // --- the LiDAR
+  // --- the position and tilt sensor
+  const std::vector<float>& sensed_position() const;   // (N, 3) m
+  const std::vector<float>& sensed_quat_wxyz() const;  // (N, 4)
+
+  // --- the LiDAR; std::invalid_argument without one, or where it has another name
+  void require_lidar(std::string_view name) const;
   void set_lidar(const LidarChange& change, Mask mask = {});
-  std::span<const float> lidar_max_range_m() const;    // (N,) m, of each drone; std::logic_error without a LiDAR
-  LidarConfig lidar_config(std::int64_t index) const;  // of one drone, as changed at run time; likewise
+  const std::vector<float>& lidar_ranges() const;      // (N, channels, beams) m, inf on a miss; empty without a LiDAR
+  std::span<const float> lidar_max_range_m() const;    // (N,) m, of each drone
+  LidarConfig lidar_config(std::int64_t index) const;  // of one drone, as changed at run time
   void lidar_directions(std::span<float> out) const;   // (N, channels, beams, 3) unit, body frame
   void lidar_points(std::span<float> out) const;       // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
-  std::size_t camera_index(std::string_view name) const;
+  std::size_t camera_index(std::string_view name) const;       // empty: the only one
+  const CameraConfig& camera_config(std::size_t camera) const;  // with its present capture mode
   const CameraImages& images(std::size_t camera) const;
   CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, as changed at run time
   void capture(std::size_t camera, Mask mask = {});                          // renders now, whatever the mode
@@ -88,28 +102,27 @@ class Batch {
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
-  void seed(std::span<const std::uint64_t> seeds, Mask mask = {});           // (N,); episode counters go to 0
+  void seed(std::span<const std::uint64_t> seeds, Mask mask = {});           // (E,); episode counters go to 0
   void begin_episode(Mask mask = {});                                        // the next episode of each masked env
-  void random(std::uint32_t stream, int count, std::span<float> out) const;  // (N, count), uniform in [0, 1)
+  void random(std::uint32_t stream, int count, std::span<float> out) const;  // (E, count), uniform in [0, 1)
 
-  // --- the built-in task; std::logic_error without one, or before the first reset
-  int observation_size() const;
-  int image_size() const;  // of Outputs::image; 0 where the task does not observe pixels
-  void reset(std::span<const std::uint64_t> seeds, Mask mask = {});  // seeds (N,), or empty: the next episode
-  // An action is flown NavigationConfig::frame_skip times.
-  void step(std::span<const std::int64_t> actions);  // (N,) discrete
-  void step(std::span<const float> actions);         // (N, 3) or (N, 4), clipped to [-1, 1]
-  const Outputs& outputs() const;                    // of the last step, reset or restore; intact during the next one
+  // --- the task; std::logic_error without one, or before the first reset
+  const Task* task() const;                                          // null without one
+  void reset(std::span<const std::uint64_t> seeds, Mask mask = {});  // seeds (E,), or empty: the next episode
+  // Actions are rows as TaskSpec::action says. Each is flown EpisodeConfig::frame_skip times.
+  void step(std::span<const std::int64_t> actions);  // of an integer type: (E,)
+  void step(std::span<const float> actions);         // of a floating-point type: (E, ...)
+  const EpisodeState& episodes() const;
+  void visit_task(ArrayVisitor& visitor) const;  // the arrays of the task, to be read
+  const Outputs& outputs() const;  // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
-  std::span<const std::int32_t> goal_index() const;  // (N,) 0 .. number of waypoints
 
   // --- all that the next step depends on, with a hash of the configuration that restore() checks
   std::string snapshot() const;
   void restore(const std::string& blob);
 
  private:
-  struct Impl;
-  std::unique_ptr<Impl> impl_;
+  std::unique_ptr<Simulation> sim_;
 };
 
 }  // namespace flockstep

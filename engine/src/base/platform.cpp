@@ -1,6 +1,8 @@
 #include "base/platform.hpp"
 
 #include <algorithm>
+#include <stdexcept>
+#include <string>
 #include <thread>
 
 #if defined(_WIN32)
@@ -55,6 +57,24 @@ std::string gl_load_error() {
     if (why.empty()) return {};
   }
   return "OpenGL is not installed: " + why;
+}
+
+void* load_function(const std::string& library, const char* name) {
+#if defined(_WIN32)
+  const HMODULE module = LoadLibraryA(library.c_str());
+  void* const function = module != nullptr ? reinterpret_cast<void*>(GetProcAddress(module, name)) : nullptr;
+  const std::string why = "it cannot be loaded";
+#else
+  void* const module = dlopen(library.c_str(), RTLD_NOW | RTLD_LOCAL);
+  void* const function = module != nullptr ? dlsym(module, name) : nullptr;
+  const char* const error = function == nullptr ? dlerror() : nullptr;
+  const std::string why = error != nullptr ? error : "it is not there";
+#endif
+  if (function == nullptr) {
+    throw std::invalid_argument("path: expected a shared library that exports " + std::string(name) + ", got '" + library +
+                                "' (" + why + ")");
+  }
+  return function;
 }
 
 #if defined(__linux__)

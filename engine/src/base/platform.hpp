@@ -13,4 +13,8 @@ int physical_cores();
 // Loads EGL and OpenGL for as long as the process lives. Returns why they cannot be, or nothing.
 std::string gl_load_error();
 
+// A function of a shared library, which stays loaded for as long as the process lives. Throws std::invalid_argument where there
+// is no such library or function.
+void* load_function(const std::string& library, const char* name);
+
 }  // namespace flockstep

@@ -1,6 +1,7 @@
-// Schedule: the active drones sorted by world and cut into blocks of one world each, so that a block's rays share packets.
+// Schedule: the active envs sorted by world and cut into blocks of one world each, so that a block's rays share packets.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -9,22 +10,60 @@
 
 namespace flockstep {
 
-class Schedule {
+// Envs of a block that something is to be done with; it never holds more than the block.
+class EnvList {
  public:
-  Schedule(std::size_t num_drones, std::size_t num_worlds, std::size_t block_size);
+  EnvList() = default;
+  explicit EnvList(std::uint32_t* storage) : envs_(storage) {}
 
-  void rebuild(const State& state);  // after a change of world_index or active; allocates nothing
+  void clear() { count_ = 0; }
+  void push(std::uint32_t env) { envs_[count_++] = env; }
+  bool empty() const { return count_ == 0; }
+  std::size_t size() const { return count_; }
+  const std::uint32_t* begin() const { return envs_; }
+  const std::uint32_t* end() const { return envs_ + count_; }
 
-  std::size_t num_blocks() const { return blocks_.size(); }
-  std::span<const std::uint32_t> drones(std::size_t block) const;
+  // Keeps those for which keep(env) is true.
+  template <class Keep>
+  void filter(const Keep& keep) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < count_; ++i) {
+      if (keep(envs_[i])) envs_[kept++] = envs_[i];
+    }
+    count_ = kept;
+  }
 
  private:
-  struct Block {
-    std::uint32_t first, count;  // in order_
-  };
+  std::uint32_t* envs_ = nullptr;
+  std::size_t count_ = 0;
+};
+
+struct Block {
+  std::span<const std::uint32_t> envs;  // all active ones of the block
+  // of the step under way
+  EnvList flown;    // take part in it
+  EnvList flying;   // those of them whose episode goes on
+  EnvList opening;  // begin an episode in it
+  // of a call about some envs
+  EnvList chosen;
+};
+
+class Schedule {
+ public:
+  Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size);
+
+  // After a change of world_index or of which envs are active; allocates nothing. All lists are empty then.
+  void rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active);
+
+  std::span<Block> blocks() { return blocks_; }
+
+ private:
+  static constexpr std::size_t kLists = 4;  // of a block
+
   std::size_t block_size_;
-  std::vector<std::uint32_t> order_;
-  std::vector<std::uint32_t> world_begin_;  // (W + 1,) in order_
+  std::vector<std::uint32_t> order_;               // (E,)
+  std::vector<std::uint32_t> lists_[kLists];       // (E,) storage, a block's where its envs are in order_
+  std::vector<std::uint32_t> world_begin_;         // (W + 1,) in order_
   std::vector<Block> blocks_;
 };
 

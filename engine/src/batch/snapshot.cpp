@@ -1,79 +1,185 @@
 #include "batch/snapshot.hpp"
 
-#include <sstream>
+#include <algorithm>
+#include <cstring>
+#include <functional>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/hash.hpp"
+#include "base/require.hpp"
+#include "batch/checks.hpp"
 
 namespace flockstep {
+namespace {
 
-std::uint64_t config_hash(const BatchConfig& config, const std::vector<std::shared_ptr<const World>>& worlds,
-                          const DroneModel& drone) {
-  std::ostringstream text;
-  text << std::hexfloat;
-  const auto list = [&](const auto& values) {
-    text << '[';
-    for (const auto& value : values) text << value << ',';
-    text << ']';
+constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
+constexpr std::uint64_t kFormat = 1;                      // of everything below; one more with each change
+
+struct Header {
+  std::uint64_t magic, format, config, length, checksum;
+};
+
+std::uint64_t checksum_of(Header header, std::string_view body) {
+  header.checksum = 0;
+  Hash hash;
+  hash.bytes(&header, sizeof(header));
+  hash.bytes(body.data(), body.size());
+  return hash.value();
+}
+
+// Everything that a snapshot holds, in its order.
+void visit(Simulation& sim, ArrayVisitor& visitor) {
+  visitor.fields(sim.state);
+  sim.pose_sensor.visit(visitor);
+  if (sim.lidar) sim.lidar->visit(visitor);
+  for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].visit(visitor);
+  if (!sim.run) return;
+  visitor.fields(sim.episodes);
+  visitor.bytes("last_action", sim.run->last_action.bytes(), sim.run->last_action.type());
+  visitor.fields(sim.outputs.now());
+  sim.run->task->visit(visitor);
+}
+
+class Writer final : public ArrayVisitor {
+ public:
+  explicit Writer(std::string& to) : to_(to) {}
+  void bytes(std::string_view, std::span<std::byte> bytes, std::optional<DType>) override { write(bytes.data(), bytes.size()); }
+  void blob(std::string_view, std::string& bytes) override { write(bytes.data(), bytes.size()); }
+
+ private:
+  void write(const void* data, std::size_t count) {
+    const auto length = static_cast<std::uint64_t>(count);
+    to_.append(reinterpret_cast<const char*>(&length), sizeof(length));
+    to_.append(static_cast<const char*>(data), count);
+  }
+  std::string& to_;
+};
+
+// Goes through a snapshot and notes what belongs where.
+class Reader final : public ArrayVisitor {
+ public:
+  explicit Reader(std::string_view body) : left_(body) {}
+
+  void bytes(std::string_view name, std::span<std::byte> to, std::optional<DType>) override {
+    const std::string_view from = next(name);
+    require(from.size() == to.size(), "snapshot", std::to_string(to.size()) + " bytes of " + std::string(name), from.size());
+    arrays_.push_back({name, from});
+    changes_.push_back([to, from] { std::memcpy(to.data(), from.data(), from.size()); });
+  }
+  void blob(std::string_view name, std::string& to) override {
+    const std::string_view from = next(name);
+    changes_.push_back([&to, from] { to = from; });
+  }
+  void require_end() const { require(left_.empty(), "snapshot", "no bytes after its last array", left_.size()); }
+
+  // f(bytes) for each array of that name.
+  template <class F>
+  void for_each(std::string_view name, const F& f) const {
+    for (const Array& array : arrays_) {
+      if (array.name == name) f(std::as_bytes(std::span(array.bytes)));
+    }
+  }
+  void apply() const {
+    for (const auto& change : changes_) {
+      if (change) change();
+    }
+  }
+
+ private:
+  struct Array {
+    std::string_view name, bytes;
   };
-  const auto field = [&](const auto& value) { text << value << ';'; };
-  field(config.num_drones);
-  field(config.has_lidar);
-  if (config.has_lidar) {
-    const LidarConfig& lidar = config.lidar;
-    field(lidar.rows());
-    field(lidar.columns());
-    list(lidar.azimuth_deg);
-    list(lidar.elevation_deg);
-    field(lidar.hfov_deg);
-    field(lidar.vfov_deg);
-    field(lidar.max_range_m);
-    list(lidar.offset_m);
-    list(lidar.quat_wxyz);
+  std::string_view next(std::string_view name) {
+    std::uint64_t length = 0;
+    require(left_.size() >= sizeof(length), "snapshot", "an array " + std::string(name), "its end");
+    std::memcpy(&length, left_.data(), sizeof(length));
+    left_.remove_prefix(sizeof(length));
+    require(left_.size() >= length, "snapshot", std::to_string(length) + " bytes of " + std::string(name), left_.size());
+    const std::string_view bytes = left_.substr(0, length);
+    left_.remove_prefix(length);
+    return bytes;
   }
-  field(config.cameras.size());
-  for (const CameraConfig& camera : config.cameras) {
-    field(camera.name);
-    field(camera.width_px);
-    field(camera.height_px);
-    field(camera.fx());
-    field(camera.fy());
-    list(camera.offset_m);
-    list(camera.quat_wxyz);
-    field(camera.near_m);
-    field(camera.far_m);
-    const CameraOutputs& outputs = camera.outputs;
-    for (const bool output :
-         {outputs.rgb, outputs.depth, outputs.semantic, outputs.instance, outputs.normal, outputs.grey, camera.shadows}) {
-      field(output);
-    }
-    field(static_cast<int>(camera.depth_kind));
-    field(static_cast<int>(camera.layout));
-    field(camera.samples_per_pixel);
+
+  std::string_view left_;
+  std::vector<Array> arrays_;
+  std::vector<std::function<void()>> changes_;
+};
+
+// World indices are followed as soon as the snapshot is in place.
+void check_world_indices(const Simulation& sim, std::span<const std::byte> bytes) {
+  for (std::size_t at = 0; at < bytes.size(); at += sizeof(std::int32_t)) {
+    std::int32_t world = 0;
+    std::memcpy(&world, bytes.data() + at, sizeof(world));
+    require(world >= 0 && static_cast<std::size_t>(world) < sim.worlds.size(), "snapshot",
+            "world indices below " + std::to_string(sim.worlds.size()), world);
   }
-  field(config.pose_sensor.position_noise_std_m);
-  field(config.pose_sensor.tilt_noise_std_deg);
-  field(static_cast<int>(config.task));
-  if (config.task == TaskKind::navigation) {
-    const NavigationConfig& task = config.navigation;
-    field(static_cast<int>(task.action));
-    field(static_cast<int>(task.observation));
-    field(task.frame_skip);
-    field(task.step_m);
-    field(task.yaw_step_deg);
-    field(task.max_episode_steps);
-    field(task.random_start);
-    field(task.random_world);
-    field(task.stagger_first_episode);
-    const NavigationReward& reward = task.reward;
-    for (const float value : {reward.distance_weight, reward.crash_weight, reward.free_space_weight, reward.step_weight,
-                              reward.action_change_weight, reward.overshoot_weight, reward.goal_reward, reward.waypoint_share,
-                              reward.goal_radius_m, reward.min_clearance, reward.step_scale}) {
-      field(value);
-    }
-    field(reward.carry_over_distance);
+}
+
+}  // namespace
+
+std::uint64_t config_hash(Simulation& sim) {
+  if (sim.known_hash) return *sim.known_hash;
+  Hash hash;
+  hash.add(sim.config);
+  if (sim.run) {
+    hash.add(sim.run->task->identity());
+    hash.add(sim.run->max_episode_steps);
   }
-  field(static_cast<int>(config.autoreset_mode));
-  for (const auto& world : worlds) field(world->to_json());
-  for (const Vec3& vertex : drone.hull()) list(std::vector<float>{vertex.x(), vertex.y(), vertex.z()});
-  return hash_bytes(text.str());
+  for (const auto& world : sim.worlds) hash.add(world->to_json());
+  for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
+  sim.known_hash = hash.value();
+  return *sim.known_hash;
+}
+
+std::string make_snapshot(Simulation& sim) {
+  std::string blob(sizeof(Header), '\0');
+  Writer writer(blob);
+  visit(sim, writer);
+  const std::string_view body = std::string_view(blob).substr(sizeof(Header));
+  Header header{kMagic, kFormat, config_hash(sim), body.size(), 0};
+  header.checksum = checksum_of(header, body);
+  std::memcpy(blob.data(), &header, sizeof(header));
+  return blob;
+}
+
+void restore_snapshot(Simulation& sim, std::string_view blob) {
+  Header header{};
+  require(blob.size() >= sizeof(header), "snapshot", "at least " + std::to_string(sizeof(header)) + " bytes", blob.size());
+  std::memcpy(&header, blob.data(), sizeof(header));
+  const std::string_view body = blob.substr(sizeof(header));
+  require(header.magic == kMagic, "snapshot", "the bytes of Batch.snapshot()", "something else");
+  require(header.format == kFormat, "snapshot", "format " + std::to_string(kFormat), header.format);
+  require(header.length == body.size(), "snapshot", std::to_string(header.length + sizeof(header)) + " bytes", blob.size());
+  require(header.checksum == checksum_of(header, body), "snapshot", "undamaged bytes", "some that have changed");
+  require(header.config == config_hash(sim), "snapshot", "one of a batch with this configuration and these worlds",
+          "one of another");
+  // Everything is read and checked before anything changes.
+  Reader reader(body);
+  visit(sim, reader);
+  reader.require_end();
+  const auto check_worlds = [&](std::span<const std::byte> bytes) { check_world_indices(sim, bytes); };
+  reader.for_each("world_index", check_worlds);
+  reader.for_each("taken_world", check_worlds);
+  reader.for_each("lidar_settings", [&](std::span<const std::byte> bytes) { sim.lidar->check_restored(bytes); });
+  std::size_t camera = 0;
+  reader.for_each("camera_capture_mode", [&](std::span<const std::byte> bytes) {
+    const auto mode = std::to_integer<int>(bytes[0]);
+    require(mode <= static_cast<int>(CaptureMode::on_demand), "snapshot", "a capture mode below 3", mode);
+    checks::capture_mode(sim, camera++, static_cast<CaptureMode>(mode));
+  });
+  camera = 0;
+  reader.for_each("camera_settings", [&](std::span<const std::byte> bytes) { sim.cameras[camera++].check_restored(bytes); });
+
+  // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
+  sim.outputs.turn();
+  Reader in_place(body);
+  visit(sim, in_place);
+  in_place.apply();
+  if (sim.lidar) sim.lidar->restored();
+  for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].restored();
+  if (sim.run) sim.run->task->restored();
 }
 
 }  // namespace flockstep

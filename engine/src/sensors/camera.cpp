@@ -1,9 +1,11 @@
 #include "sensors/camera.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <limits>
 
 #include "base/pose_access.hpp"
+#include "sensors/rate.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep::sensors {
@@ -26,8 +28,11 @@ void for_each_image(CameraImages& images, const F& f) {
 
 }  // namespace
 
-Camera::Camera(const CameraConfig& config, std::size_t num_drones)
-    : config_(&config),
+Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones)
+    : config_(config),
+      period_(period_in_ticks(config.rate_hz, clock, "camera.rate_hz")),
+      drones_per_env_(drones_per_env),
+      pixels_(static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px)),
       setting_(num_drones, 0U),
       offset_(num_drones, vector_of(config.offset_m)),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
@@ -37,7 +42,8 @@ Camera::Camera(const CameraConfig& config, std::size_t num_drones)
   taken_.position.resize(3 * num_drones);
   taken_.quat_wxyz.resize(4 * num_drones);
   taken_.world.resize(num_drones);
-  const std::size_t pixels = num_drones * static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px);
+  taken_.tick.resize(num_drones);
+  const std::size_t pixels = num_drones * pixels_;
   const CameraOutputs& outputs = config.outputs;
   if (outputs.rgb) images_.rgb.resize(3 * pixels);
   if (outputs.depth) images_.depth.resize(pixels, std::numeric_limits<float>::infinity());
@@ -49,7 +55,7 @@ Camera::Camera(const CameraConfig& config, std::size_t num_drones)
 }
 
 CameraConfig Camera::config_of(std::size_t drone) const {
-  CameraConfig config = *config_;
+  CameraConfig config = config_;
   config.hfov_deg = settings_[setting_[drone]]->hfov_deg;
   config.vfov_deg = settings_[setting_[drone]]->vfov_deg;
   config.offset_m = {offset_[drone].x(), offset_[drone].y(), offset_[drone].z()};
@@ -75,23 +81,39 @@ void Camera::set_config(std::size_t drone, const CameraConfig& config) {
   mark_stale(drone);
 }
 
+void Camera::change(const CameraChange& change, std::span<const std::uint32_t> drones) {
+  const auto changed = [&](CameraConfig config) {
+    if (change.hfov_deg || change.vfov_deg) {
+      config.hfov_deg = change.hfov_deg;
+      config.vfov_deg = change.vfov_deg;
+    }
+    config.offset_m = change.offset_m.value_or(config.offset_m);
+    config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
+    return config;
+  };
+  changed(config_).validate();  // as with LiDARs: also where no drone is listed
+  if (!change.any()) return;
+  for (const std::uint32_t drone : drones) set_config(drone, changed(config_of(drone)));
+}
+
 void Camera::clear(std::size_t drone) {
-  const std::size_t pixels = static_cast<std::size_t>(config_->width_px) * static_cast<std::size_t>(config_->height_px);
   for_each_image(images_, [&](auto& image, std::size_t values) {
     using Value = typename std::remove_reference_t<decltype(image)>::value_type;
     const bool is_depth = static_cast<const void*>(&image) == &images_.depth;
     const Value nothing = is_depth ? static_cast<Value>(std::numeric_limits<float>::infinity()) : Value{};
-    if (!image.empty()) std::fill_n(image.data() + drone * pixels * values, pixels * values, nothing);
+    if (!image.empty()) std::fill_n(image.data() + drone * pixels_ * values, pixels_ * values, nothing);
   });
   mark_stale(drone);
 }
 
 bool Camera::is_due(std::size_t drone, const State& state) const {
-  switch (config_->capture_mode) {
+  const std::size_t env = drone / drones_per_env_;
+  switch (config_.capture_mode) {
     case CaptureMode::every_step:
-      return true;
+      // With a rate: where a multiple of the period has passed since the last frame.
+      return period_ == 0 || images_.frame_step[drone] < 0 || state.tick[env] / period_ != taken_.tick[drone] / period_;
     case CaptureMode::on_movement:
-      return images_.frame_step[drone] < 0 || taken_.world[drone] != state.world_index[drone] ||
+      return images_.frame_step[drone] < 0 || taken_.world[drone] != state.world_index[env] ||
              !std::equal(&taken_.position[3 * drone], &taken_.position[3 * drone] + 3, &state.position[3 * drone]) ||
              !std::equal(&taken_.quat_wxyz[4 * drone], &taken_.quat_wxyz[4 * drone] + 4, &state.quat_wxyz[4 * drone]);
     default:
@@ -99,11 +121,13 @@ bool Camera::is_due(std::size_t drone, const State& state) const {
   }
 }
 
-render::RenderRequest Camera::take(std::size_t drone, const World& world, std::int64_t step, const State& state) {
+render::RenderRequest Camera::take(std::size_t drone, const World& world, const State& state) {
+  const std::size_t env = drone / drones_per_env_;
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
-  taken_.world[drone] = state.world_index[drone];
-  images_.frame_step[drone] = step;
+  taken_.world[drone] = state.world_index[env];
+  taken_.tick[drone] = state.tick[env];
+  images_.frame_step[drone] = std::max<std::int64_t>(state.sensed[env], 0);
   return request(drone, world, pose);
 }
 
@@ -118,14 +142,13 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
   Mat3 rotation;
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
   render::RenderRequest request{.world = &world,
-                                .camera = config_,
+                                .camera = &config_,
                                 .pinhole = &settings_[setting_[drone]]->pinhole,
                                 .position = pose.position + trace::rotated(body, offset_[drone]),
                                 .rotation = rotation,
                                 .frame = {}};
-  const std::size_t pixels = static_cast<std::size_t>(config_->width_px) * static_cast<std::size_t>(config_->height_px);
   const auto image = [&](auto& images, std::size_t values) {
-    return images.empty() ? nullptr : images.data() + drone * pixels * values;
+    return images.empty() ? nullptr : images.data() + drone * pixels_ * values;
   };
   request.frame = {.rgb = image(images_.rgb, 3),
                    .depth = image(images_.depth, 1),
@@ -134,6 +157,44 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
                    .normal = image(images_.normal, 3),
                    .grey = image(images_.grey, 1)};
   return request;
+}
+
+void Camera::visit(ArrayVisitor& visitor) {
+  saved_.clear();
+  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+    const CameraConfig config = config_of(drone);
+    saved_.push_back({config.hfov_deg.value_or(0.0F), config.vfov_deg.value_or(0.0F), config.offset_m, config.quat_wxyz});
+  }
+  mode_ = {config_.capture_mode};
+  visitor.array("camera_capture_mode", mode_);
+  visitor.array("camera_settings", saved_);
+  visitor.fields(taken_);
+  visitor.array("frame_step", images_.frame_step);
+}
+
+CameraConfig Camera::with(const Saved& saved) const {
+  CameraConfig config = config_;
+  config.hfov_deg = saved.hfov_deg > 0.0F ? std::optional(saved.hfov_deg) : std::nullopt;
+  config.vfov_deg = saved.vfov_deg > 0.0F ? std::optional(saved.vfov_deg) : std::nullopt;
+  config.offset_m = saved.offset_m;
+  config.quat_wxyz = saved.quat_wxyz;
+  return config;
+}
+
+void Camera::check_restored(std::span<const std::byte> settings) const {
+  for (std::size_t at = 0; at < settings.size(); at += sizeof(Saved)) {
+    Saved saved;
+    std::memcpy(&saved, settings.data() + at, sizeof(saved));
+    with(saved).validate();
+  }
+}
+
+void Camera::restored() {
+  config_.capture_mode = mode_.at(0);
+  const std::vector<std::int64_t> frame_step = images_.frame_step;  // a change of the setting would make frames stale
+  for (std::size_t drone = 0; drone < saved_.size(); ++drone) set_config(drone, with(saved_[drone]));
+  std::copy(frame_step.begin(), frame_step.end(), images_.frame_step.begin());
+  saved_ = {};
 }
 
 }  // namespace flockstep::sensors

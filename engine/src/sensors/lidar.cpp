@@ -1,12 +1,18 @@
 #include "sensors/lidar.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "base/pose_access.hpp"
+#include "base/require.hpp"
+#include "sensors/rate.hpp"
 
 namespace flockstep::sensors {
 namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 bool same_beams(const LidarConfig& a, const LidarConfig& b) {
   return a.hfov_deg == b.hfov_deg && a.vfov_deg == b.vfov_deg && a.quat_wxyz == b.quat_wxyz;
@@ -47,12 +53,15 @@ void wait(const trace::RayBundle& bundle, const BeamTile& tile, float* out, std:
 
 }  // namespace
 
-Lidar::Lidar(const LidarConfig& config, int num_drones)
-    : rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
-      settings_{{config, make_pattern(config), static_cast<std::size_t>(num_drones)}},
-      setting_(static_cast<std::size_t>(num_drones), 0U),
-      max_range_(static_cast<std::size_t>(num_drones), config.max_range_m),
-      offset_(static_cast<std::size_t>(num_drones), Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2])) {}
+Lidar::Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones)
+    : config_(config),
+      period_(period_in_ticks(config.rate_hz, clock, "lidar.rate_hz")),
+      rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
+      ranges_(num_drones * rays_, kInfinity),
+      settings_{{config, make_pattern(config), num_drones}},
+      setting_(num_drones, 0U),
+      max_range_(num_drones, config.max_range_m),
+      offset_(num_drones, Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2])) {}
 
 LidarConfig Lidar::config_of(std::size_t drone) const {
   LidarConfig config = settings_[setting_[drone]].config;
@@ -76,18 +85,93 @@ void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
   offset_[drone] = Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2]);
 }
 
-void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
-                 ScanScratch& scratch) const {
+void Lidar::change(const LidarChange& change, std::span<const std::uint32_t> drones) {
+  const bool beams_move = change.hfov_deg || change.vfov_deg;
+  require(!(beams_move && config_.has_pattern()), "hfov_deg", "no field of view for a LiDAR made from a beam pattern",
+          change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
+  const auto changed = [&](LidarConfig config) {
+    config.max_range_m = change.max_range_m.value_or(config.max_range_m);
+    config.hfov_deg = change.hfov_deg.value_or(config.hfov_deg);
+    config.vfov_deg = change.vfov_deg.value_or(config.vfov_deg);
+    config.offset_m = change.offset_m.value_or(config.offset_m);
+    config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
+    return config;
+  };
+  // Each field is valid or not by itself, whatever a drone's others are; so this refuses even where no drone is listed.
+  changed(config_).validate();
+  for (const std::uint32_t drone : drones) set_config(drone, changed(config_of(drone)));
+}
+
+void Lidar::clear(std::size_t drone) {
+  std::fill_n(ranges_.begin() + static_cast<std::ptrdiff_t>(drone * rays_), rays_, kInfinity);
+}
+
+void Lidar::write_directions(std::span<float> out) const {
+  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+    sensors::write_directions(pattern_of(drone), out.data() + 3 * drone * rays_);
+  }
+}
+
+void Lidar::write_points(const State& state, std::span<float> out) const {
+  write_directions(out);
+  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+    const Pose pose = pose_of(state, drone);
+    const Vec3 origin = pose.position + pose.rotation * offset_[drone];
+    for (std::size_t ray = 0; ray < rays_; ++ray) {
+      float* const row = out.data() + 3 * (drone * rays_ + ray);
+      const float range = ranges_[drone * rays_ + ray];
+      const Vec3 point = std::isfinite(range) ? Vec3(origin + range * (pose.rotation * Vec3(row[0], row[1], row[2])))
+                                              : Vec3::Constant(kInfinity);
+      for (int axis = 0; axis < 3; ++axis) row[axis] = point[axis];
+    }
+  }
+}
+
+void Lidar::visit(ArrayVisitor& visitor) {
+  saved_.clear();
+  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+    const LidarConfig config = config_of(drone);
+    saved_.push_back({config.hfov_deg, config.vfov_deg, config.max_range_m, config.offset_m, config.quat_wxyz});
+  }
+  visitor.array("lidar_ranges", ranges_);
+  visitor.array("lidar_settings", saved_);
+}
+
+LidarConfig Lidar::with(const Saved& saved) const {
+  LidarConfig config = config_;
+  config.hfov_deg = saved.hfov_deg;
+  config.vfov_deg = saved.vfov_deg;
+  config.max_range_m = saved.max_range_m;
+  config.offset_m = saved.offset_m;
+  config.quat_wxyz = saved.quat_wxyz;
+  return config;
+}
+
+void Lidar::check_restored(std::span<const std::byte> settings) const {
+  for (std::size_t at = 0; at < settings.size(); at += sizeof(Saved)) {
+    Saved saved;
+    std::memcpy(&saved, settings.data() + at, sizeof(saved));
+    with(saved).validate();
+  }
+}
+
+void Lidar::restored() {
+  for (std::size_t drone = 0; drone < saved_.size(); ++drone) set_config(drone, with(saved_[drone]));
+  saved_ = {};
+}
+
+void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, std::size_t drones_per_env,
+                 const State& state, ScanScratch& scratch) {
   const World* world = nullptr;
   const trace::Scene* scene = nullptr;
   for (const std::uint32_t drone : drones) {
-    const World* const its_world = worlds[static_cast<std::size_t>(state.world_index[drone])];
+    const World* const its_world = worlds[static_cast<std::size_t>(state.world_index[drone / drones_per_env])];
     if (its_world != world) {
       if (scene != nullptr) finish(*scene, scratch);
       world = its_world;
       scene = &world->scene();
     }
-    scan(*scene, pose_of(state, drone), drone, state.lidar_ranges.data() + drone * rays_, scratch);
+    scan(*scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, scratch);
   }
   if (scene != nullptr) finish(*scene, scratch);
 }

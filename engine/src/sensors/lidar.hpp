@@ -7,7 +7,9 @@
 #include <span>
 #include <vector>
 
-#include "flockstep/config.hpp"
+#include "flockstep/array_visitor.hpp"
+#include "flockstep/episode.hpp"
+#include "flockstep/lidar.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 #include "sensors/beams.hpp"
@@ -35,24 +37,51 @@ struct ScanScratch {
 
 class Lidar {
  public:
-  Lidar(const LidarConfig& config, int num_drones);
+  Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones);
 
   std::size_t rays_per_drone() const { return rays_; }
+  std::int64_t period() const { return period_; }                   // ticks, as period_in_ticks() has it
+  const std::vector<float>& ranges() const { return ranges_; }      // (N, channels, beams) m, inf on a miss
+  std::span<const float> ranges_of(std::size_t drone) const { return std::span(ranges_).subspan(drone * rays_, rays_); }
   const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
   // The drone's own setting, as changed at run time.
   LidarConfig config_of(std::size_t drone) const;
   void set_config(std::size_t drone, const LidarConfig& config);  // of the same number of rays
 
-  // Scans the listed drones into state.lidar_ranges. Where rays go through Embree, consecutive drones in the same world share
-  // packets.
-  void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
-            ScanScratch& scratch) const;
+  // What changed() makes of every drone's setting has to be valid; it is checked before any is changed.
+  void change(const LidarChange& change, std::span<const std::uint32_t> drones);
+
+  // Scans the listed drones; drone d is in worlds[world_index[d / drones_per_env]]. Where rays go through Embree, consecutive
+  // drones in the same world share packets.
+  void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, std::size_t drones_per_env,
+            const State& state, ScanScratch& scratch);
+  void clear(std::size_t drone);  // a removed drone sees nothing
+
+  void write_directions(std::span<float> out) const;                 // (N, channels, beams, 3) unit, body frame
+  void write_points(const State& state, std::span<float> out) const;  // likewise, m, world frame; inf on a miss
+
+  // Ranges and run-time settings; to be followed by restored() after they were written.
+  void visit(ArrayVisitor& visitor);
+  void check_restored(std::span<const std::byte> settings) const;  // throws std::invalid_argument
+  void restored();
 
  private:
   void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
 
+  // The run-time setting of one drone, as it stands in a snapshot.
+  struct Saved {
+    float hfov_deg, vfov_deg, max_range_m;
+    std::array<float, 3> offset_m;
+    std::array<float, 4> quat_wxyz;
+  };
+  LidarConfig with(const Saved& saved) const;
+
+  LidarConfig config_;
+  std::int64_t period_;
   std::size_t rays_;
+  std::vector<float> ranges_;  // (N, rays) m
+  std::vector<Saved> saved_;   // (N,) as the last snapshot has them, until restored()
   // Drones of equal FOV and mounting share a setting; one that no drone has any more makes room for the next.
   struct Setting {
     LidarConfig config;

@@ -1,31 +1,64 @@
 #include "sensors/pose_sensor.hpp"
 
-#include <algorithm>
 #include <numbers>
 
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
+#include "base/require.hpp"
+#include "sensors/rate.hpp"
 
-namespace flockstep::sensors {
+namespace flockstep {
 
-void sense_pose(std::span<const std::uint32_t> drones, const PoseSensorConfig& config, State& state) {
-  const float tilt_std_rad = config.tilt_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
+void PoseSensorConfig::validate() const {
+  require_not_negative(position_noise_std_m, "pose_sensor.position_noise_std_m");
+  require_not_negative(tilt_noise_std_deg, "pose_sensor.tilt_noise_std_deg");
+  if (rate_hz) require_positive(*rate_hz, "pose_sensor.rate_hz");
+}
+
+namespace sensors {
+
+PoseSensor::PoseSensor(const PoseSensorConfig& config, const ClockConfig& clock, std::size_t drones_per_env,
+                       std::size_t num_drones)
+    : config_(config),
+      period_(period_in_ticks(config.rate_hz, clock, "pose_sensor.rate_hz")),
+      drones_per_env_(drones_per_env),
+      readings_{std::vector<float>(3 * num_drones), std::vector<float>(4 * num_drones)} {}
+
+void PoseSensor::assume_truth(const State& state) {
+  readings_.position = state.position;
+  readings_.quat_wxyz = state.quat_wxyz;
+}
+
+void PoseSensor::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
+
+Pose PoseSensor::pose(std::size_t drone) const {
+  const float* const p = readings_.position.data() + 3 * drone;
+  const float* const q = readings_.quat_wxyz.data() + 4 * drone;
+  return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
+}
+
+void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state) {
+  const float tilt_std_rad = config_.tilt_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
   for (const std::uint32_t drone : drones) {
     Pose pose = pose_of(state, drone);
-    if (!config.is_exact()) {
-      const auto step = static_cast<std::uint32_t>(state.scans[drone]);
-      const auto [px, py] = normal_pair(draw(state, drone, Stream::position_noise, 2 * step));
-      const auto [pz, unused] = normal_pair(draw(state, drone, Stream::position_noise, 2 * step + 1));
-      pose.position += config.position_noise_std_m * Vec3(px, py, pz);
-      const auto [rx, ry] = normal_pair(draw(state, drone, Stream::tilt_noise, 2 * step));
-      const auto [rz, unused_too] = normal_pair(draw(state, drone, Stream::tilt_noise, 2 * step + 1));
+    if (!config_.is_exact()) {
+      const std::size_t env = drone / drones_per_env_;
+      // With a rate of its own the sensor may read several times between two readings of the env.
+      const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
+      const auto m = static_cast<std::uint32_t>(drone % drones_per_env_);
+      const std::uint32_t index = 2 * (reading * static_cast<std::uint32_t>(drones_per_env_) + m);
+      const auto [px, py] = normal_pair(draw(state, env, Stream::position_noise, index));
+      const auto [pz, unused] = normal_pair(draw(state, env, Stream::position_noise, index + 1));
+      pose.position += config_.position_noise_std_m * Vec3(px, py, pz);
+      const auto [rx, ry] = normal_pair(draw(state, env, Stream::tilt_noise, index));
+      const auto [rz, unused_too] = normal_pair(draw(state, env, Stream::tilt_noise, index + 1));
       const Vec3 rotation_vector = tilt_std_rad * Vec3(rx, ry, rz);
       const float angle = rotation_vector.norm();
       if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
     }
-    store_pose(state.sensed_position.data() + 3 * std::size_t{drone}, state.sensed_quat_wxyz.data() + 4 * std::size_t{drone},
-               pose);
+    store_pose(readings_.position.data() + 3 * std::size_t{drone}, readings_.quat_wxyz.data() + 4 * std::size_t{drone}, pose);
   }
 }
 
-}  // namespace flockstep::sensors
+}  // namespace sensors
+}  // namespace flockstep

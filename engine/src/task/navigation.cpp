@@ -1,225 +1,289 @@
-#include "task/navigation.hpp"
+// The navigation tasks. They share all but what they observe beside the ranges; see ObservationKind.
+#include "flockstep/navigation.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <limits>
+#include <cstdint>
 #include <numbers>
+#include <span>
+#include <string>
+#include <vector>
 
+#include "base/hash.hpp"
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
-#include "collision/sweep.hpp"
+#include "base/require.hpp"
 #include "scenario/navigable.hpp"
+#include "task/green_blob.hpp"
+#include "task/terms.hpp"
 
-namespace flockstep::task {
+namespace flockstep {
+namespace task {
 namespace {
 
 constexpr double kCentimetresPerMetre = 100.0;
-constexpr int kStartTries = 64;  // random starts drawn before the start marker is taken
+constexpr std::uint32_t kStartTries = 64;  // random starts drawn before the start marker is taken
 
 // What discrete actions mean: x, y, z.
 constexpr std::array<std::array<float, 3>, 6> kDirections{{{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}};
 constexpr std::array<std::array<float, 3>, 3> kForwardDirections{{{1, 0, 0}, {0, 1, 0}, {0, -1, 0}}};
 
-double distance_m(const Vec3& a, const Vec3& b) { return (a.cast<double>() - b.cast<double>()).norm(); }
+// The terms of the reward, in the order of TaskSpec::reward_terms.
+enum Term : std::size_t { kDistance, kCrash, kFreeSpace, kStep, kActionChange, kOvershoot, kNumTerms };
 
-}  // namespace
+// (E,) each
+struct NavigationState {
+  std::vector<std::int32_t> goal_index;  // waypoints reached; the final goal when it equals their number
+  std::vector<double> last_distance;     // m to the current goal, after the last step
 
-NavigationState::NavigationState(std::size_t num_drones)
-    : goal_index(num_drones, 0),
-      last_distance(num_drones, 0.0),
-      last_action(num_drones, std::array<float, kMaxActionSize>{}),
-      step(num_drones, 0),
-      time_limit(num_drones, 0),
-      episode_return(num_drones, 0.0),
-      begun(num_drones, 0),
-      done(num_drones, 0) {}
-
-Navigation::Navigation(const NavigationConfig& config, std::span<const World* const> worlds, const DroneModel& drone,
-                       std::size_t num_drones)
-    : config_(config),
-      worlds_(worlds.begin(), worlds.end()),
-      drone_(&drone),
-      nav_(num_drones),
-      clearance_(num_drones),
-      earned_(num_drones) {
-  for (const World* world : worlds_) require_navigable(*world, drone);
-}
-
-std::size_t Navigation::head_size() const {
-  switch (config_.observation) {
-    case ObservationKind::goal:
-      return 3;
-    case ObservationKind::blob:
-      return 2;
-    default:
-      return 0;
+  static constexpr auto fields() {
+    using C = NavigationState;
+    return field_list(field("goal_index", &C::goal_index), field("last_distance", &C::last_distance));
   }
-}
+};
 
-std::size_t Navigation::action_size() const {
-  switch (config_.action) {
+Field action_field(ActionKind action) {
+  switch (action) {
+    case ActionKind::discrete:
+      return {.name = "action", .type = DType::int64, .shape = {}, .low = {0}, .high = {kDirections.size() - 1}};
+    case ActionKind::discrete_forward:
+      return {.name = "action", .type = DType::int64, .shape = {}, .low = {0}, .high = {kForwardDirections.size() - 1}};
     case ActionKind::displacement:
-      return 3;
-    case ActionKind::displacement_yaw:
-      return 4;
+      return {.name = "action", .shape = {3}};
     default:
-      return 1;
+      return {.name = "action", .shape = {4}};
   }
 }
 
-Pose Navigation::target(const Pose& pose, const float* action) const {
-  Vec3 step = Vec3::Zero();
-  Quat rotation = pose.rotation;
-  if (is_discrete(config_.action)) {
-    const auto index = static_cast<std::size_t>(action[0]);
-    const auto& direction = config_.action == ActionKind::discrete ? kDirections[index] : kForwardDirections[index];
-    step = config_.step_m * Vec3(direction[0], direction[1], direction[2]);
-  } else {
-    for (int axis = 0; axis < 3; ++axis) step[axis] = config_.step_m * std::clamp(action[axis], -1.0F, 1.0F);
-  }
-  if (config_.action == ActionKind::displacement_yaw) {
-    const float yaw = std::clamp(action[3], -1.0F, 1.0F) * config_.yaw_step_deg * std::numbers::pi_v<float> / 180.0F;
-    rotation = (rotation * Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))).normalized();
-  }
-  return {pose.position + pose.rotation * step, rotation};
+// The ranges, behind numbers with these least values, which are at most 1 and 0 where a drone is removed.
+Field vector_field(const char* name, std::vector<double> low_of_head, std::size_t rays) {
+  Field field{.name = name, .shape = {static_cast<std::int64_t>(low_of_head.size() + rays)}, .low = low_of_head};
+  field.absent.assign(low_of_head.size(), 0.0);
+  field.low.insert(field.low.end(), rays, 0.0);
+  field.absent.insert(field.absent.end(), rays, 1.0);
+  return field;
 }
 
-const Vec3& Navigation::current_goal(std::size_t drone, const World& world) const {
-  const auto& waypoints = world.markers().waypoints;
-  const auto index = static_cast<std::size_t>(nav_.goal_index[drone]);
-  return index < waypoints.size() ? waypoints[index] : *world.markers().goal;
-}
-
-void Navigation::evaluate(std::size_t drone, const float* action, std::size_t num_ranges, const State& state, bool first,
-                          Outputs& out) {
-  const NavigationReward& reward = config_.reward;
-  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
-  const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
-  const Vec3 position = position_of(state, drone);
-  const bool crashed = state.contact.hit[drone] != 0;
-
-  // distance and goals
-  const Vec3 goal = current_goal(drone, world);
-  const double distance = distance_m(goal, position);
-  const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
-  const bool at_final_goal = reached && nav_.goal_index[drone] == num_waypoints;
-  double distance_term = (nav_.last_distance[drone] - distance) * kCentimetresPerMetre;
-  nav_.last_distance[drone] = distance;
-  if (at_final_goal) {
-    distance_term = reward.goal_reward;
-  } else if (reached) {
-    distance_term = static_cast<double>(reward.goal_reward) * static_cast<double>(reward.waypoint_share) / num_waypoints;
-    ++nav_.goal_index[drone];
-    if (!reward.carry_over_distance) nav_.last_distance[drone] = distance_m(current_goal(drone, world), position);
+class Navigation final : public Task {
+ public:
+  explicit Navigation(const NavigationConfig& config) : config_(config) {
+    config.validate();
+    spec_.action = action_field(config.action);
+    spec_.reward_terms = {"distance", "crash", "free_space", "step", "action_change", "overshoot"};
   }
 
-  // clearance; sum(l / M - 1) / (|L| / M - |L|), written so that the ranges are only summed
-  const double min_clearance = reward.min_clearance;
-  const auto [nearest, sum] = clearance_[drone];
-  const auto count = static_cast<double>(num_ranges);
-  const double free_space_term = (sum / min_clearance - count) / (count / min_clearance - count);
-  double crash_term = 0.0;
-  if (crashed) {
-    crash_term = -static_cast<double>(reward.goal_reward);
-  } else if (nearest < min_clearance) {
-    crash_term = nearest - min_clearance;
+  const TaskSpec& spec() const override { return spec_; }
+
+  TaskDefaults defaults() const override {
+    if (config_.observation == ObservationKind::goal) return {.worlds = "train", .lidar = LidarConfig()};
+    // Across the playground, at 10 m, the goal is 1.6 pixels wide: it never falls between the centres of four.
+    CameraConfig camera{.width_px = 64, .height_px = 48};
+    if (config_.observation == ObservationKind::pixels) camera.layout = ImageLayout::chw;
+    return {.worlds = "camera-train", .lidar = LidarConfig{.beams = 20, .hfov_deg = 180.0F}, .cameras = {camera}};
   }
 
-  const double step_term = -static_cast<double>(nav_.step[drone]) / static_cast<double>(reward.step_scale);
-
-  std::array<float, kMaxActionSize>& last_action = nav_.last_action[drone];
-  const bool same_action = std::equal(action, action + action_size(), last_action.begin());
-  std::copy_n(action, action_size(), last_action.begin());
-
-  const bool overshot = reward.overshoot_weight != 0.0F && position.x() > goal.x() + reward.goal_radius_m;
-
-  const std::array<double, kNumRewardTerms> terms{
-      static_cast<double>(reward.distance_weight) * distance_term,
-      static_cast<double>(reward.crash_weight) * crash_term,
-      static_cast<double>(reward.free_space_weight) * free_space_term,
-      static_cast<double>(reward.step_weight) * step_term,
-      static_cast<double>(reward.action_change_weight) * (same_action ? 0.0 : -1.0),
-      static_cast<double>(reward.overshoot_weight) * (overshot ? -static_cast<double>(reward.goal_reward) / 10.0 : 0.0),
-  };
-  std::array<double, kNumRewardTerms>& earned = earned_[drone];
-  double total = 0.0;
-  double step_total = 0.0;
-  for (std::size_t k = 0; k < terms.size(); ++k) {
-    total += terms[k];
-    earned[k] = first ? terms[k] : earned[k] + terms[k];
-    step_total += earned[k];
-    out.reward_terms[drone * kNumRewardTerms + k] = static_cast<float>(earned[k]);
+  std::string identity() const override {
+    Hash hash;
+    hash.add(config_);
+    return "navigation " + std::to_string(hash.value());
   }
 
-  ++nav_.step[drone];
-  nav_.episode_return[drone] += total;
-  const bool terminated = crashed || at_final_goal || overshot;
-  const bool truncated = !terminated && nav_.time_limit[drone] > 0 && nav_.step[drone] >= nav_.time_limit[drone];
-  nav_.done[drone] = terminated || truncated;
-  out.reward[drone] = static_cast<float>(step_total);
-  out.terminated[drone] = terminated;
-  out.truncated[drone] = truncated;
-  out.success[drone] = at_final_goal && !crashed;
-  out.crashed[drone] = crashed;
-  out.episode_return[drone] = nav_.episode_return[drone];
-  out.episode_length[drone] = nav_.step[drone];
-}
+  void setup(const TaskContext& context) override {
+    require(context.lidar().has_value(), "lidar", "a LidarConfig (the navigation task needs one)", "None");
+    if (config_.observation != ObservationKind::goal) require_camera(context);
+    for (const auto& world : context.worlds()) require_navigable(*world, context.drone_model());
+    rays_ = static_cast<std::size_t>(context.lidar()->rows()) * static_cast<std::size_t>(context.lidar()->columns());
+    spec_.observation = observation_fields(context);
+    state_.goal_index.resize(context.num_envs());
+    state_.last_distance.resize(context.num_envs());
+    green_.resize(context.num_threads());
+  }
 
-void Navigation::observe_ranges(std::size_t drone, std::span<const float> ranges, float max_range, float* observation) {
-  clearance_[drone] = normalise(ranges, max_range, observation + head_size());
-}
+  void place(const TaskBlock& block) override {
+    for (const std::uint32_t env : block.envs) block.context.place(env, {start_position(block.context, env), Quat::Identity()});
+  }
 
-void Navigation::observe_goal(std::size_t drone, const State& state, float* observation) const {
-  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
-  const float* const p = state.sensed_position.data() + 3 * drone;
-  const float* const q = state.sensed_quat_wxyz.data() + 4 * drone;
-  const Vec3 offset = current_goal(drone, world) - Vec3(p[0], p[1], p[2]);
-  const float length = offset.norm();
-  const Vec3 direction = length > 0.0F ? Vec3(Quat(q[0], q[1], q[2], q[3]).conjugate() * (offset / length)) : Vec3::Zero();
-  for (int axis = 0; axis < 3; ++axis) observation[axis] = std::clamp(direction[axis], -1.0F, 1.0F);
-}
-
-void Navigation::observe_blob(const GreenBlob& blob, float* observation) {
-  observation[0] = blob.offset;
-  observation[1] = blob.area;
-}
-
-Vec3 Navigation::start_position(std::size_t drone, const State& state, const World& world) const {
-  const auto& box = world.markers().spawn_box;
-  if (config_.random_start && box) {
-    for (std::uint32_t attempt = 0; attempt < kStartTries; ++attempt) {
-      const auto bits = draw(state, drone, Stream::start, attempt);
-      const Vec3 unit(uniform01(bits[0]), uniform01(bits[1]), uniform01(bits[2]));
-      const Vec3 position = box->min + unit.cwiseProduct(box->max - box->min);
-      if (!collision::overlaps(world, *drone_, {position, Quat::Identity()})) return position;
+  void begin(const TaskBlock& block) override {
+    for (const std::uint32_t env : block.envs) {
+      state_.goal_index[env] = 0;
+      state_.last_distance[env] = distance_m(goal(block.context, env), position_of(block.context.state(), env));
     }
   }
-  return *world.markers().start;
-}
 
-void Navigation::place(std::size_t drone, State& state) const {
-  if (config_.random_world) {
-    const double u = uniform01(draw(state, drone, Stream::world, 0)[0]);
-    state.world_index[drone] = static_cast<std::int32_t>(u * static_cast<double>(worlds_.size()));
+  void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
+    const State& state = block.context.state();
+    const bool is_discrete = !is_floating(spec_.action.type);
+    for (const std::uint32_t env : block.envs) {
+      const Pose pose = pose_of(state, env);
+      setpoints.target[env] =
+          is_discrete ? discrete_target(pose, actions.row<std::int64_t>(env)[0]) : target(pose, actions.row<float>(env));
+    }
   }
-  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
-  set_pose_of(state, drone, {start_position(drone, state, world), Quat::Identity()});
-}
 
-void Navigation::begin(std::size_t drone, const State& state) {
-  const World& world = *worlds_[static_cast<std::size_t>(state.world_index[drone])];
-  nav_.goal_index[drone] = 0;
-  nav_.last_distance[drone] = distance_m(current_goal(drone, world), position_of(state, drone));
-  nav_.last_action[drone].fill(std::numeric_limits<float>::quiet_NaN());
-  nav_.step[drone] = 0;
-  nav_.episode_return[drone] = 0.0;
-  nav_.begun[drone] = 1;
-  nav_.done[drone] = 0;
-  nav_.time_limit[drone] = config_.max_episode_steps;
-  if (config_.stagger_first_episode && state.episode[drone] == 0) {
-    const double u = uniform01(draw(state, drone, Stream::time_limit, 0)[0]);
-    nav_.time_limit[drone] = 1 + static_cast<std::int64_t>(u * config_.max_episode_steps);
+  void score(const TaskBlock& block, Score& score) override {
+    for (const std::uint32_t env : block.envs) score_env(block.context, env, score);
   }
-}
 
-}  // namespace flockstep::task
+  void observe(const TaskBlock& block, std::span<Buffer> observation) override {
+    const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a field of their own
+    for (const std::uint32_t env : block.envs) {
+      const std::span<float> row = observation[apart ? 1 : 0].row<float>(env);
+      const std::size_t head = row.size() - rays_;
+      normalise(block.context.lidar_ranges(env), block.context.lidar_max_range_m(env), row.data() + head);
+      switch (config_.observation) {
+        case ObservationKind::goal: {
+          const Vec3 direction = direction_to(block.context.sensed_pose(env), goal(block.context, env));
+          std::copy_n(direction.data(), 3, row.data());
+          break;
+        }
+        case ObservationKind::blob: {
+          const CameraConfig& camera = block.context.cameras()[0];
+          const GreenBlob blob =
+              find_green(image_of(block.context, env), camera.width_px, camera.height_px, camera.layout, green_[block.thread]);
+          row[0] = blob.offset;
+          row[1] = blob.area;
+          break;
+        }
+        case ObservationKind::pixels: {
+          // A copy: the camera's own image is written again in the next step, when this one may still be in use.
+          const auto image = image_of(block.context, env);
+          std::copy(image.begin(), image.end(), observation[0].row<std::uint8_t>(env).data());
+          break;
+        }
+      }
+    }
+  }
+
+  void visit(ArrayVisitor& visitor) override { visitor.fields(state_); }
+
+  bool observes_camera(std::size_t camera) const override {
+    return camera == 0 && config_.observation != ObservationKind::goal;
+  }
+
+ private:
+  void require_camera(const TaskContext& context) const {
+    require(!context.cameras().empty(), "cameras", "a CameraConfig (the task observes its image)", "none");
+    const CameraConfig& camera = context.cameras().front();
+    require(camera.outputs.rgb, "camera.outputs", "rgb among them (the task observes it)", "none");
+    require(camera.capture_mode != CaptureMode::on_demand, "camera.capture_mode",
+            "every_step or on_movement (the task observes it)", "on_demand");
+    require(config_.observation != ObservationKind::pixels || camera.layout == ImageLayout::chw, "camera.layout",
+            "chw (the task observes pixels)", "hwc");
+  }
+
+  std::vector<Field> observation_fields(const TaskContext& context) const {
+    if (config_.observation == ObservationKind::goal) return {vector_field("observation", {-1, -1, -1}, rays_)};
+    if (config_.observation == ObservationKind::blob) return {vector_field("observation", {-1, 0}, rays_)};
+    const CameraConfig& camera = context.cameras().front();
+    Field image{.name = "image", .type = DType::uint8, .shape = {3, camera.height_px, camera.width_px}};
+    image.low = {0};
+    image.high = {255};
+    return {image, vector_field("ranges", {}, rays_)};
+  }
+
+  const Vec3& goal(const TaskContext& context, std::size_t env) const {
+    return goal_of(context.world_of(env), state_.goal_index[env]);
+  }
+
+  std::span<const std::uint8_t> image_of(const TaskContext& context, std::size_t env) const {
+    const CameraConfig& camera = context.cameras()[0];
+    const auto size = 3 * static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px);
+    return std::span(context.images(0).rgb).subspan(env * size, size);
+  }
+
+  Vec3 start_position(const TaskContext& context, std::uint32_t env) const {
+    const Markers& markers = context.world_of(env).markers();
+    if (config_.random_start && markers.spawn_box) {
+      const Aabb& box = *markers.spawn_box;
+      for (std::uint32_t attempt = 0; attempt < kStartTries; ++attempt) {
+        const auto bits = draw(context.state(), env, Stream::start, attempt);
+        const Vec3 unit(uniform01(bits[0]), uniform01(bits[1]), uniform01(bits[2]));
+        const Vec3 position = box.min + unit.cwiseProduct(box.max - box.min);
+        if (context.is_free(env, {position, Quat::Identity()})) return position;
+      }
+    }
+    return *markers.start;
+  }
+
+  Pose discrete_target(const Pose& pose, std::int64_t action) const {
+    const auto index = static_cast<std::size_t>(action);
+    const auto& direction = config_.action == ActionKind::discrete ? kDirections[index] : kForwardDirections[index];
+    const Vec3 step = config_.step_m * Vec3(direction[0], direction[1], direction[2]);
+    return {pose.position + pose.rotation * step, pose.rotation};
+  }
+
+  Pose target(const Pose& pose, std::span<const float> action) const {
+    Vec3 step;
+    for (int axis = 0; axis < 3; ++axis) {
+      step[axis] = config_.step_m * std::clamp(action[static_cast<std::size_t>(axis)], -1.0F, 1.0F);
+    }
+    Quat rotation = pose.rotation;
+    if (config_.action == ActionKind::displacement_yaw) {
+      const float yaw = std::clamp(action[3], -1.0F, 1.0F) * config_.yaw_step_deg * std::numbers::pi_v<float> / 180.0F;
+      rotation = (rotation * Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))).normalized();
+    }
+    return {pose.position + pose.rotation * step, rotation};
+  }
+
+  void score_env(const TaskContext& context, std::uint32_t env, Score& score) {
+    const NavigationReward& reward = config_.reward;
+    const State& state = context.state();
+    const World& world = context.world_of(env);
+    const Vec3 position = position_of(state, env);
+    const bool crashed = state.contact.hit[env] != 0;
+    const double goal_reward = reward.goal_reward;
+
+    // Distance to the goal. Where a waypoint is reached, the next one counts from here on.
+    const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
+    const Vec3 target = goal(context, env);
+    const double distance = distance_m(target, position);
+    const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
+    const bool at_final_goal = reached && state_.goal_index[env] == num_waypoints;
+    double distance_term = (state_.last_distance[env] - distance) * kCentimetresPerMetre;
+    state_.last_distance[env] = distance;
+    if (at_final_goal) {
+      distance_term = goal_reward;
+    } else if (reached) {
+      distance_term = goal_reward * static_cast<double>(reward.waypoint_share) / num_waypoints;
+      ++state_.goal_index[env];
+      if (!reward.carry_over_distance) state_.last_distance[env] = distance_m(goal(context, env), position);
+    }
+
+    const double min_clearance = reward.min_clearance;
+    const auto [nearest, sum] = clearance_of(context.lidar_ranges(env), context.lidar_max_range_m(env));
+    double crash_term = 0.0;
+    if (crashed) {
+      crash_term = -goal_reward;
+    } else if (nearest < min_clearance) {
+      crash_term = nearest - min_clearance;
+    }
+
+    const auto step_number = static_cast<double>(context.episodes().steps[env] - 1);
+    const bool overshot = reward.overshoot_weight != 0.0F && position.x() > target.x() + reward.goal_radius_m;
+
+    const std::span<double> terms = score.terms_of(env);
+    terms[kDistance] = static_cast<double>(reward.distance_weight) * distance_term;
+    terms[kCrash] = static_cast<double>(reward.crash_weight) * crash_term;
+    terms[kFreeSpace] = static_cast<double>(reward.free_space_weight) * free_space(sum, rays_, min_clearance);
+    terms[kStep] = static_cast<double>(reward.step_weight) * (-step_number / static_cast<double>(reward.step_scale));
+    terms[kActionChange] =
+        static_cast<double>(reward.action_change_weight) * (context.episodes().action_changed[env] ? -1.0 : 0.0);
+    terms[kOvershoot] = static_cast<double>(reward.overshoot_weight) * (overshot ? -goal_reward / 10.0 : 0.0);
+    score.terminated[env] = crashed || at_final_goal || overshot;
+    score.success[env] = at_final_goal && !crashed;
+  }
+
+  NavigationConfig config_;
+  TaskSpec spec_;
+  std::size_t rays_ = 0;
+  NavigationState state_;
+  std::vector<GreenBlobScratch> green_;  // of each thread
+};
+
+}  // namespace
+}  // namespace task
+
+std::unique_ptr<Task> make_navigation(const NavigationConfig& config) { return std::make_unique<task::Navigation>(config); }
+
+}  // namespace flockstep

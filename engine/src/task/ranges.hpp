@@ -1,4 +1,4 @@
-// The ranges of a scan as an observation has them, and what the reward wants to know of them.
+// The ranges of a scan over the maximum range, and how much room they show.
 #pragma once
 
 #include <span>
@@ -10,7 +10,10 @@ struct Clearance {
   double sum = 0.0;      // of the normalised ranges
 };
 
-// Writes ranges (m) over max_range, 1 on a miss, to `normalised`, which is as long.
-Clearance normalise(std::span<const float> ranges, float max_range, float* normalised);
+// Of ranges (m), inf on a miss, over max_range_m; a miss counts as 1.
+Clearance clearance_of(std::span<const float> ranges, float max_range_m);
+
+// Writes ranges (m) over max_range_m, 1 on a miss, to `normalised`, which is as long.
+void normalise(std::span<const float> ranges, float max_range_m, float* normalised);
 
 }  // namespace flockstep::task

@@ -1,0 +1,114 @@
+// Values of configurations and task specifications across the boundary: enumerations by name, cameras' outputs as names.
+#pragma once
+
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "flockstep/camera.hpp"
+#include "flockstep/fields.hpp"
+
+namespace flockstep::bindings {
+
+namespace py = pybind11;
+
+// The member of an enumeration whose name is given. Throws ValueError naming the field, what was expected and what came.
+template <class Enum>
+Enum enum_of(const std::string& text, const std::string& field) {
+  constexpr const auto& kNames = EnumNames<Enum>::kNames;
+  std::string expected;
+  for (std::size_t i = 0; i < kNames.size(); ++i) {
+    if (text == kNames[i]) return static_cast<Enum>(i);
+    expected += (i == 0 ? "\"" : i + 1 == kNames.size() ? " or \"" : ", \"") + std::string(kNames[i]) + '"';
+  }
+  throw py::value_error(field + ": expected " + expected + ", got \"" + text + '"');
+}
+
+template <class Enum>
+const char* name_of(Enum value) {
+  return EnumNames<Enum>::kNames[static_cast<std::size_t>(value)];
+}
+
+inline CameraOutputs outputs_of(const py::handle& names) {
+  CameraOutputs outputs{.rgb = false};
+  if (py::isinstance<py::str>(names)) throw py::type_error("outputs: expected a sequence of names, got a string");
+  for (const py::handle name : names) {
+    const auto text = py::str(name).cast<std::string>();
+    std::string expected;
+    bool found = false;
+    for_each_field(outputs, [&](const auto& field, bool& chosen) {
+      expected += (expected.empty() ? "" : ", ") + std::string(field.name);
+      if (text != field.name) return;
+      chosen = found = true;
+    });
+    if (!found) throw py::value_error("outputs: expected names among " + expected + ", got \"" + text + '"');
+  }
+  return outputs;
+}
+
+inline py::tuple names_of(const CameraOutputs& outputs) {
+  py::list names;
+  for_each_field(outputs, [&](const auto& field, bool chosen) {
+    if (chosen) names.append(field.name);
+  });
+  return py::tuple(names);
+}
+
+template <class T>
+py::object to_python(const T& value) {
+  if constexpr (std::is_enum_v<T>) {
+    return py::str(name_of(value));
+  } else if constexpr (std::is_same_v<T, CameraOutputs>) {
+    return names_of(value);
+  } else {
+    return py::cast(value);
+  }
+}
+
+template <class T>
+struct PythonName {
+  static std::string of() {
+    if constexpr (std::is_same_v<T, bool>) return "a bool";
+    if constexpr (std::is_integral_v<T>) return "an integer";
+    if constexpr (std::is_floating_point_v<T>) return "a number";
+    if constexpr (std::is_same_v<T, std::string> || std::is_enum_v<T>) return "a string";
+    return "another type";
+  }
+};
+template <class T>
+struct PythonName<std::optional<T>> {
+  static std::string of() { return PythonName<T>::of() + " or None"; }
+};
+template <class T>
+struct PythonName<std::vector<T>> {
+  static std::string of() { return "a sequence of numbers"; }
+};
+template <class T, std::size_t kSize>
+struct PythonName<std::array<T, kSize>> {
+  static std::string of() { return std::to_string(kSize) + " numbers"; }
+};
+
+// Throws TypeError or ValueError naming the field.
+template <class T>
+T from_python(const py::handle& value, const std::string& field) {
+  if constexpr (std::is_same_v<T, CameraOutputs>) {
+    return outputs_of(value);
+  } else if constexpr (std::is_enum_v<T>) {
+    return enum_of<T>(from_python<std::string>(value, field), field);
+  } else {
+    try {
+      return value.cast<T>();
+    } catch (const py::cast_error&) {
+      const std::string expected = HasFields<T> ? std::string("another config") : PythonName<T>::of();
+      throw py::type_error(field + ": expected " + expected + ", got " + std::string(py::repr(value)));
+    }
+  }
+}
+
+}  // namespace flockstep::bindings

@@ -1,0 +1,204 @@
+// Tasks: their specifications, tasks written in Python, and tasks from a shared library.
+#include "task.hpp"
+
+#include <pybind11/functional.h>
+#include <pybind11/stl.h>
+
+#include <cstring>
+#include <functional>
+
+#include "arrays.hpp"
+#include "base/platform.hpp"
+#include "convert.hpp"
+#include "flockstep/navigation.hpp"
+
+namespace flockstep {
+
+template <>
+struct EnumNames<DType> {
+  static constexpr std::array kNames{"bool", "uint8", "int32", "int64", "float32", "float64"};
+};
+
+namespace bindings {
+namespace {
+
+// One task of a shared library: it exports `flockstep::Task* flockstep_make_task()`.
+struct NativeTask {
+  std::string path;
+  Task* (*make)();
+};
+
+NativeTask load_task(const std::string& path) {
+  return {path, reinterpret_cast<Task* (*)()>(load_function(path, "flockstep_make_task"))};
+}
+
+// A task whose methods are Python's. Each takes and returns arrays with a row per env; the names are those of its caller,
+// flockstep.task.TaskCalls.
+class PythonTask final : public Task {
+ public:
+  PythonTask(TaskSpec spec, std::string identity, int max_episode_steps, py::object calls)
+      : spec_(std::move(spec)),
+        identity_(std::move(identity)),
+        max_episode_steps_(max_episode_steps),
+        calls_(new py::object(std::move(calls)), [](py::object* object) {
+          const py::gil_scoped_acquire acquire;
+          std::default_delete<py::object>()(object);
+        }) {}
+
+  const TaskSpec& spec() const override { return spec_; }
+  TaskDefaults defaults() const override { return {.max_episode_steps = max_episode_steps_}; }
+  std::string identity() const override { return identity_; }
+  bool takes_all_envs_at_once() const override { return true; }
+
+  void setup(const TaskContext&) override {}
+  void place(const TaskBlock&) override {}  // Task.reset does both
+
+  void begin(const TaskBlock& block) override {
+    const py::gil_scoped_acquire acquire;
+    calls_->attr("begin")(envs(block));
+  }
+
+  void command(const TaskBlock& block, const Buffer&, Setpoints& setpoints) override {
+    const py::gil_scoped_acquire acquire;
+    const auto n = static_cast<py::ssize_t>(block.context.num_envs());
+    const py::tuple targets = calls_->attr("command")();
+    const auto position = floats(targets[0], "target position", {n, 3});
+    const auto quat_wxyz = floats(targets[1], "target quat_wxyz", {n, 4});
+    const std::span<const float> p = position, q = quat_wxyz;
+    const State& state = block.context.state();
+    for (const std::uint32_t env : block.envs) {
+      setpoints.target[env] = {Vec3(p[3 * env], p[3 * env + 1], p[3 * env + 2]), Quat::Identity()};
+      const float* const wxyz = q.empty() ? state.quat_wxyz.data() + 4 * std::size_t{env} : q.data() + 4 * std::size_t{env};
+      setpoints.target[env].rotation = Quat(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+      if (!q.empty()) setpoints.target[env].rotation.normalize();
+      for (int axis = 0; axis < 3; ++axis) {
+        if (!std::isfinite(setpoints.target[env].position[axis]) || !setpoints.target[env].rotation.coeffs().allFinite()) {
+          throw py::value_error("act: expected finite positions and unit quaternions, got others in row " + std::to_string(env));
+        }
+      }
+    }
+  }
+
+  void score(const TaskBlock& block, Score& score) override {
+    const py::gil_scoped_acquire acquire;
+    const auto n = static_cast<py::ssize_t>(block.context.num_envs());
+    const auto terms = static_cast<py::ssize_t>(score.num_terms);
+    const py::tuple scored = calls_->attr("score")();
+    const auto reward = py::array_t<double, py::array::c_style | py::array::forcecast>(scored[0]);
+    if (reward.ndim() != 2 || reward.shape(0) != n || reward.shape(1) != terms) throw py::value_error("reward: of a wrong shape");
+    const auto terminated = flags(scored[1], "terminated", n);
+    const auto success = flags(scored[2], "success", n);
+    const std::span<const std::uint8_t> ends = terminated, successes = success;
+    for (const std::uint32_t env : block.envs) {
+      std::copy_n(reward.data() + static_cast<std::ptrdiff_t>(env) * terms, terms, score.terms_of(env).begin());
+      score.terminated[env] = ends[env];
+      score.success[env] = successes[env];
+    }
+  }
+
+  void observe(const TaskBlock& block, std::span<Buffer> observation) override {
+    const py::gil_scoped_acquire acquire;
+    const py::tuple fields = calls_->attr("observe")();  // contiguous, of the field's type
+    for (std::size_t i = 0; i < observation.size(); ++i) {
+      const py::array field = fields[i];
+      const auto* const bytes = static_cast<const std::byte*>(field.data());
+      const std::size_t row = observation[i].row_bytes();
+      for (const std::uint32_t env : block.envs) std::memcpy(observation[i].row_as_bytes(env).data(), bytes + env * row, row);
+    }
+  }
+
+  void visit(ArrayVisitor& visitor) override {
+    {
+      const py::gil_scoped_acquire acquire;
+      state_ = calls_->attr("state")().cast<std::string>();
+    }
+    visitor.blob("state", state_);
+  }
+
+  void restored() override {
+    const py::gil_scoped_acquire acquire;
+    calls_->attr("load")(py::bytes(state_));
+    state_.clear();
+  }
+
+ private:
+  static py::array_t<std::int64_t> envs(const TaskBlock& block) {
+    py::array_t<std::int64_t> indices(static_cast<py::ssize_t>(block.envs.size()));
+    std::copy(block.envs.begin(), block.envs.end(), indices.mutable_data());
+    return indices;
+  }
+
+  TaskSpec spec_;
+  std::string identity_;
+  int max_episode_steps_;
+  std::shared_ptr<py::object> calls_;
+  std::string state_;  // as the last snapshot has it
+};
+
+// What makes one; a batch has a task of its own.
+struct PythonTaskMaker {
+  TaskSpec spec;
+  std::string identity;
+  int max_episode_steps;
+  py::object calls;
+};
+
+py::object bounds(const std::vector<double>& values) {
+  if (values.size() == 1) return py::float_(values[0]);
+  return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+Field make_field(const std::string& name, const std::string& dtype, std::vector<std::int64_t> shape, double low, double high) {
+  return {.name = name, .type = enum_of<DType>(dtype, "dtype"), .shape = std::move(shape), .low = {low}, .high = {high}};
+}
+
+py::dict defaults_of(const py::object& description) {
+  const TaskDefaults defaults = make_task(description)->defaults();
+  py::dict dict;
+  dict["worlds"] = defaults.worlds;
+  dict["lidar"] = defaults.lidar ? py::cast(*defaults.lidar) : py::none();
+  dict["cameras"] = py::cast(defaults.cameras);
+  dict["max_episode_steps"] = defaults.max_episode_steps;
+  return dict;
+}
+
+}  // namespace
+
+std::unique_ptr<Task> make_task(const py::object& description) {
+  if (description.is_none()) return nullptr;
+  if (py::isinstance<NavigationConfig>(description)) return make_navigation(description.cast<const NavigationConfig&>());
+  if (py::isinstance<NativeTask>(description)) return std::unique_ptr<Task>(description.cast<const NativeTask&>().make());
+  if (py::isinstance<PythonTaskMaker>(description)) {
+    const auto& maker = description.cast<const PythonTaskMaker&>();
+    return std::make_unique<PythonTask>(maker.spec, maker.identity, maker.max_episode_steps, maker.calls);
+  }
+  throw py::type_error("task: expected a NavigationConfig, a NativeTask or None, got " + std::string(py::repr(description)));
+}
+
+void register_task(py::module_& module) {
+  py::class_<Field>(module, "Field", "A named array that a task declares; its shape is that of one env.")
+      .def(py::init(&make_field), py::arg("name"), py::arg("dtype"), py::arg("shape"), py::arg("low"), py::arg("high"))
+      .def_readonly("name", &Field::name)
+      .def_property_readonly("dtype", [](const Field& field) { return name_of(field.type); })
+      .def_property_readonly("shape", [](const Field& field) { return py::tuple(py::cast(field.shape)); })
+      .def_property_readonly("low", [](const Field& field) { return bounds(field.low); })
+      .def_property_readonly("high", [](const Field& field) { return bounds(field.high); });
+  py::class_<TaskSpec>(module, "TaskSpec", "What a task takes, shows and rewards, declared once.")
+      .def(py::init<Field, std::vector<Field>, std::vector<std::string>>(), py::arg("action"), py::arg("observation"),
+           py::arg("reward_terms"))
+      .def_readonly("action", &TaskSpec::action)
+      .def_readonly("observation", &TaskSpec::observation)
+      .def_readonly("reward_terms", &TaskSpec::reward_terms);
+  py::class_<NativeTask>(module, "NativeTask", "A task of your own in C++, from a shared library.")
+      .def(py::init(&load_task), py::arg("path"))
+      .def_readonly("path", &NativeTask::path)
+      .def("__repr__", [](const NativeTask& task) { return "NativeTask('" + task.path + "')"; })
+      .def(py::pickle([](const NativeTask& task) { return task.path; }, &load_task));
+  py::class_<PythonTaskMaker>(module, "PythonTask", "A task whose methods are Python's; flockstep.Task makes these.")
+      .def(py::init<TaskSpec, std::string, int, py::object>(), py::arg("spec"), py::arg("identity"), py::arg("max_episode_steps"),
+           py::arg("calls"));
+  module.def("task_defaults", &defaults_of, py::arg("task"));
+}
+
+}  // namespace bindings
+}  // namespace flockstep

@@ -1,0 +1,124 @@
+// The engine's terms, for tasks in Python: each a pass over the batch as it is now.
+#include "terms.hpp"
+
+#include "arrays.hpp"
+#include "flockstep/batch.hpp"
+#include "task/terms.hpp"
+
+namespace flockstep::bindings {
+namespace {
+
+struct Terms {
+  py::object owner;
+
+  const Batch& batch() const { return owner.cast<const Batch&>(); }
+  std::size_t size() const { return static_cast<std::size_t>(batch().config().num_envs); }
+};
+
+Pose pose_at(const std::vector<float>& position, const std::vector<float>& quat_wxyz, std::size_t drone) {
+  const float* const p = position.data() + 3 * drone;
+  const float* const q = quat_wxyz.data() + 4 * drone;
+  return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
+}
+
+// The goal of each env: the waypoint that goal_index names, else the goal marker of its world.
+std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
+  const Batch& batch = terms.batch();
+  const auto n = static_cast<py::ssize_t>(terms.size());
+  const auto index = integers<std::int32_t>(goal_index, "goal_index", {n});
+  const std::span<const std::int32_t> indices = index;
+  std::vector<Vec3> result;
+  for (std::size_t env = 0; env < terms.size(); ++env) {
+    const World& world = *batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])];
+    const auto waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
+    const std::int32_t which = indices.empty() ? waypoints : indices[env];
+    if (which < 0) throw py::value_error("goal_index: expected integers >= 0, got " + std::to_string(which));
+    if (which >= waypoints && !world.markers().goal) throw py::value_error("world '" + world.name() + "' has no goal marker");
+    result.push_back(task::goal_of(world, which));
+  }
+  return result;
+}
+
+// f(env) for each, as a new array.
+template <class T, class F>
+py::array_t<T> per_env(const Terms& terms, const F& f) {
+  py::array_t<T> array(static_cast<py::ssize_t>(terms.size()));
+  for (std::size_t env = 0; env < terms.size(); ++env) array.mutable_data()[env] = static_cast<T>(f(env));
+  return array;
+}
+
+std::span<const float> ranges_of(const Batch& batch, std::size_t drone) {
+  const LidarConfig& lidar = *batch.config().lidar;
+  const auto rays = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
+  return std::span(batch.lidar_ranges()).subspan(drone * rays, rays);
+}
+
+py::array_t<double> goal_distance(const Terms& terms, const py::object& goal_index) {
+  const std::vector<Vec3> points = goals(terms, goal_index);
+  const State& state = terms.batch().state();
+  return per_env<double>(terms, [&](std::size_t env) {
+    return task::distance_m(points[env], pose_at(state.position, state.quat_wxyz, env).position);
+  });
+}
+
+py::array_t<float> goal_direction(const Terms& terms, const py::object& goal_index) {
+  std::vector<Vec3> points = goals(terms, goal_index);
+  const Batch& batch = terms.batch();
+  for (std::size_t env = 0; env < points.size(); ++env) {
+    points[env] = task::direction_to(pose_at(batch.sensed_position(), batch.sensed_quat_wxyz(), env), points[env]);
+  }
+  return rows(points);
+}
+
+py::array_t<float> ranges(const Terms& terms) {
+  const Batch& batch = terms.batch();
+  batch.require_lidar("");
+  const LidarConfig& lidar = *batch.config().lidar;
+  const py::ssize_t rays = py::ssize_t{lidar.rows()} * lidar.columns();
+  py::array_t<float> array({static_cast<py::ssize_t>(terms.size()), rays});
+  for (std::size_t drone = 0; drone < terms.size(); ++drone) {
+    task::normalise(ranges_of(batch, drone), batch.lidar_max_range_m()[drone],
+                    array.mutable_data() + static_cast<py::ssize_t>(drone) * rays);
+  }
+  return array;
+}
+
+py::array_t<double> clearance(const Terms& terms) {
+  const Batch& batch = terms.batch();
+  batch.require_lidar("");
+  return per_env<double>(terms, [&](std::size_t drone) {
+    return task::clearance_of(ranges_of(batch, drone), batch.lidar_max_range_m()[drone]).nearest;
+  });
+}
+
+py::array_t<double> free_space(const Terms& terms, double min_clearance) {
+  const Batch& batch = terms.batch();
+  batch.require_lidar("");
+  if (!(min_clearance > 0.0 && min_clearance < 1.0)) throw py::value_error("min_clearance: expected a number in (0, 1)");
+  return per_env<double>(terms, [&](std::size_t drone) {
+    const auto scan = ranges_of(batch, drone);
+    return task::free_space(task::clearance_of(scan, batch.lidar_max_range_m()[drone]).sum, scan.size(), min_clearance);
+  });
+}
+
+}  // namespace
+
+py::object terms_of(const py::object& batch) { return py::cast(Terms{batch}); }
+
+void register_terms(py::module_& module) {
+  const auto none = py::none();
+  py::class_<Terms>(module, "Terms", "What the engine's own tasks are rewarded by and observe, of every env as it is now.")
+      .def(
+          "goal", [](const Terms& terms, const py::object& goal_index) { return rows(goals(terms, goal_index)); },
+          py::arg("goal_index") = none)
+      .def("goal_distance", &goal_distance, py::arg("goal_index") = none)
+      .def("goal_direction", &goal_direction, py::arg("goal_index") = none)
+      .def("ranges", &ranges)
+      .def("clearance", &clearance)
+      .def("free_space", &free_space, py::arg("min_clearance"))
+      .def_property_readonly("action_changed", [](const Terms& terms) {
+        return view<bool>(terms.owner, terms.batch().episodes().action_changed.data(), {static_cast<py::ssize_t>(terms.size())});
+      });
+}
+
+}  // namespace flockstep::bindings

@@ -1,0 +1,98 @@
+// Field: a named array as a task declares it, such as an observation. Buffer: its values, a row per env.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <functional>
+#include <numeric>
+#include <span>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace flockstep {
+
+enum class DType : std::uint8_t { boolean, uint8, int32, int64, float32, float64 };
+
+template <class T>
+inline constexpr DType kDType = DType::uint8;
+template <>
+inline constexpr DType kDType<bool> = DType::boolean;
+template <>
+inline constexpr DType kDType<std::int32_t> = DType::int32;
+template <>
+inline constexpr DType kDType<std::int64_t> = DType::int64;
+template <>
+inline constexpr DType kDType<float> = DType::float32;
+template <>
+inline constexpr DType kDType<double> = DType::float64;
+
+template <class T>
+inline constexpr bool is_dtype = std::is_same_v<T, std::uint8_t> || kDType<T> != DType::uint8;
+
+constexpr bool is_floating(DType type) { return type == DType::float32 || type == DType::float64; }
+
+constexpr std::size_t size_of(DType type) {
+  switch (type) {
+    case DType::boolean:
+    case DType::uint8:
+      return 1;
+    case DType::int32:
+    case DType::float32:
+      return 4;
+    default:
+      return 8;
+  }
+}
+
+// What one row of an array holds.
+struct Field {
+  std::string name;
+  DType type = DType::float32;
+  std::vector<std::int64_t> shape;  // of one env; empty: a single number
+  // Least and greatest value: one for all of the row, or one for each of its values.
+  std::vector<double> low{-1.0};
+  std::vector<double> high{1.0};
+  std::vector<double> absent{0.0};  // likewise: what the row of a removed drone reads
+
+  std::size_t size() const {
+    return static_cast<std::size_t>(std::accumulate(shape.begin(), shape.end(), std::int64_t{1}, std::multiplies<>()));
+  }
+};
+
+class Buffer {
+ public:
+  Buffer() = default;
+  Buffer(const Field& field, std::size_t rows)
+      : type_(field.type), columns_(field.size()), bytes_(rows * columns_ * size_of(field.type)) {}
+
+  DType type() const { return type_; }
+  std::size_t columns() const { return columns_; }
+  std::size_t row_bytes() const { return columns_ * size_of(type_); }
+  std::vector<std::byte>& bytes() { return bytes_; }
+  const std::vector<std::byte>& bytes() const { return bytes_; }
+
+  // A row, whose type has to be the field's.
+  template <class T>
+  std::span<T> row(std::size_t index) {
+    return {reinterpret_cast<T*>(bytes_.data()) + index * columns_, columns_};
+  }
+  template <class T>
+  std::span<const T> row(std::size_t index) const {
+    return {reinterpret_cast<const T*>(bytes_.data()) + index * columns_, columns_};
+  }
+  std::span<std::byte> row_as_bytes(std::size_t index) { return {bytes_.data() + index * row_bytes(), row_bytes()}; }
+  void copy_row(std::size_t index, const Buffer& from) {
+    std::memcpy(bytes_.data() + index * row_bytes(), from.bytes_.data() + index * row_bytes(), row_bytes());
+  }
+
+ private:
+  DType type_ = DType::float32;
+  std::size_t columns_ = 0;  // values in a row
+  std::vector<std::byte> bytes_;
+};
+
+}  // namespace flockstep

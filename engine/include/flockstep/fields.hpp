@@ -1,0 +1,95 @@
+// The fields of a struct, listed once: hashes, snapshots, keyword arguments and bindings read the list.
+//
+//   struct Wind {
+//     float speed_mps = 0.0F;
+//     float gust_mps = 0.0F;
+//     static constexpr auto fields() { return field_list(field("speed_mps", &Wind::speed_mps), field("gust_mps", &Wind::gust_mps)); }
+//   };
+//
+// for_each_field() does not compile for a struct that has more fields than its list.
+#pragma once
+
+#include <array>
+#include <concepts>
+#include <cstddef>
+#include <string_view>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+
+namespace flockstep {
+
+// What a field has to do with the configuration hash: two batches that differ in it alone step alike, or do not.
+enum class Decides : bool { nothing, behaviour };
+
+template <class Struct, class Value>
+struct FieldPointer {
+  const char* name;
+  Value Struct::* member;
+  Decides decides;
+};
+
+template <class Struct, class Value>
+constexpr FieldPointer<Struct, Value> field(const char* name, Value Struct::* member, Decides decides = Decides::behaviour) {
+  return {name, member, decides};
+}
+
+template <class... Fields>
+constexpr auto field_list(Fields... fields) {
+  return std::tuple<Fields...>(fields...);
+}
+
+template <class T>
+concept HasFields = requires { T::fields(); };
+
+// The names of an enumeration's members 0, 1, ..., specialised beside it: `kNames`, an array of const char*.
+template <class Enum>
+struct EnumNames;
+
+namespace detail {
+
+// Converts to whatever a field is initialised from.
+struct Anything {
+  template <class T>
+  operator T&() const& noexcept;
+  template <class T>
+  operator T&&() const&& noexcept;
+};
+template <std::size_t>
+using AnythingAt = Anything;
+
+template <class T, std::size_t... I>
+consteval bool takes(std::index_sequence<I...>) {
+  return requires { T{AnythingAt<I>{}...}; };
+}
+
+}  // namespace detail
+
+// The number of fields of an aggregate without base classes: as many as an initialiser list can have.
+template <class T, std::size_t kMost = 32>
+consteval std::size_t count_fields() {
+  static_assert(std::is_aggregate_v<T>);
+  if constexpr (kMost == 0) {
+    return 0;
+  } else if constexpr (detail::takes<T>(std::make_index_sequence<kMost>())) {
+    return kMost;
+  } else {
+    return count_fields<T, kMost - 1>();
+  }
+}
+
+// Whether the list of a struct names every field once.
+template <HasFields T>
+consteval bool lists_every_field() {
+  return std::tuple_size_v<decltype(T::fields())> == count_fields<T>();
+}
+
+// Calls f(field, value) for each field in order; `object` may be const.
+template <class T, class F>
+constexpr void for_each_field(T& object, F&& f) {
+  using Struct = std::remove_const_t<T>;
+  static_assert(lists_every_field<Struct>(), "fields() has to list every field of the struct");
+  std::apply([&](const auto&... fields) { (f(fields, object.*(fields.member)), ...); }, Struct::fields());
+}
+
+}  // namespace flockstep

@@ -1,0 +1,141 @@
+// Task: what turns actions into setpoints, and state and sensors into rewards, ends of episodes and observations.
+//
+// A task declares its action, its observations and the terms of its reward once, in its TaskSpec; spaces, checks and documents
+// are made from that. It runs inside the batch's step, a block of envs on each thread. These headers are all that a task of
+// your own needs: tests/tasks/reach_height.cpp is a whole one.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "flockstep/array_visitor.hpp"
+#include "flockstep/buffer.hpp"
+#include "flockstep/camera.hpp"
+#include "flockstep/drone_model.hpp"
+#include "flockstep/lidar.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
+#include "flockstep/world.hpp"
+
+namespace flockstep {
+
+struct TaskSpec {
+  // Of an integer type, a scalar: one of low, low + 1, ..., high. Of a floating-point type: any finite numbers; the task takes
+  // those beyond low and high for these.
+  Field action;
+  std::vector<Field> observation;         // a single one is the observation; several are a dict of it
+  std::vector<std::string> reward_terms;  // their sum is the reward
+};
+
+// What an env of the task is made of where its maker does not say.
+struct TaskDefaults {
+  std::string worlds = "train";       // a set of scenes, or one
+  std::optional<LidarConfig> lidar;   // none: no LiDAR
+  std::vector<CameraConfig> cameras;  // likewise
+  int max_episode_steps = 3000;       // 0: no limit
+};
+
+// The batch as a task sees it. Everything but place() only reads. Indices are not checked.
+class TaskContext {
+ public:
+  virtual ~TaskContext() = default;
+
+  virtual std::size_t num_envs() const = 0;        // E
+  virtual std::size_t drones_per_env() const = 0;  // M; drone d is of env d / M
+  virtual std::size_t num_threads() const = 0;
+  virtual const State& state() const = 0;
+  virtual const EpisodeState& episodes() const = 0;
+  virtual const DroneModel& drone_model() const = 0;
+  virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;
+  virtual const World& world_of(std::size_t env) const = 0;
+
+  // Sensors. Without a LiDAR, ranges are empty; a drone's are (channels x beams,) m, inf on a miss.
+  virtual const std::optional<LidarConfig>& lidar() const = 0;
+  virtual std::span<const float> lidar_ranges(std::size_t drone) const = 0;
+  virtual float lidar_max_range_m(std::size_t drone) const = 0;
+  virtual const std::vector<CameraConfig>& cameras() const = 0;
+  virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
+  virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the position and tilt sensor
+
+  // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index.
+  virtual float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const = 0;
+  // Whether a drone of the env at this pose would touch nothing.
+  virtual bool is_free(std::size_t env, const Pose& pose) const = 0;
+
+  // Puts a drone somewhere, without a collision check: in Task::place().
+  virtual void place(std::size_t drone, const Pose& pose) = 0;
+};
+
+// The envs that a call is about. Other calls may be about other envs at the same time, on other threads.
+struct TaskBlock {
+  TaskContext& context;
+  std::span<const std::uint32_t> envs;
+  std::size_t thread;  // in [0, num_threads()): what is of one thread alone goes by it
+};
+
+// Where each drone is to fly in the present step, in a straight line and turning evenly.
+struct Setpoints {
+  std::vector<Pose> target;  // (N,)
+};
+
+// What one flown step earned.
+struct Score {
+  std::size_t num_terms;
+  std::vector<double> terms;  // (E, num_terms), each times its weight
+  FlagArray terminated;       // (E,) the episode ends here
+  FlagArray success;          // (E,) and if it does, this was the point of it
+
+  std::span<double> terms_of(std::size_t env) { return {terms.data() + env * num_terms, num_terms}; }
+};
+
+class Task {
+ public:
+  virtual ~Task() = default;
+
+  virtual const TaskSpec& spec() const = 0;
+  virtual TaskDefaults defaults() const { return {}; }
+  // Name and configuration: snapshots are restored between tasks of equal identity alone.
+  virtual std::string identity() const = 0;
+
+  // Once, before anything else: allocate what has a row per env, and refuse what the task cannot do with, by
+  // std::invalid_argument. spec() may change here, and stays from then on.
+  virtual void setup(const TaskContext& context) = 0;
+  // Put the drones where an episode begins. By default: level at the start marker of their world, facing +x.
+  virtual void place(const TaskBlock& block) {
+    for (const std::uint32_t env : block.envs) {
+      const World& world = block.context.world_of(env);
+      const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2);
+      for (std::size_t m = 0; m < block.context.drones_per_env(); ++m) {
+        block.context.place(env * block.context.drones_per_env() + m, {start, Quat::Identity()});
+      }
+    }
+  }
+  // Begin the task's own part of an episode, from where the drones are. Sensors read afterwards.
+  virtual void begin(const TaskBlock& block) = 0;
+  // Turn actions, a row per env as spec().action says, into setpoints.
+  virtual void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) = 0;
+  // Score what has just been flown and sensed. Every entry of the block's envs has to be written.
+  virtual void score(const TaskBlock& block, Score& score) = 0;
+  // Write the block's rows of each field of spec().observation, in their order.
+  virtual void observe(const TaskBlock& block, std::span<Buffer> observation) = 0;
+  // Show every array that the next step depends on. The sizes are those that setup() has made.
+  virtual void visit(ArrayVisitor& visitor) = 0;
+  // All arrays have been restored.
+  virtual void restored() {}
+
+  // Whether the observation is made of this camera's images, so that it may not stop taking them.
+  virtual bool observes_camera(std::size_t camera) const {
+    static_cast<void>(camera);
+    return false;
+  }
+  // True: place, begin, command, score and observe are called once for all envs they are about, on the thread that called step(),
+  // instead of block by block.
+  virtual bool takes_all_envs_at_once() const { return false; }
+};
+
+}  // namespace flockstep

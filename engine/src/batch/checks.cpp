@@ -1,0 +1,113 @@
+#include "batch/checks.hpp"
+
+#include <cmath>
+#include <stdexcept>
+
+#include "base/platform.hpp"
+
+namespace flockstep::checks {
+
+std::string row_of(std::string_view field, std::size_t row) { return std::string(field) + " (row " + std::to_string(row) + ")"; }
+
+void size(std::size_t size, std::size_t expected, std::string_view field) {
+  require(size == expected, field, std::to_string(expected) + " numbers", size);
+}
+
+void own_process(const Simulation& sim) {
+  if (process_id() == sim.owner) return;
+  throw std::runtime_error("this Batch was made in process " + std::to_string(sim.owner) + " and used in its child " +
+                           std::to_string(process_id()) + ": a batch does not survive fork(), make one in the child");
+}
+
+void not_stepping(const Simulation& sim, std::string_view call) {
+  if (sim.is_stepping) throw std::logic_error(std::string(call) + "() was called by a task while its batch steps or resets");
+}
+
+void has_lidar(const Simulation& sim) {
+  if (!sim.lidar) throw std::logic_error("this Batch has no LiDAR: give it one (lidar=...)");
+}
+
+void has_camera(const Simulation& sim, std::size_t camera) {
+  if (camera >= sim.cameras.size()) refuse("camera", "an index below " + std::to_string(sim.cameras.size()), camera);
+}
+
+void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode) {
+  const bool observed = sim.run && sim.run->task->observes_camera(camera);
+  require(!observed || mode != CaptureMode::on_demand, "capture_mode",
+          "every_step or on_movement (the task observes this camera)", "on_demand");
+}
+
+void has_task(const Simulation& sim) {
+  if (!sim.run) throw std::logic_error("this Batch has no task: give it one (task=...) to reset and step it");
+}
+
+void begun(const Simulation& sim) {
+  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
+    if (sim.state.active[drone] && !sim.episodes.begun[sim.env_of(drone)]) {
+      throw std::logic_error("reset() must come before the first step()");
+    }
+  }
+}
+
+void index(const Simulation& sim, std::int64_t index) {
+  if (index >= 0 && static_cast<std::size_t>(index) < sim.num_drones()) return;
+  refuse("index", "an integer in [0, " + std::to_string(sim.num_drones()) + ")", index);
+}
+
+void indices(const Simulation& sim, std::span<const std::int64_t> indices) {
+  for (std::size_t row = 0; row < indices.size(); ++row) {
+    if (indices[row] >= 0 && static_cast<std::size_t>(indices[row]) < sim.num_drones()) continue;
+    refuse(row_of("indices", row), "an integer in [0, " + std::to_string(sim.num_drones()) + ")", indices[row]);
+  }
+}
+
+void mask(const Simulation& sim, Batch::Mask mask) {
+  if (!mask.empty()) require(mask.size() == sim.num_drones(), "mask", std::to_string(sim.num_drones()) + " flags", mask.size());
+}
+
+void poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows) {
+  if (!position.empty()) size(position.size(), 3 * rows, "position");
+  if (!quat_wxyz.empty()) size(quat_wxyz.size(), 4 * rows, "quat_wxyz");
+  for (std::size_t i = 0; i < position.size(); ++i) {
+    if (!std::isfinite(position[i])) refuse(row_of("position", i / 3), "finite numbers in float32's range", position[i]);
+  }
+  for (std::size_t row = 0; row < quat_wxyz.size() / 4; ++row) {
+    const float* const q = quat_wxyz.data() + 4 * row;
+    const double norm = std::hypot(std::hypot(static_cast<double>(q[0]), q[1]), std::hypot(static_cast<double>(q[2]), q[3]));
+    if (std::abs(norm - 1.0) < 1e-2) continue;
+    refuse(row_of("quat_wxyz", row), "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+  }
+}
+
+void world_index(const Simulation& sim, std::span<const std::int32_t> world_index, std::size_t rows) {
+  if (world_index.empty()) return;
+  size(world_index.size(), rows, "world_index");
+  for (std::size_t row = 0; row < rows; ++row) {
+    if (world_index[row] >= 0 && static_cast<std::size_t>(world_index[row]) < sim.worlds.size()) continue;
+    refuse(row_of("world_index", row), "an integer in [0, " + std::to_string(sim.worlds.size()) + ")", world_index[row]);
+  }
+}
+
+void actions(const Simulation& sim, std::span<const std::int64_t> actions) {
+  const Field& field = sim.run->spec().action;
+  require(!is_floating(field.type), "actions", "floating-point numbers", "integers");
+  size(actions.size(), sim.num_envs(), "actions");
+  const auto least = static_cast<std::int64_t>(field.low.at(0));
+  const auto greatest = static_cast<std::int64_t>(field.high.at(0));
+  for (std::size_t env = 0; env < actions.size(); ++env) {
+    if (actions[env] >= least && actions[env] <= greatest) continue;
+    refuse(row_of("actions", env), "an integer in [" + std::to_string(least) + ", " + std::to_string(greatest + 1) + ")",
+           actions[env]);
+  }
+}
+
+void actions(const Simulation& sim, std::span<const float> actions) {
+  const Field& field = sim.run->spec().action;
+  require(is_floating(field.type), "actions", "integers (the task's actions are discrete)", "floating-point numbers");
+  size(actions.size(), sim.num_envs() * field.size(), "actions");
+  for (std::size_t i = 0; i < actions.size(); ++i) {
+    if (!std::isfinite(actions[i])) refuse(row_of("actions", i / field.size()), "finite numbers", actions[i]);
+  }
+}
+
+}  // namespace flockstep::checks

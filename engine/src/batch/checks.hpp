@@ -1,0 +1,35 @@
+// What the calls of a batch refuse: std::invalid_argument naming the field, what was expected and what came; std::logic_error for
+// calls at the wrong time. Nothing has changed then.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "base/require.hpp"
+#include "batch/simulation.hpp"
+
+namespace flockstep::checks {
+
+std::string row_of(std::string_view field, std::size_t row);
+void size(std::size_t size, std::size_t expected, std::string_view field);
+
+void own_process(const Simulation& sim);
+void not_stepping(const Simulation& sim, std::string_view call);  // a task calls its own batch
+void has_lidar(const Simulation& sim);
+void has_camera(const Simulation& sim, std::size_t camera);
+void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode);
+void has_task(const Simulation& sim);
+void begun(const Simulation& sim);  // every active env is in an episode
+
+void index(const Simulation& sim, std::int64_t index);
+void indices(const Simulation& sim, std::span<const std::int64_t> indices);
+void mask(const Simulation& sim, Batch::Mask mask);
+void poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows);
+void world_index(const Simulation& sim, std::span<const std::int32_t> world_index, std::size_t rows);
+void actions(const Simulation& sim, std::span<const std::int64_t> actions);
+void actions(const Simulation& sim, std::span<const float> actions);
+
+}  // namespace flockstep::checks

@@ -1,0 +1,183 @@
+#include "batch/episodes.hpp"
+
+#include <algorithm>
+#include <type_traits>
+#include <utility>
+
+#include "base/random.hpp"
+#include "base/require.hpp"
+
+namespace flockstep {
+namespace {
+
+// The number that changes no other by being added to it, 0 and -0 included.
+constexpr double kNothing = -0.0;
+
+template <class T>
+bool differs(const Buffer& a, const Buffer& b, std::size_t env) {
+  const auto x = a.row<T>(env);
+  return !std::equal(x.begin(), x.end(), b.row<T>(env).begin());
+}
+
+// Whether the action of this step is another than that of the step before.
+bool action_changed(const TaskRun& run, std::size_t env) {
+  switch (run.actions.type()) {
+    case DType::int32:
+      return differs<std::int32_t>(run.actions, run.last_action, env);
+    case DType::int64:
+      return differs<std::int64_t>(run.actions, run.last_action, env);
+    case DType::float32:
+      return differs<float>(run.actions, run.last_action, env);
+    case DType::float64:
+      return differs<double>(run.actions, run.last_action, env);
+    default:
+      return differs<std::uint8_t>(run.actions, run.last_action, env);
+  }
+}
+
+}  // namespace
+
+void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
+  const std::size_t n = sim.num_envs();
+  for_each_field(sim.episodes, [n](const auto&, auto& array) { array.resize(n); });
+  sim.run.emplace(TaskRun{.task = std::move(task)});
+  TaskRun& run = *sim.run;
+  run.task->setup(*sim.context);
+  const TaskSpec& spec = run.spec();
+  run.actions = run.last_action = Buffer(spec.action, n);
+  run.setpoints.target.resize(sim.num_drones());
+  if (sim.config.clock.substeps > 1) run.step_start.resize(sim.num_drones());
+  run.score.num_terms = spec.reward_terms.size();
+  run.score.terms.resize(n * run.score.num_terms);
+  run.score.terminated.resize(n);
+  run.score.success.resize(n);
+  run.earned.resize(n * run.score.num_terms);
+  run.max_episode_steps = sim.config.episode.max_episode_steps.value_or(run.task->defaults().max_episode_steps);
+  require(!sim.config.episode.stagger_first_episode || run.max_episode_steps > 0, "stagger_first_episode",
+          "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
+  sim.outputs.allocate(spec, n);
+}
+
+void clear_contact(State& state, std::size_t drone) {
+  state.contact.hit[drone] = state.contact.inside[drone] = 0;
+  state.contact.fraction[drone] = 1.0F;
+  std::fill_n(state.contact.point.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
+  std::fill_n(state.contact.normal.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
+}
+
+void forget_readings(Simulation& sim, std::size_t env) {
+  sim.state.tick[env] = 0;
+  sim.state.sensed[env] = -1;
+  if (sim.cameras.empty()) return;
+  for (std::size_t m = 0; m < sim.drones_per_env(); ++m) sim.cameras.mark_stale(env * sim.drones_per_env() + m);
+}
+
+void open_next_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
+  if (sim.episodes.begun[env]) ++sim.state.episode[env];
+  open_episode(sim, env, scratch);
+}
+
+void open_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
+  State& state = sim.state;
+  forget_readings(sim, env);
+  if (sim.config.episode.random_world) {
+    const double u = uniform01(draw(state, env, Stream::world, 0)[0]);
+    const auto world = static_cast<std::int32_t>(u * static_cast<double>(sim.worlds.size()));
+    scratch.moved_world |= world != state.world_index[env];
+    state.world_index[env] = world;
+  }
+  start_counts(sim, env);
+}
+
+void start_counts(Simulation& sim, std::size_t env) {
+  EpisodeState& episodes = sim.episodes;
+  episodes.steps[env] = 0;
+  episodes.episode_return[env] = 0.0;
+  episodes.begun[env] = 1;
+  episodes.done[env] = 0;
+  episodes.action_changed[env] = 0;
+  episodes.time_limit[env] = sim.run->max_episode_steps;
+  if (sim.config.episode.stagger_first_episode && sim.state.episode[env] == 0) {
+    const double u = uniform01(draw(sim.state, env, Stream::time_limit, 0)[0]);
+    episodes.time_limit[env] = 1 + static_cast<std::int64_t>(u * sim.run->max_episode_steps);
+  }
+}
+
+void take_part(Simulation& sim, Block& block) {
+  const bool resets_in_next_step = sim.config.episode.autoreset_mode == AutoresetMode::next_step;
+  const std::size_t terms = sim.run->score.num_terms;
+  block.flown.clear();
+  block.flying.clear();
+  block.opening.clear();
+  for (const std::uint32_t env : block.envs) {
+    const bool flies = !sim.episodes.done[env];
+    sim.episodes.flying[env] = flies;
+    if (flies) {
+      block.flown.push(env);
+      block.flying.push(env);
+      std::fill_n(sim.run->earned.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, kNothing);
+      sim.episodes.action_changed[env] = sim.episodes.steps[env] == 0 || action_changed(*sim.run, env);
+    } else if (resets_in_next_step) {
+      block.opening.push(env);
+      sim.outputs.clear(env);
+    } else {
+      sim.outputs.carry_over(env);
+    }
+  }
+}
+
+void settle(Simulation& sim, Block& block) {
+  EpisodeState& episodes = sim.episodes;
+  TaskRun& run = *sim.run;
+  Outputs& out = sim.outputs.now();
+  const std::size_t num_terms = run.score.num_terms;
+  for (const std::uint32_t env : block.flying) {
+    double total = 0.0;
+    double step_total = 0.0;
+    for (std::size_t k = 0; k < num_terms; ++k) {
+      const std::size_t i = env * num_terms + k;
+      total += run.score.terms[i];
+      run.earned[i] += run.score.terms[i];
+      step_total += run.earned[i];
+      out.reward_terms[i] = static_cast<float>(run.earned[i]);
+    }
+    episodes.episode_return[env] += total;
+    const bool terminated = run.score.terminated[env] != 0;
+    const bool truncated = !terminated && episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
+    const bool ends = terminated || truncated;
+    bool touched = false;
+    for (std::size_t m = 0; m < sim.drones_per_env(); ++m) {
+      touched |= sim.state.contact.hit[env * sim.drones_per_env() + m] != 0;
+    }
+    episodes.done[env] = ends;
+    episodes.action_changed[env] = 0;  // flown once more, it is the same
+    out.reward[env] = static_cast<float>(step_total);
+    out.terminated[env] = terminated;
+    out.truncated[env] = truncated;
+    out.success[env] = ends && run.score.success[env];
+    out.crashed[env] = ends && touched;
+    out.episode_return[env] = episodes.episode_return[env];
+    out.episode_length[env] = episodes.steps[env];
+    run.last_action.copy_row(env, run.actions);
+  }
+  block.flying.filter([&](std::uint32_t env) { return !episodes.done[env]; });
+}
+
+void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
+  const bool resets_at_once = sim.config.episode.autoreset_mode == AutoresetMode::same_step;
+  for (const std::uint32_t env : block.flown) {
+    if (!sim.episodes.done[env]) continue;
+    sim.outputs.keep_final(env);
+    if (resets_at_once) block.opening.push(env);
+  }
+  for (const std::uint32_t env : block.opening) open_next_episode(sim, env, scratch);
+}
+
+void first_moment(Simulation& sim, Block& block) {
+  for (const std::uint32_t env : block.opening) {
+    ++sim.state.sensed[env];
+    for (std::size_t m = 0; m < sim.drones_per_env(); ++m) clear_contact(sim.state, env * sim.drones_per_env() + m);
+  }
+}
+
+}  // namespace flockstep

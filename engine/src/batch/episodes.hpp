@@ -1,0 +1,34 @@
+// The episode machine: when episodes begin, what a flown step adds to them, and when they end. The same for every task.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+#include "batch/simulation.hpp"
+
+namespace flockstep {
+
+// Gives a simulation its task.
+void begin_task(Simulation& sim, std::unique_ptr<Task> task);
+
+void clear_contact(State& state, std::size_t drone);
+
+// --- of one env
+// Names the episode that begins: the next one, or the first where none has begun. Draws its world, where that is random.
+void open_next_episode(Simulation& sim, std::size_t env, Scratch& scratch);
+void open_episode(Simulation& sim, std::size_t env, Scratch& scratch);  // the one that state.seed and state.episode name
+void start_counts(Simulation& sim, std::size_t env);                    // steps, return and flags of an episode that begins
+void forget_readings(Simulation& sim, std::size_t env);                 // nothing has been sensed of the episode yet
+
+// --- stages of a step, over a block
+// Who takes part: an env whose episode has ended begins the next one in this step, or holds still.
+void take_part(Simulation& sim, Block& block);
+// Adds up what a flown step earned, and ends the episodes that are over.
+void settle(Simulation& sim, Block& block);
+// Keeps last observations, and opens the next episodes of the envs that are to be reset in this step.
+void turn_over(Simulation& sim, Block& block, Scratch& scratch);
+// The drones of the envs that begin have been placed: their first moment.
+void first_moment(Simulation& sim, Block& block);
+
+}  // namespace flockstep

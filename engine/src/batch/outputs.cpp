@@ -1,0 +1,93 @@
+#include "batch/outputs.hpp"
+
+#include <algorithm>
+#include <type_traits>
+
+namespace flockstep {
+namespace {
+
+void clear_row(Outputs& outputs, std::size_t env) {
+  const std::size_t terms = outputs.reward_terms.size() / outputs.reward.size();
+  outputs.reward[env] = 0.0F;
+  std::fill_n(outputs.reward_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, 0.0F);
+  outputs.terminated[env] = outputs.truncated[env] = outputs.success[env] = outputs.crashed[env] = 0;
+  outputs.episode_return[env] = 0.0;
+  outputs.episode_length[env] = 0;
+}
+
+// Writes a value for each element of a row, given one for all or one for each.
+void fill_row(Buffer& buffer, std::size_t env, const std::vector<double>& values) {
+  const auto write = [&]<class T>(std::span<T> row) {
+    for (std::size_t i = 0; i < row.size(); ++i) row[i] = static_cast<T>(values.size() == 1 ? values[0] : values[i]);
+  };
+  switch (buffer.type()) {
+    case DType::boolean:
+    case DType::uint8:
+      return write(buffer.row<std::uint8_t>(env));
+    case DType::int32:
+      return write(buffer.row<std::int32_t>(env));
+    case DType::int64:
+      return write(buffer.row<std::int64_t>(env));
+    case DType::float32:
+      return write(buffer.row<float>(env));
+    case DType::float64:
+      return write(buffer.row<double>(env));
+  }
+}
+
+}  // namespace
+
+void OutputSlots::allocate(const TaskSpec& spec, std::size_t num_envs) {
+  for (Outputs& slot : slots_) {
+    for (const Field& field : spec.observation) {
+      slot.observation.emplace_back(field, num_envs);
+      slot.final_observation.emplace_back(field, num_envs);
+    }
+    for_each_field(slot, [&](const auto& field, auto& array) {
+      if constexpr (!std::is_same_v<std::remove_cvref_t<decltype(array)>, std::vector<Buffer>>) {
+        array.resize(num_envs * (static_cast<const void*>(&array) == &slot.reward_terms ? spec.reward_terms.size() : 1));
+      }
+      static_cast<void>(field);
+    });
+  }
+}
+
+void OutputSlots::turn_and_copy() {
+  const Outputs& from = now();
+  turn();
+  now() = from;  // into arrays of the same size: nothing is allocated, and views of them stay
+}
+
+void OutputSlots::clear(std::size_t env) { clear_row(now(), env); }
+
+void OutputSlots::carry_over(std::size_t env) {
+  const Outputs& from = before();
+  Outputs& to = now();
+  for (std::size_t i = 0; i < to.observation.size(); ++i) {
+    to.observation[i].copy_row(env, from.observation[i]);
+    to.final_observation[i].copy_row(env, from.final_observation[i]);
+  }
+  clear_row(to, env);
+  to.terminated[env] = from.terminated[env];
+  to.truncated[env] = from.truncated[env];
+  to.success[env] = from.success[env];
+  to.crashed[env] = from.crashed[env];
+  to.episode_return[env] = from.episode_return[env];
+  to.episode_length[env] = from.episode_length[env];
+}
+
+void OutputSlots::keep_final(std::size_t env) {
+  Outputs& outputs = now();
+  for (std::size_t i = 0; i < outputs.observation.size(); ++i) {
+    outputs.final_observation[i].copy_row(env, outputs.observation[i]);
+  }
+}
+
+void OutputSlots::mark_absent(const TaskSpec& spec, std::size_t env) {
+  for (Outputs& slot : slots_) {
+    clear_row(slot, env);
+    for (std::size_t i = 0; i < spec.observation.size(); ++i) fill_row(slot.observation[i], env, spec.observation[i].absent);
+  }
+}
+
+}  // namespace flockstep

@@ -1,0 +1,101 @@
+#include "batch/simulation.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <type_traits>
+#include <utility>
+
+#include "base/platform.hpp"
+#include "base/pose_access.hpp"
+#include "base/require.hpp"
+#include "batch/checks.hpp"
+#include "batch/episodes.hpp"
+#include "batch/task_context.hpp"
+
+namespace flockstep {
+namespace {
+
+BatchConfig validated(BatchConfig config) {
+  config.validate();
+  return config;
+}
+
+Batch::Worlds validated(Batch::Worlds worlds) {
+  require(!worlds.empty(), "worlds", "at least one world", "none");
+  for (const auto& world : worlds) require(world != nullptr, "worlds", "worlds", "a null pointer");
+  return worlds;
+}
+
+std::vector<const World*> pointers(const Batch::Worlds& worlds) {
+  std::vector<const World*> result;
+  for (const auto& world : worlds) result.push_back(world.get());
+  return result;
+}
+
+void allocate(State& state, std::size_t num_envs, std::size_t num_drones) {
+  for (auto* floats : {&state.position, &state.contact.point, &state.contact.normal}) floats->resize(3 * num_drones);
+  state.quat_wxyz.resize(4 * num_drones);
+  state.contact.fraction.resize(num_drones);
+  for (auto* flags : {&state.contact.hit, &state.contact.inside, &state.active}) flags->resize(num_drones);
+  state.world_index.resize(num_envs);
+  state.seed.resize(num_envs);
+  for (auto* counts : {&state.episode, &state.tick, &state.sensed}) counts->resize(num_envs);
+}
+
+}  // namespace
+
+Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::unique_ptr<Task> task, DroneModel drone,
+                       std::span<const std::int32_t> world_index)
+    : config(validated(std::move(config_in))),
+      worlds(validated(std::move(worlds_in))),
+      world_pointers(pointers(worlds)),
+      drone_model(std::move(drone)),
+      hull(drone_model),
+      pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
+      cameras(config.cameras, config.clock, world_pointers, state, drones_per_env(), num_drones()),
+      schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
+      workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
+      owner(process_id()) {
+  for (int i = 0; i < workers.num_threads(); ++i) {
+    scratches.push_back(std::make_unique<Scratch>());
+    scratches.back()->drones.reserve(static_cast<std::size_t>(std::min(config.block_size, config.num_envs)) * drones_per_env());
+  }
+  // Built here, not by whichever thread first needs them in the middle of a step.
+  for (const World* const world : world_pointers) obstacles.push_back(&world->obstacles());
+  checks::world_index(*this, world_index, num_envs());
+  if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones());
+
+  allocate(state, num_envs(), num_drones());
+  std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
+  std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
+  std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
+  for (std::size_t env = 0; env < num_envs(); ++env) {
+    state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
+  }
+  for (std::size_t i = 0; i < num_drones(); ++i) {
+    const World& world = *world_pointers[world_index_of(env_of(i))];
+    set_pose_of(state, i, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
+    clear_contact(state, i);
+  }
+  pose_sensor.assume_truth(state);
+
+  rebuild_schedule();
+  all_listed.reserve(num_envs());
+  for (const Block& block : schedule.blocks()) all_listed.insert(all_listed.end(), block.envs.begin(), block.envs.end());
+  cameras.choose_backend(config.camera_backend, drones_of(all_listed, *scratches[0]), workers);
+
+  context = make_task_context(*this);
+  if (task) begin_task(*this, std::move(task));
+}
+
+std::span<const std::uint32_t> Simulation::drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const {
+  const std::size_t m = drones_per_env();
+  if (m == 1) return envs;
+  scratch.drones.clear();
+  for (const std::uint32_t env : envs) {
+    for (std::size_t i = 0; i < m; ++i) scratch.drones.push_back(static_cast<std::uint32_t>(env * m + i));
+  }
+  return scratch.drones;
+}
+
+}  // namespace flockstep

@@ -1,0 +1,91 @@
+// Simulation: everything a batch is, open to the stages of its step. Each stage is a free function over a block of envs.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/workers.hpp"
+#include "batch/outputs.hpp"
+#include "batch/schedule.hpp"
+#include "collision/hull.hpp"
+#include "collision/obstacles.hpp"
+#include "flockstep/batch.hpp"
+#include "sensors/camera_rig.hpp"
+#include "sensors/lidar.hpp"
+#include "sensors/pose_sensor.hpp"
+
+namespace flockstep {
+
+// What one thread needs while it steps a block; made once.
+struct Scratch {
+  sensors::ScanScratch scan;
+  std::vector<std::uint32_t> drones;  // of some envs
+  bool moved_world = false;           // an env has gone to another world
+};
+
+// The task of a batch, and what it and the episode machine hand each other.
+struct TaskRun {
+  std::unique_ptr<Task> task;
+  Buffer actions;              // of the step under way; a row per env
+  Buffer last_action;          // of the step before
+  Setpoints setpoints;         // written by task.command
+  std::vector<Pose> step_start;  // (N,) where the flown step began; empty where it has one substep
+  Score score;                 // of the last flown step; written by task.score
+  std::vector<double> earned;  // (E, terms) of the flown steps of this step() so far
+  int max_episode_steps = 0;   // 0: no limit
+
+  const TaskSpec& spec() const { return task->spec(); }
+};
+
+struct Simulation {
+  Simulation(BatchConfig config, Batch::Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
+             std::span<const std::int32_t> world_index);
+
+  std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
+  std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
+  std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
+  std::size_t env_of(std::size_t drone) const { return drone / drones_per_env(); }
+  std::size_t world_index_of(std::size_t env) const { return static_cast<std::size_t>(state.world_index[env]); }
+  // The drones of some envs; holds until the next call with this scratch.
+  std::span<const std::uint32_t> drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const;
+
+  // f(block, scratch, thread) for every block, on the workers.
+  template <class F>
+  void for_each_block(const F& f) {
+    workers.run(schedule.blocks().size(),
+                [&](std::size_t block, std::size_t thread) { f(schedule.blocks()[block], *scratches[thread], thread); });
+  }
+  void rebuild_schedule() { schedule.rebuild(state.world_index, state.active); }
+
+  const BatchConfig config;
+  const Batch::Worlds worlds;
+  std::vector<const World*> world_pointers;
+  std::vector<const collision::Obstacles*> obstacles;  // of each world
+  const DroneModel drone_model;
+  const collision::Hull hull;
+
+  State state;
+  std::optional<sensors::Lidar> lidar;
+  sensors::PoseSensor pose_sensor;
+  sensors::CameraRig cameras;
+
+  EpisodeState episodes;         // sized where there is a task
+  std::optional<TaskRun> run;    // likewise
+  std::unique_ptr<TaskContext> context;
+  OutputSlots outputs;
+
+  Schedule schedule;
+  Workers workers;
+  std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
+  std::vector<std::uint32_t> all_listed;            // (E,) capacity: envs of all blocks, for a task that takes them at once
+  bool is_stepping = false;                         // a step is under way: its blocks must stay
+  const long owner;                                 // the process that made this batch
+  std::optional<std::uint64_t> known_hash;          // see config_hash()
+};
+
+}  // namespace flockstep

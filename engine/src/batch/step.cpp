@@ -1,0 +1,248 @@
+#include "batch/step.hpp"
+
+#include <utility>
+
+#include "base/pose_access.hpp"
+#include "batch/episodes.hpp"
+#include "collision/sweep.hpp"
+#include "dynamics/kinematic.hpp"
+#include "sensors/rate.hpp"
+
+namespace flockstep {
+namespace {
+
+using List = EnvList Block::*;
+
+// ------------------------------------------------------------------------------------------------------------------ stages
+
+void scan(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch) {
+  if (!drones.empty()) sim.lidar->scan(drones, sim.world_pointers, sim.drones_per_env(), sim.state, scratch.scan);
+}
+
+// The drones of those of the envs where a sensor of this period is due.
+std::span<const std::uint32_t> due(const Simulation& sim, std::span<const std::uint32_t> envs, std::int64_t period,
+                                   bool step_is_over, Scratch& scratch) {
+  if (period == 0) return step_is_over ? sim.drones_of(envs, scratch) : std::span<const std::uint32_t>();
+  const std::size_t m = sim.drones_per_env();
+  scratch.drones.clear();
+  for (const std::uint32_t env : envs) {
+    if (!sensors::is_due(period, sim.state.tick[env], step_is_over)) continue;
+    for (std::size_t i = 0; i < m; ++i) scratch.drones.push_back(static_cast<std::uint32_t>(env * m + i));
+  }
+  return scratch.drones;
+}
+
+// All sensors that are due but the cameras.
+void read_due(Simulation& sim, std::span<const std::uint32_t> envs, Scratch& scratch, bool step_is_over) {
+  if (sim.lidar) scan(sim, due(sim, envs, sim.lidar->period(), step_is_over, scratch), scratch);
+  sim.pose_sensor.read(due(sim, envs, sim.pose_sensor.period(), step_is_over, scratch), sim.state);
+}
+
+// One flown step of the drones that fly: in each substep they move, hit what is in the way, and the sensors that are due then
+// read. What is due when the step is over is left to sense().
+void fly(Simulation& sim, Block& block, Scratch& scratch) {
+  const int substeps = sim.config.clock.substeps;
+  const std::size_t m = sim.drones_per_env();
+  for (const std::uint32_t env : block.flying) ++sim.episodes.steps[env];
+  if (substeps > 1) {
+    for (const std::uint32_t env : block.flying) {
+      for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
+        sim.run->step_start[drone] = pose_of(sim.state, drone);
+        sim.state.contact.hit[drone] = 0;
+      }
+    }
+  }
+  for (int substep = 1; substep <= substeps; ++substep) {
+    for (const std::uint32_t env : block.flying) {
+      for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
+        const Pose& target = sim.run->setpoints.target[drone];
+        if (substeps == 1) {
+          sweep_to(sim, drone, target);
+        } else if (!sim.state.contact.hit[drone]) {  // what has been hit in this step holds the drone until the next
+          sweep_to(sim, drone, dynamics::integrate_kinematic(sim.run->step_start[drone], target, substep, substeps));
+        }
+      }
+      ++sim.state.tick[env];
+    }
+    if (substep < substeps) read_due(sim, block.flying, scratch, false);
+  }
+  for (const std::uint32_t env : block.flying) ++sim.state.sensed[env];
+}
+
+void sense(Simulation& sim, Block& block, Scratch& scratch) { read_due(sim, block.flying, scratch, true); }
+
+// Every sensor but the cameras reads, due or not, as at the first moment of an episode.
+template <List kList>
+void sense_all(Simulation& sim, Block& block, Scratch& scratch) {
+  const auto drones = sim.drones_of(block.*kList, scratch);
+  if (sim.lidar) scan(sim, drones, scratch);
+  sim.pose_sensor.read(drones, sim.state);
+}
+
+// ------------------------------------------------------------------------------------------------- two ways to run the stages
+
+// A block goes through all stages on its thread and waits for nobody.
+class BlockByBlock {
+ public:
+  BlockByBlock(Simulation& sim, Block& block, Scratch& scratch, std::size_t thread)
+      : sim_(sim), block_(block), scratch_(scratch), thread_(thread) {}
+
+  template <class Stage>
+  void each(const Stage& stage) {
+    stage(sim_, block_, scratch_);
+  }
+  template <class Call>
+  void task(List list, const Call& call) {
+    if (!(block_.*list).empty()) call(TaskBlock{*sim_.context, block_.*list, thread_});
+  }
+  void start_frames(List) {}  // there are no cameras
+  void finish_frames() {}
+
+ private:
+  Simulation& sim_;
+  Block& block_;
+  Scratch& scratch_;
+  std::size_t thread_;
+};
+
+// All blocks finish a stage before the next begins, since cameras render all drones at once, or the task takes all envs at once.
+class StageByStage {
+ public:
+  explicit StageByStage(Simulation& sim) : sim_(sim) {}
+
+  template <class Stage>
+  void each(const Stage& stage) {
+    sim_.for_each_block([&](Block& block, Scratch& scratch, std::size_t) { stage(sim_, block, scratch); });
+  }
+  template <class Call>
+  void task(List list, const Call& call) {
+    if (!sim_.run->task->takes_all_envs_at_once()) {
+      sim_.for_each_block([&](Block& block, Scratch&, std::size_t thread) {
+        if (!(block.*list).empty()) call(TaskBlock{*sim_.context, block.*list, thread});
+      });
+      return;
+    }
+    sim_.all_listed.clear();
+    for (const Block& block : sim_.schedule.blocks()) {
+      sim_.all_listed.insert(sim_.all_listed.end(), (block.*list).begin(), (block.*list).end());
+    }
+    if (!sim_.all_listed.empty()) call(TaskBlock{*sim_.context, sim_.all_listed, 0});
+  }
+  // A backend with a thread of its own renders until finish_frames().
+  void start_frames(List list) {
+    if (sim_.cameras.empty()) return;
+    sim_.cameras.ask([&](const auto& ask) {
+      for (const Block& block : sim_.schedule.blocks()) {
+        for (const std::uint32_t drone : sim_.drones_of(block.*list, *sim_.scratches[0])) ask(drone);
+      }
+    });
+    sim_.cameras.start();
+  }
+  void finish_frames() { sim_.cameras.finish(sim_.workers); }
+
+ private:
+  Simulation& sim_;
+};
+
+// --------------------------------------------------------------------------------------------------- the table of contents
+
+template <class Run>
+void begin_program(Simulation& sim, Run& run, bool place) {
+  Task& task = *sim.run->task;
+  if (place) run.task(&Block::opening, [&](const TaskBlock& envs) { task.place(envs); });
+  run.task(&Block::opening, [&](const TaskBlock& envs) { task.begin(envs); });
+  run.each([](Simulation& s, Block& block, Scratch&) { first_moment(s, block); });
+  run.start_frames(&Block::opening);
+  run.each(sense_all<&Block::opening>);
+  run.finish_frames();
+  run.task(&Block::opening, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
+}
+
+template <class Run>
+void step_program(Simulation& sim, Run run) {
+  Task& task = *sim.run->task;
+  run.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
+  for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
+    const bool is_last = flown == sim.config.episode.frame_skip;
+    run.task(&Block::flying, [&](const TaskBlock& envs) { task.command(envs, sim.run->actions, sim.run->setpoints); });
+    run.each(fly);
+    if (is_last) run.start_frames(&Block::flown);
+    run.each(sense);
+    if (is_last) run.finish_frames();
+    run.task(&Block::flying, [&](const TaskBlock& envs) { task.score(envs, sim.run->score); });
+    run.each([](Simulation& s, Block& block, Scratch&) { settle(s, block); });
+  }
+  run.task(&Block::flown, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
+  run.each(turn_over);
+  begin_program(sim, run, true);
+}
+
+// Blocks stay what they are while this lives, whatever a task's calls do.
+class Stepping {
+ public:
+  explicit Stepping(Simulation& sim) : sim_(sim) { sim_.is_stepping = true; }
+  ~Stepping() {
+    sim_.is_stepping = false;
+    bool moved = false;
+    for (const auto& scratch : sim_.scratches) moved |= std::exchange(scratch->moved_world, false);
+    if (moved) sim_.rebuild_schedule();
+  }
+  Stepping(const Stepping&) = delete;
+  Stepping& operator=(const Stepping&) = delete;
+
+ private:
+  Simulation& sim_;
+};
+
+}  // namespace
+
+void step(Simulation& sim) {
+  const Stepping stepping(sim);
+  sim.outputs.turn();
+  if (sim.cameras.empty() && !sim.run->task->takes_all_envs_at_once()) {
+    sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
+      step_program(sim, BlockByBlock(sim, block, scratch, thread));
+    });
+  } else {
+    step_program(sim, StageByStage(sim));
+  }
+}
+
+void begin_episodes(Simulation& sim) {
+  const Stepping stepping(sim);
+  StageByStage run(sim);
+  begin_program(sim, run, true);
+}
+
+void begin_episodes_here(Simulation& sim) {
+  const Stepping stepping(sim);
+  StageByStage run(sim);
+  begin_program(sim, run, false);
+}
+
+void read_sensors(Simulation& sim) {
+  StageByStage run(sim);
+  run.each([](Simulation& s, Block& block, Scratch&) {
+    for (const std::uint32_t env : block.chosen) ++s.state.sensed[env];
+  });
+  run.start_frames(&Block::chosen);
+  run.each(sense_all<&Block::chosen>);
+  run.finish_frames();
+}
+
+void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
+  State& state = sim.state;
+  const Pose from = pose_of(state, drone);
+  const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(sim.env_of(drone))];
+  const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
+  set_pose_of(state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
+  state.contact.hit[drone] = contact.hit;
+  state.contact.inside[drone] = contact.inside;
+  state.contact.fraction[drone] = contact.fraction;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    state.contact.point[3 * drone + axis] = contact.point[static_cast<Eigen::Index>(axis)];
+    state.contact.normal[3 * drone + axis] = contact.normal[static_cast<Eigen::Index>(axis)];
+  }
+}
+
+}  // namespace flockstep

@@ -1,0 +1,25 @@
+// The step of a batch, as a table of contents, and the pieces that other calls share with it.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "batch/simulation.hpp"
+
+namespace flockstep {
+
+// Flies the actions in sim.run->actions.
+void step(Simulation& sim);
+
+// Begins the episodes that have been opened, in the envs that Block::opening lists.
+void begin_episodes(Simulation& sim);
+// The same for envs whose drones stay where they are.
+void begin_episodes_here(Simulation& sim);
+
+// Reads all sensors of the envs that Block::chosen lists, at a new moment of their episodes.
+void read_sensors(Simulation& sim);
+
+// Flies one drone to a pose, or as far as nothing is in the way.
+void sweep_to(Simulation& sim, std::size_t drone, const Pose& target);
+
+}  // namespace flockstep

@@ -1,0 +1,50 @@
+#include "batch/task_context.hpp"
+
+#include "base/pose_access.hpp"
+#include "base/random.hpp"
+#include "batch/simulation.hpp"
+#include "collision/sweep.hpp"
+
+namespace flockstep {
+namespace {
+
+class Context final : public TaskContext {
+ public:
+  explicit Context(Simulation& sim) : sim_(sim) {}
+
+  std::size_t num_envs() const override { return sim_.num_envs(); }
+  std::size_t drones_per_env() const override { return sim_.drones_per_env(); }
+  std::size_t num_threads() const override { return static_cast<std::size_t>(sim_.workers.num_threads()); }
+  const State& state() const override { return sim_.state; }
+  const EpisodeState& episodes() const override { return sim_.episodes; }
+  const DroneModel& drone_model() const override { return sim_.drone_model; }
+  std::span<const std::shared_ptr<const World>> worlds() const override { return sim_.worlds; }
+  const World& world_of(std::size_t env) const override { return *sim_.world_pointers[sim_.world_index_of(env)]; }
+
+  const std::optional<LidarConfig>& lidar() const override { return sim_.config.lidar; }
+  std::span<const float> lidar_ranges(std::size_t drone) const override {
+    return sim_.lidar ? sim_.lidar->ranges_of(drone) : std::span<const float>();
+  }
+  float lidar_max_range_m(std::size_t drone) const override { return sim_.lidar ? sim_.lidar->max_range()[drone] : 0.0F; }
+  const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
+  const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
+  Pose sensed_pose(std::size_t drone) const override { return sim_.pose_sensor.pose(drone); }
+
+  float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const override {
+    return draw_uniform(sim_.state, env, stream, index);
+  }
+  bool is_free(std::size_t env, const Pose& pose) const override {
+    return !collision::overlaps(*sim_.obstacles[sim_.world_index_of(env)], sim_.hull, pose);
+  }
+
+  void place(std::size_t drone, const Pose& pose) override { set_pose_of(sim_.state, drone, pose); }
+
+ private:
+  Simulation& sim_;
+};
+
+}  // namespace
+
+std::unique_ptr<TaskContext> make_task_context(Simulation& sim) { return std::make_unique<Context>(sim); }
+
+}  // namespace flockstep

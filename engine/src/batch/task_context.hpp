@@ -1,0 +1,14 @@
+// The batch as its task sees it.
+#pragma once
+
+#include <memory>
+
+#include "flockstep/task.hpp"
+
+namespace flockstep {
+
+struct Simulation;
+
+std::unique_ptr<TaskContext> make_task_context(Simulation& sim);
+
+}  // namespace flockstep

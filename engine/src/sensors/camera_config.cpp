@@ -1,0 +1,51 @@
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "base/require.hpp"
+#include "flockstep/camera.hpp"
+
+namespace flockstep {
+namespace {
+
+constexpr int kMaxSide = 8192;  // px, of an image
+
+// Pixels per unit of slope, of an image that many pixels long.
+float focal_length(int pixels, float fov_deg) {
+  return static_cast<float>(0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0));
+}
+
+}  // namespace
+
+float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(width_px, hfov_deg.value_or(90.0F)) : fy(); }
+
+float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
+
+void CameraConfig::validate() const {
+  require_plain_name(name, "camera.name");
+  require(width_px >= 1 && width_px <= kMaxSide, "camera.width_px", "an integer in [1, 8192]", width_px);
+  require(height_px >= 1 && height_px <= kMaxSide, "camera.height_px", "an integer in [1, 8192]", height_px);
+  const auto require_fov = [](const std::optional<float>& fov_deg, const char* field) {
+    if (fov_deg) require(*fov_deg >= 0.1F && *fov_deg <= 179.0F, field, "a number in [0.1, 179]", *fov_deg);
+  };
+  require_fov(hfov_deg, "camera.hfov_deg");
+  require_fov(vfov_deg, "camera.vfov_deg");
+  // What one field of view makes of the other.
+  for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
+    require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
+            "one that leaves the other below 179 degrees (pixels are square)", hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
+  }
+  for (const float value : offset_m) require_finite(value, "camera.offset_m");
+  require_unit_quaternion(quat_wxyz, "camera.quat_wxyz");
+  require_positive(near_m, "camera.near_m");
+  require(std::isfinite(far_m) && far_m > near_m, "camera.far_m", "a finite number > near_m (" + std::to_string(near_m) + ")",
+          far_m);
+  require(far_m <= 1e6F, "camera.far_m", "at most 1e+06", far_m);
+  require(outputs.any_color() || outputs.depth || outputs.semantic || outputs.instance || outputs.normal, "camera.outputs",
+          "at least one of rgb, depth, semantic, instance, normal, grey", "none");
+  require(samples_per_pixel == 1 || samples_per_pixel == 4 || samples_per_pixel == 9 || samples_per_pixel == 16,
+          "camera.samples_per_pixel", "1, 4, 9 or 16", samples_per_pixel);
+  if (rate_hz) require_positive(*rate_hz, "camera.rate_hz");
+}
+
+}  // namespace flockstep

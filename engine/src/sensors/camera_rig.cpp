@@ -1,0 +1,119 @@
+#include "sensors/camera_rig.hpp"
+
+#include <algorithm>
+#include <new>
+
+#include "base/require.hpp"
+#include "render/jpeg.hpp"
+
+namespace flockstep::sensors {
+namespace {
+
+// Backends are timed by this many requests per camera, or by fewer where frames have many pixels.
+constexpr std::size_t kTypicalRequests = 64;
+constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
+
+// Instance ids are 16 bits wide.
+void require_instances(const World& world) {
+  const auto& objects = world.triangles().objects;
+  const std::size_t meshes = objects.empty() ? 0 : std::size_t{1} + *std::max_element(objects.begin(), objects.end());
+  const Markers& markers = world.markers();
+  const std::size_t places = markers.waypoints.size() + (markers.start ? 1 : 0) + (markers.goal ? 1 : 0);
+  const std::size_t instances = world.primitives().size() + meshes + places;
+  require(instances <= 65535, "camera.outputs.instance", "worlds of at most 65535 primitives, meshes and markers",
+          std::to_string(instances) + " in " + world.name());
+}
+
+}  // namespace
+
+CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
+                     const State& state, std::size_t drones_per_env, std::size_t num_drones)
+    : worlds_(worlds.begin(), worlds.end()), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
+  for (const CameraConfig& config : configs) {
+    if (config.outputs.instance) {
+      for (const World* const world : worlds_) require_instances(*world);
+    }
+    try {
+      cameras_.push_back(std::make_unique<Camera>(config, clock, drones_per_env, num_drones));
+    } catch (const std::bad_alloc&) {
+      refuse("num_drones x camera pixels", "frames that fit in memory",
+             std::to_string(num_drones) + " of " + std::to_string(config.width_px) + " x " + std::to_string(config.height_px) +
+                 " pixels");
+    }
+  }
+  requests_.reserve(num_drones * cameras_.size());
+}
+
+void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers) {
+  if (empty()) return;
+  for (const World* const world : worlds_) world->shading();  // built here, not by whichever thread first needs it
+  requests_.clear();
+  for (const auto& camera : cameras_) {
+    if (backend != CameraBackend::automatic) break;
+    const std::size_t most = std::max<std::size_t>(kTypicalPixels / camera->pixels(), 1);
+    const std::size_t count = std::min({typical.size(), kTypicalRequests, most});
+    for (std::size_t i = 0; i < count; ++i) {
+      const std::size_t drone = typical[i * typical.size() / count];
+      requests_.push_back(camera->take(drone, world_of(drone), *state_));
+      camera->mark_stale(drone);
+    }
+  }
+  renderer_.emplace(backend, requests_, workers);
+  requests_.clear();
+}
+
+void CameraRig::mark_stale(std::size_t drone) {
+  for (const auto& camera : cameras_) camera->mark_stale(drone);
+}
+
+void CameraRig::clear(std::size_t drone) {
+  for (const auto& camera : cameras_) camera->clear(drone);
+}
+
+void CameraRig::ask_now(std::size_t camera, std::span<const std::uint32_t> drones) {
+  requests_.clear();
+  for (const std::uint32_t drone : drones) requests_.push_back(cameras_[camera]->take(drone, world_of(drone), *state_));
+}
+
+void CameraRig::ask_again() {
+  requests_.clear();
+  for (const auto& camera : cameras_) {
+    for (std::size_t drone = 0; drone < num_drones_; ++drone) {
+      if (!state_->active[drone] || camera->images().frame_step[drone] < 0) continue;
+      requests_.push_back(camera->retake(drone, *worlds_[static_cast<std::size_t>(camera->taken_world(drone))]));
+    }
+  }
+}
+
+void CameraRig::start() {
+  if (!requests_.empty()) renderer_->start(requests_);
+}
+
+void CameraRig::finish(Workers& workers) {
+  if (!requests_.empty()) renderer_->finish(requests_, workers);
+  requests_.clear();
+}
+
+const std::string& CameraRig::report() const {
+  static const std::string none = "this Batch has no cameras";
+  return renderer_ ? renderer_->report() : none;
+}
+
+std::string CameraRig::take_warning() { return renderer_ ? renderer_->take_warning() : std::string(); }
+
+std::string CameraRig::jpeg(std::size_t camera, std::size_t drone, int quality) const {
+  require(quality >= 1 && quality <= 100, "quality", "an integer in [1, 100]", quality);
+  const CameraConfig& config = cameras_[camera]->config();
+  require(config.outputs.any_color(), "camera", "one that writes rgb or grey", '"' + config.name + '"');
+  const CameraImages& images = cameras_[camera]->images();
+  const std::size_t pixels = cameras_[camera]->pixels();
+  require(images.frame_step[drone] >= 0, "index", "a drone whose frame is not stale (call sense or capture first)", drone);
+  return config.outputs.rgb ? render::compress_rgb(images.rgb.data() + 3 * drone * pixels, config, quality)
+                            : render::compress_grey(images.grey.data() + drone * pixels, config, quality);
+}
+
+const World& CameraRig::world_of(std::size_t drone) const {
+  return *worlds_[static_cast<std::size_t>(state_->world_index[drone / drones_per_env_])];
+}
+
+}  // namespace flockstep::sensors

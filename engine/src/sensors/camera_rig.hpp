@@ -1,0 +1,73 @@
+// CameraRig: all cameras of a batch, what renders their frames, and the frames on their way.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/workers.hpp"
+#include "flockstep/camera.hpp"
+#include "flockstep/episode.hpp"
+#include "flockstep/state.hpp"
+#include "flockstep/world.hpp"
+#include "render/renderer.hpp"
+#include "sensors/camera.hpp"
+
+namespace flockstep::sensors {
+
+class CameraRig {
+ public:
+  // The worlds and the state outlive the rig.
+  CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
+            const State& state, std::size_t drones_per_env, std::size_t num_drones);
+
+  // Chooses who renders, now that every drone has its place; typical: drones spread over the batch, to time backends by.
+  void choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers);
+
+  bool empty() const { return cameras_.empty(); }
+  std::size_t size() const { return cameras_.size(); }
+  Camera& operator[](std::size_t camera) { return *cameras_[camera]; }
+  const Camera& operator[](std::size_t camera) const { return *cameras_[camera]; }
+
+  void mark_stale(std::size_t drone);
+  void clear(std::size_t drone);  // a removed drone sees nothing
+
+  // --- the next frames: ask for them, start, finish. In between a backend with a thread of its own renders already.
+  // Those that are due, of the drones with which for_each_drone calls its argument.
+  template <class ForEachDrone>
+  void ask(const ForEachDrone& for_each_drone) {
+    requests_.clear();
+    for (const auto& camera : cameras_) {
+      for_each_drone([&](std::uint32_t drone) {
+        if (camera->is_due(drone, *state_)) requests_.push_back(camera->take(drone, world_of(drone), *state_));
+      });
+    }
+  }
+  void ask_now(std::size_t camera, std::span<const std::uint32_t> drones);  // by one camera, whether they are due or not
+  void ask_again();                                                         // all frames that are not stale, as they were
+  void start();
+  void finish(Workers& workers);
+
+  // Which backend renders, and why; what the user has not been told yet.
+  const std::string& report() const;
+  std::string take_warning();
+  // A JPEG file of one frame; quality in [1, 100].
+  std::string jpeg(std::size_t camera, std::size_t drone, int quality) const;
+
+ private:
+  const World& world_of(std::size_t drone) const;
+
+  std::vector<const World*> worlds_;
+  const State* state_;
+  std::size_t drones_per_env_;
+  std::size_t num_drones_;
+  std::vector<std::unique_ptr<Camera>> cameras_;
+  std::optional<render::Renderer> renderer_;      // once it is chosen
+  std::vector<render::RenderRequest> requests_;  // asked for, camera by camera
+};
+
+}  // namespace flockstep::sensors
