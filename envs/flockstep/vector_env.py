@@ -14,7 +14,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from flockstep import scenes, views
+from flockstep import scenes
 from flockstep._core import (
     Batch,
     CameraConfig,
@@ -25,11 +25,12 @@ from flockstep._core import (
     PoseSensorConfig,
 )
 from flockstep.task import Task, TaskRunner
+from flockstep.viewer import views
 
 if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
-    from flockstep.trail import Trail
+    from flockstep.viewer.trail import Trail
 
     class NavigationFields(TypedDict, total=False):
         """Fields of `NavigationConfig`, each a keyword of the env."""

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import CameraConfig, World
-from flockstep.depth_canvas import DepthCanvas, Floats, Image, Ints
-from flockstep.picture import facing, render
 from flockstep.task import rotate
+from flockstep.viewer.depth_canvas import DepthCanvas, Floats, Image, Ints
+from flockstep.viewer.picture import facing, render
 
 # In lengths of the drone:
 _BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig, World
-from flockstep.beams import beams_of
-from flockstep.depth_canvas import Color, DepthCanvas, Floats, Image
-from flockstep.stage import Stage
 from flockstep.task import rotate
-from flockstep.trail import Trail
+from flockstep.viewer.beams import beams_of
+from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats, Image
+from flockstep.viewer.stage import Stage
+from flockstep.viewer.trail import Trail
 
 _DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
 _OTHER = (0.35, 0.45, 0.6)
