@@ -84,6 +84,23 @@ def test_the_infos_list_and_rewards_are_the_callers(make):
     np.testing.assert_array_equal(first_reward, kept + 100)
 
 
+def test_rewards_are_scaled_and_reports_are_not(make):
+    plain, scaled = make(), make(reward_scale=0.25)
+    for envs in (plain, scaled):
+        envs.seed(3)
+        envs.reset()
+    rng = np.random.default_rng(0)
+    ends = 0
+    for _ in range(50):
+        actions = rng.integers(6, size=6)
+        one, other = plain.step(actions), scaled.step(actions)
+        np.testing.assert_array_equal(0.25 * one[1], other[1])
+        for i in np.flatnonzero(one[2]):
+            ends += 1
+            assert other[3][i]["episode"]["r"] == one[3][i]["episode"]["r"]
+    assert ends > 5
+
+
 def test_seeds_are_taken_once(make, room):
     envs = make(worlds=room, random_start=True)
     assert envs.seed(5) == [5, 6, 7, 8, 9, 10]
