@@ -93,7 +93,13 @@ class Stage:
     def _camera(self, near_m: float = _NEAR_M, outputs: tuple[str, ...] = ("rgb",)) -> CameraConfig:
         width, height = self._size_px
         return CameraConfig(
-            width_px=width, height_px=height, hfov_deg=_HFOV_DEG, near_m=near_m, far_m=_FAR_M, outputs=outputs
+            width_px=width,
+            height_px=height,
+            hfov_deg=_HFOV_DEG,
+            near_m=near_m,
+            far_m=_FAR_M,
+            outputs=outputs,
+            shadows=True,
         )
 
     def _take(
