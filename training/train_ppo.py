@@ -62,7 +62,7 @@ class Args:
     """Steps between evaluations; the best model of all of them is kept."""
     evaluation_worlds: int = 500
     """Generated playgrounds that these fly; training does not. No evaluation flies those that ship."""
-    solved_rate: float = 0.98
+    solved_rate: float = 0.995
     """Solved: an evaluation succeeds in this share of its playgrounds."""
     stop_when_solved: bool = True
     """Stop at the first such evaluation."""
