@@ -31,7 +31,9 @@ PILLAR_COLOR = "0.45"
 MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
 TOP, SIDE = (0, 1), (0, 2)  # the axes of a view: x and y, x and z
 
-STEPS_PER_FRAME, FRAME_MS, COLORS = 2, 70, 128  # of an animation
+FRAME_MS, COMMON_COLORS = 35, 96  # of an animation: for a step of the policy; out of 256
+
+Pixels = npt.NDArray[np.uint8]
 
 
 def draw_world(axes: Axes, world: flockstep.World, view: tuple[int, int]) -> None:
@@ -105,6 +107,7 @@ def animate(
     max_steps: int = 400,
     setup: Setup | None = None,
     width_px: int = 640,
+    steps_per_frame: int = 2,
 ) -> None:
     """Write an animation of one flight from behind the drone, with its LiDAR's beams, its cameras' views, its trail."""
     envs = (setup or Setup()).make(1, worlds=[world], autoreset_mode="disabled")
@@ -115,7 +118,7 @@ def animate(
     frames = []
     for step in range(max_steps):
         trail.record()
-        if step % STEPS_PER_FRAME == 0:
+        if step % steps_per_frame == 0:
             frames.append(view.frame(0))
         observation, _, terminated, truncated, _ = envs.step(policy(observation))
         if terminated[0] or truncated[0]:
@@ -123,17 +126,25 @@ def animate(
     trail.record()
     frames.append(view.frame(0))
     envs.close()
-    write_gif(path, frames)
+    write_gif(path, frames, FRAME_MS * steps_per_frame)
 
 
-def write_gif(path: Path, frames: Sequence[npt.NDArray[np.uint8]]) -> None:
+def write_gif(path: Path, frames: Sequence[Pixels], frame_ms: int) -> None:
     """Write an animation that rests a second at its end; one palette serves all frames, so that what stays is small."""
-    pictures = [Image.fromarray(frame) for frame in frames]
-    some = np.concatenate(frames[:: max(len(frames) // 8, 1)])
-    palette = Image.fromarray(some).quantize(COLORS, method=Image.Quantize.MEDIANCUT)
-    first, *rest = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
-    durations = [FRAME_MS] * (len(frames) - 1) + [1000]
+    palette = palette_of(np.stack(frames[:: max(len(frames) // 8, 1)]))
+    first, *rest = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    durations = [frame_ms] * (len(frames) - 1) + [1000]
     first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, optimize=True)
+
+
+def palette_of(pixels: Pixels) -> Image.Image:
+    """Return an image with 256 colours: the commonest, and some of all others, so that what is small keeps its own."""
+    colors, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
+    common = colors[np.argsort(-counts)[:COMMON_COLORS]]
+    others = Image.fromarray(colors[None]).quantize(256 - COMMON_COLORS, method=Image.Quantize.MEDIANCUT).getpalette()
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*common.ravel().tolist(), *(others or [])])
+    return palette
 
 
 def picture_name(world: flockstep.World) -> str:
@@ -151,6 +162,12 @@ class Args:
     """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""
     out: Path = Path("out/paths")
     """Folder for the pictures."""
+    animated: str | None = None
+    """A scene name or path, to be animated. Default: the first of the worlds."""
+    width_px: int = 640
+    """Of the animation."""
+    steps_per_frame: int = 2
+    """Of the animation."""
 
 
 def main(args: Args) -> None:
@@ -163,7 +180,8 @@ def main(args: Args) -> None:
     for world, flight in zip(worlds, flights, strict=True):
         plot_flight(world, flight, args.out / picture_name(world))
     plot_overview(worlds, flights, args.out / "paths.png")
-    animate(policy, worlds[0], args.out / "flight.gif", setup=setup)
+    shown = flockstep.scenes.load(args.animated)[0] if args.animated else worlds[0]
+    animate(policy, shown, args.out / "flight.gif", 400, setup, args.width_px, args.steps_per_frame)
     print(f"{len(worlds)} pictures, paths.png and flight.gif are in {args.out}/")
 
 

@@ -180,7 +180,7 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
         assert group["baselines"]["planner"] == 1
     assert "2.5 m to the side" in judged["generated"]["note"]
 
-    plot_paths.main(plot_paths.Args(policy, worlds=("playground/camera-train-1",), out=tmp_path / "paths"))
+    plot_paths.main(plot_paths.Args(policy, worlds=("playground/camera-train-1",), out=tmp_path / "paths", width_px=80))
     assert (tmp_path / "paths" / "path-playground-camera-train-1.png").stat().st_size > 1000
     assert (tmp_path / "paths" / "flight.gif").stat().st_size > 1000
 
