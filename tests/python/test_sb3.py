@@ -1,5 +1,7 @@
 """Stable-Baselines3 over a batch."""
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -223,6 +225,16 @@ def test_training_and_evaluation_run_without_a_warning(make):
     assert len(model.ep_success_buffer) > 0
     mean, _ = evaluate_policy(model, envs, n_eval_episodes=20)
     assert np.isfinite(mean)
+
+
+def test_the_snippet_of_the_readme_runs():
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (snippet,) = (part.split("```")[0] for part in readme.split("```python")[1:] if "model.learn(" in part)
+    assert len(snippet.strip().splitlines()) <= 12
+    names = {}
+    exec(snippet.replace("1_000_000", "256 * 64").replace('device="cpu"', 'device="cpu", n_epochs=1'), names)
+    assert names["model"].num_timesteps == 256 * 64
+    assert names["envs"].env.reward_scale == 0.1
 
 
 @pytest.mark.filterwarnings("ignore:The environment is already wrapped with a `Monitor`:UserWarning")
