@@ -89,6 +89,8 @@ def main(args: Args) -> None:
             total_steps=args.total_steps,
             max_minutes=args.max_minutes,
             evaluate_every=100_000,
+            evaluation_worlds=200,
+            generated=400,
         )
     )
     policy = greedy(model)

@@ -62,13 +62,13 @@ class Args:
     """Steps between evaluations; the best model of all of them is kept."""
     evaluation_worlds: int = 500
     """Generated playgrounds that these fly; training does not. No evaluation flies those that ship."""
-    solved_rate: float = 0.995
+    solved_rate: float = 0.985
     """Solved: an evaluation succeeds in this share of its playgrounds."""
     stop_when_solved: bool = True
     """Stop at the first such evaluation."""
     num_envs: int = 512
     """Drones flying at once."""
-    generated: int = 400
+    generated: int = 1000
     """Generated playgrounds to train in, beside those that ship for training."""
     playground_share: float = 0.3
     """Share of episodes flown in those that ship."""
