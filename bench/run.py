@@ -11,7 +11,6 @@ camera_large  the first of these at 640 x 480; half an hour
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import os
 import platform
@@ -33,8 +32,6 @@ ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "bench"
 RUNS = 7
 SIZES = (1, 16, 256, 1024, 4096, 16384)
-SEEDS = (0, 1, 2, 3, 4)
-CAMERA_SEEDS = (0, 1, 2)
 
 Figure = dict[str, Any]
 
@@ -135,107 +132,26 @@ def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
     return float(output)
 
 
-def bench_train() -> list[Figure]:
-    """Train each seed from scratch; then fly worlds that neither training nor the choice of the best model saw."""
-    sys.path.insert(0, str(ROOT / "training"))
-    import evaluate
-    import tasks
-    import train_ppo
-
-    playgrounds = flockstep.scenes.load("train") + flockstep.scenes.load("validation")
-    unseen = tasks.Setup().generated(evaluate.UNSEEN_SEED, 100)
-    figures, outcomes = [], []
-    for seed in SEEDS:
-        args = train_ppo.Args(seed=seed, out=OUT / "train" / f"seed{seed}", progress=False)
-        if seed == SEEDS[0]:
-            print("hyperparameters:", args)
-        model, outcome = train_ppo.train(args)
-        policy = evaluate.greedy(model)
-        flown = evaluate.summary(evaluate.fly(policy, playgrounds))["success_rate"]
-        generated = evaluate.summary(evaluate.fly(policy, unseen, 1000))["success_rate"]
-        total = outcome.seconds + outcome.evaluation_seconds
-        print(f"seed {seed}: {outcome.steps:,} steps, {total:.0f} s, playgrounds {flown:.0%}, unseen {generated:.0%}")
-        outcomes.append(outcome)
-        figures += [
-            figure(f"train/lidar/seed{seed}/seconds", total, "s", 1),
-            figure(f"train/lidar/seed{seed}/steps", outcome.steps, "1", 1),
-            figure(f"train/lidar/seed{seed}/playgrounds_success_rate", flown, "1", len(playgrounds)),
-            figure(f"train/lidar/seed{seed}/unseen_success_rate", generated, "1", len(unseen)),
-        ]
-    rates = [outcome.steps_per_second for outcome in outcomes]
-    figures.append(figure("train/lidar/steps_per_second", statistics.median(rates), "1/s", len(rates)))
-    for part in outcomes[0].seconds_by_part:
-        shares = [1e6 * o.seconds_by_part[part] / o.steps for o in outcomes]
-        name = part.replace(", ", "_").replace(" ", "_")
-        figures.append(
-            figure(f"train/lidar/microseconds_per_step/{name}", statistics.median(shares), "us", len(shares))
-        )
+def trained(name: str) -> list[Figure]:
+    """Run a benchmark of training/benchmark.py and return its figures."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    path = OUT / "train" / f"{name}.figures"
+    script = ROOT / "training" / "benchmark.py"
+    subprocess.run([sys.executable, script, name, "--out", OUT / "train", "--figures", path], check=True)
+    figures: list[Figure] = json.loads(path.read_text())
     return figures
 
 
-def train_camera(name: str, args: Any) -> tuple[Any, list[Figure]]:
-    """Train from scratch with `train_ppo.Args`; return its outcome and figures.
-
-    Success is of one flight from each start marker, of 50 from all over each spawn box, and of one flight in each of
-    100 generated playgrounds.
-    """
-    sys.path.insert(0, str(ROOT / "training"))
-    import evaluate
-    import train_ppo
-
-    args = dataclasses.replace(args, out=OUT / "train" / name.replace("/", "-"), progress=False)
-    print("hyperparameters:", args)
-    model, outcome = train_ppo.train(args)
-    policy, total = evaluate.greedy(model), outcome.seconds + outcome.evaluation_seconds
-    figures = [
-        figure(f"train/{name}/seconds", total, "s", 1),
-        figure(f"train/{name}/steps", outcome.steps, "1", 1),
-    ]
-    for scenes in args.setup.playgrounds:
-        worlds = flockstep.scenes.load(scenes)
-        alone = evaluate.fly(policy, worlds, setup=args.setup)
-        flights = evaluate.fly(policy, worlds * 50, 1000, setup=args.setup, random_start=True)
-        rate, from_start = (evaluate.summary(flown)["success_rate"] for flown in (flights, alone))
-        print(f"{name}: {scenes}: from the start {from_start:.0%}, from its surroundings {rate:.1%}")
-        key = scenes.replace("-", "_")
-        figures.append(figure(f"train/{name}/{key}/success_rate", from_start, "1", len(alone)))
-        figures.append(figure(f"train/{name}/{key}/random_start_success_rate", rate, "1", len(flights)))
-    unseen = evaluate.fly(policy, args.setup.generated(evaluate.UNSEEN_SEED, 100), 1000, setup=args.setup)
-    rate = evaluate.summary(unseen)["success_rate"]
-    print(f"{name}: unseen generated playgrounds {rate:.0%}")
-    figures.append(figure(f"train/{name}/unseen_success_rate", rate, "1", len(unseen)))
-    return outcome, figures
+def bench_train() -> list[Figure]:
+    return trained("train")
 
 
 def bench_camera_train() -> list[Figure]:
-    """Train the camera tasks: from what is green in the image, and from its pixels."""
-    sys.path.insert(0, str(ROOT / "training"))
-    import train_ppo
-
-    figures = []
-    for task in ("camera", "pixels"):
-        defaults = train_ppo.DEFAULTS[task]
-        outcomes = []
-        for seed in CAMERA_SEEDS if task == "camera" else CAMERA_SEEDS[:1]:
-            outcome, its_figures = train_camera(f"{task}/seed{seed}", dataclasses.replace(defaults, seed=seed))
-            outcomes.append(outcome)
-            figures += its_figures
-        rates = [outcome.steps_per_second for outcome in outcomes]
-        figures.append(figure(f"train/{task}/steps_per_second", statistics.median(rates), "1/s", len(rates)))
-        if defaults.frame_skip > 1:
-            flown = [defaults.frame_skip * rate for rate in rates]
-            figures.append(figure(f"train/{task}/flown_steps_per_second", statistics.median(flown), "1/s", len(flown)))
-    return figures
+    return trained("camera_train")
 
 
 def bench_camera_large() -> list[Figure]:
-    """Train the camera task at the thesis's resolution."""
-    sys.path.insert(0, str(ROOT / "training"))
-    import train_ppo
-
-    args = dataclasses.replace(train_ppo.DEFAULTS["camera"], width_px=640, evaluation_worlds=20)
-    outcome, figures = train_camera("camera/640x480", args)
-    return [*figures, figure("train/camera/640x480/steps_per_second", outcome.steps_per_second, "1/s", 1)]
+    return trained("camera_large")
 
 
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
@@ -285,9 +201,14 @@ def main() -> None:
             parser.error(f"no benchmark {name!r}: there are {', '.join(BENCHES)}")
     for name in names:
         print(f"== {name}")
+        measured = {"machine": machine(), "commit": commit()}
         figures = BENCHES[name]()
+        if commit() != measured["commit"]:
+            sys.exit(
+                f"{name}: the checkout changed while it ran, from {measured['commit']} to {commit()}; nothing written"
+            )
         OUT.mkdir(parents=True, exist_ok=True)
-        result = {"machine": machine(), "commit": commit(), "figures": figures}
+        result = {**measured, "figures": figures}
         (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
         for f in figures:
             print(f"   {f['name']:55} {f['value']:>12,.6g} {f['unit']}")

@@ -4,12 +4,15 @@ python3 bench/table.py                  from out/bench/*.json, else from the res
 python3 bench/table.py bench/results    from the JSON files in a folder
 python3 bench/table.py --keep           copy out/bench/*.json to bench/results/ first
 python3 bench/table.py --check          change nothing; exit 1 if a document is not what the kept results make it
+
+Each table comes from one commit and one processor, and names both; results of a checkout with changes are refused.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -50,8 +53,17 @@ def source(result: Result) -> str:
     return (
         f"{machine['cpu']}, {machine['logical_processors']} logical processors, {machine['simd']}, "
         f"Embree {machine['embree']}, Python {machine['python']}; commit {commit[:12]}"
-        + (" with changes" if commit.endswith("-dirty") else "")
     )
+
+
+def refuse_unknown_sources(results: dict[str, Result]) -> None:
+    """Exit where a table would not be of one commit and one processor, both known."""
+    for name, result in results.items():
+        cpu, commit = result.get("machine", {}).get("cpu"), result.get("commit")
+        if not isinstance(cpu, str) or not cpu:
+            sys.exit(f"{name}: expected the one processor it was measured on, got {cpu!r}")
+        if not isinstance(commit, str) or not re.fullmatch("[0-9a-f]{40}", commit):
+            sys.exit(f"{name}: expected the one commit it was measured at, without changes to it, got {commit!r}")
 
 
 def table(results: dict[str, Result]) -> str:
@@ -60,7 +72,7 @@ def table(results: dict[str, Result]) -> str:
         return "Not measured yet.\n"
     lines = []
     for name, result in results.items():
-        lines += [f"**{name}**: {source(result)}", "", *benchmark(result["figures"])]
+        lines += [f"**{name}**: {source(result)}", "", *benchmark(result["figures"]), *notes(result["figures"])]
     missing = [f"`{name}`" for name in NAMES if name not in results]
     if missing:
         lines += [f"Not measured yet: {', '.join(missing)}.", ""]
@@ -97,11 +109,28 @@ def benchmark(figures: list[dict[str, Any]]) -> list[str]:
     return [*tables, *(["| | |", "|---|---:|", *alone, ""] if alone else [])]
 
 
+def notes(figures: list[dict[str, Any]]) -> list[str]:
+    """Return what is to be said of figures, each of it once."""
+    said: dict[str, list[str]] = {}
+    for figure in figures:
+        if "note" in figure:
+            said.setdefault(figure["note"], []).append(figure["name"].rsplit("/", 1)[1])
+    lines: list[str] = []
+    for note, names in said.items():
+        lines += [f"{', '.join(f'`{name}`' for name in dict.fromkeys(names))}: {note}", ""]
+    return lines
+
+
+def with_source(results: dict[str, Result], name: str, rows: str) -> str:
+    """Return a table of some figures of a benchmark, and above it where they were measured."""
+    return f"{source(results[name])}\n\n{rows}" if name in results else "Not measured yet.\n"
+
+
 def stages(results: dict[str, Result]) -> str:
     """Return the table of a step's stages."""
     figures = [f for f in results.get("step", {"figures": []})["figures"] if f["name"].startswith(STAGE)]
     rows = [f"| {f['name'].removeprefix(STAGE)} | {number(f['value'])} |" for f in figures]
-    return "\n".join(["| stage | ns |", "|---|---:|", *rows]) + "\n"
+    return with_source(results, "step", "\n".join(["| stage | ns |", "|---|---:|", *rows]) + "\n")
 
 
 def pivot(cells: dict[tuple[str, str], str], corner: str) -> str:
@@ -123,7 +152,7 @@ def frames(results: dict[str, Result]) -> str:
             figures.append((tuple(map(int, size.split("x"))), column, number(f["value"])))
     figures.sort(key=lambda figure: figure[0])
     cells = {(f"{size[0]} x {size[1]}, N = {size[2]}", column): value for size, column, value in figures}
-    return pivot(cells, "frames/s") if cells else "Not measured yet.\n"
+    return with_source(results, "camera", pivot(cells, "frames/s"))
 
 
 def modes(results: dict[str, Result]) -> str:
@@ -133,7 +162,7 @@ def modes(results: dict[str, Result]) -> str:
         if f["name"].startswith(MODES):
             world, mode, motion, _ = f["name"].removeprefix(MODES).split("/")
             figures[mode.replace("_", " "), f"{world}, {motion}"] = number(f["value"])
-    return pivot(figures, "µs per drone and step") if figures else "Not measured yet.\n"
+    return with_source(results, "camera", pivot(figures, "µs per drone and step"))
 
 
 def with_content(text: str, name: str, content: str) -> str:
@@ -151,6 +180,7 @@ def keep() -> None:
     if not fresh:
         sys.exit(f"{FRESH}: no results; run ./dev bench first")
     KEPT.mkdir(parents=True, exist_ok=True)
+    refuse_unknown_sources(read(FRESH))
     for path in fresh:
         shutil.copy(path, KEPT / path.name)
 
@@ -168,6 +198,7 @@ def main() -> None:
     # What is checked must not depend on what happens to lie in out/; what is kept is the whole of bench/results/.
     default = KEPT if args.check or args.keep or not any(FRESH.glob("*.json")) else FRESH
     results = read(args.folder or default)
+    refuse_unknown_sources(results)
     documents = {
         README: with_content(README.read_text(encoding="utf-8"), "figures", table(results)),
         ARCHITECTURE: with_content(ARCHITECTURE.read_text(encoding="utf-8"), "stages", stages(results)),

@@ -19,10 +19,10 @@ import numpy.typing as npt
 import tyro
 
 import flockstep
-from flockstep.frames import normal_rgb
-from flockstep.picture import facing
-from flockstep.third_person_view import ThirdPersonView
-from flockstep.trail import Trail
+from flockstep.viewer.frames import normal_rgb
+from flockstep.viewer.picture import facing
+from flockstep.viewer.third_person_view import ThirdPersonView
+from flockstep.viewer.trail import Trail
 
 WORLD = "playground/camera-train-1"
 #: From where, and what to look at (m).
@@ -114,7 +114,7 @@ def fly(world: flockstep.World, share: float) -> Image:
         batch.move(position[None])
         trail.record()
     batch.sense()
-    return ThirdPersonView(batch, cameras=[camera.name], trail=trail).frame(0)
+    return ThirdPersonView(batch, cameras=[camera.name], trail=trail, width_px=1280, height_px=960).frame(0)
 
 
 @dataclass

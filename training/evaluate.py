@@ -1,5 +1,7 @@
 """Fly a trained policy once through each world: success, crash and time-out rate, path against the shortest path.
 
+Beside it stand what needs no training: random actions, the straight flight from marker to marker, the planner's path.
+
 .venv/bin/python training/evaluate.py out/demo/policy.zip
 .venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
 .venv/bin/python training/evaluate.py out/train/pixels/policy.zip --repeats 50
@@ -19,13 +21,14 @@ import numpy as np
 import numpy.typing as npt
 import torch
 import tyro
+from gymnasium import spaces
 from stable_baselines3 import PPO
 
 import flockstep
-from tasks import Setup, setup_of
+from tasks import UNSEEN_SEEDS, Setup, setup_of
 
-#: Playgrounds generated from these seeds on are for evaluation alone: no training uses them.
-UNSEEN_SEED = 1_000_000
+#: A flight that takes more flown steps has failed.
+MAX_STEPS = 1000
 
 Policy = Callable[[Any], npt.NDArray[Any]]
 
@@ -93,6 +96,57 @@ def fly(
     return [flight for flight in flights if flight is not None]
 
 
+def random_policy(setup: Setup) -> Policy:
+    """Return a policy that draws every action alike, whatever it observes."""
+    envs = setup.make(1)
+    space = envs.single_action_space
+    envs.close()
+    assert isinstance(space, spaces.Discrete)
+    count, rng = int(space.n), np.random.default_rng(0)
+
+    def act(observation: Any) -> npt.NDArray[Any]:
+        rows = observation["ranges"] if isinstance(observation, dict) else observation
+        return rng.integers(count, size=len(rows))
+
+    return act
+
+
+def fly_routes(worlds: Sequence[flockstep.World], routes: Sequence[npt.NDArray[np.float32] | None]) -> list[bool]:
+    """Fly straight from point to point of a route (K, 3) in each world; return who came to its end without a collision.
+
+    No route is no success.
+    """
+    batch = flockstep.Batch(list(worlds), len(worlds))
+    points = [world.start[None] if route is None else route for world, route in zip(worlds, routes, strict=True)]
+    count = max(map(len, points))  # shorter ones stay at their end
+    targets = np.stack([np.pad(p, ((0, count - len(p)), (0, 0)), mode="edge") for p in points]).astype(np.float32)
+    safe = np.array([route is not None for route in routes])
+    batch.set_pose(targets[:, 0])
+    for leg in range(1, count):
+        safe &= ~batch.move(targets[:, leg]).hit
+    return [bool(came) for came in safe]
+
+
+def markers(world: flockstep.World) -> npt.NDArray[np.float32]:
+    """Return start, waypoints and goal of a world, (K, 3) m."""
+    return np.stack([world.start, *world.waypoints, world.goal])
+
+
+def baselines(worlds: Sequence[flockstep.World], setup: Setup, random_start: bool = False) -> dict[str, float]:
+    """Return the success rates of what needs no training, in the same worlds.
+
+    The straight flight and the planner know where everything is. They begin at the start marker, so of worlds that are
+    flown more than once they fly each once.
+    """
+    random = fly(random_policy(setup), worlds, MAX_STEPS, setup=setup, random_start=random_start)
+    once = list({world.name: world for world in worlds}.values())
+    return {
+        "random_policy": summary(random)["success_rate"],
+        "straight_flight": float(np.mean(fly_routes(once, [markers(world) for world in once]))),
+        "planner": float(np.mean(fly_routes(once, [shortest_path(world) for world in once]))),
+    }
+
+
 def outcome(success: bool, crashed: bool, truncated: bool) -> str:
     """Return in a word how an episode ended."""
     return "success" if success else "crash" if crashed else "time-out" if truncated else "overshoot"
@@ -103,9 +157,14 @@ def length_m(path: npt.NDArray[np.float32]) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
+def shortest_path(world: flockstep.World) -> npt.NDArray[np.float32] | None:
+    """Return the shortest collision-free path (K, 3) m over the markers, or None if there is none."""
+    return flockstep.plan(world, world.start, [*world.waypoints, world.goal])
+
+
 def shortest_path_m(world: flockstep.World) -> float | None:
-    """Return the length of the shortest collision-free path over the markers, or None if there is none."""
-    path = flockstep.plan(world, world.start, [*world.waypoints, world.goal])
+    """Return its length, or None if there is none."""
+    path = shortest_path(world)
     return None if path is None else length_m(path)
 
 
@@ -139,6 +198,8 @@ class Args:
     """A flight that takes longer is a time-out."""
     shortest: bool = True
     """Plan the shortest path in every world, too."""
+    baselines: bool = True
+    """Fly what needs no training in the same worlds, too."""
     json: Path | None = None
     """Where to write the result; printed either way."""
 
@@ -150,7 +211,7 @@ def main(args: Args) -> None:
     names = args.worlds or setup.playgrounds
     groups = {name: flockstep.scenes.load(name) * args.repeats for name in names}
     if args.generated:
-        groups["generated"] = setup.generated(UNSEEN_SEED, args.generated)
+        groups["generated"] = setup.generated(UNSEEN_SEEDS, args.generated)
     result: dict[str, Any] = {}
     for name, worlds in groups.items():
         random_start = args.repeats > 1 and name != "generated"
@@ -158,6 +219,13 @@ def main(args: Args) -> None:
         rows = [{k: v for k, v in asdict(flight).items() if k != "trail"} for flight in flights]
         result[name] = {"summary": summary(flights), "flights": rows}
         print(name, json.dumps(result[name]["summary"]))
+        if args.baselines:
+            result[name]["baselines"] = baselines(worlds, setup, random_start)
+            for baseline, rate in result[name]["baselines"].items():
+                print(f"  {baseline.replace('_', ' ')}: success rate {rate:.3g}")
+        if name == "generated" and setup.generated_note:
+            result[name]["note"] = setup.generated_note
+            print(f"  {setup.generated_note}")
         for flight in flights:
             if name != "generated" or flight.outcome != "success":
                 print(f"  {flight.world}: {flight.outcome} after {flight.steps} steps, reward {flight.reward:,.1f}")

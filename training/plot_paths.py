@@ -1,4 +1,4 @@
-"""Pictures of flights: every playground from above and from the side, and an animation with the LiDAR's beams.
+"""Pictures of flights: every playground from above and from the side, and an animation from behind the drone.
 
 .venv/bin/python training/plot_paths.py out/demo/policy.zip --out out/paths
 """
@@ -10,21 +10,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as imageio
 import matplotlib.pyplot as plt
 import numpy as np
+import numpy.typing as npt
 import tyro
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
+from PIL import Image
 from stable_baselines3 import PPO
 
 import flockstep
 from evaluate import Flight, Policy, fly, greedy
+from flockstep.viewer.third_person_view import ThirdPersonView
+from flockstep.viewer.trail import Trail
 from tasks import Setup, setup_of
 
 OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "overshoot": "tab:purple", "time-out": "tab:orange"}
+PILLAR_COLOR = "0.45"
 MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
 TOP, SIDE = (0, 1), (0, 2)  # the axes of a view: x and y, x and z
+
+FRAME_MS, COMMON_COLORS = 35, 96  # of an animation: for a step of the policy; out of 256
+
+Pixels = npt.NDArray[np.uint8]
 
 
 def draw_world(axes: Axes, world: flockstep.World, view: tuple[int, int]) -> None:
@@ -33,7 +42,7 @@ def draw_world(axes: Axes, world: flockstep.World, view: tuple[int, int]) -> Non
     for primitive in world.primitives:
         center, half = primitive["center"], primitive["half_extents"]
         if primitive["kind"] in ("cylinder", "sphere") and (view == TOP or primitive["kind"] == "sphere"):
-            axes.add_patch(Circle((center[across], center[up]), half[0], color="0.45"))
+            axes.add_patch(Circle((center[across], center[up]), half[0], color=PILLAR_COLOR))
             continue
         corner = (center[across] - half[across], center[up] - half[up])
         style: dict[str, Any] = {"facecolor": "0.75", "edgecolor": "0.6", "alpha": 0.6}
@@ -69,17 +78,25 @@ def plot_flight(world: flockstep.World, flight: Flight, path: Path) -> None:
 
 
 def plot_overview(worlds: Sequence[flockstep.World], flights: Sequence[Flight], path: Path) -> None:
-    """Write one picture of all flights from above."""
+    """Write one picture of all flights from above; where a place is left, it says what the colours mean."""
     columns = 4
     rows = -(-len(worlds) // columns)
     figure, grid = plt.subplots(rows, columns, figsize=(4 * columns, 4 * rows), layout="constrained", squeeze=False)
-    for axes in grid.flat[len(worlds) :]:
-        axes.axis("off")
     for axes, world, flight in zip(grid.flat, worlds, flights, strict=False):
         draw_world(axes, world, TOP)
         axes.plot(flight.trail[:, 0], flight.trail[:, 1], color=OUTCOME_COLOR[flight.outcome], linewidth=2, zorder=4)
         axes.set_title(f"{world.name}: {flight.outcome}")
-    figure.savefig(path, dpi=70)
+        axes.label_outer()
+    left = grid.flat[len(worlds) :]
+    for axes in left:
+        axes.axis("off")
+    if len(left):
+        dots = {**MARKER_COLOR, "pillar": PILLAR_COLOR}
+        handles = [Line2D([], [], marker="o", linestyle="", markersize=12, color=c, label=k) for k, c in dots.items()]
+        outcomes = [outcome for outcome in OUTCOME_COLOR if any(flight.outcome == outcome for flight in flights)]
+        handles += [Line2D([], [], linewidth=2, color=OUTCOME_COLOR[o], label=f"flight: {o}") for o in outcomes]
+        left[0].legend(handles=handles, loc="center", fontsize="x-large", frameon=False)
+    figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
@@ -88,22 +105,46 @@ def animate(
     world: flockstep.World,
     path: Path,
     max_steps: int = 400,
-    frames_per_second: int = 30,
     setup: Setup | None = None,
+    width_px: int = 640,
+    steps_per_frame: int = 2,
 ) -> None:
-    """Write an animation of one flight from above, with the LiDAR's beams."""
-    envs = (setup or Setup()).make(1, worlds=[world], render_mode="rgb_array", autoreset_mode="disabled")
+    """Write an animation of one flight from behind the drone, with its LiDAR's beams, its cameras' views, its trail."""
+    envs = (setup or Setup()).make(1, worlds=[world], autoreset_mode="disabled")
     observation, _ = envs.reset(seed=0)
-    frames = [envs.render()]
-    for _ in range(max_steps):
+    trail = Trail(envs.batch)
+    cameras = [camera.name for camera in envs.cameras]
+    view = ThirdPersonView(envs.batch, cameras, trail, width_px=width_px, height_px=width_px * 3 // 4)
+    frames = []
+    for step in range(max_steps):
+        trail.record()
+        if step % steps_per_frame == 0:
+            frames.append(view.frame(0))
         observation, _, terminated, truncated, _ = envs.step(policy(observation))
-        frames.append(envs.render())
         if terminated[0] or truncated[0]:
             break
+    trail.record()
+    frames.append(view.frame(0))
     envs.close()
-    pictures = [frame[0] for frame in frames if frame is not None]
-    pictures += [pictures[-1]] * frames_per_second  # a second's rest before it starts again
-    imageio.imwrite(path, np.stack(pictures), duration=1000 / frames_per_second, loop=0)
+    write_gif(path, frames, FRAME_MS * steps_per_frame)
+
+
+def write_gif(path: Path, frames: Sequence[Pixels], frame_ms: int) -> None:
+    """Write an animation that rests a second at its end; one palette serves all frames, so that what stays is small."""
+    palette = palette_of(np.stack(frames[:: max(len(frames) // 8, 1)]))
+    first, *rest = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    durations = [frame_ms] * (len(frames) - 1) + [1000]
+    first.save(path, save_all=True, append_images=rest, duration=durations, loop=0, optimize=True)
+
+
+def palette_of(pixels: Pixels) -> Image.Image:
+    """Return an image with 256 colours: the commonest, and some of all others, so that what is small keeps its own."""
+    colors, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
+    common = colors[np.argsort(-counts)[:COMMON_COLORS]]
+    others = Image.fromarray(colors[None]).quantize(256 - COMMON_COLORS, method=Image.Quantize.MEDIANCUT).getpalette()
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*common.ravel().tolist(), *(others or [])])
+    return palette
 
 
 def picture_name(world: flockstep.World) -> str:
@@ -121,6 +162,12 @@ class Args:
     """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""
     out: Path = Path("out/paths")
     """Folder for the pictures."""
+    animated: str | None = None
+    """A scene name or path, to be animated. Default: the first of the worlds."""
+    width_px: int = 640
+    """Of the animation."""
+    steps_per_frame: int = 2
+    """Of the animation."""
 
 
 def main(args: Args) -> None:
@@ -133,7 +180,8 @@ def main(args: Args) -> None:
     for world, flight in zip(worlds, flights, strict=True):
         plot_flight(world, flight, args.out / picture_name(world))
     plot_overview(worlds, flights, args.out / "paths.png")
-    animate(policy, worlds[0], args.out / "flight.gif", setup=setup)
+    shown = flockstep.scenes.load(args.animated)[0] if args.animated else worlds[0]
+    animate(policy, shown, args.out / "flight.gif", 400, setup, args.width_px, args.steps_per_frame)
     print(f"{len(worlds)} pictures, paths.png and flight.gif are in {args.out}/")
 
 

@@ -13,6 +13,12 @@ TaskName = Literal["lidar", "camera", "pixels"]
 
 OBSERVATIONS: dict[TaskName, str] = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
 
+#: Seeds of generated playgrounds. Training flies in the first; the model is chosen, and training stops, by the second;
+#: what is reported is flown in the third, once, at the end. No seed is in two of them.
+TRAINING_SEEDS = range(0, 500_000)
+CHOOSING_SEEDS = range(500_000, 1_000_000)
+UNSEEN_SEEDS = range(1_000_000, 1_500_000)
+
 # The camera playgrounds have start and goal at one height, and no farther apart sideways than this: the goal is before
 # the drone, in view unless a pillar hides it.
 CAMERA_HEIGHT_M = 3.12
@@ -47,16 +53,35 @@ class Setup:
             num_envs, observation=OBSERVATIONS[self.task], frame_skip=self.frame_skip, **keywords
         )
 
-    def generated(self, seed: int, count: int) -> list[flockstep.World]:
-        """Return playgrounds generated from the seeds seed, seed + 1, ..., leaving out what does not suit the task."""
+    @property
+    def generated_note(self) -> str:
+        """What `generated` leaves out or changes of generated playgrounds, to be said where a success in them is."""
+        if self.task == "lidar":
+            return ""
+        return (
+            "Generated playgrounds of the camera tasks are only those whose goal lies at most "
+            f"{CAMERA_SIDEWAYS_M:g} m to the side of the start; they have no waypoints, and one height throughout."
+        )
+
+    def generated(self, seeds: range, count: int) -> list[flockstep.World]:
+        """Return so many playgrounds generated from the first of these seeds, without what does not suit the task.
+
+        Raises
+        ------
+        ValueError
+            The seeds do not suffice.
+        """
         worlds: list[flockstep.World] = []
-        while len(worlds) < count:
+        for seed in seeds:
+            if len(worlds) == count:
+                break
             world = flockstep.World.playground(seed=seed)
-            seed += 1
             if self.task == "lidar":
                 worlds.append(world)
             elif abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M:
                 worlds.append(without_waypoints(world))
+        if len(worlds) < count:
+            raise ValueError(f"count: expected at most {len(worlds)}, as many as {seeds} give, got {count}")
         return worlds
 
 

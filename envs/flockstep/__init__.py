@@ -31,9 +31,9 @@ from flockstep._core import (
     plan,
 )
 from flockstep.env import DroneEnv
-from flockstep.picture import render
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
+from flockstep.viewer.picture import render
 
 __all__ = [
     "Batch",

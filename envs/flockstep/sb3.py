@@ -95,7 +95,7 @@ class DroneVecEnv(VecEnv):
         infos = [going_on] * self.num_envs
         if np.count_nonzero(done):
             self._add_ends(infos, np.flatnonzero(done), truncated)
-        return self.env.observation(), stepper.reward.copy(), done, infos
+        return self.env.observation(), self.env.scaled_reward().copy(), done, infos
 
     def _add_ends(
         self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy as copied
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,7 +15,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from flockstep import scenes, views
+from flockstep import scenes
 from flockstep._core import (
     Batch,
     CameraConfig,
@@ -25,11 +26,12 @@ from flockstep._core import (
     PoseSensorConfig,
 )
 from flockstep.task import Task, TaskRunner
+from flockstep.viewer import views
 
 if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
-    from flockstep.trail import Trail
+    from flockstep.viewer.trail import Trail
 
     class NavigationFields(TypedDict, total=False):
         """Fields of `NavigationConfig`, each a keyword of the env."""
@@ -137,6 +139,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         a view holds until the step or reset after the next one.
     num_threads
         0 means the physical cores this process may run on. No result depends on it.
+    reward_scale
+        The rewards that `step` returns are multiplied by this, for learners that want them small. What is reported is
+        not: the episode return in the infos, ``batch.reward_terms``.
     render_mode
         None, or ``"rgb_array"``: a picture of each env.
     render_view
@@ -185,6 +190,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         autoreset_mode: str | AutoresetMode = "next_step",
         copy: bool = True,
         num_threads: int = 0,
+        reward_scale: float = 1.0,
         render_mode: str | None = None,
         render_view: str = "top",
         **navigation: Unpack[NavigationFields],
@@ -194,6 +200,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if render_view not in views.NAMES:
             expected = ", ".join(map(repr, views.NAMES))
             raise ValueError(f"render_view: expected one of {expected}, got {render_view!r}")
+        self.reward_scale = _reward_scale(reward_scale)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
@@ -321,7 +328,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         stepper.step(actions)
         if self.trail is not None:
             self.trail.record()
-        observation, reward = self.observation(), stepper.reward
+        observation, reward = self.observation(), self.scaled_reward()
         terminated, truncated = stepper.terminated, stepper.truncated
         ended = terminated | truncated
         infos = self._infos(ended) if np.count_nonzero(ended) else {}
@@ -348,6 +355,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if self._pixels:
             return {"image": self.batch.image, "ranges": self.batch.observation}
         return self.stepper.observation
+
+    def scaled_reward(self) -> npt.NDArray[np.float32]:
+        """Return the rewards (N,) of the last step times ``reward_scale``; where that is 1, a view as `observation`."""
+        reward: npt.NDArray[np.float32] = self.stepper.reward
+        return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
@@ -492,6 +504,12 @@ def _listed(camera: CameraConfig | Sequence[CameraConfig] | None) -> list[Camera
         if not isinstance(its, CameraConfig):
             raise TypeError(f"camera: expected a flockstep.CameraConfig or a sequence of them, got {its!r}")
     return [copied(its) for its in cameras]
+
+
+def _reward_scale(scale: Any) -> float:
+    if not (isinstance(scale, Real) and 0 < float(scale) < np.inf):
+        raise ValueError(f"reward_scale: expected a finite number above 0, got {scale!r}")
+    return float(scale)
 
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

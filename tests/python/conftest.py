@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import sys
 from collections.abc import Callable
@@ -52,19 +51,6 @@ def closet() -> flockstep.World:
 @pytest.fixture(scope="session")
 def playgrounds() -> list[flockstep.World]:
     return flockstep.scenes.load("train")
-
-
-@pytest.fixture(scope="session")
-def training() -> Callable[[str], ModuleType]:
-    """Import a script of training/ by its name; they import each other, so their folder goes on the path."""
-
-    def load(name: str) -> ModuleType:
-        folder = str(ROOT / "training")
-        if folder not in sys.path:
-            sys.path.insert(0, folder)
-        return importlib.import_module(name)
-
-    return load
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,7 @@
 """Stable-Baselines3 over a batch."""
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -82,6 +84,23 @@ def test_the_infos_list_and_rewards_are_the_callers(make):
     _, _, _, second = envs.step(np.zeros(6, int))
     assert second[0] == {}
     np.testing.assert_array_equal(first_reward, kept + 100)
+
+
+def test_rewards_are_scaled_and_reports_are_not(make):
+    plain, scaled = make(), make(reward_scale=0.25)
+    for envs in (plain, scaled):
+        envs.seed(3)
+        envs.reset()
+    rng = np.random.default_rng(0)
+    ends = 0
+    for _ in range(50):
+        actions = rng.integers(6, size=6)
+        one, other = plain.step(actions), scaled.step(actions)
+        np.testing.assert_array_equal(0.25 * one[1], other[1])
+        for i in np.flatnonzero(one[2]):
+            ends += 1
+            assert other[3][i]["episode"]["r"] == one[3][i]["episode"]["r"]
+    assert ends > 5
 
 
 def test_seeds_are_taken_once(make, room):
@@ -206,6 +225,16 @@ def test_training_and_evaluation_run_without_a_warning(make):
     assert len(model.ep_success_buffer) > 0
     mean, _ = evaluate_policy(model, envs, n_eval_episodes=20)
     assert np.isfinite(mean)
+
+
+def test_the_snippet_of_the_readme_runs():
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (snippet,) = (part.split("```")[0] for part in readme.split("```python")[1:] if "model.learn(" in part)
+    assert len(snippet.strip().splitlines()) <= 12
+    names = {}
+    exec(snippet.replace("1_000_000", "256 * 64").replace('device="cpu"', 'device="cpu", n_epochs=1'), names)
+    assert names["model"].num_timesteps == 256 * 64
+    assert names["envs"].env.reward_scale == 0.1
 
 
 @pytest.mark.filterwarnings("ignore:The environment is already wrapped with a `Monitor`:UserWarning")

@@ -316,6 +316,31 @@ class TestEpisodes:
             np.testing.assert_array_equal(infos["success"] | infos["crashed"], step[2])
             assert not (infos["success"] & infos["crashed"]).any()
 
+    @pytest.mark.parametrize("mode", MODES)
+    def test_a_reward_scale_changes_what_step_returns_and_nothing_else(self, closet, mode):
+        plain, scaled = (make(closet, 8, autoreset_mode=mode, reward_scale=scale) for scale in (1.0, 0.01))
+        for envs in (plain, scaled):
+            envs.reset(seed=0)
+        for one, other in zip(fly(plain, 50), fly(scaled, 50), strict=True):
+            assert other[1].dtype == np.float32
+            np.testing.assert_array_equal(one[1] * np.float32(0.01), other[1])
+            np.testing.assert_array_equal(plain.batch.reward_terms, scaled.batch.reward_terms)
+            one_infos, other_infos = (step[4].get("final_info", step[4]) for step in (one, other))
+            assert one_infos.keys() == other_infos.keys()
+            for key in one_infos:
+                np.testing.assert_array_equal(one_infos[key], other_infos[key])
+
+    @pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf, "large", None])
+    def test_bad_reward_scales(self, closet, scale):
+        with pytest.raises(ValueError, match=f"reward_scale: expected a finite number above 0, got {scale!r}"):
+            make(closet, reward_scale=scale)
+
+    def test_a_reward_scale_of_one_env(self, closet):
+        plain = gymnasium.make(ID, worlds=closet)
+        scaled = gymnasium.make(ID, worlds=closet, reward_scale=0.5)
+        rewards = [(env.reset(seed=0), env.step(0))[1][1] for env in (plain, scaled)]
+        assert rewards[1] == 0.5 * rewards[0] != 0
+
     def test_a_finished_env_holds_still_with_autoreset_disabled(self, closet):
         envs = make(closet, 8, autoreset_mode="disabled")
         envs.reset(seed=0)

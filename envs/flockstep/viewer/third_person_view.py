@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig, World
-from flockstep.beams import beams_of
-from flockstep.depth_canvas import Color, DepthCanvas, Floats, Image
-from flockstep.stage import Stage
 from flockstep.task import rotate
-from flockstep.trail import Trail
+from flockstep.viewer.beams import beams_of
+from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats, Image
+from flockstep.viewer.stage import Stage
+from flockstep.viewer.trail import Trail
 
 _DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
 _OTHER = (0.35, 0.45, 0.6)
@@ -26,6 +26,7 @@ _FRUSTUM: Color = (130, 40, 170)
 _FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
 _MAX_BEAMS = 256  # more would hide the world
 _FINER = 2  # drawn so many times larger, then averaged: smooth edges
+_THIN_PX = 640  # lines are a pixel wide in pictures of this width, and wider in wider ones
 
 
 class ThirdPersonView:
@@ -68,6 +69,7 @@ class ThirdPersonView:
         self._edges = _edges(self._corners, self._normals, self._offsets)
         self._length = float(np.ptp(self._corners, axis=0).max())
         self._size_px = (width_px * _FINER, height_px * _FINER)
+        self._line_px = _FINER * max(round(width_px / _THIN_PX), 1)
         self._stages: dict[int, Stage] = {}
 
     def frame(self, env: int) -> Image:
@@ -103,13 +105,13 @@ class ThirdPersonView:
         normals = rotate(quat_wxyz, self._normals)
         corners = position + rotate(quat_wxyz, self._corners)
         canvas.solid(normals, self._offsets + normals @ position, corners, _shaded(world, normals, color))
-        canvas.lines(corners[self._edges[:, 0]], corners[self._edges[:, 1]], _EDGE, width_px=_FINER)
+        canvas.lines(corners[self._edges[:, 0]], corners[self._edges[:, 1]], _EDGE, width_px=self._line_px)
 
     def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
         if self._trail is None:
             return
         path = self._trail.of(env)
-        canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * _FINER)
+        canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * self._line_px)
 
     def _draw_cameras(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
         for camera in self._cameras:
@@ -117,15 +119,15 @@ class ThirdPersonView:
                 quat_wxyz, frustum(camera.config_of(env), _FRUSTUM_LENGTH * self._length)
             )
             for corner, following in zip(corners, corners[1:] + corners[:1], strict=True):
-                canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=_FINER)
+                canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=self._line_px)
 
     def _draw_beams(self, canvas: DepthCanvas, env: int) -> None:
         if not self._beams:
             return
         origin, ends, hit = beams_of(self._batch, env)
         some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
-        canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=_FINER, opacity=0.6)
-        canvas.dots(ends[hit], _HIT, size_px=3 * _FINER)
+        canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=self._line_px, opacity=0.6)
+        canvas.dots(ends[hit], _HIT, size_px=3 * self._line_px)
 
 
 def frustum(camera: CameraConfig, length_m: float) -> Floats:

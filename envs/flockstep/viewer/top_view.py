@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, World
-from flockstep.beams import beams_of
 from flockstep.task import rotate
+from flockstep.viewer.beams import beams_of
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 Points: TypeAlias = npt.NDArray[np.float64]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.stage import Stage
 from flockstep.task import rotate
-from flockstep.third_person_view import ThirdPersonView, frustum
-from flockstep.trail import Trail
+from flockstep.viewer.stage import Stage
+from flockstep.viewer.third_person_view import ThirdPersonView, frustum
+from flockstep.viewer.trail import Trail
 
 LENGTH = 0.93  # of the default drone
 
@@ -146,7 +146,7 @@ def test_a_frustums_corners_are_the_images_corners():
     camera = flockstep.CameraConfig(
         width_px=60, height_px=50, hfov_deg=70, vfov_deg=90, offset_m=(0.1, -0.2, 0.3), quat_wxyz=(0.6, 0, 0.8, 0)
     )
-    from flockstep.depth_canvas import DepthCanvas
+    from flockstep.viewer.depth_canvas import DepthCanvas
 
     points = frustum(camera, 1.5)
     np.testing.assert_allclose(points[0], camera.offset_m, atol=1e-7)
@@ -315,7 +315,7 @@ def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
 
 @pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
 def test_the_drones_own_camera(room, camera):
-    from flockstep import views
+    from flockstep.viewer import views
 
     config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
     batch = flockstep.Batch([room], 2, cameras=[config])
@@ -340,7 +340,7 @@ def test_the_drones_own_camera(room, camera):
 
 
 def test_a_camera_without_colours_is_refused(room):
-    from flockstep import views
+    from flockstep.viewer import views
 
     config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
     batch = flockstep.Batch([room], cameras=[config])

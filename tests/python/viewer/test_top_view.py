@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.beams import beams_of
-from flockstep.third_person_view import ThirdPersonView
-from flockstep.top_view import TopView
+from flockstep.viewer.beams import beams_of
+from flockstep.viewer.third_person_view import ThirdPersonView
+from flockstep.viewer.top_view import TopView
 
 FLOOR, SOLID, GOAL, DRONE = (255, 255, 255), (120, 124, 132), (52, 160, 80), (35, 70, 160)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.picture import facing
 from flockstep.task import rotate
+from flockstep.viewer.picture import facing
 
 
 def test_a_picture_is_what_a_drones_camera_sees(room):

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import flockstep
-from flockstep.frames import depth_mm, normal_rgb
+from flockstep.viewer.frames import depth_mm, normal_rgb
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
 

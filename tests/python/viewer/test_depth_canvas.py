@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.depth_canvas import DepthCanvas
 from flockstep.task import rotate
+from flockstep.viewer.depth_canvas import DepthCanvas
 
 INK = (250, 10, 10)
 # fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.

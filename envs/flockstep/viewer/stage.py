@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import CameraConfig, World
-from flockstep.depth_canvas import DepthCanvas, Floats, Image, Ints
-from flockstep.picture import facing, render
 from flockstep.task import rotate
+from flockstep.viewer.depth_canvas import DepthCanvas, Floats, Image, Ints
+from flockstep.viewer.picture import facing, render
 
 # In lengths of the drone:
 _BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,
@@ -93,7 +93,13 @@ class Stage:
     def _camera(self, near_m: float = _NEAR_M, outputs: tuple[str, ...] = ("rgb",)) -> CameraConfig:
         width, height = self._size_px
         return CameraConfig(
-            width_px=width, height_px=height, hfov_deg=_HFOV_DEG, near_m=near_m, far_m=_FAR_M, outputs=outputs
+            width_px=width,
+            height_px=height,
+            hfov_deg=_HFOV_DEG,
+            near_m=near_m,
+            far_m=_FAR_M,
+            outputs=outputs,
+            shadows=True,
         )
 
     def _take(

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig
-from flockstep.third_person_view import ThirdPersonView
-from flockstep.top_view import TopView
-from flockstep.trail import Trail
+from flockstep.viewer.third_person_view import ThirdPersonView
+from flockstep.viewer.top_view import TopView
+from flockstep.viewer.trail import Trail
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 

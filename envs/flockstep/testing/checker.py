@@ -1,0 +1,83 @@
+"""The list of checks, and the function that runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+
+from flockstep.testing.episodes import check_autoreset, check_reset_mask
+from flockstep.testing.interface import check_bad_actions, check_close, check_render, check_spaces, check_values
+from flockstep.testing.ownership import check_ownership
+from flockstep.testing.repeating import check_determinism, check_num_envs, check_seed_offset
+from flockstep.testing.runs import MakeEnv, Setup
+
+
+def check_vector_env(
+    make_env: MakeEnv,
+    *,
+    num_envs: int = 4,
+    steps: int = 100,
+    seed: int = 123,
+    skip: Collection[str] = (),
+) -> None:
+    """Check that a vector environment keeps to Gymnasium's rules.
+
+    Parameters
+    ----------
+    make_env
+        Makes a new env with the given number of sub-envs, alike on every call. Its episodes should be short: at least
+        one must end within ``steps`` steps of random actions, or its autoreset cannot be checked.
+    num_envs
+        Number of sub-envs to check with, at least 2.
+    steps
+        Length of the runs that are compared.
+    seed
+        Of the resets and of the random actions.
+    skip
+        Names of checks to leave out, of `CHECKS`:
+
+        - ``spaces``: batched spaces, metadata, autoreset mode
+        - ``values``: types, shapes and dtypes of what reset and step return, infos with their masks
+        - ``determinism``: the same seed and actions give the same run, in the same env and in a new one; without a seed
+          a reset goes on with new episodes, alike for alike histories
+        - ``num_envs``: env i does the same whatever the number of envs
+        - ``seed_offset``: env i of a batch seeded s does what env 0 of one seeded s + i does (not so where the envs
+          of a batch differ by design)
+        - ``autoreset``: what the env's autoreset mode promises about the end of an episode
+        - ``reset_mask``: ``options={"reset_mask": ...}`` resets the masked envs and no others (with autoreset disabled)
+        - ``ownership``: returned arrays are neither written again nor read back, arguments are not changed
+        - ``bad_actions``: actions of a wrong length, or not finite in a `Box`, raise
+        - ``render``: in the mode ``rgb_array``, a frame per env
+        - ``close``: closing twice is allowed
+
+    Raises
+    ------
+    AssertionError
+        The env breaks a rule; the message says which, and how.
+    ValueError
+        A name in ``skip`` that does not exist, or fewer than two envs.
+    """
+    unknown = set(skip) - set(CHECKS)
+    if unknown:
+        raise ValueError(f"skip: unknown {', '.join(sorted(unknown))}; expected some of {', '.join(CHECKS)}")
+    if num_envs < 2:
+        raise ValueError(f"num_envs: expected at least 2, got {num_envs}")
+    setup = Setup(make_env, num_envs, steps, seed)
+    for name, check in CHECKS.items():
+        if name not in skip:
+            check(setup)
+
+
+#: The checks by name, in the order they run.
+CHECKS: dict[str, Callable[[Setup], None]] = {
+    "spaces": check_spaces,
+    "values": check_values,
+    "determinism": check_determinism,
+    "num_envs": check_num_envs,
+    "seed_offset": check_seed_offset,
+    "autoreset": check_autoreset,
+    "reset_mask": check_reset_mask,
+    "ownership": check_ownership,
+    "bad_actions": check_bad_actions,
+    "render": check_render,
+    "close": check_close,
+}

@@ -1,0 +1,165 @@
+"""Checks of what an env offers and returns: spaces, values, errors, pictures, closing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from flockstep.testing.runs import Actions, AnyVectorEnv, Setup
+
+
+def check_spaces(setup: Setup) -> None:
+    """Check batched spaces, metadata and autoreset mode."""
+    with setup.env() as env, setup.env() as other:
+        assert isinstance(env, VectorEnv), f"expected a gymnasium.vector.VectorEnv, got {type(env).__name__}"
+        assert env.num_envs == setup.num_envs, f"asked for {setup.num_envs} envs, num_envs is {env.num_envs}"
+        for kind in ("observation", "action"):
+            single, batched = getattr(env, f"single_{kind}_space", None), getattr(env, f"{kind}_space", None)
+            assert isinstance(single, spaces.Space), f"single_{kind}_space: expected a space, got {single!r}"
+            expected = batch_space(single, env.num_envs)
+            assert batched == expected, (
+                f"{kind}_space: expected batch_space(single_{kind}_space) {expected}, got {batched}"
+            )
+        mode = env.metadata.get("autoreset_mode")
+        assert isinstance(mode, AutoresetMode), (
+            f"metadata['autoreset_mode']: expected a gymnasium.vector.AutoresetMode, got {mode!r}"
+        )
+        own = getattr(env.unwrapped, "autoreset_mode", mode)
+        assert own == mode, f"the attribute autoreset_mode is {own!r}, but metadata['autoreset_mode'] is {mode!r}"
+        assert env.metadata is not other.metadata, (
+            "two envs share one metadata dict: what one writes into it (its autoreset mode) is read by the other; "
+            "copy the class's dict per instance"
+        )
+        modes = env.metadata.get("render_modes", [])
+        assert env.render_mode is None or env.render_mode in modes, (
+            f"render_mode {env.render_mode!r} is not among metadata['render_modes'] {modes}"
+        )
+
+
+def check_values(setup: Setup) -> None:
+    """Check types, shapes and dtypes of what reset and step return."""
+    with setup.env() as env:
+        returned = env.reset(seed=setup.seed)
+        assert isinstance(returned, tuple) and len(returned) == 2, "reset: expected a tuple (observation, infos)"
+        check_observation(env, returned[0], "reset")
+        check_infos(env, returned[1], "reset")
+        actions = Actions(env, setup.seed)
+        for number in range(setup.steps):
+            result = env.step(actions())
+            place = f"step {number}"
+            assert isinstance(result, tuple) and len(result) == 5, (
+                f"{place}: expected a tuple (observation, reward, terminated, truncated, infos)"
+            )
+            observation, reward, terminated, truncated, infos = result
+            check_observation(env, observation, place)
+            assert isinstance(reward, np.ndarray) and reward.dtype in (np.float32, np.float64), (
+                f"{place}: reward: expected a float32 or float64 array, got {getattr(reward, 'dtype', type(reward))}"
+            )
+            assert reward.shape == (env.num_envs,), (
+                f"{place}: reward: expected shape ({env.num_envs},), got {reward.shape}"
+            )
+            assert np.isfinite(reward).all(), f"{place}: reward: expected finite numbers, got {reward}"
+            for name, flags in (("terminated", terminated), ("truncated", truncated)):
+                assert isinstance(flags, np.ndarray) and flags.dtype == np.bool_, (
+                    f"{place}: {name}: expected a bool array, got {getattr(flags, 'dtype', type(flags))}"
+                )
+                assert flags.shape == (env.num_envs,), (
+                    f"{place}: {name}: expected shape ({env.num_envs},), got {flags.shape}"
+                )
+            check_infos(env, infos, place)
+            ended = terminated | truncated
+            if env.metadata.get("autoreset_mode") == AutoresetMode.DISABLED and ended.any():
+                env.reset(options={"reset_mask": ended.copy()})
+
+
+def check_observation(env: AnyVectorEnv, observation: Any, place: str) -> None:
+    """Check an observation against its space."""
+    space = env.observation_space
+    _check_arrays(space, observation, f"{place}: observation")
+    assert space.contains(observation), f"{place}: the observation is not in the observation space: {observation}"
+
+
+def _check_arrays(space: spaces.Space[Any], value: Any, place: str) -> None:
+    if isinstance(space, spaces.Dict):
+        assert isinstance(value, dict), f"{place}: expected a dict, got {type(value)}"
+        assert value.keys() == space.keys(), f"{place}: expected the keys {sorted(space)}, got {sorted(value)}"
+        for key, part in space.items():
+            _check_arrays(part, value[key], f"{place}[{key!r}]")
+    elif isinstance(space, spaces.Box):
+        assert isinstance(value, np.ndarray), f"{place}: expected an array, got {type(value)}"
+        assert (value.shape, value.dtype) == (space.shape, space.dtype), (
+            f"{place}: expected {space.dtype} {space.shape}, got {value.dtype} {value.shape}"
+        )
+
+
+def check_infos(env: AnyVectorEnv, infos: Any, place: str) -> None:
+    """Check that infos hold arrays with a row per env, each mask beside what it masks."""
+    assert isinstance(infos, dict), f"{place}: infos: expected a dict, got {type(infos).__name__}"
+    for key, value in infos.items():
+        where = f"{place}: infos[{key!r}]"
+        if isinstance(value, dict):
+            check_infos(env, value, where)
+            continue
+        assert isinstance(value, np.ndarray) and len(np.atleast_1d(value)) == env.num_envs and value.ndim > 0, (
+            f"{where}: expected a dict or an array of length {env.num_envs}, got {value!r}"
+        )
+        if key.startswith("_"):
+            assert value.dtype == np.bool_, f"{where}: expected a mask of dtype bool, got {value.dtype}"
+            assert key[1:] in infos, f"{where}: a mask of nothing, infos has no {key[1:]!r}"
+    assert "episode" not in infos, (
+        f"{place}: infos['episode']: this key belongs to RecordEpisodeStatistics, which raises if it is taken"
+    )
+
+
+def check_bad_actions(setup: Setup) -> None:
+    """Check that actions of a wrong length, or not finite, raise."""
+    with setup.env() as env, setup.env(setup.num_envs + 1) as wider:
+        env.reset(seed=setup.seed)
+        _assert_raises(env, Actions(wider, setup.seed)(), f"actions for {setup.num_envs + 1} envs")
+        space = env.single_action_space
+        if isinstance(space, spaces.Box) and space.dtype in (np.float32, np.float64):
+            for value in (np.nan, np.inf):
+                actions = Actions(env, setup.seed)()
+                actions[0] = value
+                _assert_raises(env, actions, f"actions with {value}")
+
+
+def _assert_raises(env: AnyVectorEnv, actions: Any, what: str) -> None:
+    try:
+        env.step(actions)
+    except Exception:
+        return
+    raise AssertionError(f"step took {what} without an error")
+
+
+def check_render(setup: Setup) -> None:
+    """Check that there is a frame per env."""
+    with setup.env() as env:
+        if env.render_mode != "rgb_array":
+            return
+        env.reset(seed=setup.seed)
+        frames = env.render()
+        assert isinstance(frames, Sequence), f"render: expected a tuple or list of frames, got {type(frames).__name__}"
+        assert len(frames) == env.num_envs, f"render: expected {env.num_envs} frames, got {len(frames)}"
+        for frame in frames:
+            assert isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.shape[2:] == (3,), (
+                f"render: expected uint8 frames (height, width, 3), got {getattr(frame, 'dtype', type(frame))} "
+                f"{getattr(frame, 'shape', '')}"
+            )
+
+
+def check_close(setup: Setup) -> None:
+    """Check that closing twice is allowed."""
+    env = setup.make_env(setup.num_envs)
+    env.reset(seed=setup.seed)
+    env.close()
+    assert env.closed, "after close, closed should be True"
+    try:
+        env.close()
+    except Exception as error:
+        raise AssertionError(f"closing twice should be allowed, but raised {error!r}") from error

@@ -1,0 +1,53 @@
+"""The check that arrays belong to who holds them."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from flockstep.testing.comparing import assert_same_runs, difference_between
+from flockstep.testing.runs import Actions, Setup, run
+
+
+def check_ownership(setup: Setup) -> None:
+    """Check that returned arrays are neither written again nor read back, and arguments not changed."""
+    with setup.env() as env, setup.env() as poisoned:
+        kept = run(env, setup.steps, setup.seed, setup.seed, keep=True)
+        fresh = run(poisoned, setup.steps, setup.seed, setup.seed)
+        assert_same_runs(fresh, kept, "an array that was returned should not be written again")
+
+        actions = Actions(poisoned, setup.seed)
+        observation, _ = poisoned.reset(seed=setup.seed)
+        _poison(observation)
+        mode = poisoned.metadata.get("autoreset_mode")
+        for number, expected in enumerate(fresh[1]):
+            batch = actions()
+            given = copy.deepcopy(batch)
+            step = poisoned.step(batch)
+            difference = difference_between(batch, given)
+            assert difference is None, f"step {number} changed the actions it was given: {difference}"
+            ended = step[2] | step[3]
+            for name, ours in zip(("observation", "reward", "terminated", "truncated"), step, strict=False):
+                difference = difference_between(ours, getattr(expected, name))
+                assert difference is None, (
+                    f"after a caller wrote into the arrays it was given, {name} of step {number} differs: {difference}"
+                )
+            for part in step[:4]:
+                _poison(part)
+            if mode == AutoresetMode.DISABLED and ended.any():
+                poisoned.reset(options={"reset_mask": ended.copy()})
+
+
+def _poison(value: Any) -> None:
+    if isinstance(value, dict):
+        for part in value.values():
+            _poison(part)
+    elif isinstance(value, tuple):
+        for part in value:
+            _poison(part)
+    elif isinstance(value, np.ndarray) and value.dtype != object:
+        assert value.flags.writeable, "a returned array is read-only; callers may write into what they are given"
+        value[...] = np.nan if value.dtype.kind == "f" else 1

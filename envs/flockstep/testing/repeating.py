@@ -1,0 +1,46 @@
+"""Checks that the same seeds and actions give the same run, whatever flies beside it."""
+
+from __future__ import annotations
+
+from flockstep.testing.comparing import assert_same_runs, rows_of
+from flockstep.testing.runs import Setup, run
+
+
+def check_determinism(setup: Setup) -> None:
+    """Check that the same seed and actions give the same run, in the same env and in a new one."""
+    with setup.env() as env, setup.env() as other:
+        first = run(env, setup.steps, setup.seed, setup.seed)
+        on = run(env, setup.steps // 4, None, setup.seed)
+        again = run(env, setup.steps, setup.seed, setup.seed)
+        assert_same_runs(first, again, "the same seed and actions should give the same run in the same env")
+        on_again = run(env, setup.steps // 4, None, setup.seed)
+        assert_same_runs(on, on_again, "the runs after a reset without a seed should be alike after alike histories")
+        fresh = run(other, setup.steps, setup.seed, setup.seed)
+        assert_same_runs(first, fresh, "the same seed and actions should give the same run in a new env")
+
+
+def check_num_envs(setup: Setup) -> None:
+    """Check that env i does the same whatever the number of envs."""
+    n, more = setup.num_envs, 2 * setup.num_envs + 1
+    with setup.env(n) as env, setup.env(more) as wide:
+        few, many = run(env, setup.steps, setup.seed, setup.seed), run(wide, setup.steps, setup.seed, setup.seed)
+    rows = slice(0, n)
+    assert_same_runs(
+        few,
+        (rows_of(many[0], rows), [rows_of(step, rows) for step in many[1]]),
+        f"env i of {n} should do what env i of {more} does",
+    )
+
+
+def check_seed_offset(setup: Setup) -> None:
+    """Check that env i of a batch seeded s does what env 0 of one seeded s + i does."""
+    last = setup.num_envs - 1
+    with setup.env() as env, setup.env(1) as alone:
+        batch = run(env, setup.steps, setup.seed, setup.seed)
+        single = run(alone, setup.steps, setup.seed + last, setup.seed, offset=last)
+    rows = slice(last, last + 1)
+    assert_same_runs(
+        (rows_of(batch[0], rows), [rows_of(step, rows) for step in batch[1]]),
+        single,
+        f"env {last} of a batch seeded s should do what env 0 of a batch seeded s + {last} does",
+    )

@@ -1,0 +1,96 @@
+"""Runs of an env under random actions, to be compared."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+Array: TypeAlias = npt.NDArray[Any]
+AnyVectorEnv: TypeAlias = VectorEnv[Any, Any, Any]
+MakeEnv: TypeAlias = Callable[[int], AnyVectorEnv]
+
+
+@dataclass
+class Setup:
+    """What to check: how an env is made, how many, how long the runs are, and their seed."""
+
+    make_env: MakeEnv
+    num_envs: int
+    steps: int
+    seed: int
+
+    @contextmanager
+    def env(self, num_envs: int | None = None) -> Iterator[AnyVectorEnv]:
+        """Make an env, and close it in the end."""
+        env = self.make_env(self.num_envs if num_envs is None else num_envs)
+        try:
+            yield env
+        finally:
+            env.close()
+
+
+@dataclass
+class Step:
+    """What one step returned; every field has a row per env."""
+
+    observation: Any
+    reward: Array
+    terminated: Array
+    truncated: Array
+    infos: dict[str, Any]
+
+    @property
+    def ended(self) -> Array:
+        """Where the episode ended, (N,) bool."""
+        ended: Array = self.terminated | self.truncated
+        return ended
+
+
+class Actions:
+    """Random actions that depend on nothing but the index of the env and how many came before.
+
+    With ``offset``, env i gets the actions of env i + offset.
+    """
+
+    def __init__(self, env: AnyVectorEnv, seed: int, offset: int = 0) -> None:
+        self._spaces = [copy.deepcopy(env.single_action_space) for _ in range(env.num_envs)]
+        for index, space in enumerate(self._spaces):
+            space.seed(seed + index + offset)
+        self._single = env.single_action_space
+
+    def __call__(self) -> Any:
+        """Return the next actions of all envs."""
+        samples = [space.sample() for space in self._spaces]
+        return _stack(samples)
+
+
+def _stack(samples: Sequence[Any]) -> Any:
+    if isinstance(samples[0], dict):
+        return {key: _stack([sample[key] for sample in samples]) for key in samples[0]}
+    if isinstance(samples[0], tuple):
+        return tuple(_stack(part) for part in zip(*samples, strict=True))
+    return np.stack(samples)
+
+
+def run(
+    env: AnyVectorEnv, steps: int, seed: int | None, action_seed: int, offset: int = 0, keep: bool = False
+) -> tuple[Any, list[Step]]:
+    """Reset and step with random actions; return copies, or with ``keep`` the very arrays that came."""
+    own: Callable[[Any], Any] = (lambda x: x) if keep else copy.deepcopy
+    actions = Actions(env, action_seed, offset)
+    observation = own(env.reset(seed=seed)[0])
+    mode = env.metadata.get("autoreset_mode")
+    history = []
+    for _ in range(steps):
+        step = Step(*own(env.step(actions())))
+        history.append(step)
+        if mode == AutoresetMode.DISABLED and step.ended.any():
+            env.reset(options={"reset_mask": step.ended.copy()})
+    return observation, history

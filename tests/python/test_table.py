@@ -1,0 +1,53 @@
+"""The tables of figures: each from one commit and one processor, which it names."""
+
+import pytest
+
+import table
+
+MACHINE = {"cpu": "Fast One", "logical_processors": 2, "simd": "AVX3", "embree": "3", "python": "3.11"}
+COMMIT = "0123456789abcdef0123456789abcdef01234567"
+NOTE = {"note": "Of easy worlds only."}
+FIGURES = [
+    {"name": "train/a/seed0/success_rate", "value": 0.98, "unit": "1", "runs": 7, **NOTE},
+    {"name": "train/a/seed0/seconds", "value": 31.25, "unit": "s", "runs": 1},
+    {"name": "train/a/random_policy/success_rate", "value": 0.0, "unit": "1", "runs": 7, **NOTE},
+]
+
+
+def result(**changes):
+    return {"machine": MACHINE, "commit": COMMIT, "figures": FIGURES, **changes}
+
+
+def test_a_table_names_its_source_and_says_its_notes_once():
+    written = table.table({name: result() for name in table.NAMES})
+    first = written.split("**step**")[0]
+    assert first.startswith(
+        "**lidar**: Fast One, 2 logical processors, AVX3, Embree 3, Python 3.11; commit 0123456789ab"
+    )
+    assert "| `train/a/seed0` | 0.98 | 31.25 s |" in first
+    assert "| `train/a/random_policy` | 0 |  |" in first  # beside what it is to be compared with
+    assert first.count("`success_rate`: Of easy worlds only.") == 1
+    assert "Not measured" not in written
+
+
+def test_the_tables_of_the_documents_name_their_source():
+    results = {"step": result(), "camera": result()}
+    for write in (table.stages, table.frames, table.modes):
+        assert write(results).startswith("Fast One, ")
+        assert write({}) == "Not measured yet.\n"
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"commit": COMMIT + "-dirty"}, "train: expected the one commit .* got '0123.*-dirty'"),
+        ({"commit": "unknown"}, "train: expected the one commit .* got 'unknown'"),
+        ({"commit": [COMMIT, COMMIT]}, "train: expected the one commit"),
+        ({"machine": {}}, "train: expected the one processor .* got None"),
+        ({"machine": MACHINE | {"cpu": ["Fast One", "Slow One"]}}, "train: expected the one processor"),
+    ],
+)
+def test_figures_of_no_or_several_sources_are_refused(changes, match):
+    table.refuse_unknown_sources({"train": result()})
+    with pytest.raises(SystemExit, match=match):
+        table.refuse_unknown_sources({"train": result(**changes)})

@@ -1,0 +1,156 @@
+"""The figures of training that `./dev bench train`, `camera_train` and `camera_large` report.
+
+.venv/bin/python training/benchmark.py train --figures out/bench/train.figures
+
+Each seed is trained from scratch; the model is chosen, and training stops, by generated playgrounds. What is reported
+is flown once, with the chosen model: the playgrounds that ship, and 100 generated ones that nothing else has flown.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+import flockstep
+from evaluate import MAX_STEPS, Policy, baselines, fly, greedy, summary
+from tasks import UNSEEN_SEEDS, Setup
+from train_ppo import DEFAULTS, Args, Outcome, train
+
+SEEDS = (0, 1, 2, 3, 4)
+UNSEEN_WORLDS = 100
+START_FLIGHTS = 50  # from all over each spawn box, of a camera task
+
+Figure = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Worlds whose success rate is one figure."""
+
+    subject: str  # of the figure, after the training's own name
+    name: str
+    worlds: list[flockstep.World]
+    random_start: bool = False
+    note: str = ""
+
+    def success_rate(self, policy: Policy, setup: Setup) -> float:
+        """Fly every world once."""
+        flights = fly(policy, self.worlds, MAX_STEPS, setup=setup, random_start=self.random_start)
+        return float(summary(flights)["success_rate"])
+
+    def figure(self, name: str, rate: float) -> Figure:
+        """Return the figure of a policy by that name."""
+        made = figure(f"train/{name}{self.subject}/{self.name}", rate, "1", len(self.worlds))
+        return {**made, "note": self.note} if self.note else made
+
+
+def figure(name: str, value: float, unit: str, runs: int) -> Figure:
+    """Return a figure as bench/run.py has them."""
+    return {"name": name, "value": float(f"{value:.4g}"), "unit": unit, "runs": runs}
+
+
+def groups(setup: Setup) -> list[Group]:
+    """Return all that is reported of a task."""
+    unseen = setup.generated(UNSEEN_SEEDS, UNSEEN_WORLDS)
+    generated = Group("", "unseen_success_rate", unseen, note=setup.generated_note)
+    sets = {name: flockstep.scenes.load(name) for name in setup.playgrounds}
+    if setup.task == "lidar":
+        return [
+            Group("", "playgrounds_success_rate", [world for worlds in sets.values() for world in worlds]),
+            generated,
+        ]
+    found = [generated]
+    for name, worlds in sets.items():
+        subject = f"/{name.replace('-', '_')}"
+        found += [
+            Group(subject, "success_rate", worlds),
+            Group(subject, "random_start_success_rate", worlds * START_FLIGHTS, random_start=True),
+        ]
+    return found
+
+
+def baseline_figures(task: str, setup: Setup, flown: Sequence[Group]) -> list[Figure]:
+    """Return what needs no training, in the same worlds."""
+    figures = []
+    for group in flown:
+        for name, rate in baselines(group.worlds, setup, group.random_start).items():
+            if name == "random_policy" or not group.random_start:  # the others know nothing of spawn boxes
+                figures.append(group.figure(f"{task}/{name}", rate))
+    return figures
+
+
+def trained(name: str, args: Args, out: Path, flown: Sequence[Group]) -> tuple[Outcome, list[Figure]]:
+    """Train from scratch, then fly what is reported; return what the training took, and its figures."""
+    args = dataclasses.replace(args, out=out / name.replace("/", "-"), progress=False)
+    print("hyperparameters:", args)
+    model, outcome = train(args)
+    policy = greedy(model)
+    figures = [group.figure(name, group.success_rate(policy, args.setup)) for group in flown]
+    figures += [
+        figure(f"train/{name}/seconds", outcome.seconds, "s", 1),
+        figure(f"train/{name}/evaluation_seconds", outcome.evaluation_seconds, "s", 1),
+        figure(f"train/{name}/steps", outcome.steps, "1", 1),
+        figure(f"train/{name}/steps_per_second", outcome.steps_per_second, "1/s", 1),
+    ]
+    if args.frame_skip > 1:
+        flown_per_second = args.frame_skip * outcome.steps_per_second
+        figures.append(figure(f"train/{name}/flown_steps_per_second", flown_per_second, "1/s", 1))
+    for made in figures:
+        print(f"  {made['name']}: {made['value']:,.6g} {made['unit']}", flush=True)
+    return outcome, figures
+
+
+def task_figures(args: Args, seeds: Sequence[int], out: Path) -> list[Figure]:
+    """Return the figures of all seeds of a task, of its baselines, and where the time goes."""
+    flown = groups(args.setup)
+    figures: list[Figure] = []
+    outcomes = []
+    for seed in seeds:
+        outcome, made = trained(f"{args.task}/seed{seed}", dataclasses.replace(args, seed=seed), out, flown)
+        outcomes.append(outcome)
+        figures += made
+    figures += baseline_figures(args.task, args.setup, flown)
+    for part in outcomes[0].seconds_by_part:
+        shares = [1e6 * outcome.seconds_by_part[part] / outcome.steps for outcome in outcomes]
+        name = f"train/{args.task}/microseconds_per_step/{part.replace(', ', '_').replace(' ', '_')}"
+        figures.append(figure(name, statistics.median(shares), "us", len(shares)))
+    return figures
+
+
+@dataclass
+class Options:
+    """Measure training."""
+
+    name: tyro.conf.Positional[Literal["train", "camera_train", "camera_large"]]
+    """The LiDAR task; both camera tasks; the camera task at 640 x 480."""
+    seeds: tuple[int, ...] = SEEDS
+    """Of the LiDAR task. The camera task takes the first three, what sees pixels, or is large, the first."""
+    out: Path = Path("out/bench/train")
+    """Where models and logs go, a folder for each training."""
+    figures: Path = Path("out/bench/train/figures.json")
+    """Where the figures go."""
+
+
+def main(options: Options) -> None:
+    """Train, fly, and write the figures."""
+    if options.name == "train":
+        figures = task_figures(DEFAULTS["lidar"], options.seeds, options.out)
+    elif options.name == "camera_train":
+        figures = task_figures(DEFAULTS["camera"], options.seeds[:3], options.out)
+        figures += task_figures(DEFAULTS["pixels"], options.seeds[:1], options.out)
+    else:
+        args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_worlds=20, seed=options.seeds[0])
+        _, figures = trained("camera/640x480", args, options.out, groups(args.setup))
+    options.figures.parent.mkdir(parents=True, exist_ok=True)
+    options.figures.write_text(json.dumps(figures, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
