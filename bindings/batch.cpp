@@ -218,6 +218,11 @@ void register_batch(py::module_& module) {
                              state_view<float>([](const Batch& b) -> auto& { return b.sensed_quat_wxyz(); }, 4))
       .def_property_readonly("contact", &contact_of)
       .def_property_readonly("tick", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().tick; }))
+      .def_property_readonly("lidar_name",
+                             [](const Batch& batch) -> std::optional<std::string> {
+                               const auto& lidar = batch.config().lidar;
+                               return lidar ? std::optional(lidar->name) : std::nullopt;
+                             })
       .def("lidar", &lidar_view, py::arg("name") = none)
       .def(
           "set_pose",

@@ -70,6 +70,13 @@ py::class_<Config> register_fields(py::module_& module, const char* name, const 
       .def(py::pickle([kNames](const py::object& self) { return state_of(self, kNames); },
                       [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   cls.attr("__hash__") = py::none();  // it can change
+  py::dict types;  // for the stubs
+  std::apply(
+      [&](const auto&... fields) {
+        ((types[fields.name] = StubType<std::remove_cvref_t<decltype(std::declval<Config>().*(fields.member))>>::of()), ...);
+      },
+      Config::fields());
+  cls.attr("_field_types") = types;
   cls.attr("__match_args__") = py::tuple(py::cast(std::vector<std::string>(kNames.begin(), kNames.end())));
   return cls;
 }

@@ -94,6 +94,36 @@ struct PythonName<std::array<T, kSize>> {
   static std::string of() { return std::to_string(kSize) + " numbers"; }
 };
 
+// The type as a stub has it.
+template <class T>
+struct StubType {
+  static std::string of() {
+    if constexpr (std::is_enum_v<T>) {
+      std::string names;
+      for (const char* name : EnumNames<T>::kNames) names += (names.empty() ? "\"" : ", \"") + std::string(name) + '"';
+      return "Literal[" + names + "]";
+    }
+    if constexpr (std::is_same_v<T, bool>) return "bool";
+    if constexpr (std::is_integral_v<T>) return "int";
+    if constexpr (std::is_floating_point_v<T>) return "float";
+    if constexpr (std::is_same_v<T, std::string>) return "str";
+    if constexpr (std::is_same_v<T, CameraOutputs>) return "Sequence[str]";
+    return py::str(py::type::of<T>().attr("__name__"));
+  }
+};
+template <class T>
+struct StubType<std::optional<T>> {
+  static std::string of() { return StubType<T>::of() + " | None"; }
+};
+template <class T>
+struct StubType<std::vector<T>> {
+  static std::string of() { return "Sequence[" + StubType<T>::of() + "]"; }
+};
+template <class T, std::size_t kSize>
+struct StubType<std::array<T, kSize>> {
+  static std::string of() { return "Sequence[" + StubType<T>::of() + "]"; }
+};
+
 // Throws TypeError or ValueError naming the field.
 template <class T>
 T from_python(const py::handle& value, const std::string& field) {

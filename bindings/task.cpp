@@ -58,10 +58,10 @@ class PythonTask final : public Task {
     calls_->attr("begin")(envs(block));
   }
 
-  void command(const TaskBlock& block, const Buffer&, Setpoints& setpoints) override {
+  void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     const py::gil_scoped_acquire acquire;
     const auto n = static_cast<py::ssize_t>(block.context.num_envs());
-    const py::tuple targets = calls_->attr("command")();
+    const py::tuple targets = calls_->attr("command")(copy_of(actions, n));
     const auto position = floats(targets[0], "target position", {n, 3});
     const auto quat_wxyz = floats(targets[1], "target quat_wxyz", {n, 4});
     const std::span<const float> p = position, q = quat_wxyz;
@@ -126,6 +126,14 @@ class PythonTask final : public Task {
     py::array_t<std::int64_t> indices(static_cast<py::ssize_t>(block.envs.size()));
     std::copy(block.envs.begin(), block.envs.end(), indices.mutable_data());
     return indices;
+  }
+
+  py::array copy_of(const Buffer& actions, py::ssize_t n) const {
+    Shape shape{n};
+    shape.insert(shape.end(), spec_.action.shape.begin(), spec_.action.shape.end());
+    py::array array(py::dtype(name_of(spec_.action.type)), shape);
+    std::memcpy(array.mutable_data(), actions.bytes().data(), actions.bytes().size());
+    return array;
   }
 
   TaskSpec spec_;

@@ -24,8 +24,11 @@ DIRECTIONS = {
 class Navigation(flockstep.Task):
     """Fly from the start over the waypoints to the goal; see `flockstep.NavigationConfig` for the fields.
 
-    Random starts, random worlds, staggered time limits, frame skip and the observation of pixels are left out.
+    Random starts and the observation of pixels are left out.
     """
+
+    reward_terms = ("distance", "crash", "free_space", "step", "action_change", "overshoot")
+    max_episode_steps = 3000
 
     def __init__(
         self,
@@ -36,7 +39,6 @@ class Navigation(flockstep.Task):
         self.config = config
         self.lidar = lidar
         self.camera = cameras
-        self.max_episode_steps = config.max_episode_steps
         rays = lidar.shape[0] * lidar.shape[1]
         head = [-1.0, 0.0] if config.observation == "blob" else [-1.0, -1.0, -1.0]
         low = np.concatenate([head, np.zeros(rays)]).astype(np.float32)
@@ -57,7 +59,6 @@ class Navigation(flockstep.Task):
         self.last_distance = np.zeros(n)  # m to the current goal
         self.last_action = np.full((n, *(self.action_space.shape or ())), np.nan)  # NaN: any action is a change
         self.action = self.last_action
-        self.reward_terms = np.zeros((n, 6))
 
     def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
         super().reset(batch, mask)
@@ -81,7 +82,7 @@ class Navigation(flockstep.Task):
             quat = quat / np.linalg.norm(quat, axis=1, keepdims=True)
         return batch.position + rotate(batch.quat_wxyz, np.float32(self.config.step_m) * displacement), quat
 
-    def step(self, batch: flockstep.Batch) -> tuple[Array, BoolArray]:
+    def step(self, batch: flockstep.Batch) -> tuple[dict[str, Array], BoolArray]:
         r = self.config.reward
         crashed = batch.contact.hit
         distance = self.distance(batch)
@@ -110,12 +111,16 @@ class Navigation(flockstep.Task):
         overshot = (r.overshoot_weight != 0) & (batch.position[:, 0] > goal_x + r.goal_radius_m)
         overshoot_term = np.where(overshot, -r.goal_reward / 10, 0)
 
-        terms = [distance_term, crash_term, free_space_term, step_term, change_term, overshoot_term]
-        weights = [r.distance_weight, r.crash_weight, r.free_space_weight, r.step_weight]
-        weights += [r.action_change_weight, r.overshoot_weight]
-        self.reward_terms = np.stack(terms, axis=1) * weights
         self.success[:] = at_goal & ~crashed
-        return self.reward_terms.sum(axis=1), crashed | at_goal | overshot
+        terms = {
+            "distance": r.distance_weight * distance_term,
+            "crash": r.crash_weight * crash_term,
+            "free_space": r.free_space_weight * free_space_term,
+            "step": r.step_weight * step_term,
+            "action_change": r.action_change_weight * change_term,
+            "overshoot": r.overshoot_weight * overshoot_term,
+        }
+        return terms, crashed | at_goal | overshot
 
     def observe(self, batch: flockstep.Batch) -> Array:
         head = self.blob(batch) if self.config.observation == "blob" else self.direction(batch)
@@ -148,7 +153,8 @@ class Navigation(flockstep.Task):
 
     def goal(self, batch: flockstep.Batch) -> Array:
         """Return the current goal of each drone, (N, 3) m."""
-        return self.goals[batch.world_index, self.goal_index]
+        goal: Array = self.goals[batch.world_index, self.goal_index]
+        return goal
 
     def distance(self, batch: flockstep.Batch) -> Array:
         """Return the distance of each drone to its current goal, (N,) m."""
@@ -157,8 +163,8 @@ class Navigation(flockstep.Task):
 
     def ranges(self, batch: flockstep.Batch) -> Array:
         """Return the LiDAR ranges over the maximum range, (N, beams), 1 on a miss."""
-        ranges = batch.lidar_ranges.reshape(batch.num_drones, -1).astype(float)
-        return np.minimum(ranges / batch.lidar_max_range_m[:, None], 1)
+        ranges = batch.lidar().ranges.reshape(batch.num_drones, -1).astype(float)
+        return np.minimum(ranges / batch.lidar().max_range_m[:, None], 1)
 
     def state(self) -> dict[str, Array]:
         names = ("goal_index", "last_distance", "last_action")

@@ -9,7 +9,7 @@ Bad input raises `ValueError` naming the field, what was expected and what came,
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias, final
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,8 @@ class LidarConfig:
 
     Parameters
     ----------
+    name
+        For `Batch.lidar`: letters, digits, _ and -.
     channels
         Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; one channel looks at elevation 0.
     beams
@@ -47,30 +49,13 @@ class LidarConfig:
         (4,) sensor to body; normalised if close to unit.
     azimuth_deg, elevation_deg
         Lists of equal length instead of the grid; a scan then has the shape (1, length).
+    rate_hz
+        Scans per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one after every
+        flown step.
     """
 
-    channels: int
-    beams: int
-    hfov_deg: float
-    vfov_deg: float
-    max_range_m: float
-    offset_m: Sequence[float]
-    quat_wxyz: Sequence[float]
-    azimuth_deg: Sequence[float]
-    elevation_deg: Sequence[float]
-    def __init__(
-        self,
-        *,
-        channels: int = 1,
-        beams: int = 35,
-        hfov_deg: float = 270.0,
-        vfov_deg: float = 0.0,
-        max_range_m: float = 3.0,
-        offset_m: Sequence[float] = (0.0, 0.0, 0.0),
-        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-        azimuth_deg: Sequence[float] = (),
-        elevation_deg: Sequence[float] = (),
-    ) -> None: ...
+    # fields of LidarConfig
+    # end of fields
     @property
     def shape(self) -> tuple[int, int]:
         """(channels, beams) of one scan."""
@@ -108,42 +93,13 @@ class CameraConfig:
         1, 4, 9 or 16, a grid, averaged. Colours only: the rest is of the pixel's centre.
     shadows
         Hard shadows of the sun. Rooms and markers cast none.
+    rate_hz
+        Frames per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. With capture mode ``"every_step"``. None: one after every
+        flown step.
     """
 
-    name: str
-    width_px: int
-    height_px: int
-    hfov_deg: float | None
-    vfov_deg: float | None
-    offset_m: Sequence[float]
-    quat_wxyz: Sequence[float]
-    near_m: float
-    far_m: float
-    outputs: Sequence[str]
-    depth_kind: str
-    layout: str
-    capture_mode: str
-    samples_per_pixel: int
-    shadows: bool
-    def __init__(
-        self,
-        *,
-        name: str = "front",
-        width_px: int = 640,
-        height_px: int = 480,
-        hfov_deg: float | None = None,
-        vfov_deg: float | None = None,
-        offset_m: Sequence[float] = (0.0, 0.0, 0.0),
-        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
-        near_m: float = 0.05,
-        far_m: float = 100.0,
-        outputs: Sequence[str] = ("rgb",),
-        depth_kind: str = "planar",
-        layout: str = "hwc",
-        capture_mode: str = "every_step",
-        samples_per_pixel: int = 1,
-        shadows: bool = False,
-    ) -> None: ...
+    # fields of CameraConfig
+    # end of fields
     def __eq__(self, other: object, /) -> bool: ...
     @property
     def fx(self) -> float:
@@ -169,12 +125,49 @@ class PoseSensorConfig:
     position_noise_std_m
         Standard deviation per axis.
     tilt_noise_std_deg
-        Standard deviation per axis of a rotation vector.
+        Standard deviation of each component of the rotation vector.
+    rate_hz
+        Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one after every
+        flown step.
     """
 
-    position_noise_std_m: float
-    tilt_noise_std_deg: float
-    def __init__(self, *, position_noise_std_m: float = 0.0, tilt_noise_std_deg: float = 0.0) -> None: ...
+    # fields of PoseSensorConfig
+    # end of fields
+
+class EpisodeConfig:
+    """When episodes begin and end; the same for every task.
+
+    Parameters
+    ----------
+    autoreset_mode
+        As in `gymnasium.vector.AutoresetMode`.
+    max_episode_steps
+        Truncate after so many flown steps; 0 means never, None what the task says.
+    frame_skip
+        From 1 to 1000: one `Batch.step` flies its action so many times, or until the episode ends, and is rewarded the sum.
+        Whatever counts steps counts those flown. Cameras look after the last of them alone.
+    stagger_first_episode
+        Spread the first time limits over [1, max_episode_steps], by seed, so that they do not all fall in one step.
+    random_world
+        Each reset draws one of the batch's worlds instead of keeping the env's own.
+    """
+
+    # fields of EpisodeConfig
+    # end of fields
+
+class ClockConfig:
+    """How time passes: a tick is one substep of the motion, and a flown step has ``substeps`` of them.
+
+    Parameters
+    ----------
+    dt_s
+        Seconds of a tick, from 1e-5 to 10.
+    substeps
+        Ticks in a flown step, from 1 to 1000.
+    """
+
+    # fields of ClockConfig
+    # end of fields
 
 @final
 class NavigationReward:
@@ -211,34 +204,8 @@ class NavigationReward:
         Keep the last distance when the current goal changes, as the thesis's program did.
     """
 
-    distance_weight: float
-    crash_weight: float
-    free_space_weight: float
-    step_weight: float
-    action_change_weight: float
-    overshoot_weight: float
-    goal_reward: float
-    waypoint_share: float
-    goal_radius_m: float
-    min_clearance: float
-    step_scale: float
-    carry_over_distance: bool
-    def __init__(
-        self,
-        *,
-        distance_weight: float = 1.0,
-        crash_weight: float = 1.0,
-        free_space_weight: float = 1.0,
-        step_weight: float = 1.0,
-        action_change_weight: float = 1.0,
-        overshoot_weight: float = 0.0,
-        goal_reward: float = 10000.0,
-        waypoint_share: float = 0.1,
-        goal_radius_m: float = 0.5,
-        min_clearance: float = 0.2,
-        step_scale: float = 3000.0,
-        carry_over_distance: bool = False,
-    ) -> None: ...
+    # fields of NavigationReward
+    # end of fields
 
 @final
 class NavigationConfig:
@@ -253,51 +220,76 @@ class NavigationConfig:
     observation
         What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``"goal"``: the unit direction (3,) to the
         current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the `green_blob`
-        of the first camera's image. ``"pixels"``: nothing; the image of the first camera, whose layout is ``"chw"``, is in
-        `Batch.image`.
+        of the first camera's image. ``"pixels"``: nothing; the image of the first camera, whose layout is ``"chw"``, is a
+        field of its own.
     step_m
         Metres of a full action.
     yaw_step_deg
         Degrees of a full turn action, in (0, 180].
-    max_episode_steps
-        Truncate after so many flown steps; 0 means never.
-    frame_skip
-        From 1 to 1000: one `Batch.step` flies its action so many times, or until the episode ends, and is rewarded the sum.
-        Whatever counts steps counts those flown. The camera looks after the last of them alone.
     reward
         The terms of the reward.
     random_start
         Start anywhere in the world's spawn box instead of at its start marker.
-    random_world
-        Each reset draws one of the batch's worlds instead of keeping the drone's own.
-    stagger_first_episode
-        Spread the first time limits over [1, max_episode_steps], by seed, so that they do not all fall in one step.
     """
 
-    action: str
-    observation: str
-    step_m: float
-    yaw_step_deg: float
-    max_episode_steps: int
-    frame_skip: int
-    reward: NavigationReward
-    random_start: bool
-    random_world: bool
-    stagger_first_episode: bool
-    def __init__(
-        self,
-        *,
-        action: str = "discrete",
-        observation: str = "goal",
-        step_m: float = 0.1,
-        yaw_step_deg: float = 10.0,
-        max_episode_steps: int = 3000,
-        frame_skip: int = 1,
-        reward: NavigationReward = ...,
-        random_start: bool = False,
-        random_world: bool = False,
-        stagger_first_episode: bool = False,
-    ) -> None: ...
+    # fields of NavigationConfig
+    # end of fields
+    @staticmethod
+    def observing(observation: str) -> NavigationConfig:
+        """Return the task of the thesis that observes this; camera tasks fly ahead and aside, and end where they overshoot."""
+
+@final
+class Field:
+    """A named array that a task declares; its shape is that of one env. Bounds are one number, or one for each value."""
+
+    def __init__(self, name: str, dtype: str, shape: Sequence[int], low: float, high: float) -> None: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def dtype(self) -> str: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def low(self) -> Any: ...
+    @property
+    def high(self) -> Any: ...
+
+@final
+class TaskSpec:
+    """What a task takes, shows and is rewarded by, declared once."""
+
+    def __init__(self, action: Field, observation: Sequence[Field], reward_terms: Sequence[str]) -> None: ...
+    @property
+    def action(self) -> Field: ...
+    @property
+    def observation(self) -> list[Field]: ...
+    @property
+    def reward_terms(self) -> list[str]: ...
+
+@final
+class NativeTask:
+    """A task of your own in C++: a shared library that exports ``flockstep::Task* flockstep_make_task()``.
+
+    Build it against the headers in `flockstep.include_dir`, with the compiler that flockstep was built with.
+
+    Raises
+    ------
+    ValueError
+        The library cannot be loaded, or exports no such function.
+    """
+
+    def __init__(self, path: str) -> None: ...
+    @property
+    def path(self) -> str: ...
+
+@final
+class PythonTask:
+    """A task whose methods are Python's; `flockstep.Task` makes these."""
+
+    def __init__(self, spec: TaskSpec, identity: str, max_episode_steps: int, calls: object) -> None: ...
+
+def task_defaults(task: NavigationConfig | NativeTask | PythonTask) -> dict[str, Any]:
+    """Return what an env of the task is made of: ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``."""
 
 @final
 class World:
@@ -521,6 +513,63 @@ class Camera:
             Pillow is not installed.
         """
 
+@final
+class Lidar:
+    """The LiDAR of every drone of a batch; `Batch.lidar` returns it. Views keep the batch alive."""
+
+    @property
+    def config(self) -> LidarConfig:
+        """As the batch was made."""
+
+    def config_of(self, index: int) -> LidarConfig:
+        """Return the setting of one drone, as `Batch.set_lidar` changed it."""
+
+    @property
+    def ranges(self) -> _F32:
+        """(N, channels, beams) m, inf on a miss; a read-only view, written in place by the next scan."""
+
+    @property
+    def max_range_m(self) -> _F32:
+        """(N,) m, of each drone's LiDAR as `Batch.set_lidar` left it; a read-only view."""
+
+    @property
+    def directions(self) -> _F32:
+        """(N, channels, beams, 3) unit, body frame; a copy."""
+
+    @property
+    def points(self) -> _F32:
+        """(N, channels, beams, 3) m, world frame, inf on a miss; a copy. Exact only while the drone is where it sensed."""
+
+@final
+class Terms:
+    """What the engine's own tasks are rewarded by and observe, of every env as it is now; `Batch.terms` returns it.
+
+    ``goal_index`` (N,) says which waypoint is each env's goal, from 0; beyond the last one, and by default, it is the goal
+    marker of its world. New arrays, but for `action_changed`.
+    """
+
+    def goal(self, goal_index: npt.ArrayLike | None = None) -> _F32:
+        """(N, 3) m, world frame."""
+
+    def goal_distance(self, goal_index: npt.ArrayLike | None = None) -> _F64:
+        """(N,) m, from where the drones are."""
+
+    def goal_direction(self, goal_index: npt.ArrayLike | None = None) -> _F32:
+        """(N, 3) unit, in the body frame as the pose sensor has it."""
+
+    def ranges(self) -> _F32:
+        """(N, rays): the LiDAR's ranges over its maximum range, 1 on a miss."""
+
+    def clearance(self) -> _F64:
+        """(N,): the least of `ranges`."""
+
+    def free_space(self, min_clearance: float) -> _F64:
+        """(N,): 1 in the open, 0 where all ranges are ``min_clearance``, a number in (0, 1)."""
+
+    @property
+    def action_changed(self) -> _Bool:
+        """(N,): the action differs from that of the step before, as an episode's first does; in `Task.step`. A view."""
+
 class Batch:
     """N drone slots over W worlds, stepped together.
 
@@ -537,7 +586,7 @@ class Batch:
     lidar, pose_sensor
         Sensors: none and an exact pose by default.
     task
-        The built-in task that `reset` and `step` run; it needs a LiDAR, and a camera where it observes one.
+        What `reset` and `step` run. The navigation task needs a LiDAR, and a camera where it observes one.
     drone
         Default: the 650-class quadrotor.
     cameras
@@ -546,8 +595,8 @@ class Batch:
     camera_backend
         ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL. ``"auto"``: the
         faster of the two, timed on the batch's worlds. Without OpenGL, both are raycast with a `RuntimeWarning`.
-    autoreset_mode
-        ``"next_step"``, ``"same_step"`` or ``"disabled"``, as in `gymnasium.vector.AutoresetMode`.
+    episode, clock
+        Of the task's episodes, and of time.
     num_threads
         0 means the physical cores this process may run on.
     block_size
@@ -563,11 +612,12 @@ class Batch:
         *,
         lidar: LidarConfig | None = None,
         pose_sensor: PoseSensorConfig | None = None,
-        task: NavigationConfig | None = None,
+        task: NavigationConfig | NativeTask | PythonTask | None = None,
         drone: DroneModel | None = None,
         cameras: Sequence[CameraConfig] = (),
         camera_backend: str = "raycast",
-        autoreset_mode: str = "next_step",
+        episode: EpisodeConfig | None = None,
+        clock: ClockConfig | None = None,
         num_threads: int = 0,
         block_size: int = 64,
         world_index: npt.ArrayLike | None = None,
@@ -601,23 +651,11 @@ class Batch:
         """Where the last motion ended."""
 
     @property
-    def lidar_ranges(self) -> _F32:
-        """(N, channels, beams) m, inf on a miss."""
+    def lidar_name(self) -> str | None:
+        """Name of the LiDAR, None without one."""
 
-    @property
-    def lidar_max_range_m(self) -> _F32:
-        """(N,) m, of each drone's LiDAR as `set_lidar` left it; `RuntimeError` without a LiDAR."""
-
-    def lidar_config_of(self, index: int) -> LidarConfig:
-        """Return the LiDAR's setting of one drone, as `set_lidar` changed it; `RuntimeError` without a LiDAR."""
-
-    @property
-    def lidar_directions(self) -> _F32:
-        """(N, channels, beams, 3) unit, body frame; a copy."""
-
-    @property
-    def lidar_points(self) -> _F32:
-        """(N, channels, beams, 3) m, world frame, inf on a miss; a copy. Exact only while the drone is where it sensed."""
+    def lidar(self, name: str | None = None) -> Lidar:
+        """Return the LiDAR: its ranges and configuration. `RuntimeError` without one."""
 
     @property
     def sensed_position(self) -> _F32:
@@ -630,6 +668,10 @@ class Batch:
     @property
     def episode(self) -> _I64:
         """(N,) which episode of its seed each env is in, from 0."""
+
+    @property
+    def tick(self) -> _I64:
+        """(N,) substeps flown in the episode of each env."""
 
     def set_pose(
         self,
@@ -674,6 +716,7 @@ class Batch:
     def set_lidar(
         self,
         mask: npt.ArrayLike | None = None,
+        lidar: str | None = None,
         *,
         max_range_m: float | None = None,
         hfov_deg: float | None = None,
@@ -683,14 +726,17 @@ class Batch:
     ) -> None:
         """Change the LiDARs of some drones from the next `sense` on; what is None stays."""
 
-    def camera(self, name: str = "front") -> Camera:
-        """Return one camera: its images and configuration. `ValueError` where there is none of that name."""
+    def camera(self, name: str | None = None) -> Camera:
+        """Return one camera: its images and configuration. A missing name means the only one, here and below.
+
+        `ValueError` where there is none of that name, or there are several and none is named.
+        """
 
     def capture(self, mask: npt.ArrayLike | None = None, camera: str | None = None) -> None:
-        """Render now, whatever the capture mode: one camera, or all."""
+        """Render now, whatever the capture mode."""
 
     def set_capture_mode(self, mode: str, camera: str | None = None) -> None:
-        """Change when frames are rendered, of one camera or all: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.
+        """Change when frames are rendered: ``"every_step"``, ``"on_movement"`` or ``"on_demand"``.
 
         `ValueError` for ``"on_demand"`` of a camera that the task observes.
         """
@@ -698,7 +744,7 @@ class Batch:
     def set_camera(
         self,
         mask: npt.ArrayLike | None = None,
-        camera: str = "front",
+        camera: str | None = None,
         *,
         hfov_deg: float | None = None,
         vfov_deg: float | None = None,
@@ -714,10 +760,10 @@ class Batch:
         """Return which backend renders, and why."""
 
     def seed(self, seeds: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Set the env seeds (N,) uint64 and set the episode counters to 0. With a built-in task, `reset` does this."""
+        """Set the env seeds (N,) uint64 and set the episode counters to 0. With a task, `reset` does this."""
 
     def begin_episode(self, mask: npt.ArrayLike | None = None) -> None:
-        """Advance the episode counters. With a built-in task, `reset` and `step` do this."""
+        """Advance the episode counters. With a task, `reset` and `step` do this."""
 
     def random(self, stream: int, count: int) -> _F32:
         """Return uniform numbers in [0, 1), (N, count), a new array.
@@ -726,40 +772,36 @@ class Batch:
         """
 
     def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
-        """Begin new episodes of the built-in task: the first ones of seeds (N,) uint64, or each env's next one.
+        """Begin new episodes of the task: the first ones of seeds (N,) uint64, or each env's next one.
 
         Raises
         ------
         RuntimeError
-            The batch has no built-in task.
+            The batch has no task.
         """
 
     def step(self, actions: npt.ArrayLike) -> None:
-        """Fly one step of the built-in task, or as many as `frame_skip`: actions (N,) integers, or (N, 3) or (N, 4) floats.
+        """Fly one step of the task, or as many as ``frame_skip`` says: actions (N, ...), as `spec` declares them.
 
         Two slots of outputs take turns, so what `observation` and the like gave before a step is whole until the one after.
 
         Raises
         ------
         RuntimeError
-            The batch has no built-in task, or `reset` has not been called.
+            The batch has no task, or `reset` has not been called.
         """
 
     @property
-    def observation(self) -> _F32:
-        """(N, observation size), after resets."""
+    def spec(self) -> TaskSpec:
+        """What the task declares."""
 
     @property
-    def final_observation(self) -> _F32:
-        """(N, observation size), the last of the episode, valid where `terminated` or `truncated`."""
+    def observation(self) -> Any:
+        """(N, ...), after resets; a dict of arrays where the task observes several fields. Writable, and never read back."""
 
     @property
-    def image(self) -> _U8:
-        """(N, 3, H, W) of a task that observes pixels, as `observation`; `RuntimeError` with another."""
-
-    @property
-    def final_image(self) -> _U8:
-        """(N, 3, H, W) likewise, as `final_observation`."""
+    def final_observation(self) -> Any:
+        """Likewise, the last of the episode, valid where `terminated` or `truncated`."""
 
     @property
     def reward(self) -> _F32:
@@ -767,11 +809,11 @@ class Batch:
 
     @property
     def reward_terms(self) -> _F32:
-        """(N, 6): the weighted terms, in the order of the weights of `NavigationReward`; their sum is the reward."""
+        """(N, terms): the weighted terms, in the order of ``spec.reward_terms``; their sum is the reward."""
 
     @property
     def terminated(self) -> _Bool:
-        """(N,) crashed, at the final goal, or past it."""
+        """(N,) the task ended the episode in this step."""
 
     @property
     def truncated(self) -> _Bool:
@@ -779,7 +821,7 @@ class Batch:
 
     @property
     def success(self) -> _Bool:
-        """(N,) the episode ended in this step at its final goal, without a crash."""
+        """(N,) the episode ended in this step, and the task calls it a success."""
 
     @property
     def crashed(self) -> _Bool:
@@ -794,14 +836,26 @@ class Batch:
         """(N,) flown steps, likewise."""
 
     @property
-    def goal_index(self) -> _I32:
-        """(N,) waypoints reached; the final goal is next when it equals their number."""
+    def steps(self) -> _I64:
+        """(N,) flown steps of the present episode."""
+
+    @property
+    def flying(self) -> _Bool:
+        """(N,) the env takes part in the present or last step: its episode was not over before."""
+
+    @property
+    def terms(self) -> Terms:
+        """Distance to the goal, clearance and the like: what the engine's own tasks are made of."""
+
+    @property
+    def task_state(self) -> dict[str, Any]:
+        """The arrays of the task by their names, read-only views; the navigation task's ``goal_index`` among them."""
 
     def snapshot(self) -> bytes:
         """Return everything the next step depends on."""
 
     def restore(self, blob: bytes) -> None:
-        """Go back to a snapshot; `ValueError`, and no change, for one of another configuration or other worlds."""
+        """Go back to a snapshot; `ValueError`, and no change, for one of another configuration or with a byte changed."""
 
 @final
 class GreenBlob:

@@ -18,17 +18,18 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
+from flockstep._core import NativeTask
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, Observation
 
 
-def make_vec(env: str | Task | DroneVectorEnv, num_envs: int = 1, **kwargs: Any) -> DroneVecEnv:
+def make_vec(env: str | Task | NativeTask | DroneVectorEnv, num_envs: int = 1, **kwargs: Any) -> DroneVecEnv:
     """Return a Stable-Baselines3 `VecEnv`.
 
     Parameters
     ----------
     env
-        A Gymnasium id of this package, a `Task` of your own, or a ready `DroneVectorEnv` with same-step autoreset (then
+        A Gymnasium id of this package, a `Task` or `NativeTask` of your own, or a ready `DroneVectorEnv` with same-step autoreset (then
         without ``num_envs`` and keywords).
     num_envs
         Number of drones.
@@ -40,7 +41,7 @@ def make_vec(env: str | Task | DroneVectorEnv, num_envs: int = 1, **kwargs: Any)
             raise TypeError("make_vec: an env that is ready takes neither num_envs nor keywords")
         return DroneVecEnv(env)
     kwargs |= {"autoreset_mode": "same_step", "copy": False}
-    if isinstance(env, Task):
+    if isinstance(env, (Task, NativeTask)):
         return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))
     made = gymnasium.make_vec(env, num_envs, **kwargs)
     if not isinstance(made, DroneVectorEnv):
@@ -64,7 +65,7 @@ class DroneVecEnv(VecEnv):
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"env: expected same-step autoreset, got {env.autoreset_mode}")
         self.env = env
-        self._stepper = env.stepper
+        self._batch = env.batch
         self._actions: npt.NDArray[Any] | None = None
         self._created = time.perf_counter()
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
@@ -85,12 +86,12 @@ class DroneVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Fly one step and return observation, reward, done, infos."""
         assert self._actions is not None, "step_async comes first"
-        stepper = self._stepper
-        stepper.step(self._actions)
+        batch = self._batch
+        batch.step(self._actions)
         if self.env.trail is not None:
             self.env.trail.record()
-        truncated = stepper.truncated
-        done = stepper.terminated | truncated
+        truncated = batch.truncated
+        done = batch.terminated | truncated
         going_on: dict[str, Any] = {}
         infos = [going_on] * self.num_envs
         if np.count_nonzero(done):
@@ -100,15 +101,15 @@ class DroneVecEnv(VecEnv):
     def _add_ends(
         self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
     ) -> None:
-        stepper = self._stepper
+        batch = self._batch
         seconds = round(time.perf_counter() - self._created, 6)
         for index, final, cut, success, total, length in zip(
             ended.tolist(),
             self.env.final_observations(ended),
             truncated[ended].tolist(),
-            stepper.success[ended].tolist(),
-            stepper.episode_return[ended].tolist(),
-            stepper.episode_length[ended].tolist(),
+            batch.success[ended].tolist(),
+            batch.episode_return[ended].tolist(),
+            batch.episode_length[ended].tolist(),
             strict=True,
         ):
             infos[index] = {

@@ -1,12 +1,14 @@
 """A task of your own: what turns poses and sensors into observations, rewards and the end of an episode.
 
-A `Task` is one Python object for all N drones; its methods read and write arrays with a row per drone. `DroneVectorEnv`
-does the rest: motion, sensing, autoreset, time limits, episode statistics, seeding, snapshots.
+A `Task` is one Python object for all N drones; its methods read and write arrays with a row per drone. The engine does
+the rest, as for its own tasks: motion, sensing, autoreset, time limits, frame skip, episode statistics, seeding,
+snapshots.
 """
 
 from __future__ import annotations
 
 import io
+import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -14,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from flockstep._core import Batch, CameraConfig, LidarConfig
+from flockstep._core import Batch, CameraConfig, Field, LidarConfig, PythonTask, TaskSpec
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -44,9 +46,9 @@ def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
 class Task:
     """Base class of tasks written in Python.
 
-    Give the class an ``observation_space`` (a `gymnasium.spaces.Box`) and override `observe` and `step`; the rest has
-    defaults: actions are displacements of up to ``step_m`` metres per axis, flown with collision, and episodes begin at
-    the start marker of the drone's world.
+    Give the class an ``observation_space`` (a `gymnasium.spaces.Box`, or a `Dict` of them) and override `observe` and
+    `step`; the rest has defaults: actions are displacements of up to ``step_m`` metres per axis, flown with collision,
+    and episodes begin at the start marker of the drone's world.
 
     Random numbers come from ``batch.random(stream, count)``: they depend on nothing but the env's seed, its episode and
     the stream, so env i does the same whatever the number of envs. Draw a stream of its own for each purpose.
@@ -54,7 +56,9 @@ class Task:
     Attributes
     ----------
     observation_space, action_space
-        Spaces of one env.
+        Spaces of one env. Actions are a `Discrete`, or a `Box` of floats.
+    reward_terms
+        Names of what `step` returns as the reward, where that is a mapping; ``batch.reward_terms`` has a column of each.
     lidar, camera
         The LiDAR and the camera the task needs, if any; several cameras as a sequence.
     max_episode_steps
@@ -70,8 +74,9 @@ class Task:
         (N,) bool: write it in `step`, and the infos of episodes that end will report it.
     """
 
-    observation_space: spaces.Box
+    observation_space: spaces.Box | spaces.Dict
     action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, (3,), np.float32)
+    reward_terms: tuple[str, ...] = ("reward",)
     lidar: LidarConfig | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     max_episode_steps: int = 1000
@@ -98,12 +103,15 @@ class Task:
         """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4)."""
         return batch.position + rotate(batch.quat_wxyz, np.float32(self.step_m) * actions.astype(np.float32))
 
-    def step(self, batch: Batch) -> tuple[Array, BoolArray]:
-        """Return the reward (N,) of the motion just flown and sensed, and whether it ended the episode (N,)."""
+    def step(self, batch: Batch) -> tuple[Array | Mapping[str, Array], BoolArray]:
+        """Return the reward (N,) of the motion just flown and sensed, and whether it ended the episode (N,).
+
+        The reward may be a mapping of the names in ``reward_terms`` to arrays (N,), of which it is the sum.
+        """
         raise NotImplementedError
 
-    def observe(self, batch: Batch) -> Array:
-        """Return the observation of all drones, (N, *observation_space.shape)."""
+    def observe(self, batch: Batch) -> Array | Mapping[str, Array]:
+        """Return the observation of all drones, (N, *observation_space.shape), or a mapping of these."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Array]:
@@ -114,177 +122,126 @@ class Task:
         """Take back what `state` returned."""
 
 
-class TaskRunner:
-    """Steps a `Batch` under a Python task; offers what a batch with a built-in task offers.
+def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
+    """Return a task as `Batch` takes it, and its calls, which are to be attached to the batch that is made."""
+    limit = task.max_episode_steps
+    if not isinstance(limit, (int, np.integer)) or limit < 0:
+        raise ValueError(f"max_episode_steps: expected an integer >= 0, got {limit!r}")
+    calls = TaskCalls(task)
+    observation = [_field(name, space) for name, space in calls.observation_spaces.items()]
+    spec = TaskSpec(_action_field(task), observation, list(task.reward_terms))
+    return PythonTask(spec, type(task).__qualname__, int(limit), calls), calls
 
-    `observation`, `reward` and the flags are new arrays after every step or reset, which nobody writes again.
-    """
 
-    def __init__(self, batch: Batch, task: Task, max_episode_steps: int, autoreset_mode: str) -> None:
-        if not isinstance(getattr(task, "observation_space", None), spaces.Box):
-            raise TypeError(f"{type(task).__name__}.observation_space: expected a gymnasium.spaces.Box")
-        if max_episode_steps < 0:
-            raise ValueError(f"max_episode_steps: expected 0 (never) or more, got {max_episode_steps}")
-        self._batch = batch
+class TaskCalls:
+    """What the engine calls while it steps a batch with a Python task: each method checks what the task returns."""
+
+    def __init__(self, task: Task) -> None:
+        space = getattr(task, "observation_space", None)
+        parts = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
+        if not parts or not all(isinstance(part, spaces.Box) for part in parts.values()):
+            raise TypeError(f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them")
+        self.observation_spaces: dict[str, spaces.Box] = parts
+        self._is_dict = isinstance(space, spaces.Dict)
         self._task = task
-        self._limit = max_episode_steps
-        self._mode = autoreset_mode
-        n = batch.num_drones
-        self.terminated: BoolArray = np.zeros(n, bool)
-        self.truncated: BoolArray = np.zeros(n, bool)
-        self.success: BoolArray = np.zeros(n, bool)
-        self.crashed: BoolArray = np.zeros(n, bool)
-        self.reward = np.zeros(n, np.float32)
-        self.episode_return = np.zeros(n, np.float64)
-        self.episode_length = np.zeros(n, np.int64)
-        self.observation: Array = np.zeros((n, *task.observation_space.shape), task.observation_space.dtype)
-        self.final_observation: Array = self.observation.copy()
-        self._return = np.zeros(n, np.float64)
-        task.steps = np.zeros(n, np.int64)
-        task.flying = np.ones(n, bool)
-        task.success = np.zeros(n, bool)
-        task.setup(batch)
+        self._batch: Any = None
 
-    def reset(self, seeds: npt.ArrayLike | None = None, mask: BoolArray | None = None) -> None:
-        """Begin new episodes where ``mask`` is True (everywhere by default), with new seeds if given."""
-        chosen = np.ones(self._batch.num_drones, bool) if mask is None else mask
-        if seeds is not None:
-            self._batch.seed(seeds, chosen)
+    def attach(self, batch: Batch) -> None:
+        """Take the batch whose task this is, and let the task set itself up."""
+        self._batch = weakref.ref(batch)  # which owns this
+        self._task.steps, self._task.flying = batch.steps, batch.flying
+        self._task.success = np.zeros(batch.num_drones, bool)
+        self._task.setup(batch)
+
+    def begin(self, envs: npt.NDArray[np.int64]) -> None:
+        """Begin an episode in each of the envs."""
+        batch = self._batch()
+        mask = np.zeros(batch.num_drones, bool)
+        mask[envs] = True
+        self._task.success[mask] = False
+        self._task.reset(batch, mask)
+
+    def command(self, actions: Array) -> tuple[Array, Array | None]:
+        """Return where each drone flies to: positions, and quaternions or None to keep them."""
+        target = self._task.act(self._batch(), actions)
+        return target if isinstance(target, tuple) else (target, None)
+
+    def score(self) -> tuple[Array, BoolArray, BoolArray]:
+        """Return the terms of the reward (N, terms), and where episodes end (N,) and succeed (N,)."""
+        reward, terminated = self._task.step(self._batch())
+        names = self._task.reward_terms
+        if isinstance(reward, Mapping):
+            if set(reward) != set(names):
+                expected, got = ", ".join(names), ", ".join(reward)
+                raise ValueError(f"{_name(self._task)}.step: expected the reward terms {expected}, got {got}")
+            columns = [self._row(f"reward term {name!r}", reward[name]) for name in names]
+        elif len(names) == 1:
+            columns = [self._row("reward", reward)]
         else:
-            self._batch.begin_episode(chosen)
-        self._begin(chosen)
-        self.terminated = self.terminated & ~chosen
-        self.truncated = self.truncated & ~chosen
-        self.reward = np.where(chosen, np.float32(0), self.reward)
-        self.observation = self._observe()
+            raise ValueError(f"{_name(self._task)}.step: expected a mapping of the reward terms {', '.join(names)}")
+        terms = np.stack([column.astype(np.float64) for column in columns], axis=1)
+        return terms, self._row("terminated", terminated).astype(bool), self._task.success
 
-    def step(self, actions: npt.ArrayLike) -> None:
-        """Fly, sense, reward, end and reset, in the order of the built-in tasks."""
-        checked = self._check(actions)
-        batch, task = self._batch, self._task
-        ended_before = self.terminated | self.truncated if self._mode != "same_step" else np.zeros_like(self.terminated)
-        flying = ~ended_before
-        task.flying[:] = flying
-        task.steps += flying
+    def observe(self) -> tuple[Array, ...]:
+        """Return the observation of all envs, field by field, contiguous and of the types that were declared."""
+        observation = self._task.observe(self._batch())
+        if not self._is_dict:
+            return (self._checked("observe", observation, self.observation_spaces["observation"]),)
+        if not isinstance(observation, Mapping) or set(observation) != set(self.observation_spaces):
+            got = ", ".join(observation) if isinstance(observation, Mapping) else type(observation).__name__
+            expected = ", ".join(self.observation_spaces)
+            raise ValueError(f"{_name(self._task)}.observe: expected a mapping of {expected}, got {got}")
+        return tuple(
+            self._checked(f"observe: {name}", observation[name], part) for name, part in self.observation_spaces.items()
+        )
 
-        target = task.act(batch, checked)
-        position, quat_wxyz = target if isinstance(target, tuple) else (target, None)
-        mask = None if flying.all() else flying
-        batch.move(position, quat_wxyz, mask)
-        batch.sense(mask)
-
-        raw_reward, raw_terminated = task.step(batch)
-        reward = np.where(flying, self._row("reward", raw_reward), 0).astype(np.float32)
-        terminated = flying & self._row("terminated", raw_terminated).astype(bool)
-        truncated = flying & ~terminated & (task.steps >= (self._limit or np.inf))
-        self._return += reward
-        ended = terminated | truncated
-        self.reward = reward
-        self.success = np.where(flying, ended & task.success, self.success)
-        self.crashed = np.where(flying, ended & batch.contact.hit, self.crashed)
-        self.episode_return = self._return.copy()
-        self.episode_length = task.steps.copy()
-
-        if self._mode == "disabled":  # who ended earlier stays as it was
-            self.terminated = np.where(flying, terminated, self.terminated)
-            self.truncated = np.where(flying, truncated, self.truncated)
-            self.observation = self.final_observation = self._observe()
-            return
-        self.terminated, self.truncated = terminated, truncated
-        if self._mode == "same_step":
-            over = ended
-            if over.any():
-                self.final_observation = self._observe()
-        else:
-            over = ended_before
-        if over.any():
-            batch.begin_episode(over)
-            self._begin(over)
-        self.observation = self._observe()
-        if self._mode == "next_step":
-            self.final_observation = self.observation
-            self.success, self.crashed = self.success & flying, self.crashed & flying
-
-    def snapshot(self) -> bytes:
-        """Return everything the next step depends on."""
-        arrays = {f"runner.{name}": getattr(self, name) for name in self._STATE}
-        arrays |= {f"task.{key}": np.asarray(value) for key, value in self._task.state().items()}
-        arrays["task_attributes.steps"] = self._task.steps
-        arrays["task_attributes.success"] = self._task.success
-        arrays["name"] = np.array(self._identity())
-        arrays["batch"] = np.frombuffer(self._batch.snapshot(), np.uint8)
+    def state(self) -> bytes:
+        """Return what a snapshot has to hold of the task."""
+        arrays = {f"state.{key}": np.asarray(value) for key, value in self._task.state().items()}
         file = io.BytesIO()
-        np.savez(file, allow_pickle=False, **arrays)
+        np.savez(file, allow_pickle=False, success=self._task.success, **arrays)
         return file.getvalue()
 
-    def restore(self, blob: bytes) -> None:
-        """Go back to a snapshot of the same task and configuration; ValueError, and no change, for any other."""
-        try:
-            with np.load(io.BytesIO(blob), allow_pickle=False) as file:
-                arrays = dict(file)
-        except (OSError, ValueError, EOFError) as error:
-            raise ValueError("snapshot: not one of a batch with a Python task") from error
-        if str(arrays["name"]) != self._identity():
-            raise ValueError(f"snapshot: expected one of {self._identity()}, got one of {arrays['name']}")
-        self._batch.restore(arrays["batch"].tobytes())
-        for name in self._STATE:
-            setattr(self, name, arrays[f"runner.{name}"])
-        self._task.steps[:] = arrays["task_attributes.steps"]
-        self._task.success[:] = arrays["task_attributes.success"]
-        self._task.load({key[5:]: value for key, value in arrays.items() if key.startswith("task.")})
+    def load(self, blob: bytes) -> None:
+        """Take back what `state` returned."""
+        with np.load(io.BytesIO(blob), allow_pickle=False) as file:
+            arrays = dict(file)
+        self._task.success[:] = arrays.pop("success")
+        self._task.load({key.removeprefix("state."): value for key, value in arrays.items()})
 
-    _STATE = (
-        "terminated",
-        "truncated",
-        "success",
-        "crashed",
-        "reward",
-        "episode_return",
-        "episode_length",
-        "observation",
-        "final_observation",
-        "_return",
-    )
-
-    def _identity(self) -> str:
-        return f"{type(self._task).__qualname__}(max_episode_steps={self._limit}, autoreset_mode={self._mode})"
-
-    def _begin(self, mask: BoolArray) -> None:
-        self._task.steps[mask] = 0
-        self._task.success[mask] = False
-        self._return[mask] = 0.0
-        self._task.reset(self._batch, mask)
-        self._batch.sense(mask)
-
-    def _observe(self) -> Array:
-        space = self._task.observation_space
-        observation = np.array(self._task.observe(self._batch), dtype=space.dtype)
-        expected = (self._batch.num_drones, *space.shape)
-        if observation.shape != expected:
-            raise ValueError(f"{type(self._task).__name__}.observe: expected shape {expected}, got {observation.shape}")
-        return observation
-
-    def _row(self, name: str, value: Array) -> Array:
+    def _row(self, name: str, value: Any) -> Array:
         array = np.asarray(value)
-        if array.shape != (self._batch.num_drones,):
-            expected = f"a {name} of shape ({self._batch.num_drones},)"
-            raise ValueError(f"{type(self._task).__name__}.step: expected {expected}, got {array.shape}")
+        if array.shape != self._task.success.shape:
+            expected = f"a {name} of shape {self._task.success.shape}"
+            raise ValueError(f"{_name(self._task)}.step: expected {expected}, got {array.shape}")
         return array
 
-    def _check(self, actions: npt.ArrayLike) -> Array:
-        array = np.asarray(actions)
-        space = self._task.action_space
-        expected = (self._batch.num_drones, *(space.shape or ()))
+    def _checked(self, what: str, value: Any, space: spaces.Box) -> Array:
+        array = np.ascontiguousarray(value, dtype=space.dtype)
+        expected = (len(self._task.success), *space.shape)
         if array.shape != expected:
-            raise ValueError(f"actions: expected shape {expected}, got {array.shape}")
-        if isinstance(space, spaces.Discrete):
-            if array.dtype.kind not in "iu":
-                raise ValueError(f"actions: expected integers, got {array.dtype}")
-            if ((array < space.start) | (array >= space.start + space.n)).any():
-                raise ValueError(f"actions: expected {space.start} to {space.start + space.n - 1}")
-        elif isinstance(space, spaces.Box):
-            if array.dtype.kind not in "fiu":
-                raise ValueError(f"actions: expected numbers, got {array.dtype}")
-            if not np.isfinite(array).all():
-                raise ValueError("actions: expected finite numbers, got NaN or infinity")
+            raise ValueError(f"{_name(self._task)}.{what}: expected shape {expected}, got {array.shape}")
         return array
+
+
+_DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
+
+
+def _name(task: Task) -> str:
+    return type(task).__name__
+
+
+def _field(name: str, space: spaces.Box) -> Field:
+    dtype = str(np.dtype(space.dtype))
+    if dtype not in _DTYPES:
+        raise TypeError(f"observation_space: expected one of {', '.join(_DTYPES)} as dtype of {name!r}, got {dtype}")
+    return Field(name, dtype, space.shape, float(np.min(space.low)), float(np.max(space.high)))
+
+
+def _action_field(task: Task) -> Field:
+    space = task.action_space
+    if isinstance(space, spaces.Discrete):
+        return Field("action", "int64", (), float(space.start), float(space.start + space.n - 1))
+    if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
+        return Field("action", "float32", space.shape, float(np.min(space.low)), float(np.max(space.high)))
+    raise TypeError(f"{_name(task)}.action_space: expected a Discrete or a Box of floats, got {space!r}")

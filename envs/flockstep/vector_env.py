@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy as copied
-from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,13 +18,18 @@ from flockstep import scenes
 from flockstep._core import (
     Batch,
     CameraConfig,
+    ClockConfig,
     DroneModel,
+    EpisodeConfig,
     LidarConfig,
+    NativeTask,
     NavigationConfig,
     NavigationReward,
     PoseSensorConfig,
+    task_defaults,
 )
-from flockstep.task import Task, TaskRunner
+from flockstep.task import Task, native_task
+from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
 
 if TYPE_CHECKING:
@@ -33,63 +37,22 @@ if TYPE_CHECKING:
 
     from flockstep.viewer.trail import Trail
 
-    class NavigationFields(TypedDict, total=False):
-        """Fields of `NavigationConfig`, each a keyword of the env."""
+    class Fields(TypedDict, total=False):
+        """Fields of `EpisodeConfig`, `ClockConfig` and `NavigationConfig`, each a keyword of the env."""
 
-        action: str
-        reward: NavigationReward
-        step_m: float
-        yaw_step_deg: float
-        frame_skip: int
-        random_start: bool
-        random_world: bool
-        stagger_first_episode: bool
+        # fields of EpisodeConfig, ClockConfig, NavigationConfig
+        # end of fields
 
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
-#: An array, or of the pixel task a dict of arrays: ``image`` and ``ranges``.
+#: An array, or a dict of arrays where a task observes several fields.
 Observation: TypeAlias = Array | dict[str, Array]
 
 _MODES = {
     "next_step": AutoresetMode.NEXT_STEP,
     "same_step": AutoresetMode.SAME_STEP,
     "disabled": AutoresetMode.DISABLED,
-}
-
-
-#: Both have the same outputs and the same reset, step, snapshot and restore.
-Stepper: TypeAlias = Batch | TaskRunner
-
-
-@dataclass(frozen=True)
-class Defaults:
-    """What the env is made of where the caller does not say, by what is observed."""
-
-    worlds: str
-    lidar: LidarConfig
-    camera: CameraConfig | None
-    action: str
-    reward: NavigationReward
-
-
-DEFAULTS = {
-    "goal": Defaults("train", LidarConfig(), None, "discrete", NavigationReward()),
-    "blob": Defaults(
-        "camera-train",
-        LidarConfig(beams=20, hfov_deg=180.0),
-        # Across the playground, at 10 m, the goal is 1.6 pixels wide: it never falls between the centres of four.
-        CameraConfig(width_px=64, height_px=48),
-        "discrete_forward",
-        NavigationReward(overshoot_weight=1.0),
-    ),
-    "pixels": Defaults(
-        "camera-train",
-        LidarConfig(beams=20, hfov_deg=180.0),
-        CameraConfig(width_px=64, height_px=48, layout="chw"),
-        "discrete_forward",
-        NavigationReward(overshoot_weight=1.0),
-    ),
 }
 
 
@@ -104,7 +67,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
       image, as `flockstep.green_blob` has it (offset of its box from the image's centre in x, over half the width, and
       its area over the image's; both 0 where no green is seen), then the ranges.
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
-      float32 (rays,).
+      float32 (rays,). The camera's layout is ``"chw"``.
 
     Env i is in world i modulo the number of worlds, unless ``random_world`` is set.
 
@@ -116,7 +79,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
         these. Default: ``"train"``, for camera tasks ``"camera-train"``.
     task
-        A `Task` instead of the navigation task.
+        A `Task`, or a `NativeTask` in C++, instead of the navigation task.
     observation
         Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -124,8 +87,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         one it asks for.
     camera
         One, or a sequence of several, of which a camera task sees the first. Default: for camera tasks 64 x 48 pixels
-        over 90 degrees, facing forward, else none; with a `Task`, what it asks for. With ``"pixels"`` the layout of the
-        first is ``"chw"``, whatever it says.
+        over 90 degrees, facing forward, else none; with a `Task`, what it asks for.
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
     pose_sensor, drone
@@ -148,11 +110,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``"top"``: from above, LiDAR beams included. ``"camera"``: the last frame of the drone's own camera, the first
         if it has several; black where it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
         beams, the cameras' views and the trail. ``"fleet"``: the same, with the other drones of its world.
-    **navigation
-        Fields of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``, ``"displacement_yaw"``,
-        ``"discrete_forward"``, which is the default of camera tasks), ``reward`` (their default ends an episode that
-        overshoots the goal), ``step_m``, ``yaw_step_deg``, ``frame_skip``, ``random_start``, ``random_world``,
-        ``stagger_first_episode``.
+    **fields
+        Fields of `EpisodeConfig` and `ClockConfig`, for every task: ``frame_skip``, ``stagger_first_episode``,
+        ``random_world``, ``dt_s``, ``substeps``. And of `NavigationConfig`: ``action`` (``"discrete"``,
+        ``"displacement"``, ``"displacement_yaw"``, ``"discrete_forward"``, which is the default of camera tasks),
+        ``reward`` (their default ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``,
+        ``random_start``.
 
     Infos
     -----
@@ -179,7 +142,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | None = None,
-        task: Task | None = None,
+        task: Task | NativeTask | None = None,
         observation: str = "goal",
         lidar: LidarConfig | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
@@ -193,7 +156,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         reward_scale: float = 1.0,
         render_mode: str | None = None,
         render_view: str = "top",
-        **navigation: Unpack[NavigationFields],
+        **fields: Unpack[Fields],
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
@@ -208,64 +171,61 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.copy = copy
         self.task = task
 
-        if observation not in DEFAULTS:
-            raise ValueError(f"observation: expected one of {', '.join(map(repr, DEFAULTS))}, got {observation!r}")
-        defaults = DEFAULTS[observation]
-        config: NavigationConfig | None = None
+        chosen = _by_config(dict(fields))
+        mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
+        episode = EpisodeConfig(autoreset_mode=mode, max_episode_steps=max_episode_steps, **chosen.pop(EpisodeConfig, {}))
+        clock = ClockConfig(**chosen.pop(ClockConfig, {}))
+        description: Any
+        calls = None
         if task is None:
-            lidar = copied(defaults.lidar) if lidar is None else lidar
-            cameras = _listed(defaults.camera if camera is None else camera)
-            if observation == "pixels" and cameras:
-                cameras[0].layout = "chw"
-            navigation = {"action": defaults.action, "reward": defaults.reward, **navigation}
-            if max_episode_steps is not None:
-                config = NavigationConfig(observation=observation, max_episode_steps=max_episode_steps, **navigation)
-            else:
-                config = NavigationConfig(observation=observation, **navigation)
+            description = NavigationConfig.observing(observation)
+            for name, value in chosen.pop(NavigationConfig, {}).items():
+                setattr(description, name, value)
         else:
-            given = list(navigation) + (["observation"] if observation != "goal" else [])
+            given = list(chosen.get(NavigationConfig, {})) + (["observation"] if observation != "goal" else [])
             if given:
                 raise TypeError(f"{', '.join(given)}: of the navigation task, but a task of your own is given")
-            if not isinstance(task, Task):
-                raise TypeError(f"task: expected a flockstep.Task object, got {task!r}")
-            lidar = task.lidar if lidar is None else lidar
-            cameras = _listed(task.camera if camera is None else camera)
-        self.lidar = lidar
-        self.cameras = cameras
+            if isinstance(task, Task):
+                description, calls = native_task(task)
+            elif isinstance(task, NativeTask):
+                description = task
+            else:
+                raise TypeError(f"task: expected a flockstep.Task or NativeTask object, got {task!r}")
+        defaults = task_defaults(description)
+        if isinstance(task, Task):
+            defaults |= {"lidar": task.lidar, "cameras": task.camera}
+        self.lidar = copied(defaults["lidar"] if lidar is None else lidar)
+        self.cameras = _listed(defaults["cameras"] if camera is None else camera)
 
-        mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         self.batch = Batch(
-            scenes.load(defaults.worlds if worlds is None else worlds),
+            scenes.load(defaults["worlds"] if worlds is None else worlds),
             num_envs,
-            lidar=lidar,
-            cameras=cameras,
+            lidar=self.lidar,
+            cameras=self.cameras,
             camera_backend=camera_backend,
             pose_sensor=pose_sensor,
-            task=config,
+            task=description,
             drone=drone,
-            autoreset_mode=mode,
+            episode=episode,
+            clock=clock,
             num_threads=num_threads,
         )
-        self.stepper: Stepper
-        if task is None:
-            assert config is not None
-            assert lidar is not None
-            self.stepper = self.batch
-            self.single_observation_space, self.single_action_space = navigation_spaces(lidar, config, cameras)
+        if calls is None:
+            self.single_observation_space = observation_space(self.batch.spec)
+            self.single_action_space = action_space(self.batch.spec)
         else:
-            limit = task.max_episode_steps if max_episode_steps is None else max_episode_steps
-            self.stepper = TaskRunner(self.batch, task, limit, mode)
+            assert isinstance(task, Task)
+            calls.attach(self.batch)
             self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
-        self._pixels = config is not None and config.observation == "pixels"
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._seeded = False  # every env has a seed, so an observation to return and an episode to go on from
         self._view: views.View | None = None
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
-            self._view, self.trail = views.make(render_view, self.batch, cameras)
+            self._view, self.trail = views.make(render_view, self.batch, self.cameras)
 
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
@@ -293,8 +253,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
                 raise ResetNeeded("the first reset must be of all envs or come with a seed")
             seeds = self._seeds(int(self.np_random.integers(1 << 62)))
         if seeds is not None and not self._seeded and mask is not None and not mask.all():
-            self.stepper.reset(seeds)  # the envs outside the mask too: no env is ever without a state
-        self.stepper.reset(seeds, mask)
+            self.batch.reset(seeds)  # the envs outside the mask too: no env is ever without a state
+        self.batch.reset(seeds, mask)
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True if mask is None else mask)
@@ -311,7 +271,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Returns
         -------
         observation, reward, terminated, truncated, infos
-            Shapes (N, ...), of the pixel task a dict of these, (N,) float32, (N,) bool, (N,) bool; for the infos see
+            Shapes (N, ...), or a dict of these, (N,) float32, (N,) bool, (N,) bool; for the infos see
             the class.
 
         Raises
@@ -324,12 +284,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if not self._seeded:
             self._require_open()
             raise ResetNeeded("call reset before step")
-        stepper = self.stepper
-        stepper.step(actions)
+        batch = self.batch
+        batch.step(actions)
         if self.trail is not None:
             self.trail.record()
         observation, reward = self.observation(), self.scaled_reward()
-        terminated, truncated = stepper.terminated, stepper.truncated
+        terminated, truncated = batch.terminated, batch.truncated
         ended = terminated | truncated
         infos = self._infos(ended) if np.count_nonzero(ended) else {}
         if self.copy:
@@ -348,26 +308,24 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._require_open()
         if not self._seeded:
             raise ResetNeeded("call reset before snapshot")
-        return self.stepper.snapshot()
+        return self.batch.snapshot()
 
     def observation(self) -> Observation:
         """Return the present observation of all envs: views of the slot that is theirs until the step after next."""
-        if self._pixels:
-            return {"image": self.batch.image, "ranges": self.batch.observation}
-        return self.stepper.observation
+        return self.batch.observation
 
     def scaled_reward(self) -> npt.NDArray[np.float32]:
         """Return the rewards (N,) of the last step times ``reward_scale``; where that is 1, a view as `observation`."""
-        reward: npt.NDArray[np.float32] = self.stepper.reward
+        reward: npt.NDArray[np.float32] = self.batch.reward
         return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
-        rows = self.stepper.final_observation[indices]
-        if not self._pixels:
-            return list(rows)
-        images = self.batch.final_image[indices]
-        return [{"image": image, "ranges": row} for image, row in zip(images, rows, strict=True)]
+        final = self.batch.final_observation
+        if not isinstance(final, dict):
+            return list(final[indices])
+        parts = {name: rows[indices] for name, rows in final.items()}
+        return [{name: rows[i] for name, rows in parts.items()} for i in range(len(indices))]
 
     def restore(self, blob: bytes) -> Observation:
         """Go back to a snapshot and return the observation (N, ...) it was taken at.
@@ -378,7 +336,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             The snapshot is of an env with another configuration; nothing has changed then.
         """
         self._require_open()
-        self.stepper.restore(blob)
+        self.batch.restore(blob)
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True)
@@ -411,16 +369,15 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         """Let go of the batch. Arrays handed out with ``copy=False`` stay valid."""
         self._seeded = False
         self._view = self.trail = None
-        for name in ("batch", "stepper"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("batch", None)
 
     def _infos(self, ended: BoolArray) -> dict[str, Any]:
-        stepper = self.stepper
+        batch = self.batch
         end_of_episode = {
-            "episode_return": np.where(ended, stepper.episode_return, 0.0),
-            "episode_length": np.where(ended, stepper.episode_length, 0),
-            "success": ended & stepper.success,
-            "crashed": ended & stepper.crashed,
+            "episode_return": np.where(ended, batch.episode_return, 0.0),
+            "episode_length": np.where(ended, batch.episode_length, 0),
+            "success": ended & batch.success,
+            "crashed": ended & batch.crashed,
         }
         infos: dict[str, Any] = {}
         for key, value in end_of_episode.items():
@@ -478,21 +435,15 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return mask
 
 
-def navigation_spaces(
-    lidar: LidarConfig, config: NavigationConfig, cameras: Sequence[CameraConfig] = ()
-) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
-    """Return the observation space and the action space of one env of a navigation task."""
-    ranges = int(np.prod(lidar.shape))
-    head = {"goal": [-1.0, -1.0, -1.0], "blob": [-1.0, 0.0], "pixels": []}[config.observation]
-    low = np.concatenate([head, np.zeros(ranges)]).astype(np.float32)
-    observation_space: spaces.Space[Any] = spaces.Box(low, np.ones(len(low), np.float32), dtype=np.float32)
-    if config.observation == "pixels":
-        image = spaces.Box(0, 255, (3, cameras[0].height_px, cameras[0].width_px), np.uint8)
-        observation_space = spaces.Dict({"image": image, "ranges": observation_space})
-    discrete = {"discrete": 6, "discrete_forward": 3}
-    if config.action in discrete:
-        return observation_space, spaces.Discrete(discrete[config.action])
-    return observation_space, spaces.Box(-1.0, 1.0, (3 if config.action == "displacement" else 4,), np.float32)
+def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
+    """Return the keywords by the configuration that has a field of their name."""
+    chosen: dict[type, dict[str, Any]] = {}
+    for name, value in fields.items():
+        owner = next((c for c in (EpisodeConfig, ClockConfig, NavigationConfig) if name in c.__match_args__), None)
+        if owner is None or name in ("autoreset_mode", "max_episode_steps"):
+            raise TypeError(f"DroneVectorEnv: unknown keyword {name!r}")
+        chosen.setdefault(owner, {})[name] = value
+    return chosen
 
 
 def _listed(camera: CameraConfig | Sequence[CameraConfig] | None) -> list[CameraConfig]:

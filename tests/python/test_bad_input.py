@@ -15,7 +15,7 @@ def batch(room):
         2,
         lidar=flockstep.LidarConfig(),
         task=flockstep.NavigationConfig(),
-        autoreset_mode="disabled",
+        episode=flockstep.EpisodeConfig(autoreset_mode="disabled"),
         num_threads=1,
     )
     batch.reset([0, 1])
@@ -179,7 +179,7 @@ def test_lidars(fields, match):
         (flockstep.NavigationConfig, {"step_m": 0.0}, "step_m"),
         (flockstep.NavigationConfig, {"step_m": np.nan}, "step_m"),
         (flockstep.NavigationConfig, {"yaw_step_deg": 181.0}, "yaw_step_deg"),
-        (flockstep.NavigationConfig, {"max_episode_steps": -1}, "max_episode_steps"),
+        (flockstep.EpisodeConfig, {"max_episode_steps": -1}, "max_episode_steps"),
         (flockstep.PoseSensorConfig, {"position_noise_std_m": -1.0}, "position_noise_std_m"),
         (flockstep.PoseSensorConfig, {"tilt_noise_std_deg": np.inf}, "tilt_noise_std_deg"),
     ],

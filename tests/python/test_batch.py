@@ -95,13 +95,13 @@ class TestMotion:
 
 class TestLidar:
     def test_the_fan_runs_counter_clockwise_with_both_ends(self, batch):
-        directions = batch.lidar_directions[0, 0]
+        directions = batch.lidar().directions[0, 0]
         angles = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
         np.testing.assert_allclose(angles, np.linspace(-135, 135, 35), atol=1e-3)
 
     def test_a_full_turn_leaves_out_the_end(self, room):
         batch = flockstep.Batch([room], lidar=flockstep.LidarConfig(beams=4, hfov_deg=360))
-        directions = batch.lidar_directions[0, 0]
+        directions = batch.lidar().directions[0, 0]
         angles = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
         np.testing.assert_allclose(np.mod(angles, 360), [180, 270, 0, 90], atol=1e-3)
 
@@ -109,16 +109,16 @@ class TestLidar:
         batch.set_pose(np.float32([[1, 1, 1], [4, 2, 3], [7, 6, 2]]), np.stack([yaw(20), yaw(-100), FACING_X]))
         batch.sense()
         for i in range(3):
-            directions = batch.lidar_directions[i, 0].astype(float)
+            directions = batch.lidar().directions[i, 0].astype(float)
             w, z = batch.quat_wxyz[i, [0, 3]].astype(float)
             cos, sin = w * w - z * z, 2 * w * z
             turned = directions @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
             expected = room.raycast(np.tile(batch.position[i], (35, 1)), turned, 3.0)["t_hit"]
-            np.testing.assert_allclose(batch.lidar_ranges[i, 0], expected, atol=1e-4)
+            np.testing.assert_allclose(batch.lidar().ranges[i, 0], expected, atol=1e-4)
 
     def test_points_lie_where_the_ranges_say(self, batch):
         batch.sense()
-        points, ranges = batch.lidar_points, batch.lidar_ranges
+        points, ranges = batch.lidar().points, batch.lidar().ranges
         hit = np.isfinite(ranges)
         assert hit.any()
         assert not hit.all()
@@ -130,8 +130,8 @@ class TestLidar:
         lidar = flockstep.LidarConfig(azimuth_deg=[0, 90, 0], elevation_deg=[0, 0, -90], max_range_m=10)
         batch = flockstep.Batch([room], lidar=lidar)
         batch.sense()
-        assert batch.lidar_ranges.shape == (1, 1, 3)
-        np.testing.assert_allclose(batch.lidar_ranges[0, 0], [6, 4, 2], atol=1e-5)
+        assert batch.lidar().ranges.shape == (1, 1, 3)
+        np.testing.assert_allclose(batch.lidar().ranges[0, 0], [6, 4, 2], atol=1e-5)
 
     def test_mounting(self, room):
         lidar = flockstep.LidarConfig(
@@ -139,17 +139,17 @@ class TestLidar:
         )
         batch = flockstep.Batch([room], lidar=lidar)
         batch.sense()
-        np.testing.assert_allclose(batch.lidar_ranges[0, 0], [2.5], atol=1e-5)
+        np.testing.assert_allclose(batch.lidar().ranges[0, 0], [2.5], atol=1e-5)
 
     def test_range_can_be_changed_per_drone(self, batch):
         batch.set_lidar(np.array([False, True, False]), max_range_m=1.0)
         batch.sense()
-        assert np.isinf(batch.lidar_ranges[1]).all()  # the walls are farther than 1 m
-        np.testing.assert_array_equal(batch.lidar_ranges[0], batch.lidar_ranges[2])
-        assert np.isfinite(batch.lidar_ranges[0]).any()
+        assert np.isinf(batch.lidar().ranges[1]).all()  # the walls are farther than 1 m
+        np.testing.assert_array_equal(batch.lidar().ranges[0], batch.lidar().ranges[2])
+        assert np.isfinite(batch.lidar().ranges[0]).any()
 
     def test_the_ranges_of_the_drones_are_a_view(self, batch):
-        view = batch.lidar_max_range_m
+        view = batch.lidar().max_range_m
         assert view.dtype == np.float32
         assert not view.flags.writeable
         np.testing.assert_array_equal(view, [3, 3, 3])
@@ -161,7 +161,7 @@ class TestLidar:
 
     def test_without_a_lidar_there_are_no_ranges(self, room):
         with pytest.raises(RuntimeError, match="lidar="):
-            flockstep.Batch([room]).lidar_max_range_m  # noqa: B018
+            flockstep.Batch([room]).lidar().max_range_m  # noqa: B018
 
 
 class TestPoseSensor:
@@ -192,27 +192,27 @@ class TestSlots:
         pose = batch.position[1].copy()
         batch.move(batch.position + np.float32([0.1, 0, 0]))
         batch.sense()
-        assert np.isinf(batch.lidar_ranges[1]).all()
+        assert np.isinf(batch.lidar().ranges[1]).all()
         np.testing.assert_array_equal(batch.position[1], pose)
-        assert np.isfinite(batch.lidar_ranges[0]).any()
+        assert np.isfinite(batch.lidar().ranges[0]).any()
 
     def test_spawn_brings_it_back_and_senses(self, batch):
         batch.remove([0, 1])
         batch.spawn([1], [[1, 1, 1]])
         assert batch.active.tolist() == [False, True, True]
         np.testing.assert_array_equal(batch.position[1], [1, 1, 1])
-        assert np.isfinite(batch.lidar_ranges[1]).any()
+        assert np.isfinite(batch.lidar().ranges[1]).any()
 
     def test_a_drone_can_change_worlds(self, room, closet):
         batch = flockstep.Batch([room, closet], 2, lidar=flockstep.LidarConfig(azimuth_deg=[0], elevation_deg=[0]))
         batch.set_pose(np.float32([[1, 1, 0.6]] * 2))
         batch.sense()
-        assert np.isinf(batch.lidar_ranges[0, 0, 0])
-        assert batch.lidar_ranges[1, 0, 0] == pytest.approx(1, abs=1e-5)
+        assert np.isinf(batch.lidar().ranges[0, 0, 0])
+        assert batch.lidar().ranges[1, 0, 0] == pytest.approx(1, abs=1e-5)
         batch.set_world([1, 0])
         batch.sense()
-        assert batch.lidar_ranges[0, 0, 0] == pytest.approx(1, abs=1e-5)
-        assert np.isinf(batch.lidar_ranges[1, 0, 0])
+        assert batch.lidar().ranges[0, 0, 0] == pytest.approx(1, abs=1e-5)
+        assert np.isinf(batch.lidar().ranges[1, 0, 0])
 
     def test_worlds_are_dealt_in_turn(self, room, closet):
         assert flockstep.Batch([room, closet], 5).world_index.tolist() == [0, 1, 0, 1, 0]
@@ -259,8 +259,8 @@ class TestLifetime:
         for _ in range(20):
             batch = flockstep.Batch([room], 500, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig())
             batch.reset(np.arange(500))
-            arrays = (batch.position, batch.observation, batch.contact.hit, batch.lidar_ranges)
-            views.append((*arrays, batch.lidar_max_range_m))
+            arrays = (batch.position, batch.observation, batch.contact.hit, batch.lidar().ranges)
+            views.append((*arrays, batch.lidar().max_range_m))
             del batch
         gc.collect()
         for position, observation, hit, ranges, max_range in views:
@@ -296,7 +296,7 @@ class TestFork:
         def use():
             batch = flockstep.Batch([room], 200, num_threads=4, lidar=flockstep.LidarConfig())
             batch.sense()
-            return bool(np.isfinite(batch.lidar_ranges).any())
+            return bool(np.isfinite(batch.lidar().ranges).any())
 
         assert self.in_child(use)
 
@@ -316,12 +316,12 @@ class TestSnapshot:
         batch.seed(np.arange(3))
         batch.sense()
         blob = batch.snapshot()
-        before = [batch.position.copy(), batch.lidar_ranges.copy(), batch.episode.copy()]
+        before = [batch.position.copy(), batch.lidar().ranges.copy(), batch.episode.copy()]
         batch.begin_episode()
         batch.move(batch.position + np.float32([0.5, 0, 0]))
         batch.sense()
         batch.restore(blob)
-        for array, expected in zip([batch.position, batch.lidar_ranges, batch.episode], before, strict=True):
+        for array, expected in zip([batch.position, batch.lidar().ranges, batch.episode], before, strict=True):
             np.testing.assert_array_equal(array, expected)
 
     def test_keeps_changed_lidars_and_removed_slots(self, batch):
@@ -332,7 +332,7 @@ class TestSnapshot:
         batch.spawn([2], [[2, 4, 2]])
         batch.restore(blob)
         batch.sense()
-        assert np.isinf(batch.lidar_ranges).all()
+        assert np.isinf(batch.lidar().ranges).all()
         assert batch.active.tolist() == [True, True, False]
 
     @pytest.mark.parametrize("other", [{"num_drones": 4}, {"lidar": flockstep.LidarConfig(beams=34)}, {"lidar": None}])

@@ -15,7 +15,7 @@ OUTPUTS = (
     "success",
     "crashed",
 )
-OUTPUTS += ("episode_return", "episode_length", "goal_index", "position", "quat_wxyz", "lidar_ranges", "world_index")
+OUTPUTS += ("episode_return", "episode_length", "position", "quat_wxyz", "world_index", "goal_index", "ranges")
 STEPS = 60
 
 
@@ -29,19 +29,24 @@ def actions_of(num_drones, kind="displacement_yaw"):
 
 def outputs(batch):
     """Copies of all outputs; final observations only where there are some."""
-    copies = {name: getattr(batch, name).copy() for name in OUTPUTS}
+    own = {"goal_index": batch.task_state["goal_index"], "ranges": batch.lidar().ranges}
+    copies = {name: (own[name] if name in own else getattr(batch, name)).copy() for name in OUTPUTS}
     copies["final_observation"][~(batch.terminated | batch.truncated)] = 0
     return copies
 
 
 def history(worlds, num_drones, kind="displacement_yaw", **arguments):
     """Every output of every step, (STEPS + 1, N, ...)."""
-    task = flockstep.NavigationConfig(
-        action=kind, max_episode_steps=25, random_start=True, random_world=True, stagger_first_episode=True
+    task = flockstep.NavigationConfig(action=kind, random_start=True)
+    mode = arguments.pop("autoreset_mode", "same_step")
+    episode = flockstep.EpisodeConfig(
+        autoreset_mode=mode, max_episode_steps=25, random_world=True, stagger_first_episode=True
     )
     noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
-    arguments = {"autoreset_mode": "same_step", "num_threads": 1, **arguments}
-    batch = flockstep.Batch(worlds, num_drones, lidar=flockstep.LidarConfig(), pose_sensor=noise, task=task, **arguments)
+    arguments = {"num_threads": 1, **arguments}
+    batch = flockstep.Batch(
+        worlds, num_drones, lidar=flockstep.LidarConfig(), pose_sensor=noise, task=task, episode=episode, **arguments
+    )
     batch.reset(np.arange(num_drones) + 1000)
     rows = [outputs(batch)]
     for actions in actions_of(num_drones, kind):
@@ -126,8 +131,8 @@ def test_autoreset_modes_agree_but_for_the_reset_rows(room, closet, example, own
         noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01)
         arguments = {"worlds": [room, closet], "lidar": lidar, "pose_sensor": noise, "autoreset_mode": mode}
         if own_task:
-            twin = example("navigation_numpy").Navigation(flockstep.NavigationConfig(max_episode_steps=15), lidar)
-            env = flockstep.DroneVectorEnv(6, task=twin, **arguments)
+            twin = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), lidar)
+            env = flockstep.DroneVectorEnv(6, task=twin, max_episode_steps=15, random_world=True, **arguments)
         else:
             env = flockstep.DroneVectorEnv(6, max_episode_steps=15, random_start=True, random_world=True, **arguments)
         return episodes(env, 6, lambda i, e, s: np.random.default_rng([i, e, s]).integers(6))
@@ -145,8 +150,9 @@ def test_autoreset_modes_agree_but_for_the_reset_rows(room, closet, example, own
 
 
 def test_restored_equals_uninterrupted(worlds):
-    task = flockstep.NavigationConfig(max_episode_steps=25, random_start=True, random_world=True)
-    arguments = {"lidar": flockstep.LidarConfig(), "task": task, "num_threads": 2}
+    task = flockstep.NavigationConfig(random_start=True)
+    episode = flockstep.EpisodeConfig(max_episode_steps=25, random_world=True)
+    arguments = {"lidar": flockstep.LidarConfig(), "task": task, "episode": episode, "num_threads": 2}
     noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
     one = flockstep.Batch(worlds, 64, pose_sensor=noise, **arguments)
     one.reset(np.arange(64))

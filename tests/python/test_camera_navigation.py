@@ -21,6 +21,7 @@ MODES = ["next_step", "same_step", "disabled"]
 CAMERA = "flockstep/CameraNavigation-v0"
 PIXELS = "flockstep/CameraPixels-v0"
 SMALL = flockstep.CameraConfig(width_px=32, height_px=24)
+CHW = flockstep.CameraConfig(width_px=32, height_px=24, layout="chw")
 
 PARLOUR = {
     "flockstep_scene": 1,
@@ -48,7 +49,7 @@ def make(parlour):
     def make(env_id, num_envs=4, **arguments):
         arguments = {
             "worlds": parlour,
-            "camera": SMALL,
+            "camera": CHW if env_id == PIXELS else SMALL,
             "max_episode_steps": 25,
             "random_start": True,
             "num_threads": 1,
@@ -94,10 +95,10 @@ class TestSpaces:
         assert make(CAMERA, lidar=lidar).single_observation_space.shape == (12,)
 
     def test_the_callers_camera_stays_as_it_is(self, make):
-        camera = flockstep.CameraConfig(width_px=32, height_px=24)
+        camera = flockstep.CameraConfig(width_px=32, height_px=24, layout="chw")
         envs = make(PIXELS, camera=camera)
-        assert camera.layout == "hwc"
-        assert envs.cameras[0].layout == "chw"
+        envs.cameras[0].width_px = 1
+        assert camera.width_px == 32
         default = gymnasium.make_vec(CAMERA, 1)
         default.cameras[0].width_px = 1
         assert gymnasium.make_vec(CAMERA, 1).cameras[0].width_px > 1
@@ -111,7 +112,7 @@ class TestSpaces:
     def test_several_cameras(self, make):
         belly = flockstep.CameraConfig(name="belly", width_px=8, height_px=8, outputs=("depth",))
         for env_id in (CAMERA, PIXELS):
-            envs = make(env_id, 2, camera=[SMALL, belly])
+            envs = make(env_id, 2, camera=[CHW if env_id == PIXELS else SMALL, belly])
             alone = make(env_id, 2)
             observed, expected = envs.reset(seed=0)[0], alone.reset(seed=0)[0]
             if env_id == PIXELS:
@@ -166,7 +167,7 @@ class TestPixels:
             observation = envs.step(actions)[0]
             same(observation["image"], envs.batch.camera().rgb)
             np.testing.assert_allclose(
-                observation["ranges"], np.minimum(envs.batch.lidar_ranges[:, 0] / 3, 1), rtol=1e-6
+                observation["ranges"], np.minimum(envs.batch.lidar().ranges[:, 0] / 3, 1), rtol=1e-6
             )
 
     def test_slots_last_for_one_more_step(self, make):
@@ -220,11 +221,9 @@ class TestPixels:
             same(got[0], expected[0])
             same(got[1], expected[1])
 
-    def test_a_batch_that_observes_none_has_none(self, make):
-        envs = make(CAMERA)
-        envs.reset(seed=0)
-        with pytest.raises(RuntimeError, match="pixels"):
-            _ = envs.batch.image
+    def test_a_camera_of_another_layout_is_refused(self, make):
+        with pytest.raises(ValueError, match=r"camera\.layout.*chw.*hwc"):
+            make(PIXELS, camera=flockstep.CameraConfig(width_px=32, height_px=24))
 
 
 class TestSameBits:
@@ -234,25 +233,34 @@ class TestSameBits:
         task = flockstep.NavigationConfig(
             observation=observation,
             action="discrete_forward",
-            max_episode_steps=25,
-            frame_skip=2,
             random_start=True,
-            random_world=True,
-            stagger_first_episode=True,
             reward=flockstep.NavigationReward(overshoot_weight=1.0),
         )
+        episode = flockstep.EpisodeConfig(
+            autoreset_mode="same_step",
+            max_episode_steps=25,
+            frame_skip=2,
+            random_world=True,
+            stagger_first_episode=True,
+        )
         camera = flockstep.CameraConfig(width_px=20, height_px=15, layout="chw", samples_per_pixel=4)
-        arguments = {"autoreset_mode": "same_step", "num_threads": 1, **arguments}
+        arguments = {"num_threads": 1, "episode": episode, **arguments}
         lidar = flockstep.LidarConfig(beams=20, hfov_deg=180)
         batch = flockstep.Batch(worlds, num_drones, lidar=lidar, cameras=[camera], task=task, **arguments)
         batch.reset(np.arange(num_drones) + 50)
-        names = (*self.OUTPUTS, "image") if observation == "pixels" else self.OUTPUTS
-        rows = [{name: getattr(batch, name).copy() for name in names}]
+
+        def outputs():
+            copies = {name: getattr(batch, name) for name in self.OUTPUTS}
+            if observation == "pixels":
+                copies |= copies.pop("observation")
+            return {name: array.copy() for name, array in copies.items()}
+
+        rows = [outputs()]
         columns = [np.random.default_rng([7, i]).choice(3, size=40, p=[0.6, 0.2, 0.2]) for i in range(num_drones)]
         for actions in np.stack(columns, axis=1):
             batch.step(actions)
-            rows.append({name: getattr(batch, name).copy() for name in names})
-        return {name: np.stack([row[name] for row in rows]) for name in names}
+            rows.append(outputs())
+        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
     @pytest.mark.parametrize("observation", ["blob", "pixels"])
     def test_whatever_the_threads_blocks_and_number_of_envs(self, parlour, observation):
@@ -361,7 +369,6 @@ def test_agrees_with_its_numpy_twin(parlour, example, mode):
     config = flockstep.NavigationConfig(
         observation="blob",
         action="discrete_forward",
-        max_episode_steps=60,
         reward=flockstep.NavigationReward(overshoot_weight=1.0),
     )
     lidar, camera = flockstep.LidarConfig(beams=20, hfov_deg=180), flockstep.CameraConfig(width_px=64, height_px=48)
@@ -447,7 +454,7 @@ class TestBadInput:
 
 
 def test_configs_pickle():
-    config = flockstep.NavigationConfig(observation="pixels", action="discrete_forward", frame_skip=4)
+    config = flockstep.NavigationConfig(observation="pixels", action="discrete_forward", step_m=0.25)
     assert pickle.loads(pickle.dumps(config)) == config
     assert copy.copy(config) == config
-    assert "frame_skip=4" in repr(config)
+    assert "step_m=0.25" in repr(config)

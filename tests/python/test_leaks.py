@@ -36,8 +36,9 @@ def growth(use: Callable[[], None]) -> int:
 
 
 def use_batch(world, num_threads):
-    task = flockstep.NavigationConfig(random_start=True, max_episode_steps=2)
-    batch = flockstep.Batch([world], DRONES, lidar=flockstep.LidarConfig(), task=task, num_threads=num_threads)
+    task, episode = flockstep.NavigationConfig(random_start=True), flockstep.EpisodeConfig(max_episode_steps=2)
+    lidar = flockstep.LidarConfig()
+    batch = flockstep.Batch([world], DRONES, lidar=lidar, task=task, episode=episode, num_threads=num_threads)
     batch.reset(np.arange(DRONES))
     for _ in range(3):
         batch.step(np.zeros(DRONES, int))

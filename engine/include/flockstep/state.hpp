@@ -49,7 +49,7 @@ struct State {
 
 // The episodes of a task, one after another in each env. Written by the episode machine alone.
 struct EpisodeState {
-  std::vector<std::int64_t> steps;       // (E,) flown in this episode; while a step is scored, the present one included
+  std::vector<std::int64_t> steps;       // (E,) flown in this episode; while one is flown and scored, this one included
   std::vector<std::int64_t> time_limit;  // (E,) steps; 0: none
   std::vector<double> episode_return;    // (E,) rewards so far
   FlagArray begun;                       // (E,) the first episode has begun

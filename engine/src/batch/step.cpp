@@ -38,12 +38,15 @@ void read_due(Simulation& sim, std::span<const std::uint32_t> envs, Scratch& scr
   sim.pose_sensor.read(due(sim, envs, sim.pose_sensor.period(), step_is_over, scratch), sim.state);
 }
 
+void count_step(Simulation& sim, Block& block, Scratch&) {
+  for (const std::uint32_t env : block.flying) ++sim.episodes.steps[env];
+}
+
 // One flown step of the drones that fly: in each substep they move, hit what is in the way, and the sensors that are due then
 // read. What is due when the step is over is left to sense().
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
   const int substeps = sim.config.clock.substeps;
   const std::size_t m = sim.drones_per_env();
-  for (const std::uint32_t env : block.flying) ++sim.episodes.steps[env];
   if (substeps > 1) {
     for (const std::uint32_t env : block.flying) {
       for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
@@ -164,6 +167,7 @@ void step_program(Simulation& sim, Run run) {
   run.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
   for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
     const bool is_last = flown == sim.config.episode.frame_skip;
+    run.each(count_step);
     run.task(&Block::flying, [&](const TaskBlock& envs) { task.command(envs, sim.run->actions, sim.run->setpoints); });
     run.each(fly);
     if (is_last) run.start_frames(&Block::flown);

@@ -17,12 +17,13 @@ def beams_of(batch: Batch, drone: int) -> tuple[Points, Points, npt.NDArray[np.b
     One that hits nothing ends at the LiDAR's range. Without a LiDAR there are none.
     """
     position = np.asarray(batch.position[drone], float)
-    ranges = np.asarray(batch.lidar_ranges[drone], float).ravel()
+    if batch.lidar_name is None:
+        return position, np.zeros((0, 3)), np.zeros(0, bool)
+    lidar = batch.lidar()
+    config = lidar.config_of(drone)
+    ranges = np.asarray(lidar.ranges[drone], float).ravel()
     hit = np.isfinite(ranges)
-    if not len(ranges):
-        return position, np.zeros((0, 3)), hit
     quat_wxyz = np.asarray(batch.quat_wxyz[drone], float)
-    lidar = batch.lidar_config_of(drone)
-    directions = rotate(quat_wxyz, np.asarray(batch.lidar_directions[drone], float).reshape(-1, 3))
-    origin = position + rotate(quat_wxyz, np.asarray(lidar.offset_m, float))
-    return origin, origin + directions * np.where(hit, ranges, lidar.max_range_m)[:, None], hit
+    directions = rotate(quat_wxyz, np.asarray(lidar.directions[drone], float).reshape(-1, 3))
+    origin = position + rotate(quat_wxyz, np.asarray(config.offset_m, float))
+    return origin, origin + directions * np.where(hit, ranges, config.max_range_m)[:, None], hit

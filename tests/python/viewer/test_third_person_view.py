@@ -117,7 +117,7 @@ def test_beams_and_hits(room):
     batch.set_pose(np.float32([[2, 6, 2]]))
     batch.sense()
     plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
-    assert batch.lidar_ranges[0, 0, 0] == pytest.approx(6)
+    assert batch.lidar().ranges[0, 0, 0] == pytest.approx(6)
     canvas = viewed(room, (2, 6, 2))
     (begin, end) = canvas.project(np.array([[2, 6, 2], [8, 6, 2.0]]))[:, :2]
     difference = changed(drawn, plain)
@@ -136,7 +136,7 @@ def test_a_beam_that_misses_ends_without_a_dot(room):
     batch = flockstep.Batch([room], lidar=lidar)
     batch.set_pose(np.float32([[2, 6, 2]]))
     batch.sense()
-    assert np.isinf(batch.lidar_ranges).all()
+    assert np.isinf(batch.lidar().ranges).all()
     plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
     assert (mask_of(drawn, "beam") & changed(drawn, plain)).sum() > 50
     assert not (mask_of(drawn, "hit") & changed(drawn, plain)).any()

@@ -64,19 +64,19 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
     views = TopView(batch), ThirdPersonView(batch)
     batch.set_lidar(np.array([False, True]), hfov_deg=40, max_range_m=4.5, offset_m=(0.2, 0.1, 0.3))
     batch.sense()
-    assert batch.lidar_config_of(0).hfov_deg == 270
-    assert batch.lidar_config_of(1).hfov_deg == 40
+    assert batch.lidar().config_of(0).hfov_deg == 270
+    assert batch.lidar().config_of(1).hfov_deg == 40
     for drone in range(2):
         origin, ends, hit = beams_of(batch, drone)
-        np.testing.assert_allclose(ends[hit], batch.lidar_points[drone].reshape(-1, 3)[hit], atol=1e-5)
+        np.testing.assert_allclose(ends[hit], batch.lidar().points[drone].reshape(-1, 3)[hit], atol=1e-5)
         np.testing.assert_allclose(np.linalg.norm(ends[~hit] - origin, axis=1), [10, 4.5][drone], atol=1e-5)
         assert hit.any()
     for view, fresh in zip(views, (TopView(batch), ThirdPersonView(batch)), strict=True):
         np.testing.assert_array_equal(view.frame(1), fresh.frame(1))
     with pytest.raises(ValueError, match=r"index: expected an integer in \[0, 2\), got 2"):
-        batch.lidar_config_of(2)
+        batch.lidar().config_of(2)
     with pytest.raises(RuntimeError, match="no LiDAR"):
-        flockstep.Batch([room]).lidar_config_of(0)
+        flockstep.Batch([room]).lidar().config_of(0)
 
 
 def test_meshes_and_every_kind_of_primitive_are_drawn():

@@ -1,0 +1,30 @@
+"""Gymnasium spaces from what a task declares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from flockstep._core import Field, TaskSpec
+
+
+def observation_space(spec: TaskSpec) -> spaces.Space[Any]:
+    """Return the space of one env's observation: a Box, or a Dict of them where there are several fields."""
+    boxes = {field.name: _box(field) for field in spec.observation}
+    return spaces.Dict(boxes) if len(boxes) > 1 else next(iter(boxes.values()))
+
+
+def action_space(spec: TaskSpec) -> spaces.Space[Any]:
+    """Return the space of one env's action: integers are a Discrete, floats a Box."""
+    field = spec.action
+    if field.dtype.startswith("int"):
+        return spaces.Discrete(int(field.high) - int(field.low) + 1, start=int(field.low))
+    return _box(field)
+
+
+def _box(field: Field) -> spaces.Box:
+    dtype = np.dtype(field.dtype)
+    low, high = (np.broadcast_to(bound, field.shape).astype(dtype) for bound in (field.low, field.high))
+    return spaces.Box(low, high, dtype=dtype.type)
