@@ -50,6 +50,8 @@ int pieces(int length, int most) { return (length + most - 1) / most; }
 }  // namespace
 
 struct GlRenderer::Impl {
+  explicit Impl(std::chrono::milliseconds patience) : worker(patience) {}
+
   long process = process_id();
   GlWorker worker;
   struct KnownWorld {
@@ -97,7 +99,7 @@ struct GlRenderer::Impl {
   void write(const GlRound& round, const Pixels& pixels, Workers& workers) const;
 };
 
-GlRenderer::GlRenderer() : impl_(std::make_unique<Impl>()) {}
+GlRenderer::GlRenderer(std::chrono::milliseconds patience) : impl_(std::make_unique<Impl>(patience)) {}
 
 GlRenderer::~GlRenderer() {
   // The thread is of the parent alone, and its mutex may be locked for ever here.

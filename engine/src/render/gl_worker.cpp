@@ -18,10 +18,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// How long the device may give no sign of life: drivers compile shaders at the first picture, and a big world takes a software
-// device seconds.
-constexpr milliseconds kPatience{30'000};
-constexpr milliseconds kLittlePatience{200};  // where it hangs on purpose
+constexpr milliseconds kStartPatience{30'000};  // until the context is made
 
 constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
 
@@ -49,7 +46,8 @@ class Atlases {
 }  // namespace
 
 struct GlWorker::Shared {
-  const EglWish wish;
+  const EglDevices devices;
+  const milliseconds patience;  // once it is ready
   std::mutex mutex;
   std::condition_variable changed;
   // Under the mutex:
@@ -69,16 +67,14 @@ struct GlWorker::Shared {
   // Of the caller until it is started, then of the thread until all rounds are published:
   GlTask task;
 
-  explicit Shared(EglWish what) : wish(what) {}
+  Shared(EglDevices allowed, milliseconds at_work) : devices(allowed), patience(at_work) {}
 
-  milliseconds patience() const { return wish == EglWish::hanging && ready ? kLittlePatience : kPatience; }
-
-  // Waits until something is so. False where nothing happened for too long.
+  // Waits until the condition holds. False where the device gave no sign of life for too long.
   template <class Condition>
   bool wait(std::unique_lock<std::mutex>& lock, const Condition& condition) {
     while (!condition()) {
       const std::uint64_t signs = signs_of_life;
-      changed.wait_for(lock, patience(), [&] { return condition() || signs_of_life != signs; });
+      changed.wait_for(lock, ready ? patience : kStartPatience, [&] { return condition() || signs_of_life != signs; });
       if (signs_of_life == signs && !condition()) return false;
     }
     return true;
@@ -97,7 +93,7 @@ struct GlWorker::Shared {
   }
 };
 
-GlWorker::GlWorker() : shared_(std::make_shared<Shared>(egl_wish())) {
+GlWorker::GlWorker(milliseconds patience) : shared_(std::make_shared<Shared>(egl_devices(), patience)) {
   thread_ = std::thread([shared = shared_] {
     run(*shared);
     const std::lock_guard lock(shared->mutex);
@@ -156,7 +152,7 @@ const Pixels& GlWorker::wait() {
   shared_->wait(lock, [&] { return shared_->published > round || !shared_->error.empty(); });
   if (shared_->published > round) return shared_->pixels[round % kNumReadbacks];
   if (!shared_->error.empty()) throw GlUnavailable(shared_->error);
-  shared_->error = "the OpenGL driver did not answer within " + std::to_string(shared_->patience().count()) + " ms";
+  shared_->error = "the OpenGL driver did not answer within " + std::to_string(shared_->patience.count()) + " ms";
   shared_->stop = true;
   shared_->changed.notify_all();
   thread_.detach();
@@ -180,7 +176,7 @@ struct GlWorker::Device {
   std::array<GlReadback, kNumReadbacks> readbacks;
 
   explicit Device(Shared& shared)
-      : s(shared), context(s.wish), readbacks{GlReadback(context.is_software()), GlReadback(context.is_software())} {
+      : s(shared), context(s.devices), readbacks{GlReadback(context.is_software()), GlReadback(context.is_software())} {
     GLint side = 0;
     std::array<GLint, 2> viewport{};
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
@@ -253,14 +249,6 @@ struct GlWorker::Device {
   }
 
   void publish(std::size_t round) {
-    if (s.wish == EglWish::failing || (s.wish == EglWish::failing_late && round > 0)) {
-      throw GlUnavailable("reading pictures fails by FLOCKSTEP_EGL");
-    }
-    if (s.wish == EglWish::hanging) {
-      std::unique_lock lock(s.mutex);
-      s.changed.wait(lock, [&] { return s.stop; });
-      return;
-    }
     GlReadback& readback = readbacks[round % kNumReadbacks];
     readback.finish();
     const std::lock_guard lock(s.mutex);

@@ -1,6 +1,7 @@
 // GlWorker: the thread that owns the OpenGL context, and the handing over of work to it and of pictures from it.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -39,7 +40,8 @@ struct GlTask {
 // The thread touches nothing but what is in its tasks and its own: it can be left behind where a driver never answers.
 class GlWorker {
  public:
-  GlWorker();   // throws GlUnavailable
+  // patience: see GlRenderer. Throws GlUnavailable.
+  explicit GlWorker(std::chrono::milliseconds patience);
   ~GlWorker();  // leaves what is under way unfinished
   GlWorker(const GlWorker&) = delete;
   GlWorker& operator=(const GlWorker&) = delete;

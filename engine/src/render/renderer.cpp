@@ -29,12 +29,13 @@ double frames_per_second(std::size_t frames, const Render& render) {
 
 }  // namespace
 
-Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers)
+Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
+                   std::chrono::milliseconds gl_patience)
     : report_("raycast: as asked for") {
   for (int i = 0; i < workers.num_threads(); ++i) raycast_scratches_.push_back(std::make_unique<RaycastScratch>());
   if (backend == CameraBackend::raycast) return;
   try {
-    gl_ = std::make_unique<GlRenderer>();
+    gl_ = std::make_unique<GlRenderer>(gl_patience);
   } catch (const GlUnavailable& error) {
     give_up_gl(error.what());
     return;

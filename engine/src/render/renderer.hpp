@@ -1,6 +1,7 @@
 // Renderer: takes pictures by the backend that was chosen.
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <span>
 #include <string>
@@ -18,8 +19,9 @@ namespace flockstep::render {
 class Renderer {
  public:
   // Requests typical of the batch, whose frames may be written: an automatic choice times them. The worlds of all requests
-  // outlive the renderer.
-  Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers);
+  // outlive the renderer. gl_patience: see GlRenderer.
+  Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
+           std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
 
   // Which backend renders, and why.
   const std::string& report() const { return report_; }
