@@ -77,7 +77,7 @@ CameraConfig camera_of(int width, int height, float hfov_deg = 90.0F) {
   return camera;
 }
 
-PinholeCamera lens_of(const CameraConfig& camera) {
+PinholeCamera pinhole_of(const CameraConfig& camera) {
   const float half = 0.5F * *camera.hfov_deg * std::numbers::pi_v<float> / 180.0F;
   PinholeCamera pinhole{};
   pinhole.fx = pinhole.fy = 0.5F * static_cast<float>(camera.width_px) / std::tan(half);
@@ -107,7 +107,7 @@ struct Album {
   CameraImages images;
   Workers workers{2};
 
-  explicit Album(const CameraConfig& config) : camera(config), pinhole(lens_of(config)) {}
+  explicit Album(const CameraConfig& config) : camera(config), pinhole(pinhole_of(config)) {}
   Album(const Album&) = delete;
   Album& operator=(const Album&) = delete;
 
@@ -180,7 +180,7 @@ std::shared_ptr<const World> colorful(std::vector<Primitive> primitives, Markers
   return std::make_shared<const World>(std::move(description));
 }
 
-// What one pixel shall show, in double precision and by closed forms alone.
+// What one pixel must show, computed in double precision from closed forms alone.
 struct Seen {
   double depth = oracle::kNever;  // planar
   int element = -1;               // as World::raycast numbers them, then the markers
@@ -727,7 +727,7 @@ TEST(GlRenderer, BigMeshIsCulledAndNothingIsLost) {
   expect_true(album, 0.6);
 }
 
-TEST(GlRenderer, SameShotsAgainAllocateNothing) {
+TEST(GlRenderer, SameRequestsAgainAllocateNothing) {
   NEEDS_RENDERER(renderer);
   const auto world = playground("camera-train-1");
   Album album(camera_of(64, 48));

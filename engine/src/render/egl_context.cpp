@@ -128,7 +128,7 @@ EglContext::EglContext(EglDevices allowed) {
   if (allowed == EglDevices::none) throw GlUnavailable("EGL is switched off by FLOCKSTEP_EGL=none");
   // The library libepoxy exits the process where a library it needs is not there.
   if (const std::string why = gl_load_error(); !why.empty()) throw GlUnavailable(why);
-  static const long first_process = process_id();  // whose displays and drivers' threads they are
+  static const long first_process = process_id();  // the one that has the displays and the drivers' threads
   if (process_id() != first_process) {
     throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
   }

@@ -6,7 +6,7 @@
 
 namespace flockstep::render {
 
-// There is no EGL, or it has no device that renders, or one failed on the way. what() says which and why.
+// There is no EGL, or it has no device that renders, or a device failed while it rendered. what() says which and why.
 class GlUnavailable : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -20,9 +20,9 @@ enum class EglDevices {
 };
 EglDevices egl_devices();  // throws GlUnavailable on any other value
 
-// Of the process that makes the first one, alone: what a fork leaves of OpenGL does not work. Takes the first that works of: the
-// CUDA devices that CUDA_VISIBLE_DEVICES names, in its order; other hardware; Mesa's software device; Mesa's surfaceless
-// platform. Displays are the process's, shared with other libraries in it, and never terminated.
+// Works only in the process that made the first one, since OpenGL does not survive a fork. Tries the CUDA devices that
+// CUDA_VISIBLE_DEVICES names, in its order, then other hardware, Mesa's software device and Mesa's surfaceless platform, and
+// takes the first that works. Displays belong to the process, which shares them with other libraries; they are never terminated.
 class EglContext {
  public:
   explicit EglContext(EglDevices allowed);  // throws GlUnavailable, with all that was tried

@@ -32,8 +32,8 @@ class GlRenderer {
 
   // Begins to render; the requests, and what they point to, stay as they are until finish().
   void start(std::span<const RenderRequest> requests);
-  // Writes all frames as they arrive. Throws GlUnavailable where the device failed or did
-  // not answer in time; the frames are then undefined, and the renderer of no more use.
+  // Writes all frames as they arrive. Throws GlUnavailable if the device failed or did not answer in time; the frames are then
+  // undefined, and the renderer is of no more use.
   void finish(Workers& workers);
 
  private:

@@ -22,7 +22,7 @@ constexpr milliseconds kStartPatience{30'000};  // until the context is made
 
 constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
 
-// Atlases are kept, since their sizes come back from step to step; of too many, those longest unused go.
+// Atlases are kept, since their sizes come back from step to step; when there are too many, the one unused for longest goes.
 class Atlases {
  public:
   const GlAtlas& get(const AtlasSize& size, const Attachments& attachments) {
@@ -53,7 +53,7 @@ struct GlWorker::Shared {
   // Under the mutex:
   bool ready = false;
   bool stop = false;
-  bool ended = false;               // the thread has let go of all that is of OpenGL
+  bool ended = false;               // the thread has given back all it had from OpenGL
   std::string error;                // why it ended; it then is of no more use
   std::uint64_t signs_of_life = 0;  // counted up whenever the device has done something
   std::uint64_t started = 0;        // tasks
@@ -64,7 +64,7 @@ struct GlWorker::Shared {
   std::string description;
   int max_side = 0;
   bool is_software = false;
-  // Of the caller until it is started, then of the thread until all rounds are published:
+  // Belongs to the caller until it is started, then to the thread until all rounds are published:
   GlTask task;
 
   Shared(EglDevices allowed, milliseconds at_work) : devices(allowed), patience(at_work) {}
@@ -167,7 +167,7 @@ void GlWorker::release() {
   shared_->changed.notify_all();
 }
 
-// What the thread has of OpenGL, and does with it.
+// What the thread owns in OpenGL, and what it does with it.
 struct GlWorker::Device {
   Shared& s;
   const EglContext context;
@@ -216,7 +216,7 @@ struct GlWorker::Device {
           if (s.stop) return;
         }
         draw(s.task.rounds[round], readbacks[round % kNumReadbacks]);
-        // A device of its own copies the round before while it draws this one; software has copied it already.
+        // A GPU copies the round before while it draws this one; a software device has copied it already.
         if (s.is_software) {
           publish(round);
         } else if (round > 0) {
@@ -228,21 +228,22 @@ struct GlWorker::Device {
   }
 
   void draw(const GlRound& round, GlReadback& readback) {
-    const auto views = std::span<const GlView>(s.task.views).subspan(round.first_view, static_cast<std::size_t>(round.count));
+    const auto cameras =
+        std::span<const TileCamera>(s.task.cameras).subspan(round.first_camera, static_cast<std::size_t>(round.count));
     const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
     GlPass pass = round.pass;
     if (pass.samples == 1) {
-      painter.paint(atlas, views, pass);
-    } else {  // of colours alone
+      painter.paint(atlas, cameras, pass);
+    } else {  // only colours are sampled
       const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
       const GlAtlas& samples = atlases.get(large, {.color = true});
       GlPass colors = pass;
       colors.traits.writes = {.color = true};
-      painter.paint(samples, views, colors);
+      painter.paint(samples, cameras, colors);
       pass.traits.writes.color = false;
       pass.traits.shadows = false;
       pass.samples = 1;
-      if (pass.traits.writes != Attachments{}) painter.paint(atlas, views, pass);
+      if (pass.traits.writes != Attachments{}) painter.paint(atlas, cameras, pass);
       painter.resolve(samples, atlas, round.pass.samples, round.count);
     }
     readback.start(atlas, round.count);
@@ -266,7 +267,7 @@ void GlWorker::run(Shared& s) {
       device.work();
     } catch (const std::exception& error) {
       s.fail(error.what());
-      // The caller may still be reading the round before: it stays until the caller is done with all of this.
+      // The caller may still be reading the round before, so its memory stays until the caller lets go of the worker.
       std::unique_lock lock(s.mutex);
       s.changed.wait(lock, [&] { return s.stop; });
     }
