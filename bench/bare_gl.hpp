@@ -26,7 +26,7 @@ class BareGl {
   // colors: linear, of each triangle
   BareGl(const flockstep::TriangleMesh& mesh, const std::vector<std::array<float, 3>>& colors, const flockstep::Light& light,
          float near_m)
-      : context_(flockstep::render::egl_wish()), near_m_(near_m) {
+      : context_(flockstep::render::egl_devices()), near_m_(near_m) {
     program_ = glCreateProgram();
     attach(GL_VERTEX_SHADER, kVertexShader);
     attach(GL_FRAGMENT_SHADER, kFragmentShader);

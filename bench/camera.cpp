@@ -102,6 +102,7 @@ HWY_AFTER_NAMESPACE();
 #include "bench.hpp"
 #include "flockstep/batch.hpp"
 #include "mesh_world.hpp"
+#include "render/appearance.hpp"
 #include "trace/scene.hpp"
 
 namespace bench {
@@ -134,14 +135,12 @@ struct BareWorld {
                                         .material = static_cast<std::uint16_t>(description.materials.size())});
       description.materials.push_back({.name = "marker" + std::to_string(description.materials.size()), .base_color = color});
     };
-    if (world.markers().start) add_marker(*world.markers().start, {0.8F, 0.03F, 0.02F});
-    if (world.markers().goal) add_marker(*world.markers().goal, {0.02F, 0.6F, 0.05F});
+    if (world.markers().start) add_marker(*world.markers().start, flockstep::render::kStartColor);
+    if (world.markers().goal) add_marker(*world.markers().goal, flockstep::render::kGoalColor);
     const flockstep::World solid(std::move(description));
     scene = bench::triangle_scene(solid);
     mesh = solid.mesh(bench::chord_error(solid));
-    for (const std::uint16_t material : mesh.materials) {
-      paint.colors.push_back(solid.materials()[material].base_color);
-    }
+    for (const std::uint16_t material : mesh.materials) paint.colors.push_back(solid.materials()[material].base_color);
     paint.light = world.light();
     for (std::size_t i = 0; i < paint.levels.size(); ++i) {
       const double root = static_cast<double>(i) / 1023.0;
@@ -419,9 +418,7 @@ int main(int argc, char** argv) {
   for (const auto& [name, world] : worlds) {
     if (!asked("bare")) break;
     const BareWorld bare(*world);
-    for (const auto& [width, height, num_drones] : kCases) {
-      bench_case(name, world, bare, width, height, num_drones, figures);
-    }
+    for (const auto& [width, height, num_drones] : kCases) bench_case(name, world, bare, width, height, num_drones, figures);
   }
   for (const auto& [name, world] : worlds) {
     if (asked("table")) bench_table(name, world, figures);

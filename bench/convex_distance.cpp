@@ -67,20 +67,14 @@ std::vector<Case> make_cases(Kind kind, const DroneModel& drone) {
     c.rotation = i % 3 == 0 ? Eigen::Quaterniond::Identity()
                             : Eigen::Quaterniond(Eigen::AngleAxisd(3.0 * uniform(random), axis.cast<double>().normalized()));
     c.position = point(0.8F).cast<double>();
-    for (Vec3& corner : c.corners) {
-      corner = point(0.4F);
-    }
-    for (float& half : c.primitive.half_extents) {
-      half = 0.025F + 0.5F * uniform(random);
-    }
+    for (Vec3& corner : c.corners) corner = point(0.4F);
+    for (float& half : c.primitive.half_extents) half = 0.025F + 0.5F * uniform(random);
     if (kind == Kind::cylinder) {
       c.primitive.kind = PrimitiveKind::cylinder;
       c.primitive.half_extents.y() = c.primitive.half_extents.x();
     }
     const Vec3 tilt = point(1.0F);
-    if (i % 2 == 0) {
-      c.primitive.rotation = Quat(Eigen::AngleAxisf(2.0F * uniform(random), tilt.normalized()));
-    }
+    if (i % 2 == 0) c.primitive.rotation = Quat(Eigen::AngleAxisf(2.0F * uniform(random), tilt.normalized()));
     c.convex = kind == Kind::triangle ? collision::make_triangle(c.corners[0], c.corners[1], c.corners[2])
                                       : collision::make_convex(c.primitive);
     const auto distance_from = [&](const Vec3d& position) {
@@ -126,9 +120,7 @@ void report(const std::string& library, Kind kind, const std::vector<Case>& case
   double sink = 0.0;
   for (int repeat = 0; repeat < kRepeats; ++repeat) {
     const auto start = std::chrono::steady_clock::now();
-    for (const Case& c : cases) {
-      sink += query(c);
-    }
+    for (const Case& c : cases) sink += query(c);
     best = std::min(best, std::chrono::duration<double, std::nano>(std::chrono::steady_clock::now() - start).count());
   }
   std::printf("| %s | %s | %.0f | %.1e | %.1e | %.2f %% | %d | %.1f |%s\n", library.c_str(),
@@ -140,9 +132,7 @@ void report(const std::string& library, Kind kind, const std::vector<Case>& case
 // FCL wants faces, though its support function for so few vertices does not read them: any triangles on the hull will do.
 fcl::Convexd fcl_hull(const DroneModel& drone) {
   auto vertices = std::make_shared<std::vector<fcl::Vector3d>>();
-  for (const Vec3& v : drone.hull()) {
-    vertices->push_back(v.cast<double>());
-  }
+  for (const Vec3& v : drone.hull()) vertices->push_back(v.cast<double>());
   auto faces = std::make_shared<std::vector<int>>();
   int count = 0;
   const int n = static_cast<int>(vertices->size());
@@ -152,9 +142,7 @@ fcl::Convexd fcl_hull(const DroneModel& drone) {
       for (int k = 0; k < n; ++k) {
         const fcl::Vector3d normal = (at(j) - at(i)).cross(at(k) - at(i));
         bool outer = i < j && i < k && normal.norm() > 1e-9;
-        for (int l = 0; outer && l < n; ++l) {
-          outer = normal.dot(at(l) - at(i)) <= 1e-9;
-        }
+        for (int l = 0; outer && l < n; ++l) outer = normal.dot(at(l) - at(i)) <= 1e-9;
         if (outer) {
           faces->insert(faces->end(), {3, i, j, k});
           ++count;

@@ -187,8 +187,9 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   std::vector<float> position(3 * n);
   for (std::size_t w = 0; w < worlds.size(); ++w) {
     const auto free = free_positions(*worlds[w], num_drones, static_cast<std::uint32_t>(w));
-    for (std::size_t i = w; i < n; i += worlds.size())
+    for (std::size_t i = w; i < n; i += worlds.size()) {
       std::copy_n(free[i].data(), 3, position.begin() + static_cast<std::ptrdiff_t>(3 * i));
+    }
   }
   batch.set_pose(position, {});
   batch.sense();

@@ -100,8 +100,9 @@ void profile(bench::Figures& figures) {
   std::vector<Pose> targets(kDrones);
   std::vector<std::uint32_t> drones;  // world by world, as the batch has them
   for (std::uint32_t world = 0; world < worlds.size(); ++world) {
-    for (std::uint32_t drone = world; drone < kDrones; drone += static_cast<std::uint32_t>(worlds.size()))
+    for (std::uint32_t drone = world; drone < kDrones; drone += static_cast<std::uint32_t>(worlds.size())) {
       drones.push_back(drone);
+    }
   }
   sensors::ScanScratch scratch;
   const std::size_t rays = lidar.rays_per_drone();

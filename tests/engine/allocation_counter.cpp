@@ -20,16 +20,12 @@ void* allocate(std::size_t size, std::size_t alignment) noexcept {
   total.fetch_add(1, std::memory_order_relaxed);
   ++of_this_thread;
   size = size == 0 ? 1 : size;
-  if (alignment <= alignof(std::max_align_t)) {
-    return std::malloc(size);
-  }
+  if (alignment <= alignof(std::max_align_t)) return std::malloc(size);
   return std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
 }
 
 void* allocate_or_throw(std::size_t size, std::size_t alignment) {
-  if (void* memory = allocate(size, alignment)) {
-    return memory;
-  }
+  if (void* memory = allocate(size, alignment)) return memory;
   throw std::bad_alloc();
 }
 #endif

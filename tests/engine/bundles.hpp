@@ -1,4 +1,4 @@
-// What the tests of direct tracing share: sets of directions with their view, and bundles of them.
+// What the tests of direct tracing share: sets of directions with their frustum, and bundles of them.
 #pragma once
 
 #include <cmath>
@@ -15,7 +15,7 @@
 
 namespace flockstep::testing {
 
-// Unit directions in the sensor's frame as a bundle wants them: structure of arrays, padded, and with their view.
+// Unit directions in the sensor's frame as a bundle wants them: structure of arrays, padded, and with their frustum.
 class Directions {
  public:
   explicit Directions(const std::vector<Vec3>& directions) : count_(directions.size()) {
@@ -25,25 +25,25 @@ class Directions {
       y_.push_back(static_cast<float>(unit.y()));
       z_.push_back(static_cast<float>(unit.z()));
     }
-    view_ = trace::make_frustum(x_, y_, z_);
+    frustum_ = trace::make_frustum(x_, y_, z_);
     for (auto* component : {&x_, &y_, &z_}) component->resize(count_ + trace::kRayPadding);
   }
   std::size_t size() const { return count_; }
   Vec3 operator[](std::size_t i) const { return {x_[i], y_[i], z_[i]}; }
-  const trace::Frustum& view() const { return view_; }
+  const trace::Frustum& frustum() const { return frustum_; }
   // Lets a bundle point at those from first on; this must outlive it.
   void aim(trace::RayBundle& rays, std::size_t first = 0) const {
     rays.x = x_.data() + first;
     rays.y = y_.data() + first;
     rays.z = z_.data() + first;
-    rays.frustum = &view_;
+    rays.frustum = &frustum_;
     rays.count = count_ - first;
   }
 
  private:
   std::size_t count_;
   std::vector<float> x_, y_, z_;
-  trace::Frustum view_;
+  trace::Frustum frustum_;
 };
 
 // A single channel about the sensor's x axis.
@@ -71,10 +71,10 @@ inline std::vector<Vec3> cone(Random& random, std::size_t count, float degrees) 
   return directions;
 }
 
-// A view that holds everything: it has no plane.
+// A frustum that holds everything, because it has no plane.
 inline const trace::Frustum& everywhere() {
-  static const trace::Frustum view{};
-  return view;
+  static const trace::Frustum frustum{};
+  return frustum;
 }
 
 // The rays of a bundle in the world frame, as a block.

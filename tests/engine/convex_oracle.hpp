@@ -21,18 +21,14 @@ using Support = std::function<Vec3d(const Vec3d& direction)>;
 inline Support polytope(std::vector<Vec3d> points) {
   return [points = std::move(points)](const Vec3d& d) {
     Vec3d best = points.front();
-    for (const Vec3d& p : points) {
-      best = p.dot(d) > best.dot(d) ? p : best;
-    }
+    for (const Vec3d& p : points) best = p.dot(d) > best.dot(d) ? p : best;
     return best;
   };
 }
 
 inline Support hull_at(const DroneModel& drone, const Vec3d& position, const Eigen::Quaterniond& rotation) {
   std::vector<Vec3d> points;
-  for (const Vec3& p : drone.hull()) {
-    points.push_back(position + rotation.normalized() * p.cast<double>());
-  }
+  for (const Vec3& p : drone.hull()) points.push_back(position + rotation.normalized() * p.cast<double>());
   return polytope(std::move(points));
 }
 
@@ -97,9 +93,7 @@ inline Distance distance(const Support& a, const Support& b) {
     const Vec3d q = farthest(-x);
     result.lower = std::max(result.lower, x.dot(q) / length);
     const bool known = std::any_of(points.begin(), points.end(), [&q](const Vec3d& p) { return p == q; });
-    if (known || length - x.dot(q) / length < 1e-9) {
-      break;
-    }
+    if (known || length - x.dot(q) / length < 1e-9) break;
     points.push_back(q);
     weights.push_back(0.0);
     while (true) {  // the nearest point of the affine hull, or of a smaller face where that lies outside
@@ -117,9 +111,7 @@ inline Distance distance(const Support& a, const Support& b) {
       double step = 1.0;
       for (std::size_t i = 0; i < points.size(); ++i) {
         const double target = affine(static_cast<Eigen::Index>(i));
-        if (target < 1e-13 && weights[i] > target) {
-          step = std::min(step, weights[i] / (weights[i] - target));
-        }
+        if (target < 1e-13 && weights[i] > target) step = std::min(step, weights[i] / (weights[i] - target));
       }
       bool dropped = false;
       for (std::size_t i = points.size(); i-- > 0;) {
@@ -130,14 +122,10 @@ inline Distance distance(const Support& a, const Support& b) {
           dropped = true;
         }
       }
-      if (!dropped || points.size() == 1) {
-        break;
-      }
+      if (!dropped || points.size() == 1) break;
     }
     double total = 0.0;
-    for (const double w : weights) {
-      total += w;
-    }
+    for (const double w : weights) total += w;
     x.setZero();
     for (std::size_t i = 0; i < points.size(); ++i) {
       weights[i] /= total;

@@ -83,7 +83,7 @@ struct Tracer {
 };
 
 // -- The three ways agree: bundles traced directly, blocks (through Embree where the world has more than kMaxDirectAnyOrigin
-// primitives, else without origin or view in common), and closed forms in double precision.
+// primitives, else without origin or frustum in common), and closed forms in double precision.
 //
 // How many rays: FLOCKSTEP_RAYS, if set, as in
 //   FLOCKSTEP_RAYS=10000000 ./dev test engine --gtest_filter='Agreement*'
@@ -223,7 +223,7 @@ struct Answer {
 };
 
 // Discs too far off to be hit, which come after all other primitives: with them the world's rays go through Embree, and bundles
-// are culled by their view.
+// are culled by their frustum.
 std::vector<Primitive> with_company(std::vector<Primitive> primitives) {
   for (std::size_t i = 0; i <= kMaxDirectAnyOrigin; ++i) {
     primitives.push_back(primitive(PrimitiveKind::disc, {-9e5F, -9e5F, static_cast<float>(i) - 9e5F}, {1e-3F, 1e-3F, 0}));
@@ -244,7 +244,7 @@ class Ways {
     const std::vector<float> x(1 + kRayPadding, direction.x()), y(1 + kRayPadding, direction.y()),
         z(1 + kRayPadding, direction.z());
     const auto first = [](const std::vector<float>& all) { return std::span(all).first(1); };
-    const Frustum view = make_frustum(first(x), first(y), first(z));
+    const Frustum frustum = make_frustum(first(x), first(y), first(z));
     RayBundle& bundle = tracer_->bundle;
     bundle.origin = origin;
     bundle.rotation = Mat3::Identity();
@@ -253,7 +253,7 @@ class Ways {
     bundle.x = x.data();
     bundle.y = y.data();
     bundle.z = z.data();
-    bundle.frustum = &view;
+    bundle.frustum = &frustum;
     for (const auto& [way, world] : {std::pair{"directly", alone_.get()}, {"directly in company", crowd_.get()}}) {
       EXPECT_TRUE(tracer_->directly(world->scene())) << way;
       answers.push_back({way, bundle.t_hit[0], bundle.element[0]});
@@ -584,7 +584,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     ASSERT_TRUE(tracer->directly(scene));
     Bits seen;
     keep(bundle, seen);
-    ASSERT_EQ(seen, whole) << "without a view";
+    ASSERT_EQ(seen, whole) << "without a frustum";
     culled += tracer->candidates.count > 4;
 
     // From another first ray on, a few at a time: other places in the vectors, and other numbers of them.
@@ -599,7 +599,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
       ASSERT_EQ(parts, whole) << size << " at a time";
     }
 
-    // Among others, with their view.
+    // Among others, with their frustum.
     for (int round = 0; round < 4; ++round) {
       std::vector<std::size_t> order(of_set.size());
       for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
@@ -617,7 +617,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     }
   }
   EXPECT_GT(hits, 1500U);
-  EXPECT_GT(culled, 10U) << "views had something to hide";
+  EXPECT_GT(culled, 10U) << "frusta had something to hide";
 }
 
 // All that is traced and normalised: bundles, blocks from lists and through Embree, observations.

@@ -62,9 +62,7 @@ TEST(DroneModel, EveryVertexOfTheDefaultIsOneOfItsHull) {
 TEST(DroneModel, RadiusHoldsTheHullTightly) {
   const DroneModel drone = DroneModel::quadrotor650();
   double farthest = 0.0;
-  for (const Vec3& vertex : drone.hull()) {
-    farthest = std::max(farthest, vertex.cast<double>().norm());
-  }
+  for (const Vec3& vertex : drone.hull()) farthest = std::max(farthest, vertex.cast<double>().norm());
   EXPECT_GE(static_cast<double>(drone.radius()), farthest);
   EXPECT_NEAR(static_cast<double>(drone.radius()), farthest, 1e-6);
 }

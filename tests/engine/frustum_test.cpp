@@ -37,7 +37,7 @@ Directions random_set(Random& random, unsigned kind) {
     case 2:
       return Directions(cone(random, 40, random.within(0.01F, 60)));
     case 3:
-      return Directions(cone(random, 60, random.within(70, 95)));  // about where a narrow view becomes a wide one
+      return Directions(cone(random, 60, random.within(70, 95)));  // about where a narrow frustum becomes a wide one
     case 4:
       return Directions(cone(random, 60, 180.0F));
     case 5:
@@ -58,32 +58,32 @@ TEST(Frustum, HoldsWhateverItsDirectionsReach) {
   for (unsigned seed = 0; seed < 900; ++seed) {
     Random random(seed);
     const Directions set = random_set(random, seed);
-    const Frustum& view = set.view();
+    const Frustum& frustum = set.frustum();
     for (std::size_t plane = 0; plane < Frustum::kPlanes; ++plane) {
-      const Vec3 normal(view.x[plane], view.y[plane], view.z[plane]);
+      const Vec3 normal(frustum.x[plane], frustum.y[plane], frustum.z[plane]);
       const float length = normal.norm();
       ASSERT_TRUE(length == 0.0F || std::abs(length - 1.0F) < 1e-6F);
-      ASSERT_GE(view.reach[plane], 0.0F);
+      ASSERT_GE(frustum.reach[plane], 0.0F);
       for (std::size_t i = 0; i < set.size(); ++i) {
-        for (const float t : {0.0F, 0.3F, 1.0F}) ASSERT_LE(normal.dot(t * set[i]), view.reach[plane]) << "seed " << seed;
+        for (const float t : {0.0F, 0.3F, 1.0F}) ASSERT_LE(normal.dot(t * set[i]), frustum.reach[plane]) << "seed " << seed;
       }
     }
   }
 }
 
-// A view as narrow as its set: of a pyramid the four sides touch directions, of a wide set the planes above and below do.
+// A frustum is as narrow as its set: of a pyramid the four sides touch directions, of a wide set the planes above and below do.
 TEST(Frustum, IsAsNarrowAsItsDirections) {
   for (unsigned seed = 0; seed < 300; ++seed) {
     Random random(seed);
     const bool is_narrow = seed % 2 == 0;
     const Directions set = is_narrow ? Directions(cone(random, 40, random.within(1, 60))) : Directions(fan(35, 270));
-    const Frustum& view = set.view();
+    const Frustum& frustum = set.frustum();
     for (std::size_t plane = 0; plane < (is_narrow ? Frustum::kPlanes : 2U); ++plane) {
-      const Vec3 normal(view.x[plane], view.y[plane], view.z[plane]);
+      const Vec3 normal(frustum.x[plane], frustum.y[plane], frustum.z[plane]);
       float most = -1.0F;
       for (std::size_t i = 0; i < set.size(); ++i) most = std::max(most, normal.dot(set[i]));
       ASSERT_NEAR(most, 0.0F, 1e-5F) << "seed " << seed;
-      ASSERT_NEAR(view.reach[plane], 0.0F, 2e-5F);
+      ASSERT_NEAR(frustum.reach[plane], 0.0F, 2e-5F);
     }
   }
 }
@@ -111,7 +111,7 @@ struct Crowd {
   }
 };
 
-// Boxes around points that rays reach, the point on any side of them: with the view, all rays hit what they hit without.
+// Boxes around points that rays reach, the point on any side of them: with the frustum, all rays hit what they hit without.
 TEST(Frustum, NeverHidesABoxThatARayReaches) {
   const auto rays = std::make_unique<RayBundle>();
   std::size_t hits = 0;
@@ -147,7 +147,7 @@ TEST(Frustum, NeverHidesABoxThatARayReaches) {
     ASSERT_TRUE(trace_direct(candidates, kMaxDirect, *rays));
     const std::vector<float> t(rays->t_hit, rays->t_hit + rays->count);
     const std::vector<std::int32_t> element(rays->element, rays->element + rays->count);
-    rays->frustum = &set.view();
+    rays->frustum = &set.frustum();
     ASSERT_TRUE(trace_direct(candidates, kMaxDirect, *rays));
     for (std::size_t i = 0; i < rays->count; ++i) {
       ASSERT_EQ(rays->element[i], element[i]) << "seed " << seed << ", ray " << i << ", " << t[i] << " m of " << rays->range;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -16,6 +17,7 @@
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
+#include "faulty_driver.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "render/appearance.hpp"
@@ -28,6 +30,7 @@
 namespace flockstep::render {
 namespace {
 
+using flockstep::testing::FaultyDriver;
 using flockstep::testing::make_world;
 using flockstep::testing::message_of;
 using flockstep::testing::playground;
@@ -39,10 +42,10 @@ using enum PrimitiveKind;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // Sets FLOCKSTEP_EGL while it lives.
-class Wish {
+class EglVariable {
  public:
-  explicit Wish(const char* value) { setenv("FLOCKSTEP_EGL", value, 1); }
-  ~Wish() { unsetenv("FLOCKSTEP_EGL"); }
+  explicit EglVariable(const char* value) { setenv("FLOCKSTEP_EGL", value, 1); }
+  ~EglVariable() { unsetenv("FLOCKSTEP_EGL"); }
 };
 
 // A renderer, or why there is none here.
@@ -74,7 +77,7 @@ CameraConfig camera_of(int width, int height, float hfov_deg = 90.0F) {
   return camera;
 }
 
-PinholeCamera lens_of(const CameraConfig& camera) {
+PinholeCamera pinhole_of(const CameraConfig& camera) {
   const float half = 0.5F * *camera.hfov_deg * std::numbers::pi_v<float> / 180.0F;
   PinholeCamera pinhole{};
   pinhole.fx = pinhole.fy = 0.5F * static_cast<float>(camera.width_px) / std::tan(half);
@@ -104,7 +107,7 @@ struct Album {
   CameraImages images;
   Workers workers{2};
 
-  explicit Album(const CameraConfig& config) : camera(config), pinhole(lens_of(config)) {}
+  explicit Album(const CameraConfig& config) : camera(config), pinhole(pinhole_of(config)) {}
   Album(const Album&) = delete;
   Album& operator=(const Album&) = delete;
 
@@ -177,7 +180,7 @@ std::shared_ptr<const World> colorful(std::vector<Primitive> primitives, Markers
   return std::make_shared<const World>(std::move(description));
 }
 
-// What one pixel shall show, in double precision and by closed forms alone.
+// What one pixel must show, computed in double precision from closed forms alone.
 struct Seen {
   double depth = oracle::kNever;  // planar
   int element = -1;               // as World::raycast numbers them, then the markers
@@ -207,7 +210,7 @@ Seen look(const World& world, const Appearance& appearance, const CameraConfig& 
   for (std::size_t i = 0; i < appearance.markers.size(); ++i) {
     const MarkerSphere& marker = appearance.markers[i];
     const Vec3d center = marker.center.cast<double>();
-    const double t = oracle::ball(origin - center, ray, static_cast<double>(appearance.marker_radius_m)).enter;
+    const double t = oracle::ball(origin - center, ray, static_cast<double>(appearance.marker_radius)).enter;
     if (t < 0.0 || t > reach || near + t >= seen.depth) continue;
     seen = {near + t, static_cast<int>(num_primitives + world.triangles().triangles.size() + i),
             (origin + t * ray - center).normalized(), marker.surface};
@@ -724,7 +727,7 @@ TEST(GlRenderer, BigMeshIsCulledAndNothingIsLost) {
   expect_true(album, 0.6);
 }
 
-TEST(GlRenderer, SameShotsAgainAllocateNothing) {
+TEST(GlRenderer, SameRequestsAgainAllocateNothing) {
   NEEDS_RENDERER(renderer);
   const auto world = playground("camera-train-1");
   Album album(camera_of(64, 48));
@@ -787,35 +790,41 @@ TEST(GlRenderer, ManyMadeAndDestroyedAndTwoAtOnce) {
 }
 
 TEST(GlRenderer, WithoutEglItSaysSo) {
-  const Wish wish("none");
+  const EglVariable variable("none");
   EXPECT_THROW(GlRenderer(), GlUnavailable);
   EXPECT_NE(message_of([] { GlRenderer renderer; }).find("FLOCKSTEP_EGL=none"), std::string::npos);
 }
 
-TEST(GlRenderer, UnknownWishIsRefused) {
-  const Wish wish("please");
+TEST(GlRenderer, UnknownDevicesAreRefused) {
+  const EglVariable variable("please");
   EXPECT_NE(message_of([] { GlRenderer renderer; }).find("FLOCKSTEP_EGL"), std::string::npos);
 }
 
 TEST(GlRenderer, FailingAndHangingOnTheWay) {
   NEEDS_RENDERER(good);
   const auto world = playground("camera-train-1");
-  for (const char* how : {"failing", "hanging"}) {
-    const Wish wish(how);
-    GlRenderer renderer;
+  const auto why_not = [&](GlRenderer& renderer) {
     Album album(camera_of(16, 16));
     album.add(*world);
-    EXPECT_THROW(album.take(renderer), GlUnavailable) << how;
-    EXPECT_THROW(album.take(renderer), GlUnavailable) << how;  // and stays of no use
+    return message_of([&] { album.take(renderer); });
+  };
+  for (const auto& [fault, why] : {std::pair{FaultyDriver::Fault::error, "OpenGL failed with error 1285"},
+                                   {FaultyDriver::Fault::hang, "the OpenGL driver did not answer within 200 ms"}}) {
+    const FaultyDriver driver(fault);
+    GlRenderer renderer(std::chrono::milliseconds(200));
+    EXPECT_EQ(why_not(renderer), why);
+    EXPECT_EQ(why_not(renderer), why);  // and stays of no use
   }
-  // While the caller writes the first round, the device fails at the second: what is being read must stay.
-  const Wish wish("failing-late");
-  GlRenderer renderer;
-  Album many(camera_of(16, 32));
-  for (int i = 0; i < 5000; ++i) many.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
-  EXPECT_THROW(many.take(renderer), GlUnavailable);
-  EXPECT_NE(many.images.instance[0], 0);
-  EXPECT_THROW(many.take(renderer), GlUnavailable);
+  {
+    // While the caller writes the first round, the device fails at the second: what is being read must stay.
+    const FaultyDriver driver(FaultyDriver::Fault::error, 1);
+    GlRenderer renderer;
+    Album many(camera_of(16, 32));
+    for (int i = 0; i < 5000; ++i) many.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
+    EXPECT_THROW(many.take(renderer), GlUnavailable);
+    EXPECT_NE(many.images.instance[0], 0);
+    EXPECT_THROW(many.take(renderer), GlUnavailable);
+  }
   Album album(camera_of(16, 16));
   album.add(*world, {Vec3(7, 7, 2), Mat3::Identity()});
   album.take(good);  // others do not mind

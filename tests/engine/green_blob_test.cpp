@@ -13,6 +13,7 @@
 #include "allocation_counter.hpp"
 #include "flockstep/world.hpp"
 #include "random.hpp"
+#include "render/appearance.hpp"
 
 namespace flockstep::task {
 namespace {
@@ -21,11 +22,11 @@ using testing::Random;
 
 using Color = std::array<float, 3>;   // linear
 using Pixel = std::array<double, 3>;  // as written, before rounding
-constexpr Color kGoal{0.02F, 0.6F, 0.05F};
+constexpr Color kGoal = render::kGoalColor;
 constexpr Color kWhite{0.9F, 0.9F, 0.9F};
 constexpr Color kPillar{0.35F, 0.45F, 0.6F};
-constexpr Color kRed{0.8F, 0.03F, 0.02F};
-constexpr Color kYellow{0.85F, 0.6F, 0.02F};
+constexpr Color kRed = render::kStartColor;
+constexpr Color kYellow = render::kWaypointColor;
 
 // The light formula of world.hpp: a surface whose normal has that z and that cosine to the sun.
 Pixel shown(const Color& base, double normal_z, double sun_cosine) {

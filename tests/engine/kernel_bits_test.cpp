@@ -169,9 +169,9 @@ TEST(KernelBits, Bundles) {
         y[ray] = direction.y();
         z[ray] = direction.z();
       }
-      const trace::Frustum view =
+      const trace::Frustum frustum =
           trace::make_frustum(std::span(x).first(kRays), std::span(y).first(kRays), std::span(z).first(kRays));
-      bundle->frustum = &view;
+      bundle->frustum = &frustum;
       bundle->origin = exact.point(6.0F);
       bundle->rotation = exact.rotation().toRotationMatrix();
       bundle->range = exact.within(2.0F, 8.0F);

@@ -31,7 +31,7 @@ std::string name_of(const CameraConfig& camera) {
          ", samples " + std::to_string(camera.samples_per_pixel);
 }
 
-TEST(LensFocalLength, OfKnownAngles) {
+TEST(PinholeFocalLength, OfKnownAngles) {
   EXPECT_EQ((CameraConfig{.width_px = 640, .height_px = 480}).fx(), 320.0F);  // 90 degrees across, by default
   EXPECT_EQ((CameraConfig{.width_px = 640, .height_px = 480}).fy(), 320.0F);
   EXPECT_NEAR((CameraConfig{.width_px = 640, .hfov_deg = 60.0F}).fx(), 554.25626, 1e-4);  // 320 / tan 30
@@ -100,21 +100,21 @@ TEST(PinholeCamera, TilesHoldEveryPixelOnce) {
 }
 
 // Those that only fill up the last tiles included, and as narrow as the tile's own borders.
-TEST(PinholeCamera, ViewsHoldAllRaysOfTheirTile) {
+TEST(PinholeCamera, FrustaHoldAllRaysOfTheirTile) {
   for (const CameraConfig& camera : cameras()) {
     SCOPED_TRACE(name_of(camera));
     const PinholeCamera pinhole = make_pinhole_camera(camera);
     for (const PixelTile& tile : pinhole.tiles) {
-      const trace::Frustum& view = tile.frustum;
+      const trace::Frustum& frustum = tile.frustum;
       const auto above = [&](std::size_t plane, const Vec3& direction) {
-        return Vec3(view.x[plane], view.y[plane], view.z[plane]).dot(direction);
+        return Vec3(frustum.x[plane], frustum.y[plane], frustum.z[plane]).dot(direction);
       };
       for (std::size_t plane = 0; plane < trace::Frustum::kPlanes; ++plane) {
         for (const PinholeCamera::Grid& grid : pinhole.grids) {
           for (std::size_t ray = 0; ray < PixelTile::kSide * PixelTile::kSide; ++ray) {
             const Vec3 direction(1.0F, grid.left[tile.column * PixelTile::kSide + ray],
                                  grid.up[tile.row * PixelTile::kSide + ray]);
-            ASSERT_LE(above(plane, direction), view.reach[plane]) << "plane " << plane << ", ray " << ray;
+            ASSERT_LE(above(plane, direction), frustum.reach[plane]) << "plane " << plane << ", ray " << ray;
           }
         }
         float most = -1e9F;

@@ -193,9 +193,7 @@ TEST(Sweep, TurningInPlaceHitsAWallAtAKnownAngle) {
   std::vector<Vec3> corners;
   for (const float x : {-0.05F, 0.05F}) {
     for (const float y : {-0.5F, 0.5F}) {
-      for (const float z : {-0.05F, 0.05F}) {
-        corners.emplace_back(x, y, z);
-      }
+      for (const float z : {-0.05F, 0.05F}) corners.emplace_back(x, y, z);
     }
   }
   const Hull pole{DroneModel(corners)};
@@ -329,9 +327,7 @@ class Random {
 std::unique_ptr<Place> random_place(Random& random, int elements) {
   std::vector<Primitive> primitives;
   TriangleMesh mesh;
-  if (random.chance(0.5F)) {
-    primitives.push_back(make(PrimitiveKind::room, 0.3F * random.normal(), Vec3(3, 2.5F, 2)));
-  }
+  if (random.chance(0.5F)) primitives.push_back(make(PrimitiveKind::room, 0.3F * random.normal(), Vec3(3, 2.5F, 2)));
   for (int i = 0; i < elements; ++i) {
     const Vec3 center = 0.9F * std::cbrt(static_cast<float>(elements)) * random.normal();
     // From a wire to a wall: sizes over three decades.
@@ -363,9 +359,7 @@ std::unique_ptr<Place> random_place(Random& random, int elements) {
         break;
       default: {
         const auto first = static_cast<std::int32_t>(mesh.vertices.size());
-        for (int corner = 0; corner < 3; ++corner) {
-          mesh.vertices.push_back(center + 0.7F * random.normal());
-        }
+        for (int corner = 0; corner < 3; ++corner) mesh.vertices.push_back(center + 0.7F * random.normal());
         mesh.triangles.push_back({first, first + 1, first + 2});
         mesh.materials.push_back(0);
       }
@@ -447,9 +441,7 @@ double first_time(const Reference& reference, const Motion& motion) {
   double time = 0.0;
   while (time <= 1.0) {
     const double beyond = reference.distance(motion.position(time), motion.rotation(time), 0.5) - kStandoff;
-    if (beyond <= 0.0) {
-      return time;
-    }
+    if (beyond <= 0.0) return time;
     time = time < 1.0 ? std::min(1.0, time + std::max(beyond, 2e-5) / speed) : 2.0;
   }
   return time;
@@ -532,13 +524,9 @@ void random_cases(unsigned seed, int places, int motions, int elements, float le
       motion.to.position = motion.from.position + length * random.uniform(0, 1) * random.normal();
       const Vec3 axis = random.normal().normalized();
       motion.to.rotation = turn(random.uniform(0, most_degrees), axis) * motion.from.rotation;
-      if (random.chance(0.2F)) {
-        motion.to.position = motion.from.position;
-      }
+      if (random.chance(0.2F)) motion.to.position = motion.from.position;
       compare_with_fine_stepping(random, *place, motion, tally);
-      if (::testing::Test::HasFatalFailure()) {
-        return;
-      }
+      if (::testing::Test::HasFatalFailure()) return;
     }
   }
   const int total = places * motions;

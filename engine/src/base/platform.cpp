@@ -81,8 +81,9 @@ void* load_function(const std::string& library, const char* name) {
 int physical_cores() {
   cpu_set_t allowed;
   CPU_ZERO(&allowed);
-  if (sched_getaffinity(0, sizeof(allowed), &allowed) != 0)
+  if (sched_getaffinity(0, sizeof(allowed), &allowed) != 0) {
     return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  }
   std::set<std::string> cores;  // siblings of one core name the same list
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
     if (!CPU_ISSET(static_cast<std::size_t>(cpu), &allowed)) continue;

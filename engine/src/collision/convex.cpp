@@ -22,9 +22,7 @@ Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const 
   if (area2 > 0.0) {
     const double v = n.dot((p - a).cross(ac)) / area2;  // barycentric coordinates of p's projection
     const double w = n.dot(ab.cross(p - a)) / area2;
-    if (v >= 0.0 && w >= 0.0 && v + w <= 1.0) {
-      return a + v * ab + w * ac;
-    }
+    if (v >= 0.0 && w >= 0.0 && v + w <= 1.0) return a + v * ab + w * ac;
   }
   Vec3d best = on_edge(a, ab);
   for (const Vec3d& candidate : {on_edge(b, c - b), on_edge(a, ac)}) {
@@ -124,9 +122,7 @@ Vec3d closest_point(const Convex& convex, const Vec3d& point) {
     local = local.cwiseMax(-h).cwiseMin(h);
   } else {
     const double across = local.head<2>().norm();
-    if (across > h.x()) {
-      local.head<2>() *= h.x() / across;
-    }
+    if (across > h.x()) local.head<2>() *= h.x() / across;
     local.z() = std::clamp(local.z(), -h.z(), h.z());
   }
   return convex.center + convex.rotation * local;

@@ -109,9 +109,7 @@ Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& positi
 
 Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle) {
   Vec3d outwards = position - obstacle.center;
-  if (outwards.squaredNorm() == 0.0) {
-    outwards = Vec3d::UnitZ();
-  }
+  if (outwards.squaredNorm() == 0.0) outwards = Vec3d::UnitZ();
   const Side a(hull);
   const Side b(obstacle, rotation, position);
   btGjkEpaSolver3::sResults found;

@@ -41,9 +41,7 @@ int Hull::support(const Vec3& direction) const {
     index = farther ? candidate : index;
   }
   int lane = 0;
-  for (int other = 1; other < kWidth; ++other) {
-    lane = best[other] > best[lane] ? other : lane;
-  }
+  for (int other = 1; other < kWidth; ++other) lane = best[other] > best[lane] ? other : lane;
   return index[lane];
 }
 

@@ -15,9 +15,7 @@ Obstacles::Obstacles(const World& world) : world_(&world), scene_(&world.scene()
 }
 
 Convex Obstacles::convex(std::uint32_t element) const {
-  if (element < convexes_.size()) {
-    return convexes_[element];
-  }
+  if (element < convexes_.size()) return convexes_[element];
   const TriangleMesh& mesh = world_->triangles();
   const auto& corners = mesh.triangles[element - convexes_.size()];
   const auto at = [&mesh](std::int32_t vertex) -> const Vec3& { return mesh.vertices[static_cast<std::size_t>(vertex)]; };

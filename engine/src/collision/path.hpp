@@ -15,9 +15,7 @@ struct Path {
         velocity(to.position.cast<double>() - start),
         first(from.rotation.cast<double>().normalized()),
         first_matrix(first.toRotationMatrix()) {
-    if (from.rotation.coeffs() == to.rotation.coeffs()) {
-      return;
-    }
+    if (from.rotation.coeffs() == to.rotation.coeffs()) return;
     Eigen::Quaterniond turn = first.conjugate() * to.rotation.cast<double>().normalized();
     if (turn.w() < 0.0) {  // q and -q are the same rotation: the shorter way
       turn.coeffs() = -turn.coeffs();
@@ -36,9 +34,7 @@ struct Path {
   }
 
   Eigen::Matrix3d matrix(double time) const {
-    if (angle == 0.0 || time == 0.0) {
-      return first_matrix;
-    }
+    if (angle == 0.0 || time == 0.0) return first_matrix;
     return first_matrix * Eigen::AngleAxisd(time * angle, axis).toRotationMatrix();
   }
 

@@ -92,17 +92,11 @@ class Mover {
       const Vec3d x = hull_.vertex(hull_.support(-(normal + t * turning).cast<float>()));
       const double a = base + normal.dot(x);
       const double b = speed + turning.dot(x);
-      if (a + t * (b - 0.5 * k * t) >= 0.0) {
-        return time + t;
-      }
-      if (a <= 0.0) {
-        return time;
-      }
+      if (a + t * (b - 0.5 * k * t) >= 0.0) return time + t;
+      if (a <= 0.0) return time;
       const double root = std::sqrt(b * b + 2.0 * k * a);
       const double reached = b < 0.0 ? 2.0 * a / (root - b) : (b + root) / k;
-      if (!(reached < t)) {
-        return time + t;
-      }
+      if (!(reached < t)) return time + t;
       t = reached;
     }
     return time + t;
@@ -129,13 +123,9 @@ class Mover {
       const bool stuck = clear <= time;
       time = clear;
       const Clearance next = clearance(time, now.plane.normal);
-      if (next.overlapping) {
-        break;
-      }
+      if (next.overlapping) break;
       now = next;
-      if (stuck || now.gap <= target + kResolution) {
-        break;
-      }
+      if (stuck || now.gap <= target + kResolution) break;
     }
     if (!resting) {
       return {true, false, time, now.plane.normal, now.point};
@@ -174,9 +164,7 @@ Plane wall_plane(const Room& room, int axis, bool low) {
 Vec3d point_on_wall(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Plane& wall) {
   const Vec3d normal = rotation.transpose() * wall.normal;
   double least = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < hull.count(); ++i) {
-    least = std::min(least, normal.dot(hull.vertex(i)));
-  }
+  for (int i = 0; i < hull.count(); ++i) least = std::min(least, normal.dot(hull.vertex(i)));
   Vec3d sum = Vec3d::Zero();
   double count = 0.0;
   for (int i = 0; i < hull.count(); ++i) {
@@ -209,24 +197,16 @@ class Search {
     const Vec3 low = from_.position.cwiseMin(to_.position) - away;
     const Vec3 high = from_.position.cwiseMax(to_.position) + away;
     for (int axis = 0; axis < 3; ++axis) {
-      if (low[axis] <= room.inside.min[axis]) {
-        meet(wall_plane(room, axis, true), room.element);
-      }
-      if (high[axis] >= room.inside.max[axis]) {
-        meet(wall_plane(room, axis, false), room.element);
-      }
+      if (low[axis] <= room.inside.min[axis]) meet(wall_plane(room, axis, true), room.element);
+      if (high[axis] >= room.inside.max[axis]) meet(wall_plane(room, axis, false), room.element);
     }
   }
 
   void meet(const Convex& obstacle, std::uint32_t element) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
-    if (!approach) {
-      return;
-    }
+    if (!approach) return;
     const std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
-    if (!start) {
-      return;
-    }
+    if (!start) return;
     const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
     Touch touch = mover().first_touch(*start, clearance, margins_, first_.time);
     if (touch.inside) {
@@ -239,15 +219,11 @@ class Search {
 
   Contact contact() const {
     Contact contact;
-    if (!first_.hit) {
-      return contact;
-    }
+    if (!first_.hit) return contact;
     contact.hit = true;
     contact.inside = first_.inside;
     contact.fraction = static_cast<float>(first_.time);
-    if (static_cast<double>(contact.fraction) > first_.time) {
-      contact.fraction = std::nextafter(contact.fraction, 0.0F);
-    }
+    if (static_cast<double>(contact.fraction) > first_.time) contact.fraction = std::nextafter(contact.fraction, 0.0F);
     contact.point = first_.point.cast<float>();
     contact.normal = first_.normal.cast<float>().normalized();
     return contact;
@@ -256,9 +232,7 @@ class Search {
  private:
   // Most motions meet nothing and never need it.
   const Mover& mover() {
-    if (!mover_) {
-      mover_.emplace(hull_, from_, to_);
-    }
+    if (!mover_) mover_.emplace(hull_, from_, to_);
     return *mover_;
   }
 
@@ -295,9 +269,7 @@ class Search {
         return std::nullopt;
       }
       const double nearer = length2 > 0.0 ? std::clamp(way.dot(found.nearest - start) / length2, 0.0, 1.0) : time;
-      if (std::abs(nearer - time) * std::sqrt(length2) < kBallStep) {
-        break;
-      }
+      if (std::abs(nearer - time) * std::sqrt(length2) < kBallStep) break;
       time = nearer;
       found = {start + time * way, closest_point(obstacle, start + time * way)};
     }
@@ -316,16 +288,12 @@ class Search {
     for (int step = 0; step < kPlaneSteps; ++step) {
       const Vec3d apart = point - nearest;
       const double distance = apart.norm();
-      if (distance <= kTouching) {
-        break;
-      }
+      if (distance <= kTouching) break;
       const Plane plane{apart / distance, apart.dot(nearest) / distance};
       const double gap = mover().gap(plane, 0.0);
       if (gap > margins_.resting()) {
         const double until = mover().clear_until(plane, 0.0, margins_.standoff);
-        if (until >= 1.0) {
-          return std::nullopt;
-        }
+        if (until >= 1.0) return std::nullopt;
         if (until > best_until) {
           best_until = until;
           best = Clearance{false, plane, gap, nearest};
@@ -334,15 +302,11 @@ class Search {
       const Vec3d inwards = -(rotation.transpose() * plane.normal);
       const Vec3d along = approach.center + rotation * hull_.vertex(hull_.support(inwards.cast<float>())) - point;
       const double gain = -along.dot(apart);
-      if (gain <= 0.0) {
-        break;
-      }
+      if (gain <= 0.0) break;
       point += std::min(gain / along.squaredNorm(), 1.0) * along;
       nearest = closest_point(obstacle, point);
     }
-    if (best) {
-      return best;
-    }
+    if (best) return best;
     const Vec3d guess = point - nearest;
     const Vec3d outwards = mover().path().start - obstacle.center + kTouching * Vec3d::Ones();  // never quite zero
     return mover().clearance(obstacle, 0.0, guess.norm() > kTouching ? guess : outwards);
@@ -370,12 +334,8 @@ class Search {
 }  // namespace
 
 Pose interpolate(const Pose& from, const Pose& to, float fraction) {
-  if (fraction <= 0.0F) {
-    return from;
-  }
-  if (fraction >= 1.0F) {
-    return to;
-  }
+  if (fraction <= 0.0F) return from;
+  if (fraction >= 1.0F) return to;
   const Path path(from, to);
   const double time = static_cast<double>(fraction);
   return {path.position(time).cast<float>(), path.rotation(time).normalized().cast<float>()};
@@ -383,9 +343,7 @@ Pose interpolate(const Pose& from, const Pose& to, float fraction) {
 
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to) {
   Search search(hull, from, to);
-  for (const Room& room : obstacles.rooms()) {
-    search.meet(room);
-  }
+  for (const Room& room : obstacles.rooms()) search.meet(room);
   obstacles.for_each_near(search.middle(), search.reach(),
                           [&](std::uint32_t element) { search.meet(obstacles.convex(element), element); });
   return search.contact();

@@ -3,13 +3,6 @@
 #include <algorithm>
 
 namespace flockstep::render {
-namespace {
-
-constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
-constexpr std::array<float, 3> kWaypointColor{0.85F, 0.6F, 0.02F};
-constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};
-
-}  // namespace
 
 Appearance::Appearance(const World& world) : marker_radius(world.markers().radius), light(world.light()) {
   for (std::size_t i = 0; i < world.materials().size(); ++i) {

@@ -16,6 +16,11 @@ struct Surface {
   std::uint16_t instance = 0;
 };
 
+// The colours of markers, linear RGB. The blob task tells the goal by its green; see task/green_blob.cpp.
+inline constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
+inline constexpr std::array<float, 3> kWaypointColor{0.85F, 0.6F, 0.02F};
+inline constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};
+
 // A marker as cameras see it: a sphere of Markers::radius.
 struct MarkerSphere {
   Vec3 center;  // m, world frame

@@ -67,7 +67,7 @@ struct Candidate {
 };
 
 // Devices in the order in which to try them. Other devices than the software one are hardware.
-std::vector<Candidate> devices(EglWish wish, const char* client_extensions, std::string& why_none) {
+std::vector<Candidate> devices(EglDevices allowed, const char* client_extensions, std::string& why_none) {
   constexpr std::size_t kHardware = 1U << 16U;  // behind the CUDA devices, which are ranked by where they are listed
   constexpr std::size_t kSoftware = 1U << 17U;
   if (!has_word(client_extensions, "EGL_EXT_platform_device") ||
@@ -106,7 +106,7 @@ std::vector<Candidate> devices(EglWish wish, const char* client_extensions, std:
         candidate.rank = static_cast<std::size_t>(at - visible->begin());
       }
     }
-    if (wish == EglWish::software && candidate.rank != kSoftware) continue;
+    if (allowed == EglDevices::software && candidate.rank != kSoftware) continue;
     candidates.push_back(candidate);
   }
   std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) { return a.rank < b.rank; });
@@ -116,22 +116,19 @@ std::vector<Candidate> devices(EglWish wish, const char* client_extensions, std:
 
 }  // namespace
 
-EglWish egl_wish() {
+EglDevices egl_devices() {
   const std::string value = variable("FLOCKSTEP_EGL");
-  if (value.empty()) return EglWish::any;
-  if (value == "none") return EglWish::none;
-  if (value == "software") return EglWish::software;
-  if (value == "failing") return EglWish::failing;
-  if (value == "failing-late") return EglWish::failing_late;
-  if (value == "hanging") return EglWish::hanging;
-  throw GlUnavailable("FLOCKSTEP_EGL: expected none, software, failing, failing-late or hanging, got \"" + value + '"');
+  if (value.empty()) return EglDevices::any;
+  if (value == "none") return EglDevices::none;
+  if (value == "software") return EglDevices::software;
+  throw GlUnavailable("FLOCKSTEP_EGL: expected none or software, got \"" + value + '"');
 }
 
-EglContext::EglContext(EglWish wish) {
-  if (wish == EglWish::none) throw GlUnavailable("EGL is switched off by FLOCKSTEP_EGL=none");
+EglContext::EglContext(EglDevices allowed) {
+  if (allowed == EglDevices::none) throw GlUnavailable("EGL is switched off by FLOCKSTEP_EGL=none");
   // The library libepoxy exits the process where a library it needs is not there.
   if (const std::string why = gl_load_error(); !why.empty()) throw GlUnavailable(why);
-  static const long first_process = process_id();  // whose displays and drivers' threads they are
+  static const long first_process = process_id();  // the one that has the displays and the drivers' threads
   if (process_id() != first_process) {
     throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
   }
@@ -146,14 +143,14 @@ EglContext::EglContext(EglWish wish) {
     std::string why_not;
     if (display == EGL_NO_DISPLAY) {
       why_not = "no display";
-    } else if (try_display(display, wish, why_not)) {
+    } else if (try_display(display, allowed, why_not)) {
       return true;
     }
     tried += (tried.empty() ? "" : "; ") + name + ": " + why_not;
     return false;
   };
   std::string why_none;
-  for (const Candidate& candidate : devices(wish, client_extensions, why_none)) {
+  for (const Candidate& candidate : devices(allowed, client_extensions, why_none)) {
     if (attempt(candidate.name, EGL_PLATFORM_DEVICE_EXT, candidate.device)) return;
   }
   tried += why_none;
@@ -164,7 +161,7 @@ EglContext::EglContext(EglWish wish) {
   throw GlUnavailable("no OpenGL 4.5 without a screen: " + tried);
 }
 
-bool EglContext::try_display(void* display, EglWish wish, std::string& why_not) {
+bool EglContext::try_display(void* display, EglDevices allowed, std::string& why_not) {
   EGLint major = 0;
   EGLint minor = 0;
   if (eglInitialize(display, &major, &minor) != EGL_TRUE) {
@@ -212,7 +209,7 @@ bool EglContext::try_display(void* display, EglWish wish, std::string& why_not) 
                  name.find("SwiftShader") != std::string_view::npos;
   if (name.empty() || blocks < 4) {
     why_not = "its vertex shaders read no buffers";
-  } else if (wish == EglWish::software && !is_software_) {
+  } else if (allowed == EglDevices::software && !is_software_) {
     why_not = std::string(name) + " is no software device";
   }
   if (!why_not.empty()) {

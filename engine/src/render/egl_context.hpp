@@ -6,30 +6,27 @@
 
 namespace flockstep::render {
 
-// There is no EGL, or it has no device that renders, or one failed on the way. what() says which and why.
+// There is no EGL, or it has no device that renders, or a device failed while it rendered. what() says which and why.
 class GlUnavailable : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-// What the environment variable FLOCKSTEP_EGL says.
-enum class EglWish {
-  any,           // not set, or empty
-  none,          // "none": as if there was no EGL
-  software,      // "software": only devices that are no hardware
-  failing,       // "failing": as `any`, but the first frames never come back: reading them fails
-  failing_late,  // "failing-late": the same of frames that are not the first to be read of a task
-  hanging,       // "hanging": as `any`, but reading the first frames never ends
+// Which devices may be used, as the environment variable FLOCKSTEP_EGL says.
+enum class EglDevices {
+  any,       // not set, or empty
+  none,      // "none": as if EGL was not installed
+  software,  // "software": only those that render on the processor
 };
-EglWish egl_wish();  // throws GlUnavailable on any other value
+EglDevices egl_devices();  // throws GlUnavailable on any other value
 
-// Of the process that makes the first one, alone: what a fork leaves of OpenGL does not work. Takes the first that works of: the
-// CUDA devices that CUDA_VISIBLE_DEVICES names, in its order; other hardware; Mesa's software device; Mesa's surfaceless
-// platform. Displays are the process's, shared with other libraries in it, and never terminated.
+// Works only in the process that made the first one, since OpenGL does not survive a fork. Tries the CUDA devices that
+// CUDA_VISIBLE_DEVICES names, in its order, then other hardware, Mesa's software device and Mesa's surfaceless platform, and
+// takes the first that works. Displays belong to the process, which shares them with other libraries; they are never terminated.
 class EglContext {
  public:
-  explicit EglContext(EglWish wish);  // throws GlUnavailable, with all that was tried
-  ~EglContext();                      // on the same thread
+  explicit EglContext(EglDevices allowed);  // throws GlUnavailable, with all that was tried
+  ~EglContext();                            // on the same thread
   EglContext(const EglContext&) = delete;
   EglContext& operator=(const EglContext&) = delete;
 
@@ -37,7 +34,7 @@ class EglContext {
   bool is_software() const { return is_software_; }
 
  private:
-  bool try_display(void* display, EglWish wish, std::string& why_not);
+  bool try_display(void* display, EglDevices allowed, std::string& why_not);
 
   void* display_ = nullptr;
   void* context_ = nullptr;

@@ -48,10 +48,10 @@ GlAtlas::GlAtlas(const AtlasSize& size, const Attachments& attachments) : size_(
 
 void GlAtlas::clear(const Attachments& which) const {
   constexpr std::array<float, 4> kZero{};
-  constexpr std::array<GLuint, 4> kNobody{};
+  constexpr std::array<GLuint, 4> kNothing{};
   const GLuint name = framebuffer_.name();
   if (attachments_.color && which.color) glClearNamedFramebufferfv(name, GL_COLOR, 0, kZero.data());
-  if (attachments_.ids && which.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 1, kNobody.data());
+  if (attachments_.ids && which.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 1, kNothing.data());
   if (attachments_.normal && which.normal) glClearNamedFramebufferfv(name, GL_COLOR, 2, kZero.data());
   glClearNamedFramebufferfv(name, GL_DEPTH, 0, kZero.data());
 }
@@ -108,7 +108,7 @@ void GlReadback::start(const GlAtlas& atlas, int tiles) {
 void GlReadback::finish() {
   if (fence_ != nullptr) {
     GLenum status = GL_TIMEOUT_EXPIRED;
-    // Without an end: whoever waits for the frames has a watchdog.
+    // No limit is needed here: whoever waits for the frames has one; see GlWorker::wait.
     while (status == GL_TIMEOUT_EXPIRED) status = glClientWaitSync(fence_, GL_SYNC_FLUSH_COMMANDS_BIT, 1'000'000'000);
     glDeleteSync(fence_);
     fence_ = nullptr;

@@ -31,7 +31,7 @@ class GlAtlas {
   GLuint framebuffer() const { return framebuffer_.name(); }
   GLuint color() const { return textures_[0].name(); }
 
-  // Nothing is seen: 0, in the depth buffer and these attachments.
+  // Sets the depth buffer and these attachments to 0, which stands for nothing seen.
   void clear(const Attachments& which) const;
 
  private:
@@ -42,15 +42,15 @@ class GlAtlas {
   GlFramebuffer framebuffer_;
 };
 
-// What was read of one atlas: row by row, tile by tile; null where the atlas does not have it.
+// What was read from one atlas, row by row and tile by tile; null where the atlas lacks it.
 struct Pixels {
   const std::uint8_t* color = nullptr;  // RGBA
   const float* depth = nullptr;         // as the depth buffer has it: see gl_shaders.cpp
   const std::uint16_t* ids = nullptr;   // semantic, instance
-  const float* normal = nullptr;        // x, y, z and nothing
+  const float* normal = nullptr;        // x, y, z, unused
 };
 
-// Where pictures arrive. On hardware the copy goes on while something else is drawn.
+// Copies an atlas to memory. On hardware the copy runs while something else is drawn.
 class GlReadback {
  public:
   explicit GlReadback(bool is_software) : is_software_(is_software) {}
@@ -58,7 +58,7 @@ class GlReadback {
   GlReadback(const GlReadback&) = delete;
   GlReadback& operator=(const GlReadback&) = delete;
 
-  void start(const GlAtlas& atlas, int tiles);  // of the first so many
+  void start(const GlAtlas& atlas, int tiles);  // copies the first ones
   void finish();                                // throws GlUnavailable
   const Pixels& pixels() const { return pixels_; }
 
@@ -66,8 +66,8 @@ class GlReadback {
   void reserve(std::size_t bytes);
 
   bool is_software_;
-  std::vector<std::byte> memory_;  // of a software device
-  GlBuffer buffer_;                // of a hardware one, and where it is mapped
+  std::vector<std::byte> memory_;  // on a software device
+  GlBuffer buffer_;                // on a hardware one, and where it is mapped
   std::byte* mapped_ = nullptr;
   std::size_t capacity_ = 0;  // bytes
   GLsync fence_ = nullptr;

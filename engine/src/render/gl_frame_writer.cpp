@@ -8,7 +8,7 @@
 namespace flockstep::render {
 namespace {
 
-// Four values a pixel become three, of one pixel or of one plane after the other.
+// Leaves out the fourth value of each pixel, and writes the others pixel after pixel or plane after plane.
 template <class T>
 void write_vectors(const T* from, std::size_t count, ImageLayout layout, std::size_t at, std::size_t frame_pixels, T* image) {
   if (layout == ImageLayout::hwc) {
@@ -33,7 +33,7 @@ void write_every_second(const std::uint16_t* from, std::size_t count, std::uint1
   for (std::size_t i = 0; i < count; ++i) to[i] = from[2 * i];
 }
 
-// From what the depth buffer has to metres; see gl_shaders.cpp.
+// Turns what the depth buffer holds into metres; see gl_shaders.cpp.
 void write_depth(const float* from, std::size_t count, const CameraConfig& camera, float* to) {
   const float farness = 1.0F / camera.far_m;
   const float scale = 1.0F / camera.near_m - farness;
@@ -43,7 +43,7 @@ void write_depth(const float* from, std::size_t count, const CameraConfig& camer
   }
 }
 
-// From planar depth to range, of a row from the column `left` on.
+// Turns planar depths into ranges, in a row from the column `left` on.
 void lengthen(const PinholeCamera& pinhole, int left, int row, std::size_t count, float* depth) {
   const float z = (pinhole.cy - static_cast<float>(row) - 0.5F) / pinhole.fy;
   const float per_pixel = 1.0F / pinhole.fx;

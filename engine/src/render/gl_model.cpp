@@ -107,7 +107,7 @@ void add_mesh(const TriangleMesh& mesh, const Appearance& appearance, Soup& soup
       at[k] = soup.positions[corners[k]].cast<double>();
     }
     const Vec3d normal = (at[1] - at[0]).cross(at[2] - at[0]);
-    if (!(normal.norm() > 0.0)) continue;  // of no area: nobody sees it
+    if (!(normal.norm() > 0.0)) continue;  // without an area it is never seen
     Surface surface = appearance.materials[mesh.materials[i]];
     surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
     soup.add(corners, normal.normalized(), surface);
@@ -125,7 +125,7 @@ void sort_by_place(std::span<Triangle> triangles) {
   }
   Eigen::Index axis = 0;
   (high - low).maxCoeff(&axis);
-  // A whole number of chunks on the left, so that the right ones are the only ones that are not full.
+  // A whole number of chunks on the left, so that only the last one on the right is not full.
   const std::size_t chunks = (triangles.size() + kChunkTriangles - 1) / kChunkTriangles;
   const std::size_t left = chunks / 2 * kChunkTriangles;
   std::nth_element(triangles.begin(), triangles.begin() + static_cast<std::ptrdiff_t>(left), triangles.end(),
@@ -134,7 +134,7 @@ void sort_by_place(std::span<Triangle> triangles) {
   sort_by_place(triangles.subspan(left));
 }
 
-// Large triangles come first: among small ones they would make large boxes of their chunks.
+// Large triangles come first: among small ones they would make the boxes of their chunks large.
 void sort_for_chunks(std::vector<Triangle>& triangles) {
   if (triangles.size() <= kChunkTriangles) return;
   std::vector<float> sizes;

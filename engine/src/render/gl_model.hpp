@@ -11,9 +11,9 @@
 
 namespace flockstep::render {
 
-// A corner of flat geometry: mesh triangles, rooms, boxes and planes. What is said of the triangle is that of the one whose last
-// corner this is; each corner is the last of one triangle at most, so that triangles share corners and yet have values of their
-// own. Their colours depend on nothing but the side they are seen from, and on whether the sun reaches them.
+// A corner of flat geometry: mesh triangles, rooms, boxes and planes. All but the position describes a whole triangle, the one
+// whose last corner this is. Each corner is the last one of at most one triangle, so triangles share corners and yet have values
+// of their own. A triangle's colour depends only on the side it is seen from, and on whether the sun reaches it.
 struct FlatVertex {
   std::array<float, 3> position;         // m, world frame
   std::array<float, 3> normal;           // unit, out of the front side
@@ -28,7 +28,7 @@ struct FlatChunk {
   std::uint32_t first_index, index_count;
 };
 
-// What is not flat, by kind: each has its own shader.
+// Kinds of primitives that are not flat; each has its own shader.
 enum class RoundKind : std::uint8_t { cylinder, sphere, capsule, disc };
 inline constexpr std::size_t kNumRoundKinds = 4;
 
@@ -53,7 +53,7 @@ struct RoundShape {
 };
 static_assert(sizeof(RoundShape) == 8 * 16);
 
-// What is known here of where a RoundShape is.
+// Where a RoundShape is, to tell whether it is in view.
 struct RoundBound {
   Vec3 center, axis;
   float radius;  // m
@@ -68,7 +68,7 @@ struct GlModel {
   std::vector<FlatChunk> chunks;       // in the order of their indices, without gaps
   std::array<std::vector<RoundShape>, kNumRoundKinds> shapes;
   std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;  // of the shapes
-  std::vector<Aabb> rooms;                                     // m; whoever is within one sees no sky
+  std::vector<Aabb> rooms;                                     // m; a camera inside one sees no sky
   Light light;
 };
 

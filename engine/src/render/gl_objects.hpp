@@ -1,4 +1,4 @@
-// Owners of OpenGL objects. To be made, used and destroyed on the thread whose current context they are of.
+// Owners of OpenGL objects, to be made, used and destroyed on the thread whose current context they belong to.
 #pragma once
 
 #include <epoxy/gl.h>

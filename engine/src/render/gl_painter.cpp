@@ -10,7 +10,7 @@ using Vec3d = Eigen::Vector3d;
 
 constexpr std::size_t kMaxBoxes = 4096;  // in one draw call; its indices fit into 16 bits
 
-// Indices of many copies of one thing of so many corners.
+// The indices of many copies of one thing with this number of corners.
 GlBuffer pattern(std::span<const std::uint16_t> indices, std::uint16_t corners, std::size_t copies) {
   std::vector<std::uint16_t> all;
   for (std::size_t copy = 0; copy < copies; ++copy) {
@@ -21,7 +21,7 @@ GlBuffer pattern(std::span<const std::uint16_t> indices, std::uint16_t corners, 
   return buffer;
 }
 
-// Lets nothing be written but into these attachments.
+// Lets drawing write into these attachments alone.
 void write_only(const Attachments& attachments) {
   const auto allow = [](GLuint i, bool allowed) {
     const GLboolean yes = allowed ? GL_TRUE : GL_FALSE;
@@ -50,11 +50,11 @@ std::array<float, 4> row(const Vec3d& v, double w = 0.0) {
 
 std::array<float, 4> row(const std::array<float, 3>& v, float w) { return {v[0], v[1], v[2], w}; }
 
-// The eye is so far outside that a rectangle hides the shape, and that the near plane does not reach the rectangle.
-bool is_well_outside(const RoundBound& bound, RoundKind kind, const GlView& view, float near_m) {
+// Whether the eye is so far outside the shape that a rectangle hides all of it, and the near plane does not reach the rectangle.
+bool is_well_outside(const RoundBound& bound, RoundKind kind, const TileCamera& camera, float near_m) {
   if (kind == RoundKind::disc) return true;  // lies in its rectangle
-  const Vec3 center = bound.center - view.position;
-  const float pixel = 1.0F / std::min(view.fx, view.fy);
+  const Vec3 center = bound.center - camera.position;
+  const float pixel = 1.0F / std::min(camera.fx, camera.fy);
   const float radius = 1.001F * bound.radius + 0.06F * pixel * (center.norm() + bound.reach);
   const float distance = (kind == RoundKind::sphere ? center : Vec3(center - center.dot(bound.axis) * bound.axis)).norm();
   return distance > 1.2F * radius + near_m;
@@ -69,14 +69,14 @@ GlPainter::GlPainter()
       no_array_(GlVertexArray::make()),
       boxes_(pattern(kBox, 8, kMaxBoxes)),
       quads_(pattern(kQuad, 4, kMaxBoxes)),
-      views_(GlBuffer::make()),
+      cameras_(GlBuffer::make()),
       commands_(GlBuffer::make()),
-      sights_buffer_(GlBuffer::make()) {
+      visible_buffer_(GlBuffer::make()) {
   glVertexArrayElementBuffer(box_array_.name(), boxes_.name());
   glVertexArrayElementBuffer(quad_array_.name(), quads_.name());
 
   constexpr GLuint kVertices = 0;  // bindings of buffers
-  constexpr GLuint kViews = 1;
+  constexpr GLuint kCameras = 1;
   const GLuint array = flat_array_.name();
   const auto at = [&](GLuint location, GLuint binding) {
     glEnableVertexArrayAttrib(array, location);
@@ -88,12 +88,12 @@ GlPainter::GlPainter()
   glVertexArrayAttribIFormat(array, 3, 2, GL_UNSIGNED_INT, offsetof(FlatVertex, shadowy));
   glVertexArrayAttribIFormat(array, 4, 1, GL_UNSIGNED_INT, offsetof(FlatVertex, ids));
   for (GLuint location = 0; location < 5; ++location) at(location, kVertices);
-  constexpr GLuint kRow = sizeof(ViewRecord::eye_offset);
+  constexpr GLuint kRow = sizeof(CameraRecord::eye_offset);
   for (GLuint i = 0; i < 7; ++i) {
     glVertexArrayAttribFormat(array, 5 + i, 4, GL_FLOAT, GL_FALSE, i * kRow);
-    at(5 + i, kViews);
+    at(5 + i, kCameras);
   }
-  glVertexArrayBindingDivisor(array, kViews, 1);
+  glVertexArrayBindingDivisor(array, kCameras, 1);
 
   glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
   glFrontFace(GL_CW);  // pictures are upside down: row 0, the top, is what OpenGL calls the lowest
@@ -102,18 +102,18 @@ GlPainter::GlPainter()
 }
 
 void GlPainter::add(const GlModel& model) {
-  Scene scene;
-  scene.first_vertex = static_cast<GLint>(vertices_.append(std::span(model.vertices)));
+  UploadedModel uploaded;
+  uploaded.first_vertex = static_cast<GLint>(vertices_.append(std::span(model.vertices)));
   const std::size_t first_index = indices_.append(std::span(model.indices));
-  scene.chunks = model.chunks;
-  for (FlatChunk& chunk : scene.chunks) chunk.first_index += static_cast<std::uint32_t>(first_index);
+  uploaded.chunks = model.chunks;
+  for (FlatChunk& chunk : uploaded.chunks) chunk.first_index += static_cast<std::uint32_t>(first_index);
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
-    scene.first_shape[kind] = static_cast<std::uint32_t>(shapes_[kind].append(std::span(model.shapes[kind])));
+    uploaded.first_shape[kind] = static_cast<std::uint32_t>(shapes_[kind].append(std::span(model.shapes[kind])));
   }
-  scene.bounds = model.bounds;
-  scene.rooms = model.rooms;
-  scene.light = model.light;
-  scenes_.push_back(std::move(scene));
+  uploaded.bounds = model.bounds;
+  uploaded.rooms = model.rooms;
+  uploaded.light = model.light;
+  models_.push_back(std::move(uploaded));
 }
 
 void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
@@ -128,24 +128,25 @@ void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
   for (Eigen::Index i = 0; i < 3; ++i) record.to_sun[static_cast<std::size_t>(i)] = row(grid.to_sun.col(i).cast<double>());
   record.left_low_cell = {grid.left, grid.low, grid.cell, 1.0F / grid.cell};
   record.size = {grid.columns, grid.rows, first_start, 0};
-  scenes_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
+  models_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
 }
 
-void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass) {
+void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlPass& pass) {
   records_.clear();
   flat_commands_.clear();
-  for (auto& of_kind : sights_) {
-    for (auto& sights : of_kind) sights.clear();
+  for (auto& of_kind : visible_) {
+    for (auto& visible : of_kind) visible.clear();
   }
-  sky_views_.clear();
-  for (std::size_t i = 0; i < views.size(); ++i) see(views[i], static_cast<std::uint32_t>(i), atlas, pass);
-  upload(views_, std::span<const ViewRecord>(records_));
+  sky_cameras_.clear();
+  for (std::size_t i = 0; i < cameras.size(); ++i) cull(cameras[i], static_cast<std::uint32_t>(i), atlas, pass);
+  upload(cameras_, std::span<const CameraRecord>(records_));
 
-  // Where colours are drawn, so is the sky, and all pixels are written; so they are where nobody sees the sky.
+  // Attachments need to be cleared only where a pixel may stay unwritten. None does where colours are drawn, because the sky then
+  // fills what nothing else covers, and none does where no camera sees the sky.
   const Attachments& writes = pass.traits.writes;
   write_only(writes);
   glDepthMask(GL_TRUE);
-  atlas.clear(writes.color || sky_views_.empty() ? Attachments{} : writes);
+  atlas.clear(writes.color || sky_cameras_.empty() ? Attachments{} : writes);
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, atlas.framebuffer());
   const AtlasSize& size = atlas.size();
   glViewport(0, 0, size.width, size.height * size.tiles);
@@ -153,7 +154,7 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
   glEnable(GL_CLIP_DISTANCE0);
   glEnable(GL_CLIP_DISTANCE1);
   glDepthFunc(GL_GREATER);
-  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kViewsBinding, views_.name());
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kCamerasBinding, cameras_.name());
   if (pass.traits.shadows) {
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kGridsBinding, grids_.name());
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kStartsBinding, starts_.name());
@@ -172,29 +173,29 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const GlView> views, const
   }
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     for (const bool boxes : {false, true}) {
-      if (sights_[kind][boxes ? 1 : 0].empty()) continue;
+      if (visible_[kind][boxes ? 1 : 0].empty()) continue;
       use(shaders_.round(static_cast<RoundKind>(kind), pass.traits));
       draw_round(kind, boxes);
     }
   }
-  if (writes.color && !sky_views_.empty()) {
+  if (writes.color && !sky_cameras_.empty()) {
     use(shaders_.sky(pass.traits));
     draw_sky();
   }
 }
 
-void GlPainter::see(const GlView& view, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass) {
-  const Scene& scene = scenes_[view.model];
+void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass) {
+  const UploadedModel& model = models_[camera.model];
   const AtlasSize& size = atlas.size();
-  const Eigen::Matrix3d rotation = view.rotation.cast<double>();
+  const Eigen::Matrix3d rotation = camera.rotation.cast<double>();
   const Vec3d forward = rotation.col(0);
   const Vec3d left = rotation.col(1);
   const Vec3d up = rotation.col(2);
   const double samples = pass.samples;
-  const double fx = static_cast<double>(view.fx) * samples;
-  const double fy = static_cast<double>(view.fy) * samples;
-  const double cx = static_cast<double>(view.cx) * samples;
-  const double cy = static_cast<double>(view.cy) * samples;
+  const double fx = static_cast<double>(camera.fx) * samples;
+  const double fy = static_cast<double>(camera.fy) * samples;
+  const double cx = static_cast<double>(camera.cx) * samples;
+  const double cy = static_cast<double>(camera.cy) * samples;
   const double width = size.width;
   const double height = size.height;
   // u = cx - fx y / x, and v = cy - fy z / x, from -1 to 1 over the tile.
@@ -202,11 +203,11 @@ void GlPainter::see(const GlView& view, std::uint32_t number, const GlAtlas& atl
   const Vec3d y = (2.0 * cy / height - 1.0) * forward - 2.0 * fy / height * up;
   const Vec3d ray_0 = forward + cx / fx * left + cy / fy * up;
   const double middle = (2.0 * number + 1.0) / size.tiles - 1.0;
-  const float gamma_exponent = 1.0F / scene.light.gamma;
-  const Vec3d eye = view.position.cast<double>();
+  const float gamma_exponent = 1.0F / model.light.gamma;
+  const Vec3d eye = camera.position.cast<double>();
   records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy), row(-left / fx),
-                      row(-up / fy, scene.grid), row(scene.light.horizon_color, gamma_exponent),
-                      row(scene.light.zenith_color, 0.0F)});
+                      row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
+                      row(model.light.zenith_color, 0.0F)});
 
   const double near = static_cast<double>(pass.near_m);
   const double far = static_cast<double>(pass.far_m);
@@ -221,27 +222,28 @@ void GlPainter::see(const GlView& view, std::uint32_t number, const GlAtlas& atl
   plane(3, forward + y, 0.0);
   plane(4, forward, near);
   plane(5, -forward, -far);
-  see_flat(scene, frustum, number);
-  see_round(scene, frustum, view, pass, number);
+  cull_flat(model, frustum, number);
+  cull_round(model, frustum, camera, pass, number);
 
-  // Whoever is in a room, not so close to a wall that the near plane cuts through it, and sees to its end, sees no sky.
+  // A camera sees no sky if it is inside a room, too far from the walls for the near plane to cut through one, and the far plane
+  // lies beyond the room.
   double corner = 0.0;
   for (const double u : {0.0, width}) {
     for (const double v : {0.0, height}) corner = std::max(corner, (ray_0 - u / fx * left - v / fy * up).norm());
   }
-  const bool is_indoors = std::any_of(scene.rooms.begin(), scene.rooms.end(), [&](const Aabb& room) {
+  const bool is_indoors = std::any_of(model.rooms.begin(), model.rooms.end(), [&](const Aabb& room) {
     const Vec3d low = room.min.cast<double>();
     const Vec3d high = room.max.cast<double>();
     const double margin = std::min((eye - low).minCoeff(), (high - eye).minCoeff());
     const Vec3d farthest = (forward.array() > 0.0).select(high, low) - eye;
     return margin > 1.001 * near * corner && forward.dot(farthest) < 0.999 * far;
   });
-  if (!is_indoors) sky_views_.push_back(number);
+  if (!is_indoors) sky_cameras_.push_back(number);
 }
 
-void GlPainter::see_flat(const Scene& scene, const Frustum& frustum, std::uint32_t number) {
-  const bool all = scene.chunks.size() == 1;
-  for (const FlatChunk& chunk : scene.chunks) {
+void GlPainter::cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number) {
+  const bool all = model.chunks.size() == 1;
+  for (const FlatChunk& chunk : model.chunks) {
     const bool hidden = !all && std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
       return plane.normal.dot(chunk.center) + plane.normal.cwiseAbs().dot(chunk.half) + plane.offset < 0.0F;
     });
@@ -253,21 +255,21 @@ void GlPainter::see_flat(const Scene& scene, const Frustum& frustum, std::uint32
         continue;
       }
     }
-    flat_commands_.push_back({chunk.index_count, 1, chunk.first_index, scene.first_vertex, number});
+    flat_commands_.push_back({chunk.index_count, 1, chunk.first_index, model.first_vertex, number});
   }
 }
 
-void GlPainter::see_round(const Scene& scene, const Frustum& frustum, const GlView& view, const GlPass& pass,
-                          std::uint32_t number) {
+void GlPainter::cull_round(const UploadedModel& model, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
+                           std::uint32_t number) {
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
-    for (std::size_t i = 0; i < scene.bounds[kind].size(); ++i) {
-      const RoundBound& bound = scene.bounds[kind][i];
+    for (std::size_t i = 0; i < model.bounds[kind].size(); ++i) {
+      const RoundBound& bound = model.bounds[kind][i];
       const bool hidden = std::any_of(frustum.begin(), frustum.end(), [&](const Plane& plane) {
         return plane.normal.dot(bound.center) + plane.offset < -bound.reach;
       });
       if (hidden) continue;
-      const bool boxes = !is_well_outside(bound, static_cast<RoundKind>(kind), view, pass.near_m);
-      sights_[kind][boxes ? 1 : 0].push_back({number, scene.first_shape[kind] + static_cast<std::uint32_t>(i)});
+      const bool boxes = !is_well_outside(bound, static_cast<RoundKind>(kind), camera, pass.near_m);
+      visible_[kind][boxes ? 1 : 0].push_back({number, model.first_shape[kind] + static_cast<std::uint32_t>(i)});
     }
   }
 }
@@ -276,7 +278,7 @@ void GlPainter::draw_flat() {
   glDisable(GL_CULL_FACE);
   glBindVertexArray(flat_array_.name());
   glVertexArrayVertexBuffer(flat_array_.name(), 0, vertices_.name(), 0, sizeof(FlatVertex));
-  glVertexArrayVertexBuffer(flat_array_.name(), 1, views_.name(), 0, sizeof(ViewRecord));
+  glVertexArrayVertexBuffer(flat_array_.name(), 1, cameras_.name(), 0, sizeof(CameraRecord));
   glVertexArrayElementBuffer(flat_array_.name(), indices_.name());
   upload(commands_, std::span<const DrawCommand>(flat_commands_));
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, commands_.name());
@@ -284,7 +286,7 @@ void GlPainter::draw_flat() {
 }
 
 void GlPainter::draw_round(std::size_t kind, bool boxes) {
-  const std::vector<Sight>& sights = sights_[kind][boxes ? 1 : 0];
+  const std::vector<VisibleShape>& visible = visible_[kind][boxes ? 1 : 0];
   if (boxes) {
     glEnable(GL_CULL_FACE);
     glCullFace(GL_FRONT);
@@ -293,12 +295,12 @@ void GlPainter::draw_round(std::size_t kind, bool boxes) {
   }
   glUniform1i(kBoxesUniform, boxes ? 1 : 0);
   glBindVertexArray(boxes ? box_array_.name() : quad_array_.name());
-  upload(sights_buffer_, std::span<const Sight>(sights));
-  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kSightsBinding, sights_buffer_.name());
+  upload(visible_buffer_, std::span<const VisibleShape>(visible));
+  glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kVisibleBinding, visible_buffer_.name());
   glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kShapesBinding, shapes_[kind].name());
   const std::size_t indices = boxes ? kBox.size() : kQuad.size();
-  for (std::size_t first = 0; first < sights.size(); first += kMaxBoxes) {
-    const std::size_t count = std::min(kMaxBoxes, sights.size() - first);
+  for (std::size_t first = 0; first < visible.size(); first += kMaxBoxes) {
+    const std::size_t count = std::min(kMaxBoxes, visible.size() - first);
     glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(indices * count), GL_UNSIGNED_SHORT, nullptr,
                              static_cast<GLint>((boxes ? 8 : 4) * first));
   }
@@ -309,12 +311,14 @@ void GlPainter::draw_sky() {
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   glBindVertexArray(quad_array_.name());
-  for (std::size_t first = 0; first < sky_views_.size();) {
+  for (std::size_t first = 0; first < sky_cameras_.size();) {
     std::size_t count = 1;
-    while (first + count < sky_views_.size() && sky_views_[first + count] == sky_views_[first] + count && count < kMaxBoxes)
+    while (first + count < sky_cameras_.size() && sky_cameras_[first + count] == sky_cameras_[first] + count &&
+           count < kMaxBoxes) {
       ++count;
+    }
     glDrawElementsBaseVertex(GL_TRIANGLES, static_cast<GLsizei>(kQuad.size() * count), GL_UNSIGNED_SHORT, nullptr,
-                             static_cast<GLint>(4 * sky_views_[first]));
+                             static_cast<GLint>(4 * sky_cameras_[first]));
     first += count;
   }
 }

@@ -15,8 +15,8 @@
 
 namespace flockstep::render {
 
-// One tile: a camera, or a part of its picture.
-struct GlView {
+// What one tile of an atlas shows: the picture of a camera, or a part of it.
+struct TileCamera {
   std::uint32_t model = 0;  // as add() numbered it
   Vec3 position;            // m, world frame
   Mat3 rotation;            // camera to world
@@ -27,7 +27,7 @@ struct GlView {
 struct GlPass {
   float near_m = 0, far_m = 0;  // planar depths
   ShaderTraits traits;
-  int samples = 1;  // a side of the grid within a pixel: each tile of the atlas is so many times wider and higher than its view
+  int samples = 1;  // a side of the grid within a pixel: a tile of the atlas is this many times wider and higher than its picture
 };
 
 class GlPainter {
@@ -36,17 +36,17 @@ class GlPainter {
 
   // Copies a model to the device. They are numbered from 0.
   void add(const GlModel& model);
-  // The same of a model's grid, before any pass with shadows has views of it.
+  // Copies a model's grid of the sun, before the first pass with shadows that shows the model.
   void add(std::uint32_t model, const GlSunGrid& grid);
 
-  // Clears the atlas and draws the views as its tiles.
-  void paint(const GlAtlas& atlas, std::span<const GlView> views, const GlPass& pass);
+  // Clears the atlas and draws the cameras as its tiles.
+  void paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlPass& pass);
   // Averages grids of samples.
   void resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles);
 
  private:
-  // What stays here of a model, and where the rest begins.
-  struct Scene {
+  // What the painter keeps of a model, and where the rest begins in the buffers.
+  struct UploadedModel {
     GLint first_vertex = 0;
     std::vector<FlatChunk> chunks;  // their indices counted in indices_
     std::array<std::uint32_t, kNumRoundKinds> first_shape{};
@@ -55,8 +55,8 @@ class GlPainter {
     Light light;
     std::uint32_t grid = 0;  // into grids_
   };
-  // A view as the shaders read it; each row is a vec4.
-  struct ViewRecord {
+  // A TileCamera as the shaders read it; each row is a vec4.
+  struct CameraRecord {
     std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith;
   };
   // A grid of the sun as the shaders read it; each row is a vec4.
@@ -70,8 +70,8 @@ class GlPainter {
     GLint base_vertex;
     GLuint base_instance;
   };
-  struct Sight {
-    std::uint32_t view, shape;
+  struct VisibleShape {  // as the shaders read it
+    std::uint32_t camera, shape;
   };
   struct Plane {
     Vec3 normal;   // unit, inwards
@@ -79,15 +79,16 @@ class GlPainter {
   };
   using Frustum = std::array<Plane, 6>;
 
-  void see(const GlView& view, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
-  void see_flat(const Scene& scene, const Frustum& frustum, std::uint32_t number);
-  void see_round(const Scene& scene, const Frustum& frustum, const GlView& view, const GlPass& pass, std::uint32_t number);
+  void cull(const TileCamera& camera, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
+  void cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number);
+  void cull_round(const UploadedModel& model, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
+                  std::uint32_t number);
   void draw_flat();
   void draw_round(std::size_t kind, bool boxes);
   void draw_sky();
 
   GlShaders shaders_;
-  std::vector<Scene> scenes_;
+  std::vector<UploadedModel> models_;
   GlStore<FlatVertex> vertices_;
   GlStore<std::uint32_t> indices_;
   std::array<GlStore<RoundShape>, kNumRoundKinds> shapes_;
@@ -95,14 +96,14 @@ class GlPainter {
   GlStore<std::uint32_t> starts_, entries_;
   GlStore<SunCaster> casters_;
   GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
-  GlBuffer boxes_, quads_;                     // indices of many boxes and quads
-  GlBuffer views_, commands_, sights_buffer_;  // of one paint()
+  GlBuffer boxes_, quads_;                        // indices of many boxes and quads
+  GlBuffer cameras_, commands_, visible_buffer_;  // of one paint()
 
-  std::vector<ViewRecord> records_;
+  std::vector<CameraRecord> records_;
   std::vector<DrawCommand> flat_commands_;
-  // What is drawn by rectangles, and what by boxes; see gl_shaders.cpp.
-  std::array<std::array<std::vector<Sight>, 2>, kNumRoundKinds> sights_;
-  std::vector<std::uint32_t> sky_views_;
+  // Shapes that are drawn as rectangles, and those drawn as boxes; see gl_shaders.cpp.
+  std::array<std::array<std::vector<VisibleShape>, 2>, kNumRoundKinds> visible_;
+  std::vector<std::uint32_t> sky_cameras_;
 };
 
 }  // namespace flockstep::render

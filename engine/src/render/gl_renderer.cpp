@@ -14,16 +14,15 @@
 namespace flockstep::render {
 namespace {
 
-// What bounds the memory of each atlas and readback, at up to 32 bytes a pixel: views that are larger are drawn in parts, and no
-// more of them at once.
-constexpr int kMaxSide = 4096;
+constexpr int kMaxSide = 4096;  // px; larger pictures are drawn in parts
+// Pixels of a round. They bound the memory of each atlas and readback, which take up to 32 bytes a pixel.
 constexpr std::int64_t kMaxPixels = std::int64_t{kMaxSide} * kMaxSide;
-// On a software device, which gains nothing by more: the caller writes frames while it draws the next.
+// A software device gains nothing from larger rounds, and while it draws one the caller writes the frames of the last.
 constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 20U;
-constexpr std::size_t kMaxSoftwareTriangles = std::size_t{1} << 24U;  // a round of which takes it some seconds
+constexpr std::size_t kMaxSoftwareTriangles = std::size_t{1} << 24U;  // of a round, which takes it some seconds
 constexpr std::size_t kGrain = 1U << 16U;                             // pixels that are worth a task of their own
 
-// What may share an atlas.
+// Cameras of one kind share an atlas.
 auto kind_of(const CameraConfig& camera) {
   const CameraOutputs& outputs = camera.outputs;
   return std::tuple(camera.width_px, camera.height_px, camera.samples_per_pixel, camera.near_m, camera.far_m, outputs.any_color(),
@@ -41,8 +40,8 @@ GlPass pass_of(const CameraConfig& camera) {
   return pass;
 }
 
-// Room for how many tiles an atlas has: powers of two, so that a number that changes from step to step does not need ever new
-// ones.
+// How many tiles an atlas has room for: a power of two, so that a number of pictures that changes from step to step does not need
+// a new atlas each time.
 int roomy(int tiles, int most) { return std::min(static_cast<int>(std::bit_ceil(static_cast<unsigned int>(tiles))), most); }
 
 int pieces(int length, int most) { return (length + most - 1) / most; }
@@ -50,6 +49,8 @@ int pieces(int length, int most) { return (length + most - 1) / most; }
 }  // namespace
 
 struct GlRenderer::Impl {
+  explicit Impl(std::chrono::milliseconds patience) : worker(patience) {}
+
   long process = process_id();
   GlWorker worker;
   struct KnownWorld {
@@ -58,8 +59,8 @@ struct GlRenderer::Impl {
   };
   std::unordered_map<const World*, KnownWorld> worlds;
   std::vector<RenderRequest> requests;
-  std::vector<std::uint32_t> order;  // of the requests, those of one kind of camera beside each other
-  std::vector<FramePart> parts;      // one a view of the task
+  std::vector<std::uint32_t> order;  // indices of the requests, grouped by the kind of camera
+  std::vector<FramePart> parts;      // one for each camera of the task
   std::size_t rounds_left = 0;       // of the task
 
   // What is not yet on the device goes there with the next task.
@@ -77,7 +78,7 @@ struct GlRenderer::Impl {
     return known.model;
   }
 
-  // Gives the rounds that are not yet taken to f(round, pixels), in order, each when it arrives.
+  // Calls f(round, pixels) for each round that is not yet taken, in order, when it arrives.
   template <class F>
   void take_rounds(const F& f) {
     if (rounds_left == 0) return;
@@ -97,16 +98,17 @@ struct GlRenderer::Impl {
   void write(const GlRound& round, const Pixels& pixels, Workers& workers) const;
 };
 
-GlRenderer::GlRenderer() : impl_(std::make_unique<Impl>()) {}
+GlRenderer::GlRenderer(std::chrono::milliseconds patience) : impl_(std::make_unique<Impl>(patience)) {}
 
 GlRenderer::~GlRenderer() {
-  // The thread is of the parent alone, and its mutex may be locked for ever here.
+  // The thread runs in the parent alone, and this copy of its mutex may be locked for ever.
   if (process_id() != impl_->process) static_cast<void>(impl_.release());
 }
 
 GlRenderer::Impl& GlRenderer::impl() {
-  if (process_id() != impl_->process)
+  if (process_id() != impl_->process) {
     throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
+  }
   return *impl_;
 }
 
@@ -129,7 +131,7 @@ void GlRenderer::finish(Workers& workers) {
 
 void GlRenderer::Impl::plan() {
   GlTask& task = worker.task();
-  task.views.clear();
+  task.cameras.clear();
   task.rounds.clear();
   parts.clear();
   order.resize(requests.size());
@@ -159,7 +161,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   const AtlasSize tile{pieces(camera.width_px, columns), pieces(camera.height_px, rows), 1};
   const std::int64_t tile_pixels = static_cast<std::int64_t>(tile.pixels()) * pass.samples * pass.samples;
   std::int64_t by_size = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
-  if (worker.is_software()) {  // it is to give signs of life, whatever it draws
+  if (worker.is_software()) {  // so that a sign of life comes every few seconds
     std::size_t triangles = 1;
     for (const std::uint32_t i : group) triangles = std::max(triangles, requests[i].world->triangles().triangles.size());
     by_size = std::min(by_size, static_cast<std::int64_t>(kMaxSoftwareTriangles / triangles));
@@ -167,7 +169,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   const int most =
       std::max(1, static_cast<int>(std::min<std::int64_t>(worker.max_side() / (tile.height * pass.samples), by_size)));
 
-  const std::size_t first_view = task.views.size();
+  const std::size_t first_camera = task.cameras.size();
   for (const std::uint32_t i : group) {
     const RenderRequest& request = requests[i];
     const std::uint32_t model = model_of(*request.world, pass.traits.shadows);
@@ -177,16 +179,16 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
         const int top = row * tile.height;
         parts.push_back(
             {i, left, top, std::min(tile.width, camera.width_px - left), std::min(tile.height, camera.height_px - top)});
-        task.views.push_back({model, request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
-                              request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top)});
+        task.cameras.push_back({model, request.position, request.rotation, request.pinhole->fx, request.pinhole->fy,
+                                request.pinhole->cx - static_cast<float>(left), request.pinhole->cy - static_cast<float>(top)});
       }
     }
   }
-  const auto num_views = static_cast<int>(task.views.size() - first_view);
-  for (int first = 0; first < num_views; first += most) {
-    const int count = std::min(most, num_views - first);
+  const auto num_cameras = static_cast<int>(task.cameras.size() - first_camera);
+  for (int first = 0; first < num_cameras; first += most) {
+    const int count = std::min(most, num_cameras - first);
     task.rounds.push_back(
-        {{tile.width, tile.height, roomy(count, most)}, pass, first_view + static_cast<std::size_t>(first), count});
+        {{tile.width, tile.height, roomy(count, most)}, pass, first_camera + static_cast<std::size_t>(first), count});
   }
 }
 
@@ -196,7 +198,7 @@ void GlRenderer::Impl::write(const GlRound& round, const Pixels& pixels, Workers
   const std::size_t grain = std::max<std::size_t>(1, kGrain / tile_pixels);
   workers.run((count + grain - 1) / grain, [&](std::size_t job, std::size_t) {
     for (std::size_t tile = job * grain; tile < std::min(count, (job + 1) * grain); ++tile) {
-      const FramePart& part = parts[round.first_view + tile];
+      const FramePart& part = parts[round.first_camera + tile];
       write_frame(pixels, round.size, tile, requests[part.request], part);
     }
   });

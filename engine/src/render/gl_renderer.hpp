@@ -1,6 +1,7 @@
 // GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all requests of one kind of camera as tiles of an atlas.
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <span>
 #include <string>
@@ -15,11 +16,14 @@ namespace flockstep::render {
 // first seen, and known by their address from then on: they outlive the renderer. In a forked child start() and finish() throw
 // GlUnavailable, and nothing is done on destruction.
 //
-// The environment variable FLOCKSTEP_EGL chooses: "software" takes no GPU; for tests, "none" is as if there was no EGL, "failing"
-// as if the first frames could not be read, "failing-late" the same of later ones, and "hanging" as if reading never ended.
+// The environment variable FLOCKSTEP_EGL says which devices may be used; see EglDevices.
 class GlRenderer {
  public:
-  GlRenderer();  // throws GlUnavailable
+  // Drivers compile shaders at the first picture, and a big world takes a software device seconds.
+  static constexpr std::chrono::milliseconds kPatience{30'000};
+
+  // patience: how long the device may give no sign of life while it draws. Throws GlUnavailable.
+  explicit GlRenderer(std::chrono::milliseconds patience = kPatience);
   ~GlRenderer();
   GlRenderer(const GlRenderer&) = delete;
   GlRenderer& operator=(const GlRenderer&) = delete;
@@ -28,8 +32,8 @@ class GlRenderer {
 
   // Begins to render; the requests, and what they point to, stay as they are until finish().
   void start(std::span<const RenderRequest> requests);
-  // Writes all frames as they arrive. Throws GlUnavailable where the device failed or did
-  // not answer in time; the frames are then undefined, and the renderer of no more use.
+  // Writes all frames as they arrive. Throws GlUnavailable if the device failed or did not answer in time; the frames are then
+  // undefined, and the renderer is of no more use.
   void finish(Workers& workers);
 
  private:

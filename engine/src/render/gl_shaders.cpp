@@ -11,8 +11,8 @@ namespace {
 // What every shader knows. Tiles lie above each other in the atlas, row 0 of each, the top of its picture, at its lowest y.
 // The ray through a pixel, u and v counted from the upper left of its tile at its centre, is ray_0 + ray_u u + ray_v v: one
 // metre of planar depth long. What the depth buffer holds is (1 / depth - 1 / far) / (1 / near - 1 / far): 1 at the near plane
-// and 0 at the far one, as accurate as depth itself everywhere, and what triangles interpolate linearly. Depths are read from
-// there.
+// and 0 at the far one, as accurate as depth itself everywhere, and what triangles interpolate linearly. Depth pictures are
+// read from that buffer.
 constexpr const char* kCommon = R"(#version 450 core
 layout(location = 0) uniform vec4 tiles;
 layout(location = 1) uniform vec4 range;
@@ -24,10 +24,10 @@ layout(location = 1) uniform vec4 range;
 #define farness range.z    // 1 / far
 #define nearness_scale range.w  // 1 / (1 / near - 1 / far)
 
-struct View {
+struct Camera {
   vec4 eye_offset;  // m, world frame; y of the tile's middle in the atlas, from -1 to 1
   vec4 w_cx;        // clip coordinates of a point as seen from the eye, by dot product: w, which is the planar depth, x,
-  vec4 x_cy;        // and y within the tile; beside them the pinhole, px
+  vec4 x_cy;        // and y within the tile; beside them the camera's cx and cy, px
   vec4 y_fx;        // 1 / fx
   vec4 ray_0_fy;    // 1 / fy
   vec4 ray_u;
@@ -105,7 +105,7 @@ layout(location = 1) in vec3 normal;
 layout(location = 2) in uvec2 sunlit;
 layout(location = 3) in uvec2 shadowy;
 layout(location = 4) in uint ids;
-layout(location = 5) in vec4 eye_offset;  // the view, one an instance
+layout(location = 5) in vec4 eye_offset;  // the camera, one an instance
 layout(location = 6) in vec4 w_cx;
 layout(location = 7) in vec4 x_cy;
 layout(location = 8) in vec4 y_fx;
@@ -165,9 +165,9 @@ void main() {
 }
 )";
 
-// What the shape is drawn by: its fragments ask which of their rays meet it. Seen from well outside, a rectangle between the eye
-// and the shape that just hides it; else a box around it, of which the faces that look away from the eye are drawn, which may be
-// within it.
+// Draws something flat-sided that covers the shape in the picture; its fragments ask which of their rays meet the shape itself.
+// Seen from well outside, that is a rectangle between the eye and the shape that just hides it. Otherwise it is a box around the
+// shape, of which the faces that look away from the eye are drawn, because the eye may be inside it.
 constexpr const char* kRoundVertex = R"(
 layout(location = 3) uniform int boxes;
 
@@ -182,8 +182,8 @@ struct Shape {
   vec4 sun;
   vec4 sun_direction;
 };
-layout(std430, binding = 0) readonly buffer Views { View views[]; };
-layout(std430, binding = 1) readonly buffer Sights { uvec2 sights[]; };  // (view, shape)
+layout(std430, binding = 0) readonly buffer Cameras { Camera cameras[]; };
+layout(std430, binding = 1) readonly buffer VisibleShapes { uvec2 visible_shapes[]; };  // (camera, shape)
 layout(std430, binding = 2) readonly buffer Shapes { Shape shapes[]; };
 
 layout(location = 0) flat out vec4 origin_radius;  // of the rays, in the shape's frame
@@ -240,27 +240,27 @@ vec3 rectangle_corner(int number, vec3 center, mat3 rotation, vec3 extents) {
 }
 
 void main() {
-  uvec2 sight = sights[gl_VertexID >> (boxes == 1 ? 3 : 2)];
-  View view = views[sight.x];
-  Shape shape = shapes[sight.y];
+  uvec2 visible = visible_shapes[gl_VertexID >> (boxes == 1 ? 3 : 2)];
+  Camera camera = cameras[visible.x];
+  Shape shape = shapes[visible.y];
   mat3 rotation = mat3(shape.axis_x_half.xyz, shape.axis_y_only_front.xyz, shape.axis_z_gamma.xyz);
-  vec3 center = shape.center_radius.xyz - view.eye_offset.xyz;
+  vec3 center = shape.center_radius.xyz - camera.eye_offset.xyz;
   float radius = shape.center_radius.w;
   float half_height = shape.axis_x_half.w;
 
   // A little wider than the shape, so that the rasteriser's rounding leaves out no pixel of it: a twentieth of a pixel.
   float reach = length(center) + length(vec2(radius, half_height));
-  vec3 extents = vec3(radius, radius, half_height) * 1.0001 + 0.05 * reach * max(view.y_fx.w, view.ray_0_fy.w);
+  vec3 extents = vec3(radius, radius, half_height) * 1.0001 + 0.05 * reach * max(camera.y_fx.w, camera.ray_0_fy.w);
   vec3 at = boxes == 1 ? box_corner(gl_VertexID & 7, center, rotation, extents)
                        : rectangle_corner(gl_VertexID & 3, center, rotation, extents);
-  // What is to be seen may be behind this and nearer than the far plane, or before and behind the near one: only the eye's plane
-  // cuts it off.
-  place(vec3(dot(view.x_cy.xyz, at), dot(view.y_fx.xyz, at), dot(view.w_cx.xyz, at)), 0.01 * near, view.eye_offset.w);
+  // The near and far planes must not clip this: it may lie nearer than the near plane while what is seen behind it does not. Only
+  // the plane of the eye clips it.
+  place(vec3(dot(camera.x_cy.xyz, at), dot(camera.y_fx.xyz, at), dot(camera.w_cx.xyz, at)), 0.01 * near, camera.eye_offset.w);
 
   origin_radius = vec4(-center * rotation, radius);
-  ray_0_half = vec4(view.ray_0_fy.xyz * rotation, half_height);
-  ray_u_only_front = vec4(view.ray_u.xyz * rotation, shape.axis_y_only_front.w);
-  ray_v_gamma = vec4(view.ray_v_grid.xyz * rotation, shape.axis_z_gamma.w);
+  ray_0_half = vec4(camera.ray_0_fy.xyz * rotation, half_height);
+  ray_u_only_front = vec4(camera.ray_u.xyz * rotation, shape.axis_y_only_front.w);
+  ray_v_gamma = vec4(camera.ray_v_grid.xyz * rotation, shape.axis_z_gamma.w);
 #ifdef COLOR
   middle = shape.middle;
   slope = shape.slope.xyz;
@@ -275,7 +275,7 @@ void main() {
   to_world = rotation;
 #endif
 #ifdef SHADOWS
-  look_at_sun(view.eye_offset.xyz, view.ray_0_fy.xyz, view.ray_u.xyz, view.ray_v_grid.xyz, view.ray_v_grid.w);
+  look_at_sun(camera.eye_offset.xyz, camera.ray_0_fy.xyz, camera.ray_u.xyz, camera.ray_v_grid.xyz, camera.ray_v_grid.w);
 #endif
 }
 )";
@@ -300,9 +300,9 @@ layout(location = 16) flat in mat3 to_world;
 #endif
 )";
 
-// The lengths between which the line o + t d is inside a shape; none where the first is the greater. The distance of a line from
-// a centre comes out of a cross product and not out of o.o - (o.d)^2 / d.d, a difference of large numbers where the shape is thin
-// and far.
+// The t between which the line o + t d is inside a shape; it never is where the first is the greater. The distance of a line from
+// a centre comes from a cross product rather than from o.o - (o.d)^2 / d.d, a difference of large numbers where the shape is thin
+// and far away.
 constexpr const char* kLines = R"(
 const vec2 nowhere = vec2(1e30, -1e30);
 
@@ -343,7 +343,8 @@ vec2 capsule(vec3 o, vec3 d, float radius, float half_height) {
 }
 )";
 
-// Whether something hides the sun from a pixel at some depth; see GlSunGrid. Asked where it matters only.
+// Whether something hides the sun from what a pixel shows at this depth; see GlSunGrid. Nothing is tested where it does not
+// matter.
 constexpr const char* kShadows = R"(
 #ifdef SHADOWS
 layout(location = 11) flat in vec4 sun_eye_left;
@@ -471,9 +472,9 @@ void main() {
 }
 )";
 
-// Whatever is still as far as can be, where nothing is seen.
+// The sky, drawn where the depth buffer still has what it was cleared to.
 constexpr const char* kSkyVertex = R"(
-layout(std430, binding = 0) readonly buffer Views { View views[]; };
+layout(std430, binding = 0) readonly buffer Cameras { Camera cameras[]; };
 layout(location = 0) flat out vec4 ray_0_gamma;
 layout(location = 1) flat out vec3 ray_u;
 layout(location = 2) flat out vec3 ray_v;
@@ -481,13 +482,13 @@ layout(location = 3) flat out vec3 horizon;
 layout(location = 4) flat out vec3 zenith;
 
 void main() {
-  View view = views[gl_VertexID >> 2];
-  place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, view.eye_offset.w);
-  ray_0_gamma = vec4(view.ray_0_fy.xyz, view.horizon.w);
-  ray_u = view.ray_u.xyz;
-  ray_v = view.ray_v_grid.xyz;
-  horizon = view.horizon.xyz;
-  zenith = view.zenith.xyz;
+  Camera camera = cameras[gl_VertexID >> 2];
+  place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, camera.eye_offset.w);
+  ray_0_gamma = vec4(camera.ray_0_fy.xyz, camera.horizon.w);
+  ray_u = camera.ray_u.xyz;
+  ray_v = camera.ray_v_grid.xyz;
+  horizon = camera.horizon.xyz;
+  zenith = camera.zenith.xyz;
 }
 )";
 

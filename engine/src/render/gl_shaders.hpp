@@ -1,4 +1,4 @@
-// GlShaders: the programs that draw, each made on first need for just what it has to write.
+// GlShaders: the programs that draw, each compiled when it is first needed, for just what it has to write.
 #pragma once
 
 #include <cstddef>
@@ -30,8 +30,8 @@ inline constexpr GLint kTilesUniform = 0;    // (height of a tile in px, one ove
 inline constexpr GLint kRangeUniform = 1;    // (near, far, 1 / far, 1 / (1 / near - 1 / far)), m
 inline constexpr GLint kSamplesUniform = 2;  // a side of the grid within a pixel
 inline constexpr GLint kBoxesUniform = 3;    // 1: a box is drawn round each shape, else a rectangle before it
-inline constexpr GLuint kViewsBinding = 0;
-inline constexpr GLuint kSightsBinding = 1;
+inline constexpr GLuint kCamerasBinding = 0;
+inline constexpr GLuint kVisibleBinding = 1;
 inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
 inline constexpr GLuint kGridsBinding = 3;
 inline constexpr GLuint kStartsBinding = 4;

@@ -24,16 +24,14 @@ class GlStore {
     return first;
   }
 
-  GLuint name() const { return buffer_.name(); }  // another one after it has grown; 0 while empty
+  GLuint name() const { return buffer_.name(); }  // changes when it grows; 0 while it is empty
 
  private:
   void grow(std::size_t needed) {
     capacity_ = std::max(needed, size_ + size_ / 2);
     GlBuffer larger = GlBuffer::make();
     glNamedBufferStorage(larger.name(), static_cast<GLsizeiptr>(capacity_ * sizeof(T)), nullptr, GL_DYNAMIC_STORAGE_BIT);
-    if (size_ != 0) {
-      glCopyNamedBufferSubData(buffer_.name(), larger.name(), 0, 0, static_cast<GLsizeiptr>(size_ * sizeof(T)));
-    }
+    if (size_ != 0) glCopyNamedBufferSubData(buffer_.name(), larger.name(), 0, 0, static_cast<GLsizeiptr>(size_ * sizeof(T)));
     buffer_ = std::move(larger);
   }
 

@@ -113,7 +113,7 @@ class Casters {
       return;
     }
     lay_out();
-    // Twice the same walk: first how many each list gets, then who.
+    // The same walk twice: it counts what each list gets, and then fills the lists.
     grid_.starts.assign(std::size_t{grid_.columns} * grid_.rows * kNumLists + 1, 0);
     for (const Shadow& shadow : shadows_) {
       for_each_cell(shadow, [&](std::size_t list) { ++grid_.starts[list + 1]; });

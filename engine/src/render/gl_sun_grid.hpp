@@ -1,7 +1,7 @@
 // GlSunGrid: what may hide the sun from a point, by where the point is as the sun sees it.
 //
-// The sun is infinitely far: across its direction lies a grid, and each of its cells lists what casts a shadow there. A point in
-// shadow is one that something in its cell's list is above. So shadows are exact, and cost the few tests of one cell.
+// The sun is infinitely far: across its direction lies a grid, and each of its cells lists what casts a shadow there. A point is
+// in shadow if something in its cell's list lies above it. So shadows are exact, and cost the few tests of one cell.
 #pragma once
 
 #include <array>
@@ -16,10 +16,10 @@ namespace flockstep::render {
 // A plane is a box, a disc a cylinder of no thickness.
 enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule };
 
-// Of each cell: its triangles, and its solids.
+// Each cell has two: one of its triangles, and one of its solids.
 inline constexpr std::size_t kNumLists = 2;
 
-// As the shaders read it, in the sun's frame (z towards it); each row is a vec4.
+// A caster of shadows as the shaders read it, in the sun's frame (z towards it); each row is a vec4.
 // A triangle: a corner; two rows of the matrix that takes what is across the sun's direction to barycentric coordinates; how
 // much higher the other two corners are. A solid: its centre and its kind; and the rows of the rotation into its own frame, each
 // with the half extent along that axis.

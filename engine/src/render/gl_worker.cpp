@@ -18,14 +18,11 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// How long the device may give no sign of life: drivers compile shaders at the first picture, and a big world takes a software
-// device seconds.
-constexpr milliseconds kPatience{30'000};
-constexpr milliseconds kLittlePatience{200};  // where it hangs on purpose
+constexpr milliseconds kStartPatience{30'000};  // until the context is made
 
 constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
 
-// Atlases are kept, since their sizes come back from step to step; of too many, those longest unused go.
+// Atlases are kept, since their sizes come back from step to step; when there are too many, the one unused for longest goes.
 class Atlases {
  public:
   const GlAtlas& get(const AtlasSize& size, const Attachments& attachments) {
@@ -49,13 +46,14 @@ class Atlases {
 }  // namespace
 
 struct GlWorker::Shared {
-  const EglWish wish;
+  const EglDevices devices;
+  const milliseconds patience;  // once it is ready
   std::mutex mutex;
   std::condition_variable changed;
   // Under the mutex:
   bool ready = false;
   bool stop = false;
-  bool ended = false;               // the thread has let go of all that is of OpenGL
+  bool ended = false;               // the thread has given back all it had from OpenGL
   std::string error;                // why it ended; it then is of no more use
   std::uint64_t signs_of_life = 0;  // counted up whenever the device has done something
   std::uint64_t started = 0;        // tasks
@@ -66,19 +64,17 @@ struct GlWorker::Shared {
   std::string description;
   int max_side = 0;
   bool is_software = false;
-  // Of the caller until it is started, then of the thread until all rounds are published:
+  // Belongs to the caller until it is started, then to the thread until all rounds are published:
   GlTask task;
 
-  explicit Shared(EglWish what) : wish(what) {}
+  Shared(EglDevices allowed, milliseconds at_work) : devices(allowed), patience(at_work) {}
 
-  milliseconds patience() const { return wish == EglWish::hanging && ready ? kLittlePatience : kPatience; }
-
-  // Waits until something is so. False where nothing happened for too long.
+  // Waits until the condition holds. False where the device gave no sign of life for too long.
   template <class Condition>
   bool wait(std::unique_lock<std::mutex>& lock, const Condition& condition) {
     while (!condition()) {
       const std::uint64_t signs = signs_of_life;
-      changed.wait_for(lock, patience(), [&] { return condition() || signs_of_life != signs; });
+      changed.wait_for(lock, ready ? patience : kStartPatience, [&] { return condition() || signs_of_life != signs; });
       if (signs_of_life == signs && !condition()) return false;
     }
     return true;
@@ -97,7 +93,7 @@ struct GlWorker::Shared {
   }
 };
 
-GlWorker::GlWorker() : shared_(std::make_shared<Shared>(egl_wish())) {
+GlWorker::GlWorker(milliseconds patience) : shared_(std::make_shared<Shared>(egl_devices(), patience)) {
   thread_ = std::thread([shared = shared_] {
     run(*shared);
     const std::lock_guard lock(shared->mutex);
@@ -156,7 +152,7 @@ const Pixels& GlWorker::wait() {
   shared_->wait(lock, [&] { return shared_->published > round || !shared_->error.empty(); });
   if (shared_->published > round) return shared_->pixels[round % kNumReadbacks];
   if (!shared_->error.empty()) throw GlUnavailable(shared_->error);
-  shared_->error = "the OpenGL driver did not answer within " + std::to_string(shared_->patience().count()) + " ms";
+  shared_->error = "the OpenGL driver did not answer within " + std::to_string(shared_->patience.count()) + " ms";
   shared_->stop = true;
   shared_->changed.notify_all();
   thread_.detach();
@@ -171,7 +167,7 @@ void GlWorker::release() {
   shared_->changed.notify_all();
 }
 
-// What the thread has of OpenGL, and does with it.
+// What the thread owns in OpenGL, and what it does with it.
 struct GlWorker::Device {
   Shared& s;
   const EglContext context;
@@ -180,7 +176,7 @@ struct GlWorker::Device {
   std::array<GlReadback, kNumReadbacks> readbacks;
 
   explicit Device(Shared& shared)
-      : s(shared), context(s.wish), readbacks{GlReadback(context.is_software()), GlReadback(context.is_software())} {
+      : s(shared), context(s.devices), readbacks{GlReadback(context.is_software()), GlReadback(context.is_software())} {
     GLint side = 0;
     std::array<GLint, 2> viewport{};
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
@@ -220,7 +216,7 @@ struct GlWorker::Device {
           if (s.stop) return;
         }
         draw(s.task.rounds[round], readbacks[round % kNumReadbacks]);
-        // A device of its own copies the round before while it draws this one; software has copied it already.
+        // A GPU copies the round before while it draws this one; a software device has copied it already.
         if (s.is_software) {
           publish(round);
         } else if (round > 0) {
@@ -232,35 +228,28 @@ struct GlWorker::Device {
   }
 
   void draw(const GlRound& round, GlReadback& readback) {
-    const auto views = std::span<const GlView>(s.task.views).subspan(round.first_view, static_cast<std::size_t>(round.count));
+    const auto cameras =
+        std::span<const TileCamera>(s.task.cameras).subspan(round.first_camera, static_cast<std::size_t>(round.count));
     const GlAtlas& atlas = atlases.get(round.size, round.pass.traits.writes);
     GlPass pass = round.pass;
     if (pass.samples == 1) {
-      painter.paint(atlas, views, pass);
-    } else {  // of colours alone
+      painter.paint(atlas, cameras, pass);
+    } else {  // only colours are sampled
       const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
       const GlAtlas& samples = atlases.get(large, {.color = true});
       GlPass colors = pass;
       colors.traits.writes = {.color = true};
-      painter.paint(samples, views, colors);
+      painter.paint(samples, cameras, colors);
       pass.traits.writes.color = false;
       pass.traits.shadows = false;
       pass.samples = 1;
-      if (pass.traits.writes != Attachments{}) painter.paint(atlas, views, pass);
+      if (pass.traits.writes != Attachments{}) painter.paint(atlas, cameras, pass);
       painter.resolve(samples, atlas, round.pass.samples, round.count);
     }
     readback.start(atlas, round.count);
   }
 
   void publish(std::size_t round) {
-    if (s.wish == EglWish::failing || (s.wish == EglWish::failing_late && round > 0)) {
-      throw GlUnavailable("reading pictures fails by FLOCKSTEP_EGL");
-    }
-    if (s.wish == EglWish::hanging) {
-      std::unique_lock lock(s.mutex);
-      s.changed.wait(lock, [&] { return s.stop; });
-      return;
-    }
     GlReadback& readback = readbacks[round % kNumReadbacks];
     readback.finish();
     const std::lock_guard lock(s.mutex);
@@ -278,7 +267,7 @@ void GlWorker::run(Shared& s) {
       device.work();
     } catch (const std::exception& error) {
       s.fail(error.what());
-      // The caller may still be reading the round before: it stays until the caller is done with all of this.
+      // The caller may still be reading the round before, so its memory stays until the caller lets go of the worker.
       std::unique_lock lock(s.mutex);
       s.changed.wait(lock, [&] { return s.stop; });
     }

@@ -1,6 +1,7 @@
 // GlWorker: the thread that owns the OpenGL context, and the handing over of work to it and of pictures from it.
 #pragma once
 
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -15,11 +16,11 @@
 
 namespace flockstep::render {
 
-// Views that are drawn and read back at once.
+// Tiles that are drawn and read back at once.
 struct GlRound {
   AtlasSize size;  // with room for at least `count` tiles
   GlPass pass;     // its traits say what is read back
-  std::size_t first_view = 0;
+  std::size_t first_camera = 0;
   int count = 0;
 };
 
@@ -32,14 +33,15 @@ struct GlModelGrid {
 struct GlTask {
   std::vector<GlModel> models;     // to be added first
   std::vector<GlModelGrid> grids;  // then
-  std::vector<GlView> views;
+  std::vector<TileCamera> cameras;
   std::vector<GlRound> rounds;
 };
 
-// The thread touches nothing but what is in its tasks and its own: it can be left behind where a driver never answers.
+// The thread touches nothing but its task and what it owns itself, so it can be left behind when a driver never answers.
 class GlWorker {
  public:
-  GlWorker();   // throws GlUnavailable
+  // patience: see GlRenderer. Throws GlUnavailable.
+  explicit GlWorker(std::chrono::milliseconds patience);
   ~GlWorker();  // leaves what is under way unfinished
   GlWorker(const GlWorker&) = delete;
   GlWorker& operator=(const GlWorker&) = delete;

@@ -44,7 +44,7 @@ PinholeCamera make_pinhole_camera(const CameraConfig& camera) {
   }
   const auto width = static_cast<std::size_t>(camera.width_px);
   const auto height = static_cast<std::size_t>(camera.height_px);
-  // The padded rays of a tile at the border look past the image; its view holds them too.
+  // The padded rays of a tile at the border look past the image; its frustum holds them too.
   for (std::size_t row = 0; row < height; row += PixelTile::kSide) {
     for (std::size_t column = 0; column < width; column += PixelTile::kSide) {
       const auto edge = [](float centre, std::size_t pixel, float focal) { return (centre - static_cast<float>(pixel)) / focal; };

@@ -22,14 +22,14 @@ struct PixelTile {
 // along it are planar depths.
 struct PinholeCamera {
   float fx, fy, cx, cy;  // px
-  // The grid of samples within a pixel, by which all of this is repeated: grids[0] is of the pixel's centre, and where there are
-  // several samples the others follow.
+  // The directions through one point of every pixel. grids[0] is for the centres; where a pixel has several samples, a grid for
+  // each of them follows.
   struct Grid {
     std::vector<float> left;  // (columns of tiles, kSide * kSide) y of the directions of a tile's pixels, row by row
     std::vector<float> up;    // (rows of tiles, kSide * kSide) z, likewise
   };
   std::vector<Grid> grids;
-  std::vector<PixelTile> tiles;  // row by row; each holds all samples of its pixels
+  std::vector<PixelTile> tiles;  // row by row; the frustum of each holds all samples of its pixels
   float corner;                  // length of the longest direction
 };
 

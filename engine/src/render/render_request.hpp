@@ -28,7 +28,7 @@ inline std::uint8_t grey_of(std::uint8_t r, std::uint8_t g, std::uint8_t b) {
 struct RenderRequest {
   const World* world;
   const CameraConfig* camera;
-  const PinholeCamera* pinhole;  // of that camera, with the drone's own field of view
+  const PinholeCamera* pinhole;  // the model of that camera, with the field of view that this drone has
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   Frame frame;

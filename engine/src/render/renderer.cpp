@@ -9,10 +9,10 @@ namespace flockstep::render {
 namespace {
 
 constexpr std::size_t kTilesPerJob = 64;  // a small image, or some rows of a large one
-constexpr int kTimedRuns = 3;             // of a backend, the best of which counts,
-constexpr double kEnoughS = 1.0;          // or fewer, if they take so long
+constexpr int kTimedRuns = 3;             // of each backend; the fastest one counts
+constexpr double kEnoughS = 1.0;          // no further run is timed once the runs have taken this long
 
-// Once to warm up, then the best of some.
+// Renders once to warm up, then takes the fastest of the timed runs.
 template <class Render>
 double frames_per_second(std::size_t frames, const Render& render) {
   render();
@@ -29,12 +29,13 @@ double frames_per_second(std::size_t frames, const Render& render) {
 
 }  // namespace
 
-Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers)
+Renderer::Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
+                   std::chrono::milliseconds gl_patience)
     : report_("raycast: as asked for") {
   for (int i = 0; i < workers.num_threads(); ++i) raycast_scratches_.push_back(std::make_unique<RaycastScratch>());
   if (backend == CameraBackend::raycast) return;
   try {
-    gl_ = std::make_unique<GlRenderer>();
+    gl_ = std::make_unique<GlRenderer>(gl_patience);
   } catch (const GlUnavailable& error) {
     give_up_gl(error.what());
     return;
@@ -65,7 +66,7 @@ void Renderer::give_up_gl(const std::string& why) {
   warning_ = "cameras: gl is not available, raycast renders instead: " + why;
 }
 
-// Requests of one camera follow each other.
+// Requests of one camera follow each other, and have the same tiles.
 void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
   while (!requests.empty()) {
     const std::size_t tiles = requests[0].pinhole->tiles.size();

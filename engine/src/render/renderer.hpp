@@ -1,6 +1,7 @@
-// Renderer: takes pictures by the backend that was chosen.
+// Renderer: takes pictures with the backend that was chosen.
 #pragma once
 
+#include <chrono>
 #include <memory>
 #include <span>
 #include <string>
@@ -17,16 +18,18 @@ namespace flockstep::render {
 
 class Renderer {
  public:
-  // Requests typical of the batch, whose frames may be written: an automatic choice times them. The worlds of all requests
-  // outlive the renderer.
-  Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers);
+  // typical: requests like the batch's, which an automatic choice times; their frames may be written. The worlds of all requests
+  // must outlive the renderer. gl_patience: see GlRenderer.
+  Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
+           std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
 
   // Which backend renders, and why.
   const std::string& report() const { return report_; }
-  // What the user should know and has not been told; empty mostly. OpenGL that is missing or fails is replaced by raycast.
+  // What the user should know and has not been told yet; mostly empty. Raycast renders where OpenGL is missing or fails, and this
+  // says so.
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
-  // Between the two OpenGL renders already, on a thread of its own; the requests stay as they are.
+  // Between the two OpenGL renders already, on a thread of its own; the requests must not change meanwhile.
   void start(std::span<const RenderRequest> requests);
   void finish(std::span<const RenderRequest> requests, Workers& workers);
 
@@ -36,7 +39,7 @@ class Renderer {
   void give_up_gl(const std::string& why);
 
   std::unique_ptr<GlRenderer> gl_;                                  // null: raycast renders
-  std::vector<std::unique_ptr<RaycastScratch>> raycast_scratches_;  // of each thread
+  std::vector<std::unique_ptr<RaycastScratch>> raycast_scratches_;  // one for each thread
   std::string report_;
   std::string warning_;
 };

@@ -19,8 +19,8 @@
 namespace flockstep::render {
 
 // The face (-x, +x, -y, ..., as seen) of a box that all rays of a tile meet, or -1 where that is not certain. All rays meet the
-// box. A face of a box is convex, and so is its picture: what its corners show, the tile shows. The near plane can spoil that
-// where it cuts the box.
+// box. A face of a box is convex, and so is its picture: what the tile's corners show, the whole tile shows. That may fail where
+// the near plane cuts the box.
 inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) {
   if (shape.kind != trace::ShapeKind::box) return -1;
   const float* const half = shape.half_extents;
@@ -47,9 +47,9 @@ inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) 
     for (int other = axis + 1; other < 3; ++other) {
       if (std::abs(point[other]) - half[other] > std::abs(point[axis]) - half[axis]) axis = other;
     }
-    const int its = 2 * axis + (directions[i][axis] < 0.0F ? 1 : 0);
-    if (i > 0 && its != face) return -1;
-    face = its;
+    const int seen = 2 * axis + (directions[i][axis] < 0.0F ? 1 : 0);
+    if (i > 0 && seen != face) return -1;
+    face = seen;
   }
   return face;
 }
@@ -100,7 +100,7 @@ HWY_INLINE Vec3V<V> towards_camera(Floats d, const Vec3V<V>& normal, const Vec3V
 }
 
 HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
-  // Lanes that show something else may hold anything, but must not read outside the table: of a NaN, Max makes 0.
+  // Lanes that show something else may hold anything, but must not read outside the table: Max turns a NaN into 0.
   const V root = hn::Sqrt(hn::Min(hn::Max(value, hn::Zero(d)), hn::Set(d, 1.0F)));
   const V index = hn::Add(hn::Mul(root, hn::Set(d, static_cast<float>(Shading::kLevels))), hn::Set(d, 0.5F));
   return hn::GatherIndex(di, tables.levels.data(), hn::ConvertTo(di, index));
@@ -200,7 +200,7 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
       break;
     }
     case trace::ShapeKind::cylinder: {
-      // A point of the surface is radius away from the axis but for rounding; r^2 - radius^2 is 2 radius times what is missing.
+      // A point of the side is `radius` away from the axis, up to rounding; r^2 - radius^2 is 2 radius times that rounding.
       const float radius = half[0];
       const V beyond = hn::Sub(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Set(d, radius * radius));
       const V from_cap = hn::Abs(hn::Sub(hn::Abs(z), hn::Set(d, half[2])));
@@ -232,7 +232,7 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
 // Triangles: element by element from tables.
 template <bool kShadows>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
-                                  std::uint64_t which, const Vec3V<V>& facet, const Rays<kShadows>& rays,
+                                  std::uint64_t which, const Vec3V<V>& geometric_normal, const Rays<kShadows>& rays,
                                   const CameraOutputs& wanted) {
   alignas(64) std::int32_t material[PixelTile::kSide] = {};
   alignas(64) std::int32_t object[PixelTile::kSide] = {};
@@ -242,13 +242,13 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
     material[lane] = tables.triangle_material[triangle];
     object[lane] = tables.triangle_object[triangle];
   }
-  const I its_material = hn::Load(di, material);
-  const Vec3V<V> normal = towards_camera(d, normalised(facet), rays.direction);
-  Pixels pixels{hn::Zero(di), hn::GatherIndex(di, tables.semantic.data(), its_material),
+  const I materials = hn::Load(di, material);
+  const Vec3V<V> normal = towards_camera(d, normalised(geometric_normal), rays.direction);
+  Pixels pixels{hn::Zero(di), hn::GatherIndex(di, tables.semantic.data(), materials),
                 hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object)), normal};
   if (wanted.any_color()) {
     const std::array<const float*, 3> channels{tables.red.data(), tables.green.data(), tables.blue.data()};
-    const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, channels[c], its_material); };
+    const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, channels[c], materials); };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
     pixels.color = lit(d, di, tables, base, sunward, normal.z, rays);
@@ -332,26 +332,26 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
     std::uint64_t left = bits_of(d, every(d));
     for (bool first = true; left != 0; first = false) {
       const std::int32_t number = elements[std::countr_zero(left)];
-      Pixels its = pixels;
+      Pixels shown = pixels;
       Mask mask;
       if (number < 0) {
         mask = hn::RebindMask(d, hn::Lt(element, hn::Zero(di)));
-        its.semantic = its.instance = hn::Zero(di);
-        its.normal = {zero, zero, zero};
-        if (wanted.any_color()) its.color = sky(d, di, tables, rays.direction);
+        shown.semantic = shown.instance = hn::Zero(di);
+        shown.normal = {zero, zero, zero};
+        if (wanted.any_color()) shown.color = sky(d, di, tables, rays.direction);
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
         mask = hn::RebindMask(d, hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)),
                                          hn::Lt(element, hn::Set(di, tables.first_marker))));
-        const Vec3V<V> facet{hn::Load(d, normals.x + i), hn::Load(d, normals.y + i), hn::Load(d, normals.z + i)};
-        its = triangle_pixels(d, di, tables, elements, bits_of(d, mask), facet, rays, wanted);
+        const Vec3V<V> geometric_normal{hn::Load(d, normals.x + i), hn::Load(d, normals.y + i), hn::Load(d, normals.z + i)};
+        shown = triangle_pixels(d, di, tables, elements, bits_of(d, mask), geometric_normal, rays, wanted);
       } else {
         mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
         const ShadedSolid& solid = number < tables.first_triangle
                                        ? tables.solids[static_cast<std::size_t>(number)]
                                        : tables.markers[static_cast<std::size_t>(number - tables.first_marker)];
-        its = solid_pixels(d, di, tables, solid, bundle.origin, rays, wanted);
+        shown = solid_pixels(d, di, tables, solid, bundle.origin, rays, wanted);
       }
-      pixels = first ? its : select(di, mask, its, pixels);
+      pixels = first ? shown : select(di, mask, shown, pixels);
       left &= ~bits_of(d, mask);
     }
     if (wanted.any_color()) {

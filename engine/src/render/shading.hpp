@@ -28,25 +28,25 @@ struct ShadedSolid {
   const trace::Shape* shape;
   Surface surface;
   std::array<float, 3> sun, up;  // the directions to the sun and upwards, in the shape's frame
-  // Of flat faces: the colour that a surface with the normal -x, +x, -y, +y, -z, +z of the shape's frame shows, in the sun and in
-  // shade, as r | g << 8 | b << 16.
+  // For flat faces: the colour that a surface with the normal -x, +x, -y, +y, -z, +z of the shape's frame shows, in the sun and
+  // in shade, as r | g << 8 | b << 16.
   std::array<std::array<std::int32_t, 6>, 2> faces;
-  // Of an upright cylinder, whose sides all see the same sky: their colour by the root of the sine of the sun's angle above them,
-  // times kRamp. Else null.
+  // For an upright cylinder: every point of its side sees the same share of the sky, so the colour depends only on the cosine c
+  // of the angle between the normal and the sun. ramp[sqrt(c) * kRamp] is that colour. Null for other solids.
   const std::int32_t* ramp = nullptr;
 };
 
 // All that the colours of a world depend on, in the form of tables; built once.
 class Shading {
  public:
-  explicit Shading(const World& world);  // which outlives it
+  explicit Shading(const World& world);  // which must outlive this
 
-  // Writes what is wanted of the traced tile. normals: of the triangles hit. shaded: nothing, or 1 for each ray whose hit lies in
-  // the shadow of something else.
+  // Writes what is wanted of the traced tile. normals: of the triangles that were hit. shaded: empty, or a value for each ray, 1
+  // if its hit lies in the shadow of something else, otherwise 0.
   void shade(const trace::RayBundle& rays, const trace::GeometricNormals& normals, std::span<const std::uint8_t> shaded,
              const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
-  // 255 * min(v, 1)^(1 / gamma), rounded, of a linear value v >= 0: the levels table at sqrt(min(v, 1)) * kLevels.
+  // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
 

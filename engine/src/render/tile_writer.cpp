@@ -52,7 +52,7 @@ HWY_INLINE void write_plane(const T* values, const PixelTile& tile, const Camera
   for (std::size_t row = 0; row < tile.height; ++row) {
     T* const to = image + (tile.row + row) * width + tile.column;
     if (tile.width == kSide) {
-      std::memcpy(to, values + row * kSide, kSide * sizeof(T));  // of a constant size: no call
+      std::memcpy(to, values + row * kSide, kSide * sizeof(T));  // the size is a constant, so this is no call
     } else {
       std::memcpy(to, values + row * kSide, tile.width * sizeof(T));
     }

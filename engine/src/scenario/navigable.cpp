@@ -4,14 +4,13 @@
 #include <stdexcept>
 #include <string>
 
+#include "base/require.hpp"
 #include "collision/sweep.hpp"
 
 namespace flockstep {
 namespace {
 
-[[noreturn]] void refuse(const World& world, const std::string& marker, const std::string& expected) {
-  throw std::invalid_argument("world \"" + world.name() + "\": markers." + marker + ": expected " + expected);
-}
+std::string field(const World& world, const std::string& marker) { return "world \"" + world.name() + "\": markers." + marker; }
 
 std::string text(const Vec3& p) {
   std::ostringstream out;
@@ -22,21 +21,21 @@ std::string text(const Vec3& p) {
 void require_inside(const World& world, const std::string& marker, const Vec3& point) {
   const Aabb& box = world.bounds();
   if ((point.array() >= box.min.array()).all() && (point.array() <= box.max.array()).all()) return;
-  refuse(world, marker, "a point within the world, " + text(box.min) + " to " + text(box.max) + ", got " + text(point));
+  refuse(field(world, marker), "a point within the world, " + text(box.min) + " to " + text(box.max), text(point));
 }
 
 void require_free(const World& world, const DroneModel& drone, const std::string& marker, const Vec3& point) {
   require_inside(world, marker, point);
   if (!collision::overlaps(world, drone, Pose{.position = point})) return;
-  refuse(world, marker, "room for the drone, got " + text(point) + ", where it touches an obstacle");
+  refuse(field(world, marker), "room for the drone", text(point) + ", where it touches an obstacle");
 }
 
 }  // namespace
 
 void require_navigable(const World& world, const DroneModel& drone) {
   const Markers& markers = world.markers();
-  if (!markers.start) refuse(world, "start", "a point, found none");
-  if (!markers.goal) refuse(world, "goal", "a point, found none");
+  if (!markers.start) throw std::invalid_argument(field(world, "start") + ": expected a point, found none");
+  if (!markers.goal) throw std::invalid_argument(field(world, "goal") + ": expected a point, found none");
   require_free(world, drone, "start", *markers.start);
   for (std::size_t i = 0; i < markers.waypoints.size(); ++i) {
     require_inside(world, "waypoints[" + std::to_string(i) + ']', markers.waypoints[i]);

@@ -9,10 +9,10 @@
 #include <functional>
 #include <limits>
 #include <queue>
-#include <stdexcept>
 #include <string>
 #include <utility>
 
+#include "base/require.hpp"
 #include "collision/sweep.hpp"
 
 namespace flockstep {
@@ -46,8 +46,8 @@ class Grid {
       const double above = std::floor((static_cast<double>(region.max[axis]) - start[axis]) / cell);
       cells *= below + above + 1.0;
       if (!(cells <= kMaxCells)) {
-        throw std::invalid_argument("cell_m: expected a grid of at most " + std::to_string(static_cast<int>(kMaxCells)) +
-                                    " cells, got " + std::to_string(cell) + " m in a world that needs more of them");
+        refuse("cell_m", "a grid of at most " + std::to_string(static_cast<int>(kMaxCells)) + " cells",
+               std::to_string(cell) + " m in a world that needs more of them");
       }
       start_index_[axis] = static_cast<int>(below);
       size_[axis] = static_cast<int>(below + above) + 1;
@@ -272,15 +272,12 @@ std::optional<Path> plan_leg(const Space& space, const Aabb& region, bool full_h
 }
 
 void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
-  if (!start.allFinite()) throw std::invalid_argument("start: expected finite coordinates, got one that is not");
-  if (goals.empty()) throw std::invalid_argument("goals: expected at least one point, got none");
+  require(start.allFinite(), "start", "finite coordinates", "one that is not");
+  require(!goals.empty(), "goals", "at least one point", "none");
   for (std::size_t i = 0; i < goals.size(); ++i) {
-    if (goals[i].allFinite()) continue;
-    throw std::invalid_argument("goals[" + std::to_string(i) + "]: expected finite coordinates, got one that is not");
+    require(goals[i].allFinite(), "goals[" + std::to_string(i) + ']', "finite coordinates", "one that is not");
   }
-  if (!(cell_m > 0.0F && std::isfinite(cell_m))) {
-    throw std::invalid_argument("cell_m: expected a number > 0, got " + std::to_string(cell_m));
-  }
+  require(cell_m > 0.0F && std::isfinite(cell_m), "cell_m", "a number > 0", std::to_string(cell_m));
 }
 
 }  // namespace

@@ -5,11 +5,11 @@
 #include <cmath>
 #include <optional>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "base/philox.hpp"
+#include "base/require.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/plan.hpp"
 #include "flockstep/world.hpp"
@@ -72,27 +72,20 @@ class Draws {
 double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
 
 void check(const PlaygroundConfig& config) {
-  const auto refuse = [](const std::string& field, const std::string& expected, float got) {
-    std::ostringstream text;
-    text << "playground: " << field << ": expected " << expected << ", got " << got;
-    throw std::invalid_argument(text.str());
-  };
-  if (config.pillars < 0 || config.pillars > 200) {
-    throw std::invalid_argument("playground: pillars: expected an integer in [0, 200], got " + std::to_string(config.pillars));
-  }
+  require(config.pillars >= 0 && config.pillars <= 200, "playground: pillars", "an integer in [0, 200]", config.pillars);
   constexpr std::array<float, 3> kLeast{6.0F, 6.0F, 1.5F};
   constexpr std::array<float, 3> kMost{200.0F, 200.0F, 100.0F};
   for (std::size_t i = 0; i < 3; ++i) {
     if (config.size_m[i] >= kLeast[i] && config.size_m[i] <= kMost[i]) continue;
     std::ostringstream range;
     range << "metres in [" << kLeast[i] << ", " << kMost[i] << ']';
-    refuse("size_m[" + std::to_string(i) + ']', range.str(), config.size_m[i]);
+    refuse("playground: size_m[" + std::to_string(i) + ']', range.str(), config.size_m[i]);
   }
   const float thickest = std::min(config.size_m[0], config.size_m[1]) / 14.0F;
   if (!(config.pillar_radius_m >= 0.01F && config.pillar_radius_m <= thickest)) {
     std::ostringstream range;
     range << "metres in [0.01, " << thickest << "] (a fourteenth of the room)";
-    refuse("pillar_radius_m", range.str(), config.pillar_radius_m);
+    refuse("playground: pillar_radius_m", range.str(), config.pillar_radius_m);
   }
 }
 
@@ -201,7 +194,7 @@ class PillarField {
     return rounded(point + draws.point(-aside, aside));
   }
 
-  // The lane follows the route, but for one leg, where it goes over a point beside it.
+  // The lane follows the route, except on one leg, where it passes through a point beside it.
   void lay_lane(std::size_t leg, const Vec2d& detour) {
     lane_.clear();
     for (std::size_t i = 0; i < route_.markers.size(); ++i) {
@@ -286,11 +279,11 @@ std::shared_ptr<const World> World::playground(const PlaygroundConfig& config) {
     if (config.pillars > 0 && !straight_flight_crashes(*world, drone, start, goals)) continue;
     if (plan(*world, drone, start, goals, kCoarseCell) || plan(*world, drone, start, goals)) return world;
   }
-  std::ostringstream text;
-  text << "playground: pillars: expected few enough for a free path through " << config.size_m[0] << " x " << config.size_m[1]
-       << " m, got " << config.pillars << " of radius " << config.pillar_radius_m << " m (no path in " << kAttempts
-       << " layouts)";
-  throw std::invalid_argument(text.str());
+  std::ostringstream expected;
+  std::ostringstream got;
+  expected << "few enough for a free path through " << config.size_m[0] << " x " << config.size_m[1] << " m";
+  got << config.pillars << " of radius " << config.pillar_radius_m << " m (no path in " << kAttempts << " layouts)";
+  refuse("playground: pillars", expected.str(), got.str());
 }
 
 }  // namespace flockstep

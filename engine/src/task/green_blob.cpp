@@ -6,18 +6,26 @@
 #include <cstddef>
 #include <opencv2/imgproc.hpp>
 
+#include "render/appearance.hpp"
+
 namespace flockstep::task {
 namespace {
 
-// Green is told by the ratio of the channels, which light scales alike. The goal, of linear colour (0.02, 0.6, 0.05), is written
-// with G about three times the larger of R and B, from (26, 120, 38) in full shade to (44, 207, 67) in full sun. White walls, the
-// sky, blue-grey, red and yellow have a G no larger than R or B, the tint of the ambient light included, and no mixture of two of
-// them at an edge has a ratio above 1.13 (yellow before a blue sky). With 1.25, a pixel that shows the goal and something else
-// counts from 43 % of goal on before a white wall, 47 % before a blue-grey pillar, each by 15 % more or less as the one is lit
-// and the other in shade: so the box is the goal's to about half a pixel.
+// Green is told by the ratio of the channels, which light scales alike. The goal, render::kGoalColor, is written with G about
+// three times the larger of R and B, from (26, 120, 38) in full shade to (44, 207, 67) in full sun. White walls, the sky,
+// blue-grey, red and yellow have a G no larger than R or B, the tint of the ambient light included, and no mixture of two of them
+// at an edge has a ratio above 1.13 (yellow before a blue sky). With a threshold of 1.25, a pixel that shows the goal and
+// something else counts if at least 43 % of it is goal before a white wall, or 47 % before a blue-grey pillar; either share
+// changes by 15 % if one of the two is lit and the other in shade. So the box is the goal's to about half a pixel.
 constexpr double kRatio = 1.25;
-// Where it is all but dark, the ratio is rounding.
+// Where it is almost dark, the ratio would be decided by rounding.
 constexpr double kLeast = 16.0;
+
+// These figures hold as long as the colours of markers are what they were derived from: with a gamma of 2.2, a ratio of 3 as
+// written is one of 3^2.2 = 11.2 in linear light.
+constexpr float green_ratio(const std::array<float, 3>& color) { return color[1] / std::max(color[0], color[2]); }
+static_assert(green_ratio(render::kGoalColor) > 11.2F, "the goal is clearly green");
+static_assert(green_ratio(render::kStartColor) < 1.0F && green_ratio(render::kWaypointColor) < 1.0F, "no other marker is");
 
 // What goes to OpenCV at once. From 2^16 pixels on it shares its work with other threads, and while it waits for them, this one
 // might be given another block of drones, with the scratch that is in use here.

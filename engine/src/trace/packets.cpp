@@ -57,7 +57,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
     }
     if (const std::size_t left = rays.count - first; left < kSize) {
       std::fill(valid + left, valid + kSize, 0);
-      // On processors without packets of this size Embree heeds not `valid`, but that these end before they begin.
+      // On processors without packets of this size Embree ignores `valid`; it leaves out rays that end before they begin.
       std::fill(packet.ray.tfar + left, packet.ray.tfar + kSize, -1.0F);
     }
     intersect_packet(valid, scene, buffer);
@@ -105,8 +105,8 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBun
   });
   alignas(64) std::int32_t valid[4 * kRows];
   std::fill_n(valid, 4 * kRows, -1);
-  // What fills up the last packets ends before it begins, or what was traced there before could have a say in which boxes of
-  // Embree's tree the others enter.
+  // The rays that fill up the last packets end before they begin. Otherwise what was traced there before could decide which boxes
+  // of Embree's tree the other rays enter.
   constexpr std::size_t kStrip = kRows * kTileWidth;
   std::fill(rays.t_hit + rays.count, rays.t_hit + (rays.count + kStrip - 1) / kStrip * kStrip, -1.0F);
   for (std::size_t row = 0; row * kTileWidth < rays.count; row += kRows) {

@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 #include <string>
 #include <utility>
+
+#include "base/require.hpp"
 
 namespace flockstep {
 
@@ -27,9 +28,7 @@ double thickness(std::span<const Vec3> points) {
         const Eigen::Vector3d ij = points[j].cast<double>() - origin;
         const Eigen::Vector3d ik = points[k].cast<double>() - origin;
         const Eigen::Vector3d normal = ij.cross(ik);
-        if (normal.norm() <= 1e-9 * std::max(ij.squaredNorm(), ik.squaredNorm())) {
-          continue;  // three points on a line
-        }
+        if (normal.norm() <= 1e-9 * std::max(ij.squaredNorm(), ik.squaredNorm())) continue;  // on a line
         spans_a_plane = true;
         double low = 0.0;
         double high = 0.0;
@@ -48,20 +47,15 @@ double thickness(std::span<const Vec3> points) {
 }  // namespace
 
 DroneModel::DroneModel(std::vector<Vec3> hull) : hull_(std::move(hull)) {
-  if (hull_.size() < 4 || hull_.size() > static_cast<std::size_t>(kMaxHullVertices)) {
-    throw std::invalid_argument("hull: expected 4 to " + std::to_string(kMaxHullVertices) + " points, got " +
-                                std::to_string(hull_.size()));
-  }
+  require(hull_.size() >= 4 && hull_.size() <= static_cast<std::size_t>(kMaxHullVertices), "hull",
+          "4 to " + std::to_string(kMaxHullVertices) + " points", hull_.size());
   for (std::size_t i = 0; i < hull_.size(); ++i) {
-    if (!hull_[i].allFinite() || hull_[i].cwiseAbs().maxCoeff() > kMaxHullReach) {
-      throw std::invalid_argument("hull[" + std::to_string(i) + "]: expected finite coordinates of at most " +
-                                  std::to_string(static_cast<int>(kMaxHullReach)) + " m, got one that is not");
-    }
+    require(hull_[i].allFinite() && hull_[i].cwiseAbs().maxCoeff() <= kMaxHullReach, "hull[" + std::to_string(i) + ']',
+            "finite coordinates of at most " + std::to_string(static_cast<int>(kMaxHullReach)) + " m", "one that is not");
   }
-  if (const double thin = thickness(hull_); thin < kMinThickness) {
-    throw std::invalid_argument("hull: expected a body with a volume, at least 0.0001 m thick, got one " + std::to_string(thin) +
-                                " m thick");
-  }
+  const double thin = thickness(hull_);
+  require(thin >= kMinThickness, "hull", "a body with a volume, at least 0.0001 m thick",
+          "one " + std::to_string(thin) + " m thick");
   extents_ = {hull_[0], hull_[0]};
   for (const Vec3& vertex : hull_) {
     extents_.min = extents_.min.cwiseMin(vertex);

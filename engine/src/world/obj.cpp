@@ -12,14 +12,14 @@
 #include <string_view>
 #include <vector>
 
+#include "base/require.hpp"
 #include "world/text_file.hpp"
 
 namespace flockstep {
 namespace {
 
 [[noreturn]] void refuse(const std::filesystem::path& path, std::size_t line, const std::string& expected, std::string_view got) {
-  throw std::invalid_argument(path.string() + ':' + std::to_string(line) + ": expected " + expected + ", got \"" +
-                              std::string(got) + '"');
+  flockstep::refuse(path.string() + ':' + std::to_string(line), expected, '"' + std::string(got) + '"');
 }
 
 // The next word of a line, which it is removed from; empty at the end.
@@ -90,7 +90,7 @@ TriangleMesh load_obj(const std::filesystem::path& path) {
       mesh.triangles.push_back({corners[i].vertex_index, corners[i + 1].vertex_index, corners[i + 2].vertex_index});
     }
   }
-  if (mesh.triangles.empty()) throw std::invalid_argument(path.string() + ": expected at least one face, got none");
+  require(!mesh.triangles.empty(), path.string(), "at least one face", "none");
   return mesh;
 }
 

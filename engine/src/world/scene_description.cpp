@@ -6,17 +6,14 @@
 #include <numeric>
 #include <set>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
 
+#include "base/require.hpp"
+
 namespace flockstep {
 namespace {
-
-[[noreturn]] void refuse(const std::string& field, const std::string& expected, const std::string& got) {
-  throw std::invalid_argument(field + ": expected " + expected + ", got " + got);
-}
 
 std::string text(const Vec3& v) {
   std::ostringstream out;

@@ -12,6 +12,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/require.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
 
@@ -38,12 +39,17 @@ std::string shortened(std::string text) {
   return text;
 }
 
-[[noreturn]] void fail(const Field& field, const std::string& what) {
-  throw std::invalid_argument(field.source + ": " + (field.pointer.empty() ? "" : field.pointer + ": ") + what);
+std::string name_of(const Field& field) { return field.source + (field.pointer.empty() ? "" : ": " + field.pointer); }
+
+[[noreturn]] void fail(const Field& field, const std::string& what) { throw std::invalid_argument(name_of(field) + ": " + what); }
+
+template <class Got>
+[[noreturn]] void refuse(const Field& field, const std::string& expected, const Got& got) {
+  flockstep::refuse(name_of(field), expected, got);
 }
 
 [[noreturn]] void refuse(const Field& field, const std::string& expected) {
-  fail(field, "expected " + expected + ", got " + shortened(field.value.dump()));
+  refuse(field, expected, shortened(field.value.dump()));
 }
 
 std::string escaped(std::string_view key) {
@@ -196,9 +202,8 @@ class SceneReader {
     if (const auto light = find(root_, "light")) read_light(*light);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
-      fail(root_,
-           "expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
-           "scene");
+      refuse(root_, "at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes",
+             "an empty scene");
     }
     return std::move(scene_);
   }
@@ -227,9 +232,7 @@ class SceneReader {
     const std::optional<Field> materials = find(root_, "materials");
     if (!materials) return;
     if (!materials->value.is_object()) refuse(*materials, "an object");
-    if (materials->value.size() > kMaxMaterials) {
-      fail(*materials, "expected fewer than 65533 materials, got " + std::to_string(materials->value.size()));
-    }
+    if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
     for (const auto& [name, value] : materials->value.items()) {
       const Field field = child(*materials, name);
       check_object(field, {"base_color", "semantic"});
@@ -376,7 +379,7 @@ class SceneReader {
     const std::optional<Field> meshes = find(root_, "meshes");
     if (!meshes) return;
     const std::size_t count = require_array(*meshes, "an array").size();
-    if (count > kMaxObjects) fail(*meshes, "expected at most 65536 meshes, got " + std::to_string(count));
+    if (count > kMaxObjects) refuse(*meshes, "at most 65536 meshes", count);
     for (std::size_t i = 0; i < count; ++i) read_mesh(child(*meshes, i), static_cast<std::uint16_t>(i));
   }
 
@@ -410,7 +413,7 @@ class SceneReader {
       if (is_degenerate(corner(0), corner(1), corner(2))) {
         const std::string where = has_file ? "triangle " + std::to_string(i) + " of the file" : "/triangles/" + std::to_string(i);
         const Field at{field.value, field.pointer + (has_file ? "/file" : where), field.source};
-        fail(at, "expected a triangle with an area, got a degenerate one" + (has_file ? " (" + where + ')' : std::string()));
+        refuse(at, "a triangle with an area", "a degenerate one" + (has_file ? " (" + where + ')' : std::string()));
       }
       mesh.triangles.push_back(triangle);
     }
@@ -459,8 +462,7 @@ class SceneReader {
       return;
     }
     if (material->value.size() != num_triangles) {
-      fail(*material, "expected one name, or one per triangle (" + std::to_string(num_triangles) + "), got " +
-                          std::to_string(material->value.size()));
+      refuse(*material, "one name, or one per triangle (" + std::to_string(num_triangles) + ')', material->value.size());
     }
     for (std::size_t i = 0; i < num_triangles; ++i) materials.push_back(named_material(child(*material, i)));
   }
@@ -515,7 +517,7 @@ Json parse_json(const std::string& text, const std::string& source) {
     if (event == Json::parse_event_t::object_start) open_objects.emplace_back();
     if (event == Json::parse_event_t::object_end) open_objects.pop_back();
     if (event == Json::parse_event_t::key && !open_objects.back().insert(parsed.get<std::string>()).second) {
-      throw std::invalid_argument(source + ": expected each field once, got " + parsed.dump() + " twice in one object");
+      flockstep::refuse(source, "each field once", parsed.dump() + " twice in one object");
     }
     return true;
   };

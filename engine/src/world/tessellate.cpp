@@ -5,9 +5,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <numbers>
-#include <stdexcept>
 #include <string>
 
+#include "base/require.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
@@ -127,9 +127,7 @@ void add_capsule(Patch patch, double radius, double middle, double chord_error) 
 }  // namespace
 
 TriangleMesh tessellate(const SceneDescription& description, float chord_error_m) {
-  if (!(chord_error_m >= 1e-6F)) {
-    throw std::invalid_argument("chord_error_m: expected a number >= 1e-06, got " + std::to_string(chord_error_m));
-  }
+  require(chord_error_m >= 1e-6F, "chord_error_m", "a number >= 1e-06", std::to_string(chord_error_m));
   TriangleMesh mesh;
   const std::size_t num_primitives = description.primitives.size();
   for (std::size_t i = 0; i < num_primitives; ++i) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "base/require.hpp"
 #include "collision/obstacles.hpp"
 #include "render/shading.hpp"
 #include "trace/scene.hpp"
@@ -56,7 +57,7 @@ std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
       throw std::invalid_argument(path.string() + ": " + error.what());
     }
   }
-  throw std::invalid_argument(path.string() + ": expected a file ending in .json or .obj, got \"" + extension + '"');
+  refuse(path.string(), "a file ending in .json or .obj", '"' + extension + '"');
 }
 
 std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir) {
