@@ -243,9 +243,9 @@ def test_hulls(hull, match):
         ([0, 0, 1], [[1, 0, 0]], 1.0, "origins"),
     ],
 )
-def test_rays(room, origins, directions, max_range, match):
+def test_rays(room, origins, directions, max_range_m, match):
     with pytest.raises(ValueError, match=match):
-        room.raycast(origins, directions, max_range)
+        room.raycast(origins, directions, max_range_m)
 
 
 def test_a_batch_without_a_task_has_no_step(room):
