@@ -104,7 +104,8 @@ struct Crowd {
     candidates.clear();
     for (std::size_t i = 0; i < shapes.size(); ++i) {
       const Vec3 local = shapes[i].to_local * (origin - Vec3(shapes[i].center[0], shapes[i].center[1], shapes[i].center[2]));
-      candidates.push_back({&shapes[i], static_cast<std::int32_t>(i), Place::anywhere, {}, {local.x(), local.y(), local.z()}});
+      candidates.push_back(
+          {&shapes[i], static_cast<std::int32_t>(i), OriginHint::anywhere, {}, {local.x(), local.y(), local.z()}});
     }
     return candidates;
   }
@@ -142,11 +143,11 @@ TEST(Frustum, NeverHidesABoxThatARayReaches) {
     const std::span<const Candidate> candidates = crowd.seen_from(rays->origin);
     ASSERT_LE(candidates.size(), kMaxDirect);
 
-    rays->view = &everywhere();
+    rays->frustum = &everywhere();
     ASSERT_TRUE(trace_direct(candidates, kMaxDirect, *rays));
     const std::vector<float> t(rays->t_hit, rays->t_hit + rays->count);
     const std::vector<std::int32_t> element(rays->element, rays->element + rays->count);
-    rays->view = &set.view();
+    rays->frustum = &set.view();
     ASSERT_TRUE(trace_direct(candidates, kMaxDirect, *rays));
     for (std::size_t i = 0; i < rays->count; ++i) {
       ASSERT_EQ(rays->element[i], element[i]) << "seed " << seed << ", ray " << i << ", " << t[i] << " m of " << rays->range;
@@ -194,7 +195,7 @@ TEST(Frustum, HidesWhatIsBesideItAboveOrBelow) {
         EXPECT_TRUE(std::all_of(rays->element, rays->element + rays->count, [](int element) { return element == -1; }));
       }
     }
-    rays->view = &everywhere();
+    rays->frustum = &everywhere();
     Crowd crowd;
     for (std::size_t i = 0; i <= kMaxDirect; ++i) crowd.add(box_about(rays->origin - turn * Vec3(10, 0, 0), Vec3::Ones()));
     EXPECT_FALSE(trace_direct(crowd.seen_from(rays->origin), kMaxDirect, *rays));

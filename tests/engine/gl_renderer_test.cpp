@@ -16,6 +16,7 @@
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
+#include "compiled/compiled_world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "render/appearance.hpp"
@@ -109,7 +110,8 @@ struct Album {
   Album& operator=(const Album&) = delete;
 
   void add(const World& world, const Pose& pose = {}) {
-    requests.push_back({&world, &camera, &pinhole, pose.position, pose.rotation, {}});
+    requests.push_back(
+        {&world, &compiled(world).scene(), &compiled(world).shading(), &camera, &pinhole, pose.position, pose.rotation, {}});
   }
   std::size_t pixels() const { return static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px); }
 

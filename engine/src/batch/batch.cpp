@@ -18,6 +18,7 @@
 #include "batch/schedule.hpp"
 #include "batch/snapshot.hpp"
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
 #include "render/jpeg.hpp"
 #include "render/renderer.hpp"
 #include "sensors/camera.hpp"
@@ -202,7 +203,7 @@ Batch::Impl::Impl(BatchConfig config_in, Worlds worlds_in, DroneModel drone_in, 
   for (const auto& world : worlds) {
     world_pointers.push_back(world.get());
     // Built here, not by whichever thread first needs them in the middle of a step.
-    obstacles.push_back(&world->obstacles());
+    obstacles.push_back(&compiled(*world).obstacles());
   }
   require_world_index(world_index, n);
   if (config.has_lidar) {
@@ -253,7 +254,7 @@ void Batch::Impl::add_cameras() {
     }
   }
   if (cameras.empty()) return;
-  for (const World* const world : world_pointers) world->shading();  // as above: built here
+  for (const World* const world : world_pointers) compiled(*world).shading();  // as above: built here
   requests.reserve(size() * cameras.size());
   if (config.camera_backend == CameraBackend::automatic) add_typical_requests();
   renderer.emplace(config.camera_backend, requests, workers);

@@ -39,7 +39,7 @@ struct ShadedSolid {
 // All that the colours of a world depend on, in the form of tables; built once.
 class Shading {
  public:
-  explicit Shading(const World& world);  // which outlives it
+  Shading(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
 
   // Writes what is wanted of the traced tile. normals: of the triangles hit. shaded: nothing, or 1 for each ray whose hit lies in
   // the shadow of something else.

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
 
 namespace flockstep {
 namespace {
@@ -27,7 +28,7 @@ void require_inside(const World& world, const std::string& marker, const Vec3& p
 
 void require_free(const World& world, const DroneModel& drone, const std::string& marker, const Vec3& point) {
   require_inside(world, marker, point);
-  if (!collision::overlaps(world, drone, Pose{.position = point})) return;
+  if (!collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), Pose{.position = point})) return;
   refuse(world, marker, "room for the drone, got " + text(point) + ", where it touches an obstacle");
 }
 

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "base/pose_access.hpp"
+#include "compiled/compiled_world.hpp"
 
 namespace flockstep::sensors {
 namespace {
@@ -85,7 +86,7 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* c
     if (its_world != world) {
       if (scene != nullptr) finish(*scene, scratch);
       world = its_world;
-      scene = &world->scene();
+      scene = &compiled(*world).scene();
     }
     scan(*scene, pose_of(state, drone), drone, state.lidar_ranges.data() + drone * rays_, scratch);
   }

@@ -8,6 +8,7 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
 #include "scenario/navigable.hpp"
 
 namespace flockstep::task {
@@ -187,11 +188,13 @@ void Navigation::observe_blob(const GreenBlob& blob, float* observation) {
 Vec3 Navigation::start_position(std::size_t drone, const State& state, const World& world) const {
   const auto& box = world.markers().spawn_box;
   if (config_.random_start && box) {
+    const collision::Obstacles& obstacles = compiled(world).obstacles();
+    const collision::Hull hull(*drone_);
     for (std::uint32_t attempt = 0; attempt < kStartTries; ++attempt) {
       const auto bits = draw(state, drone, Stream::start, attempt);
       const Vec3 unit(uniform01(bits[0]), uniform01(bits[1]), uniform01(bits[2]));
       const Vec3 position = box->min + unit.cwiseProduct(box->max - box->min);
-      if (!collision::overlaps(world, *drone_, {position, Quat::Identity()})) return position;
+      if (!collision::overlaps(obstacles, hull, {position, Quat::Identity()})) return position;
     }
   }
   return *world.markers().start;
