@@ -67,13 +67,13 @@ std::vector<Primitive> random_primitives(Random& random, int count, bool with_ro
 struct Tracer {
   RayBundle bundle;
   RayBlock block;
-  CandidateSet reach;
+  CandidateSet candidates;
 
   // Directly, by way of gathering; false if too much is in view.
   bool directly(const Scene& scene) {
     const FlushDenormals flush;
-    scene.gather(bundle.origin, bundle.range, reach);
-    return scene.intersect(reach, bundle) == Traced::fully;
+    scene.gather(bundle.origin, bundle.range, candidates);
+    return scene.intersect(candidates, bundle) == Traced::fully;
   }
   // The same rays as a block.
   void as_block(const Scene& scene) {
@@ -586,7 +586,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     Bits seen;
     keep(bundle, seen);
     ASSERT_EQ(seen, whole) << "without a view";
-    culled += tracer->reach.count > 4;
+    culled += tracer->candidates.count > 4;
 
     // From another first ray on, a few at a time: other places in the vectors, and other numbers of them.
     for (const std::size_t size : {1U, 2U, 7U, 16U, 33U}) {
