@@ -209,7 +209,7 @@ Seen look(const World& world, const Appearance& appearance, const CameraConfig& 
   for (std::size_t i = 0; i < appearance.markers.size(); ++i) {
     const MarkerSphere& marker = appearance.markers[i];
     const Vec3d center = marker.center.cast<double>();
-    const double t = oracle::ball(origin - center, ray, static_cast<double>(appearance.marker_radius_m)).enter;
+    const double t = oracle::ball(origin - center, ray, static_cast<double>(appearance.marker_radius)).enter;
     if (t < 0.0 || t > reach || near + t >= seen.depth) continue;
     seen = {near + t, static_cast<int>(num_primitives + world.triangles().triangles.size() + i),
             (origin + t * ray - center).normalized(), marker.surface};
