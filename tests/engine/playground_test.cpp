@@ -108,7 +108,7 @@ const std::map<std::string, std::vector<Vec3>> kRoutes{
     {"camera-validation-2", {{2.30F, 8.20F, 3.12F}, {11.70F, 5.80F, 3.12F}}},
 };
 
-class ShippedPlayground : public testing::TestWithParam<std::string> {
+class ShippedPlayground : public ::testing::TestWithParam<std::string> {
  protected:
   std::shared_ptr<const World> world_ = World::load(std::string(FLOCKSTEP_SCENES) + "/playground/" + GetParam() + ".json");
   DroneModel drone_ = DroneModel::quadrotor650();
@@ -145,14 +145,14 @@ std::vector<std::string> names(bool with_camera) {
   return list;
 }
 
-std::string test_name(const testing::TestParamInfo<std::string>& info) {
+std::string test_name(const ::testing::TestParamInfo<std::string>& info) {
   std::string name = info.param;
   std::replace(name.begin(), name.end(), '-', '_');
   return name;
 }
 
-INSTANTIATE_TEST_SUITE_P(Lidar, ShippedPlayground, testing::ValuesIn(names(false)), test_name);
-INSTANTIATE_TEST_SUITE_P(Camera, ShippedPlayground, testing::ValuesIn(names(true)), test_name);
+INSTANTIATE_TEST_SUITE_P(Lidar, ShippedPlayground, ::testing::ValuesIn(names(false)), test_name);
+INSTANTIATE_TEST_SUITE_P(Camera, ShippedPlayground, ::testing::ValuesIn(names(true)), test_name);
 
 class CameraPlayground : public ShippedPlayground {};
 
@@ -209,7 +209,7 @@ TEST_P(CameraPlayground, ShowsItsGoalFromMostPlaces) {
   EXPECT_GT(static_cast<double>(seen) / places, 0.65);
 }
 
-INSTANTIATE_TEST_SUITE_P(Camera, CameraPlayground, testing::ValuesIn(names(true)), test_name);
+INSTANTIATE_TEST_SUITE_P(Camera, CameraPlayground, ::testing::ValuesIn(names(true)), test_name);
 
 // ------------------------------------------------------------------------------------------------------ generated playgrounds
 
