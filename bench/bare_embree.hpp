@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/world.hpp"
 #include "trace/embree.hpp"
@@ -96,14 +97,15 @@ inline void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, 
 // Poses that a drone can be in: not touching anything.
 inline std::vector<flockstep::Vec3> free_positions(const flockstep::World& world, int count, std::uint32_t seed) {
   std::mt19937 random(seed);
-  const flockstep::DroneModel drone = flockstep::DroneModel::quadrotor650();
+  const flockstep::collision::Hull hull(flockstep::DroneModel::quadrotor650());
+  const flockstep::collision::Obstacles& obstacles = flockstep::compiled(world).obstacles();
   std::vector<flockstep::Vec3> positions;
   while (static_cast<int>(positions.size()) < count) {
     flockstep::Vec3 position;
     for (int axis = 0; axis < 3; ++axis) {
       position[axis] = std::uniform_real_distribution<float>(world.bounds().min[axis], world.bounds().max[axis])(random);
     }
-    if (!flockstep::collision::overlaps(world, drone, {position, flockstep::Quat::Identity()})) positions.push_back(position);
+    if (!flockstep::collision::overlaps(obstacles, hull, {position, flockstep::Quat::Identity()})) positions.push_back(position);
   }
   return positions;
 }

@@ -13,6 +13,7 @@
 
 #include "base/flush_denormals.hpp"
 #include "bench.hpp"
+#include "compiled/compiled_world.hpp"
 #include "flockstep/world.hpp"
 #include "sensors/beams.hpp"
 #include "trace/scene.hpp"
@@ -60,7 +61,7 @@ double bundle_advantage(int within) {
   lidar.hfov_deg = 360.0F;
   std::mt19937 random(1);
   const auto world = cloud(count_for(within), kExtent, random);
-  const trace::Scene& scene = world->scene();
+  const trace::Scene& scene = compiled(*world).scene();
   const sensors::BeamPattern pattern = sensors::make_pattern(lidar);
   std::uniform_real_distribution<float> place(-kExtent / 3, kExtent / 3);
   std::vector<Vec3> origins(kOrigins);

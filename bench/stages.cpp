@@ -11,6 +11,7 @@
 #include "base/pose_access.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
 #include "flockstep/batch.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
@@ -119,7 +120,7 @@ void profile(bench::Figures& figures) {
   });
   stages.add("sweep", [&] {
     for (const std::uint32_t drone : drones) {
-      sink += collision::sweep(world_of(drone).obstacles(), hull, pose_of(state, drone), targets[drone]).fraction;
+      sink += collision::sweep(compiled(world_of(drone)).obstacles(), hull, pose_of(state, drone), targets[drone]).fraction;
     }
   });
   stages.add("lidar", [&] { lidar.scan(drones, pointers, state, scratch); });
@@ -190,7 +191,7 @@ void open_space(bench::Figures& figures) {
     ns.push_back(1e9 / kDrones * bench::seconds([&] {
                    for (const Pose& pose : from) {
                      const Pose to{pose.position + Vec3(0.1F, 0.0F, 0.0F), pose.rotation};
-                     sink += collision::sweep(world.obstacles(), hull, pose, to).fraction;
+                     sink += collision::sweep(compiled(world).obstacles(), hull, pose, to).fraction;
                    }
                  }));
   }

@@ -1,6 +1,5 @@
-#include "flockstep/plan.hpp"
-
 #include "arrays.hpp"
+#include "flockstep/scenario.hpp"
 
 namespace flockstep::bindings {
 namespace {

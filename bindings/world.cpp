@@ -4,6 +4,8 @@
 #include <pybind11/stl/filesystem.h>
 
 #include "arrays.hpp"
+#include "flockstep/raycast.hpp"
+#include "flockstep/scenario.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -78,7 +80,7 @@ py::dict raycast(const World& world, const py::object& origins, const py::object
   RayHits hits;
   {
     const py::gil_scoped_release release;
-    hits = world.raycast(from, along, max_range_m);
+    hits = flockstep::raycast(world, from, along, max_range_m);
   }
   py::dict result;
   result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
@@ -113,7 +115,7 @@ void register_world(py::module_& module) {
       .def_static(
           "playground",
           [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m) {
-            return std::const_pointer_cast<World>(World::playground({seed, pillars, size_m, pillar_radius_m}));
+            return std::const_pointer_cast<World>(playground({seed, pillars, size_m, pillar_radius_m}));
           },
           py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
           py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)

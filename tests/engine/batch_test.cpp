@@ -8,6 +8,7 @@
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
+#include "flockstep/raycast.hpp"
 
 namespace flockstep {
 namespace {
@@ -107,7 +108,7 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
                      position.begin() + static_cast<std::ptrdiff_t>(3 * drone + 3));
     }
     const RayHits hits =
-        worlds[drone % 5]->raycast(origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
+        raycast(*worlds[drone % 5], origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
     for (std::size_t ray = 0; ray < 35; ++ray) {
       // raycast() normalises the directions again: the last bit of a beam may move.
       const float range = batch.state().lidar_ranges[35 * drone + ray];

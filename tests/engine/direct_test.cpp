@@ -19,6 +19,7 @@
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
 #include "bundles.hpp"
+#include "compiled/compiled_world.hpp"
 #include "on_target.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
@@ -155,8 +156,8 @@ void compare(const World& world, Random& random, Tracer& tracer, Tally& tally) {
   bundle.rotation = kind == 0 ? Mat3::Identity() : random.rotation().toRotationMatrix();
   bundle.origin = random.point(random.generator()() % 4 == 0 ? 9.0F : 4.0F);
   bundle.range = std::array{2.0F, 8.0F, 30.0F, kInfinity}[random.generator()() % 4];
-  const bool is_direct = tracer.directly(world.scene());
-  tracer.as_block(world.scene());
+  const bool is_direct = tracer.directly(compiled(world).scene());
+  tracer.as_block(compiled(world).scene());
   const bool is_embree = world.primitives().size() > kMaxDirectAnyOrigin;
   for (std::size_t i = 0; i < bundle.count; ++i) {
     const Vec3d origin = bundle.origin.cast<double>();
@@ -255,11 +256,11 @@ class Ways {
     bundle.z = z.data();
     bundle.frustum = &frustum;
     for (const auto& [way, world] : {std::pair{"directly", alone_.get()}, {"directly in company", crowd_.get()}}) {
-      EXPECT_TRUE(tracer_->directly(world->scene())) << way;
+      EXPECT_TRUE(tracer_->directly(compiled(*world).scene())) << way;
       answers.push_back({way, bundle.t_hit[0], bundle.element[0]});
     }
     for (const auto& [way, world] : {std::pair{"from a list", alone_.get()}, {"through Embree", crowd_.get()}}) {
-      tracer_->as_block(world->scene());
+      tracer_->as_block(compiled(*world).scene());
       answers.push_back({way, tracer_->block.t_hit[0], tracer_->block.element[0]});
     }
     return answers;
@@ -568,7 +569,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     SCOPED_TRACE(seed);
     Random random(seed);
     const auto world = make_world(random_primitives(random, static_cast<int>(seed % 20) + 4, seed % 3 != 0));
-    const Scene& scene = world->scene();
+    const Scene& scene = compiled(*world).scene();
     std::vector<Vec3> of_set = seed % 2 == 0 ? fan(100, 270.0F) : cone(random, 100, 30.0F);
     const Directions set(of_set);
     bundle.origin = random.point(4.0F);
@@ -641,8 +642,8 @@ Everything trace_everything() {
       bundle.origin = random.point(5.0F);
       bundle.rotation = i % 3 == 0 ? Mat3::Identity() : Mat3(random.rotation().toRotationMatrix());
       bundle.range = std::array{2.0F, 8.0F, kInfinity}[random.generator()() % 3];
-      if (tracer->directly(world->scene())) keep(bundle, all.rays);
-      tracer->as_block(world->scene());
+      if (tracer->directly(compiled(*world).scene())) keep(bundle, all.rays);
+      tracer->as_block(compiled(*world).scene());
       keep(tracer->block, all.rays);
       const std::size_t count = random.generator()() % bundle.count + 1;
       const std::span<const float> ranges(tracer->block.t_hit, count);

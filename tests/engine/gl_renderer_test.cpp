@@ -17,6 +17,7 @@
 
 #include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
+#include "compiled/compiled_world.hpp"
 #include "faulty_driver.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
@@ -112,7 +113,8 @@ struct Album {
   Album& operator=(const Album&) = delete;
 
   void add(const World& world, const Pose& pose = {}) {
-    requests.push_back({&world, &camera, &pinhole, pose.position, pose.rotation, {}});
+    requests.push_back(
+        {&world, &compiled(world).scene(), &compiled(world).shading(), &camera, &pinhole, pose.position, pose.rotation, {}});
   }
   std::size_t pixels() const { return static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px); }
 

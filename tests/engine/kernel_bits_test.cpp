@@ -16,6 +16,7 @@
 #include "base/flush_denormals.hpp"
 #include "base/philox.hpp"
 #include "batch_helpers.hpp"
+#include "compiled/compiled_world.hpp"
 #include "render/raycast_renderer.hpp"
 #include "task/ranges.hpp"
 #include "trace/ray_block.hpp"
@@ -136,7 +137,7 @@ Digest trace_blocks(int primitives) {
         block->dir_z[ray] = direction.z();
         block->range[ray] = exact.within(1.0F, 20.0F);
       }
-      world->scene().intersect(*block);
+      compiled(*world).scene().intersect(*block);
       digest.add(*block);
     }
   }
@@ -175,8 +176,8 @@ TEST(KernelBits, Bundles) {
       bundle->origin = exact.point(6.0F);
       bundle->rotation = exact.rotation().toRotationMatrix();
       bundle->range = exact.within(2.0F, 8.0F);
-      world->scene().gather(bundle->origin, bundle->range, *reach);
-      ASSERT_EQ(world->scene().intersect(*reach, *bundle), trace::Traced::fully);
+      compiled(*world).scene().gather(bundle->origin, bundle->range, *reach);
+      ASSERT_EQ(compiled(*world).scene().intersect(*reach, *bundle), trace::Traced::fully);
       digest.add(*bundle);
     }
   }
@@ -228,6 +229,8 @@ TEST(KernelBits, Pictures) {
       const Vec3 place = exact.point(2.0F);
       const render::RenderRequest request{
           &world,
+          &compiled(world).scene(),
+          &compiled(world).shading(),
           &camera,
           &pinhole,
           place,

@@ -15,8 +15,9 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
-#include "collision/sweep.hpp"
+#include "collide.hpp"
 #include "flockstep/batch.hpp"
+#include "flockstep/scenario.hpp"
 #include "random.hpp"
 
 namespace flockstep {
@@ -440,8 +441,8 @@ BatchConfig lively(int num_drones, AutoresetMode mode) {
 
 // Among 120 pillars the rays go through Embree, elsewhere they are traced directly.
 Batch::Worlds lively_worlds() {
-  static const auto one = World::playground({.seed = 1, .pillars = 120});
-  static const auto other = World::playground({.seed = 2, .pillars = 120});
+  static const auto one = flockstep::playground({.seed = 1, .pillars = 120});
+  static const auto other = flockstep::playground({.seed = 2, .pillars = 120});
   return {closet(), one, hall(), other};
 }
 
@@ -628,7 +629,7 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
     const Vec3 start(position.data() + 3 * i);
     const Aabb& box = worlds[index]->markers().spawn_box.value();
     EXPECT_TRUE((start.array() >= box.min.array()).all() && (start.array() <= box.max.array()).all()) << i;
-    EXPECT_FALSE(collision::overlaps(*worlds[index], batch.drone(), {.position = start})) << i;
+    EXPECT_FALSE(testing::overlaps(*worlds[index], batch.drone(), {.position = start})) << i;
   }
   for (const int count : visits) EXPECT_NEAR(count, 100, 40);  // five standard deviations
   // The start has nothing to do with which world it is in: in each, it is anywhere in the box.
@@ -685,7 +686,7 @@ TEST(NavigationRandom, StartsTouchNothing) {
   batch.reset({});
   for (std::size_t i = 0; i < 300; ++i) {
     const Vec3 start(batch.state().position.data() + 3 * i);
-    EXPECT_FALSE(collision::overlaps(*world, batch.drone(), {.position = start})) << i;
+    EXPECT_FALSE(testing::overlaps(*world, batch.drone(), {.position = start})) << i;
     EXPECT_NE(start, kStart);
   }
 }

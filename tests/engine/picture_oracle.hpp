@@ -209,7 +209,7 @@ inline constexpr CameraOutputs kAllOutputs{
 
 inline BatchConfig camera_batch(const CameraConfig& camera, int num_drones = 1) {
   BatchConfig config;
-  config.num_drones = num_drones;
+  config.num_envs = num_drones;
   config.num_threads = 1;
   config.cameras = {camera};
   return config;

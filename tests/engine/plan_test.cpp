@@ -1,5 +1,3 @@
-#include "flockstep/plan.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,7 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "collision/sweep.hpp"
+#include "collide.hpp"
+#include "flockstep/scenario.hpp"
 
 namespace flockstep {
 namespace {
@@ -53,7 +52,7 @@ double length(const std::vector<Vec3>& path) {
 
 void expect_clear(const World& world, const DroneModel& drone, const std::vector<Vec3>& path) {
   for (std::size_t i = 1; i < path.size(); ++i) {
-    EXPECT_FALSE(collision::sweep(world, drone, Pose{.position = path[i - 1]}, Pose{.position = path[i]}).hit) << "leg " << i;
+    EXPECT_FALSE(testing::sweep(world, drone, Pose{.position = path[i - 1]}, Pose{.position = path[i]}).hit) << "leg " << i;
   }
 }
 

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "collision/sweep.hpp"
-#include "flockstep/plan.hpp"
+#include "collide.hpp"
+#include "flockstep/scenario.hpp"
 #include "flockstep/world.hpp"
 #include "scenario/navigable.hpp"
 
@@ -33,7 +33,7 @@ std::vector<Primitive> pillars(const World& world) {
 }
 
 bool is_clear(const World& world, const DroneModel& drone, const Vec3& from, const Vec3& to) {
-  return !collision::sweep(world, drone, Pose{.position = from}, Pose{.position = to}).hit;
+  return !testing::sweep(world, drone, Pose{.position = from}, Pose{.position = to}).hit;
 }
 
 bool straight_flight_crashes(const World& world, const DroneModel& drone) {
@@ -108,7 +108,7 @@ const std::map<std::string, std::vector<Vec3>> kRoutes{
     {"camera-validation-2", {{2.30F, 8.20F, 3.12F}, {11.70F, 5.80F, 3.12F}}},
 };
 
-class ShippedPlayground : public testing::TestWithParam<std::string> {
+class ShippedPlayground : public ::testing::TestWithParam<std::string> {
  protected:
   std::shared_ptr<const World> world_ = World::load(std::string(FLOCKSTEP_SCENES) + "/playground/" + GetParam() + ".json");
   DroneModel drone_ = DroneModel::quadrotor650();
@@ -145,14 +145,14 @@ std::vector<std::string> names(bool with_camera) {
   return list;
 }
 
-std::string test_name(const testing::TestParamInfo<std::string>& info) {
+std::string test_name(const ::testing::TestParamInfo<std::string>& info) {
   std::string name = info.param;
   std::replace(name.begin(), name.end(), '-', '_');
   return name;
 }
 
-INSTANTIATE_TEST_SUITE_P(Lidar, ShippedPlayground, testing::ValuesIn(names(false)), test_name);
-INSTANTIATE_TEST_SUITE_P(Camera, ShippedPlayground, testing::ValuesIn(names(true)), test_name);
+INSTANTIATE_TEST_SUITE_P(Lidar, ShippedPlayground, ::testing::ValuesIn(names(false)), test_name);
+INSTANTIATE_TEST_SUITE_P(Camera, ShippedPlayground, ::testing::ValuesIn(names(true)), test_name);
 
 class CameraPlayground : public ShippedPlayground {};
 
@@ -195,7 +195,7 @@ TEST_P(CameraPlayground, ShowsItsGoalFromMostPlaces) {
   for (float x = 2.3F; x < goal.x() - 0.5F; x += 0.25F) {
     for (float y = 3.0F; y <= 11.0F; y += 0.25F) {
       const Vec3 place(x, y, goal.z());
-      if (std::abs(goal.y() - y) > goal.x() - x || collision::overlaps(*world_, drone_, Pose{.position = place})) continue;
+      if (std::abs(goal.y() - y) > goal.x() - x || testing::overlaps(*world_, drone_, Pose{.position = place})) continue;
       ++places;
       const Vec2 along = (goal - place).head<2>();
       const std::vector<Primitive> all = pillars(*world_);
@@ -209,7 +209,7 @@ TEST_P(CameraPlayground, ShowsItsGoalFromMostPlaces) {
   EXPECT_GT(static_cast<double>(seen) / places, 0.65);
 }
 
-INSTANTIATE_TEST_SUITE_P(Camera, CameraPlayground, testing::ValuesIn(names(true)), test_name);
+INSTANTIATE_TEST_SUITE_P(Camera, CameraPlayground, ::testing::ValuesIn(names(true)), test_name);
 
 // ------------------------------------------------------------------------------------------------------ generated playgrounds
 
@@ -218,7 +218,7 @@ TEST(GeneratedPlayground, KeepsItsPromises) {
   std::set<std::size_t> waypoints;
   for (std::uint64_t seed = 0; seed < 50; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
-    const auto world = World::playground({.seed = seed});
+    const auto world = playground({.seed = seed});
     EXPECT_EQ(world->name(), "playground/seed-" + std::to_string(seed));
     EXPECT_EQ(world->bounds().max, Vec3(14, 14, 5.25F));
     expect_full_height(*world);
@@ -244,7 +244,7 @@ TEST(GeneratedPlayground, ManySizesAndNumbersOfPillars) {
   configs.push_back({.seed = 5, .pillars = 12, .pillar_radius_m = 0.05F});
   for (const PlaygroundConfig& config : configs) {
     SCOPED_TRACE(std::to_string(config.pillars) + " pillars, " + std::to_string(config.size_m[0]) + " m");
-    const auto world = World::playground(config);
+    const auto world = playground(config);
     EXPECT_EQ(pillars(*world).size(), static_cast<std::size_t>(config.pillars));
     EXPECT_GT(smallest_gap(pillars(*world)), 0.0F);
     EXPECT_GE(smallest_marker_clearance(*world), 0.9F - 1e-5F);
@@ -262,12 +262,12 @@ std::uint64_t hash(const std::string& text) {
 }
 
 TEST(GeneratedPlayground, ASeedIsAWorld) {
-  EXPECT_EQ(World::playground({.seed = 7})->to_json(), World::playground({.seed = 7})->to_json());
-  EXPECT_NE(World::playground({.seed = 7})->to_json(), World::playground({.seed = 8})->to_json());
-  EXPECT_NE(World::playground({.seed = 7})->to_json(), World::playground({.seed = 7 + (std::uint64_t{1} << 32U)})->to_json());
+  EXPECT_EQ(playground({.seed = 7})->to_json(), playground({.seed = 7})->to_json());
+  EXPECT_NE(playground({.seed = 7})->to_json(), playground({.seed = 8})->to_json());
+  EXPECT_NE(playground({.seed = 7})->to_json(), playground({.seed = 7 + (std::uint64_t{1} << 32U)})->to_json());
   // The same on every machine: a change here changes what published seeds mean.
-  EXPECT_EQ(hash(World::playground({.seed = 0})->to_json()), 8111335573264857922U);
-  EXPECT_EQ(hash(World::playground({.seed = 1, .pillars = 40})->to_json()), 4938947026880087961U);
+  EXPECT_EQ(hash(playground({.seed = 0})->to_json()), 8111335573264857922U);
+  EXPECT_EQ(hash(playground({.seed = 1, .pillars = 40})->to_json()), 4938947026880087961U);
 }
 
 TEST(GeneratedPlayground, BadConfigsAreRefused) {
@@ -285,7 +285,7 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
   };
   for (const auto& [config, message] : cases) {
     try {
-      World::playground(config);
+      playground(config);
       ADD_FAILURE() << "accepted: " << message;
     } catch (const std::invalid_argument& error) {
       EXPECT_EQ(error.what(), "playground: " + message);
@@ -295,7 +295,7 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
 
 TEST(GeneratedPlayground, MorePillarsThanFitAreRefusedInTheEnd) {
   try {
-    World::playground({.pillars = 200, .size_m = {6, 6, 2}, .pillar_radius_m = 0.4F});
+    playground({.pillars = 200, .size_m = {6, 6, 2}, .pillar_radius_m = 0.4F});
     FAIL() << "accepted";
   } catch (const std::invalid_argument& error) {
     EXPECT_EQ(

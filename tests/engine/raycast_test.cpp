@@ -1,3 +1,5 @@
+#include "flockstep/raycast.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,7 +13,7 @@
 
 #include "base/flush_denormals.hpp"
 #include "batch_helpers.hpp"
-#include "flockstep/world.hpp"
+#include "compiled/compiled_world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "trace/ray_block.hpp"
@@ -105,7 +107,7 @@ TriangleMesh hills(int n) {
 }
 
 void expect_like_oracle(const World& world, const Rays& rays, float max_range) {
-  const RayHits hits = world.raycast(rays.origins, rays.directions, max_range);
+  const RayHits hits = raycast(world, rays.origins, rays.directions, max_range);
   std::size_t compared = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
     const Vec3d origin = rays.origin(i).cast<double>();
@@ -200,7 +202,7 @@ struct One {
 One cast(const World& world, const Vec3& origin, const Vec3& direction, float max_range = 100.0F) {
   Rays ray;
   ray.add(origin, direction);
-  const RayHits hits = world.raycast(ray.origins, ray.directions, max_range);
+  const RayHits hits = raycast(world, ray.origins, ray.directions, max_range);
   return {hits.t_hit[0], hits.normal[0], hits.primitive[0]};
 }
 
@@ -309,15 +311,15 @@ TEST(Raycast, RefusesBadInput) {
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<float> origin{0, 0, 0};
   const std::vector<float> ahead{1, 0, 0};
-  EXPECT_REFUSED(world->raycast(std::vector<float>{0, nan, 0}, ahead, 1.0F), "origins");
-  EXPECT_REFUSED(world->raycast(std::vector<float>{0, kInfinity, 0}, ahead, 1.0F), "origins");
-  EXPECT_REFUSED(world->raycast(origin, std::vector<float>{nan, 0, 0}, 1.0F), "directions");
-  EXPECT_REFUSED(world->raycast(origin, std::vector<float>{kInfinity, 0, 0}, 1.0F), "directions");
-  EXPECT_REFUSED(world->raycast(origin, std::vector<float>{0, 0, 0}, 1.0F), "directions");
-  EXPECT_REFUSED(world->raycast(origin, std::vector<float>{1, 0, 0, 1, 0, 0}, 1.0F), "directions");
-  EXPECT_REFUSED(world->raycast(std::vector<float>{0, 0}, std::vector<float>{1, 0}, 1.0F), "directions");
-  for (const float range : {0.0F, -1.0F, nan}) EXPECT_REFUSED(world->raycast(origin, ahead, range), "max_range_m");
-  EXPECT_TRUE(world->raycast({}, {}, 1.0F).t_hit.empty());
+  EXPECT_REFUSED(raycast(*world, std::vector<float>{0, nan, 0}, ahead, 1.0F), "origins");
+  EXPECT_REFUSED(raycast(*world, std::vector<float>{0, kInfinity, 0}, ahead, 1.0F), "origins");
+  EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{nan, 0, 0}, 1.0F), "directions");
+  EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{kInfinity, 0, 0}, 1.0F), "directions");
+  EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{0, 0, 0}, 1.0F), "directions");
+  EXPECT_REFUSED(raycast(*world, origin, std::vector<float>{1, 0, 0, 1, 0, 0}, 1.0F), "directions");
+  EXPECT_REFUSED(raycast(*world, std::vector<float>{0, 0}, std::vector<float>{1, 0}, 1.0F), "directions");
+  for (const float range : {0.0F, -1.0F, nan}) EXPECT_REFUSED(raycast(*world, origin, ahead, range), "max_range_m");
+  EXPECT_TRUE(raycast(*world, {}, {}, 1.0F).t_hit.empty());
 }
 
 // -- The same bits in any company.
@@ -345,7 +347,7 @@ Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std
       block->dir_z[k] = direction.z();
       block->range[k] = 25.0F;
     }
-    world.scene().intersect(*block);
+    compiled(world).scene().intersect(*block);
     for (std::size_t k = 0; k < block->count; ++k) {
       answers.t[order[first + k]] = block->t_hit[k];
       answers.element[order[first + k]] = block->element[k];
@@ -433,10 +435,10 @@ TEST(RaycastBits, RaycastOfOneIsRaycastOfMany) {
   Random random(44);
   const auto world = make_world(random_primitives(random, true), {}, hills(20));
   const Rays rays = random_rays(random, 300, 4.0F);
-  const RayHits all = world->raycast(rays.origins, rays.directions, 20.0F);
+  const RayHits all = raycast(*world, rays.origins, rays.directions, 20.0F);
   for (std::size_t i = 0; i < rays.size(); ++i) {
     const Rays one = rays.pick({i});
-    const RayHits alone = world->raycast(one.origins, one.directions, 20.0F);
+    const RayHits alone = raycast(*world, one.origins, one.directions, 20.0F);
     EXPECT_TRUE(same_bits(alone.t_hit, std::span(&all.t_hit[i], 1))) << i;
     EXPECT_EQ(alone.primitive[0], all.primitive[i]) << i;
     EXPECT_EQ(alone.normal[0], all.normal[i]) << i;

@@ -35,10 +35,11 @@ Primitive make(PrimitiveKind kind, const Vec3& center, const Vec3& half_extents,
 // A world and what collides with it.
 struct Place {
   explicit Place(std::vector<Primitive> primitives, TriangleMesh mesh = {})
-      : world(describe(std::move(primitives), std::move(mesh))), obstacles(world) {}
+      : world(describe(std::move(primitives), std::move(mesh))), scene(world), obstacles(world, scene) {}
   Contact sweep(const Pose& from, const Pose& to) const { return collision::sweep(obstacles, hull(), from, to); }
   bool overlaps(const Pose& pose) const { return collision::overlaps(obstacles, hull(), pose); }
   World world;
+  trace::Scene scene;
   Obstacles obstacles;
 
  private:

@@ -7,10 +7,7 @@
 #include <functional>
 #include <limits>
 #include <string>
-#include <thread>
 #include <vector>
-
-#include "trace/scene.hpp"
 
 namespace flockstep {
 namespace {
@@ -288,15 +285,6 @@ TEST(World, LoadsABareMesh) {
   EXPECT_EQ(load_message(path),
             path.string() + ": mesh.triangles[0]: expected a triangle with an area, got (0, 0, 0) (1, 0, 0) (2, 0, 0)");
   std::filesystem::remove(path);
-}
-
-TEST(World, TheSceneIsBuiltOnce) {
-  const World world(valid());
-  std::vector<const trace::Scene*> seen(8, nullptr);
-  std::vector<std::thread> threads;
-  for (const trace::Scene*& slot : seen) threads.emplace_back([&world, &slot] { slot = &world.scene(); });
-  for (std::thread& thread : threads) thread.join();
-  for (const trace::Scene* scene : seen) EXPECT_EQ(scene, seen[0]);
 }
 
 }  // namespace

@@ -5,24 +5,16 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "flockstep/attachment.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {
-
-namespace trace {
-class Scene;
-}
-namespace collision {
-class Obstacles;
-}
-namespace render {
-class Shading;
-}
 
 // Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within. A plane
 // (a rectangle) and a disc have no thickness and are seen and hit from both sides.
@@ -90,21 +82,6 @@ struct SceneDescription {
   Light light;
 };
 
-// A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
-struct PlaygroundConfig {
-  std::uint64_t seed = 0;
-  int pillars = 12;                                  // how many, in [0, 200]
-  std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};  // m, room: x and y in [6, 200], z in [1.5, 100]
-  float pillar_radius_m = 0.25F;                     // at least 0.01, at most a fourteenth of the shorter side of the room
-};
-
-struct RayHits {
-  std::vector<float> t_hit;             // (R,) m along the unit direction; inf on a miss
-  std::vector<Vec3> normal;             // (R,) unit, facing the ray's origin; 0 on a miss
-  std::vector<std::int32_t> primitive;  // (R,) index into primitives(), then primitives().size() + triangle; -1 on a miss
-  std::vector<std::int32_t> material;   // (R,) index into materials(); -1 on a miss
-};
-
 class World {
  public:
   // Reads a scene file (.json as scenes/schema.json describes) or a bare mesh (.obj).
@@ -112,17 +89,12 @@ class World {
   static std::shared_ptr<const World> load(const std::filesystem::path& path);
   // The same from JSON text; mesh files are looked up relative to base_dir.
   static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {});
-  // A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
-  // the goal crashes (if there are pillars), and a free path exists. Throws std::invalid_argument on a bad config, or where no
-  // path is found in many layouts because of too many pillars.
-  static std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
   // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
   // direction unit.
   explicit World(SceneDescription description);
-  ~World();
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
@@ -143,21 +115,19 @@ class World {
   // less 1. Where these numbers do not fit 16 bits, objects is left empty.
   TriangleMesh mesh(float chord_error_m = 1e-3F) const;
 
-  // Nearest hits of R rays. Directions need not be unit (they are normalised); zero or non-finite ones are refused.
-  RayHits raycast(std::span<const float> origins, std::span<const float> directions, float max_range_m) const;
+  // Of all that the world is made of but its name: worlds of equal hash are the same to whatever is simulated or drawn in them.
+  // Every byte of the canonical content counts. Computed on first need, thread-safe.
+  std::uint64_t content_hash() const;
 
-  // The acceleration structure, built on first need (thread-safe).
-  const trace::Scene& scene() const;
-  // The same for collision.
-  const collision::Obstacles& obstacles() const;
-  // The same for what cameras see.
-  const render::Shading& shading() const;
+  // What the stages that trace, collide and render keep of this world; see compiled/compiled_world.hpp.
+  const Attachment& attachment() const { return attachment_; }
 
  private:
-  struct Lazy;
   SceneDescription description_;
   Aabb bounds_;
-  std::unique_ptr<Lazy> lazy_;
+  mutable std::once_flag hashed_;
+  mutable std::uint64_t content_hash_ = 0;
+  Attachment attachment_;  // the last member: what it keeps may refer to the others, and goes before them
 };
 
 }  // namespace flockstep

@@ -1,11 +1,15 @@
-// Hash: 64 bits of whatever it is fed, for telling configurations apart and finding damaged bytes.
-// Source: FNV-1a, 64 bit (Fowler, Noll, Vo). Each byte goes through a bijection, so one changed byte always changes the result.
+// Hash: 64 bits of whatever it is fed, for telling worlds and configurations apart and finding damaged bytes. It is XXH64, which
+// reads eight bytes at a time in four independent lanes.
+// Source: Y. Collet, "xxHash fast digest algorithm", specification 0.2.0, https://github.com/Cyan4973/xxHash/blob/dev/doc.
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -15,51 +19,88 @@
 
 namespace flockstep {
 
+static_assert(std::endian::native == std::endian::little);  // the hash is defined on little-endian words
+
+inline std::uint64_t xxh64(std::span<const std::byte> bytes, std::uint64_t seed) {
+  constexpr std::uint64_t kPrime1 = 0x9E3779B185EBCA87U, kPrime2 = 0xC2B2AE3D27D4EB4FU, kPrime3 = 0x165667B19E3779F9U,
+                          kPrime4 = 0x85EBCA77C2B2AE63U, kPrime5 = 0x27D4EB2F165667C5U;
+  const auto round = [](std::uint64_t lane, std::uint64_t word) { return std::rotl(lane + word * kPrime2, 31) * kPrime1; };
+  const std::byte* at = bytes.data();
+  std::size_t left = bytes.size();
+  const auto next = [&]<class Word>(Word word) {
+    std::memcpy(&word, at, sizeof word);
+    at += sizeof word;
+    left -= sizeof word;
+    return std::uint64_t{word};
+  };
+  std::uint64_t hash = seed + kPrime5;
+  if (left >= 32) {
+    std::array<std::uint64_t, 4> lanes{seed + kPrime1 + kPrime2, seed + kPrime2, seed, seed - kPrime1};
+    while (left >= 32) {
+      for (std::uint64_t& lane : lanes) lane = round(lane, next(std::uint64_t{}));
+    }
+    hash = std::rotl(lanes[0], 1) + std::rotl(lanes[1], 7) + std::rotl(lanes[2], 12) + std::rotl(lanes[3], 18);
+    for (const std::uint64_t lane : lanes) hash = (hash ^ round(0, lane)) * kPrime1 + kPrime4;
+  }
+  hash += bytes.size();
+  while (left >= 8) hash = std::rotl(hash ^ round(0, next(std::uint64_t{})), 27) * kPrime1 + kPrime4;
+  if (left >= 4) hash = std::rotl(hash ^ next(std::uint32_t{}) * kPrime1, 23) * kPrime2 + kPrime3;
+  while (left > 0) hash = std::rotl(hash ^ next(std::uint8_t{}) * kPrime5, 11) * kPrime1;
+  hash = (hash ^ (hash >> 33U)) * kPrime2;
+  hash = (hash ^ (hash >> 29U)) * kPrime3;
+  return hash ^ (hash >> 32U);
+}
+
+// The hash of a sequence of values: each is hashed with the hash so far as its seed. Since a hash depends on the number of its
+// bytes too, what one list loses at its end and the next gains at its beginning does not cancel out.
 class Hash {
  public:
   std::uint64_t value() const { return value_; }
 
-  void bytes(const void* data, std::size_t count) {
-    const auto* const first = static_cast<const unsigned char*>(data);
-    for (std::size_t i = 0; i < count; ++i) value_ = (value_ ^ first[i]) * 0x100000001b3ULL;
+  void add(std::span<const std::byte> bytes) { value_ = xxh64(bytes, value_); }
+  void add(std::string_view text) { add(std::as_bytes(std::span(text))); }
+  // The values' bytes, all of which have to mean something: padding would make equal values differ.
+  template <class T>
+  void add(std::span<const T> values) {
+    static_assert(std::is_arithmetic_v<T> || std::is_enum_v<T>);
+    add(std::as_bytes(values));
   }
 
-  // Everything that decides what a step does; of structs, field by field.
+  // A number, an enumeration, a string, an array, a list, an optional; of a struct, each field that decides what a step does.
   template <class T>
   void add(const T& value) {
-    if constexpr (HasFields<T>) {
+    if constexpr (std::is_arithmetic_v<T> || std::is_enum_v<T>) {
+      add(std::span<const T>(&value, 1));
+    } else if constexpr (std::is_convertible_v<const T&, std::string_view>) {
+      add(std::string_view(value));
+    } else if constexpr (HasFields<T>) {
       for_each_field(value, [this](const auto& field, const auto& part) {
         if (field.decides == Decides::nothing) return;
         add(std::string_view(field.name));
         add(part);
       });
-    } else if constexpr (std::is_same_v<T, std::string> || std::is_same_v<T, std::string_view>) {
-      add(value.size());
-      bytes(value.data(), value.size());
-    } else if constexpr (std::is_arithmetic_v<T> || std::is_enum_v<T>) {
-      bytes(&value, sizeof(value));
     } else {
-      add_all(value);
+      add_parts(value);
     }
   }
 
  private:
   template <class T>
-  void add_all(const std::optional<T>& value) {
+  void add_parts(const std::optional<T>& value) {
     add(value.has_value());
     if (value) add(*value);
   }
   template <class T>
-  void add_all(const std::vector<T>& values) {
+  void add_parts(const std::vector<T>& values) {
     add(values.size());
     for (const T& value : values) add(value);
   }
   template <class T, std::size_t kSize>
-  void add_all(const std::array<T, kSize>& values) {
+  void add_parts(const std::array<T, kSize>& values) {
     for (const T& value : values) add(value);
   }
 
-  std::uint64_t value_ = 0xcbf29ce484222325ULL;
+  std::uint64_t value_ = 0;
 };
 
 }  // namespace flockstep

@@ -11,6 +11,7 @@
 #include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/task_context.hpp"
+#include "compiled/compiled_world.hpp"
 
 namespace flockstep {
 namespace {
@@ -61,7 +62,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     scratches.back()->drones.reserve(static_cast<std::size_t>(std::min(config.block_size, config.num_envs)) * drones_per_env());
   }
   // Built here, not by whichever thread first needs them in the middle of a step.
-  for (const World* const world : world_pointers) obstacles.push_back(&world->obstacles());
+  for (const World* const world : world_pointers) obstacles.push_back(&compiled(*world).obstacles());
   checks::world_index(*this, world_index, num_envs());
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones());
 

@@ -24,8 +24,8 @@ struct Header {
 std::uint64_t checksum_of(Header header, std::string_view body) {
   header.checksum = 0;
   Hash hash;
-  hash.bytes(&header, sizeof(header));
-  hash.bytes(body.data(), body.size());
+  hash.add(std::as_bytes(std::span(&header, 1)));
+  hash.add(body);
   return hash.value();
 }
 
@@ -127,7 +127,7 @@ std::uint64_t config_hash(Simulation& sim) {
     hash.add(sim.run->task->identity());
     hash.add(sim.run->max_episode_steps);
   }
-  for (const auto& world : sim.worlds) hash.add(world->to_json());
+  for (const auto& world : sim.worlds) hash.add(world->content_hash());
   for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
   sim.known_hash = hash.value();
   return *sim.known_hash;

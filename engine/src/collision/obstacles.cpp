@@ -2,7 +2,7 @@
 
 namespace flockstep::collision {
 
-Obstacles::Obstacles(const World& world) : world_(&world), scene_(&world.scene()) {
+Obstacles::Obstacles(const World& world, const trace::Scene& scene) : world_(&world), scene_(&scene) {
   for (const Primitive& primitive : world.primitives()) {
     if (primitive.kind == PrimitiveKind::room) {
       const auto element = static_cast<std::uint32_t>(convexes_.size());

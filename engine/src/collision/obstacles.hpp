@@ -19,7 +19,7 @@ struct Room {
 
 class Obstacles {
  public:
-  explicit Obstacles(const World& world);  // keeps a reference to the world
+  Obstacles(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
 
   std::span<const Room> rooms() const { return rooms_; }
 
@@ -38,7 +38,7 @@ class Obstacles {
 
  private:
   const World* world_;
-  const trace::Scene* scene_;  // its
+  const trace::Scene* scene_;
   std::vector<Room> rooms_;
   std::vector<Convex> convexes_;  // one per primitive; unused where it is a room
 };

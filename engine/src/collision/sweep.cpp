@@ -353,12 +353,4 @@ bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose) {
   return sweep(obstacles, hull, pose, pose).inside;
 }
 
-Contact sweep(const World& world, const DroneModel& drone, const Pose& from, const Pose& to) {
-  return sweep(world.obstacles(), Hull(drone), from, to);
-}
-
-bool overlaps(const World& world, const DroneModel& drone, const Pose& pose) {
-  return overlaps(world.obstacles(), Hull(drone), pose);
-}
-
 }  // namespace flockstep::collision

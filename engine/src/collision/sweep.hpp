@@ -3,9 +3,7 @@
 
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
-#include "flockstep/drone_model.hpp"
 #include "flockstep/pose.hpp"
-#include "flockstep/world.hpp"
 
 namespace flockstep::collision {
 
@@ -29,10 +27,8 @@ Pose interpolate(const Pose& from, const Pose& to, float fraction);
 // or slide along; pressed further it is hit at fraction 0. Of several first contacts the element of least index is reported.
 // Allocates nothing; a function of its arguments alone.
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to);
-Contact sweep(const World& world, const DroneModel& drone, const Pose& from, const Pose& to);
 
 // True if the hull at this pose touches or penetrates anything: a sweep from here would begin inside.
 bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose);
-bool overlaps(const World& world, const DroneModel& drone, const Pose& pose);
 
 }  // namespace flockstep::collision

@@ -103,7 +103,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
   scratch.bundle.rotation = request.rotation;
   scratch.bundle.near = camera.near_m;
   scratch.bundle.range = camera.far_m;
-  const Job job{request, request.world->scene(), request.world->shading()};
+  const Job job{request, *request.scene, *request.shading};
   job.scene.gather_visible(request.position, camera.near_m * pinhole.corner, camera.far_m * pinhole.corner, scratch.candidates);
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;

@@ -8,7 +8,13 @@
 #include "flockstep/world.hpp"
 #include "render/pinhole_camera.hpp"
 
+namespace flockstep::trace {
+class Scene;
+}
+
 namespace flockstep::render {
+
+class Shading;
 
 // One image of each output, laid out as in CameraImages; null where the camera does not write it.
 struct Frame {
@@ -27,6 +33,8 @@ inline std::uint8_t grey_of(std::uint8_t r, std::uint8_t g, std::uint8_t b) {
 
 struct RenderRequest {
   const World* world;
+  const trace::Scene* scene;  // of that world, and
+  const Shading* shading;     // its colours: for rendering by rays
   const CameraConfig* camera;
   const PinholeCamera* pinhole;  // the model of that camera, with the field of view that this drone has
   Vec3 position;                 // m, world frame

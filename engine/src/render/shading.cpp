@@ -440,9 +440,8 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 }  // namespace
 
-Shading::Shading(const World& world) {
+Shading::Shading(const World& world, const trace::Scene& scene) {
   const Appearance appearance(world);
-  const trace::Scene& scene = world.scene();
   tables_.light = appearance.light;
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
     const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);

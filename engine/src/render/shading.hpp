@@ -39,7 +39,7 @@ struct ShadedSolid {
 // All that the colours of a world depend on, in the form of tables; built once.
 class Shading {
  public:
-  explicit Shading(const World& world);  // which must outlive this
+  Shading(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
 
   // Writes what is wanted of the traced tile. normals: of the triangles that were hit. shaded: empty, or a value for each ray, 1
   // if its hit lies in the shadow of something else, otherwise 0.

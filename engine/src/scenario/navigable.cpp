@@ -6,6 +6,7 @@
 
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
 
 namespace flockstep {
 namespace {
@@ -26,7 +27,7 @@ void require_inside(const World& world, const std::string& marker, const Vec3& p
 
 void require_free(const World& world, const DroneModel& drone, const std::string& marker, const Vec3& point) {
   require_inside(world, marker, point);
-  if (!collision::overlaps(world, drone, Pose{.position = point})) return;
+  if (!collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), Pose{.position = point})) return;
   refuse(field(world, marker), "room for the drone", text(point) + ", where it touches an obstacle");
 }
 

@@ -1,8 +1,6 @@
 // Lazy Theta*: A* on a grid in which a node's parent may be any node it sees, not only a neighbour, and that sight is checked
 // only once a node is expanded. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning and path length
 // analysis in 3D", AAAI 2010. Sight is the sweep of the drone's hull through the true world.
-#include "flockstep/plan.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -14,6 +12,8 @@
 
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
+#include "flockstep/scenario.hpp"
 
 namespace flockstep {
 namespace {
@@ -285,7 +285,7 @@ void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
 std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
                                       float cell_m) {
   check(start, goals, cell_m);
-  const Space space{world.obstacles(), collision::Hull(drone)};
+  const Space space{compiled(world).obstacles(), collision::Hull(drone)};
   const bool full_height = is_full_height(world);
   // Without a room around it, wide enough to fly around everything.
   const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;

@@ -11,8 +11,8 @@
 #include "base/philox.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
-#include "flockstep/plan.hpp"
-#include "flockstep/world.hpp"
+#include "compiled/compiled_world.hpp"
+#include "flockstep/scenario.hpp"
 
 namespace flockstep {
 namespace {
@@ -248,10 +248,11 @@ SceneDescription describe(const PlaygroundConfig& config, const Route& route, co
 }
 
 bool straight_flight_crashes(const World& world, const DroneModel& drone, const Vec3& start, const std::vector<Vec3>& goals) {
+  const collision::Hull hull(drone);
   Pose from{.position = start};
   for (const Vec3& goal : goals) {
     const Pose to{.position = goal};
-    if (collision::sweep(world, drone, from, to).hit) return true;
+    if (collision::sweep(compiled(world).obstacles(), hull, from, to).hit) return true;
     from = to;
   }
   return false;
@@ -259,7 +260,7 @@ bool straight_flight_crashes(const World& world, const DroneModel& drone, const 
 
 }  // namespace
 
-std::shared_ptr<const World> World::playground(const PlaygroundConfig& config) {
+std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
   constexpr std::uint32_t kAttempts = 256;
   constexpr std::uint32_t kFreeAttempts = 4;  // then a lane is kept
   constexpr float kCoarseCell = 0.2F;         // m; nearly always enough, and four times faster

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/pose_access.hpp"
+#include "compiled/compiled_world.hpp"
 #include "sensors/rate.hpp"
 #include "trace/ray_block.hpp"
 
@@ -142,6 +143,8 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
   Mat3 rotation;
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
   render::RenderRequest request{.world = &world,
+                                .scene = &compiled(world).scene(),
+                                .shading = &compiled(world).shading(),
                                 .camera = &config_,
                                 .pinhole = &settings_[setting_[drone]]->pinhole,
                                 .position = pose.position + trace::rotated(body, offset_[drone]),

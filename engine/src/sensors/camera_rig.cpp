@@ -4,6 +4,7 @@
 #include <new>
 
 #include "base/require.hpp"
+#include "compiled/compiled_world.hpp"
 #include "render/jpeg.hpp"
 
 namespace flockstep::sensors {
@@ -46,7 +47,7 @@ CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig
 
 void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers) {
   if (empty()) return;
-  for (const World* const world : worlds_) world->shading();  // built here, not by whichever thread first needs it
+  for (const World* const world : worlds_) compiled(*world).shading();  // built here, not by whichever thread first needs it
   requests_.clear();
   for (const auto& camera : cameras_) {
     if (backend != CameraBackend::automatic) break;

@@ -7,6 +7,7 @@
 
 #include "base/pose_access.hpp"
 #include "base/require.hpp"
+#include "compiled/compiled_world.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep::sensors {
@@ -169,7 +170,7 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* c
     if (its_world != world) {
       if (scene != nullptr) finish(*scene, scratch);
       world = its_world;
-      scene = &world->scene();
+      scene = &compiled(*world).scene();
     }
     scan(*scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, scratch);
   }

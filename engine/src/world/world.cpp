@@ -6,9 +6,7 @@
 #include <utility>
 
 #include "base/require.hpp"
-#include "collision/obstacles.hpp"
-#include "render/shading.hpp"
-#include "trace/scene.hpp"
+#include "world/content_hash.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
@@ -32,16 +30,6 @@ Aabb bounds_of(const SceneDescription& description) {
 
 }  // namespace
 
-// What is computed from the geometry on first need, and then kept.
-struct World::Lazy {
-  std::once_flag scene_once;
-  std::unique_ptr<const trace::Scene> scene;
-  std::once_flag obstacles_once;
-  std::unique_ptr<const collision::Obstacles> obstacles;
-  std::once_flag shading_once;
-  std::unique_ptr<const render::Shading> shading;
-};
-
 std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
   const std::string extension = path.extension().string();
   if (extension == ".json") {
@@ -64,10 +52,7 @@ std::shared_ptr<const World> World::from_json(const std::string& text, const std
   return std::make_shared<const World>(parse_scene(text, "scene", base_dir));
 }
 
-World::World(SceneDescription description)
-    : description_(canonical(std::move(description))), bounds_(bounds_of(description_)), lazy_(std::make_unique<Lazy>()) {}
-
-World::~World() = default;
+World::World(SceneDescription description) : description_(canonical(std::move(description))), bounds_(bounds_of(description_)) {}
 
 std::uint16_t World::semantic(std::size_t material) const {
   const std::uint16_t given = materials()[material].semantic;
@@ -80,19 +65,9 @@ void World::save(const std::filesystem::path& path) const { write_text_file(path
 
 TriangleMesh World::mesh(float chord_error_m) const { return tessellate(description_, chord_error_m); }
 
-const trace::Scene& World::scene() const {
-  std::call_once(lazy_->scene_once, [this] { lazy_->scene = std::make_unique<const trace::Scene>(*this); });
-  return *lazy_->scene;
-}
-
-const collision::Obstacles& World::obstacles() const {
-  std::call_once(lazy_->obstacles_once, [this] { lazy_->obstacles = std::make_unique<const collision::Obstacles>(*this); });
-  return *lazy_->obstacles;
-}
-
-const render::Shading& World::shading() const {
-  std::call_once(lazy_->shading_once, [this] { lazy_->shading = std::make_unique<const render::Shading>(*this); });
-  return *lazy_->shading;
+std::uint64_t World::content_hash() const {
+  std::call_once(hashed_, [this] { content_hash_ = flockstep::content_hash(description_); });
+  return content_hash_;
 }
 
 }  // namespace flockstep

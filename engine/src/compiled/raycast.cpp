@@ -1,4 +1,5 @@
-// World::raycast: single queries, with normals and the element that was hit.
+#include "flockstep/raycast.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -6,7 +7,7 @@
 #include <string>
 
 #include "base/flush_denormals.hpp"
-#include "flockstep/world.hpp"
+#include "compiled/compiled_world.hpp"
 #include "trace/scene.hpp"
 
 namespace flockstep {
@@ -56,7 +57,7 @@ void require_finite(std::span<const float> values, const char* field) {
 
 }  // namespace
 
-RayHits World::raycast(std::span<const float> origins, std::span<const float> directions, float max_range_m) const {
+RayHits raycast(const World& world, std::span<const float> origins, std::span<const float> directions, float max_range_m) {
   if (origins.size() != directions.size() || origins.size() % 3 != 0) {
     throw std::invalid_argument("directions: expected as many rows of 3 as origins (" + std::to_string(origins.size()) +
                                 " numbers), got " + std::to_string(directions.size()));
@@ -80,6 +81,7 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
   hits.normal.assign(count, Vec3::Zero());
   hits.primitive.assign(count, -1);
   hits.material.assign(count, -1);
+  const trace::Scene& scene = compiled(world).scene();
   const FlushDenormals flush;
   const auto rays = std::make_unique<trace::RayBlock>();
   for (std::size_t first = 0; first < count; first += trace::kMaxRays) {
@@ -93,22 +95,22 @@ RayHits World::raycast(std::span<const float> origins, std::span<const float> di
       rays->dir_z[i] = unit[first + i].z();
       rays->range[i] = max_range_m;
     }
-    scene().intersect(*rays);
+    scene.intersect(*rays);
     for (std::size_t i = 0; i < rays->count; ++i) {
       if (rays->element[i] < 0) continue;
       const std::size_t ray = first + i;
       const auto element = static_cast<std::size_t>(rays->element[i]);
       const Vec3d origin(origins[3 * ray], origins[3 * ray + 1], origins[3 * ray + 2]);
       const Vec3d direction = unit[ray].cast<double>();
-      const bool is_primitive = element < primitives().size();
-      const std::size_t triangle = element - primitives().size();  // else
-      Vec3d normal = is_primitive ? surface_normal(primitives()[element], origin + rays->t_hit[i] * direction)
-                                  : triangle_normal(triangles(), triangle);
+      const bool is_primitive = element < world.primitives().size();
+      const std::size_t triangle = element - world.primitives().size();  // else
+      Vec3d normal = is_primitive ? surface_normal(world.primitives()[element], origin + rays->t_hit[i] * direction)
+                                  : triangle_normal(world.triangles(), triangle);
       if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are seen from both sides
       hits.t_hit[ray] = rays->t_hit[i];
       hits.normal[ray] = normal.cast<float>();
       hits.primitive[ray] = rays->element[i];
-      hits.material[ray] = is_primitive ? primitives()[element].material : triangles().materials[triangle];
+      hits.material[ray] = is_primitive ? world.primitives()[element].material : world.triangles().materials[triangle];
     }
   }
   return hits;

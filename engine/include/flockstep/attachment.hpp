@@ -1,0 +1,25 @@
+// Attachment: a place on an object for what somebody else makes of it, and which is to live as long as the object.
+#pragma once
+
+#include <memory>
+#include <mutex>
+
+namespace flockstep {
+
+// Knows no types, so that the object it belongs to need not know who uses it: all callers of one attachment agree on T.
+class Attachment {
+ public:
+  // The value, which make() returns on first need as a std::shared_ptr<const T>. Thread-safe: whoever comes first makes it, the
+  // others wait; where make() throws, the next caller tries again.
+  template <class T, class Make>
+  const T& get(const Make& make) const {
+    std::call_once(made_, [&] { value_ = make(); });
+    return *static_cast<const T*>(value_.get());
+  }
+
+ private:
+  mutable std::once_flag made_;
+  mutable std::shared_ptr<const void> value_;
+};
+
+}  // namespace flockstep

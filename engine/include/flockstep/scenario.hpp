@@ -1,0 +1,38 @@
+// Scenarios: worlds made from a seed, and shortest paths through any world, the baseline that flown paths are measured against.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "flockstep/drone_model.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
+
+namespace flockstep {
+
+// A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
+struct PlaygroundConfig {
+  std::uint64_t seed = 0;
+  int pillars = 12;                                  // how many, in [0, 200]
+  std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};  // m, room: x and y in [6, 200], z in [1.5, 100]
+  float pillar_radius_m = 0.25F;                     // at least 0.01, at most a fourteenth of the shorter side of the room
+};
+
+// A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
+// the goal crashes (if there are pillars), and a free path exists. Throws std::invalid_argument on a bad config, or where no path
+// is found in many layouts because of too many pillars.
+std::shared_ptr<const World> playground(const PlaygroundConfig& config);
+
+// The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and
+// facing +x, touches nothing; nullopt if there is none on a grid of cell_m spacing. The path is close to the shortest: cell_m
+// matters for which gaps are found, hardly for the length.
+// Throws std::invalid_argument on points that are not finite, no goals, or a cell_m that is not positive or too fine for the
+// world.
+std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
+                                      float cell_m = 0.1F);
+
+}  // namespace flockstep

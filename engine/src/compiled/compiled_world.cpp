@@ -1,0 +1,35 @@
+#include "compiled/compiled_world.hpp"
+
+#include "collision/obstacles.hpp"
+#include "render/shading.hpp"
+#include "trace/scene.hpp"
+
+namespace flockstep {
+
+CompiledWorld::CompiledWorld(const World& world) : world_(world) {}
+
+CompiledWorld::~CompiledWorld() = default;
+
+template <class T, class Build>
+const T& CompiledWorld::once(Part<T>& part, const Build& build) {
+  std::call_once(part.built, [&] { part.value = build(); });
+  return *part.value;
+}
+
+const trace::Scene& CompiledWorld::scene() const {
+  return once(scene_, [this] { return std::make_unique<const trace::Scene>(world_); });
+}
+
+const collision::Obstacles& CompiledWorld::obstacles() const {
+  return once(obstacles_, [this] { return std::make_unique<const collision::Obstacles>(world_, scene()); });
+}
+
+const render::Shading& CompiledWorld::shading() const {
+  return once(shading_, [this] { return std::make_unique<const render::Shading>(world_, scene()); });
+}
+
+const CompiledWorld& compiled(const World& world) {
+  return world.attachment().get<CompiledWorld>([&world] { return std::make_shared<const CompiledWorld>(world); });
+}
+
+}  // namespace flockstep

@@ -1,0 +1,53 @@
+// CompiledWorld: what the stages make of one world. The world itself knows nothing of them.
+#pragma once
+
+#include <memory>
+#include <mutex>
+
+#include "flockstep/world.hpp"
+
+namespace flockstep {
+
+namespace trace {
+class Scene;
+}
+namespace collision {
+class Obstacles;
+}
+namespace render {
+class Shading;
+}
+
+// Each part is built on first need, by whichever thread comes first while the others wait. A batch asks for what it needs when
+// it is made, so that nothing is built in the middle of a step.
+class CompiledWorld {
+ public:
+  explicit CompiledWorld(const World& world);  // which outlives it
+  ~CompiledWorld();
+  CompiledWorld(const CompiledWorld&) = delete;
+  CompiledWorld& operator=(const CompiledWorld&) = delete;
+
+  const World& world() const { return world_; }
+  const trace::Scene& scene() const;              // as rays meet it
+  const collision::Obstacles& obstacles() const;  // as a moving drone meets it
+  const render::Shading& shading() const;         // as cameras see it
+
+ private:
+  template <class T>
+  struct Part {
+    std::once_flag built;
+    std::unique_ptr<const T> value;
+  };
+  template <class T, class Build>
+  static const T& once(Part<T>& part, const Build& build);
+
+  const World& world_;
+  mutable Part<trace::Scene> scene_;  // the others point to it
+  mutable Part<collision::Obstacles> obstacles_;
+  mutable Part<render::Shading> shading_;
+};
+
+// The one of this world: made on first need and kept by the world, so that all batches share it. Thread-safe.
+const CompiledWorld& compiled(const World& world);
+
+}  // namespace flockstep

@@ -1,0 +1,90 @@
+#include "world/content_hash.hpp"
+
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/hash.hpp"
+
+namespace flockstep {
+namespace {
+
+// The structures are taken apart by structured bindings: one that gains a field does not compile here until the field is hashed.
+
+void add(Hash& hash, const Vec3& v) { hash.add(std::span<const float>(v.data(), 3)); }
+
+void add(Hash& hash, std::span<const Vec3> rows) {
+  static_assert(sizeof(Vec3) == 3 * sizeof(float));
+  hash.add(std::as_bytes(rows));
+}
+
+void add(Hash& hash, const std::optional<Vec3>& point) {
+  hash.add(point.has_value());
+  if (point) add(hash, *point);
+}
+
+void add(Hash& hash, const Material& material) {
+  const auto& [name, base_color, semantic] = material;
+  hash.add(name);
+  hash.add(std::span<const float>(base_color));
+  hash.add(semantic);
+}
+
+void add(Hash& hash, const Primitive& primitive) {
+  const auto& [kind, center, rotation, half_extents, material] = primitive;
+  hash.add(kind);
+  add(hash, center);
+  hash.add(std::span<const float>(rotation.coeffs().data(), 4));
+  add(hash, half_extents);
+  hash.add(material);
+}
+
+void add(Hash& hash, const TriangleMesh& mesh) {
+  const auto& [vertices, triangles, materials, objects] = mesh;
+  static_assert(sizeof(triangles[0]) == 3 * sizeof(std::int32_t));
+  add(hash, vertices);
+  hash.add(std::as_bytes(std::span(triangles)));
+  hash.add(std::span<const std::uint16_t>(materials));
+  hash.add(std::span<const std::uint16_t>(objects));
+}
+
+void add(Hash& hash, const Markers& markers) {
+  const auto& [radius, start, waypoints, goal, spawn_box] = markers;
+  hash.add(radius);
+  add(hash, start);
+  add(hash, waypoints);
+  add(hash, goal);
+  hash.add(spawn_box.has_value());
+  if (spawn_box) {
+    const auto& [min, max] = *spawn_box;
+    add(hash, min);
+    add(hash, max);
+  }
+}
+
+void add(Hash& hash, const Light& light) {
+  const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma] = light;
+  for (const auto* triple : {&sun_direction, &sun_color, &sky_ambient, &ground_ambient, &zenith_color, &horizon_color}) {
+    hash.add(std::span<const float>(*triple));
+  }
+  hash.add(gamma);
+}
+
+}  // namespace
+
+std::uint64_t content_hash(const SceneDescription& description) {
+  const auto& [name, materials, primitives, mesh, markers, light] = description;
+  static_cast<void>(name);
+  Hash hash;
+  hash.add(materials.size());
+  for (const Material& material : materials) add(hash, material);
+  hash.add(primitives.size());
+  for (const Primitive& primitive : primitives) add(hash, primitive);
+  add(hash, mesh);
+  add(hash, markers);
+  add(hash, light);
+  return hash.value();
+}
+
+}  // namespace flockstep

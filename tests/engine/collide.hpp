@@ -1,0 +1,17 @@
+// Whether a drone touches anything in a world, asked once: with its obstacles and the drone's hull looked up anew.
+#pragma once
+
+#include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
+
+namespace flockstep::testing {
+
+inline collision::Contact sweep(const World& world, const DroneModel& drone, const Pose& from, const Pose& to) {
+  return collision::sweep(compiled(world).obstacles(), collision::Hull(drone), from, to);
+}
+
+inline bool overlaps(const World& world, const DroneModel& drone, const Pose& pose) {
+  return collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), pose);
+}
+
+}  // namespace flockstep::testing

@@ -1,0 +1,151 @@
+#include "world/content_hash.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <set>
+#include <thread>
+#include <vector>
+
+#include "batch_helpers.hpp"
+
+namespace flockstep {
+namespace {
+
+// Something in every field.
+SceneDescription full() {
+  SceneDescription scene;
+  scene.name = "full";
+  scene.materials = {{"a", {0.1F, 0.2F, 0.3F}, 4}, {"b", {0.5F, 0.6F, 0.7F}, 0}};
+  scene.primitives = {
+      {.kind = PrimitiveKind::box, .center = {1, 2, 3}, .half_extents = {0.5F, 0.6F, 0.7F}, .material = 1},
+      {.kind = PrimitiveKind::sphere, .center = {4, 5, 6}, .half_extents = {0.5F, 0.5F, 0.5F}},
+  };
+  scene.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  scene.mesh.triangles = {{0, 1, 2}, {0, 1, 3}};
+  scene.mesh.materials = {0, 1};
+  scene.mesh.objects = {0, 1};
+  scene.markers = {.radius = 0.3F,
+                   .start = Vec3(1, 1, 1),
+                   .waypoints = {{2, 2, 2}, {3, 3, 3}},
+                   .goal = Vec3(4, 4, 4),
+                   .spawn_box = Aabb{.min = {0, 0, 0}, .max = {1, 1, 1}}};
+  return scene;
+}
+
+// The hashes of a scene and of those that differ from it a little; no two may be equal.
+class Seen {
+ public:
+  explicit Seen(SceneDescription& scene) : scene_(scene) { add("as it is"); }
+
+  void add(const char* what) { EXPECT_TRUE(hashes_.insert(content_hash(scene_)).second) << what; }
+
+  // Flips a bit of each byte of the field, one after the other.
+  template <class T>
+  void flip(const char* what, T& field) {
+    auto* const bytes = reinterpret_cast<unsigned char*>(&field);
+    for (std::size_t i = 0; i < sizeof(T); ++i) {
+      bytes[i] ^= 1U;
+      add(what);
+      bytes[i] ^= 1U;
+    }
+  }
+
+  // Changes the field to something else for a moment.
+  template <class T>
+  void change(const char* what, T& field, const T& other) {
+    const T before = field;
+    field = other;
+    add(what);
+    field = before;
+  }
+
+ private:
+  SceneDescription& scene_;
+  std::set<std::uint64_t> hashes_;
+};
+
+TEST(ContentHash, EveryByteOfEveryFieldCounts) {
+  SceneDescription scene = full();
+  Seen seen(scene);
+  for (Material& material : scene.materials) {
+    seen.flip("materials.base_color", material.base_color);
+    seen.flip("materials.semantic", material.semantic);
+    seen.flip("materials.name", material.name[0]);
+    seen.change<std::string>("materials.name", material.name, "longer");
+  }
+  for (Primitive& primitive : scene.primitives) {
+    seen.flip("primitives.kind", primitive.kind);
+    seen.flip("primitives.center", primitive.center);
+    seen.flip("primitives.rotation", primitive.rotation);
+    seen.flip("primitives.half_extents", primitive.half_extents);
+    seen.flip("primitives.material", primitive.material);
+  }
+  for (Vec3& vertex : scene.mesh.vertices) seen.flip("mesh.vertices", vertex);
+  for (auto& triangle : scene.mesh.triangles) seen.flip("mesh.triangles", triangle);
+  for (auto& material : scene.mesh.materials) seen.flip("mesh.materials", material);
+  for (auto& object : scene.mesh.objects) seen.flip("mesh.objects", object);
+  seen.flip("markers.radius", scene.markers.radius);
+  seen.flip("markers.start", *scene.markers.start);
+  for (Vec3& waypoint : scene.markers.waypoints) seen.flip("markers.waypoints", waypoint);
+  seen.flip("markers.goal", *scene.markers.goal);
+  seen.flip("markers.spawn_box", *scene.markers.spawn_box);
+  seen.flip("light.sun_direction", scene.light.sun_direction);
+  seen.flip("light.sun_color", scene.light.sun_color);
+  seen.flip("light.sky_ambient", scene.light.sky_ambient);
+  seen.flip("light.ground_ambient", scene.light.ground_ambient);
+  seen.flip("light.zenith_color", scene.light.zenith_color);
+  seen.flip("light.horizon_color", scene.light.horizon_color);
+  seen.flip("light.gamma", scene.light.gamma);
+}
+
+TEST(ContentHash, WhatIsThereAndInWhichOrderCounts) {
+  SceneDescription scene = full();
+  Seen seen(scene);
+  const SceneDescription whole = scene;
+  const auto without = [&](const char* what, const auto& remove) {
+    remove(scene);
+    seen.add(what);
+    scene = whole;
+  };
+  without("a material", [](SceneDescription& s) { s.materials.pop_back(); });
+  without("a primitive", [](SceneDescription& s) { s.primitives.pop_back(); });
+  without("the primitives", [](SceneDescription& s) { s.primitives.clear(); });
+  without("a vertex", [](SceneDescription& s) { s.mesh.vertices.pop_back(); });
+  without("a triangle", [](SceneDescription& s) { s.mesh.triangles.pop_back(); });
+  without("materials of triangles", [](SceneDescription& s) { s.mesh.materials.clear(); });
+  without("objects of triangles", [](SceneDescription& s) { s.mesh.objects.clear(); });
+  without("the mesh", [](SceneDescription& s) { s.mesh = {}; });
+  without("a start", [](SceneDescription& s) { s.markers.start.reset(); });
+  without("a waypoint", [](SceneDescription& s) { s.markers.waypoints.pop_back(); });
+  without("a goal", [](SceneDescription& s) { s.markers.goal.reset(); });
+  without("a spawn box", [](SceneDescription& s) { s.markers.spawn_box.reset(); });
+  without("order of primitives", [](SceneDescription& s) { std::swap(s.primitives[0], s.primitives[1]); });
+  without("order of waypoints", [](SceneDescription& s) { std::swap(s.markers.waypoints[0], s.markers.waypoints[1]); });
+  without("a start that is a goal", [](SceneDescription& s) {
+    s.markers.goal = s.markers.start;
+    s.markers.start.reset();
+  });
+}
+
+TEST(ContentHash, IsOfTheContentNotOfTheNameOrTheFile) {
+  SceneDescription scene = full();
+  const World world(scene);
+  scene.name = "renamed";
+  EXPECT_EQ(World(scene).content_hash(), world.content_hash());
+  EXPECT_EQ(World::from_json(world.to_json())->content_hash(), world.content_hash());
+  std::swap(scene.primitives[0], scene.primitives[1]);
+  EXPECT_EQ(World(scene).content_hash(), world.content_hash()) << "in canonical order boxes come before spheres";
+}
+
+TEST(ContentHash, IsTheSameFromAnyThreadAndOnAnyDay) {
+  const auto world = testing::closet();
+  std::vector<std::uint64_t> seen(8);
+  std::vector<std::thread> threads;
+  for (std::uint64_t& slot : seen) threads.emplace_back([&world, &slot] { slot = world->content_hash(); });
+  for (std::thread& thread : threads) thread.join();
+  for (const std::uint64_t hash : seen) EXPECT_EQ(hash, 0x56F31CB32C9F830CU);  // snapshots of other days hold it
+}
+
+}  // namespace
+}  // namespace flockstep

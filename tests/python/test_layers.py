@@ -1,0 +1,82 @@
+"""Includes go downwards only: what each folder of the engine may know, held by a scan of its ``#include`` lines."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ENGINE = Path(__file__).resolve().parents[2] / "engine"
+
+# The folders that the files of a folder may include. The list is strict both ways: a folder that needs nothing of another is not
+# allowed it, and a new folder has to be put here.
+ALLOWED: dict[str, set[str]] = {
+    "base": set(),
+    "world": {"base"},
+    "trace": {"base", "world"},
+    "collision": {"trace", "world"},
+    "render": {"base", "trace", "world"},
+    "compiled": {"base", "collision", "render", "trace", "world"},
+    "scenario": {"base", "collision", "compiled", "world"},
+    "sensors": {"base", "compiled", "render", "trace", "world"},
+}
+# These two may include all that is below them.
+ALLOWED["task"] = set(ALLOWED)
+ALLOWED["batch"] = set(ALLOWED)
+
+# Public headers that are the face of a folder count as that folder. The others are plain types, which any folder may include.
+FACES = {"world": "world", "drone_model": "world", "raycast": "compiled", "scenario": "scenario", "batch": "batch"}
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
+
+
+def includes(file: Path) -> Iterator[str]:
+    yield from INCLUDE.findall(file.read_text())
+
+
+def folder_of(include: str) -> str | None:
+    """The folder an include belongs to, or None for plain types."""
+    folder, _, name = include.rpartition("/")
+    return FACES.get(name.removesuffix(".hpp")) if folder == "flockstep" else folder
+
+
+def sources(folder: Path) -> list[Path]:
+    return sorted(file for file in folder.rglob("*") if file.suffix in {".cpp", ".hpp"})
+
+
+def test_every_folder_has_its_place() -> None:
+    assert {path.name for path in (ENGINE / "src").iterdir() if path.is_dir()} == set(ALLOWED)
+
+
+def test_the_allowed_arrows_go_one_way() -> None:
+    """In the order of the list, which is the order of the layers."""
+    seen: set[str] = set()
+    for folder, below in ALLOWED.items():
+        assert below <= seen, f"{folder} may include {sorted(below - seen)}, which stand above it"
+        seen.add(folder)
+
+
+@pytest.mark.parametrize("folder", ALLOWED)
+def test_includes_go_downwards(folder: str) -> None:
+    wrong, used = [], set()
+    for file in sources(ENGINE / "src" / folder):
+        for include in includes(file):
+            its = folder_of(include)
+            if its in (None, folder):
+                continue
+            used.add(its)
+            if its not in ALLOWED[folder]:
+                wrong.append(f"{file.relative_to(ENGINE)} includes {include}")
+    assert not wrong
+    if folder not in ("task", "batch"):
+        assert used == ALLOWED[folder], "allowed, but not needed"
+
+
+def test_public_headers_show_no_internals() -> None:
+    wrong = [
+        f"{file.name} includes {include}"
+        for file in sources(ENGINE / "include")
+        for include in includes(file)
+        if not include.startswith("flockstep/")
+    ]
+    assert not wrong
