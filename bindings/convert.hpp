@@ -102,13 +102,19 @@ struct StubType {
       std::string names;
       for (const char* name : EnumNames<T>::kNames) names += (names.empty() ? "\"" : ", \"") + std::string(name) + '"';
       return "Literal[" + names + "]";
+    } else if constexpr (std::is_same_v<T, bool>) {
+      return "bool";
+    } else if constexpr (std::is_integral_v<T>) {
+      return "int";
+    } else if constexpr (std::is_floating_point_v<T>) {
+      return "float";
+    } else if constexpr (std::is_same_v<T, std::string>) {
+      return "str";
+    } else if constexpr (std::is_same_v<T, CameraOutputs>) {
+      return "Sequence[str]";
+    } else {
+      return py::str(py::type::of<T>().attr("__name__"));
     }
-    if constexpr (std::is_same_v<T, bool>) return "bool";
-    if constexpr (std::is_integral_v<T>) return "int";
-    if constexpr (std::is_floating_point_v<T>) return "float";
-    if constexpr (std::is_same_v<T, std::string>) return "str";
-    if constexpr (std::is_same_v<T, CameraOutputs>) return "Sequence[str]";
-    return py::str(py::type::of<T>().attr("__name__"));
   }
 };
 template <class T>
