@@ -1,0 +1,63 @@
+// fly_to_goal.cpp: a task in C++ from outside the package: fly to the goal marker and touch nothing.
+//
+// docs/add-a-task.md says how it is built and flown, and has it in Python.
+#include <stdexcept>
+
+#include "flockstep/task.hpp"
+
+using namespace flockstep;
+
+class FlyToGoal final : public Task {
+ public:
+  FlyToGoal() : spec_{.action = {.name = "action", .shape = {3}}, .reward_terms = {"closer", "arrived", "crashed"}} {
+    spec_.observation = {{.name = "direction", .shape = {3}}};  // float32 in [-1, 1], as the action, where nothing else is said
+  }
+  const TaskSpec& spec() const override { return spec_; }
+  std::string identity() const override { return "FlyToGoal 1"; }  // name and configuration
+
+  void setup(const TaskContext& context) override {
+    for (const auto& world : context.worlds()) {
+      if (!world->markers().goal) throw std::invalid_argument("worlds: expected worlds with a goal, got " + world->name());
+    }
+    last_distance_.resize(context.num_envs());
+  }
+  void begin(const TaskBlock& block) override {
+    for (const auto env : block.envs) last_distance_[env] = to_goal(block, env).norm();
+  }
+  void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
+    for (const auto env : block.envs) {
+      const Vec3 action = Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
+      setpoints.target[env] = {position(block, env) + 0.1F * action, Quat::Identity()};
+    }
+  }
+  void score(const TaskBlock& block, Score& score) override {
+    for (const auto env : block.envs) {
+      const float distance = to_goal(block, env).norm();
+      const bool crashed = block.context.state().contact.hit[env] != 0;
+      score.success[env] = distance < 0.5F && !crashed;
+      score.terminated[env] = score.success[env] || crashed;
+      const auto terms = score.terms_of(env);
+      terms[0] = last_distance_[env] - distance;
+      terms[1] = score.success[env] ? 10.0 : 0.0;
+      terms[2] = crashed ? -10.0 : 0.0;
+      last_distance_[env] = distance;
+    }
+  }
+  void observe(const TaskBlock& block, std::span<Buffer> observation) override {
+    for (const auto env : block.envs) {
+      Eigen::Map<Vec3>(observation[0].row<float>(env).data()) = to_goal(block, env).stableNormalized();
+    }
+  }
+  void visit(ArrayVisitor& visitor) override { visitor.array("last_distance", last_distance_); }  // for snapshots
+
+ private:
+  static Vec3 position(const TaskBlock& block, std::size_t env) { return Vec3(block.context.state().position.data() + 3 * env); }
+  static Vec3 to_goal(const TaskBlock& block, std::size_t env) {
+    return *block.context.world_of(env).markers().goal - position(block, env);
+  }
+
+  TaskSpec spec_;
+  std::vector<float> last_distance_;  // (E,) m
+};
+
+extern "C" Task* flockstep_make_task() { return new FlyToGoal; }

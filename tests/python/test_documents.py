@@ -1,0 +1,125 @@
+"""The documents: their examples run as they stand, and what they refer to is there.
+
+Each ```python block of README.md and docs/ runs on its own, in an empty folder. Where it would take long, a comment right before
+the block says what the test replaces: ``<!-- test: 1_000_000 -> 10_000 -->``.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"(?:^<!-- test: (?P<old>.+?) -> (?P<new>.+?) -->\n+)?^```(?P<kind>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
+LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
+FILE = re.compile(r"`([\w./{},*-]+\.(?:cpp|hpp|py|pyi|json|md))`")
+SOURCES = ("bench", "bindings", "docs", "engine", "envs", "examples", "scenes", "tests", "training")
+TIME_LIMIT_S = 60  # of one block; all of them take a third of it on an idle machine
+
+
+class Block(NamedTuple):
+    place: str  # file:line
+    kind: str
+    text: str
+    old: str | None
+    new: str | None
+
+
+def blocks_of(document: Path) -> list[Block]:
+    text = document.read_text(encoding="utf-8")
+    return [
+        Block(f"{document.name}:{text.count(chr(10), 0, m.start('kind')) + 1}", m["kind"], m["text"], m["old"], m["new"])
+        for m in BLOCK.finditer(text)
+    ]
+
+
+BLOCKS = [block for document in DOCUMENTS for block in blocks_of(document)]
+ENVIRONMENT = os.environ | {"MPLBACKEND": "Agg", "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+
+
+def of_kind(kind: str, part: str = "") -> list[Block]:
+    return [block for block in BLOCKS if block.kind == kind and part in block.text]
+
+
+def run(command: list[str], folder: Path) -> None:
+    done = subprocess.run(
+        command, cwd=folder, env=ENVIRONMENT, timeout=TIME_LIMIT_S, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_block_is_overlooked():
+    for document in DOCUMENTS:
+        fences = re.findall(r"^\s*```\w", document.read_text(encoding="utf-8"), re.M)
+        assert len(fences) == len(blocks_of(document)), document.name
+    assert len(of_kind("python")) > 8
+
+
+@pytest.mark.parametrize("block", of_kind("python"), ids=lambda block: block.place)
+def test_python_runs_in_an_empty_folder(block, tmp_path):
+    text = block.text
+    if block.old is not None:
+        assert block.old in text, "the comment before the block replaces something that is not there"
+        text = text.replace(block.old, block.new)
+    (tmp_path / "snippet.py").write_text(text, encoding="utf-8")
+    run([sys.executable, "snippet.py"], tmp_path)
+
+
+def test_the_task_in_cpp_is_built_and_flown_as_its_page_says(tmp_path):
+    (commands,) = of_kind("sh", "-shared")
+    source = (ROOT / "examples" / "fly_to_goal.cpp").read_text(encoding="utf-8")
+    (part,) = of_kind("cpp", "Score& score")
+    assert part.text in source
+    (tmp_path / "fly_to_goal.cpp").write_text(source, encoding="utf-8")
+    run(["sh", "-e", "-c", commands.text], tmp_path)
+
+
+@pytest.mark.parametrize("block", of_kind("cpp", "#include"), ids=lambda block: block.place)
+def test_whole_files_in_cpp_are_sound(block, tmp_path):
+    """What stands between the first line of a file and its end is complete, so the compiler can read it."""
+    folder = re.match(r"// (.*/)?[\w.]+: ", block.text)
+    assert folder, "a whole file begins with a comment: its path, a colon, what it is"
+    compiler = shlex.split(os.environ.get("CXX", "c++"))
+    if shutil.which(compiler[0]) is None:
+        pytest.skip("no C++ compiler")
+    eigen = subprocess.run(["pkg-config", "--cflags", "eigen3"], check=True, capture_output=True, text=True).stdout
+    includes = [f"-I{ROOT / 'engine' / part}" for part in ("include", "src")]
+    (tmp_path / "block.cpp").write_text(block.text, encoding="utf-8")
+    warnings = ["-Wall", "-Wextra", "-Wno-missing-field-initializers", "-Werror"]
+    run([*compiler, "-std=c++20", "-fsyntax-only", *warnings, *includes, *shlex.split(eigen), "block.cpp"], tmp_path)
+
+
+@pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "CONTRIBUTING.md"], ids=lambda document: document.name)
+def test_links_lead_somewhere(document):
+    text = document.read_text(encoding="utf-8")
+    assert [link for link in LINK.findall(text) if not (document.parent / link).exists()] == []
+
+
+@pytest.fixture(scope="module")
+def files():
+    """Every file of the checkout that a document may name, by its path."""
+    found = [path for folder in SOURCES for path in (ROOT / folder).rglob("*")]
+    return [path.relative_to(ROOT).as_posix() for path in [*found, *ROOT.glob("*")]]
+
+
+@pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "CONTRIBUTING.md"], ids=lambda document: document.name)
+def test_files_it_names_are_there(document, files):
+    prose = BLOCK.sub("", document.read_text(encoding="utf-8"))
+    named = [part for name in FILE.findall(prose) for part in expanded(name) if not part.startswith(("out/", ".venv/"))]
+    assert [part for part in named if not any(fnmatch(f"/{path}", f"*/{part}") for path in files)] == []
+
+
+def expanded(name: str) -> list[str]:
+    """Return the names that a name with braces stands for: a.{hpp,cpp} is a.hpp and a.cpp."""
+    braces = re.search(r"\{([^}]*)\}", name)
+    if not braces:
+        return [name]
+    return [n for choice in braces[1].split(",") for n in expanded(name[: braces.start()] + choice + name[braces.end() :])]
