@@ -80,7 +80,7 @@ Batch::Worlds validated(Batch::Worlds worlds) {
 
 // What one thread needs while it steps a block; made once.
 struct Scratch {
-  sensors::ScanScratch scan;
+  trace::Tracer tracer;
   task::GreenBlobScratch green;
   std::vector<std::uint32_t> drones;  // those of the block that a stage is about
   bool changed_world = false;         // a reset moved a drone to another world
@@ -321,7 +321,7 @@ void Batch::Impl::fly(std::span<const std::uint32_t> drones, Scratch& scratch) {
 // All sensors but the cameras.
 void Batch::Impl::sense(std::span<const std::uint32_t> drones, Scratch& scratch) {
   if (drones.empty()) return;
-  if (lidar) lidar->scan(drones, world_pointers, state, scratch.scan);
+  if (lidar) lidar->scan(drones, world_pointers, state, scratch.tracer);
   sensors::sense_pose(drones, config.pose_sensor, state);
   for (const std::uint32_t drone : drones) ++state.scans[drone];
 }

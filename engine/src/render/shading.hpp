@@ -41,9 +41,9 @@ class Shading {
  public:
   Shading(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
 
-  // Writes what is wanted of the traced tile. normals: of the triangles hit. shaded: nothing, or 1 for each ray whose hit lies in
+  // Writes what is wanted of the traced tile. details: of the triangles hit. shaded: nothing, or 1 for each ray whose hit lies in
   // the shadow of something else.
-  void shade(const trace::RayBundle& rays, const trace::GeometricNormals& normals, std::span<const std::uint8_t> shaded,
+  void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
   // 255 * min(v, 1)^(1 / gamma), rounded, of a linear value v >= 0: the levels table at sqrt(min(v, 1)) * kLevels.

@@ -1,9 +1,7 @@
 // LiDAR: where its beams point, and a scan of many drones as packets of rays.
 #pragma once
 
-#include <array>
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -11,27 +9,9 @@
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 #include "sensors/beams.hpp"
-#include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep::sensors {
-
-// Rays of several drones in one world that wait until they fill a block.
-struct WaitingRays {
-  struct Run {  // consecutive rays, and where their results go
-    float* ranges;
-    std::size_t count;
-  };
-  trace::RayBlock rays;
-  std::array<Run, trace::kMaxRays> runs;
-  std::size_t num_runs = 0;
-};
-
-// One worker's rays on their way to the tracer.
-struct ScanScratch {
-  trace::RayBundle bundle;         // of one drone
-  trace::CandidateSet candidates;  // of that drone
-  WaitingRays crowd, meshes;       // to go through Embree: for everything, for what is nearer among triangles
-};
 
 class Lidar {
  public:
@@ -47,10 +27,10 @@ class Lidar {
   // Scans the listed drones into state.lidar_ranges. Where rays go through Embree, consecutive drones in the same world share
   // packets.
   void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, State& state,
-            ScanScratch& scratch) const;
+            trace::Tracer& tracer) const;
 
  private:
-  void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
+  void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, trace::Tracer& tracer) const;
 
   std::size_t rays_;
   // Drones of equal FOV and mounting share a setting; one that no drone has any more makes room for the next.
