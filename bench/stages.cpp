@@ -105,7 +105,7 @@ void profile(bench::Figures& figures) {
       drones.push_back(drone);
     }
   }
-  sensors::ScanScratch scratch;
+  const auto tracer = std::make_unique<trace::Tracer>();
   const std::size_t rays = lidar.rays_per_drone();
   const std::size_t observation_size = navigation.observation_size(rays);
   const std::array<float, 6> actions{0, 1, 2, 3, 4, 5};
@@ -123,7 +123,7 @@ void profile(bench::Figures& figures) {
       sink += collision::sweep(compiled(world_of(drone)).obstacles(), hull, pose_of(state, drone), targets[drone]).fraction;
     }
   });
-  stages.add("lidar", [&] { lidar.scan(drones, pointers, state, scratch); });
+  stages.add("lidar", [&] { lidar.scan(drones, pointers, state, *tracer); });
   stages.add("pose_sensor", [&] { sensors::sense_pose(drones, {}, state); });
   stages.add("observe_ranges", [&] {
     for (const std::uint32_t drone : drones) {

@@ -23,7 +23,7 @@ namespace flockstep {
 
 // What one thread needs while it steps a block; made once.
 struct Scratch {
-  sensors::ScanScratch scan;
+  trace::Tracer tracer;
   std::vector<std::uint32_t> drones;  // of some envs
   bool moved_world = false;           // an env has gone to another world
 };
