@@ -232,7 +232,7 @@ class TestPlayground:
     def test_seeds_differ(self):
         assert flockstep.World.playground(1).to_dict() != flockstep.World.playground(2).to_dict()
 
-    @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size": (1, 1, 1)}, {"pillar_radius_m": 0}])
+    @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size_m": (1, 1, 1)}, {"pillar_radius_m": 0}])
     def test_refuses_what_cannot_be(self, arguments):
         with pytest.raises(ValueError, match=r".+"):
             flockstep.World.playground(0, **arguments)
