@@ -18,6 +18,7 @@
 #include "sensors/beams.hpp"
 #include "trace/scene.hpp"
 #include "trace/shape.hpp"
+#include "trace/tracer.hpp"
 #include "trace/user_geometry.hpp"
 
 namespace {
@@ -69,13 +70,14 @@ double bundle_advantage(int within) {
 
   auto bundle = std::make_unique<trace::RayBundle>();
   auto candidates = std::make_unique<trace::CandidateSet>();
-  auto block = std::make_unique<trace::RayBlock>();
+  auto tracer = std::make_unique<trace::Tracer>();
+  trace::RayBlock* const block = &tracer->block();
   bundle->rotation = Mat3::Identity();
   bundle->range = kRange;
   const auto for_each_bundle = [&](const auto& trace) {
     for (const Vec3& origin : origins) {
       bundle->origin = origin;
-      scene.gather(origin, kRange, *candidates);
+      scene.gather(origin, 0.0F, kRange, false, *candidates);
       for (const sensors::BeamTile& tile : pattern.tiles) {
         bundle->x = pattern.x.data() + tile.first;
         bundle->y = pattern.y.data() + tile.first;
@@ -100,7 +102,7 @@ double bundle_advantage(int within) {
         append(*bundle, first, count, *block);
         first += count;
         if (block->count < trace::kMaxRays) continue;
-        scene.intersect(*block);
+        tracer->trace_block(scene);
         block->count = 0;
       }
     });
@@ -119,7 +121,8 @@ double block_advantage(int count) {
     shapes.push_back({trace::make_shape(primitive), static_cast<std::int32_t>(shapes.size())});
   }
   std::uniform_real_distribution<float> place(-kRange, kRange);
-  auto rays = std::make_unique<trace::RayBlock>();
+  auto tracer = std::make_unique<trace::Tracer>();
+  trace::RayBlock* const rays = &tracer->block();
   rays->count = trace::kMaxRays;
   for (std::size_t i = 0; i < rays->count; ++i) {
     const Vec3 direction = Vec3(place(random), place(random), place(random)).normalized();
@@ -132,7 +135,7 @@ double block_advantage(int count) {
     rays->range[i] = 4.0F * kRange;
   }
   const bench::Times times = bench::interleave(
-      {{"direct", [&] { trace::trace_direct(shapes, *rays); }}, {"embree", [&] { scene.intersect(*rays); }}}, kRuns, 0.01);
+      {{"direct", [&] { trace::trace_direct(shapes, *rays); }}, {"embree", [&] { tracer->trace_block(scene); }}}, kRuns, 0.01);
   return bench::median_ratio(times[1], times[0]);
 }
 

@@ -238,7 +238,7 @@ struct Poses {
 std::unique_ptr<flockstep::Batch> make_batch(const std::shared_ptr<const flockstep::World>& world, const Poses& poses,
                                              const flockstep::CameraConfig& camera, flockstep::CameraBackend backend) {
   flockstep::BatchConfig config;
-  config.num_drones = static_cast<int>(poses.points.size());
+  config.num_envs = static_cast<int>(poses.points.size());
   config.num_threads = 1;
   config.cameras = {camera};
   config.camera_backend = backend;
@@ -369,7 +369,7 @@ void bench_modes(const std::string& name, const std::shared_ptr<const flockstep:
   for (std::size_t i = 2; i < shifted.size(); i += 3) shifted[i] += 0.01F;
   const auto bare = [&] {
     flockstep::BatchConfig config;
-    config.num_drones = kDrones;
+    config.num_envs = kDrones;
     config.num_threads = 1;
     return std::make_unique<flockstep::Batch>(config, flockstep::Batch::Worlds{world});
   };

@@ -1,7 +1,8 @@
 """Prints digests of what the built-in tasks return: two commits that print the same behave the same, to the last bit.
 
-For each environment and autoreset mode: 2,000 steps under random actions, without sensor noise; every observation (final
-ones included), reward, reward term and flag goes into a SHA-256. Digests hold on one machine: mathematical libraries differ.
+For each environment and autoreset mode: 2,000 steps under random actions, without sensor noise; every observation
+(final ones included), reward, reward term and flag goes into a SHA-256. Digests hold on one machine: mathematical
+libraries differ.
 
 python bench/digests.py > before.txt, and again after a change; then compare the two.
 """

@@ -178,9 +178,8 @@ struct BareDirect {
 void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, int num_drones,
                 const flockstep::Batch::Worlds& worlds, int runs, bench::Figures& figures) {
   flockstep::BatchConfig config;
-  config.num_drones = num_drones;
+  config.num_envs = num_drones;
   config.num_threads = 1;
-  config.has_lidar = true;
   config.lidar = lidar;
   flockstep::Batch batch(config, worlds);
   const auto n = static_cast<std::size_t>(num_drones);

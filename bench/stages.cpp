@@ -1,7 +1,8 @@
 // Where the time of a step goes, stage by stage, on one thread: a batch flies a random policy through the training playgrounds,
 // and every few steps each stage is timed alone on the state it then has. The stages take turns. Prints a JSON list of figures.
-#include <array>
+#include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <functional>
 #include <random>
 #include <string>
@@ -9,14 +10,14 @@
 
 #include "base/flush_denormals.hpp"
 #include "base/pose_access.hpp"
+#include "batch/episodes.hpp"
+#include "batch/simulation.hpp"
+#include "batch/snapshot.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "compiled/compiled_world.hpp"
 #include "flockstep/batch.hpp"
-#include "sensors/lidar.hpp"
-#include "sensors/pose_sensor.hpp"
-#include "task/navigation.hpp"
-#include "trace/scene.hpp"
+#include "flockstep/navigation.hpp"
 
 namespace {
 
@@ -27,18 +28,17 @@ constexpr int kWarmUp = 1000;  // steps, until drones are everywhere and episode
 constexpr int kRuns = 25;      // states looked at
 constexpr int kStepsBetween = 20;
 
-BatchConfig navigation_config(int num_drones) {
+BatchConfig lidar_config(int num_envs) {
   BatchConfig config;
-  config.num_drones = num_drones;
+  config.num_envs = num_envs;
   config.num_threads = 1;
-  config.has_lidar = true;
-  config.task = TaskKind::navigation;
+  config.lidar = LidarConfig();
   return config;
 }
 
 class RandomPolicy {
  public:
-  explicit RandomPolicy(int num_drones) : actions_(static_cast<std::size_t>(num_drones)) {}
+  explicit RandomPolicy(int num_envs) : actions_(static_cast<std::size_t>(num_envs)) {}
 
   std::span<const std::int64_t> next() {
     for (std::int64_t& action : actions_) action = static_cast<std::int64_t>(random_() % 6);
@@ -80,71 +80,46 @@ class Profile {
 
 void profile(bench::Figures& figures) {
   Batch::Worlds worlds;
-  std::vector<const World*> pointers;
   for (int i = 1; i <= 5; ++i) {
     worlds.push_back(World::load(FLOCKSTEP_SCENES "/playground/train-" + std::to_string(i) + ".json"));
-    pointers.push_back(worlds.back().get());
   }
-  const BatchConfig config = navigation_config(kDrones);
-  Batch batch(config, worlds);
+  const BatchConfig config = lidar_config(kDrones);
+  Batch batch(config, worlds, make_navigation({}));
   RandomPolicy policy(kDrones);
   batch.reset({});
   const FlushDenormals flush;
 
-  // The same stages as in the batch, on a copy of its state.
-  const DroneModel drone_model = DroneModel::quadrotor650();
-  const collision::Hull hull(drone_model);
-  const sensors::Lidar lidar(config.lidar, kDrones);
-  task::Navigation navigation(config.navigation, pointers, drone_model, kDrones);
-  State state;
-  Outputs out;
-  std::vector<Pose> targets(kDrones);
-  std::vector<std::uint32_t> drones;  // world by world, as the batch has them
-  for (std::uint32_t world = 0; world < worlds.size(); ++world) {
-    for (std::uint32_t drone = world; drone < kDrones; drone += static_cast<std::uint32_t>(worlds.size())) {
-      drones.push_back(drone);
-    }
-  }
-  sensors::ScanScratch scratch;
-  const std::size_t rays = lidar.rays_per_drone();
-  const std::size_t observation_size = navigation.observation_size(rays);
-  const std::array<float, 6> actions{0, 1, 2, 3, 4, 5};
-  const auto world_of = [&](std::uint32_t drone) -> const World& {
-    return *pointers[static_cast<std::size_t>(state.world_index[drone])];
-  };
+  // The same stages as in the batch, on a simulation that is brought to its state.
+  Simulation sim(config, worlds, make_navigation({}), DroneModel::quadrotor650(), {});
+  Task& task = *sim.run->task;
+  std::vector<std::uint32_t> drones;  // world by world, as the batch has them; env and drone are one
+  for (const Block& block : sim.schedule.blocks()) drones.insert(drones.end(), block.envs.begin(), block.envs.end());
+  const TaskBlock all{*sim.context, drones, 0};
+  for (const std::uint32_t drone : drones) sim.run->actions.row<std::int64_t>(drone)[0] = drone % 6;
   float sink = 0.0F;
 
   Profile stages;
-  stages.add("target", [&] {
-    for (const std::uint32_t drone : drones) targets[drone] = navigation.target(pose_of(state, drone), &actions[drone % 6]);
-  });
+  stages.add("command", [&] { task.command(all, sim.run->actions, sim.run->setpoints); });
   stages.add("sweep", [&] {
     for (const std::uint32_t drone : drones) {
-      sink += collision::sweep(compiled(world_of(drone)).obstacles(), hull, pose_of(state, drone), targets[drone]).fraction;
+      const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(drone)];
+      sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.run->setpoints.target[drone]).fraction;
     }
   });
-  stages.add("lidar", [&] { lidar.scan(drones, pointers, state, scratch); });
-  stages.add("pose_sensor", [&] { sensors::sense_pose(drones, {}, state); });
-  stages.add("observe_ranges", [&] {
-    for (const std::uint32_t drone : drones) {
-      navigation.observe_ranges(drone, std::span(state.lidar_ranges).subspan(drone * rays, rays), 3.0F,
-                                out.observation.data() + drone * observation_size);
+  stages.add("lidar", [&] { sim.lidar->scan(drones, sim.world_pointers, 1, sim.state, sim.scratches[0]->tracer); });
+  stages.add("pose_sensor", [&] { sim.pose_sensor.read(drones, sim.state); });
+  stages.add("score", [&] { task.score(all, sim.run->score); });
+  stages.add("episodes", [&] {
+    for (Block& block : sim.schedule.blocks()) {
+      take_part(sim, block);
+      settle(sim, block);
     }
   });
-  stages.add("reward", [&] {
-    for (const std::uint32_t drone : drones) navigation.evaluate(drone, &actions[drone % 6], rays, state, true, out);
-  });
-  stages.add("observe_goal", [&] {
-    for (const std::uint32_t drone : drones) {
-      navigation.observe_goal(drone, state, out.observation.data() + drone * observation_size);
-    }
-  });
+  stages.add("observe", [&] { task.observe(all, sim.outputs.now().observation); });
   for (int i = 0; i < kWarmUp; ++i) batch.step(policy.next());
   for (int run = 0; run < kRuns; ++run) {
     for (int i = 0; i < kStepsBetween; ++i) batch.step(policy.next());
-    state = batch.state();
-    out = batch.outputs();
-    for (const std::uint32_t drone : drones) navigation.begin(drone, state);
+    restore_snapshot(sim, batch.snapshot());
     stages.measure();
   }
   stages.report(figures);
@@ -163,7 +138,7 @@ void profile(bench::Figures& figures) {
     return bench::median(times);
   };
   figures.add("step/stage/all", 1e9 * seconds_per_step(batch, policy, 40) / kDrones, "ns", kRuns);
-  Batch single(navigation_config(1), worlds);
+  Batch single(lidar_config(1), worlds, make_navigation({}));
   RandomPolicy single_policy(1);
   single.reset({});
   figures.add("step/n1/microseconds_cpp", 1e6 * seconds_per_step(single, single_policy, 2000), "us", kRuns);

@@ -1,7 +1,8 @@
 """Writes what stubs say of the fields of configurations, from the fields themselves; --check only compares.
 
 Between the lines "# fields of A, B" and "# end of fields" of envs/flockstep/_core.pyi (attributes and __init__) and of
-envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`). Run it after a change of fields(), with the module built.
+envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`). Run it after a change of fields(), with the module
+built.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ def default_text(value: Any) -> str:
         return repr(tuple(value)).replace("'", '"')
     if isinstance(value, float):
         return repr(float(f"{value:.6g}"))
-    return f'"{value}"' if isinstance(value, str) else repr(value) if value.__class__.__module__ == "builtins" else "..."
+    return (
+        f'"{value}"' if isinstance(value, str) else repr(value) if value.__class__.__module__ == "builtins" else "..."
+    )
 
 
 def class_body(indent: str, config: type[Any]) -> list[str]:

@@ -85,6 +85,8 @@ py::dict raycast(const World& world, const py::object& origins, const py::object
   py::dict result;
   result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
   result["normal"] = rows(hits.normal);
+  result["u"] = py::array_t<float>(static_cast<py::ssize_t>(hits.u.size()), hits.u.data());
+  result["v"] = py::array_t<float>(static_cast<py::ssize_t>(hits.v.size()), hits.v.data());
   result["primitive"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.primitive.size()), hits.primitive.data());
   result["material"] = py::array_t<std::int32_t>(static_cast<py::ssize_t>(hits.material.size()), hits.material.data());
   return result;

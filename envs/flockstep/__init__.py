@@ -11,6 +11,7 @@ any Gymnasium vector environment. `render` takes a picture of a world.
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 from types import ModuleType
 
 from flockstep import registration, scenes
@@ -60,7 +61,9 @@ __all__ = [
     "World",
     "__version__",
     "green_blob",
+    "include_dir",
     "plan",
+    "register_task",
     "render",
     "sb3",
     "scenes",
@@ -68,6 +71,14 @@ __all__ = [
 ]
 
 registration.register()
+register_task = registration.register_task
+
+
+def include_dir() -> Path:
+    """Return the folder of the C++ headers that a `NativeTask` is built against; they include Eigen's, too."""
+    package = Path(__file__).resolve().parent
+    installed = package / "include"
+    return installed if installed.is_dir() else package.parents[1] / "engine" / "include"
 
 
 def __getattr__(name: str) -> ModuleType:

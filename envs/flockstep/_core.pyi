@@ -383,9 +383,10 @@ class World:
 
         Returns
         -------
-        ``t_hit`` (R,) m, inf on a miss; ``normal`` (R, 3) unit, facing the ray's origin, 0 on a miss; ``primitive`` (R,)
-        int32, an index into `primitives`, then their number + the index of a triangle, -1 on a miss; ``material`` (R,)
-        int32, an index into `materials`, -1 on a miss.
+        ``t_hit`` (R,) m, inf on a miss; ``normal`` (R, 3) unit, facing the ray's origin, 0 on a miss; ``u`` and ``v`` (R,)
+        where on a triangle, as the weights of its second and third vertex, 0 on primitives and on a miss; ``primitive``
+        (R,) int32, an index into `primitives`, then their number + the index of a triangle, -1 on a miss; ``material``
+        (R,) int32, an index into `materials`, -1 on a miss.
         """
 
 @final

@@ -29,8 +29,8 @@ def make_vec(env: str | Task | NativeTask | DroneVectorEnv, num_envs: int = 1, *
     Parameters
     ----------
     env
-        A Gymnasium id of this package, a `Task` or `NativeTask` of your own, or a ready `DroneVectorEnv` with same-step autoreset (then
-        without ``num_envs`` and keywords).
+        A Gymnasium id of this package, a `Task` or `NativeTask` of your own, or a ready `DroneVectorEnv` with same-step
+        autoreset (then without ``num_envs`` and keywords).
     num_envs
         Number of drones.
     **kwargs

@@ -58,7 +58,8 @@ class Task:
     observation_space, action_space
         Spaces of one env. Actions are a `Discrete`, or a `Box` of floats.
     reward_terms
-        Names of what `step` returns as the reward, where that is a mapping; ``batch.reward_terms`` has a column of each.
+        Names of what `step` returns as the reward, where that is a mapping; ``batch.reward_terms`` has a column for
+        each.
     lidar, camera
         The LiDAR and the camera the task needs, if any; several cameras as a sequence.
     max_episode_steps

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -24,7 +23,6 @@ from flockstep._core import (
     LidarConfig,
     NativeTask,
     NavigationConfig,
-    NavigationReward,
     PoseSensorConfig,
     task_defaults,
 )
@@ -33,7 +31,11 @@ from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
 
 if TYPE_CHECKING:
+    from typing import Literal
+
     from typing_extensions import TypedDict, Unpack
+
+    from flockstep._core import NavigationReward
 
     from flockstep.viewer.trail import Trail
 
@@ -63,9 +65,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
-    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the camera's
-      image, as `flockstep.green_blob` has it (offset of its box from the image's centre in x, over half the width, and
-      its area over the image's; both 0 where no green is seen), then the ranges.
+    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the
+      camera's image, as `flockstep.green_blob` has it (offset of its box from the image's centre in x, over half the
+      width, and its area over the image's; both 0 where no green is seen), then the ranges.
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,). The camera's layout is ``"chw"``.
 
@@ -79,7 +81,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
         these. Default: ``"train"``, for camera tasks ``"camera-train"``.
     task
-        A `Task`, or a `NativeTask` in C++, instead of the navigation task.
+        A `Task` (an object, or its class), or a `NativeTask` in C++, instead of the navigation task.
     observation
         Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -142,7 +144,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | None = None,
-        task: Task | NativeTask | None = None,
+        task: Task | type[Task] | NativeTask | None = None,
         observation: str = "goal",
         lidar: LidarConfig | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
@@ -169,11 +171,13 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.copy = copy
-        self.task = task
+        self.task = task = task() if isinstance(task, type) else task
 
         chosen = _by_config(dict(fields))
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
-        episode = EpisodeConfig(autoreset_mode=mode, max_episode_steps=max_episode_steps, **chosen.pop(EpisodeConfig, {}))
+        episode = EpisodeConfig(
+            autoreset_mode=mode, max_episode_steps=max_episode_steps, **chosen.pop(EpisodeConfig, {})
+        )
         clock = ClockConfig(**chosen.pop(ClockConfig, {}))
         description: Any
         calls = None

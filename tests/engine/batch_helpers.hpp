@@ -1,19 +1,25 @@
-// What the tests of batches share: small worlds, a navigation batch, comparing bits.
+// What the tests of batches share: small worlds, a navigation batch, comparing bits, changing snapshots.
 #pragma once
 
 #include <gtest/gtest.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
-#include "batch/arrays.hpp"
+#include "base/hash.hpp"
+#include "flockstep/array_visitor.hpp"
 #include "flockstep/batch.hpp"
+#include "flockstep/navigation.hpp"
 
 namespace flockstep::testing {
 
@@ -44,20 +50,22 @@ inline std::shared_ptr<const World> closet() {
                      .spawn_box = Aabb{.min = Vec3(0.75F, 0.5F, 0.5F), .max = Vec3(1.25F, 1, 1)}});
 }
 
-inline BatchConfig lidar_batch(int num_drones, const LidarConfig& lidar = {}) {
+inline BatchConfig lidar_batch(int num_envs, const LidarConfig& lidar = {}) {
   BatchConfig config;
-  config.num_drones = num_drones;
+  config.num_envs = num_envs;
   config.num_threads = 1;
-  config.has_lidar = true;
   config.lidar = lidar;
   return config;
 }
 
-inline BatchConfig navigation_batch(int num_drones) {
-  BatchConfig config = lidar_batch(num_drones);
-  config.task = TaskKind::navigation;
-  return config;
-}
+// What a batch of the navigation task is made of.
+struct NavigationBatch : BatchConfig {
+  NavigationConfig navigation;
+
+  Batch make(Batch::Worlds worlds) const { return Batch(*this, std::move(worlds), make_navigation(navigation)); }
+};
+
+inline NavigationBatch navigation_batch(int num_envs, const LidarConfig& lidar = {}) { return {lidar_batch(num_envs, lidar), {}}; }
 
 template <class T>
 std::span<const T> row(const std::vector<T>& array, std::size_t drone, std::size_t columns) {
@@ -72,54 +80,128 @@ bool same_bits(const A& a, const B& b) {
   return x.size() == y.size() && (x.empty() || std::memcmp(x.data(), y.data(), x.size_bytes()) == 0);
 }
 
-// All that is written of one drone: its rows of the state (but the number of its world), and of the outputs of the task. Its
-// final observation counts where there is one.
-inline std::vector<std::span<const std::byte>> rows_of(const Batch& batch, std::size_t drone) {
-  std::vector<std::span<const std::byte>> rows;
-  const auto add = [&](const auto& array, std::size_t columns) { rows.push_back(std::as_bytes(row(array, drone, columns))); };
-  const State& state = batch.state();
-  for_each_array(state, state.lidar_ranges.size() / state.active.size(), [&](const auto& array, std::size_t columns) {
-    if (static_cast<const void*>(&array) != &state.world_index) add(array, columns);
+// The numbers of an observation, row after row.
+template <class T = float>
+std::vector<T> values_of(const Buffer& buffer) {
+  const auto* const first = reinterpret_cast<const T*>(buffer.bytes().data());
+  return {first, first + buffer.bytes().size() / sizeof(T)};
+}
+
+// f(name, array) for every array of a struct, and of the structs in it.
+template <HasFields T, class F>
+void for_each_array(const T& arrays, const F& f) {
+  for_each_field(arrays, [&](const auto& field, const auto& value) {
+    if constexpr (HasFields<std::remove_cvref_t<decltype(value)>>) {
+      for_each_array(value, f);
+    } else {
+      f(std::string(field.name), value);
+    }
   });
-  if (batch.config().task == TaskKind::none) return rows;
+}
+
+// f(name, bytes) for every array of the batch's task.
+template <class F>
+void for_each_task_array(const Batch& batch, const F& f) {
+  struct Visitor final : ArrayVisitor {
+    explicit Visitor(const F& to) : f(to) {}
+    void bytes(std::string_view name, std::span<std::byte> bytes, std::optional<DType>) override {
+      f(std::string(name), std::span<const std::byte>(bytes));
+    }
+    void blob(std::string_view, std::string&) override {}
+    const F& f;
+  } visitor(f);
+  batch.visit_task(visitor);
+}
+
+// One of them; empty where the task has no array of that name.
+template <class T>
+std::span<const T> task_array(const Batch& batch, std::string_view name) {
+  std::span<const T> found;
+  for_each_task_array(batch, [&](const std::string& its, std::span<const std::byte> bytes) {
+    if (its == name) found = {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
+  });
+  return found;
+}
+
+struct NamedRow {
+  std::string name;
+  std::span<const std::byte> bytes;
+};
+
+// All that is written of one env of one drone: its rows of the state (but the number of its world), of the sensors, of the outputs
+// and of the task. Its final observation counts where there is one.
+inline std::vector<NamedRow> rows_of(const Batch& batch, std::size_t env) {
+  std::vector<NamedRow> rows;
+  const auto add = [&](const std::string& name, std::span<const std::byte> array) {
+    const std::size_t size = array.size() / batch.state().active.size();
+    rows.push_back({name, array.subspan(env * size, size)});
+  };
+  for_each_array(batch.state(), [&](const std::string& name, const auto& array) {
+    if (name != "world_index") add(name, std::as_bytes(std::span(array)));
+  });
+  add("lidar_ranges", std::as_bytes(std::span(batch.lidar_ranges())));
+  add("sensed_position", std::as_bytes(std::span(batch.sensed_position())));
+  add("sensed_quat_wxyz", std::as_bytes(std::span(batch.sensed_quat_wxyz())));
+  if (batch.task() == nullptr) return rows;
   const Outputs& out = batch.outputs();
-  const auto image_size = static_cast<std::size_t>(batch.image_size());
-  for_each_output(static_cast<std::size_t>(batch.observation_size()), image_size, [&](auto member, std::size_t columns) {
-    const auto* const array = static_cast<const void*>(&(out.*member));
-    const bool is_final = array == &out.final_observation || array == &out.final_image;
-    if (!is_final || out.terminated[drone] || out.truncated[drone]) add(out.*member, columns);
+  for_each_array(out, [&](const std::string& name, const auto& array) {
+    if constexpr (std::is_same_v<std::remove_cvref_t<decltype(array)>, std::vector<Buffer>>) {
+      if (name == "final_observation" && !out.terminated[env] && !out.truncated[env]) return;
+      for (const Buffer& buffer : array) add(name, buffer.bytes());
+    } else {
+      add(name, std::as_bytes(std::span(array)));
+    }
   });
-  rows.push_back(std::as_bytes(batch.goal_index().subspan(drone, 1)));
+  for_each_task_array(batch, add);
   return rows;
 }
 
-inline std::vector<std::byte> bytes_of(const Batch& batch, std::size_t drone) {
+inline std::vector<std::byte> bytes_of(const Batch& batch, std::size_t env) {
   std::vector<std::byte> bytes;
-  for (const auto& row : rows_of(batch, drone)) bytes.insert(bytes.end(), row.begin(), row.end());
+  for (const NamedRow& row : rows_of(batch, env)) bytes.insert(bytes.end(), row.bytes.begin(), row.bytes.end());
   return bytes;
 }
 
 // Drone i of one batch is drone j of another, bit for bit, and in the same world.
 inline ::testing::AssertionResult same_drone(const Batch& a, std::size_t i, const Batch& b, std::size_t j) {
-  const auto world_of = [](const Batch& batch, std::size_t drone) {
-    return batch.worlds()[static_cast<std::size_t>(batch.state().world_index[drone])].get();
+  const auto world_of = [](const Batch& batch, std::size_t env) {
+    return batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])].get();
   };
   if (world_of(a, i) != world_of(b, j)) return ::testing::AssertionFailure() << "drone " << i << " is in another world";
   const auto x = rows_of(a, i);
   const auto y = rows_of(b, j);
   if (x.size() != y.size()) return ::testing::AssertionFailure() << "one of drone " << i << " and " << j << " has ended";
   for (std::size_t k = 0; k < x.size(); ++k) {
-    if (!same_bits(x[k], y[k]))
-      return ::testing::AssertionFailure() << "drone " << i << ": array " << k << " of arrays.hpp differs";
+    if (!same_bits(x[k].bytes, y[k].bytes)) return ::testing::AssertionFailure() << "drone " << i << ": " << x[k].name << " differs";
   }
   return ::testing::AssertionSuccess();
 }
 
 inline ::testing::AssertionResult same_drones(const Batch& a, const Batch& b) {
-  for (std::size_t drone = 0; drone < a.state().active.size(); ++drone) {
-    if (const auto same = same_drone(a, drone, b, drone); !same) return same;
+  for (std::size_t env = 0; env < a.state().active.size(); ++env) {
+    if (const auto same = same_drone(a, env, b, env); !same) return same;
   }
   return ::testing::AssertionSuccess();
+}
+
+// What a snapshot begins with; see batch/snapshot.cpp. Then come the arrays, each behind its length of 8 bytes.
+struct SnapshotHeader {
+  std::uint64_t magic, format, config, length, checksum;
+};
+
+// A snapshot that was changed, with the length and the checksum that belong to it now: what is checked behind these is reached.
+inline std::string mended(std::string blob) {
+  SnapshotHeader header{};
+  std::memcpy(&header, blob.data(), sizeof(header));
+  const std::string_view body = std::string_view(blob).substr(sizeof(header));
+  header.length = body.size();
+  header.checksum = 0;
+  Hash hash;
+  hash.add(std::as_bytes(std::span(&header, 1)));
+  hash.add(body);
+  header.checksum = hash.value();
+  std::memcpy(blob.data(), &header, sizeof(header));
+  return blob;
 }
 
 template <class F>

@@ -19,16 +19,16 @@ Batch::Worlds playgrounds() {
   return worlds;
 }
 
-BatchConfig navigation(int num_drones) {
-  BatchConfig config = testing::navigation_batch(num_drones);
-  config.navigation.max_episode_steps = 60;
-  config.autoreset_mode = AutoresetMode::same_step;
+testing::NavigationBatch navigation(int num_envs) {
+  testing::NavigationBatch config = testing::navigation_batch(num_envs);
+  config.episode.max_episode_steps = 60;
+  config.episode.autoreset_mode = AutoresetMode::same_step;
   return config;
 }
 
-std::vector<std::vector<std::int64_t>> random_actions(std::size_t steps, std::size_t num_drones) {
+std::vector<std::vector<std::int64_t>> random_actions(std::size_t steps, std::size_t num_envs) {
   std::mt19937 random(7);
-  std::vector<std::vector<std::int64_t>> actions(steps, std::vector<std::int64_t>(num_drones));
+  std::vector<std::vector<std::int64_t>> actions(steps, std::vector<std::int64_t>(num_envs));
   for (auto& step : actions) {
     for (auto& action : step) action = static_cast<std::int64_t>(random() % 6);
   }
@@ -36,12 +36,12 @@ std::vector<std::vector<std::int64_t>> random_actions(std::size_t steps, std::si
 }
 
 void expect_no_allocation(int num_threads) {
-  BatchConfig config = navigation(256);
+  testing::NavigationBatch config = navigation(256);
   config.num_threads = num_threads;
   config.block_size = 16;
-  config.navigation.random_world = true;
-  config.navigation.max_episode_steps = 3000;
-  Batch batch(config, playgrounds());
+  config.episode.random_world = true;
+  config.episode.max_episode_steps = 3000;
+  Batch batch = config.make(playgrounds());
   batch.reset({});
   const auto actions = random_actions(400, 256);
   for (int i = 0; i < 100; ++i) batch.step(std::span<const std::int64_t>(actions[static_cast<std::size_t>(i)]));
@@ -64,11 +64,11 @@ TEST(Batch, AStepOnTwoThreadsAllocatesNothing) { expect_no_allocation(2); }
 
 TEST(Batch, EnvsDependOnNothingBesideThem) {
   // The same five worlds and seeds: 20 envs in blocks of 3 on four threads, and 200 on one.
-  BatchConfig few_config = navigation(20);
+  testing::NavigationBatch few_config = navigation(20);
   few_config.block_size = 3;
   few_config.num_threads = 4;
-  Batch few(few_config, playgrounds());
-  Batch many(navigation(200), playgrounds());
+  Batch few = few_config.make(playgrounds());
+  Batch many = navigation(200).make(playgrounds());
   std::vector<std::uint64_t> seeds(200);
   std::iota(seeds.begin(), seeds.end(), std::uint64_t{11});
   few.reset(std::span(seeds).first(20));
@@ -79,8 +79,8 @@ TEST(Batch, EnvsDependOnNothingBesideThem) {
     few.step(std::span<const std::int64_t>(step).first(20));
     const Outputs& a = few.outputs();
     const Outputs& b = many.outputs();
-    const auto size = static_cast<std::ptrdiff_t>(few.observation_size());
-    ASSERT_TRUE(std::equal(a.observation.begin(), a.observation.begin() + 20 * size, b.observation.begin()));
+    const std::span<const std::byte> seen = a.observation[0].bytes();
+    ASSERT_TRUE(testing::same_bits(seen, std::span(b.observation[0].bytes()).first(seen.size())));
     ASSERT_TRUE(std::equal(a.reward.begin(), a.reward.end(), b.reward.begin()));
     ASSERT_TRUE(std::equal(a.terminated.begin(), a.terminated.end(), b.terminated.begin()));
     ASSERT_TRUE(std::equal(a.truncated.begin(), a.truncated.end(), b.truncated.begin()));
@@ -89,10 +89,8 @@ TEST(Batch, EnvsDependOnNothingBesideThem) {
 
 TEST(Batch, DirectTracingAndEmbreeAgree) {
   // With a range of 3 m few shapes are near, and traced directly; a raycast goes through Embree.
-  BatchConfig config = navigation(50);
-  config.task = TaskKind::none;
   const Batch::Worlds worlds = playgrounds();
-  Batch batch(config, worlds);
+  Batch batch(testing::lidar_batch(50), worlds);
   std::mt19937 random(3);
   std::uniform_real_distribution<float> across(0.5F, 13.5F);
   std::vector<float> position;
@@ -111,7 +109,7 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
         raycast(*worlds[drone % 5], origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
     for (std::size_t ray = 0; ray < 35; ++ray) {
       // raycast() normalises the directions again: the last bit of a beam may move.
-      const float range = batch.state().lidar_ranges[35 * drone + ray];
+      const float range = batch.lidar_ranges()[35 * drone + ray];
       if (range == hits.t_hit[ray]) continue;
       ASSERT_NEAR(range, hits.t_hit[ray], 2e-6F) << drone << ' ' << ray;
     }

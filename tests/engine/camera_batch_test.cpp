@@ -26,6 +26,7 @@ namespace {
 using testing::camera_batch;
 using testing::kAllOutputs;
 using testing::make_world;
+using testing::NavigationBatch;
 using testing::primitive;
 using testing::Random;
 using testing::row;
@@ -39,9 +40,9 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 constexpr float kWall = 10.0F;  // m, where the wall ahead is, in the first world; in the second it is twice as far
 
-BatchConfig probes(int num_drones, CaptureMode mode) {
+BatchConfig probes(int num_envs, CaptureMode mode) {
   return camera_batch({.width_px = 1, .height_px = 1, .outputs = {.rgb = false, .depth = true}, .capture_mode = mode},
-                      num_drones);
+                      num_envs);
 }
 
 const Batch::Worlds& halls() {
@@ -93,7 +94,7 @@ TEST(CaptureEveryStep, AtEverySenseOfTheDronesItChooses) {
 }
 
 TEST(CaptureOnMovement, OnlyWhereThePoseOrTheWorldIsAnother) {
-  Batch batch(probes(5, CaptureMode::on_movement), halls(), DroneModel::quadrotor650(), std::vector<std::int32_t>(5, 0));
+  Batch batch(probes(5, CaptureMode::on_movement), halls(), nullptr, DroneModel::quadrotor650(), std::vector<std::int32_t>(5, 0));
   put(batch, {1, 2, 3, 4, 5});
   batch.sense();
   EXPECT_EQ(shown(batch), (std::vector<float>{1, 2, 3, 4, 5}));
@@ -183,7 +184,7 @@ TEST(Capture, TheModeChangesAtRunTime) {
   put(batch, {1});
   batch.sense();
   batch.set_capture_mode(0, CaptureMode::on_demand);
-  EXPECT_EQ(batch.config().cameras[0].capture_mode, CaptureMode::on_demand);
+  EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::on_demand);
   EXPECT_EQ(batch.camera_config(0, 0).capture_mode, CaptureMode::on_demand);
   put(batch, {2});
   batch.sense();
@@ -204,7 +205,7 @@ TEST(CaptureSlots, ARemovedOneSeesNothingAndASpawnedOneLooks) {
   for (const CaptureMode mode : {CaptureMode::every_step, CaptureMode::on_movement, CaptureMode::on_demand}) {
     SCOPED_TRACE(static_cast<int>(mode));
     CameraConfig camera{.width_px = 5, .height_px = 3, .outputs = kAllOutputs, .capture_mode = mode};
-    Batch batch(camera_batch(camera, 3), halls(), DroneModel::quadrotor650(), std::vector<std::int32_t>(3, 0));
+    Batch batch(camera_batch(camera, 3), halls(), nullptr, DroneModel::quadrotor650(), std::vector<std::int32_t>(3, 0));
     put(batch, {1, 2, 3});
     batch.sense();
     batch.capture(0);
@@ -253,6 +254,8 @@ TEST(CaptureCameras, EachHasItsSizeItsOutputsAndItsMode) {
   Batch batch(config, {halls()[0]});
   EXPECT_EQ(batch.camera_index("front"), 0U);
   EXPECT_EQ(batch.camera_index("down"), 1U);
+  EXPECT_REFUSED((void)batch.camera_index(""), R"(camera: expected one of "front", "down", got no name)");
+  EXPECT_EQ(Batch(probes(1, CaptureMode::every_step), halls()).camera_index(""), 0U) << "the only one needs no name";
   EXPECT_EQ(batch.images(1).depth.size(), 2U * 33U * 9U);
   EXPECT_TRUE(batch.images(0).semantic.empty());
   put(batch, {1, 2});
@@ -287,14 +290,14 @@ std::shared_ptr<const World> smaller_closet() {
 
 constexpr std::size_t kEnvs = 12;
 
-BatchConfig flying(AutoresetMode autoreset, CaptureMode mode) {
-  BatchConfig config = testing::navigation_batch(kEnvs);
-  config.autoreset_mode = autoreset;
+NavigationBatch flying(AutoresetMode autoreset, CaptureMode mode) {
+  NavigationBatch config = testing::navigation_batch(kEnvs);
+  config.episode.autoreset_mode = autoreset;
   config.navigation.action = ActionKind::displacement;
-  config.navigation.max_episode_steps = 14;
+  config.episode.max_episode_steps = 14;
   config.navigation.random_start = true;
-  config.navigation.random_world = true;
-  config.navigation.stagger_first_episode = true;
+  config.episode.random_world = true;
+  config.episode.stagger_first_episode = true;
   config.cameras = {{.width_px = 9, .height_px = 7, .outputs = {.rgb = true, .depth = true}, .capture_mode = mode}};
   return config;
 }
@@ -318,10 +321,10 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
   for (const AutoresetMode autoreset : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     SCOPED_TRACE(static_cast<int>(autoreset));
     const Batch::Worlds worlds{testing::closet(), smaller_closet()};
-    Batch every(flying(autoreset, CaptureMode::every_step), worlds);
-    Batch moving(flying(autoreset, CaptureMode::on_movement), worlds);
-    Batch demand(flying(autoreset, CaptureMode::on_demand), worlds);
-    Batch truth(flying(autoreset, CaptureMode::on_demand), worlds);  // captured after every call: the present poses
+    Batch every = flying(autoreset, CaptureMode::every_step).make(worlds);
+    Batch moving = flying(autoreset, CaptureMode::on_movement).make(worlds);
+    Batch demand = flying(autoreset, CaptureMode::on_demand).make(worlds);
+    Batch truth = flying(autoreset, CaptureMode::on_demand).make(worlds);  // captured after every call: the present poses
     const std::array all{&every, &moving, &demand, &truth};
     Random random(7);
     for (Batch* batch : all) batch->reset({});
@@ -349,7 +352,7 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
       const State& state = truth.state();
       for (std::size_t i = 0; i < kEnvs; ++i) {
         SCOPED_TRACE("step " + std::to_string(step) + ", drone " + std::to_string(i));
-        const std::int64_t now = state.scans[i] - 1;  // the step of its episode
+        const std::int64_t now = state.sensed[i];  // the step of its episode
         ASSERT_EQ(frame_step(truth)[i], now);
         ASSERT_EQ(frame_step(every)[i], now);
         ASSERT_TRUE(same_frame(every, truth, i));
@@ -382,7 +385,7 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
       demand.capture(0, some);
       for (std::size_t i = 0; i < kEnvs; ++i) {
         if (!some[i]) continue;
-        demanded[i] = state.scans[i] - 1;
+        demanded[i] = state.sensed[i];
         ASSERT_EQ(frame_step(demand)[i], demanded[i]);
         ASSERT_TRUE(same_frame(demand, truth, i));
         const auto depths = row(demand.images(0).depth, i, 63);
@@ -398,10 +401,10 @@ TEST(CaptureTask, FramesAreAsOldAsTheirModeAllows) {
 TEST(CaptureTask, CamerasChangeNothingElse) {
   for (const AutoresetMode autoreset : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     const Batch::Worlds worlds{testing::closet(), smaller_closet()};
-    Batch with(flying(autoreset, CaptureMode::every_step), worlds);
-    BatchConfig blind = flying(autoreset, CaptureMode::every_step);
+    Batch with = flying(autoreset, CaptureMode::every_step).make(worlds);
+    NavigationBatch blind = flying(autoreset, CaptureMode::every_step);
     blind.cameras.clear();
-    Batch without(blind, worlds);
+    Batch without = blind.make(worlds);
     Random random(8);
     with.reset({});
     without.reset({});
@@ -416,13 +419,13 @@ TEST(CaptureTask, CamerasChangeNothingElse) {
 
 // The hundred steps of warm-up wake the second thread. oneTBB's tasks come from pools of its own; this counts the engine's.
 void expect_no_allocation(int num_threads) {
-  BatchConfig config = testing::navigation_batch(32);
+  NavigationBatch config = testing::navigation_batch(32);
   config.num_threads = num_threads;
   config.block_size = 4;
-  config.autoreset_mode = AutoresetMode::same_step;
-  config.navigation.max_episode_steps = 50;
-  config.navigation.stagger_first_episode = true;
-  config.navigation.random_world = true;
+  config.episode.autoreset_mode = AutoresetMode::same_step;
+  config.episode.max_episode_steps = 50;
+  config.episode.stagger_first_episode = true;
+  config.episode.random_world = true;
   config.cameras = {
       {.name = "a", .width_px = 17, .height_px = 9, .outputs = kAllOutputs, .samples_per_pixel = 4, .shadows = true},
       {.name = "b", .width_px = 16, .height_px = 16, .layout = ImageLayout::chw, .capture_mode = CaptureMode::on_movement},
@@ -432,7 +435,7 @@ void expect_no_allocation(int num_threads) {
   with_mesh.mesh.vertices = {{3, 3, 1}, {4, 3, 1}, {3, 4, 2}};
   with_mesh.mesh.triangles = {{0, 1, 2}};
   with_mesh.markers = {.start = Vec3(7, 7, 2), .goal = Vec3(10, 10, 2)};
-  Batch batch(config, {testing::playground("train-1"), std::make_shared<const World>(with_mesh)});
+  Batch batch = config.make({testing::playground("train-1"), std::make_shared<const World>(with_mesh)});
   batch.reset({});
   Random random(3);
   std::vector<std::int64_t> actions(32);
@@ -706,8 +709,8 @@ TEST(CameraJpeg, OfEitherLayoutIsTheSame) {
 
 // -- Snapshots.
 
-BatchConfig two_cameras(CaptureMode mode) {
-  BatchConfig config = flying(AutoresetMode::same_step, mode);
+NavigationBatch two_cameras(CaptureMode mode) {
+  NavigationBatch config = flying(AutoresetMode::same_step, mode);
   config.cameras[0].outputs = kAllOutputs;
   config.cameras.push_back({.name = "other",
                             .width_px = 17,
@@ -726,8 +729,8 @@ BatchConfig two_cameras(CaptureMode mode) {
   for (std::size_t camera = 0; camera < a.config().cameras.size(); ++camera) {
     const CameraImages& x = a.images(camera);
     const CameraImages& y = b.images(camera);
-    const CameraConfig& config = a.config().cameras[camera];
-    if (config.capture_mode != b.config().cameras[camera].capture_mode) return ::testing::AssertionFailure() << "another mode";
+    const CameraConfig& config = a.camera_config(camera);
+    if (config.capture_mode != b.camera_config(camera).capture_mode) return ::testing::AssertionFailure() << "another mode";
     if (x.frame_step != y.frame_step) return ::testing::AssertionFailure() << "camera " << camera << ": other ages";
     const auto pixels = static_cast<std::size_t>(config.width_px * config.height_px);
     for (std::size_t i = 0; i < x.frame_step.size(); ++i) {
@@ -754,7 +757,7 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
   const Batch::Worlds worlds{testing::closet(), smaller_closet()};
   for (const CaptureMode mode : {CaptureMode::every_step, CaptureMode::on_movement, CaptureMode::on_demand}) {
     SCOPED_TRACE(static_cast<int>(mode));
-    Batch one(two_cameras(mode), worlds);
+    Batch one = two_cameras(mode).make(worlds);
     Random random(9);
     const auto fly = [&](const std::vector<Batch*>& batches, int steps) {
       for (int i = 0; i < steps; ++i) {
@@ -781,11 +784,11 @@ TEST(CameraSnapshot, RestoredIsUninterrupted) {
     one.set_world(swapped);  // the frame still shows the world it was taken in
     const std::string blob = one.snapshot();
 
-    BatchConfig config = two_cameras(mode);
+    NavigationBatch config = two_cameras(mode);
     config.num_threads = 2;
     config.block_size = 5;
-    Batch fresh(config, worlds);
-    Batch lived(config, worlds);
+    Batch fresh = config.make(worlds);
+    Batch lived = config.make(worlds);
     lived.reset({});
     lived.set_camera(0, {.hfov_deg = 33.0F});
     lived.set_capture_mode(0, CaptureMode::on_demand);
@@ -817,49 +820,50 @@ TEST(CameraSnapshot, GoesBackToTheModeItHad) {
   batch.set_capture_mode(0, CaptureMode::on_demand);
   batch.restore(blob);
   EXPECT_EQ(batch.camera_config(0, 0).capture_mode, CaptureMode::on_movement);
-  EXPECT_EQ(batch.config().cameras[0].capture_mode, CaptureMode::on_movement);
+  EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::on_movement);
   // The mode is not of the configuration that a snapshot must come from.
   Batch other(probes(1, CaptureMode::on_demand), {halls()[0]});
   other.restore(blob);
-  EXPECT_EQ(other.config().cameras[0].capture_mode, CaptureMode::on_movement);
+  EXPECT_EQ(other.camera_config(0).capture_mode, CaptureMode::on_movement);
 }
 
 TEST(CameraSnapshot, OfAnotherCameraIsRefused) {
-  const std::vector<std::function<void(BatchConfig&)>> changes{
-      [](BatchConfig& c) { c.cameras.pop_back(); },
-      [](BatchConfig& c) { std::swap(c.cameras[0], c.cameras[1]); },
-      [](BatchConfig& c) { c.cameras[0].name = "face"; },
-      [](BatchConfig& c) { c.cameras[0].width_px = 7, c.cameras[0].height_px = 9; },
-      [](BatchConfig& c) { c.cameras[0].hfov_deg = 91.0F; },
-      [](BatchConfig& c) { c.cameras[1].vfov_deg = 41.0F; },
-      [](BatchConfig& c) { c.cameras[0].vfov_deg = 60.0F, c.cameras[0].hfov_deg = 90.0F; },
-      [](BatchConfig& c) { c.cameras[0].offset_m[2] = 0.1F; },
-      [](BatchConfig& c) { c.cameras[0].quat_wxyz = {0, 1, 0, 0}; },
-      [](BatchConfig& c) { c.cameras[0].near_m = 0.06F; },
-      [](BatchConfig& c) { c.cameras[0].far_m = 99.0F; },
-      [](BatchConfig& c) { c.cameras[0].outputs.grey = false; },
-      [](BatchConfig& c) { c.cameras[1].outputs.normal = true; },
-      [](BatchConfig& c) { c.cameras[0].depth_kind = DepthKind::range; },
-      [](BatchConfig& c) { c.cameras[0].layout = ImageLayout::chw; },
-      [](BatchConfig& c) { c.cameras[0].samples_per_pixel = 9; },
-      [](BatchConfig& c) { c.cameras[0].shadows = true; },
+  const std::vector<std::function<void(NavigationBatch&)>> changes{
+      [](NavigationBatch& c) { c.cameras.pop_back(); },
+      [](NavigationBatch& c) { std::swap(c.cameras[0], c.cameras[1]); },
+      [](NavigationBatch& c) { c.cameras[0].name = "face"; },
+      [](NavigationBatch& c) { c.cameras[0].width_px = 7, c.cameras[0].height_px = 9; },
+      [](NavigationBatch& c) { c.cameras[0].hfov_deg = 91.0F; },
+      [](NavigationBatch& c) { c.cameras[1].vfov_deg = 41.0F; },
+      [](NavigationBatch& c) { c.cameras[0].vfov_deg = 60.0F, c.cameras[0].hfov_deg = 90.0F; },
+      [](NavigationBatch& c) { c.cameras[0].offset_m[2] = 0.1F; },
+      [](NavigationBatch& c) { c.cameras[0].quat_wxyz = {0, 1, 0, 0}; },
+      [](NavigationBatch& c) { c.cameras[0].near_m = 0.06F; },
+      [](NavigationBatch& c) { c.cameras[0].far_m = 99.0F; },
+      [](NavigationBatch& c) { c.cameras[0].outputs.grey = false; },
+      [](NavigationBatch& c) { c.cameras[1].outputs.normal = true; },
+      [](NavigationBatch& c) { c.cameras[0].depth_kind = DepthKind::range; },
+      [](NavigationBatch& c) { c.cameras[0].layout = ImageLayout::chw; },
+      [](NavigationBatch& c) { c.cameras[0].samples_per_pixel = 9; },
+      [](NavigationBatch& c) { c.cameras[0].shadows = true; },
+      [](NavigationBatch& c) { c.cameras[0].rate_hz = 5.0F; },
   };
   const Batch::Worlds worlds{testing::closet()};
-  Batch batch(two_cameras(CaptureMode::every_step), worlds);
+  Batch batch = two_cameras(CaptureMode::every_step).make(worlds);
   batch.reset({});
   const std::string before = batch.snapshot();
   for (std::size_t i = 0; i < changes.size(); ++i) {
     SCOPED_TRACE("change " + std::to_string(i));
-    BatchConfig config = two_cameras(CaptureMode::every_step);
+    NavigationBatch config = two_cameras(CaptureMode::every_step);
     changes[i](config);
-    EXPECT_REFUSED(batch.restore(Batch(config, worlds).snapshot()), "snapshot");
+    EXPECT_REFUSED(batch.restore(config.make(worlds).snapshot()), "snapshot");
     EXPECT_TRUE(batch.snapshot() == before);
   }
-  EXPECT_NO_THROW(batch.restore(Batch(two_cameras(CaptureMode::every_step), worlds).snapshot()));
+  EXPECT_NO_THROW(batch.restore(two_cameras(CaptureMode::every_step).make(worlds).snapshot()));
 }
 
 // What a snapshot says of cameras is its end where there is no task: the mode, a setting of 36 bytes per drone, and where and
-// when the frames were taken, four arrays with their lengths.
+// when the frames were taken, five arrays; each behind its length.
 TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   constexpr std::size_t kDrones = 3;
   Batch batch(probes(kDrones, CaptureMode::every_step), halls());
@@ -867,27 +871,30 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   batch.sense();
   const std::string blob = batch.snapshot();
   const std::size_t steps = blob.size() - 8 * kDrones;
-  const std::size_t worlds = steps - 8 - 4 * kDrones;
+  const std::size_t ticks = steps - 8 - 8 * kDrones;
+  const std::size_t worlds = ticks - 8 - 4 * kDrones;
   const std::size_t positions = worlds - 8 - 16 * kDrones - 8 - 12 * kDrones;
   const std::size_t settings = positions - 8 - 36 * kDrones;
-  const std::size_t mode = settings - 1;
+  const std::size_t mode = settings - 8 - 1;
   const auto expect_refused = [&](std::size_t at, const auto& value, const std::string& field) {
     std::string damaged = blob;
     std::memcpy(damaged.data() + at, &value, sizeof(value));
-    EXPECT_REFUSED(batch.restore(damaged), field);
+    EXPECT_REFUSED(batch.restore(damaged), "undamaged bytes");
+    EXPECT_REFUSED(batch.restore(testing::mended(damaged)), field);
     EXPECT_TRUE(batch.snapshot() == blob) << "a refused blob changed the batch";
   };
   float x = 0.0F;
   std::memcpy(&x, blob.data() + positions + 12, sizeof(x));
   ASSERT_EQ(x, 2.0F) << "the layout is another than this test knows";
   ASSERT_EQ(blob[mode], 0);
-  expect_refused(worlds + 4, std::int32_t{2}, "snapshot");
-  expect_refused(worlds + 8, std::int32_t{-1}, "snapshot");
-  expect_refused(mode, std::uint8_t{3}, "snapshot");
+  expect_refused(worlds + 4, std::int32_t{2}, "snapshot: expected world indices below 2");
+  expect_refused(worlds + 8, std::int32_t{-1}, "snapshot: expected world indices below 2");
+  expect_refused(mode, std::uint8_t{3}, "snapshot: expected a capture mode");
   expect_refused(settings, 200.0F, "camera.hfov_deg");
   expect_refused(settings + 36 + 8, kInfinity, "camera.offset_m");
-  for (const std::size_t length : {steps, worlds, settings, mode}) {
+  for (const std::size_t length : {steps, ticks, worlds, settings, mode}) {
     EXPECT_REFUSED(batch.restore(blob.substr(0, length)), "snapshot");
+    EXPECT_REFUSED(batch.restore(testing::mended(blob.substr(0, length))), "snapshot");
     EXPECT_TRUE(batch.snapshot() == blob);
   }
   batch.restore(blob);

@@ -19,8 +19,9 @@
 namespace flockstep {
 namespace {
 
-using testing::lidar_batch;
 using testing::make_world;
+using testing::navigation_batch;
+using testing::NavigationBatch;
 using testing::primitive;
 using testing::Random;
 using testing::row;
@@ -48,21 +49,20 @@ Batch::Worlds parlours() {
   return worlds;
 }
 
-BatchConfig camera_batch(int num_drones, ObservationKind observation, AutoresetMode mode = AutoresetMode::same_step) {
-  BatchConfig config = lidar_batch(num_drones, {.beams = kRays, .hfov_deg = 180.0F});
+NavigationBatch camera_batch(int num_envs, ObservationKind observation, AutoresetMode mode = AutoresetMode::same_step) {
+  NavigationBatch config = navigation_batch(num_envs, {.beams = kRays, .hfov_deg = 180.0F});
   CameraConfig camera;
   camera.width_px = 32;
   camera.height_px = 24;
   camera.layout = ImageLayout::chw;
   config.cameras = {camera};
-  config.task = TaskKind::navigation;
   config.navigation.action = ActionKind::discrete_forward;
   config.navigation.observation = observation;
-  config.navigation.max_episode_steps = 40;
+  config.episode.max_episode_steps = 40;
   config.navigation.random_start = true;
-  config.navigation.stagger_first_episode = true;
+  config.episode.stagger_first_episode = true;
   config.navigation.reward.overshoot_weight = 1.0F;
-  config.autoreset_mode = mode;
+  config.episode.autoreset_mode = mode;
   return config;
 }
 
@@ -82,12 +82,29 @@ std::vector<std::uint64_t> seeds_from(std::uint64_t first, std::size_t count) {
   return seeds;
 }
 
+// A row of an observation, of all its fields.
+std::vector<std::byte> row_of(const std::vector<Buffer>& observation, std::size_t env) {
+  std::vector<std::byte> bytes;
+  for (const Buffer& field : observation) {
+    const auto its = row(field.bytes(), env, field.row_bytes());
+    bytes.insert(bytes.end(), its.begin(), its.end());
+  }
+  return bytes;
+}
+
+bool same_observations(const Batch& a, const Batch& b) {
+  const auto same = [](const Buffer& x, const Buffer& y) { return x.bytes() == y.bytes(); };
+  const auto& x = a.outputs().observation;
+  const auto& y = b.outputs().observation;
+  return std::equal(x.begin(), x.end(), y.begin(), y.end(), same);
+}
+
 // -- Actions and observations.
 
 TEST(CameraNavigation, ForwardActionsAreThree) {
-  BatchConfig config = camera_batch(1, ObservationKind::blob);
+  NavigationBatch config = camera_batch(1, ObservationKind::blob);
   config.navigation.random_start = false;
-  Batch batch(config, {testing::playground("camera-train-1")});
+  Batch batch = config.make({testing::playground("camera-train-1")});
   batch.reset({});
   const Vec3 start(batch.state().position.data());
   const Vec3 along[] = {{0.1F, 0, 0}, {0, 0.1F, 0}, {0, -0.1F, 0}};
@@ -104,11 +121,11 @@ TEST(CameraNavigation, ForwardActionsAreThree) {
 
 TEST(CameraNavigation, BlobAndRangesAreObserved) {
   for (const ImageLayout layout : {ImageLayout::hwc, ImageLayout::chw}) {
-    BatchConfig config = camera_batch(6, ObservationKind::blob);
+    NavigationBatch config = camera_batch(6, ObservationKind::blob);
     config.cameras[0].layout = layout;
-    Batch batch(config, parlours());
-    EXPECT_EQ(batch.observation_size(), 22);
-    EXPECT_EQ(batch.image_size(), 0);
+    Batch batch = config.make(parlours());
+    ASSERT_EQ(batch.outputs().observation.size(), 1U);
+    EXPECT_EQ(batch.outputs().observation[0].columns(), 22U);
     batch.reset({});
     Random random(1);
     std::vector<std::int64_t> actions(6);
@@ -117,15 +134,14 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
     for (int step = 0; step < 60; ++step) {
       for (auto& action : actions) action = action_of(random);
       batch.step(std::span<const std::int64_t>(actions));
-      const State& state = batch.state();
       for (std::size_t i = 0; i < 6; ++i) {
-        const auto observation = row(batch.outputs().observation, i, 22);
+        const auto observation = batch.outputs().observation[0].row<float>(i);
         const auto blob = task::find_green(row(batch.images(0).rgb, i, kImage), 32, 24, layout, scratch);
         EXPECT_EQ(observation[0], blob.offset);
         EXPECT_EQ(observation[1], blob.area);
         seen += blob.found;
         for (std::size_t k = 0; k < kRays; ++k) {
-          EXPECT_FLOAT_EQ(observation[2 + k], std::min(state.lidar_ranges[i * kRays + k] / 3.0F, 1.0F));
+          EXPECT_FLOAT_EQ(observation[2 + k], std::min(batch.lidar_ranges()[i * kRays + k] / 3.0F, 1.0F));
         }
       }
     }
@@ -134,7 +150,7 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
 }
 
 TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
-  BatchConfig config = camera_batch(1, ObservationKind::blob);
+  NavigationBatch config = camera_batch(1, ObservationKind::blob);
   config.cameras[0].width_px = 640;
   config.cameras[0].height_px = 480;
   config.navigation.random_start = false;
@@ -145,32 +161,38 @@ TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
                                     {.start = start, .goal = Vec3(start + offset)})});
     batch.reset({});
     // Left is positive y, and to the left is negative in the image, which is 90 degrees wide.
-    EXPECT_NEAR(batch.outputs().observation[0], -offset.y() / offset.x(), 0.005) << aside;
+    EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[0], -offset.y() / offset.x(), 0.005) << aside;
     // A sphere aside is drawn longer, away from the centre.
     const float height = 2.0F * 0.25F / offset.x() * 320.0F;  // px
     const float width = height * offset.norm() / offset.x();
-    EXPECT_NEAR(batch.outputs().observation[1] * 640.0F * 480.0F, width * height, 2.0F * (width + height)) << aside;
+    EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[1] * 640.0F * 480.0F, width * height, 2.0F * (width + height)) << aside;
   }
 }
 
 TEST(CameraNavigation, PixelsAreTheCamerasImage) {
-  Batch batch(camera_batch(6, ObservationKind::pixels), parlours());
-  EXPECT_EQ(batch.observation_size(), static_cast<int>(kRays));
-  EXPECT_EQ(batch.image_size(), static_cast<int>(kImage));
+  Batch batch = camera_batch(6, ObservationKind::pixels).make(parlours());
+  const auto& fields = batch.task()->spec().observation;
+  ASSERT_EQ(fields.size(), 2U);
+  EXPECT_EQ(fields[0].name, "image");
+  EXPECT_EQ(fields[0].type, DType::uint8);
+  EXPECT_EQ(fields[0].shape, (std::vector<std::int64_t>{3, 24, 32}));
+  EXPECT_EQ(fields[1].name, "ranges");
+  EXPECT_EQ(fields[1].shape, (std::vector<std::int64_t>{kRays}));
+  const auto image = [&]() -> const std::vector<std::byte>& { return batch.outputs().observation[0].bytes(); };
+  const auto rgb = [&] { return std::as_bytes(std::span(batch.images(0).rgb)); };
   batch.reset({});
-  EXPECT_TRUE(same_bits(batch.outputs().image, batch.images(0).rgb));
+  EXPECT_TRUE(same_bits(image(), rgb()));
   Random random(1);
   std::vector<std::int64_t> actions(6);
   for (int step = 0; step < 60; ++step) {
-    const std::vector<std::uint8_t> previous = batch.outputs().image;
-    const std::uint8_t* const there = batch.outputs().image.data();
+    const std::vector<std::byte> previous = image();
+    const std::byte* const there = image().data();
     for (auto& action : actions) action = action_of(random);
     batch.step(std::span<const std::int64_t>(actions));
-    EXPECT_TRUE(same_bits(batch.outputs().image, batch.images(0).rgb));
+    EXPECT_TRUE(same_bits(image(), rgb()));
     EXPECT_TRUE(same_bits(previous, std::span(there, previous.size()))) << "the previous images were written";
-    for (std::size_t k = 0; k < 6 * kRays; ++k) {
-      EXPECT_FLOAT_EQ(batch.outputs().observation[k], std::min(batch.state().lidar_ranges[k] / 3.0F, 1.0F));
-    }
+    const std::vector<float> ranges = testing::values_of(batch.outputs().observation[1]);
+    for (std::size_t k = 0; k < 6 * kRays; ++k) EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar_ranges()[k] / 3.0F, 1.0F));
   }
 }
 
@@ -178,9 +200,9 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
   // In the mode `disabled` nothing is reset, so what is there after the end is what the episode ended with.
   for (const ObservationKind kind : kKinds) {
     constexpr std::size_t kDrones = 12;
-    Batch kept(camera_batch(kDrones, kind, AutoresetMode::disabled), parlours());
-    Batch batch(camera_batch(kDrones, kind), parlours());
-    Batch next(camera_batch(kDrones, kind), parlours());
+    Batch kept = camera_batch(kDrones, kind, AutoresetMode::disabled).make(parlours());
+    Batch batch = camera_batch(kDrones, kind).make(parlours());
+    Batch next = camera_batch(kDrones, kind).make(parlours());
     for (Batch* each : {&kept, &batch, &next}) each->reset(seeds_from(3, kDrones));
     next.reset({});  // the second episodes
     Random random(2);
@@ -191,16 +213,12 @@ TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
       for (auto& action : actions) action = action_of(random);
       kept.step(std::span<const std::int64_t>(actions));
       batch.step(std::span<const std::int64_t>(actions));
-      const auto size = static_cast<std::size_t>(batch.observation_size());
-      const auto image = static_cast<std::size_t>(batch.image_size());
       for (std::size_t i = 0; i < kDrones; ++i) {
         if (over[i] || !(batch.outputs().terminated[i] || batch.outputs().truncated[i])) continue;
         over[i] = 1;
         ++ended;
-        EXPECT_TRUE(same_bits(row(batch.outputs().final_observation, i, size), row(kept.outputs().observation, i, size)));
-        EXPECT_TRUE(same_bits(row(batch.outputs().final_image, i, image), row(kept.outputs().image, i, image)));
-        EXPECT_TRUE(same_bits(row(batch.outputs().observation, i, size), row(next.outputs().observation, i, size)));
-        EXPECT_TRUE(same_bits(row(batch.outputs().image, i, image), row(next.outputs().image, i, image)));
+        EXPECT_TRUE(row_of(batch.outputs().final_observation, i) == row_of(kept.outputs().observation, i));
+        EXPECT_TRUE(row_of(batch.outputs().observation, i) == row_of(next.outputs().observation, i));
       }
     }
     EXPECT_EQ(ended, kDrones);
@@ -216,19 +234,19 @@ TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
       for (const int frame_skip : {1, 3}) {
         SCOPED_TRACE("observation " + std::to_string(static_cast<int>(kind)) + ", mode " +
                      std::to_string(static_cast<int>(mode)) + ", frame skip " + std::to_string(frame_skip));
-        BatchConfig config = camera_batch(kDrones, kind, mode);
-        config.navigation.random_world = true;
-        config.navigation.frame_skip = frame_skip;
+        NavigationBatch config = camera_batch(kDrones, kind, mode);
+        config.episode.random_world = true;
+        config.episode.frame_skip = frame_skip;
         config.block_size = 4;
         config.num_threads = 2;
-        Batch many(config, parlours());
+        Batch many = config.make(parlours());
         const auto seeds = seeds_from(77, kDrones);
         many.reset(seeds);
-        config.num_drones = config.num_threads = 1;
+        config.num_envs = config.num_threads = 1;
         config.block_size = 64;
         std::vector<std::unique_ptr<Batch>> alone;
         for (std::size_t i = 0; i < kDrones; ++i) {
-          alone.push_back(std::make_unique<Batch>(config, parlours()));
+          alone.push_back(std::make_unique<Batch>(config, parlours(), make_navigation(config.navigation)));
           alone[i]->reset(std::span(seeds).subspan(i, 1));
         }
         Random random(2);
@@ -262,19 +280,16 @@ TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
 TEST(CameraNavigation, ModesAgreeButForTheResetRows) {
   constexpr std::size_t kDrones = 8;
   struct Row {
-    std::vector<float> observation;
-    std::vector<std::uint8_t> image;
+    std::vector<std::byte> observation;
     float reward;
     std::uint8_t terminated, truncated;
     bool operator==(const Row&) const = default;
   };
   for (const ObservationKind kind : kKinds) {
     const auto live = [kind](AutoresetMode mode) {
-      BatchConfig config = camera_batch(kDrones, kind, mode);
-      config.navigation.frame_skip = 2;
-      Batch batch(config, parlours());
-      const auto size = static_cast<std::size_t>(batch.observation_size());
-      const auto image = static_cast<std::size_t>(batch.image_size());
+      NavigationBatch config = camera_batch(kDrones, kind, mode);
+      config.episode.frame_skip = 2;
+      Batch batch = config.make(parlours());
       batch.reset(seeds_from(5, kDrones));
       std::vector<std::vector<Row>> rows(kDrones);
       std::vector<std::uint64_t> episode(kDrones, 0);
@@ -283,9 +298,7 @@ TEST(CameraNavigation, ModesAgreeButForTheResetRows) {
       std::vector<std::int64_t> actions(kDrones);
       const auto add = [&](std::size_t i, bool final, float reward, std::uint8_t terminated, std::uint8_t truncated) {
         const Outputs& out = batch.outputs();
-        const auto seen = row(final ? out.final_observation : out.observation, i, size);
-        const auto picture = row(final ? out.final_image : out.image, i, image);
-        rows[i].push_back({{seen.begin(), seen.end()}, {picture.begin(), picture.end()}, reward, terminated, truncated});
+        rows[i].push_back({row_of(final ? out.final_observation : out.observation, i), reward, terminated, truncated});
       };
       for (std::size_t i = 0; i < kDrones; ++i) add(i, false, 0, 0, 0);
       for (int time = 0; time < 80; ++time) {
@@ -332,13 +345,13 @@ TEST(CameraNavigation, ModesAgreeButForTheResetRows) {
 
 TEST(CameraNavigation, ASnapshotBringsTheImagesBack) {
   for (const ObservationKind kind : kKinds) {
-    Batch batch(camera_batch(6, kind), parlours());
+    Batch batch = camera_batch(6, kind).make(parlours());
     batch.reset({});
     Random random(3);
     std::vector<std::int64_t> actions(6, 0);
     for (int step = 0; step < 5; ++step) batch.step(std::span<const std::int64_t>(actions));
     const std::string blob = batch.snapshot();
-    Batch other(camera_batch(6, kind), parlours());
+    Batch other = camera_batch(6, kind).make(parlours());
     other.restore(blob);
     EXPECT_TRUE(same_drones(batch, other));
     for (int step = 0; step < 30; ++step) {
@@ -356,11 +369,11 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
   constexpr std::size_t kDrones = 24;
   for (const ObservationKind kind : {ObservationKind::goal, ObservationKind::blob, ObservationKind::pixels}) {
     SCOPED_TRACE(static_cast<int>(kind));
-    BatchConfig config = camera_batch(kDrones, kind, AutoresetMode::disabled);
+    NavigationBatch config = camera_batch(kDrones, kind, AutoresetMode::disabled);
     config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
-    Batch single(config, parlours());
-    config.navigation.frame_skip = 3;
-    Batch skipping(config, parlours());
+    Batch single = config.make(parlours());
+    config.episode.frame_skip = 3;
+    Batch skipping = config.make(parlours());
     for (Batch* each : {&single, &skipping}) each->reset(seeds_from(9, kDrones));
     Random random(4);
     std::vector<std::int64_t> actions(kDrones);
@@ -368,7 +381,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
     for (int step = 0; step < 30; ++step) {
       for (auto& action : actions) action = action_of(random);
       std::vector<double> reward(kDrones, 0.0);
-      std::vector<double> terms(kDrones * kNumRewardTerms, 0.0);
+      std::vector<double> terms(single.outputs().reward_terms.size(), 0.0);
       for (int k = 0; k < 3; ++k) {
         const std::vector<std::int64_t> before = single.outputs().episode_length;
         single.step(std::span<const std::int64_t>(actions));
@@ -382,8 +395,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
       skipping.step(std::span<const std::int64_t>(actions));
       const Outputs& a = skipping.outputs();
       const Outputs& b = single.outputs();
-      EXPECT_TRUE(same_bits(a.observation, b.observation)) << step;
-      EXPECT_TRUE(same_bits(a.image, b.image)) << step;
+      EXPECT_TRUE(same_observations(skipping, single)) << step;
       EXPECT_EQ(a.terminated, b.terminated);
       EXPECT_EQ(a.truncated, b.truncated);
       EXPECT_EQ(a.success, b.success);
@@ -391,7 +403,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
       EXPECT_EQ(a.episode_length, b.episode_length);
       EXPECT_EQ(a.episode_return, b.episode_return);
       EXPECT_EQ(skipping.state().position, single.state().position);
-      EXPECT_EQ(skipping.state().scans, single.state().scans);
+      EXPECT_EQ(skipping.state().sensed, single.state().sensed);
       EXPECT_EQ(skipping.images(0).frame_step, single.images(0).frame_step);
       for (std::size_t i = 0; i < kDrones; ++i) EXPECT_NEAR(a.reward[i], reward[i], 1e-6 * std::max(1.0, std::abs(reward[i])));
       for (std::size_t j = 0; j < terms.size(); ++j) {
@@ -403,11 +415,11 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
 }
 
 TEST(FrameSkip, CountsFlownStepsTowardsTheLimit) {
-  BatchConfig config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
-  config.navigation.random_start = config.navigation.stagger_first_episode = false;
-  config.navigation.frame_skip = 4;
-  config.navigation.max_episode_steps = 10;
-  Batch batch(config, {testing::playground("camera-train-1")});
+  NavigationBatch config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
+  config.navigation.random_start = config.episode.stagger_first_episode = false;
+  config.episode.frame_skip = 4;
+  config.episode.max_episode_steps = 10;
+  Batch batch = config.make({testing::playground("camera-train-1")});
   batch.reset({});
   const std::int64_t action = 1;
   for (const std::int64_t length : {4, 8, 10}) {
@@ -419,10 +431,10 @@ TEST(FrameSkip, CountsFlownStepsTowardsTheLimit) {
 }
 
 TEST(FrameSkip, OnlyTheFirstOfAnActionIsAChange) {
-  BatchConfig config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
+  NavigationBatch config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
   config.navigation.random_start = false;
-  config.navigation.frame_skip = 4;
-  Batch batch(config, {testing::playground("camera-train-1")});
+  config.episode.frame_skip = 4;
+  Batch batch = config.make({testing::playground("camera-train-1")});
   batch.reset({});
   const std::pair<std::int64_t, float> flights[] = {{1, -1.0F}, {1, 0.0F}, {2, -1.0F}};
   for (const auto& [action, change] : flights) {
@@ -436,9 +448,9 @@ TEST(FrameSkip, OnlyTheFirstOfAnActionIsAChange) {
 TEST(CameraNavigation, AStepAllocatesNothing) {
   for (const ObservationKind kind : kKinds) {
     for (const AutoresetMode mode : kModes) {
-      BatchConfig config = camera_batch(24, kind, mode);
-      config.navigation.frame_skip = 2;
-      Batch batch(config, parlours());
+      NavigationBatch config = camera_batch(24, kind, mode);
+      config.episode.frame_skip = 2;
+      Batch batch = config.make(parlours());
       batch.reset({});
       Random random(5);
       std::vector<std::int64_t> actions(24);
@@ -462,33 +474,33 @@ TEST(CameraNavigation, RefusesABatchItCannotObserve) {
   const Batch::Worlds worlds{parlour(1)};
   for (const ObservationKind kind : kKinds) {
     const auto with = [kind](auto change) {
-      BatchConfig config = camera_batch(1, kind);
+      NavigationBatch config = camera_batch(1, kind);
       change(config);
       return config;
     };
-    EXPECT_REFUSED(Batch(with([](BatchConfig& c) { c.cameras.clear(); }), worlds), "cameras");
-    EXPECT_REFUSED(Batch(with([](BatchConfig& c) { c.cameras[0].outputs = {.rgb = false, .depth = true}; }), worlds),
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras.clear(); }).make(worlds), "cameras");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras[0].outputs = {.rgb = false, .depth = true}; }).make(worlds),
                    "camera.outputs");
-    EXPECT_REFUSED(Batch(with([](BatchConfig& c) { c.cameras[0].capture_mode = CaptureMode::on_demand; }), worlds),
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras[0].capture_mode = CaptureMode::on_demand; }).make(worlds),
                    "camera.capture_mode");
-    EXPECT_REFUSED(Batch(with([](BatchConfig& c) { c.has_lidar = false; }), worlds), "lidar");
-    EXPECT_REFUSED(Batch(with([](BatchConfig& c) { c.navigation.frame_skip = 0; }), worlds), "frame_skip");
-    Batch batch(camera_batch(1, kind), worlds);
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.lidar.reset(); }).make(worlds), "lidar");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.episode.frame_skip = 0; }).make(worlds), "frame_skip");
+    Batch batch = camera_batch(1, kind).make(worlds);
     EXPECT_REFUSED(batch.set_capture_mode(0, CaptureMode::on_demand), "capture_mode");
-    EXPECT_EQ(batch.config().cameras[0].capture_mode, CaptureMode::every_step);
+    EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::every_step);
     batch.set_capture_mode(0, CaptureMode::on_movement);
   }
-  BatchConfig config = camera_batch(1, ObservationKind::pixels);
+  NavigationBatch config = camera_batch(1, ObservationKind::pixels);
   config.cameras[0].layout = ImageLayout::hwc;
-  EXPECT_REFUSED(Batch(config, worlds), "camera.layout");
+  EXPECT_REFUSED(config.make(worlds), "camera.layout");
 }
 
 TEST(CameraNavigation, OnMovementIsEveryStepToTheBit) {
   for (const ObservationKind kind : kKinds) {
-    BatchConfig config = camera_batch(8, kind);
-    Batch every(config, parlours());
+    NavigationBatch config = camera_batch(8, kind);
+    Batch every = config.make(parlours());
     config.cameras[0].capture_mode = CaptureMode::on_movement;
-    Batch moving(config, parlours());
+    Batch moving = config.make(parlours());
     for (Batch* each : {&every, &moving}) each->reset({});
     Random random(6);
     std::vector<std::int64_t> actions(8);
@@ -496,23 +508,23 @@ TEST(CameraNavigation, OnMovementIsEveryStepToTheBit) {
       for (auto& action : actions) action = action_of(random);
       every.step(std::span<const std::int64_t>(actions));
       moving.step(std::span<const std::int64_t>(actions));
-      EXPECT_TRUE(same_bits(every.outputs().observation, moving.outputs().observation));
-      EXPECT_TRUE(same_bits(every.outputs().image, moving.outputs().image));
+      EXPECT_TRUE(same_observations(every, moving));
     }
   }
 }
 
 TEST(CameraNavigation, ASnapshotWithAModeTheTaskRefusesChangesNothing) {
-  Batch batch(camera_batch(2, ObservationKind::blob), parlours());
+  Batch batch = camera_batch(2, ObservationKind::blob).make(parlours());
   batch.reset({});
   std::string damaged = batch.snapshot();
   batch.set_capture_mode(0, CaptureMode::on_movement);
   const std::string blob = batch.snapshot();
-  const auto [mode, other] = std::mismatch(damaged.begin(), damaged.end(), blob.begin());
+  const auto body = static_cast<std::ptrdiff_t>(sizeof(testing::SnapshotHeader));
+  const auto [mode, other] = std::mismatch(damaged.begin() + body, damaged.end(), blob.begin() + body);
   ASSERT_TRUE(mode != damaged.end());
   ASSERT_EQ(*mode, static_cast<char>(CaptureMode::every_step));
   *mode = static_cast<char>(CaptureMode::on_demand);
-  EXPECT_REFUSED(batch.restore(damaged), "capture_mode");
+  EXPECT_REFUSED(batch.restore(testing::mended(damaged)), "capture_mode");
   EXPECT_TRUE(batch.snapshot() == blob);
 }
 

@@ -958,7 +958,7 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
   rtcCommitScene(scene.get());
 
   const auto trace = [&](const render::PinholeCamera& pinhole, const render::PixelTile& tile, const Mat3& rotation, bool wide,
-                         trace::RayBundle& rays, trace::GeometricNormals& normals) {
+                         trace::RayBundle& rays, trace::HitDetails& details) {
     static const std::vector<float> ones(trace::kMaxRays + trace::kRayPadding, 1.0F);
     rays.origin = Vec3(0.1F, 0.2F, 0.3F);
     rays.rotation = rotation;
@@ -971,12 +971,12 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
     std::fill_n(rays.t_hit, trace::kMaxRays, kInfinity);
     std::fill_n(rays.element, trace::kMaxRays, -1);
     const FlushDenormals flush;
-    trace::trace_tile(scene.get(), 0, wide, rays, normals);
+    trace::trace_tile(scene.get(), 0, wide, rays, details);
   };
   Random random(60);
   const auto four = std::make_unique<trace::RayBundle>();
   const auto two = std::make_unique<trace::RayBundle>();
-  trace::GeometricNormals of_four, of_two;
+  trace::HitDetails of_four, of_two;
   std::size_t hits = 0;
   for (const auto& [width, height] : {std::pair{48, 48}, {17, 3}, {16, 7}, {5, 1}}) {
     const render::PinholeCamera pinhole = render::make_pinhole_camera(camera_of(width, height));
@@ -990,9 +990,17 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
           if (four->element[ray] < 0) continue;
           ++hits;
           ASSERT_NEAR(four->t_hit[ray], two->t_hit[ray], 1e-6F * four->t_hit[ray]);
-          const Vec3 a(of_four.x[ray], of_four.y[ray], of_four.z[ray]);
-          const Vec3 b(of_two.x[ray], of_two.y[ray], of_two.z[ray]);
+          const Vec3 a(of_four.normal_x[ray], of_four.normal_y[ray], of_four.normal_z[ray]);
+          const Vec3 b(of_two.normal_x[ray], of_two.normal_y[ray], of_two.normal_z[ray]);
           ASSERT_LT((a - b).norm(), 1e-5F * a.norm());
+          const auto& [first, second, third] = mesh.triangles[static_cast<std::size_t>(four->element[ray])];
+          const auto corner = [&mesh](std::int32_t index) { return mesh.vertices[static_cast<std::size_t>(index)]; };
+          const Vec3 point = four->origin + four->t_hit[ray] * four->direction(ray);
+          for (const trace::HitDetails* of : {&of_four, &of_two}) {
+            const float u = of->u[ray], v = of->v[ray];
+            const Vec3 on_triangle = (1.0F - u - v) * corner(first) + u * corner(second) + v * corner(third);
+            ASSERT_LT((on_triangle - point).norm(), 1e-3F);
+          }
         }
       }
     }

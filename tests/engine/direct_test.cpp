@@ -26,6 +26,7 @@
 #include "task/ranges.hpp"
 #include "trace/calibrated.hpp"
 #include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 #include "trace/user_geometry.hpp"
 
 namespace flockstep::trace {
@@ -64,22 +65,23 @@ std::vector<Primitive> random_primitives(Random& random, int count, bool with_ro
 }
 
 // One bundle and one block, and where the answers of each come from.
-struct Tracer {
+struct Probe {
   RayBundle bundle;
-  RayBlock block;
   CandidateSet candidates;
+  Tracer tracer;
 
   // Directly, by way of gathering; false if too much is in view.
   bool directly(const Scene& scene) {
     const FlushDenormals flush;
-    scene.gather(bundle.origin, bundle.range, candidates);
-    return scene.intersect(candidates, bundle) == Traced::fully;
+    scene.gather(bundle.origin, 0.0F, bundle.range, false, candidates);
+    return !candidates.crowded && trace_direct(std::span(candidates.list).first(candidates.count), kMaxDirect, bundle);
   }
+  const RayBlock& block() { return tracer.block(); }
   // The same rays as a block.
   void as_block(const Scene& scene) {
-    testing::copy(bundle, block);
+    testing::copy(bundle, tracer.block());
     const FlushDenormals flush;
-    scene.intersect(block);
+    tracer.trace_block(scene);
   }
 };
 
@@ -148,16 +150,16 @@ Directions random_directions(Random& random) {
   }
 }
 
-void compare(const World& world, Random& random, Tracer& tracer, Tally& tally) {
+void compare(const World& world, Random& random, Probe& probe, Tally& tally) {
   const Directions directions = random_directions(random);
-  RayBundle& bundle = tracer.bundle;
+  RayBundle& bundle = probe.bundle;
   directions.aim(bundle);
   const unsigned kind = random.generator()() % 4;
   bundle.rotation = kind == 0 ? Mat3::Identity() : random.rotation().toRotationMatrix();
   bundle.origin = random.point(random.generator()() % 4 == 0 ? 9.0F : 4.0F);
   bundle.range = std::array{2.0F, 8.0F, 30.0F, kInfinity}[random.generator()() % 4];
-  const bool is_direct = tracer.directly(compiled(world).scene());
-  tracer.as_block(compiled(world).scene());
+  const bool is_direct = probe.directly(compiled(world).scene());
+  probe.as_block(compiled(world).scene());
   const bool is_embree = world.primitives().size() > kMaxDirectAnyOrigin;
   for (std::size_t i = 0; i < bundle.count; ++i) {
     const Vec3d origin = bundle.origin.cast<double>();
@@ -180,21 +182,21 @@ void compare(const World& world, Random& random, Tracer& tracer, Tally& tally) {
       EXPECT_TRUE(agrees(bundle.t_hit[i], bundle.element[i], expected, steepness, tally.direct)) << ray("directly");
     }
     Deviation& of_block = is_embree ? tally.by_embree : tally.by_list;
-    EXPECT_TRUE(agrees(tracer.block.t_hit[i], tracer.block.element[i], expected, steepness, of_block)) << ray("as a block");
+    EXPECT_TRUE(agrees(probe.block().t_hit[i], probe.block().element[i], expected, steepness, of_block)) << ray("as a block");
   }
 }
 
 TEST(Agreement, DirectlyThroughEmbreeAndByClosedForms) {
   const std::size_t wanted = rays_wanted();
   Tally tally;
-  const auto tracer = std::make_unique<Tracer>();
+  const auto probe = std::make_unique<Probe>();
   for (unsigned seed = 0; tally.rays < wanted; ++seed) {
     SCOPED_TRACE(seed);
     Random random(seed);
     constexpr int kLimit = static_cast<int>(kMaxDirectAnyOrigin);
     const int count = std::array{4, kLimit - 1, kLimit + 1, kLimit + 10, kLimit + 40}[seed % 5];
     const auto world = make_world(random_primitives(random, count, seed % 3 != 0));
-    for (int i = 0; i < 12; ++i) compare(*world, random, *tracer, tally);
+    for (int i = 0; i < 12; ++i) compare(*world, random, *probe, tally);
     ASSERT_FALSE(HasFailure());
   }
   EXPECT_LT(static_cast<double>(tally.unclear), 0.01 * static_cast<double>(tally.rays));
@@ -246,7 +248,7 @@ class Ways {
         z(1 + kRayPadding, direction.z());
     const auto first = [](const std::vector<float>& all) { return std::span(all).first(1); };
     const Frustum frustum = make_frustum(first(x), first(y), first(z));
-    RayBundle& bundle = tracer_->bundle;
+    RayBundle& bundle = probe_->bundle;
     bundle.origin = origin;
     bundle.rotation = Mat3::Identity();
     bundle.range = range;
@@ -256,12 +258,12 @@ class Ways {
     bundle.z = z.data();
     bundle.frustum = &frustum;
     for (const auto& [way, world] : {std::pair{"directly", alone_.get()}, {"directly in company", crowd_.get()}}) {
-      EXPECT_TRUE(tracer_->directly(compiled(*world).scene())) << way;
+      EXPECT_TRUE(probe_->directly(compiled(*world).scene())) << way;
       answers.push_back({way, bundle.t_hit[0], bundle.element[0]});
     }
     for (const auto& [way, world] : {std::pair{"from a list", alone_.get()}, {"through Embree", crowd_.get()}}) {
-      tracer_->as_block(compiled(*world).scene());
-      answers.push_back({way, tracer_->block.t_hit[0], tracer_->block.element[0]});
+      probe_->as_block(compiled(*world).scene());
+      answers.push_back({way, probe_->block().t_hit[0], probe_->block().element[0]});
     }
     return answers;
   }
@@ -290,7 +292,7 @@ class Ways {
   }
 
   std::shared_ptr<const World> alone_, crowd_;
-  std::unique_ptr<Tracer> tracer_ = std::make_unique<Tracer>();
+  std::unique_ptr<Probe> probe_ = std::make_unique<Probe>();
 };
 
 // Of each kind one about the origin, of size 2 along x and y, and along z where it has a thickness.
@@ -561,8 +563,8 @@ void keep(const Rays& rays, Bits& bits) {
 }
 
 TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
-  const auto tracer = std::make_unique<Tracer>();
-  RayBundle& bundle = tracer->bundle;
+  const auto probe = std::make_unique<Probe>();
+  RayBundle& bundle = probe->bundle;
   std::size_t hits = 0;
   std::size_t culled = 0;
   for (unsigned seed = 0; seed < 40; ++seed) {
@@ -576,17 +578,17 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
     bundle.rotation = random.rotation().toRotationMatrix();
     bundle.range = seed % 4 == 0 ? 3.0F : 30.0F;
     set.aim(bundle);
-    ASSERT_TRUE(tracer->directly(scene));
+    ASSERT_TRUE(probe->directly(scene));
     Bits whole;
     keep(bundle, whole);
     hits += static_cast<std::size_t>(std::count_if(whole.element.begin(), whole.element.end(), [](int e) { return e >= 0; }));
 
     bundle.frustum = &everywhere();
-    ASSERT_TRUE(tracer->directly(scene));
+    ASSERT_TRUE(probe->directly(scene));
     Bits seen;
     keep(bundle, seen);
     ASSERT_EQ(seen, whole) << "without a frustum";
-    culled += tracer->candidates.count > 4;
+    culled += probe->candidates.count > 4;
 
     // From another first ray on, a few at a time: other places in the vectors, and other numbers of them.
     for (const std::size_t size : {1U, 2U, 7U, 16U, 33U}) {
@@ -594,7 +596,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
       for (std::size_t first = 0; first < set.size(); first += size) {
         set.aim(bundle, first);
         bundle.count = std::min(size, bundle.count);
-        ASSERT_TRUE(tracer->directly(scene));
+        ASSERT_TRUE(probe->directly(scene));
         keep(bundle, parts);
       }
       ASSERT_EQ(parts, whole) << size << " at a time";
@@ -610,7 +612,7 @@ TEST(DirectBits, InAnyBundleAtAnyPlaceSeenOrNot) {
       for (const std::size_t i : order) picked.push_back(of_set[i]);
       const Directions others(picked);
       others.aim(bundle);
-      ASSERT_TRUE(tracer->directly(scene));
+      ASSERT_TRUE(probe->directly(scene));
       for (std::size_t i = 0; i < order.size(); ++i) {
         ASSERT_TRUE(same_bits(std::span(&bundle.t_hit[i], 1), std::span(&whole.t[order[i]], 1))) << order[i];
         ASSERT_EQ(bundle.element[i], whole.element[order[i]]);
@@ -630,25 +632,27 @@ struct Everything {
 
 Everything trace_everything() {
   Everything all;
-  const auto tracer = std::make_unique<Tracer>();
+  const auto probe = std::make_unique<Probe>();
   for (unsigned seed = 0; seed < 60; ++seed) {
     Random random(seed);
     // Built anew: Embree's callback is chosen with the scene.
     const auto world = make_world(random_primitives(random, std::array{5, 12, 22, 90}[seed % 4], seed % 3 != 0));
     for (int i = 0; i < 20; ++i) {
       const Directions directions = random_directions(random);
-      RayBundle& bundle = tracer->bundle;
+      RayBundle& bundle = probe->bundle;
       directions.aim(bundle);
       bundle.origin = random.point(5.0F);
       bundle.rotation = i % 3 == 0 ? Mat3::Identity() : Mat3(random.rotation().toRotationMatrix());
       bundle.range = std::array{2.0F, 8.0F, kInfinity}[random.generator()() % 3];
-      if (tracer->directly(compiled(*world).scene())) keep(bundle, all.rays);
-      tracer->as_block(compiled(*world).scene());
-      keep(tracer->block, all.rays);
+      if (probe->directly(compiled(*world).scene())) keep(bundle, all.rays);
+      probe->as_block(compiled(*world).scene());
+      keep(probe->block(), all.rays);
       const std::size_t count = random.generator()() % bundle.count + 1;
-      const std::span<const float> ranges(tracer->block.t_hit, count);
+      const std::span<const float> ranges(probe->block().t_hit, count);
       std::vector<float> normalised(count);
-      const task::Clearance clearance = task::normalise(ranges, random.within(1.0F, 9.0F), normalised.data());
+      const float max_range_m = random.within(1.0F, 9.0F);
+      task::normalise(ranges, max_range_m, normalised.data());
+      const task::Clearance clearance = task::clearance_of(ranges, max_range_m);
       all.normalised.insert(all.normalised.end(), normalised.begin(), normalised.end());
       all.clearance.push_back(clearance.nearest);
       all.clearance.push_back(clearance.sum);

@@ -21,6 +21,7 @@
 #include "task/ranges.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 #include "trace/user_geometry.hpp"
 
 namespace flockstep {
@@ -120,8 +121,9 @@ void expect_digest(const Digest& digest, std::uint64_t expected) {
 Digest trace_blocks(int primitives) {
   Exact exact(static_cast<std::uint32_t>(primitives));
   const FlushDenormals flush;
-  const auto block = std::make_unique<trace::RayBlock>();
-  block->count = kRays;
+  const auto tracer = std::make_unique<trace::Tracer>();
+  trace::RayBlock& block = tracer->block();
+  block.count = kRays;
   Digest digest;
   for (int i = 0; i < 64; ++i) {
     const auto world = exact.world(primitives);
@@ -129,16 +131,16 @@ Digest trace_blocks(int primitives) {
       for (std::size_t ray = 0; ray < kRays; ++ray) {
         const Vec3 origin = exact.point(8.0F);
         const Vec3 direction = exact.direction();
-        block->org_x[ray] = origin.x();
-        block->org_y[ray] = origin.y();
-        block->org_z[ray] = origin.z();
-        block->dir_x[ray] = direction.x();
-        block->dir_y[ray] = direction.y();
-        block->dir_z[ray] = direction.z();
-        block->range[ray] = exact.within(1.0F, 20.0F);
+        block.org_x[ray] = origin.x();
+        block.org_y[ray] = origin.y();
+        block.org_z[ray] = origin.z();
+        block.dir_x[ray] = direction.x();
+        block.dir_y[ray] = direction.y();
+        block.dir_z[ray] = direction.z();
+        block.range[ray] = exact.within(1.0F, 20.0F);
       }
-      compiled(*world).scene().intersect(*block);
-      digest.add(*block);
+      tracer->trace_block(compiled(*world).scene());
+      digest.add(block);
     }
   }
   EXPECT_GT(digest.hits(), 64 * 8 * kRays / 4);
@@ -153,7 +155,7 @@ TEST(KernelBits, ManyPrimitives) { expect_digest(trace_blocks(60), 0x121905830F8
 TEST(KernelBits, Bundles) {
   Exact exact(1);
   const FlushDenormals flush;
-  const auto reach = std::make_unique<trace::CandidateSet>();
+  const auto candidates = std::make_unique<trace::CandidateSet>();
   const auto bundle = std::make_unique<trace::RayBundle>();
   std::vector<float> x(kRays + trace::kRayPadding), y(x), z(x);
   bundle->x = x.data();
@@ -176,8 +178,8 @@ TEST(KernelBits, Bundles) {
       bundle->origin = exact.point(6.0F);
       bundle->rotation = exact.rotation().toRotationMatrix();
       bundle->range = exact.within(2.0F, 8.0F);
-      compiled(*world).scene().gather(bundle->origin, bundle->range, *reach);
-      ASSERT_EQ(compiled(*world).scene().intersect(*reach, *bundle), trace::Traced::fully);
+      compiled(*world).scene().gather(bundle->origin, 0.0F, bundle->range, false, *candidates);
+      ASSERT_TRUE(trace_direct(std::span(candidates->list).first(candidates->count), trace::kMaxDirect, *bundle));
       digest.add(*bundle);
     }
   }
@@ -191,7 +193,8 @@ TEST(KernelBits, Ranges) {
   for (std::size_t count = 1; count < 300; ++count) {
     std::vector<float> ranges(count), normalised(count);
     for (float& range : ranges) range = exact.word() % 8 == 0 ? std::numeric_limits<float>::infinity() : exact.within(0.0F, 3.0F);
-    const task::Clearance clearance = task::normalise(ranges, 3.0F, normalised.data());
+    task::normalise(ranges, 3.0F, normalised.data());
+    const task::Clearance clearance = task::clearance_of(ranges, 3.0F);
     for (const float value : normalised) digest.add(value);
     digest.add(clearance.nearest);
     digest.add(clearance.sum);

@@ -1,4 +1,4 @@
-#include "task/navigation.hpp"
+#include "flockstep/navigation.hpp"
 
 #include <gtest/gtest.h>
 
@@ -25,14 +25,16 @@ namespace {
 
 using testing::bytes_of;
 using testing::closet;
-using testing::lidar_batch;
 using testing::make_world;
+using testing::navigation_batch;
+using testing::NavigationBatch;
 using testing::primitive;
 using testing::Random;
 using testing::row;
 using testing::same_bits;
 using testing::same_drone;
 using testing::same_drones;
+using testing::values_of;
 
 // Places and steps that float32 has exactly, so that a radius is met exactly.
 constexpr float kStep = 0.125F;
@@ -47,20 +49,21 @@ std::shared_ptr<const World> hall(std::vector<Vec3> waypoints = {kFirst, kSecond
                     {.start = kStart, .waypoints = std::move(waypoints), .goal = goal});
 }
 
-BatchConfig one_drone(const LidarConfig& lidar = {}) {
-  BatchConfig config = lidar_batch(1, lidar);
-  config.task = TaskKind::navigation;
+NavigationBatch one_drone(const LidarConfig& lidar = {}) {
+  NavigationBatch config = navigation_batch(1, lidar);
   config.navigation.step_m = kStep;
-  config.autoreset_mode = AutoresetMode::disabled;  // what ended stays to be looked at
+  config.episode.autoreset_mode = AutoresetMode::disabled;  // what ended stays to be looked at
   return config;
 }
 
 // In the order of NavigationReward's weights.
-enum Term { kDistance, kCrash, kFreeSpace, kStepNumber, kActionChange, kOvershoot };
+enum Term { kDistance, kCrash, kFreeSpace, kStepNumber, kActionChange, kOvershoot, kNumTerms };
+using Terms = std::array<float, kNumTerms>;
 
 class Flight {
  public:
-  explicit Flight(const BatchConfig& config, const std::shared_ptr<const World>& world = hall()) : batch(config, {world}) {
+  explicit Flight(const NavigationBatch& config, const std::shared_ptr<const World>& world = hall())
+      : batch(config.make({world})) {
     batch.reset({});
   }
 
@@ -68,22 +71,24 @@ class Flight {
     batch.set_pose(std::span(position.data(), 3), std::vector<float>{q.w(), q.x(), q.y(), q.z()});
   }
   // Returns the terms of the reward.
-  std::array<float, kNumRewardTerms> step(std::int64_t action) {
+  Terms step(std::int64_t action) {
     batch.step(std::span<const std::int64_t>(&action, 1));
     return terms();
   }
-  std::array<float, kNumRewardTerms> step(const std::vector<float>& action) {
+  Terms step(const std::vector<float>& action) {
     batch.step(std::span<const float>(action));
     return terms();
   }
   Vec3 position() const { return Vec3(batch.state().position.data()); }
+  std::int32_t goal_index() const { return testing::task_array<std::int32_t>(batch, "goal_index")[0]; }
+  std::vector<float> observation() const { return values_of(out().observation[0]); }
   const Outputs& out() const { return batch.outputs(); }
 
   Batch batch;
 
  private:
-  std::array<float, kNumRewardTerms> terms() const {
-    std::array<float, kNumRewardTerms> terms{};
+  Terms terms() const {
+    Terms terms{};
     std::copy(out().reward_terms.begin(), out().reward_terms.end(), terms.begin());
     double sum = 0.0;
     for (const float term : terms) sum += static_cast<double>(term);
@@ -100,7 +105,7 @@ void expect_flags(const Flight& flight, bool terminated, bool truncated, bool su
 }
 
 void expect_goal_direction(const Flight& flight, const Vec3& in_body) {
-  const Vec3 seen(flight.out().observation.data());
+  const Vec3 seen(flight.observation().data());
   EXPECT_LT((seen - in_body.normalized()).norm(), 1e-6F) << seen.transpose();
 }
 
@@ -110,7 +115,7 @@ TEST(NavigationReward, OfAFlightInTheOpenByHand) {
   Flight flight(one_drone());
   // 2 m from the first waypoint, then 1.875 m: 12.5 cm nearer, all ranges 1, step number 0, and a first action is a change.
   auto terms = flight.step(0);
-  EXPECT_EQ(terms, (std::array<float, kNumRewardTerms>{12.5F, 0.0F, 1.0F, 0.0F, -1.0F, 0.0F}));
+  EXPECT_EQ(terms, (Terms{12.5F, 0.0F, 1.0F, 0.0F, -1.0F, 0.0F}));
   EXPECT_EQ(flight.out().reward[0], 12.5F);
   // The same action again: no change, step number 1.
   terms = flight.step(0);
@@ -131,7 +136,7 @@ TEST(NavigationReward, OfAFlightInTheOpenByHand) {
 TEST(NavigationReward, AWeightIsThatOfItsTermAlone) {
   // The second step of a flight into a corner, past the goal, where every term is something.
   const auto terms_with = [](float NavigationReward::* weight, float value) {
-    BatchConfig config = one_drone();
+    NavigationBatch config = one_drone();
     NavigationReward& reward = config.navigation.reward;
     reward = {.distance_weight = 0, .crash_weight = 0, .free_space_weight = 0, .step_weight = 0, .action_change_weight = 0};
     reward.*weight = value;
@@ -162,20 +167,20 @@ TEST(NavigationReward, AWeightIsThatOfItsTermAlone) {
 TEST(NavigationReward, AWaypointIsReachedWithinTheRadius) {
   for (const bool carry_over_distance : {false, true}) {
     SCOPED_TRACE(carry_over_distance);
-    BatchConfig config = one_drone();
+    NavigationBatch config = one_drone();
     config.navigation.reward.carry_over_distance = carry_over_distance;
     Flight flight(config);
     flight.put({6.25F, 10, 5});
     EXPECT_EQ(flight.step(0)[kDistance], 100.0F * (2.0F - 0.625F));  // at 0.625 m: not yet
-    EXPECT_EQ(flight.batch.goal_index()[0], 0);
+    EXPECT_EQ(flight.goal_index(), 0);
     // At 0.5 m exactly: R * share / 2 waypoints, and from now on the second one counts.
     EXPECT_FLOAT_EQ(flight.step(0)[kDistance], 500.0F);
-    EXPECT_EQ(flight.batch.goal_index()[0], 1);
+    EXPECT_EQ(flight.goal_index(), 1);
     expect_flags(flight, false, false, false, false);
     expect_goal_direction(flight, {0.5F, 3, 0});
     const double last = carry_over_distance ? 0.5 : std::hypot(0.5, 3.0);
     EXPECT_FLOAT_EQ(flight.step(0)[kDistance], static_cast<float>(100.0 * (last - std::hypot(0.375, 3.0))));
-    EXPECT_EQ(flight.batch.goal_index()[0], 1);
+    EXPECT_EQ(flight.goal_index(), 1);
   }
 }
 
@@ -188,14 +193,14 @@ TEST(NavigationReward, TheGoalCountsAfterTheWaypoints) {
     flight.put(waypoint);
     flight.step(0);
   }
-  EXPECT_EQ(flight.batch.goal_index()[0], 2);
+  EXPECT_EQ(flight.goal_index(), 2);
   expect_goal_direction(flight, {3 - kStep, 0, 0});
   flight.put(kGoal - Vec3(0.75F, 0, 0));
   EXPECT_FLOAT_EQ(flight.step(0)[kDistance], 100.0F * (3.0F - kStep - 0.625F));
   expect_flags(flight, false, false, false, false);
   EXPECT_EQ(flight.step(0)[kDistance], 10000.0F);
   expect_flags(flight, true, false, true, false);
-  EXPECT_EQ(flight.batch.goal_index()[0], 2);
+  EXPECT_EQ(flight.goal_index(), 2);
 }
 
 TEST(NavigationReward, ACrashCostsWhatTheGoalEarnsAndIsNoSuccess) {
@@ -237,7 +242,7 @@ TEST(NavigationReward, NearnessAndFreeSpaceByHandWhicheverBeamIsNear) {
 
 TEST(NavigationReward, ClearanceAtTheLimitCostsNothing) {
   LidarConfig lidar{.max_range_m = 4.0F, .azimuth_deg = {0}, .elevation_deg = {0}};
-  BatchConfig config = one_drone(lidar);
+  NavigationBatch config = one_drone(lidar);
   config.navigation.reward.min_clearance = 0.25F;
   Flight flight(config);
   flight.put({19, 10, 5});
@@ -248,7 +253,7 @@ TEST(NavigationReward, ClearanceAtTheLimitCostsNothing) {
 }
 
 TEST(NavigationReward, AnActionIsAChangeIfAnyOfItIs) {
-  BatchConfig config = one_drone();
+  NavigationBatch config = one_drone();
   config.navigation.action = ActionKind::displacement_yaw;
   Flight flight(config);
   const std::vector<float> action{0.1F, 0.2F, 0.3F, 0.4F};
@@ -268,7 +273,7 @@ TEST(NavigationReward, AnActionIsAChangeIfAnyOfItIs) {
 TEST(NavigationReward, OvershootningTheGoal) {
   for (const float weight : {1.0F, 0.0F, 0.5F}) {
     SCOPED_TRACE(weight);
-    BatchConfig config = one_drone();
+    NavigationBatch config = one_drone();
     config.navigation.reward.overshoot_weight = weight;
     Flight flight(config);
     flight.put({7.375F, 15, 5});
@@ -280,7 +285,7 @@ TEST(NavigationReward, OvershootningTheGoal) {
 }
 
 TEST(NavigationReward, ScalesAndSharesAreAsConfigured) {
-  BatchConfig config = one_drone();
+  NavigationBatch config = one_drone();
   config.navigation.reward.goal_reward = 64.0F;
   config.navigation.reward.waypoint_share = 0.5F;
   config.navigation.reward.goal_radius_m = 1.0F;
@@ -313,7 +318,7 @@ TEST(NavigationAction, DiscreteOnesAreStepsAlongTheBodysAxes) {
 }
 
 TEST(NavigationAction, DisplacementsAreClipped) {
-  BatchConfig config = one_drone();
+  NavigationBatch config = one_drone();
   config.navigation.action = ActionKind::displacement;
   Flight flight(config);
   flight.step({0.5F, -0.25F, 1.0F});
@@ -324,7 +329,7 @@ TEST(NavigationAction, DisplacementsAreClipped) {
 }
 
 TEST(NavigationAction, AYawTurnsAfterTheStep) {
-  BatchConfig config = one_drone();
+  NavigationBatch config = one_drone();
   config.navigation.action = ActionKind::displacement_yaw;
   config.navigation.yaw_step_deg = 30.0F;
   Flight flight(config);
@@ -348,9 +353,9 @@ TEST(NavigationAction, AYawTurnsAfterTheStep) {
 TEST(NavigationEpisode, TruncationReturnAndLength) {
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     SCOPED_TRACE(static_cast<int>(mode));
-    BatchConfig config = one_drone();
-    config.autoreset_mode = mode;
-    config.navigation.max_episode_steps = 4;
+    NavigationBatch config = one_drone();
+    config.episode.autoreset_mode = mode;
+    config.episode.max_episode_steps = 4;
     Flight flight(config);
     for (int episode = 0; episode < 3; ++episode) {
       EXPECT_EQ(flight.batch.state().episode[0], episode);
@@ -373,8 +378,8 @@ TEST(NavigationEpisode, TruncationReturnAndLength) {
 }
 
 TEST(NavigationEpisode, AnEndInTheLastStepIsNoTruncation) {
-  BatchConfig config = one_drone();
-  config.navigation.max_episode_steps = 2;
+  NavigationBatch config = one_drone();
+  config.episode.max_episode_steps = 2;
   Flight flight(config);
   flight.step(0);
   flight.put({19.5F, 10, 5});
@@ -383,8 +388,8 @@ TEST(NavigationEpisode, AnEndInTheLastStepIsNoTruncation) {
 }
 
 TEST(NavigationEpisode, NoLimitIsNoLimit) {
-  BatchConfig config = one_drone();
-  config.navigation.max_episode_steps = 0;
+  NavigationBatch config = one_drone();
+  config.episode.max_episode_steps = 0;
   Flight flight(config);
   for (int step = 0; step < 5000; ++step) flight.step(4 + step % 2);
   expect_flags(flight, false, false, false, false);
@@ -394,13 +399,13 @@ TEST(NavigationEpisode, NoLimitIsNoLimit) {
 TEST(NavigationEpisode, StaggeredLimitsAreOfTheFirstEpisodeAlone) {
   constexpr int kDrones = 300;
   constexpr int kLimit = 20;
-  BatchConfig config = one_drone();
-  config.num_drones = kDrones;
-  config.autoreset_mode = AutoresetMode::same_step;
-  config.navigation.max_episode_steps = kLimit;
-  config.navigation.stagger_first_episode = true;
+  NavigationBatch config = one_drone();
+  config.num_envs = kDrones;
+  config.episode.autoreset_mode = AutoresetMode::same_step;
+  config.episode.max_episode_steps = kLimit;
+  config.episode.stagger_first_episode = true;
   const auto lengths = [&] {  // of the first two episodes of each
-    Batch batch(config, {hall()});
+    Batch batch = config.make({hall()});
     batch.reset({});
     std::vector<std::vector<std::int64_t>> ended(kDrones);
     const std::vector<std::int64_t> up(kDrones, 4);
@@ -428,14 +433,13 @@ TEST(NavigationEpisode, StaggeredLimitsAreOfTheFirstEpisodeAlone) {
 
 // -- Autoreset.
 
-BatchConfig lively(int num_drones, AutoresetMode mode) {
-  BatchConfig config = lidar_batch(num_drones);
-  config.task = TaskKind::navigation;
+NavigationBatch lively(int num_envs, AutoresetMode mode) {
+  NavigationBatch config = navigation_batch(num_envs);
   config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
-  config.navigation.max_episode_steps = 25;
+  config.episode.max_episode_steps = 25;
   config.navigation.random_start = true;
-  config.navigation.stagger_first_episode = true;
-  config.autoreset_mode = mode;
+  config.episode.stagger_first_episode = true;
+  config.episode.autoreset_mode = mode;
   return config;
 }
 
@@ -447,39 +451,39 @@ Batch::Worlds lively_worlds() {
 }
 
 TEST(NavigationAutoreset, NextStepReturnsTheResetAndTakesNoAction) {
-  BatchConfig config = one_drone();
-  config.autoreset_mode = AutoresetMode::next_step;
+  NavigationBatch config = one_drone();
+  config.episode.autoreset_mode = AutoresetMode::next_step;
   Flight flight(config);
-  const std::vector<float> at_start = flight.out().observation;
+  const std::vector<float> at_start = flight.observation();
   flight.put({19.5F, 10, 5});
   flight.step(0);
   expect_flags(flight, true, false, false, true);
-  EXPECT_NE(flight.out().observation, at_start);
-  EXPECT_EQ(flight.out().observation, flight.out().final_observation);
+  EXPECT_NE(flight.observation(), at_start);
+  EXPECT_EQ(flight.observation(), values_of(flight.out().final_observation[0]));
   EXPECT_GT(flight.position().x(), 19.0F);
   flight.step(0);
   expect_flags(flight, false, false, false, false);
-  EXPECT_EQ(flight.out().observation, at_start);
+  EXPECT_EQ(flight.observation(), at_start);
   EXPECT_EQ(flight.out().reward[0], 0.0F);
-  EXPECT_EQ(flight.out().reward_terms, std::vector<float>(kNumRewardTerms, 0.0F));
+  EXPECT_EQ(flight.out().reward_terms, std::vector<float>(kNumTerms, 0.0F));
   EXPECT_EQ(flight.position(), kStart);
   EXPECT_EQ(flight.batch.state().episode[0], 1);
   EXPECT_FALSE(flight.batch.state().contact.hit[0]);
 }
 
 TEST(NavigationAutoreset, SameStepReturnsTheResetAndKeepsTheLastObservation) {
-  BatchConfig config = one_drone();
+  NavigationBatch config = one_drone();
   Flight disabled(config);
-  config.autoreset_mode = AutoresetMode::same_step;
+  config.episode.autoreset_mode = AutoresetMode::same_step;
   Flight flight(config);
-  const std::vector<float> at_start = flight.out().observation;
+  const std::vector<float> at_start = flight.observation();
   for (Flight* each : {&disabled, &flight}) {
     each->put({19.5F, 10, 5});
     each->step(0);
     expect_flags(*each, true, false, false, true);
   }
-  EXPECT_EQ(flight.out().observation, at_start);
-  EXPECT_EQ(flight.out().final_observation, disabled.out().observation);
+  EXPECT_EQ(flight.observation(), at_start);
+  EXPECT_EQ(values_of(flight.out().final_observation[0]), disabled.observation());
   EXPECT_EQ(flight.out().reward, disabled.out().reward);
   EXPECT_EQ(flight.out().episode_length[0], 1);
   EXPECT_EQ(flight.position(), kStart);
@@ -489,7 +493,7 @@ TEST(NavigationAutoreset, SameStepReturnsTheResetAndKeepsTheLastObservation) {
 
 TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
   constexpr std::size_t kDrones = 24;
-  Batch batch(lively(kDrones, AutoresetMode::disabled), lively_worlds());
+  Batch batch = lively(kDrones, AutoresetMode::disabled).make(lively_worlds());
   batch.reset({});
   Random random(1);
   std::vector<std::int64_t> actions(kDrones);
@@ -501,7 +505,7 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
     Outputs& out = batch.outputs();
     for (std::size_t i = 0; i < kDrones; ++i) {
       if (!out.terminated[i] && !out.truncated[i]) continue;
-      const auto terms = std::span(out.reward_terms).subspan(i * kNumRewardTerms, kNumRewardTerms);
+      const auto terms = std::span(out.reward_terms).subspan(i * kNumTerms, kNumTerms);
       if (when_it_ended[i].empty()) {
         EXPECT_NE(out.reward[i], 0.0F);
         // As it is, but for the reward.
@@ -511,7 +515,7 @@ TEST(NavigationAutoreset, DisabledLeavesAFinishedEnvAlone) {
         when_it_ended[i] = bytes_of(batch, i);
         out.reward[i] = reward;
         std::copy(kept.begin(), kept.end(), terms.begin());
-        EXPECT_TRUE(same_bits(row(out.observation, i, 38), row(out.final_observation, i, 38)));
+        EXPECT_TRUE(same_bits(out.observation[0].row<float>(i), out.final_observation[0].row<float>(i)));
       } else {
         ++held;
         ASSERT_EQ(out.reward[i], 0.0F);
@@ -548,9 +552,9 @@ TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
     bool operator==(const Row&) const = default;
   };
   const auto live = [](AutoresetMode mode) {
-    BatchConfig config = lively(kDrones, mode);
-    config.navigation.random_world = true;
-    Batch batch(config, lively_worlds());
+    NavigationBatch config = lively(kDrones, mode);
+    config.episode.random_world = true;
+    Batch batch = config.make(lively_worlds());
     std::vector<std::uint64_t> seeds(kDrones);
     std::iota(seeds.begin(), seeds.end(), std::uint64_t{5});
     batch.reset(seeds);
@@ -560,7 +564,7 @@ TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
     std::vector<std::uint8_t> ended(kDrones, 0);
     std::vector<std::int64_t> actions(kDrones);
     const auto observe = [&](std::size_t i) {
-      const auto seen = row(batch.outputs().observation, i, 38);
+      const auto seen = batch.outputs().observation[0].row<float>(i);
       rows[i].push_back({{seen.begin(), seen.end()}, 0.0F, 0, 0});
     };
     for (std::size_t i = 0; i < kDrones; ++i) observe(i);
@@ -578,7 +582,7 @@ TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
         }
         ended[i] = out.terminated[i] || out.truncated[i];
         const bool was_reset = ended[i] && mode == AutoresetMode::same_step;
-        const auto seen = row(was_reset ? out.final_observation : out.observation, i, 38);
+        const auto seen = (was_reset ? out.final_observation : out.observation)[0].row<float>(i);
         rows[i].push_back({{seen.begin(), seen.end()}, out.reward[i], out.terminated[i], out.truncated[i]});
         ++step[i];
         if (!ended[i]) continue;
@@ -613,9 +617,9 @@ TEST(NavigationAutoreset, ModesAgreeButForTheResetRows) {
 TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
   constexpr int kDrones = 300;
   const Batch::Worlds worlds{closet(), testing::playground("train-1"), testing::playground("train-2")};
-  BatchConfig config = lively(kDrones, AutoresetMode::same_step);
-  config.navigation.random_world = true;
-  Batch batch(config, worlds);
+  NavigationBatch config = lively(kDrones, AutoresetMode::same_step);
+  config.episode.random_world = true;
+  Batch batch = config.make(worlds);
   std::vector<std::uint64_t> seeds(kDrones);
   std::iota(seeds.begin(), seeds.end(), std::uint64_t{1000});
   batch.reset(seeds);
@@ -667,7 +671,7 @@ TEST(NavigationRandom, WorldsAndStartsAreDrawnBySeed) {
   batch.reset({});
   EXPECT_EQ(second, batch.state().position);
 
-  Batch one_more(config, worlds);
+  Batch one_more = config.make(worlds);
   for (std::uint64_t& seed : seeds) ++seed;
   one_more.reset(seeds);
   EXPECT_TRUE(same_bits(std::span(one_more.state().position).first(3 * (kDrones - 1)), std::span(position).subspan(3)));
@@ -679,10 +683,10 @@ TEST(NavigationRandom, StartsTouchNothing) {
       make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5}),
                   primitive(PrimitiveKind::cylinder, {10, 10, 5}, {0.25F, 0.25F, 5})},
                  {.start = kStart, .goal = kGoal, .spawn_box = Aabb{.min = Vec3(8.5F, 8.5F, 4), .max = Vec3(11.5F, 11.5F, 6)}});
-  BatchConfig config = one_drone();
-  config.num_drones = 300;
+  NavigationBatch config = one_drone();
+  config.num_envs = 300;
   config.navigation.random_start = true;
-  Batch batch(config, {world});
+  Batch batch = config.make({world});
   batch.reset({});
   for (std::size_t i = 0; i < 300; ++i) {
     const Vec3 start(batch.state().position.data() + 3 * i);
@@ -692,7 +696,7 @@ TEST(NavigationRandom, StartsTouchNothing) {
 }
 
 TEST(NavigationRandom, WithoutABoxTheStartMarkerIsTaken) {
-  BatchConfig config = one_drone();
+  NavigationBatch config = one_drone();
   config.navigation.random_start = true;
   Flight flight(config);
   EXPECT_EQ(flight.position(), kStart);
@@ -704,20 +708,21 @@ TEST(NavigationRandom, AnEnvOfManyIsTheEnvAlone) {
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     for (const bool random_world : {false, true}) {
       SCOPED_TRACE("mode " + std::to_string(static_cast<int>(mode)) + (random_world ? ", random worlds" : ", own worlds"));
-      BatchConfig config = lively(kDrones, mode);
-      config.navigation.random_world = random_world;
+      NavigationBatch config = lively(kDrones, mode);
+      config.episode.random_world = random_world;
       config.navigation.action = ActionKind::displacement_yaw;
       config.block_size = 4;
       config.num_threads = 2;
-      Batch many(config, worlds);
+      Batch many = config.make(worlds);
       std::vector<std::uint64_t> seeds(kDrones);
       std::iota(seeds.begin(), seeds.end(), std::uint64_t{77});
       many.reset(seeds);
-      config.num_drones = config.num_threads = 1;
+      config.num_envs = config.num_threads = 1;
       config.block_size = 64;
       std::vector<std::unique_ptr<Batch>> alone;
       for (std::size_t i = 0; i < kDrones; ++i) {
-        alone.push_back(std::make_unique<Batch>(config, random_world ? worlds : Batch::Worlds{worlds[i % worlds.size()]}));
+        const Batch::Worlds its = random_world ? worlds : Batch::Worlds{worlds[i % worlds.size()]};
+        alone.push_back(std::make_unique<Batch>(config, its, make_navigation(config.navigation)));
         alone[i]->reset(std::span(seeds).subspan(i, 1));
       }
       Random random(2);
@@ -750,11 +755,11 @@ TEST(NavigationRandom, AnEnvOfManyIsTheEnvAlone) {
 // -- Worlds that cannot be flown.
 
 TEST(Navigation, RefusesAWorldWithoutMarkers) {
-  const BatchConfig config = one_drone();
+  const NavigationBatch config = one_drone();
   const std::vector<Primitive> room{primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5})};
-  EXPECT_REFUSED(Batch(config, {make_world(room, {.goal = kGoal})}), "start");
-  EXPECT_REFUSED(Batch(config, {make_world(room, {.start = kStart})}), "goal");
-  EXPECT_REFUSED(Batch(config, {hall(), make_world(room, {.start = Vec3(0.1F, 10, 5), .goal = kGoal})}), "start");
+  EXPECT_REFUSED(config.make({make_world(room, {.goal = kGoal})}), "start");
+  EXPECT_REFUSED(config.make({make_world(room, {.start = kStart})}), "goal");
+  EXPECT_REFUSED(config.make({hall(), make_world(room, {.start = Vec3(0.1F, 10, 5), .goal = kGoal})}), "start");
 }
 
 }  // namespace

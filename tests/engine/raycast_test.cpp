@@ -16,8 +16,8 @@
 #include "compiled/compiled_world.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
-#include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep {
 namespace {
@@ -191,6 +191,66 @@ TEST(Raycast, RangeReachesThePlaygroundsWallsAndPillars) {
   expect_like_oracle(*world, rays, kInfinity);
 }
 
+// -- Where on a triangle.
+
+// The barycentric coordinates of where the ray meets the triangle's plane, in double precision: o + t d = a + u (b - a) + v (c -
+// a).
+TEST(RaycastBarycentric, AreThoseOfTheClosedForm) {
+  std::size_t compared = 0;
+  for (unsigned seed = 60; seed < 66; ++seed) {
+    SCOPED_TRACE(seed);
+    Random random(seed);
+    const auto world = make_world(random_primitives(random, seed % 2 == 0), {}, random_triangles(random, 200));
+    const TriangleMesh& mesh = world->triangles();
+    const Rays rays = random_rays(random, 3000, 6.0F);
+    const RayHits hits = raycast(*world, rays.origins, rays.directions, 30.0F);
+    ASSERT_EQ(hits.u.size(), rays.size());
+    ASSERT_EQ(hits.v.size(), rays.size());
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+      const std::int64_t triangle = hits.primitive[i] - static_cast<std::int64_t>(world->primitives().size());
+      if (triangle < 0) {  // a primitive, or a miss
+        EXPECT_EQ(hits.u[i], 0.0F);
+        EXPECT_EQ(hits.v[i], 0.0F);
+        continue;
+      }
+      const auto corner = [&](std::size_t k) {
+        const std::int32_t index = mesh.triangles[static_cast<std::size_t>(triangle)][k];
+        return Eigen::Vector3d(mesh.vertices[static_cast<std::size_t>(index)].cast<double>());
+      };
+      const Eigen::Vector3d direction = rays.unit(i).cast<double>();
+      const Eigen::Vector3d ab = corner(1) - corner(0), ac = corner(2) - corner(0);
+      const double cosine = std::abs(ab.cross(ac).normalized().dot(direction));
+      if (cosine < 0.02) continue;  // the ray all but lies in the plane
+      Eigen::Matrix3d columns;
+      columns << ab, ac, -direction;
+      const Eigen::Vector3d uvt = columns.inverse() * (rays.origin(i).cast<double>() - corner(0));
+      const Eigen::Vector2d error(static_cast<double>(hits.u[i]) - uvt.x(), static_cast<double>(hits.v[i]) - uvt.y());
+      EXPECT_LT((error.x() * ab + error.y() * ac).norm(), 1e-5 * std::max(1.0, uvt.z()) / cosine) << "ray " << i;
+      EXPECT_GE(hits.u[i], -1e-4F);
+      EXPECT_GE(hits.v[i], -1e-4F);
+      EXPECT_LE(hits.u[i] + hits.v[i], 1.0F + 1e-4F);
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 2000U);
+}
+
+TEST(RaycastBarycentric, CountTheSecondAndTheThirdVertex) {
+  TriangleMesh mesh;
+  mesh.vertices = {{0, 0, 0}, {4, 0, 0}, {0, 2, 0}};
+  mesh.triangles = {{0, 1, 2}};
+  const auto world = make_world({}, {}, mesh);
+  for (const float side : {1.0F, -1.0F}) {  // from either side
+    const std::vector<float> origins{1.0F, 0.5F, 3.0F * side, 9.0F, 9.0F, 3.0F * side};
+    const std::vector<float> directions{0, 0, -side, 0, 0, -side};
+    const RayHits hits = raycast(*world, origins, directions, 10.0F);
+    EXPECT_NEAR(hits.u[0], 0.25F, 1e-6F);
+    EXPECT_NEAR(hits.v[0], 0.25F, 1e-6F);
+    EXPECT_EQ(hits.u[1], 0.0F);
+    EXPECT_EQ(hits.v[1], 0.0F);
+  }
+}
+
 // -- Answers known by hand.
 
 struct One {
@@ -333,24 +393,25 @@ struct Answers {
 Answers trace_blocks(const World& world, const Rays& rays, const std::vector<std::size_t>& order, std::size_t block_size) {
   Answers answers{std::vector<float>(rays.size()), std::vector<std::int32_t>(rays.size())};
   const FlushDenormals flush;
-  const auto block = std::make_unique<trace::RayBlock>();
+  const auto tracer = std::make_unique<trace::Tracer>();
+  trace::RayBlock& block = tracer->block();
   for (std::size_t first = 0; first < order.size(); first += block_size) {
-    block->count = std::min(block_size, order.size() - first);
-    for (std::size_t k = 0; k < block->count; ++k) {
+    block.count = std::min(block_size, order.size() - first);
+    for (std::size_t k = 0; k < block.count; ++k) {
       const Vec3 origin = rays.origin(order[first + k]);
       const Vec3 direction = rays.unit(order[first + k]);
-      block->org_x[k] = origin.x();
-      block->org_y[k] = origin.y();
-      block->org_z[k] = origin.z();
-      block->dir_x[k] = direction.x();
-      block->dir_y[k] = direction.y();
-      block->dir_z[k] = direction.z();
-      block->range[k] = 25.0F;
+      block.org_x[k] = origin.x();
+      block.org_y[k] = origin.y();
+      block.org_z[k] = origin.z();
+      block.dir_x[k] = direction.x();
+      block.dir_y[k] = direction.y();
+      block.dir_z[k] = direction.z();
+      block.range[k] = 25.0F;
     }
-    compiled(world).scene().intersect(*block);
-    for (std::size_t k = 0; k < block->count; ++k) {
-      answers.t[order[first + k]] = block->t_hit[k];
-      answers.element[order[first + k]] = block->element[k];
+    tracer->trace_block(compiled(world).scene());
+    for (std::size_t k = 0; k < block.count; ++k) {
+      answers.t[order[first + k]] = block.t_hit[k];
+      answers.element[order[first + k]] = block.element[k];
     }
   }
   return answers;
@@ -441,6 +502,8 @@ TEST(RaycastBits, RaycastOfOneIsRaycastOfMany) {
     const RayHits alone = raycast(*world, one.origins, one.directions, 20.0F);
     EXPECT_TRUE(same_bits(alone.t_hit, std::span(&all.t_hit[i], 1))) << i;
     EXPECT_EQ(alone.primitive[0], all.primitive[i]) << i;
+    EXPECT_TRUE(same_bits(alone.u, std::span(&all.u[i], 1))) << i;
+    EXPECT_TRUE(same_bits(alone.v, std::span(&all.v[i], 1))) << i;
     EXPECT_EQ(alone.normal[0], all.normal[i]) << i;
   }
 }

@@ -3,12 +3,16 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <functional>
 #include <memory>
 #include <numeric>
+#include <stdexcept>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "batch_helpers.hpp"
@@ -19,22 +23,23 @@ namespace flockstep {
 namespace {
 
 using testing::lidar_batch;
+using testing::mended;
+using testing::NavigationBatch;
 using testing::Random;
 using testing::same_drones;
 
 constexpr std::size_t kDrones = 24;
 
-BatchConfig lively(AutoresetMode mode) {
-  BatchConfig config = lidar_batch(kDrones);
-  config.task = TaskKind::navigation;
+NavigationBatch lively(AutoresetMode mode) {
+  NavigationBatch config = testing::navigation_batch(kDrones);
   config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
   config.navigation.action = ActionKind::displacement_yaw;
   config.navigation.step_m = 0.3F;
-  config.navigation.max_episode_steps = 40;
+  config.episode.max_episode_steps = 40;
   config.navigation.random_start = true;
-  config.navigation.random_world = true;
-  config.navigation.stagger_first_episode = true;
-  config.autoreset_mode = mode;
+  config.episode.random_world = true;
+  config.episode.stagger_first_episode = true;
+  config.episode.autoreset_mode = mode;
   return config;
 }
 
@@ -60,7 +65,7 @@ class Pilot {
     ++steps_;
     for (Batch* batch : batches) {
       batch->step(std::span<const float>(actions_));
-      if (batch->config().autoreset_mode != AutoresetMode::disabled || steps_ % 9 != 0) continue;
+      if (batch->config().episode.autoreset_mode != AutoresetMode::disabled || steps_ % 9 != 0) continue;
       std::vector<std::uint8_t> ended(kDrones);
       for (std::size_t i = 0; i < kDrones; ++i) ended[i] = batch->outputs().terminated[i] || batch->outputs().truncated[i];
       batch->reset({}, ended);
@@ -86,8 +91,8 @@ std::vector<std::uint8_t> every(std::size_t n) {
 TEST(Snapshot, RestoredIsUninterrupted) {
   for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
     SCOPED_TRACE(static_cast<int>(mode));
-    BatchConfig config = lively(mode);
-    Batch one(config, worlds());
+    NavigationBatch config = lively(mode);
+    Batch one = config.make(worlds());
     one.reset({});
     Pilot pilot(1);
     fly(one, pilot, 50);
@@ -99,8 +104,8 @@ TEST(Snapshot, RestoredIsUninterrupted) {
     // Into a batch of other blocks and threads that has just been made, and into one that has lived.
     config.block_size = 5;
     config.num_threads = 2;
-    Batch fresh(config, worlds());
-    Batch lived(config, worlds());
+    Batch fresh = config.make(worlds());
+    Batch lived = config.make(worlds());
     lived.set_lidar({.max_range_m = 2.5F}, every(4));
     lived.reset({});
     Pilot other(2);
@@ -129,7 +134,7 @@ TEST(Snapshot, RestoredIsUninterrupted) {
 }
 
 TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
-  Batch batch(lively(AutoresetMode::same_step), worlds());
+  Batch batch = lively(AutoresetMode::same_step).make(worlds());
   batch.reset({});
   Pilot before(3);
   fly(batch, before, 40);
@@ -156,17 +161,17 @@ TEST(Snapshot, ABatchGoesBackAndFliesTheSameAgain) {
 }
 
 TEST(Snapshot, ARestoreLeavesWhatTheLastStepReturnedWhole) {
-  Batch batch(lively(AutoresetMode::same_step), worlds());
+  Batch batch = lively(AutoresetMode::same_step).make(worlds());
   batch.reset({});
   Pilot pilot(7);
   fly(batch, pilot, 3);
   const std::string blob = batch.snapshot();
-  const std::vector<float> earlier = batch.outputs().observation;
+  const std::vector<std::byte> earlier = batch.outputs().observation[0].bytes();
   fly(batch, pilot, 4);
-  const std::vector<float>& view = batch.outputs().observation;
-  const std::vector<float> returned = view;
+  const std::vector<std::byte>& view = batch.outputs().observation[0].bytes();
+  const std::vector<std::byte> returned = view;
   batch.restore(blob);
-  EXPECT_EQ(batch.outputs().observation, earlier);
+  EXPECT_EQ(batch.outputs().observation[0].bytes(), earlier);
   EXPECT_EQ(view, returned);
 }
 
@@ -200,7 +205,7 @@ TEST(Snapshot, WithoutATask) {
 
 class SnapshotRefusal : public ::testing::Test {
  protected:
-  SnapshotRefusal() : batch_(lively(AutoresetMode::next_step), worlds()) {
+  SnapshotRefusal() : batch_(lively(AutoresetMode::next_step).make(worlds())) {
     batch_.reset({});
     Pilot pilot(6);
     fly(batch_, pilot, 20);
@@ -214,16 +219,19 @@ class SnapshotRefusal : public ::testing::Test {
     EXPECT_REFUSED(batch_.restore(blob), field);
     EXPECT_TRUE(same_bytes(batch_.snapshot(), before_)) << "a refused blob changed the batch";
   }
-  // Where an array of the state begins in a snapshot: after magic, hash and the arrays before it, each with its length.
-  std::size_t offset_of(const void* array) const {
-    std::size_t at = 16;
-    std::size_t found = 0;
-    const State& state = batch_.state();
-    for_each_array(state, state.lidar_ranges.size() / kDrones, [&](const auto& each, std::size_t) {
-      if (static_cast<const void*>(&each) == array) found = at;
-      at += 8 + each.size() * sizeof(each[0]);
-    });
-    return found != 0 ? found : at;
+  // Where an array begins in a snapshot, its length first.
+  std::size_t offset_of(std::string_view array) const {
+    std::vector<std::string> names;  // of the first, in their order
+    testing::for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
+    names.insert(names.end(), {"sensed_position", "sensed_quat_wxyz", "lidar_ranges", "lidar_settings"});
+    std::size_t at = sizeof(testing::SnapshotHeader);
+    for (const std::string& name : names) {
+      if (name == array) return at;
+      std::uint64_t length = 0;
+      std::memcpy(&length, blob_.data() + at, sizeof(length));
+      at += sizeof(length) + length;
+    }
+    throw std::logic_error("no array of that name");
   }
 
   Batch batch_;
@@ -236,32 +244,56 @@ TEST_F(SnapshotRefusal, WouldNotRefuseWhatIsSound) {
 }
 
 TEST_F(SnapshotRefusal, ATruncatedOne) {
-  for (std::size_t length = 0; length < blob_.size(); length += length < 64 ? 1 : 97) expect_refused(blob_.substr(0, length));
-  for (std::size_t missing = 1; missing <= 16; ++missing) expect_refused(blob_.substr(0, blob_.size() - missing));
+  const auto expect_refused_at = [&](std::size_t length) {
+    expect_refused(blob_.substr(0, length));
+    if (length >= sizeof(testing::SnapshotHeader)) expect_refused(mended(blob_.substr(0, length)));
+  };
+  for (std::size_t length = 0; length < blob_.size(); length += length < 64 ? 1 : 97) expect_refused_at(length);
+  for (std::size_t missing = 1; missing <= 16; ++missing) expect_refused_at(blob_.size() - missing);
 }
 
 TEST_F(SnapshotRefusal, TrailingBytes) {
-  expect_refused(blob_ + '\0');
-  expect_refused(blob_ + blob_);
+  for (const std::string& longer : {blob_ + '\0', blob_ + blob_}) {
+    expect_refused(longer);
+    expect_refused(mended(longer), "no bytes after its last array");
+  }
 }
 
 TEST_F(SnapshotRefusal, AFlippedBitOfTheHeader) {
-  for (std::size_t byte = 0; byte < 16; ++byte) {
+  for (std::size_t byte = 0; byte < sizeof(testing::SnapshotHeader); ++byte) {
     for (const int bit : {0, 7}) {
       std::string damaged = blob_;
       damaged[byte] = static_cast<char>(damaged[byte] ^ (1 << bit));
       expect_refused(damaged);
+      // The length and the checksum are mended, so that the others are looked at by themselves.
+      if (byte < offsetof(testing::SnapshotHeader, length)) expect_refused(mended(damaged));
     }
   }
 }
 
+TEST_F(SnapshotRefusal, AnotherFormatInWords) {
+  testing::SnapshotHeader header{};
+  std::memcpy(&header, blob_.data(), sizeof(header));
+  const std::string ours = std::to_string(header.format);
+  const std::string next = std::to_string(++header.format);
+  std::string newer = blob_;
+  std::memcpy(newer.data(), &header, sizeof(header));
+  for (const std::string& blob : {newer, mended(newer)}) {
+    expect_refused(blob, "snapshot: expected format " + ours + ", got " + next);
+  }
+}
+
+TEST_F(SnapshotRefusal, SomethingElseInWords) {
+  expect_refused(std::string(1000, 'x'), "snapshot: expected the bytes of Batch.snapshot(), got something else");
+}
+
 TEST_F(SnapshotRefusal, ALengthThatIsNotTheArrays) {
-  for (const void* array :
-       {static_cast<const void*>(&batch_.state().position), static_cast<const void*>(&batch_.state().scans)}) {
+  for (const char* array : {"position", "sensed"}) {
     for (const std::size_t byte : {0U, 7U}) {
       std::string damaged = blob_;
       damaged[offset_of(array) + byte] ^= 1;
-      expect_refused(damaged);
+      expect_refused(damaged, "undamaged bytes");
+      expect_refused(mended(damaged), array);
     }
   }
 }
@@ -269,61 +301,93 @@ TEST_F(SnapshotRefusal, ALengthThatIsNotTheArrays) {
 TEST_F(SnapshotRefusal, AWorldThatIsNotThere) {
   for (const std::int32_t world : {-1, 3, 1 << 30}) {
     std::string damaged = blob_;
-    std::memcpy(damaged.data() + offset_of(&batch_.state().world_index) + 8 + 4 * (kDrones - 1), &world, 4);
-    expect_refused(damaged);
+    std::memcpy(damaged.data() + offset_of("world_index") + 8 + 4 * (kDrones - 1), &world, 4);
+    expect_refused(damaged, "undamaged bytes");
+    expect_refused(mended(damaged), "world indices below 3");
   }
 }
 
 TEST_F(SnapshotRefusal, ALidarThatCannotBe) {
-  // hfov, vfov, range of the first drone come after the state.
-  const float range = -1.0F;
-  std::string damaged = blob_;
-  std::memcpy(damaged.data() + offset_of(nullptr) + 8, &range, 4);
-  expect_refused(damaged, "max_range_m");
+  // Its hfov, vfov and range come first.
+  for (const auto& [place, field] : {std::pair{0, "hfov_deg"}, {4, "vfov_deg"}, {8, "max_range_m"}}) {
+    const float value = -1.0F;
+    std::string damaged = blob_;
+    std::memcpy(damaged.data() + offset_of("lidar_settings") + 8 + place, &value, 4);
+    expect_refused(damaged, "undamaged bytes");
+    expect_refused(mended(damaged), field);
+  }
+}
+
+// Whatever byte is changed to whatever value.
+TEST(Snapshot, AnyByteThatChangedIsRefused) {
+  NavigationBatch config = testing::navigation_batch(2, {.azimuth_deg = {0, 90, 180}, .elevation_deg = {0, 0, 0}});
+  config.pose_sensor.position_noise_std_m = 0.01F;
+  config.cameras = {{.width_px = 2, .height_px = 2}};
+  Batch batch = config.make({testing::closet()});
+  batch.reset({});
+  const std::vector<std::int64_t> actions{0, 1};
+  for (int i = 0; i < 3; ++i) batch.step(actions);
+  const std::string blob = batch.snapshot();
+  batch.step(actions);
+  const std::string before = batch.snapshot();
+  Random random(8);
+  for (std::size_t byte = 0; byte < blob.size(); ++byte) {
+    std::string damaged = blob;
+    damaged[byte] = static_cast<char>(damaged[byte] ^ static_cast<char>(1 + random.generator()() % 255));
+    ASSERT_THROW(batch.restore(damaged), std::invalid_argument) << "byte " << byte;
+    ASSERT_TRUE(same_bytes(batch.snapshot(), before)) << "byte " << byte;
+  }
+  batch.restore(blob);
+  EXPECT_TRUE(same_bytes(batch.snapshot(), blob));
 }
 
 TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
-  const std::vector<std::function<void(BatchConfig&)>> changes{
-      [](BatchConfig& c) { c.num_drones = kDrones + 1; },
-      [](BatchConfig& c) { c.autoreset_mode = AutoresetMode::same_step; },
-      [](BatchConfig& c) { c.task = TaskKind::none; },
-      [](BatchConfig& c) { c.pose_sensor.position_noise_std_m = 0.02F; },
-      [](BatchConfig& c) { c.pose_sensor.tilt_noise_std_deg = 0.6F; },
-      [](BatchConfig& c) { c.lidar.beams = 34; },
-      [](BatchConfig& c) { c.lidar.channels = 35, c.lidar.beams = 1; },
-      [](BatchConfig& c) { c.lidar.hfov_deg = 180.0F; },
-      [](BatchConfig& c) { c.lidar.vfov_deg = 10.0F; },
-      [](BatchConfig& c) { c.lidar.max_range_m = std::nextafter(3.0F, 4.0F); },
-      [](BatchConfig& c) { c.lidar.offset_m[2] = 0.1F; },
-      [](BatchConfig& c) { c.lidar.quat_wxyz = {0, 1, 0, 0}; },
-      [](BatchConfig& c) { c.lidar.azimuth_deg = c.lidar.elevation_deg = std::vector<float>(35, 1.0F); },
-      [](BatchConfig& c) { c.navigation.action = ActionKind::displacement; },
-      [](BatchConfig& c) { c.navigation.step_m = 0.2F; },
-      [](BatchConfig& c) { c.navigation.yaw_step_deg = 11.0F; },
-      [](BatchConfig& c) { c.navigation.max_episode_steps = 41; },
-      [](BatchConfig& c) { c.navigation.random_start = false; },
-      [](BatchConfig& c) { c.navigation.random_world = false; },
-      [](BatchConfig& c) { c.navigation.stagger_first_episode = false; },
-      [](BatchConfig& c) { c.navigation.reward.distance_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.crash_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.free_space_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.step_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.action_change_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.overshoot_weight = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.goal_reward = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.waypoint_share = 0.2F; },
-      [](BatchConfig& c) { c.navigation.reward.goal_radius_m = 0.4F; },
-      [](BatchConfig& c) { c.navigation.reward.min_clearance = 0.3F; },
-      [](BatchConfig& c) { c.navigation.reward.step_scale = 2.0F; },
-      [](BatchConfig& c) { c.navigation.reward.carry_over_distance = true; },
+  const std::vector<std::function<void(NavigationBatch&)>> changes{
+      [](NavigationBatch& c) { c.num_envs = kDrones + 1; },
+      [](NavigationBatch& c) { c.episode.autoreset_mode = AutoresetMode::same_step; },
+      [](NavigationBatch& c) { c.pose_sensor.position_noise_std_m = 0.02F; },
+      [](NavigationBatch& c) { c.pose_sensor.tilt_noise_std_deg = 0.6F; },
+      [](NavigationBatch& c) { c.pose_sensor.rate_hz = 5.0F; },
+      [](NavigationBatch& c) { c.clock.dt_s = 0.2F; },
+      [](NavigationBatch& c) { c.clock.substeps = 2; },
+      [](NavigationBatch& c) { c.episode.frame_skip = 2; },
+      [](NavigationBatch& c) { c.lidar->name = "scanner"; },
+      [](NavigationBatch& c) { c.lidar->rate_hz = 5.0F; },
+      [](NavigationBatch& c) { c.lidar->beams = 34; },
+      [](NavigationBatch& c) { c.lidar->channels = 35, c.lidar->beams = 1; },
+      [](NavigationBatch& c) { c.lidar->hfov_deg = 180.0F; },
+      [](NavigationBatch& c) { c.lidar->vfov_deg = 10.0F; },
+      [](NavigationBatch& c) { c.lidar->max_range_m = std::nextafter(3.0F, 4.0F); },
+      [](NavigationBatch& c) { c.lidar->offset_m[2] = 0.1F; },
+      [](NavigationBatch& c) { c.lidar->quat_wxyz = {0, 1, 0, 0}; },
+      [](NavigationBatch& c) { c.lidar->azimuth_deg = c.lidar->elevation_deg = std::vector<float>(35, 1.0F); },
+      [](NavigationBatch& c) { c.navigation.action = ActionKind::displacement; },
+      [](NavigationBatch& c) { c.navigation.step_m = 0.2F; },
+      [](NavigationBatch& c) { c.navigation.yaw_step_deg = 11.0F; },
+      [](NavigationBatch& c) { c.episode.max_episode_steps = 41; },
+      [](NavigationBatch& c) { c.navigation.random_start = false; },
+      [](NavigationBatch& c) { c.episode.random_world = false; },
+      [](NavigationBatch& c) { c.episode.stagger_first_episode = false; },
+      [](NavigationBatch& c) { c.navigation.reward.distance_weight = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.crash_weight = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.free_space_weight = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.step_weight = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.action_change_weight = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.overshoot_weight = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.goal_reward = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.waypoint_share = 0.2F; },
+      [](NavigationBatch& c) { c.navigation.reward.goal_radius_m = 0.4F; },
+      [](NavigationBatch& c) { c.navigation.reward.min_clearance = 0.3F; },
+      [](NavigationBatch& c) { c.navigation.reward.step_scale = 2.0F; },
+      [](NavigationBatch& c) { c.navigation.reward.carry_over_distance = true; },
   };
   for (std::size_t i = 0; i < changes.size(); ++i) {
     SCOPED_TRACE("change " + std::to_string(i));
-    BatchConfig config = lively(AutoresetMode::next_step);
+    NavigationBatch config = lively(AutoresetMode::next_step);
     changes[i](config);
-    const Batch other(config, worlds());
-    expect_refused(other.snapshot());
+    expect_refused(config.make(worlds()).snapshot(), "one of a batch with this configuration and these worlds");
   }
+  expect_refused(Batch(lively(AutoresetMode::next_step), worlds()).snapshot());  // without a task
 }
 
 TEST(Snapshot, IsRefusedByAnotherPattern) {
@@ -338,29 +402,29 @@ TEST(Snapshot, IsRefusedByAnotherPattern) {
 }
 
 TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
-  const BatchConfig config = lively(AutoresetMode::next_step);
+  const NavigationBatch config = lively(AutoresetMode::next_step);
   Batch::Worlds swapped = worlds();
   std::swap(swapped[0], swapped[1]);
-  expect_refused(Batch(config, swapped).snapshot());
+  expect_refused(config.make(swapped).snapshot());
   Batch::Worlds fewer = worlds();
   fewer.pop_back();
-  expect_refused(Batch(config, fewer).snapshot());
+  expect_refused(config.make(fewer).snapshot());
   Batch::Worlds more = worlds();
   more.push_back(more[0]);
-  expect_refused(Batch(config, more).snapshot());
+  expect_refused(config.make(more).snapshot());
   const auto changed = [&](const std::string& from, const std::string& to) {
     std::string json = worlds()[0]->to_json();
     const std::size_t at = json.find(from);
     EXPECT_NE(at, std::string::npos) << from;
     Batch::Worlds other = worlds();
     other[0] = World::from_json(json.replace(at, from.size(), to));
-    return Batch(config, other).snapshot();
+    return config.make(other).snapshot();
   };
   expect_refused(changed(R"("name")", R"("light": {"gamma": 2}, "name")"));
   expect_refused(changed(R"("base_color")", R"("semantic": 9, "base_color")"));
   std::vector<Vec3> hull(batch_.drone().hull().begin(), batch_.drone().hull().end());
   hull[0] *= 0.99F;
-  expect_refused(Batch(config, worlds(), DroneModel(hull)).snapshot());
+  expect_refused(Batch(config, worlds(), make_navigation(config.navigation), DroneModel(hull)).snapshot());
   EXPECT_NO_THROW(batch_.restore(changed(R"("name")", R"("light": {"gamma": 2.2}, "name")")));  // as by default
 }
 

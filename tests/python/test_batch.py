@@ -291,7 +291,9 @@ class TestFork:
         return result
 
     def test_a_batch_can_be_made_in_a_child(self, room):
-        flockstep.Batch([room], 200, num_threads=4, lidar=flockstep.LidarConfig()).sense()  # the parent has used its own
+        flockstep.Batch(
+            [room], 200, num_threads=4, lidar=flockstep.LidarConfig()
+        ).sense()  # the parent has used its own
 
         def use():
             batch = flockstep.Batch([room], 200, num_threads=4, lidar=flockstep.LidarConfig())

@@ -59,7 +59,6 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
     rng = np.random.default_rng(0)
     np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], atol=1e-6)
     crashed = succeeded = 0
-    waiting = np.zeros(28, bool)
     for _ in range(400):
         actions = homing(engine.batch, rng, kind)
         ours, theirs = engine.step(actions), twin.step(actions)
@@ -80,7 +79,6 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
         if mode == "disabled" and ended.any():
             options = {"reset_mask": ended}
             np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=ATOL)
-        waiting = ended
         # float32 rounding would let the two drift apart
         twin.batch.set_pose(engine.batch.position, engine.batch.quat_wxyz, ~ended)
     assert crashed > 10
@@ -194,3 +192,56 @@ def test_the_thesis_rewards_come_about_with_its_switch(playgrounds):
             break
     assert infos["success"][0]
     assert 10_500 < total < 12_000
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+def test_a_task_in_python_has_the_same_episodes(room, closet, playgrounds, example, mode):
+    """Frame skip, staggered time limits and random worlds are the machine's, whatever the task is written in."""
+    lidar, config = flockstep.LidarConfig(), flockstep.NavigationConfig()
+    arguments = {"worlds": [room, closet, *playgrounds], "lidar": lidar, "autoreset_mode": mode, "num_threads": 2}
+    arguments |= {"max_episode_steps": 40, "frame_skip": 3, "stagger_first_episode": True, "random_world": True}
+    engine = flockstep.DroneVectorEnv(32, **arguments)
+    twin = flockstep.DroneVectorEnv(32, task=example("navigation_numpy").Navigation(config, lidar), **arguments)
+    np.testing.assert_allclose(engine.reset(seed=5)[0], twin.reset(seed=5)[0], atol=1e-6)
+    rng = np.random.default_rng(1)
+    lengths, worlds = set(), set()
+    for _ in range(120):
+        actions = np.where(rng.random(32) < 0.5, 0, rng.integers(6, size=32))
+        ours, theirs = engine.step(actions), twin.step(actions)
+        np.testing.assert_allclose(ours[0], theirs[0], atol=ATOL)
+        np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=3e-3)
+        ended = ours[2] | ours[3]
+        np.testing.assert_array_equal(ours[2], theirs[2])
+        np.testing.assert_array_equal(ours[3], theirs[3])
+        np.testing.assert_array_equal(engine.batch.world_index, twin.batch.world_index)
+        np.testing.assert_array_equal(engine.batch.episode_length, twin.batch.episode_length)
+        lengths |= set(engine.batch.episode_length[ended].tolist())
+        worlds |= set(engine.batch.world_index.tolist())
+        if mode == "disabled" and ended.any():
+            options = {"reset_mask": ended}
+            np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=ATOL)
+    assert len(lengths) > 10
+    assert len(worlds) == 7
+
+
+def test_the_engines_terms_are_those_of_the_twin(room, playgrounds, example):
+    task = example("navigation_numpy").Navigation(flockstep.NavigationConfig(), flockstep.LidarConfig())
+    envs = flockstep.DroneVectorEnv(40, worlds=[room, *playgrounds], task=task)
+    envs.reset(seed=0)
+    batch, rng = envs.batch, np.random.default_rng(2)
+    for _ in range(60):
+        envs.step(rng.integers(6, size=40))
+        terms, index = batch.terms, task.goal_index
+        np.testing.assert_allclose(terms.goal(index), task.goal(batch), rtol=1e-6)
+        np.testing.assert_allclose(terms.goal_distance(index), task.distance(batch), rtol=1e-6)
+        np.testing.assert_allclose(terms.goal_direction(index), task.direction(batch), atol=1e-6)
+        ranges = task.ranges(batch)
+        np.testing.assert_allclose(terms.ranges(), ranges, rtol=1e-6)
+        np.testing.assert_allclose(terms.clearance(), ranges.min(axis=1), rtol=1e-6)
+        free = (ranges / 0.2 - 1).sum(axis=1) / (35 / 0.2 - 35)
+        np.testing.assert_allclose(terms.free_space(0.2), free, rtol=1e-5)
+    np.testing.assert_allclose(terms.goal(), [world.goal for world in np.array(batch.worlds)[batch.world_index]])
+    with pytest.raises(ValueError, match="goal_index"):
+        terms.goal(np.full(40, -1))
+    with pytest.raises(RuntimeError, match="LiDAR"):
+        flockstep.Batch([room]).terms.clearance()

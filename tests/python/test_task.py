@@ -199,6 +199,92 @@ class TestMistakes:
             env.step(actions)
 
 
+class Look(flockstep.Task):
+    """Several observations, several terms."""
+
+    observation_space = spaces.Dict(
+        {"image": spaces.Box(0, 255, (6, 8), np.uint8), "height": spaces.Box(0, 10, (), np.float32)}
+    )
+    camera = flockstep.CameraConfig(width_px=8, height_px=6, outputs=("grey",))
+    reward_terms = ("climb", "alive")
+    max_episode_steps = 9
+
+    def step(self, batch):
+        return {"alive": np.full(batch.num_drones, 0.5), "climb": batch.position[:, 2]}, batch.contact.hit
+
+    def observe(self, batch):
+        return {"height": batch.position[:, 2], "image": batch.camera().grey}
+
+
+class TestSeveralFields:
+    @pytest.mark.parametrize("mode", MODES)
+    def test_passes_the_checker(self, room, mode):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Look(), autoreset_mode=mode, num_threads=1)
+        )
+
+    def test_of_observation_and_reward(self, room):
+        envs = flockstep.DroneVectorEnv(3, worlds=room, task=Look, copy=False)
+        observation, _ = envs.reset(seed=0)
+        assert envs.observation_space["image"].shape == (3, 6, 8)
+        before = {name: part.copy() for name, part in observation.items()}
+        after, reward, *_ = envs.step(np.tile(np.float32([0, 0, 1]), (3, 1)))
+        np.testing.assert_array_equal(observation["height"], before["height"])  # the other slot
+        np.testing.assert_array_equal(observation["image"], before["image"])
+        np.testing.assert_array_equal(after["height"], envs.batch.position[:, 2])
+        np.testing.assert_array_equal(after["image"], envs.batch.camera().grey)
+        np.testing.assert_allclose(
+            envs.batch.reward_terms, np.stack([envs.batch.position[:, 2], np.full(3, 0.5)], axis=1)
+        )
+        np.testing.assert_allclose(reward, envs.batch.position[:, 2] + 0.5)
+        assert envs.batch.spec.reward_terms == ["climb", "alive"]
+
+    def test_final_observations(self, room):
+        envs = flockstep.DroneVectorEnv(2, worlds=room, task=Look(), autoreset_mode="same_step")
+        envs.reset(seed=0)
+        for _ in range(9):
+            observation, *_, infos = envs.step(np.tile(np.float32([0, 0, 1]), (2, 1)))
+        assert infos["final_obs"][1]["height"] == pytest.approx(2.9, abs=1e-5)
+        assert observation["height"][1] == 2
+
+    def test_what_is_wrong_is_named(self, room):
+        def fly(envs):
+            envs.reset(seed=0)
+            envs.step(np.zeros((2, 3), np.float32))
+
+        class Lost(Look):
+            def observe(self, batch):
+                return {"height": batch.position[:, 2]}
+
+        class Shapeless(Look):
+            def observe(self, batch):
+                return {**super().observe(batch), "height": batch.position}
+
+        class Unnamed(Look):
+            def step(self, batch):
+                return {"climb": batch.position[:, 2]}, batch.contact.hit
+
+        for task, match in (
+            (Lost, "Lost.observe: expected a mapping of height, image, got height"),
+            (Shapeless, r"Shapeless.observe: height: expected shape \(2,\), got \(2, 3\)"),
+            (Unnamed, "Unnamed.step: expected the reward terms climb, alive, got climb"),
+        ):
+            with pytest.raises(ValueError, match=match):
+                fly(flockstep.DroneVectorEnv(2, worlds=room, task=task()))
+
+
+def test_its_batch_does_not_step_from_within(room):
+    class Eager(Climb):
+        def act(self, batch, actions):
+            batch.step(actions)
+            return super().act(batch, actions)
+
+    envs = flockstep.DroneVectorEnv(1, worlds=room, task=Eager())
+    envs.reset(seed=0)
+    with pytest.raises(RuntimeError, match=r"step\(\) was called by a task"):
+        envs.step(np.zeros((1, 3), np.float32))
+
+
 class TestSnapshot:
     @pytest.fixture(params=["engine", "python"])
     def make(self, request, room):

@@ -149,6 +149,25 @@ class TestRaycast:
         agree = np.isclose(got, expected, atol=1e-4) | (np.isinf(got) & np.isinf(expected))
         assert agree.mean() > 0.999
 
+    def test_tells_where_on_a_triangle(self):
+        rng = np.random.default_rng(3)
+        corners = rng.uniform(-1, 1, (40, 3, 3)) + rng.uniform(-3, 3, (40, 1, 3))
+        mesh = {"vertices": corners.reshape(-1, 3).tolist(), "triangles": np.arange(120).reshape(-1, 3).tolist()}
+        spheres = [{"center": [0, 0, 0], "radius": 0.5}]
+        world = flockstep.World.from_dict({"flockstep_scene": 1, "spheres": spheres, "meshes": [mesh]})
+        origin, direction = rng.uniform(-5, 5, (3000, 3)), rng.normal(size=(3000, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        hits = world.raycast(origin, direction, 20.0)
+        on_mesh = hits["primitive"] > 0
+        assert on_mesh.sum() > 100
+        assert (hits["primitive"] == 0).any()
+        u, v = hits["u"][on_mesh, None], hits["v"][on_mesh, None]
+        a, b, c = corners[hits["primitive"][on_mesh] - 1].transpose(1, 0, 2)
+        point = origin[on_mesh] + hits["t_hit"][on_mesh, None] * direction[on_mesh]
+        np.testing.assert_allclose((1 - u - v) * a + u * b + v * c, point, atol=1e-3)
+        assert not hits["u"][~on_mesh].any()
+        assert not hits["v"][~on_mesh].any()
+
     def test_lengths_of_directions_do_not_matter(self, shapes):
         origin, direction = rays(100)
         np.testing.assert_allclose(
@@ -232,7 +251,7 @@ class TestPlayground:
     def test_seeds_differ(self):
         assert flockstep.World.playground(1).to_dict() != flockstep.World.playground(2).to_dict()
 
-    @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size": (1, 1, 1)}, {"pillar_radius_m": 0}])
+    @pytest.mark.parametrize("arguments", [{"pillars": -1}, {"size_m": (1, 1, 1)}, {"pillar_radius_m": 0}])
     def test_refuses_what_cannot_be(self, arguments):
         with pytest.raises(ValueError, match=r".+"):
             flockstep.World.playground(0, **arguments)

@@ -13,6 +13,7 @@ namespace flockstep {
 struct RayHits {
   std::vector<float> t_hit;             // (R,) m along the unit direction; inf on a miss
   std::vector<Vec3> normal;             // (R,) unit, facing the ray's origin; 0 on a miss
+  std::vector<float> u, v;              // (R,) where on a triangle: the weights of its second and third vertex; 0 elsewhere
   std::vector<std::int32_t> primitive;  // (R,) index into primitives(), then primitives().size() + triangle; -1 on a miss
   std::vector<std::int32_t> material;   // (R,) index into materials(); -1 on a miss
 };

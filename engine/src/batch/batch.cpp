@@ -8,6 +8,7 @@
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "batch/checks.hpp"
+#include "batch/chosen.hpp"
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
@@ -16,20 +17,8 @@
 namespace flockstep {
 namespace {
 
-bool chosen(const Simulation& sim, Batch::Mask mask, std::size_t drone) {
-  return sim.state.active[drone] && (mask.empty() || mask[drone]);
-}
-
-// f(drone), on the calling thread.
-template <class F>
-void for_each_chosen(const Simulation& sim, Batch::Mask mask, const F& f) {
-  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
-    if (chosen(sim, mask, drone)) f(static_cast<std::uint32_t>(drone));
-  }
-}
-
 // Fills a list of each block with its envs that are chosen; an env is where its first drone is.
-void list_chosen(Simulation& sim, Batch::Mask mask, EnvList Block::*list) {
+void list_chosen(Simulation& sim, Batch::Mask mask, EnvList Block::* list) {
   for (Block& block : sim.schedule.blocks()) {
     (block.*list).clear();
     for (const std::uint32_t env : block.envs) {
@@ -57,11 +46,6 @@ void mark_absent(Simulation& sim, std::size_t drone) {
   if (sim.lidar) sim.lidar->clear(drone);
   sim.cameras.clear(drone);
   if (sim.run) sim.outputs.mark_absent(sim.run->spec(), sim.env_of(drone));
-}
-
-void take_frames(Simulation& sim) {
-  sim.cameras.start();
-  sim.cameras.finish(sim.workers);
 }
 
 }  // namespace
@@ -164,124 +148,6 @@ void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
   } else {
     sim_->rebuild_schedule();
   }
-}
-
-// ----------------------------------------------------------------------------------------------------------------- sensors
-
-const std::vector<float>& Batch::sensed_position() const { return sim_->pose_sensor.position(); }
-const std::vector<float>& Batch::sensed_quat_wxyz() const { return sim_->pose_sensor.quat_wxyz(); }
-
-void Batch::require_lidar(std::string_view name) const {
-  checks::has_lidar(*sim_);
-  require(name.empty() || name == sim_->config.lidar->name, "lidar", '"' + sim_->config.lidar->name + '"',
-          '"' + std::string(name) + '"');
-}
-
-void Batch::set_lidar(const LidarChange& change, Mask mask) {
-  checks::own_process(*sim_);
-  checks::mask(*sim_, mask);
-  checks::has_lidar(*sim_);
-  std::vector<std::uint32_t> drones;
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) { drones.push_back(drone); });
-  sim_->lidar->change(change, drones);
-}
-
-const std::vector<float>& Batch::lidar_ranges() const {
-  static const std::vector<float> none;
-  return sim_->lidar ? sim_->lidar->ranges() : none;
-}
-
-std::span<const float> Batch::lidar_max_range_m() const {
-  checks::has_lidar(*sim_);
-  return sim_->lidar->max_range();
-}
-
-LidarConfig Batch::lidar_config(std::int64_t index) const {
-  checks::has_lidar(*sim_);
-  checks::index(*sim_, index);
-  return sim_->lidar->config_of(static_cast<std::size_t>(index));
-}
-
-void Batch::lidar_directions(std::span<float> out) const {
-  checks::has_lidar(*sim_);
-  checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
-  sim_->lidar->write_directions(out);
-}
-
-void Batch::lidar_points(std::span<float> out) const {
-  checks::has_lidar(*sim_);
-  checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
-  sim_->lidar->write_points(sim_->state, out);
-}
-
-std::size_t Batch::camera_index(std::string_view name) const {
-  const auto& cameras = sim_->config.cameras;
-  if (name.empty() && cameras.size() == 1) return 0;
-  const auto found =
-      std::find_if(cameras.begin(), cameras.end(), [&](const CameraConfig& camera) { return camera.name == name; });
-  if (found == cameras.end()) {
-    std::string names;
-    for (const CameraConfig& camera : cameras) names += (names.empty() ? "\"" : ", \"") + camera.name + '"';
-    refuse("camera", cameras.empty() ? "a Batch with cameras (cameras=[...])" : "one of " + names,
-           name.empty() ? "no name" : '"' + std::string(name) + '"');
-  }
-  return static_cast<std::size_t>(found - cameras.begin());
-}
-
-const CameraConfig& Batch::camera_config(std::size_t camera) const {
-  checks::has_camera(*sim_, camera);
-  return sim_->cameras[camera].config();
-}
-
-const CameraImages& Batch::images(std::size_t camera) const {
-  checks::has_camera(*sim_, camera);
-  return sim_->cameras[camera].images();
-}
-
-CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const {
-  checks::has_camera(*sim_, camera);
-  checks::index(*sim_, index);
-  return sim_->cameras[camera].config_of(static_cast<std::size_t>(index));
-}
-
-void Batch::capture(std::size_t camera, Mask mask) {
-  checks::own_process(*sim_);
-  checks::has_camera(*sim_, camera);
-  checks::mask(*sim_, mask);
-  std::vector<std::uint32_t> drones;  // in the order of the blocks: those of one world follow each other
-  for (const Block& block : sim_->schedule.blocks()) {
-    for (const std::uint32_t drone : sim_->drones_of(block.envs, *sim_->scratches[0])) {
-      if (chosen(*sim_, mask, drone)) drones.push_back(drone);
-    }
-  }
-  sim_->cameras.ask_now(camera, drones);
-  take_frames(*sim_);
-}
-
-void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
-  checks::own_process(*sim_);
-  checks::has_camera(*sim_, camera);
-  checks::capture_mode(*sim_, camera, mode);
-  sim_->cameras[camera].set_capture_mode(mode);
-}
-
-void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask) {
-  checks::own_process(*sim_);
-  checks::has_camera(*sim_, camera);
-  checks::mask(*sim_, mask);
-  std::vector<std::uint32_t> drones;
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) { drones.push_back(drone); });
-  sim_->cameras[camera].change(change, drones);
-}
-
-const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }
-
-std::string Batch::take_warning() { return sim_->cameras.take_warning(); }
-
-std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
-  checks::has_camera(*sim_, camera);
-  checks::index(*sim_, index);
-  return sim_->cameras.jpeg(camera, static_cast<std::size_t>(index), quality);
 }
 
 // ---------------------------------------------------------------------------------------------------------- random numbers
@@ -402,7 +268,8 @@ void Batch::restore(const std::string& blob) {
   }
   sim_->rebuild_schedule();
   sim_->cameras.ask_again();
-  take_frames(*sim_);
+  sim_->cameras.start();
+  sim_->cameras.finish(sim_->workers);
 }
 
 }  // namespace flockstep

@@ -61,9 +61,9 @@ class Schedule {
   static constexpr std::size_t kLists = 4;  // of a block
 
   std::size_t block_size_;
-  std::vector<std::uint32_t> order_;               // (E,)
-  std::vector<std::uint32_t> lists_[kLists];       // (E,) storage, a block's where its envs are in order_
-  std::vector<std::uint32_t> world_begin_;         // (W + 1,) in order_
+  std::vector<std::uint32_t> order_;          // (E,)
+  std::vector<std::uint32_t> lists_[kLists];  // (E,) storage, a block's where its envs are in order_
+  std::vector<std::uint32_t> world_begin_;    // (W + 1,) in order_
   std::vector<Block> blocks_;
 };
 

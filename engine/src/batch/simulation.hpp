@@ -23,7 +23,7 @@ namespace flockstep {
 
 // What one thread needs while it steps a block; made once.
 struct Scratch {
-  sensors::ScanScratch scan;
+  trace::Tracer tracer;
   std::vector<std::uint32_t> drones;  // of some envs
   bool moved_world = false;           // an env has gone to another world
 };
@@ -31,13 +31,13 @@ struct Scratch {
 // The task of a batch, and what it and the episode machine hand each other.
 struct TaskRun {
   std::unique_ptr<Task> task;
-  Buffer actions;              // of the step under way; a row per env
-  Buffer last_action;          // of the step before
-  Setpoints setpoints;         // written by task.command
+  Buffer actions;                // of the step under way; a row per env
+  Buffer last_action;            // of the step before
+  Setpoints setpoints;           // written by task.command
   std::vector<Pose> step_start;  // (N,) where the flown step began; empty where it has one substep
-  Score score;                 // of the last flown step; written by task.score
-  std::vector<double> earned;  // (E, terms) of the flown steps of this step() so far
-  int max_episode_steps = 0;   // 0: no limit
+  Score score;                   // of the last flown step; written by task.score
+  std::vector<double> earned;    // (E, terms) of the flown steps of this step() so far
+  int max_episode_steps = 0;     // 0: no limit
 
   const TaskSpec& spec() const { return task->spec(); }
 };
@@ -74,8 +74,8 @@ struct Simulation {
   sensors::PoseSensor pose_sensor;
   sensors::CameraRig cameras;
 
-  EpisodeState episodes;         // sized where there is a task
-  std::optional<TaskRun> run;    // likewise
+  EpisodeState episodes;       // sized where there is a task
+  std::optional<TaskRun> run;  // likewise
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;
 

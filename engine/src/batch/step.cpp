@@ -16,7 +16,7 @@ using List = EnvList Block::*;
 // ------------------------------------------------------------------------------------------------------------------ stages
 
 void scan(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch) {
-  if (!drones.empty()) sim.lidar->scan(drones, sim.world_pointers, sim.drones_per_env(), sim.state, scratch.scan);
+  if (!drones.empty()) sim.lidar->scan(drones, sim.world_pointers, sim.drones_per_env(), sim.state, scratch.tracer);
 }
 
 // The drones of those of the envs where a sensor of this period is due.

@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
+#include <memory>
 #include <string>
 
 #include "base/flush_denormals.hpp"
+#include "base/require.hpp"
 #include "compiled/compiled_world.hpp"
-#include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep {
 namespace {
@@ -49,8 +50,7 @@ Vec3d triangle_normal(const TriangleMesh& mesh, std::size_t triangle) {
 void require_finite(std::span<const float> values, const char* field) {
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!std::isfinite(values[i])) {
-      throw std::invalid_argument(std::string(field) + ": expected finite numbers, got " + std::to_string(values[i]) +
-                                  " in row " + std::to_string(i / 3));
+      refuse(field, "finite numbers", std::to_string(values[i]) + " in row " + std::to_string(i / 3));
     }
   }
 }
@@ -59,12 +59,9 @@ void require_finite(std::span<const float> values, const char* field) {
 
 RayHits raycast(const World& world, std::span<const float> origins, std::span<const float> directions, float max_range_m) {
   if (origins.size() != directions.size() || origins.size() % 3 != 0) {
-    throw std::invalid_argument("directions: expected as many rows of 3 as origins (" + std::to_string(origins.size()) +
-                                " numbers), got " + std::to_string(directions.size()));
+    refuse("directions", "as many rows of 3 as origins (" + std::to_string(origins.size()) + " numbers)", directions.size());
   }
-  if (!(max_range_m > 0.0F)) {
-    throw std::invalid_argument("max_range_m: expected a number > 0, got " + std::to_string(max_range_m));
-  }
+  require(max_range_m > 0.0F, "max_range_m", "a number > 0", max_range_m);
   require_finite(origins, "origins");
   require_finite(directions, "directions");
   const std::size_t count = origins.size() / 3;
@@ -72,44 +69,53 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
   for (std::size_t i = 0; i < count; ++i) {
     const Vec3d direction(directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]);
     const double length = direction.norm();
-    if (length == 0.0) throw std::invalid_argument("directions: expected non-zero rows, got zero in row " + std::to_string(i));
+    if (length == 0.0) refuse("directions", "non-zero rows", "zero in row " + std::to_string(i));
     unit[i] = (direction / length).cast<float>();
   }
 
   RayHits hits;
   hits.t_hit.assign(count, std::numeric_limits<float>::infinity());
   hits.normal.assign(count, Vec3::Zero());
+  hits.u.assign(count, 0.0F);
+  hits.v.assign(count, 0.0F);
   hits.primitive.assign(count, -1);
   hits.material.assign(count, -1);
   const trace::Scene& scene = compiled(world).scene();
   const FlushDenormals flush;
-  const auto rays = std::make_unique<trace::RayBlock>();
+  const auto tracer = std::make_unique<trace::Tracer>();
+  trace::RayBlock& rays = tracer->block();
+  const trace::HitDetails& details = tracer->details();
+  rays.near = 0.0F;
   for (std::size_t first = 0; first < count; first += trace::kMaxRays) {
-    rays->count = std::min(trace::kMaxRays, count - first);
-    for (std::size_t i = 0; i < rays->count; ++i) {
-      rays->org_x[i] = origins[3 * (first + i)];
-      rays->org_y[i] = origins[3 * (first + i) + 1];
-      rays->org_z[i] = origins[3 * (first + i) + 2];
-      rays->dir_x[i] = unit[first + i].x();
-      rays->dir_y[i] = unit[first + i].y();
-      rays->dir_z[i] = unit[first + i].z();
-      rays->range[i] = max_range_m;
+    rays.count = std::min(trace::kMaxRays, count - first);
+    for (std::size_t i = 0; i < rays.count; ++i) {
+      rays.org_x[i] = origins[3 * (first + i)];
+      rays.org_y[i] = origins[3 * (first + i) + 1];
+      rays.org_z[i] = origins[3 * (first + i) + 2];
+      rays.dir_x[i] = unit[first + i].x();
+      rays.dir_y[i] = unit[first + i].y();
+      rays.dir_z[i] = unit[first + i].z();
+      rays.range[i] = max_range_m;
     }
-    scene.intersect(*rays);
-    for (std::size_t i = 0; i < rays->count; ++i) {
-      if (rays->element[i] < 0) continue;
+    tracer->trace_block(scene);
+    for (std::size_t i = 0; i < rays.count; ++i) {
+      if (rays.element[i] < 0) continue;
       const std::size_t ray = first + i;
-      const auto element = static_cast<std::size_t>(rays->element[i]);
+      const auto element = static_cast<std::size_t>(rays.element[i]);
       const Vec3d origin(origins[3 * ray], origins[3 * ray + 1], origins[3 * ray + 2]);
       const Vec3d direction = unit[ray].cast<double>();
       const bool is_primitive = element < world.primitives().size();
       const std::size_t triangle = element - world.primitives().size();  // else
-      Vec3d normal = is_primitive ? surface_normal(world.primitives()[element], origin + rays->t_hit[i] * direction)
+      Vec3d normal = is_primitive ? surface_normal(world.primitives()[element], origin + rays.t_hit[i] * direction)
                                   : triangle_normal(world.triangles(), triangle);
       if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are seen from both sides
-      hits.t_hit[ray] = rays->t_hit[i];
+      hits.t_hit[ray] = rays.t_hit[i];
       hits.normal[ray] = normal.cast<float>();
-      hits.primitive[ray] = rays->element[i];
+      if (!is_primitive) {
+        hits.u[ray] = details.u[i];
+        hits.v[ray] = details.v[i];
+      }
+      hits.primitive[ray] = rays.element[i];
       hits.material[ray] = is_primitive ? world.primitives()[element].material : world.triangles().materials[triangle];
     }
   }

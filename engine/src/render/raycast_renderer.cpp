@@ -16,18 +16,10 @@ static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == tra
 // How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
 constexpr float kLift = 1e-4F;
 
-// A request, and what is looked up of its world once.
-struct Job {
-  const RenderRequest& request;
-  const trace::Scene& scene;
-  const Shading& shading;
-};
-
-// Which hits lie in the shadow of something: traces from each towards the sun.
-void find_shadows(const Job& job, RaycastScratch& scratch) {
-  const trace::RayBundle& rays = scratch.bundle;
-  trace::RayBlock& block = scratch.block;
-  const auto& to_sun = job.request.world->light().sun_direction;
+// Which of the rays' hits lie in the shadow of something: traces from each towards the sun.
+void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
+  trace::RayBlock& block = scratch.tracer.block();
+  const auto& to_sun = request.world->light().sun_direction;
   const Vec3 sun(to_sun[0], to_sun[1], to_sun[2]);
   block.count = rays.count;
   block.near = 0.0F;
@@ -46,35 +38,36 @@ void find_shadows(const Job& job, RaycastScratch& scratch) {
     block.dir_z[i] = sun.z();
     block.range[i] = hit ? std::numeric_limits<float>::max() : 0.0F;
   }
-  job.scene.intersect_casters(block);
+  scratch.tracer.trace_shadows(*request.scene);
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
 }
 
 // Traces and shades one sample of each pixel of the tile.
-void sample(const Job& job, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
+void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
             RaycastScratch& scratch) {
-  scratch.bundle.y = grid.left.data() + tile.column * PixelTile::kSide;
-  scratch.bundle.z = grid.up.data() + tile.row * PixelTile::kSide;
-  scratch.bundle.count = tile.height * PixelTile::kSide;
-  scratch.bundle.frustum = &tile.frustum;
-  job.scene.intersect_tile(scratch.candidates, scratch.bundle, scratch.normals, scratch.block);
-  const bool shadows = job.request.camera->shadows && wanted.any_color();
-  if (shadows) find_shadows(job, scratch);
+  const trace::RayBundle& rays = scratch.tracer.trace({.x = scratch.ones,
+                                                       .y = grid.left.data() + tile.column * PixelTile::kSide,
+                                                       .z = grid.up.data() + tile.row * PixelTile::kSide,
+                                                       .rows = tile.height,
+                                                       .width = PixelTile::kSide,
+                                                       .frustum = &tile.frustum});
+  const bool shadows = request.camera->shadows && wanted.any_color();
+  if (shadows) find_shadows(request, rays, scratch);
   const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
-  job.shading.shade(scratch.bundle, scratch.normals, shaded, wanted, job.request.camera->depth_kind, scratch.pixels);
+  request.shading->shade(rays, scratch.tracer.details(), shaded, wanted, request.camera->depth_kind, scratch.pixels);
 }
 
 // The mean of all samples' colours.
-void average(const Job& job, const PixelTile& tile, RaycastScratch& scratch) {
+void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
-  CameraOutputs colors = job.request.camera->outputs;
+  CameraOutputs colors = request.camera->outputs;
   colors.depth = colors.semantic = colors.instance = colors.normal = false;
   const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
   for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
-  const auto grids = std::span(job.request.pinhole->grids).subspan(1);
+  const auto grids = std::span(request.pinhole->grids).subspan(1);
   for (const PinholeCamera::Grid& grid : grids) {
-    sample(job, grid, tile, colors, scratch);
+    sample(request, grid, tile, colors, scratch);
     for (std::size_t c = 0; c < 3; ++c) {
       for (std::size_t i = 0; i < pixels_of_tile; ++i) {
         scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
@@ -91,28 +84,25 @@ void average(const Job& job, const PixelTile& tile, RaycastScratch& scratch) {
 
 }  // namespace
 
-RaycastScratch::RaycastScratch() {
-  std::fill(std::begin(ones), std::end(ones), 1.0F);
-  bundle.x = ones;
-}
+RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1.0F); }
 
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
   const PinholeCamera& pinhole = *request.pinhole;
-  scratch.bundle.origin = request.position;
-  scratch.bundle.rotation = request.rotation;
-  scratch.bundle.near = camera.near_m;
-  scratch.bundle.range = camera.far_m;
-  const Job job{request, *request.scene, *request.shading};
-  job.scene.gather_visible(request.position, camera.near_m * pinhole.corner, camera.far_m * pinhole.corner, scratch.candidates);
+  scratch.tracer.settle(*request.scene, {.origin = request.position,
+                                         .rotation = request.rotation,
+                                         .near = camera.near_m,
+                                         .range = camera.far_m,
+                                         .longest = pinhole.corner,
+                                         .sees_markers = true});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;
   const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
   for (std::size_t i = first; i < last; ++i) {
     const PixelTile& tile = pinhole.tiles[i];
-    if (centre) sample(job, pinhole.grids[0], tile, wanted, scratch);
-    if (samples && camera.outputs.any_color()) average(job, tile, scratch);
+    if (centre) sample(request, pinhole.grids[0], tile, wanted, scratch);
+    if (samples && camera.outputs.any_color()) average(request, tile, scratch);
     write_tile(scratch.pixels, tile, camera, request.frame);
   }
 }

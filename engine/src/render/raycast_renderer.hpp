@@ -5,16 +5,13 @@
 
 #include "render/render_request.hpp"
 #include "render/shading.hpp"
-#include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep::render {
 
 // What one thread needs while it renders; made once.
 struct RaycastScratch {
-  trace::RayBundle bundle;
-  trace::GeometricNormals normals;
-  trace::CandidateSet candidates;
-  trace::RayBlock block;
+  trace::Tracer tracer;
   TilePixels pixels;
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
   alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // of the samples' r, g and b

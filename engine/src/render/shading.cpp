@@ -310,7 +310,7 @@ bool all_equal(const std::int32_t* values, std::size_t count) {
 }
 
 template <bool kShadows>
-HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::GeometricNormals& normals,
+HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
                            const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   const Floats d;
   const Ints di;
@@ -342,7 +342,8 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
         mask = hn::RebindMask(d, hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)),
                                          hn::Lt(element, hn::Set(di, tables.first_marker))));
-        const Vec3V<V> geometric_normal{hn::Load(d, normals.x + i), hn::Load(d, normals.y + i), hn::Load(d, normals.z + i)};
+        const Vec3V<V> geometric_normal{hn::Load(d, details.normal_x + i), hn::Load(d, details.normal_y + i),
+                                        hn::Load(d, details.normal_z + i)};
         shown = triangle_pixels(d, di, tables, elements, bits_of(d, mask), geometric_normal, rays, wanted);
       } else {
         mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
@@ -370,7 +371,7 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
   }
 }
 
-void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::GeometricNormals& normals,
+void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
            const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
@@ -383,9 +384,9 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
         return;
       }
     }
-    shade_tile<false>(tables, bundle, normals, shaded, wanted, depth_kind, out);
+    shade_tile<false>(tables, bundle, details, shaded, wanted, depth_kind, out);
   } else {
-    shade_tile<true>(tables, bundle, normals, shaded, wanted, depth_kind, out);
+    shade_tile<true>(tables, bundle, details, shaded, wanted, depth_kind, out);
   }
 }
 
@@ -479,9 +480,9 @@ Shading::Shading(const World& world, const trace::Scene& scene) {
   tables_.first_object = appearance.first_object;
 }
 
-void Shading::shade(const trace::RayBundle& rays, const trace::GeometricNormals& normals, std::span<const std::uint8_t> shaded,
+void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
                     const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const {
-  HWY_DYNAMIC_DISPATCH(shade)(tables_, rays, normals, shaded.empty() ? nullptr : shaded.data(), wanted, depth_kind, out);
+  HWY_DYNAMIC_DISPATCH(shade)(tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), wanted, depth_kind, out);
 }
 
 }  // namespace flockstep::render

@@ -41,9 +41,9 @@ class Shading {
  public:
   Shading(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
 
-  // Writes what is wanted of the traced tile. normals: of the triangles that were hit. shaded: empty, or a value for each ray, 1
+  // Writes what is wanted of the traced tile. details: of the triangles that were hit. shaded: empty, or a value for each ray, 1
   // if its hit lies in the shadow of something else, otherwise 0.
-  void shade(const trace::RayBundle& rays, const trace::GeometricNormals& normals, std::span<const std::uint8_t> shaded,
+  void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
   // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.

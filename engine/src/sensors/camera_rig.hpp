@@ -66,7 +66,7 @@ class CameraRig {
   std::size_t drones_per_env_;
   std::size_t num_drones_;
   std::vector<std::unique_ptr<Camera>> cameras_;
-  std::optional<render::Renderer> renderer_;      // once it is chosen
+  std::optional<render::Renderer> renderer_;     // once it is chosen
   std::vector<render::RenderRequest> requests_;  // asked for, camera by camera
 };
 

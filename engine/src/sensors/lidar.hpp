@@ -2,8 +2,8 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -13,35 +13,17 @@
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 #include "sensors/beams.hpp"
-#include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep::sensors {
-
-// Rays of several drones in one world that wait until they fill a block.
-struct WaitingRays {
-  struct Run {  // consecutive rays, and where their results go
-    float* ranges;
-    std::size_t count;
-  };
-  trace::RayBlock rays;
-  std::array<Run, trace::kMaxRays> runs;
-  std::size_t num_runs = 0;
-};
-
-// One worker's rays on their way to the tracer.
-struct ScanScratch {
-  trace::RayBundle bundle;         // of one drone
-  trace::CandidateSet candidates;  // of that drone
-  WaitingRays crowd, meshes;       // to go through Embree: for everything, for what is nearer among triangles
-};
 
 class Lidar {
  public:
   Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones);
 
   std::size_t rays_per_drone() const { return rays_; }
-  std::int64_t period() const { return period_; }                   // ticks, as period_in_ticks() has it
-  const std::vector<float>& ranges() const { return ranges_; }      // (N, channels, beams) m, inf on a miss
+  std::int64_t period() const { return period_; }               // ticks, as period_in_ticks() has it
+  const std::vector<float>& ranges() const { return ranges_; }  // (N, channels, beams) m, inf on a miss
   std::span<const float> ranges_of(std::size_t drone) const { return std::span(ranges_).subspan(drone * rays_, rays_); }
   const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
@@ -55,10 +37,10 @@ class Lidar {
   // Scans the listed drones; drone d is in worlds[world_index[d / drones_per_env]]. Where rays go through Embree, consecutive
   // drones in the same world share packets.
   void scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, std::size_t drones_per_env,
-            const State& state, ScanScratch& scratch);
+            const State& state, trace::Tracer& tracer);
   void clear(std::size_t drone);  // a removed drone sees nothing
 
-  void write_directions(std::span<float> out) const;                 // (N, channels, beams, 3) unit, body frame
+  void write_directions(std::span<float> out) const;                  // (N, channels, beams, 3) unit, body frame
   void write_points(const State& state, std::span<float> out) const;  // likewise, m, world frame; inf on a miss
 
   // Ranges and run-time settings; to be followed by restored() after they were written.
@@ -67,7 +49,7 @@ class Lidar {
   void restored();
 
  private:
-  void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, ScanScratch& scratch) const;
+  void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, trace::Tracer& tracer) const;
 
   // The run-time setting of one drone, as it stands in a snapshot.
   struct Saved {

@@ -16,8 +16,21 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
+// Writes what Embree tells of a vector of hits, of which `taken` count.
+template <class D, class Hits>
+HWY_INLINE void store_details(D d, const Hits& hits, std::size_t lane, hn::Mask<D> taken, HitDetails& details, std::size_t ray) {
+  const auto store = [&](const float* from, float* to) HWY_ATTR {
+    hn::Store(hn::IfThenElse(taken, hn::Load(d, from + lane), hn::Load(d, to + ray)), d, to + ray);
+  };
+  store(hits.u, details.u);
+  store(hits.v, details.v);
+  store(hits.Ng_x, details.normal_x);
+  store(hits.Ng_y, details.normal_y);
+  store(hits.Ng_z, details.normal_z);
+}
+
 template <std::size_t kSize>
-void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
+void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays, HitDetails* details) {
   const hn::CappedTag<float, kSize> d;
   const hn::RebindToSigned<decltype(d)> di;
   const std::size_t lanes = hn::Lanes(d);
@@ -70,6 +83,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
           hn::Add(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + i)), hn::Set(di, first_element));
       hn::Store(hn::IfThenElse(nearer, distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
       hn::Store(hn::IfThenElse(hn::RebindMask(di, nearer), element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
+      if (details != nullptr) store_details(d, packet.hit, i, nearer, *details, ray);
     }
   }
 }
@@ -83,7 +97,7 @@ HWY_INLINE void for_4_by(std::size_t lanes, const F& f) {
 }
 
 template <std::size_t kRows>
-HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBundle& rays, GeometricNormals& normals) {
+HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBundle& rays, HitDetails& details) {
   const hn::CappedTag<float, 4> d;
   const hn::RebindToSigned<decltype(d)> di;
   using V = hn::Vec<decltype(d)>;
@@ -130,24 +144,26 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBun
         const V distance = hn::Load(d, packet.ray.tfar + lane);
         hn::Store(hn::IfThenElse(hn::RebindMask(d, found), distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
         hn::Store(hn::IfThenElse(found, element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
-        hn::Store(hn::Load(d, packet.hit.Ng_x + lane), d, normals.x + ray);
-        hn::Store(hn::Load(d, packet.hit.Ng_y + lane), d, normals.y + ray);
-        hn::Store(hn::Load(d, packet.hit.Ng_z + lane), d, normals.z + ray);
+        store_details(d, packet.hit, lane, hn::RebindMask(d, found), details, ray);
       });
     }
   }
 }
 
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, GeometricNormals& normals) {
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, HitDetails& details) {
   if (wide) {
-    trace_tile_by<4>(scene, first_element, rays, normals);
+    trace_tile_by<4>(scene, first_element, rays, details);
   } else {
-    trace_tile_by<2>(scene, first_element, rays, normals);
+    trace_tile_by<2>(scene, first_element, rays, details);
   }
 }
 
-void trace_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<16>(scene, first_element, rays); }
-void trace_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) { trace_packets<8>(scene, first_element, rays); }
+void trace_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
+  trace_packets<16>(scene, first_element, rays, nullptr);
+}
+void trace_8(RTCScene scene, std::int32_t first_element, RayBlock& rays, HitDetails* details) {
+  trace_packets<8>(scene, first_element, rays, details);
+}
 
 }  // namespace flockstep::trace::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -162,11 +178,11 @@ HWY_EXPORT(trace_8);
 void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   HWY_DYNAMIC_DISPATCH(trace_16)(scene, first_element, rays);
 }
-void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
-  HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays);
+void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays, HitDetails* details) {
+  HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays, details);
 }
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, GeometricNormals& normals) {
-  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, rays, normals);
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, HitDetails& details) {
+  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, rays, details);
 }
 
 }  // namespace flockstep::trace

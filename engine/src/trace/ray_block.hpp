@@ -1,4 +1,4 @@
-// Rays as plain arrays, in portions small enough for the first-level cache. Sensors fill them, a Scene traces them.
+// Rays as plain arrays, in portions small enough for the first-level cache. Sensors fill them, a Tracer traces them.
 #pragma once
 
 #include <cstddef>
@@ -32,8 +32,8 @@ struct RayBundle {
   std::size_t count = 0;        // at most kMaxRays
   const float *x, *y, *z;       // (count + kRayPadding,) directions, sensor frame
   const Frustum* frustum;       // that holds them, sensor frame
-  alignas(64) RayFloats t_hit;  // inf on a miss; written by Scene::intersect
-  alignas(64) RayInts element;  // index as World::raycast gives it, -1 on a miss; likewise
+  alignas(64) RayFloats t_hit;  // inf on a miss; written by tracing
+  alignas(64) RayInts element;  // index as raycast() gives it, -1 on a miss; likewise
 
   Vec3 direction(std::size_t i) const { return rotated(rotation, {x[i], y[i], z[i]}); }  // world frame
 };
@@ -53,9 +53,10 @@ struct RayBlock {
   alignas(64) RayInts element;
 };
 
-// The geometric normals of the triangles that a bundle's rays have hit, of any length and side; world frame.
-struct GeometricNormals {
-  alignas(64) RayFloats x, y, z;
+// What else is known of rays that have hit triangles; of the others nothing is written.
+struct HitDetails {
+  alignas(64) RayFloats u, v;                          // barycentric: the weights of the triangle's second and third vertex
+  alignas(64) RayFloats normal_x, normal_y, normal_z;  // geometric normal of any length and side, world frame
 };
 
 // Appends rays [first, first + count) of the bundle, with what they have hit so far. The block has room for them.

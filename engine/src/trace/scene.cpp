@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
@@ -166,13 +165,6 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }
 
-void Scene::intersect(RayBlock& rays) const {
-  std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
-  std::fill_n(rays.element, rays.count, -1);
-  intersect_primitives(rays);
-  intersect_meshes(rays);
-}
-
 void Scene::intersect_primitives(RayBlock& rays) const {
   if (!crowd_) {
     trace_direct(shapes_, rays);
@@ -182,19 +174,22 @@ void Scene::intersect_primitives(RayBlock& rays) const {
   }
 }
 
-void Scene::intersect_meshes(RayBlock& rays) const {
-  if (meshes_) trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays);
-}
-
 void Scene::intersect_casters(RayBlock& rays) const {
-  std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
-  std::fill_n(rays.element, rays.count, -1);
   if (!crowd_) {
     trace_direct(std::span(shapes_).subspan(num_rooms_), rays);
   } else {
     trace_packets_of_16(crowd_.get(), 0, rays);
   }
-  intersect_meshes(rays);
+}
+
+void Scene::intersect_markers(RayBlock& rays) const { trace_markers(markers_, rays); }
+
+void Scene::intersect_triangles(RayBlock& rays, HitDetails* details) const {
+  if (meshes_) trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays, details);
+}
+
+void Scene::intersect_triangles(RayBundle& tile, HitDetails& details) const {
+  if (meshes_) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, tile, details);
 }
 
 void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const {
@@ -210,11 +205,7 @@ void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& 
   candidate.local_origin = {local.x(), local.y(), local.z()};
 }
 
-void Scene::gather(const Vec3& origin, float range_m, CandidateSet& candidates) const {
-  gather(origin, 0.0F, range_m, candidates);
-}
-
-void Scene::gather(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const {
+void Scene::gather(const Vec3& origin, float near_m, float range_m, bool markers, CandidateSet& candidates) const {
   candidates.count = 0;
   candidates.crowded = false;
   for (std::uint32_t room = 0; room < num_rooms_; ++room) {
@@ -237,37 +228,13 @@ void Scene::gather(const Vec3& origin, float near_m, float range_m, CandidateSet
     Candidate& candidate = candidates.list[candidates.count - 1];
     candidate.hint = hint_at_solid(shape, candidate.local_origin, near_m);
   });
-  candidates.meshes = meshes_ && squared_distance(mesh_center_ - origin, mesh_half_) <= range_m * range_m;
-}
-
-void Scene::gather_visible(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const {
-  gather(origin, near_m, range_m, candidates);
+  candidates.triangles = meshes_ && squared_distance(mesh_center_ - origin, mesh_half_) <= range_m * range_m;
+  if (!markers) return;
   for (const auto& [shape, element] : markers_) {
     add_candidate(shape, element, origin, candidates);
     if (candidates.crowded) return;
     candidates.list[candidates.count - 1].hint = OriginHint::outside_marker;
   }
-}
-
-void Scene::intersect_tile(const CandidateSet& candidates, RayBundle& rays, GeometricNormals& normals, RayBlock& block) const {
-  if (intersect(candidates, rays) == Traced::nothing) {
-    block.count = 0;
-    block.near = rays.near;
-    append(rays, 0, rays.count, block);
-    std::fill_n(block.t_hit, rays.count, std::numeric_limits<float>::infinity());
-    std::fill_n(block.element, rays.count, -1);
-    intersect_primitives(block);
-    trace_markers(markers_, block);
-    std::copy_n(block.t_hit, rays.count, rays.t_hit);
-    std::copy_n(block.element, rays.count, rays.element);
-  }
-  if (candidates.meshes) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, rays, normals);
-}
-
-Traced Scene::intersect(const CandidateSet& candidates, RayBundle& rays) const {
-  if (candidates.crowded || !trace_direct(std::span(candidates.list).first(candidates.count), kMaxDirect, rays))
-    return Traced::nothing;
-  return candidates.meshes ? Traced::primitives_only : Traced::fully;
 }
 
 void Scene::for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const {

@@ -1,4 +1,5 @@
-// trace::Scene: one world as rays meet it, and the question asked of it: what is the nearest thing along these rays.
+// trace::Scene: one world as rays meet it, and what can be asked of each kind of thing in it. A Tracer puts the questions
+// together.
 //
 // Primitives are traced directly where few are within reach (see CandidateSet), and by Embree where many are; triangles always by
 // Embree.
@@ -27,15 +28,8 @@ using NearbyCallback = void (*)(void* context, std::uint32_t element);
 struct CandidateSet {
   std::array<Candidate, kMaxCandidates> list;
   std::size_t count = 0;
-  bool crowded = false;  // there are more
-  bool meshes = false;   // triangles are within range
-};
-
-// How far Scene::intersect(CandidateSet) came with a bundle.
-enum class Traced : std::uint8_t {
-  fully,
-  primitives_only,  // meshes are left to do, by Scene::intersect_meshes with what was found so far
-  nothing,          // too many shapes: all is left to do, by Scene::intersect
+  bool crowded = false;    // there are more
+  bool triangles = false;  // some are within range
 };
 
 class Scene {
@@ -46,23 +40,18 @@ class Scene {
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  // Nearest hits of a block of rays: fills t_hit and element. A ray's result has the same bits in any block, beside any
-  // other rays. Call under FlushDenormals.
-  void intersect(RayBlock& rays) const;
-  // The same for what only the triangles can add to t_hit and element.
-  void intersect_meshes(RayBlock& rays) const;
+  // Gathers what rays from the origin may meet that see nothing nearer than near_m and nothing beyond range_m. Markers, where
+  // they are seen, are numbered on after the triangles.
+  void gather(const Vec3& origin, float near_m, float range_m, bool markers, CandidateSet& candidates) const;
 
-  // For many rays of one origin and range: gather once, then trace bundle after bundle.
-  void gather(const Vec3& origin, float range_m, CandidateSet& candidates) const;
-  Traced intersect(const CandidateSet& candidates, RayBundle& rays) const;
-
-  // The same for a camera, whose bundles are tiles: kTileWidth rays a row. It sees the markers too, numbered on after the
-  // triangles, and nothing nearer than near_m, the distance of its near plane's corners.
-  void gather_visible(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const;
-  // Nearest hits, and the normals of those on triangles; the block is scratch. Call under FlushDenormals.
-  void intersect_tile(const CandidateSet& candidates, RayBundle& rays, GeometricNormals& normals, RayBlock& block) const;
-  // Whether anything that casts a shadow, rooms and markers do not, lies on the rays of the block: t_hit is finite then.
-  void intersect_casters(RayBlock& rays) const;
+  // Each takes what it has that is nearer than the block's t_hit. A ray's result has the same bits in any block, beside any other
+  // rays. Call under FlushDenormals.
+  void intersect_primitives(RayBlock& rays) const;
+  void intersect_casters(RayBlock& rays) const;  // the primitives that cast a shadow: all but the rooms
+  void intersect_markers(RayBlock& rays) const;
+  void intersect_triangles(RayBlock& rays, HitDetails* details) const;  // details: null where only distances are of interest
+  // The same for a tile, whose bits are those of the tile as a whole: its rows of kTileWidth rays go through Embree together.
+  void intersect_triangles(RayBundle& tile, HitDetails& details) const;
 
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
   std::span<const NumberedShape> markers() const { return markers_; }
@@ -78,8 +67,6 @@ class Scene {
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
   EmbreeScene new_scene();
-  void gather(const Vec3& origin, float near_m, float range_m, CandidateSet& candidates) const;
-  void intersect_primitives(RayBlock& rays) const;  // takes what is nearer than t_hit
   void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const;
   void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
   void add_triangles(const TriangleMesh& mesh);

@@ -1,0 +1,122 @@
+#include "trace/tracer.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <span>
+
+#include "trace/calibrated.hpp"
+#include "trace/direct.hpp"
+
+namespace flockstep::trace {
+namespace {
+
+template <class Rays>
+void forget_hits(Rays& rays) {
+  std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
+  std::fill_n(rays.element, rays.count, -1);
+}
+
+}  // namespace
+
+void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
+  const bool may_join =
+      scene_ == &scene && for_everything_.rays.near == viewpoint.near && sees_markers_ == viewpoint.sees_markers;
+  if (!may_join) {
+    finish();
+    scene_ = &scene;
+    sees_markers_ = viewpoint.sees_markers;
+    for_everything_.rays.near = for_triangles_.rays.near = viewpoint.near;
+  }
+  bundle_.origin = viewpoint.origin;
+  bundle_.rotation = viewpoint.rotation;
+  bundle_.near = viewpoint.near;
+  bundle_.range = viewpoint.range;
+  scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
+               candidates_);
+}
+
+const RayBundle& Tracer::trace(const RayTile& tile) {
+  if (!trace_candidates(tile)) {
+    forget_hits(bundle_);
+    block_.count = 0;
+    block_.near = bundle_.near;
+    append(bundle_, 0, bundle_.count, block_);
+    meet_primitives(block_);
+    std::copy_n(block_.t_hit, bundle_.count, bundle_.t_hit);
+    std::copy_n(block_.element, bundle_.count, bundle_.element);
+  }
+  if (candidates_.triangles) scene_->intersect_triangles(bundle_, details_);
+  return bundle_;  // the static world ends here
+}
+
+void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride) {
+  if (!trace_candidates(tile)) {
+    forget_hits(bundle_);
+    wait(tile, ranges, stride, for_everything_);
+  } else if (candidates_.triangles) {
+    wait(tile, ranges, stride, for_triangles_);
+  } else {  // the static world ends here
+    for (std::size_t row = 0; row < tile.rows; ++row) {
+      std::copy_n(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
+    }
+  }
+}
+
+void Tracer::finish() {
+  deliver(for_everything_);
+  deliver(for_triangles_);
+}
+
+void Tracer::trace_block(const Scene& scene) {
+  forget_hits(block_);
+  scene.intersect_primitives(block_);
+  scene.intersect_triangles(block_, &details_);  // the static world ends here
+}
+
+void Tracer::trace_shadows(const Scene& scene) {
+  forget_hits(block_);
+  scene.intersect_casters(block_);
+  scene.intersect_triangles(block_, nullptr);  // the static world ends here
+}
+
+bool Tracer::trace_candidates(const RayTile& tile) {
+  bundle_.x = tile.x;
+  bundle_.y = tile.y;
+  bundle_.z = tile.z;
+  bundle_.count = tile.rows * tile.width;
+  bundle_.frustum = tile.frustum;
+  return !candidates_.crowded && trace_direct(std::span(candidates_.list).first(candidates_.count), kMaxDirect, bundle_);
+}
+
+void Tracer::meet_primitives(RayBlock& rays) const {
+  scene_->intersect_primitives(rays);
+  if (sees_markers_) scene_->intersect_markers(rays);
+}
+
+// Lets the bundle's rays join those that wait, with what they have hit so far.
+void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting) {
+  for (std::size_t row = 0; row < tile.rows; ++row) {
+    for (std::size_t ray = 0; ray < tile.width;) {
+      const std::size_t count = std::min(kMaxRays - waiting.rays.count, tile.width - ray);
+      append(bundle_, row * tile.width + ray, count, waiting.rays);
+      waiting.runs[waiting.num_runs++] = {ranges + row * stride + ray, count};
+      if (waiting.rays.count == kMaxRays) deliver(waiting);
+      ray += count;
+    }
+  }
+}
+
+// Traces what waits and hands out the distances.
+void Tracer::deliver(Waiting& waiting) {
+  if (waiting.rays.count == 0) return;
+  if (&waiting == &for_everything_) meet_primitives(waiting.rays);
+  scene_->intersect_triangles(waiting.rays, nullptr);  // the static world ends here
+  const float* t_hit = waiting.rays.t_hit;
+  for (std::size_t i = 0; i < waiting.num_runs; ++i) {
+    std::copy_n(t_hit, waiting.runs[i].count, waiting.runs[i].ranges);
+    t_hit += waiting.runs[i].count;
+  }
+  waiting.rays.count = waiting.num_runs = 0;
+}
+
+}  // namespace flockstep::trace

@@ -1,0 +1,88 @@
+// Tracer: asks a Scene what the nearest thing along rays is, in the one place where every sensor does. It owns what that takes:
+// what may be met from where the sensor is, the rays on their way, and those that wait to go through Embree together.
+//
+// Each way of asking ends with the static world and leaves the distances found: things that move are met after that, where the
+// comments say "the static world ends here", by rays whose range that has already shortened.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "flockstep/pose.hpp"
+#include "trace/frustum.hpp"
+#include "trace/ray_block.hpp"
+#include "trace/scene.hpp"
+
+namespace flockstep::trace {
+
+// Where a sensor is, how far it sees, and what.
+struct Viewpoint {
+  Vec3 origin;                // m, world frame
+  Mat3 rotation;              // sensor to world
+  float near = 0.0F;          // a hit is in [near, range], in lengths of the directions
+  float range;                // likewise
+  float longest = 1.0F;       // length of the longest direction
+  bool sees_markers = false;  // numbered on after the triangles
+};
+
+// Rays of a sensor that are traced together, since they point much the same way.
+struct RayTile {
+  const float *x, *y, *z;   // (rows * width + kRayPadding,) directions, sensor frame, row by row
+  std::size_t rows, width;  // rows * width is at most kMaxRays
+  const Frustum* frustum;   // that holds them, sensor frame
+};
+
+// A thread's own; some 60 KB, so make it once. Nothing is allocated while it traces. A ray's result has the same bits beside any
+// other rays, except those of trace(), whose tile is always the same for a pixel. Call under FlushDenormals.
+class Tracer {
+ public:
+  // Settles where a sensor is: from now on trace() and trace_later() are about its rays. Rays that wait are traced first unless
+  // these may join them. The scene outlives what is traced in it.
+  void settle(const Scene& scene, const Viewpoint& viewpoint);
+
+  // Nearest hits of a tile, whose rows are kTileWidth wide and, up to a multiple of 4 of them, have directions to be read.
+  const RayBundle& trace(const RayTile& tile);
+
+  // Distances of a tile, row by row to ranges, ranges + stride and so on: at once, or by finish() at the latest, where rays go
+  // through Embree and wait until they fill a block with those of other sensors.
+  void trace_later(const RayTile& tile, float* ranges, std::size_t stride);
+  void finish();
+
+  // Rays of any origins, to be filled in by the caller: all but t_hit and element of the first `count`, and near.
+  RayBlock& block() { return block_; }
+  // Nearest hits of the block.
+  void trace_block(const Scene& scene);
+  // Whether anything that casts a shadow, rooms and markers do not, lies on the rays of the block: t_hit is finite then.
+  void trace_shadows(const Scene& scene);
+
+  // What is known of the hits of the last trace() or trace_block() on triangles.
+  const HitDetails& details() const { return details_; }
+
+ private:
+  // Rays of several sensors, with what they have hit so far.
+  struct Waiting {
+    struct Run {  // consecutive rays, and where their distances go
+      float* ranges;
+      std::size_t count;
+    };
+    RayBlock rays;
+    std::array<Run, kMaxRays> runs;
+    std::size_t num_runs = 0;
+  };
+
+  bool trace_candidates(const RayTile& tile);  // false if they are too many
+  void meet_primitives(RayBlock& rays) const;
+  void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
+  void deliver(Waiting& waiting);
+
+  const Scene* scene_ = nullptr;  // that the sensor is in
+  bool sees_markers_ = false;
+  CandidateSet candidates_;  // of the sensor
+  RayBundle bundle_;         // of the tile
+  HitDetails details_;
+  RayBlock block_;
+  Waiting for_everything_, for_triangles_;
+};
+
+}  // namespace flockstep::trace

@@ -1,0 +1,254 @@
+#include "sensors/rate.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
+
+namespace flockstep {
+namespace {
+
+using sensors::is_due;
+using sensors::period_in_ticks;
+using testing::NavigationBatch;
+using testing::primitive;
+using testing::same_bits;
+
+std::int64_t period(std::optional<float> rate_hz, float dt_s, int substeps = 1) {
+  return period_in_ticks(rate_hz, {.dt_s = dt_s, .substeps = substeps}, "lidar.rate_hz");
+}
+
+TEST(Rate, ItsPeriodIsTheTicksInBetween) {
+  EXPECT_EQ(period(std::nullopt, 0.1F), 0);
+  EXPECT_EQ(period(10.0F, 0.1F), 1);
+  EXPECT_EQ(period(5.0F, 0.1F), 2);
+  EXPECT_EQ(period(10.0F / 3.0F, 0.1F), 3);
+  EXPECT_EQ(period(2.5F, 0.1F), 4);
+  EXPECT_EQ(period(0.01F, 0.1F), 1000);
+  EXPECT_EQ(period(2.5F, 0.1F, 4), 4) << "ticks, not steps";
+  EXPECT_EQ(period(1e5F, 1e-5F), 1);
+  for (const float dt_s : {1e-5F, 0.001F, 1.0F / 240.0F, 0.02F, 0.1F, 1.0F, 10.0F}) {
+    for (int ticks = 1; ticks <= 1000; ++ticks) {
+      const auto rate_hz = static_cast<float>(1.0 / (static_cast<double>(ticks) * static_cast<double>(dt_s)));
+      ASSERT_EQ(period(rate_hz, dt_s), ticks) << dt_s;
+    }
+  }
+}
+
+TEST(Rate, RefusesOneThatTheClockCannotKeep) {
+  EXPECT_REFUSED(period(20.0F, 0.1F), "lidar.rate_hz: expected a rate that divides the clock's 10.000000 ticks per second, got 20");
+  EXPECT_REFUSED(period(3.0F, 0.1F), "lidar.rate_hz: expected a rate that divides");
+  EXPECT_REFUSED(period(9.99F, 0.1F), "lidar.rate_hz: expected a rate that divides");
+  EXPECT_REFUSED(period(15.0F, 0.1F, 4), "lidar.rate_hz: expected a rate that divides");
+  EXPECT_REFUSED(period(1e-12F, 0.1F), "lidar.rate_hz: expected a rate that divides");
+  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
+    EXPECT_REFUSED(period(nonsense, 0.1F), "lidar.rate_hz: expected a finite number > 0");
+  }
+}
+
+TEST(Rate, OfABatchIsCheckedForEverySensor) {
+  const Batch::Worlds worlds{testing::closet()};
+  BatchConfig config = testing::lidar_batch(1, {.rate_hz = 3.0F});
+  EXPECT_REFUSED(Batch(config, worlds), "lidar.rate_hz");
+  config.clock.dt_s = 1.0F / 3.0F;
+  EXPECT_NO_THROW(Batch(config, worlds));
+  config = {};
+  config.pose_sensor.rate_hz = 3.0F;
+  EXPECT_REFUSED(Batch(config, worlds), "pose_sensor.rate_hz");
+  config = {};
+  config.cameras = {{.rate_hz = 3.0F}};
+  EXPECT_REFUSED(Batch(config, worlds), "camera.rate_hz");
+}
+
+TEST(Rate, IsDueEverySoManyTicksOrWhenAStepIsOver) {
+  for (std::int64_t tick = 0; tick < 20; ++tick) {
+    for (const bool step_is_over : {false, true}) {
+      EXPECT_EQ(is_due(0, tick, step_is_over), step_is_over);
+      EXPECT_TRUE(is_due(1, tick, step_is_over));
+      EXPECT_EQ(is_due(5, tick, step_is_over), tick == 0 || tick == 5 || tick == 10 || tick == 15);
+    }
+  }
+}
+
+// -- In a batch that flies +x, 0.5 m in each step of 4 ticks, with a sensor that is due every so many ticks.
+
+constexpr int kSubsteps = 4;
+const Vec3 kStart(4, 10, 5);
+
+std::shared_ptr<const World> hall() {
+  return testing::make_world({primitive(PrimitiveKind::room, {10, 10, 5}, {10, 10, 5})},
+                             {.start = kStart, .goal = Vec3(10, 2, 5)});
+}
+
+NavigationBatch flying() {
+  NavigationBatch config = testing::navigation_batch(1, {.max_range_m = 30.0F});
+  config.navigation.step_m = 0.5F;
+  config.clock.substeps = kSubsteps;
+  return config;
+}
+
+float rate_of(int ticks) { return 10.0F / static_cast<float>(ticks); }
+
+// Where the drone is after that many ticks. Its x is a number that float32 has.
+std::vector<float> place_after(std::int64_t ticks) { return {kStart.x() + 0.125F * static_cast<float>(ticks), kStart.y(), kStart.z()}; }
+
+void step(Batch& batch) {
+  const std::int64_t forward = 0;
+  batch.step(std::span(&forward, 1));
+}
+
+TEST(Rate, ALidarHoldsItsReadingsInBetween) {
+  for (const int ticks : {1, 2, 3, 4, 8, 12, 7}) {
+    SCOPED_TRACE("every " + std::to_string(ticks) + " ticks");
+    NavigationBatch config = flying();
+    config.lidar->rate_hz = rate_of(ticks);
+    Batch batch = config.make({hall()});
+    Batch by_hand(testing::lidar_batch(1, *flying().lidar), {hall()});
+    const auto read = [&](std::int64_t tick) {
+      by_hand.set_pose(place_after(tick), {});
+      by_hand.sense();
+      return by_hand.lidar_ranges();
+    };
+    batch.reset({});
+    EXPECT_TRUE(same_bits(batch.lidar_ranges(), read(0))) << "the first moment of an episode is always read";
+    int held = 0;
+    for (int steps = 1; steps <= 13; ++steps) {
+      step(batch);
+      const std::int64_t tick = kSubsteps * steps;
+      ASSERT_EQ(batch.state().tick[0], tick);
+      ASSERT_EQ(batch.state().position, place_after(tick));
+      const std::int64_t last = tick - tick % ticks;
+      EXPECT_TRUE(same_bits(batch.lidar_ranges(), read(last))) << "after step " << steps;
+      held += last < tick && !same_bits(batch.lidar_ranges(), read(tick));
+    }
+    EXPECT_EQ(held > 0, kSubsteps % ticks != 0);
+    // The next episode begins with a reading of its own.
+    batch.reset({});
+    EXPECT_EQ(batch.state().tick[0], 0);
+    EXPECT_TRUE(same_bits(batch.lidar_ranges(), read(0)));
+  }
+}
+
+TEST(Rate, ALidarWithoutOneReadsAfterEveryStep) {
+  Batch batch = flying().make({hall()});
+  Batch by_hand(testing::lidar_batch(1, *flying().lidar), {hall()});
+  batch.reset({});
+  for (int steps = 1; steps <= 5; ++steps) {
+    step(batch);
+    by_hand.set_pose(place_after(kSubsteps * steps), {});
+    by_hand.sense();
+    EXPECT_TRUE(same_bits(batch.lidar_ranges(), by_hand.lidar_ranges()));
+  }
+}
+
+TEST(Rate, ThePoseSensorHoldsItsReadingsInBetween) {
+  for (const int ticks : {2, 3, 8}) {
+    NavigationBatch config = flying();
+    config.pose_sensor.rate_hz = rate_of(ticks);
+    Batch batch = config.make({hall()});
+    batch.reset({});
+    EXPECT_EQ(batch.sensed_position(), place_after(0));
+    for (int steps = 1; steps <= 13; ++steps) {
+      step(batch);
+      const std::int64_t tick = kSubsteps * steps;
+      EXPECT_EQ(batch.sensed_position(), place_after(tick - tick % ticks));
+    }
+  }
+}
+
+// Every reading has noise of its own, also where there are several in a step; held ones do not change.
+TEST(Rate, NoiseIsOfTheReading) {
+  NavigationBatch config = flying();
+  config.pose_sensor = {.position_noise_std_m = 0.1F, .rate_hz = rate_of(8)};
+  Batch batch = config.make({hall()});
+  batch.reset({});
+  std::vector<float> last = batch.sensed_position();
+  for (int steps = 1; steps <= 12; ++steps) {
+    step(batch);
+    EXPECT_EQ(batch.sensed_position() == last, steps % 2 == 1);
+    last = batch.sensed_position();
+  }
+}
+
+TEST(Rate, ACameraTakesAFrameAtTheEndOfAStepInWhichOneIsDue) {
+  for (const int ticks : {1, 4, 6, 8, 20}) {
+    SCOPED_TRACE("every " + std::to_string(ticks) + " ticks");
+    NavigationBatch config = flying();
+    config.cameras = {{.width_px = 1, .height_px = 1, .outputs = {.rgb = false, .depth = true}, .rate_hz = rate_of(ticks)}};
+    Batch batch = config.make({hall()});
+    batch.reset({});
+    std::int64_t frame = 0;
+    for (int steps = 0; steps <= 13; ++steps) {
+      if (steps > 0) step(batch);
+      const std::int64_t tick = kSubsteps * steps;
+      if (tick / ticks != kSubsteps * frame / ticks) frame = steps;
+      EXPECT_EQ(batch.images(0).frame_step[0], frame);
+      EXPECT_FLOAT_EQ(batch.images(0).depth[0], 20.0F - place_after(kSubsteps * frame)[0]);
+    }
+  }
+}
+
+// sense() and capture() ask for a reading now, whatever the rate.
+TEST(Rate, ByHandASensorReadsAtOnce) {
+  BatchConfig config = testing::lidar_batch(1, {.max_range_m = 30.0F, .azimuth_deg = {0}, .elevation_deg = {0}, .rate_hz = 0.5F});
+  config.pose_sensor.rate_hz = 0.5F;
+  Batch batch(config, {hall()});
+  for (int i = 0; i < 5; ++i) {
+    batch.move(place_after(i), {});
+    batch.sense();
+    EXPECT_EQ(batch.sensed_position(), place_after(i));
+    EXPECT_FLOAT_EQ(batch.lidar_ranges()[0], 20.0F - place_after(i)[0]);
+  }
+}
+
+// -- Substeps.
+
+TEST(Substeps, TakeADroneWhereTheStepDoes) {
+  for (const int substeps : {2, 3, 4, 10}) {
+    NavigationBatch config = testing::navigation_batch(1);
+    config.navigation.action = ActionKind::displacement_yaw;
+    config.navigation.step_m = 0.3F;
+    config.episode.autoreset_mode = AutoresetMode::disabled;
+    Batch whole = config.make({hall()});
+    config.clock.substeps = substeps;
+    Batch parts = config.make({hall()});
+    for (Batch* batch : {&whole, &parts}) batch->reset({});
+    for (int i = 0; i < 20; ++i) {
+      const std::vector<float> action{0.7F, -0.4F, 0.1F * static_cast<float>(i % 3), 0.5F};
+      for (Batch* batch : {&whole, &parts}) batch->step(std::span<const float>(action));
+      ASSERT_EQ(parts.state().position, whole.state().position) << "a free flight ends at its target";
+      ASSERT_EQ(parts.state().quat_wxyz, whole.state().quat_wxyz);
+    }
+  }
+}
+
+TEST(Substeps, WhatIsHitHoldsTheDroneUntilTheNextStep) {
+  NavigationBatch config = testing::navigation_batch(1);
+  config.navigation.step_m = 0.5F;
+  config.episode.autoreset_mode = AutoresetMode::disabled;
+  Batch whole = config.make({hall()});
+  config.clock.substeps = kSubsteps;
+  Batch parts = config.make({hall()});
+  for (Batch* batch : {&whole, &parts}) {
+    batch->reset({});
+    batch->set_pose(std::vector<float>{19.25F, 10, 5}, {});  // the nose is 0.465 m ahead, the wall at 20: hit in the third tick
+    step(*batch);
+    EXPECT_TRUE(batch->state().contact.hit[0]);
+    EXPECT_TRUE(batch->outputs().crashed[0]);
+  }
+  EXPECT_NEAR(parts.state().position[0], whole.state().position[0], 1e-3);
+  EXPECT_LT(parts.state().position[0], 20.0F - 0.465F);
+  EXPECT_EQ(parts.state().tick[0], kSubsteps) << "time passes all the same";
+}
+
+}  // namespace
+}  // namespace flockstep

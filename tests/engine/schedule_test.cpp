@@ -1,0 +1,136 @@
+#include "batch/schedule.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
+#include <vector>
+
+#include "allocation_counter.hpp"
+#include "random.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::Random;
+
+struct Envs {
+  std::vector<std::int32_t> world_index;
+  std::vector<std::uint8_t> active;
+};
+
+Envs random_envs(Random& random, std::size_t count, std::size_t num_worlds, float part) {
+  Envs envs;
+  for (std::size_t i = 0; i < count; ++i) {
+    envs.world_index.push_back(static_cast<std::int32_t>(random.generator()() % num_worlds));
+    envs.active.push_back(random.within(0, 1) < part);
+  }
+  return envs;
+}
+
+std::vector<std::uint32_t> envs_of(Schedule& schedule) {
+  std::vector<std::uint32_t> envs;
+  for (const Block& block : schedule.blocks()) envs.insert(envs.end(), block.envs.begin(), block.envs.end());
+  return envs;
+}
+
+void expect_schedule(Schedule& schedule, const Envs& envs, std::size_t block_size) {
+  const auto world_of = [&](std::uint32_t env) { return envs.world_index[env]; };
+  for (const Block& block : schedule.blocks()) {
+    ASSERT_FALSE(block.envs.empty());
+    ASSERT_LE(block.envs.size(), block_size);
+    for (const std::uint32_t env : block.envs) ASSERT_EQ(world_of(env), world_of(block.envs[0])) << "a block of two worlds";
+    for (const EnvList* list : {&block.flown, &block.flying, &block.opening, &block.chosen}) ASSERT_TRUE(list->empty());
+  }
+  // Every active env once: world by world, and in each by its index.
+  std::vector<std::uint32_t> expected(envs.active.size());
+  std::iota(expected.begin(), expected.end(), 0U);
+  std::erase_if(expected, [&](std::uint32_t env) { return !envs.active[env]; });
+  std::stable_sort(expected.begin(), expected.end(), [&](auto a, auto b) { return world_of(a) < world_of(b); });
+  ASSERT_EQ(envs_of(schedule), expected);
+  // Only the last block of a world is less than full.
+  for (std::size_t i = 1; i < schedule.blocks().size(); ++i) {
+    const auto before = schedule.blocks()[i - 1].envs;
+    if (world_of(before[0]) == world_of(schedule.blocks()[i].envs[0])) {
+      ASSERT_EQ(before.size(), block_size);
+    }
+  }
+}
+
+TEST(Schedule, BlocksHoldEveryActiveEnvOnceAndOneWorldEach) {
+  Random random(1);
+  for (const std::size_t count : {1U, 2U, 7U, 64U, 200U}) {
+    for (const std::size_t worlds : {1U, 3U, 50U}) {
+      for (const std::size_t block_size : {1U, 4U, 64U, 1000U}) {
+        SCOPED_TRACE(::testing::Message() << count << " envs in " << worlds << " worlds, blocks of " << block_size);
+        Schedule schedule(count, worlds, block_size);
+        for (const float part : {1.0F, 0.5F, 0.0F, 0.9F}) {
+          const Envs envs = random_envs(random, count, worlds, part);
+          schedule.rebuild(envs.world_index, envs.active);
+          expect_schedule(schedule, envs, block_size);
+        }
+      }
+    }
+  }
+}
+
+TEST(Schedule, OfNoActiveEnvHasNoBlocks) {
+  Schedule schedule(3, 2, 4);
+  schedule.rebuild(std::vector<std::int32_t>{0, 1, 0}, std::vector<std::uint8_t>{0, 0, 0});
+  EXPECT_TRUE(schedule.blocks().empty());
+}
+
+TEST(Schedule, ToRebuildItAllocatesNothing) {
+  Random random(2);
+  Schedule schedule(100, 30, 4);
+  std::vector<Envs> all;
+  for (int i = 0; i < 20; ++i) all.push_back(random_envs(random, 100, 30, 0.1F * static_cast<float>(i % 11)));
+  const std::uint64_t before = testing::allocations();
+  for (const Envs& envs : all) schedule.rebuild(envs.world_index, envs.active);
+  EXPECT_EQ(testing::allocations() - before, 0U);
+}
+
+TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {
+  Random random(3);
+  const Envs envs = random_envs(random, 50, 3, 0.9F);
+  Schedule schedule(50, 3, 8);
+  schedule.rebuild(envs.world_index, envs.active);
+  constexpr EnvList Block::*kLists[] = {&Block::flown, &Block::flying, &Block::opening, &Block::chosen};
+  for (Block& block : schedule.blocks()) {
+    for (const auto list : kLists) {
+      for (const std::uint32_t env : block.envs) (block.*list).push(env);
+    }
+  }
+  for (const Block& block : schedule.blocks()) {
+    for (const auto list : kLists) {
+      const EnvList& its = block.*list;
+      EXPECT_EQ(its.size(), block.envs.size());
+      EXPECT_TRUE(std::equal(its.begin(), its.end(), block.envs.begin(), block.envs.end()));
+    }
+  }
+  schedule.rebuild(envs.world_index, envs.active);
+  expect_schedule(schedule, envs, 8);
+}
+
+TEST(EnvList, FilterKeepsTheOrder) {
+  std::uint32_t storage[6];
+  EnvList list(storage);
+  EXPECT_TRUE(list.empty());
+  for (const std::uint32_t env : {9U, 2U, 7U, 4U, 1U, 8U}) list.push(env);
+  std::vector<std::uint32_t> asked;
+  list.filter([&](std::uint32_t env) {
+    asked.push_back(env);
+    return env % 2 == 1 || env == 8;
+  });
+  EXPECT_EQ(asked, (std::vector<std::uint32_t>{9, 2, 7, 4, 1, 8})) << "each once";
+  EXPECT_EQ(std::vector<std::uint32_t>(list.begin(), list.end()), (std::vector<std::uint32_t>{9, 7, 1, 8}));
+  list.push(3);
+  EXPECT_EQ(list.size(), 5U);
+  EXPECT_EQ(list.end()[-1], 3U);
+  list.filter([](std::uint32_t) { return false; });
+  EXPECT_TRUE(list.empty());
+}
+
+}  // namespace
+}  // namespace flockstep

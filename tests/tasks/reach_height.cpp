@@ -1,0 +1,70 @@
+// A task of your own, from outside the engine: rise to 2 m above the start. These headers are all it needs; as a shared library
+//   c++ -std=c++20 -O2 -shared -fPIC -I<flockstep.include_dir()> $(pkg-config --cflags eigen3) reach_height.cpp -o reach_height.so
+// it is what flockstep.register_task() takes. Each env has one drone, so that env and drone have the same index.
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "flockstep/task.hpp"
+
+class ReachHeight final : public flockstep::Task {
+ public:
+  ReachHeight() {
+    constexpr double kAny = std::numeric_limits<double>::infinity();
+    spec_.action = {.name = "displacement", .shape = {3}};
+    spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};  // m: to the target, and its own
+    spec_.reward_terms = {"closer", "arrived"};
+  }
+
+  const flockstep::TaskSpec& spec() const override { return spec_; }
+  flockstep::TaskDefaults defaults() const override { return {.worlds = "train", .max_episode_steps = 200}; }
+  std::string identity() const override { return "reach height"; }
+
+  void setup(const flockstep::TaskContext& context) override {
+    target_.resize(context.num_envs());
+    last_.resize(context.num_envs());
+  }
+  void begin(const flockstep::TaskBlock& block) override {
+    for (const std::uint32_t env : block.envs) {
+      last_[env] = block.context.state().position[3 * env + 2];
+      target_[env] = last_[env] + 2.0F;
+    }
+  }
+  void command(const flockstep::TaskBlock& block, const flockstep::Buffer& actions, flockstep::Setpoints& setpoints) override {
+    for (const std::uint32_t env : block.envs) {
+      const flockstep::Vec3 from(&block.context.state().position[3 * env]);
+      const flockstep::Vec3 step = flockstep::Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
+      setpoints.target[env] = {from + 0.1F * step, flockstep::Quat::Identity()};
+    }
+  }
+  void score(const flockstep::TaskBlock& block, flockstep::Score& score) override {
+    for (const std::uint32_t env : block.envs) {
+      const float height = block.context.state().position[3 * env + 2];
+      const float off = std::abs(target_[env] - height);
+      const bool arrived = off <= 0.1F;
+      const std::span<double> terms = score.terms_of(env);
+      terms[0] = std::abs(target_[env] - last_[env]) - off;
+      terms[1] = arrived ? 1.0 : 0.0;
+      score.success[env] = arrived;
+      score.terminated[env] = arrived || block.context.state().contact.hit[env];
+      last_[env] = height;
+    }
+  }
+  void observe(const flockstep::TaskBlock& block, std::span<flockstep::Buffer> observation) override {
+    for (const std::uint32_t env : block.envs) {
+      const float height = block.context.sensed_pose(env).position.z();
+      observation[0].row<float>(env)[0] = target_[env] - height;
+      observation[0].row<float>(env)[1] = height;
+    }
+  }
+  void visit(flockstep::ArrayVisitor& visitor) override { visitor.array("target", target_), visitor.array("last", last_); }
+
+ private:
+  flockstep::TaskSpec spec_;
+  std::vector<float> target_, last_;  // (E,) m, heights: to be reached, and after the step before
+};
+
+extern "C" __attribute__((visibility("default"))) flockstep::Task* flockstep_make_task() { return new ReachHeight; }
