@@ -83,8 +83,6 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
 def test_the_task_in_cpp_is_built_and_flown_as_its_page_says(tmp_path):
     (commands,) = of_kind("sh", "-shared")
     source = (ROOT / "examples" / "fly_to_goal.cpp").read_text(encoding="utf-8")
-    (part,) = of_kind("cpp", "Score& score")
-    assert part.text in source
     (tmp_path / "fly_to_goal.cpp").write_text(source, encoding="utf-8")
     run(["sh", "-e", "-c", commands.text], tmp_path)
 
