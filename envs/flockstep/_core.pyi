@@ -55,6 +55,32 @@ class LidarConfig:
     """
 
     # fields of LidarConfig
+    name: str
+    channels: int
+    beams: int
+    hfov_deg: float
+    vfov_deg: float
+    max_range_m: float
+    offset_m: Sequence[float]
+    quat_wxyz: Sequence[float]
+    azimuth_deg: Sequence[float]
+    elevation_deg: Sequence[float]
+    rate_hz: float | None
+    def __init__(
+        self,
+        *,
+        name: str = "lidar",
+        channels: int = 1,
+        beams: int = 35,
+        hfov_deg: float = 270.0,
+        vfov_deg: float = 0.0,
+        max_range_m: float = 3.0,
+        offset_m: Sequence[float] = (0.0, 0.0, 0.0),
+        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        azimuth_deg: Sequence[float] = (),
+        elevation_deg: Sequence[float] = (),
+        rate_hz: float | None = None,
+    ) -> None: ...
     # end of fields
     @property
     def shape(self) -> tuple[int, int]:
@@ -99,6 +125,42 @@ class CameraConfig:
     """
 
     # fields of CameraConfig
+    name: str
+    width_px: int
+    height_px: int
+    hfov_deg: float | None
+    vfov_deg: float | None
+    offset_m: Sequence[float]
+    quat_wxyz: Sequence[float]
+    near_m: float
+    far_m: float
+    outputs: Sequence[str]
+    depth_kind: Literal["planar", "range"]
+    layout: Literal["hwc", "chw"]
+    capture_mode: Literal["every_step", "on_movement", "on_demand"]
+    samples_per_pixel: int
+    shadows: bool
+    rate_hz: float | None
+    def __init__(
+        self,
+        *,
+        name: str = "front",
+        width_px: int = 640,
+        height_px: int = 480,
+        hfov_deg: float | None = None,
+        vfov_deg: float | None = None,
+        offset_m: Sequence[float] = (0.0, 0.0, 0.0),
+        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        near_m: float = 0.05,
+        far_m: float = 100.0,
+        outputs: Sequence[str] = ("rgb",),
+        depth_kind: Literal["planar", "range"] = "planar",
+        layout: Literal["hwc", "chw"] = "hwc",
+        capture_mode: Literal["every_step", "on_movement", "on_demand"] = "every_step",
+        samples_per_pixel: int = 1,
+        shadows: bool = False,
+        rate_hz: float | None = None,
+    ) -> None: ...
     # end of fields
     def __eq__(self, other: object, /) -> bool: ...
     @property
@@ -132,6 +194,16 @@ class PoseSensorConfig:
     """
 
     # fields of PoseSensorConfig
+    position_noise_std_m: float
+    tilt_noise_std_deg: float
+    rate_hz: float | None
+    def __init__(
+        self,
+        *,
+        position_noise_std_m: float = 0.0,
+        tilt_noise_std_deg: float = 0.0,
+        rate_hz: float | None = None,
+    ) -> None: ...
     # end of fields
 
 class EpisodeConfig:
@@ -153,6 +225,20 @@ class EpisodeConfig:
     """
 
     # fields of EpisodeConfig
+    autoreset_mode: Literal["next_step", "same_step", "disabled"]
+    max_episode_steps: int | None
+    frame_skip: int
+    stagger_first_episode: bool
+    random_world: bool
+    def __init__(
+        self,
+        *,
+        autoreset_mode: Literal["next_step", "same_step", "disabled"] = "next_step",
+        max_episode_steps: int | None = None,
+        frame_skip: int = 1,
+        stagger_first_episode: bool = False,
+        random_world: bool = False,
+    ) -> None: ...
     # end of fields
 
 class ClockConfig:
@@ -167,6 +253,14 @@ class ClockConfig:
     """
 
     # fields of ClockConfig
+    dt_s: float
+    substeps: int
+    def __init__(
+        self,
+        *,
+        dt_s: float = 0.1,
+        substeps: int = 1,
+    ) -> None: ...
     # end of fields
 
 @final
@@ -205,6 +299,34 @@ class NavigationReward:
     """
 
     # fields of NavigationReward
+    distance_weight: float
+    crash_weight: float
+    free_space_weight: float
+    step_weight: float
+    action_change_weight: float
+    overshoot_weight: float
+    goal_reward: float
+    waypoint_share: float
+    goal_radius_m: float
+    min_clearance: float
+    step_scale: float
+    carry_over_distance: bool
+    def __init__(
+        self,
+        *,
+        distance_weight: float = 1.0,
+        crash_weight: float = 1.0,
+        free_space_weight: float = 1.0,
+        step_weight: float = 1.0,
+        action_change_weight: float = 1.0,
+        overshoot_weight: float = 0.0,
+        goal_reward: float = 10000.0,
+        waypoint_share: float = 0.1,
+        goal_radius_m: float = 0.5,
+        min_clearance: float = 0.2,
+        step_scale: float = 3000.0,
+        carry_over_distance: bool = False,
+    ) -> None: ...
     # end of fields
 
 @final
@@ -233,6 +355,22 @@ class NavigationConfig:
     """
 
     # fields of NavigationConfig
+    action: Literal["discrete", "displacement", "displacement_yaw", "discrete_forward"]
+    observation: Literal["goal", "blob", "pixels"]
+    step_m: float
+    yaw_step_deg: float
+    reward: NavigationReward
+    random_start: bool
+    def __init__(
+        self,
+        *,
+        action: Literal["discrete", "displacement", "displacement_yaw", "discrete_forward"] = "discrete",
+        observation: Literal["goal", "blob", "pixels"] = "goal",
+        step_m: float = 0.1,
+        yaw_step_deg: float = 10.0,
+        reward: NavigationReward = ...,
+        random_start: bool = False,
+    ) -> None: ...
     # end of fields
     @staticmethod
     def observing(observation: str) -> NavigationConfig:

@@ -139,10 +139,11 @@ class TaskCalls:
 
     def __init__(self, task: Task) -> None:
         space = getattr(task, "observation_space", None)
-        parts = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
-        if not parts or not all(isinstance(part, spaces.Box) for part in parts.values()):
+        parts: dict[str, Any] = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
+        boxes = {name: part for name, part in parts.items() if isinstance(part, spaces.Box)}
+        if not boxes or len(boxes) < len(parts):
             raise TypeError(f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them")
-        self.observation_spaces: dict[str, spaces.Box] = parts
+        self.observation_spaces = boxes
         self._is_dict = isinstance(space, spaces.Dict)
         self._task = task
         self._batch: Any = None

@@ -12,7 +12,7 @@ from flockstep._core import Field, TaskSpec
 
 def observation_space(spec: TaskSpec) -> spaces.Space[Any]:
     """Return the space of one env's observation: a Box, or a Dict of them where there are several fields."""
-    boxes = {field.name: _box(field) for field in spec.observation}
+    boxes: dict[str, spaces.Space[Any]] = {field.name: _box(field) for field in spec.observation}
     return spaces.Dict(boxes) if len(boxes) > 1 else next(iter(boxes.values()))
 
 

@@ -36,13 +36,22 @@ if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
     from flockstep._core import NavigationReward
-
     from flockstep.viewer.trail import Trail
 
     class Fields(TypedDict, total=False):
         """Fields of `EpisodeConfig`, `ClockConfig` and `NavigationConfig`, each a keyword of the env."""
 
         # fields of EpisodeConfig, ClockConfig, NavigationConfig
+        frame_skip: int
+        stagger_first_episode: bool
+        random_world: bool
+        dt_s: float
+        substeps: int
+        action: Literal["discrete", "displacement", "displacement_yaw", "discrete_forward"]
+        step_m: float
+        yaw_step_deg: float
+        reward: NavigationReward
+        random_start: bool
         # end of fields
 
 
@@ -175,9 +184,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
         chosen = _by_config(dict(fields))
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
-        episode = EpisodeConfig(
-            autoreset_mode=mode, max_episode_steps=max_episode_steps, **chosen.pop(EpisodeConfig, {})
-        )
+        episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps, **chosen.pop(EpisodeConfig, {})}
+        episode = EpisodeConfig(**episodes)
         clock = ClockConfig(**chosen.pop(ClockConfig, {}))
         description: Any
         calls = None
@@ -316,7 +324,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     def observation(self) -> Observation:
         """Return the present observation of all envs: views of the slot that is theirs until the step after next."""
-        return self.batch.observation
+        observation: Observation = self.batch.observation
+        return observation
 
     def scaled_reward(self) -> npt.NDArray[np.float32]:
         """Return the rewards (N,) of the last step times ``reward_scale``; where that is 1, a view as `observation`."""
@@ -443,7 +452,8 @@ def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
     """Return the keywords by the configuration that has a field of their name."""
     chosen: dict[type, dict[str, Any]] = {}
     for name, value in fields.items():
-        owner = next((c for c in (EpisodeConfig, ClockConfig, NavigationConfig) if name in c.__match_args__), None)
+        configs = (EpisodeConfig, ClockConfig, NavigationConfig)
+        owner = next((config for config in configs if name in vars(config)["__match_args__"]), None)
         if owner is None or name in ("autoreset_mode", "max_episode_steps"):
             raise TypeError(f"DroneVectorEnv: unknown keyword {name!r}")
         chosen.setdefault(owner, {})[name] = value

@@ -65,7 +65,9 @@ struct NavigationBatch : BatchConfig {
   Batch make(Batch::Worlds worlds) const { return Batch(*this, std::move(worlds), make_navigation(navigation)); }
 };
 
-inline NavigationBatch navigation_batch(int num_envs, const LidarConfig& lidar = {}) { return {lidar_batch(num_envs, lidar), {}}; }
+inline NavigationBatch navigation_batch(int num_envs, const LidarConfig& lidar = {}) {
+  return {lidar_batch(num_envs, lidar), {}};
+}
 
 template <class T>
 std::span<const T> row(const std::vector<T>& array, std::size_t drone, std::size_t columns) {
@@ -128,8 +130,8 @@ struct NamedRow {
   std::span<const std::byte> bytes;
 };
 
-// All that is written of one env of one drone: its rows of the state (but the number of its world), of the sensors, of the outputs
-// and of the task. Its final observation counts where there is one.
+// All that is written of one env of one drone: its rows of the state (but the number of its world), of the sensors, of the
+// outputs and of the task. Its final observation counts where there is one.
 inline std::vector<NamedRow> rows_of(const Batch& batch, std::size_t env) {
   std::vector<NamedRow> rows;
   const auto add = [&](const std::string& name, std::span<const std::byte> array) {
@@ -172,7 +174,8 @@ inline ::testing::AssertionResult same_drone(const Batch& a, std::size_t i, cons
   const auto y = rows_of(b, j);
   if (x.size() != y.size()) return ::testing::AssertionFailure() << "one of drone " << i << " and " << j << " has ended";
   for (std::size_t k = 0; k < x.size(); ++k) {
-    if (!same_bits(x[k].bytes, y[k].bytes)) return ::testing::AssertionFailure() << "drone " << i << ": " << x[k].name << " differs";
+    if (!same_bits(x[k].bytes, y[k].bytes))
+      return ::testing::AssertionFailure() << "drone " << i << ": " << x[k].name << " differs";
   }
   return ::testing::AssertionSuccess();
 }

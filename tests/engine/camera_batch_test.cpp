@@ -41,8 +41,7 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr float kWall = 10.0F;  // m, where the wall ahead is, in the first world; in the second it is twice as far
 
 BatchConfig probes(int num_envs, CaptureMode mode) {
-  return camera_batch({.width_px = 1, .height_px = 1, .outputs = {.rgb = false, .depth = true}, .capture_mode = mode},
-                      num_envs);
+  return camera_batch({.width_px = 1, .height_px = 1, .outputs = {.rgb = false, .depth = true}, .capture_mode = mode}, num_envs);
 }
 
 const Batch::Worlds& halls() {

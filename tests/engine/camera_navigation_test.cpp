@@ -165,7 +165,8 @@ TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
     // A sphere aside is drawn longer, away from the centre.
     const float height = 2.0F * 0.25F / offset.x() * 320.0F;  // px
     const float width = height * offset.norm() / offset.x();
-    EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[1] * 640.0F * 480.0F, width * height, 2.0F * (width + height)) << aside;
+    EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[1] * 640.0F * 480.0F, width * height, 2.0F * (width + height))
+        << aside;
   }
 }
 

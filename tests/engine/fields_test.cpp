@@ -114,26 +114,16 @@ std::uint64_t hash_of(const T& value) {
 
 TEST(Fields, TheHashChangesWithEachThatDecides) {
   const std::vector<std::function<void(Weather&)>> changes{
-      [](Weather& w) { w.rain = true; },
-      [](Weather& w) { w.drops = 5; },
-      [](Weather& w) { w.hail_mm = 0.25F; },
-      [](Weather& w) { w.hail_mm = -0.5F; },
-      [](Weather& w) { w.fog_m = 0.0F; },
-      [](Weather& w) { w.fog_m = 1.0F; },
-      [](Weather& w) { w.name = "fail"; },
-      [](Weather& w) { w.name = ""; },
-      [](Weather& w) { w.layers = {2.0F, 1.0F}; },
-      [](Weather& w) { w.layers = {1.0F, 2.0F, 0.0F}; },
-      [](Weather& w) { w.layers.clear(); },
-      [](Weather& w) { w.wind = {0.0F, 1.0F, 0.0F}; },
-      [](Weather& w) { w.mood = Mood::wild; },
-      [](Weather& w) { w.gust.seed = 4; },
-      [](Weather& w) { w.gust.speed_mps = 2.0F; },
-      [](Weather& w) { w.gusts[1].seed = 4; },
-      [](Weather& w) { w.gusts[0].seed = 4; },
-      [](Weather& w) { w.gusts.pop_back(); },
-      [](Weather& w) { w.squall.emplace(); },
-      [](Weather& w) { w.squall.emplace().seed = 4; },
+      [](Weather& w) { w.rain = true; },           [](Weather& w) { w.drops = 5; },
+      [](Weather& w) { w.hail_mm = 0.25F; },       [](Weather& w) { w.hail_mm = -0.5F; },
+      [](Weather& w) { w.fog_m = 0.0F; },          [](Weather& w) { w.fog_m = 1.0F; },
+      [](Weather& w) { w.name = "fail"; },         [](Weather& w) { w.name = ""; },
+      [](Weather& w) { w.layers = {2.0F, 1.0F}; }, [](Weather& w) { w.layers = {1.0F, 2.0F, 0.0F}; },
+      [](Weather& w) { w.layers.clear(); },        [](Weather& w) { w.wind = {0.0F, 1.0F, 0.0F}; },
+      [](Weather& w) { w.mood = Mood::wild; },     [](Weather& w) { w.gust.seed = 4; },
+      [](Weather& w) { w.gust.speed_mps = 2.0F; }, [](Weather& w) { w.gusts[1].seed = 4; },
+      [](Weather& w) { w.gusts[0].seed = 4; },     [](Weather& w) { w.gusts.pop_back(); },
+      [](Weather& w) { w.squall.emplace(); },      [](Weather& w) { w.squall.emplace().seed = 4; },
   };
   std::vector<std::uint64_t> hashes{hash_of(Weather())};
   for (const auto& change : changes) {
@@ -207,9 +197,9 @@ TEST(Fields, AnArrayVisitorIsShownEachArray) {
   arrays.sum.resize(4);
   Noted noted;
   noted.fields(arrays);
-  const std::vector<Noted::Array> expected{{"place", 24, DType::float32}, {"count", 8, DType::int32}, {"flag", 3, DType::uint8},
-                                           {"pairs", 16, std::nullopt},   {"seen", 10, DType::uint8}, {"seen", 48, DType::float32},
-                                           {"sum", 32, DType::float64}};
+  const std::vector<Noted::Array> expected{
+      {"place", 24, DType::float32}, {"count", 8, DType::int32},   {"flag", 3, DType::uint8},  {"pairs", 16, std::nullopt},
+      {"seen", 10, DType::uint8},    {"seen", 48, DType::float32}, {"sum", 32, DType::float64}};
   EXPECT_EQ(noted.arrays, expected);
   // The arrays themselves, not copies.
   EXPECT_EQ(arrays.half.count, std::vector<std::int32_t>(2, 0x01010101));

@@ -45,7 +45,8 @@ TEST(Rate, ItsPeriodIsTheTicksInBetween) {
 }
 
 TEST(Rate, RefusesOneThatTheClockCannotKeep) {
-  EXPECT_REFUSED(period(20.0F, 0.1F), "lidar.rate_hz: expected a rate that divides the clock's 10.000000 ticks per second, got 20");
+  EXPECT_REFUSED(period(20.0F, 0.1F),
+                 "lidar.rate_hz: expected a rate that divides the clock's 10.000000 ticks per second, got 20");
   EXPECT_REFUSED(period(3.0F, 0.1F), "lidar.rate_hz: expected a rate that divides");
   EXPECT_REFUSED(period(9.99F, 0.1F), "lidar.rate_hz: expected a rate that divides");
   EXPECT_REFUSED(period(15.0F, 0.1F, 4), "lidar.rate_hz: expected a rate that divides");
@@ -99,7 +100,9 @@ NavigationBatch flying() {
 float rate_of(int ticks) { return 10.0F / static_cast<float>(ticks); }
 
 // Where the drone is after that many ticks. Its x is a number that float32 has.
-std::vector<float> place_after(std::int64_t ticks) { return {kStart.x() + 0.125F * static_cast<float>(ticks), kStart.y(), kStart.z()}; }
+std::vector<float> place_after(std::int64_t ticks) {
+  return {kStart.x() + 0.125F * static_cast<float>(ticks), kStart.y(), kStart.z()};
+}
 
 void step(Batch& batch) {
   const std::int64_t forward = 0;

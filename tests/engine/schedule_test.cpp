@@ -96,7 +96,7 @@ TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {
   const Envs envs = random_envs(random, 50, 3, 0.9F);
   Schedule schedule(50, 3, 8);
   schedule.rebuild(envs.world_index, envs.active);
-  constexpr EnvList Block::*kLists[] = {&Block::flown, &Block::flying, &Block::opening, &Block::chosen};
+  constexpr EnvList Block::* kLists[] = {&Block::flown, &Block::flying, &Block::opening, &Block::chosen};
   for (Block& block : schedule.blocks()) {
     for (const auto list : kLists) {
       for (const std::uint32_t env : block.envs) (block.*list).push(env);

@@ -1,5 +1,5 @@
 // A task of your own, from outside the engine: rise to 2 m above the start. These headers are all it needs; as a shared library
-//   c++ -std=c++20 -O2 -shared -fPIC -I<flockstep.include_dir()> $(pkg-config --cflags eigen3) reach_height.cpp -o reach_height.so
+//   c++ -std=c++20 -O2 -shared -fPIC -I<include_dir()> $(pkg-config --cflags eigen3) reach_height.cpp -o reach_height.so
 // it is what flockstep.register_task() takes. Each env has one drone, so that env and drone have the same index.
 #include <cmath>
 #include <cstdint>

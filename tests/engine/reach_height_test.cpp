@@ -1,0 +1,237 @@
+// A task from outside the engine, tests/tasks/reach_height.cpp, in a batch.
+#include "../tasks/reach_height.cpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <numeric>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
+#include "random.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::primitive;
+using testing::Random;
+using testing::row;
+using testing::same_drone;
+using testing::same_drones;
+using testing::task_array;
+
+constexpr std::size_t kEnvs = 10;
+
+// Of one height or another; a flight may end at any side of them.
+Batch::Worlds shafts() {
+  static const Batch::Worlds worlds{
+      testing::make_world({primitive(PrimitiveKind::room, {0, 0, 2}, {1.5F, 1.5F, 2})}, {.start = Vec3(0, 0, 1)}),
+      testing::make_world({primitive(PrimitiveKind::room, {0, 0, 4}, {1.25F, 1.25F, 4})}, {.start = Vec3(0.25F, 0, 2)})};
+  return worlds;
+}
+
+BatchConfig config_of(std::size_t num_envs, AutoresetMode mode = AutoresetMode::disabled) {
+  BatchConfig config;
+  config.num_envs = static_cast<int>(num_envs);
+  config.num_threads = 1;
+  config.episode.autoreset_mode = mode;
+  return config;
+}
+
+Batch make(const BatchConfig& config) { return Batch(config, shafts(), std::unique_ptr<Task>(flockstep_make_task())); }
+
+// Upwards on the whole, aside now and then.
+std::vector<float> random_actions(Random& random, std::size_t num_envs) {
+  std::vector<float> actions;
+  for (std::size_t i = 0; i < num_envs; ++i) {
+    actions.insert(actions.end(), {random.within(-1.2F, 1.2F), random.within(-1.2F, 1.2F), random.within(-0.5F, 1.2F)});
+  }
+  return actions;
+}
+
+TEST(ReachHeight, SaysWhatItIs) {
+  const std::unique_ptr<Task> task(flockstep_make_task());
+  EXPECT_EQ(task->spec().action.shape, (std::vector<std::int64_t>{3}));
+  ASSERT_EQ(task->spec().observation.size(), 1U);
+  EXPECT_EQ(task->spec().observation[0].name, "height");
+  EXPECT_EQ(task->spec().reward_terms, (std::vector<std::string>{"closer", "arrived"}));
+  EXPECT_EQ(task->defaults().worlds, "train");
+  EXPECT_FALSE(task->defaults().lidar.has_value());
+  EXPECT_TRUE(task->defaults().cameras.empty());
+  EXPECT_EQ(task->defaults().max_episode_steps, 200);
+}
+
+TEST(ReachHeight, ClimbingArrives) {
+  Batch batch = make(config_of(1));
+  batch.reset({});
+  EXPECT_EQ(testing::values_of(batch.outputs().observation[0]), (std::vector<float>{2, 1}));
+  double sum = 0.0;
+  for (int step = 1; step <= 24; ++step) {
+    EXPECT_FALSE(batch.outputs().terminated[0]);
+    batch.step(std::vector<float>{0, 0, 0.8F});
+    const auto seen = batch.outputs().observation[0].row<float>(0);
+    EXPECT_NEAR(seen[0], 2.0 - 0.08 * step, 1e-5);
+    EXPECT_NEAR(seen[1], 1.0 + 0.08 * step, 1e-5);
+    EXPECT_NEAR(batch.outputs().reward_terms[0], 0.08, 1e-5);
+    EXPECT_EQ(batch.outputs().reward_terms[1], step == 24 ? 1.0F : 0.0F);
+    sum += static_cast<double>(batch.outputs().reward[0]);
+    EXPECT_NEAR(batch.outputs().episode_return[0], sum, 1e-5);
+  }
+  EXPECT_TRUE(batch.outputs().terminated[0]);
+  EXPECT_TRUE(batch.outputs().success[0]);
+  EXPECT_FALSE(batch.outputs().crashed[0]);
+}
+
+TEST(ReachHeight, AContactEndsTheEpisode) {
+  Batch batch = make(config_of(1));
+  batch.reset({});
+  for (int step = 1; step <= 12 && !batch.outputs().terminated[0]; ++step) batch.step(std::vector<float>{9, 0, 0});
+  EXPECT_TRUE(batch.outputs().terminated[0]);
+  EXPECT_TRUE(batch.outputs().crashed[0]);
+  EXPECT_FALSE(batch.outputs().success[0]);
+  EXPECT_EQ(batch.outputs().reward_terms[1], 0.0F);
+  EXPECT_EQ(batch.outputs().episode_length[0], 11) << "1.5 m to the wall, 0.465 m to the nose";
+}
+
+TEST(ReachHeight, ItsLimitHoldsWhereTheBatchSaysNone) {
+  BatchConfig config = config_of(1);
+  const auto length_of = [&] {
+    Batch batch = make(config);
+    batch.reset({});
+    while (!batch.outputs().truncated[0]) batch.step(std::vector<float>{0, 0, 0});
+    return batch.outputs().episode_length[0];
+  };
+  EXPECT_EQ(length_of(), 200);
+  config.episode.max_episode_steps = 7;
+  EXPECT_EQ(length_of(), 7);
+}
+
+TEST(ReachHeight, IsResetInEveryMode) {
+  for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled}) {
+    SCOPED_TRACE(static_cast<int>(mode));
+    Batch batch = make(config_of(kEnvs, mode));
+    batch.reset({});
+    Random random(1);
+    std::vector<std::uint8_t> ended(kEnvs);
+    std::size_t arrived = 0;
+    std::size_t crashed = 0;
+    for (int step = 0; step < 300; ++step) {
+      batch.step(random_actions(random, kEnvs));
+      const Outputs& out = batch.outputs();
+      const auto begins = [&](std::size_t env) {  // what the first observation of an episode shows
+        const auto seen = out.observation[0].row<float>(env);
+        const Vec3 start = *batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])]->markers().start;
+        return seen[0] == 2.0F && seen[1] == start.z() && Vec3(&batch.state().position[3 * env]) == start;
+      };
+      for (std::size_t env = 0; env < kEnvs; ++env) {
+        EXPECT_NEAR(out.reward[env], out.reward_terms[2 * env] + out.reward_terms[2 * env + 1], 1e-6);
+        if (ended[env] && mode == AutoresetMode::next_step) {
+          EXPECT_TRUE(begins(env));
+          EXPECT_EQ(out.reward[env], 0.0F);
+        }
+        ended[env] = out.terminated[env] || out.truncated[env];
+        arrived += out.success[env];
+        crashed += out.crashed[env];
+        if (ended[env] && mode == AutoresetMode::same_step) {
+          EXPECT_TRUE(begins(env));
+          EXPECT_NE(out.final_observation[0].row<float>(env)[0], 2.0F);
+        }
+        if (ended[env]) {
+          EXPECT_NE(out.success[env], out.crashed[env]) << "there is no other end in time";
+        }
+      }
+      if (mode != AutoresetMode::disabled) continue;
+      batch.reset({}, ended);
+      for (std::size_t env = 0; env < kEnvs; ++env) EXPECT_TRUE(!ended[env] || begins(env));
+    }
+    EXPECT_GT(arrived, kEnvs);
+    EXPECT_GT(crashed, kEnvs);
+  }
+}
+
+TEST(ReachHeight, AnEnvOfManyIsTheEnvAlone) {
+  BatchConfig config = config_of(kEnvs, AutoresetMode::same_step);
+  config.num_threads = 3;
+  config.block_size = 2;
+  config.pose_sensor.position_noise_std_m = 0.01F;
+  config.episode.frame_skip = 2;
+  config.clock.substeps = 3;
+  Batch many = make(config);
+  std::vector<std::uint64_t> seeds(kEnvs);
+  std::iota(seeds.begin(), seeds.end(), std::uint64_t{40});
+  many.reset(seeds);
+  config.num_envs = config.num_threads = 1;
+  std::vector<std::unique_ptr<Batch>> alone;
+  for (std::size_t env = 0; env < kEnvs; ++env) {
+    alone.push_back(
+        std::make_unique<Batch>(config, Batch::Worlds{shafts()[env % 2]}, std::unique_ptr<Task>(flockstep_make_task())));
+    alone[env]->reset(std::span(seeds).subspan(env, 1));
+  }
+  Random random(2);
+  for (int step = 0; step < 100; ++step) {
+    const std::vector<float> actions = random_actions(random, kEnvs);
+    many.step(actions);
+    for (std::size_t env = 0; env < kEnvs; ++env) {
+      alone[env]->step(row(actions, env, 3));
+      ASSERT_TRUE(same_drone(many, env, *alone[env], 0)) << "step " << step;
+    }
+  }
+}
+
+TEST(ReachHeight, RestoredIsUninterrupted) {
+  for (const AutoresetMode mode : {AutoresetMode::next_step, AutoresetMode::same_step}) {
+    Batch one = make(config_of(kEnvs, mode));
+    one.reset({});
+    Random random(3);
+    for (int step = 0; step < 23; ++step) one.step(random_actions(random, kEnvs));
+    one.remove(std::vector<std::int64_t>{4});
+    const std::string blob = one.snapshot();
+    Batch other = make(config_of(kEnvs, mode));
+    other.restore(blob);
+    EXPECT_TRUE(other.snapshot() == blob);
+    for (const char* array : {"target", "last"}) {
+      ASSERT_EQ(task_array<float>(one, array).size(), kEnvs);
+      EXPECT_TRUE(testing::same_bits(task_array<float>(one, array), task_array<float>(other, array)));
+    }
+    for (int step = 0; step < 60; ++step) {
+      const std::vector<float> actions = random_actions(random, kEnvs);
+      for (Batch* batch : {&one, &other}) batch->step(actions);
+      ASSERT_TRUE(same_drones(one, other)) << "step " << step;
+    }
+    one.restore(blob);
+    EXPECT_TRUE(one.snapshot() == blob);
+  }
+}
+
+TEST(ReachHeight, ASpawnedDroneRisesFromWhereItIs) {
+  Batch batch = make(config_of(3));
+  batch.reset({});
+  batch.remove(std::vector<std::int64_t>{1});
+  EXPECT_EQ(batch.outputs().observation[0].row<float>(1)[0], 0.0F);
+  batch.step(std::vector<float>(9, 0.5F));
+  EXPECT_EQ(batch.outputs().observation[0].row<float>(1)[1], 0.0F) << "a removed one reads as absent";
+  batch.spawn(std::vector<std::int64_t>{1}, std::vector<float>{0, 0, 3}, {}, {});
+  EXPECT_EQ(batch.outputs().observation[0].row<float>(1)[0], 2.0F);
+  EXPECT_EQ(batch.outputs().observation[0].row<float>(1)[1], 3.0F);
+}
+
+TEST(ReachHeight, WhatItCannotTakeIsRefused) {
+  Batch batch = make(config_of(2));
+  EXPECT_THROW(batch.step(std::vector<float>(6)), std::logic_error) << "before the first reset";
+  batch.reset({});
+  const std::string before = batch.snapshot();
+  EXPECT_REFUSED(batch.step(std::vector<std::int64_t>{0, 1}), "actions: expected floating-point numbers, got integers");
+  EXPECT_REFUSED(batch.step(std::vector<float>(5)), "actions: expected 6 numbers, got 5");
+  EXPECT_REFUSED(batch.step(std::vector<float>{0, 0, 0, 0, std::nanf(""), 0}), "actions (row 1): expected finite numbers");
+  EXPECT_REFUSED(batch.restore(Batch(config_of(2), shafts()).snapshot()), "one of a batch with this configuration");
+  EXPECT_TRUE(batch.snapshot() == before);
+}
+
+}  // namespace
+}  // namespace flockstep
