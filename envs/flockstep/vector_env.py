@@ -338,7 +338,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if not isinstance(final, dict):
             return list(final[indices])
         parts = {name: rows[indices] for name, rows in final.items()}
-        return [{name: rows[i] for name, rows in parts.items()} for i in range(len(indices))]
+        return [{name: rows[i, ...] for name, rows in parts.items()} for i in range(len(indices))]
 
     def restore(self, blob: bytes) -> Observation:
         """Go back to a snapshot and return the observation (N, ...) it was taken at.

@@ -157,8 +157,8 @@ TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
   for (const float aside : {-4.0F, -1.5F, 0.0F, 2.0F, 4.0F}) {
     const Vec3 offset(8, aside, 0);
     const Vec3 start(2, 5, 2);
-    Batch batch(config, {make_world({primitive(PrimitiveKind::room, {6, 5, 2}, {6, 5, 2})},
-                                    {.start = start, .goal = Vec3(start + offset)})});
+    Batch batch = config.make(
+        {make_world({primitive(PrimitiveKind::room, {6, 5, 2}, {6, 5, 2})}, {.start = start, .goal = Vec3(start + offset)})});
     batch.reset({});
     // Left is positive y, and to the left is negative in the image, which is 90 degrees wide.
     EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[0], -offset.y() / offset.x(), 0.005) << aside;

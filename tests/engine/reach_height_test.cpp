@@ -71,32 +71,40 @@ TEST(ReachHeight, ClimbingArrives) {
   Batch batch = make(config_of(1));
   batch.reset({});
   EXPECT_EQ(testing::values_of(batch.outputs().observation[0]), (std::vector<float>{2, 1}));
-  double sum = 0.0;
-  for (int step = 1; step <= 24; ++step) {
+  for (int step = 1; step <= 8; ++step) {
     EXPECT_FALSE(batch.outputs().terminated[0]);
-    batch.step(std::vector<float>{0, 0, 0.8F});
-    const auto seen = batch.outputs().observation[0].row<float>(0);
-    EXPECT_NEAR(seen[0], 2.0 - 0.08 * step, 1e-5);
-    EXPECT_NEAR(seen[1], 1.0 + 0.08 * step, 1e-5);
-    EXPECT_NEAR(batch.outputs().reward_terms[0], 0.08, 1e-5);
-    EXPECT_EQ(batch.outputs().reward_terms[1], step == 24 ? 1.0F : 0.0F);
-    sum += static_cast<double>(batch.outputs().reward[0]);
-    EXPECT_NEAR(batch.outputs().episode_return[0], sum, 1e-5);
+    batch.step(std::vector<float>{0, 0, 1});
+    const float risen = 0.25F * static_cast<float>(step);
+    EXPECT_EQ(testing::values_of(batch.outputs().observation[0]), (std::vector<float>{2 - risen, 1 + risen}));
+    EXPECT_EQ(batch.outputs().reward_terms, (std::vector<float>{0.25F, step == 8 ? 1.0F : 0.0F}));
   }
   EXPECT_TRUE(batch.outputs().terminated[0]);
   EXPECT_TRUE(batch.outputs().success[0]);
   EXPECT_FALSE(batch.outputs().crashed[0]);
+  EXPECT_EQ(batch.outputs().reward[0], 1.25F);
+  EXPECT_EQ(batch.outputs().episode_return[0], 3.0);
+}
+
+TEST(ReachHeight, ATenthOfAMetreOffCounts) {
+  for (const float off : {0.125F, 0.0625F, -0.0625F, -0.125F}) {
+    Batch batch = make(config_of(1));
+    batch.reset({});
+    batch.set_pose(std::vector<float>{0, 0, 3.0F - off}, {});
+    batch.step(std::vector<float>{0, 0, 0});
+    EXPECT_EQ(batch.outputs().terminated[0], std::abs(off) < 0.1F);
+    EXPECT_EQ(batch.outputs().success[0], std::abs(off) < 0.1F);
+  }
 }
 
 TEST(ReachHeight, AContactEndsTheEpisode) {
   Batch batch = make(config_of(1));
   batch.reset({});
-  for (int step = 1; step <= 12 && !batch.outputs().terminated[0]; ++step) batch.step(std::vector<float>{9, 0, 0});
+  for (int step = 1; step <= 6 && !batch.outputs().terminated[0]; ++step) batch.step(std::vector<float>{9, 0, 0});
   EXPECT_TRUE(batch.outputs().terminated[0]);
   EXPECT_TRUE(batch.outputs().crashed[0]);
   EXPECT_FALSE(batch.outputs().success[0]);
   EXPECT_EQ(batch.outputs().reward_terms[1], 0.0F);
-  EXPECT_EQ(batch.outputs().episode_length[0], 11) << "1.5 m to the wall, 0.465 m to the nose";
+  EXPECT_EQ(batch.outputs().episode_length[0], 5) << "1.5 m to the wall, 0.465 m to the nose";
 }
 
 TEST(ReachHeight, ItsLimitHoldsWhereTheBatchSaysNone) {
@@ -125,7 +133,7 @@ TEST(ReachHeight, IsResetInEveryMode) {
       batch.step(random_actions(random, kEnvs));
       const Outputs& out = batch.outputs();
       const auto begins = [&](std::size_t env) {  // what the first observation of an episode shows
-        const auto seen = out.observation[0].row<float>(env);
+        const auto seen = batch.outputs().observation[0].row<float>(env);
         const Vec3 start = *batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])]->markers().start;
         return seen[0] == 2.0F && seen[1] == start.z() && Vec3(&batch.state().position[3 * env]) == start;
       };

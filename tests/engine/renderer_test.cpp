@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "compiled/compiled_world.hpp"
 #include "faulty_driver.hpp"
 #include "random.hpp"
 
@@ -37,8 +38,14 @@ struct Album {
   Album() {
     flockstep::testing::Random random(3);
     for (std::size_t i = 0; i < 4; ++i) {
-      requests.push_back({world.get(), &camera, &pinhole, Vec3(7, 7, 2) + random.point(1.5F),
-                          random.rotation().toRotationMatrix(), Frame{.rgb = rgb.data() + i * kBytes}});
+      requests.push_back({.world = world.get(),
+                          .scene = &compiled(*world).scene(),
+                          .shading = &compiled(*world).shading(),
+                          .camera = &camera,
+                          .pinhole = &pinhole,
+                          .position = Vec3(7, 7, 2) + random.point(1.5F),
+                          .rotation = random.rotation().toRotationMatrix(),
+                          .frame = Frame{.rgb = rgb.data() + i * kBytes}});
     }
   }
   Album(const Album&) = delete;

@@ -445,7 +445,7 @@ class TestModes:
             batch.set_capture_mode("on_demand", camera="back")
         assert batch.camera().config.capture_mode == "every_step"
 
-    def test_of_one_camera_or_all(self, flat):
+    def test_of_one_camera(self, flat):
         names = ("left", "right")
         batch = batch_of([flat], 2, cameras=[camera_of(name=name, capture_mode="on_demand") for name in names])
 
@@ -454,8 +454,11 @@ class TestModes:
 
         batch.capture(camera="right")
         assert ages() == [[-1, -1], [0, 0]]
-        batch.capture(np.array([True, False]))
+        batch.capture(np.array([True, False]), "left")
         assert ages() == [[0, -1], [0, 0]]
+        for call in (batch.camera, batch.capture, batch.set_camera, lambda: batch.set_capture_mode("every_step")):
+            with pytest.raises(ValueError, match=r"camera: expected one of \"left\", \"right\", got no name"):
+                call()
         batch.set_capture_mode("every_step", camera="left")
         batch.sense()
         assert ages() == [[0, 0], [0, 0]]
@@ -483,7 +486,7 @@ class TestModes:
         batch.capture(np.arange(6) < 3, camera="still")
         batch.set_pose(*random_poses(rng, 6), mask=np.arange(6) % 2 == 0)
         batch.sense()
-        batch.set_camera(np.arange(6) == 5, hfov_deg=30)
+        batch.set_camera(np.arange(6) == 5, "front", hfov_deg=30)
         batch.set_capture_mode("on_demand", camera="front")
         blob = batch.snapshot()
         other = batch_of([round_world], 6, cameras=cameras, num_threads=3)

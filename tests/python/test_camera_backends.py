@@ -161,7 +161,7 @@ def test_envs_fly_by_gl_as_by_raycast(autoreset_mode: str, capture_mode: str) ->
         flockstep.DroneVectorEnv(
             8,
             observation="pixels",
-            camera=flockstep.CameraConfig(width_px=32, height_px=24, capture_mode=capture_mode),
+            camera=flockstep.CameraConfig(width_px=32, height_px=24, layout="chw", capture_mode=capture_mode),
             camera_backend=backend,
             autoreset_mode=autoreset_mode,
             max_episode_steps=7,

@@ -140,7 +140,8 @@ class TestChecker:
 
     @pytest.mark.parametrize("env_id", [CAMERA, PIXELS])
     def test_single(self, parlour, env_id):
-        env = gymnasium.make(env_id, worlds=parlour, camera=SMALL, render_mode="rgb_array")
+        camera = SMALL if env_id == CAMERA else CHW
+        env = gymnasium.make(env_id, worlds=parlour, camera=camera, render_mode="rgb_array")
         check_env(env.unwrapped)
         env.close()
 
@@ -334,7 +335,7 @@ class TestStableBaselines:
         )
 
     def test_observations_agree_with_the_gymnasium_env(self, parlour, make):
-        envs = self.make(parlour, PIXELS, camera=SMALL)
+        envs = self.make(parlour, PIXELS, camera=CHW)
         plain = make(PIXELS, 6, autoreset_mode="same_step", max_episode_steps=12)
         envs.seed(3)
         same(envs.reset(), plain.reset(seed=3)[0])

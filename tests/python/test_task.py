@@ -123,8 +123,9 @@ def test_steps_and_flying_are_what_they_say(room):
     env.reset(seed=0)
     for _ in range(5):
         env.step(np.zeros((2, 3), np.float32))
-    assert [s[0][0] for s in seen] == [1, 2, 3, 3, 1]
-    assert [bool(s[1][0]) for s in seen] == [True, True, True, False, True]
+    # The fourth step resets both envs: nobody flies, and there is nothing to reward.
+    assert [s[0][0] for s in seen] == [1, 2, 3, 1]
+    assert [bool(s[1][0]) for s in seen] == [True] * 4
 
 
 def test_own_tasks_observe_with_a_lidar_of_their_own(room):
@@ -161,9 +162,10 @@ class TestMistakes:
         with pytest.raises(TypeError, match="observation_space"):
             self.env(room, observation_space=None)
 
-    def test_a_class_instead_of_an_object(self, room):
-        with pytest.raises(TypeError, match="task"):
-            flockstep.DroneVectorEnv(2, worlds=room, task=Climb)
+    def test_what_is_no_task(self, room):
+        for task in (int, 3, "Climb"):
+            with pytest.raises(TypeError, match=r"task: expected a flockstep\.Task"):
+                flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
     def test_fields_of_the_navigation_task(self, room):
         with pytest.raises(TypeError, match="action"):
@@ -179,7 +181,7 @@ class TestMistakes:
         [
             (np.zeros((2, 2)), r"actions.*\(2, 3\)"),
             (np.full((2, 3), np.nan), "actions.*finite"),
-            (np.full((2, 3), "x"), "actions.*numbers"),
+            (np.full((2, 3), "x"), "actions.*floats"),
         ],
     )
     def test_bad_actions_change_nothing(self, room, actions, match):
@@ -203,7 +205,7 @@ class Look(flockstep.Task):
     """Several observations, several terms."""
 
     observation_space = spaces.Dict(
-        {"image": spaces.Box(0, 255, (6, 8), np.uint8), "height": spaces.Box(0, 10, (), np.float32)}
+        {"image": spaces.Box(0, 255, (6, 8), np.uint8), "height": spaces.Box(0, 10, (1,), np.float32)}
     )
     camera = flockstep.CameraConfig(width_px=8, height_px=6, outputs=("grey",))
     reward_terms = ("climb", "alive")
@@ -213,7 +215,7 @@ class Look(flockstep.Task):
         return {"alive": np.full(batch.num_drones, 0.5), "climb": batch.position[:, 2]}, batch.contact.hit
 
     def observe(self, batch):
-        return {"height": batch.position[:, 2], "image": batch.camera().grey}
+        return {"height": batch.position[:, 2:], "image": batch.camera().grey}
 
 
 class TestSeveralFields:
@@ -231,7 +233,7 @@ class TestSeveralFields:
         after, reward, *_ = envs.step(np.tile(np.float32([0, 0, 1]), (3, 1)))
         np.testing.assert_array_equal(observation["height"], before["height"])  # the other slot
         np.testing.assert_array_equal(observation["image"], before["image"])
-        np.testing.assert_array_equal(after["height"], envs.batch.position[:, 2])
+        np.testing.assert_array_equal(after["height"], envs.batch.position[:, 2:])
         np.testing.assert_array_equal(after["image"], envs.batch.camera().grey)
         np.testing.assert_allclose(
             envs.batch.reward_terms, np.stack([envs.batch.position[:, 2], np.full(3, 0.5)], axis=1)
@@ -254,7 +256,7 @@ class TestSeveralFields:
 
         class Lost(Look):
             def observe(self, batch):
-                return {"height": batch.position[:, 2]}
+                return {"height": batch.position[:, 2:]}
 
         class Shapeless(Look):
             def observe(self, batch):
@@ -266,7 +268,7 @@ class TestSeveralFields:
 
         for task, match in (
             (Lost, "Lost.observe: expected a mapping of height, image, got height"),
-            (Shapeless, r"Shapeless.observe: height: expected shape \(2,\), got \(2, 3\)"),
+            (Shapeless, r"Shapeless.observe: height: expected shape \(2, 1\), got \(2, 3\)"),
             (Unnamed, "Unnamed.step: expected the reward terms climb, alive, got climb"),
         ):
             with pytest.raises(ValueError, match=match):

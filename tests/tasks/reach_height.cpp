@@ -14,7 +14,7 @@ class ReachHeight final : public flockstep::Task {
  public:
   ReachHeight() {
     constexpr double kAny = std::numeric_limits<double>::infinity();
-    spec_.action = {.name = "displacement", .shape = {3}};
+    spec_.action = {.name = "displacement", .shape = {3}};                                   // times 0.25 m
     spec_.observation = {{.name = "height", .shape = {2}, .low = {-kAny}, .high = {kAny}}};  // m: to the target, and its own
     spec_.reward_terms = {"closer", "arrived"};
   }
@@ -37,19 +37,19 @@ class ReachHeight final : public flockstep::Task {
     for (const std::uint32_t env : block.envs) {
       const flockstep::Vec3 from(&block.context.state().position[3 * env]);
       const flockstep::Vec3 step = flockstep::Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
-      setpoints.target[env] = {from + 0.1F * step, flockstep::Quat::Identity()};
+      setpoints.target[env] = {from + 0.25F * step, flockstep::Quat::Identity()};
     }
   }
   void score(const flockstep::TaskBlock& block, flockstep::Score& score) override {
     for (const std::uint32_t env : block.envs) {
       const float height = block.context.state().position[3 * env + 2];
       const float off = std::abs(target_[env] - height);
-      const bool arrived = off <= 0.1F;
+      const bool touched = block.context.state().contact.hit[env] != 0;
+      score.success[env] = !touched && off <= 0.1F;
+      score.terminated[env] = touched || score.success[env];
       const std::span<double> terms = score.terms_of(env);
       terms[0] = std::abs(target_[env] - last_[env]) - off;
-      terms[1] = arrived ? 1.0 : 0.0;
-      score.success[env] = arrived;
-      score.terminated[env] = arrived || block.context.state().contact.hit[env];
+      terms[1] = score.success[env];
       last_[env] = height;
     }
   }

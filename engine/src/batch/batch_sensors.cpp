@@ -91,7 +91,8 @@ void Batch::capture(std::size_t camera, Mask mask) {
   checks::own_process(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
-  std::vector<std::uint32_t> drones;  // in the order of the blocks: those of one world follow each other
+  std::vector<std::uint32_t>& drones = sim_->captured;  // in the order of the blocks: those of one world follow each other
+  drones.clear();
   for (const Block& block : sim_->schedule.blocks()) {
     for (const std::uint32_t drone : sim_->drones_of(block.envs, *sim_->scratches[0])) {
       if (chosen(*sim_, mask, drone)) drones.push_back(drone);

@@ -81,9 +81,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   pose_sensor.assume_truth(state);
 
   rebuild_schedule();
-  all_listed.reserve(num_envs());
-  for (const Block& block : schedule.blocks()) all_listed.insert(all_listed.end(), block.envs.begin(), block.envs.end());
-  cameras.choose_backend(config.camera_backend, drones_of(all_listed, *scratches[0]), workers);
+  listed.reserve(num_envs());
+  captured.reserve(num_drones());
+  for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
+  cameras.choose_backend(config.camera_backend, drones_of(listed, *scratches[0]), workers);
 
   context = make_task_context(*this);
   if (task) begin_task(*this, std::move(task));

@@ -82,7 +82,8 @@ struct Simulation {
   Schedule schedule;
   Workers workers;
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
-  std::vector<std::uint32_t> all_listed;            // (E,) capacity: envs of all blocks, for a task that takes them at once
+  std::vector<std::uint32_t> listed;                // (E,) capacity: envs of all blocks, for a task that takes them at once
+  std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
   std::optional<std::uint64_t> known_hash;          // see config_hash()

@@ -125,11 +125,11 @@ class StageByStage {
       });
       return;
     }
-    sim_.all_listed.clear();
+    sim_.listed.clear();
     for (const Block& block : sim_.schedule.blocks()) {
-      sim_.all_listed.insert(sim_.all_listed.end(), (block.*list).begin(), (block.*list).end());
+      sim_.listed.insert(sim_.listed.end(), (block.*list).begin(), (block.*list).end());
     }
-    if (!sim_.all_listed.empty()) call(TaskBlock{*sim_.context, sim_.all_listed, 0});
+    if (!sim_.listed.empty()) call(TaskBlock{*sim_.context, sim_.listed, 0});
   }
   // A backend with a thread of its own renders until finish_frames().
   void start_frames(List list) {
