@@ -300,7 +300,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         batch.step(actions)
         if self.trail is not None:
             self.trail.record()
-        observation, reward = self.observation(), self.scaled_reward()
+        observation = batch.observation
+        reward = batch.reward if self.reward_scale == 1 else self.scaled_reward()
         terminated, truncated = batch.terminated, batch.truncated
         ended = terminated | truncated
         infos = self._infos(ended) if np.count_nonzero(ended) else {}

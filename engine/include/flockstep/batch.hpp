@@ -52,8 +52,8 @@ class Batch {
 
   // world_index: (E,), or empty for env i in world i mod W. Drones start at their world's start marker, else at the centre of
   // its bounds. Without a task there is nothing to reset() and step(), and all else works.
-  Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task = nullptr,
-        DroneModel drone = DroneModel::quadrotor650(), std::span<const std::int32_t> world_index = {});
+  Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task = nullptr, DroneModel drone = DroneModel::quadrotor650(),
+        std::span<const std::int32_t> world_index = {});
   ~Batch();
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
@@ -89,7 +89,7 @@ class Batch {
   void lidar_points(std::span<float> out) const;       // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
-  std::size_t camera_index(std::string_view name) const;       // empty: the only one
+  std::size_t camera_index(std::string_view name) const;        // empty: the only one
   const CameraConfig& camera_config(std::size_t camera) const;  // with its present capture mode
   const CameraImages& images(std::size_t camera) const;
   CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, as changed at run time
@@ -114,7 +114,7 @@ class Batch {
   void step(std::span<const float> actions);         // of a floating-point type: (E, ...)
   const EpisodeState& episodes() const;
   void visit_task(ArrayVisitor& visitor) const;  // the arrays of the task, to be read
-  const Outputs& outputs() const;  // of the last step, reset or restore; intact during the next one
+  const Outputs& outputs() const;                // of the last step, reset or restore; intact during the next one
   Outputs& outputs();
 
   // --- all that the next step depends on, with a hash of the configuration that restore() checks

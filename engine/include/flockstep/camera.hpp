@@ -86,8 +86,8 @@ struct CameraConfig {
   DepthKind depth_kind = DepthKind::planar;
   ImageLayout layout = ImageLayout::hwc;  // of rgb and normal
   CaptureMode capture_mode = CaptureMode::every_step;
-  int samples_per_pixel = 1;  // 1, 4, 9 or 16, a grid, averaged as written; colours only: the rest is of the pixel's centre
-  bool shadows = false;       // hard shadows of the sun; rooms and markers cast none
+  int samples_per_pixel = 1;     // 1, 4, 9 or 16, a grid, averaged as written; colours only: the rest is of the pixel's centre
+  bool shadows = false;          // hard shadows of the sun; rooms and markers cast none
   std::optional<float> rate_hz;  // frames per second of simulated time, of capture mode every_step; none: one after every step
 
   static constexpr auto fields() {

@@ -3,7 +3,8 @@
 //   struct Wind {
 //     float speed_mps = 0.0F;
 //     float gust_mps = 0.0F;
-//     static constexpr auto fields() { return field_list(field("speed_mps", &Wind::speed_mps), field("gust_mps", &Wind::gust_mps)); }
+//     static constexpr auto fields() { return field_list(field("speed_mps", &Wind::speed_mps), field("gust_mps",
+//     &Wind::gust_mps)); }
 //   };
 //
 // for_each_field() does not compile for a struct that has more fields than its list.

@@ -59,9 +59,9 @@ struct EpisodeState {
 
   static constexpr auto fields() {
     using C = EpisodeState;
-    return field_list(field("steps", &C::steps), field("time_limit", &C::time_limit),
-                      field("episode_return", &C::episode_return), field("begun", &C::begun), field("done", &C::done),
-                      field("flying", &C::flying), field("action_changed", &C::action_changed));
+    return field_list(field("steps", &C::steps), field("time_limit", &C::time_limit), field("episode_return", &C::episode_return),
+                      field("begun", &C::begun), field("done", &C::done), field("flying", &C::flying),
+                      field("action_changed", &C::action_changed));
   }
 };
 

@@ -54,10 +54,11 @@ class TaskContext {
   virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;
   virtual const World& world_of(std::size_t env) const = 0;
 
-  // Sensors. Without a LiDAR, ranges are empty; a drone's are (channels x beams,) m, inf on a miss.
+  // Sensors. Of all drones: the ranges (N, channels x beams) m, inf on a miss, and the maximum ranges (N,) m; empty without a
+  // LiDAR.
   virtual const std::optional<LidarConfig>& lidar() const = 0;
-  virtual std::span<const float> lidar_ranges(std::size_t drone) const = 0;
-  virtual float lidar_max_range_m(std::size_t drone) const = 0;
+  virtual std::span<const float> lidar_ranges() const = 0;
+  virtual std::span<const float> lidar_max_range_m() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;
   virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
   virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the position and tilt sensor

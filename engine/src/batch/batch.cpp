@@ -120,7 +120,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   sim_->rebuild_schedule();
   if (sim_->run) {
     list_chosen(*sim_, spawned, &Block::opening);
-    begin_episodes_here(*sim_);
+    begin_episodes(*sim_, false);
   } else {
     list_chosen(*sim_, spawned, &Block::chosen);
     read_sensors(*sim_);
@@ -210,7 +210,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
       sim_->outputs.clear(env);
     }
   }
-  begin_episodes(*sim_);
+  begin_episodes(*sim_, true);
 }
 
 void Batch::step(std::span<const std::int64_t> actions) {

@@ -51,7 +51,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   run.score.terms.resize(n * run.score.num_terms);
   run.score.terminated.resize(n);
   run.score.success.resize(n);
-  run.earned.resize(n * run.score.num_terms);
+  if (sim.config.episode.frame_skip > 1) run.earned.resize(n * run.score.num_terms);
   run.max_episode_steps = sim.config.episode.max_episode_steps.value_or(run.task->defaults().max_episode_steps);
   require(!sim.config.episode.stagger_first_episode || run.max_episode_steps > 0, "stagger_first_episode",
           "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
@@ -105,6 +105,7 @@ void start_counts(Simulation& sim, std::size_t env) {
 
 void take_part(Simulation& sim, Block& block) {
   const bool resets_in_next_step = sim.config.episode.autoreset_mode == AutoresetMode::next_step;
+  const bool skips = !sim.run->earned.empty();
   const std::size_t terms = sim.run->score.num_terms;
   block.flown.clear();
   block.flying.clear();
@@ -115,7 +116,7 @@ void take_part(Simulation& sim, Block& block) {
     if (flies) {
       block.flown.push(env);
       block.flying.push(env);
-      std::fill_n(sim.run->earned.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, kNothing);
+      if (skips) std::fill_n(sim.run->earned.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, kNothing);
       sim.episodes.action_changed[env] = sim.episodes.steps[env] == 0 || action_changed(*sim.run, env);
     } else if (resets_in_next_step) {
       block.opening.push(env);
@@ -132,14 +133,16 @@ void settle(Simulation& sim, Block& block) {
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = run.score.num_terms;
   for (const std::uint32_t env : block.flying) {
-    double total = 0.0;
+    const double* const terms = run.score.terms.data() + env * num_terms;
+    double* const earned = run.earned.empty() ? nullptr : run.earned.data() + env * num_terms;
+    float* const shown = out.reward_terms.data() + env * num_terms;
+    double total = 0.0;  // of this flown step
     double step_total = 0.0;
     for (std::size_t k = 0; k < num_terms; ++k) {
-      const std::size_t i = env * num_terms + k;
-      total += run.score.terms[i];
-      run.earned[i] += run.score.terms[i];
-      step_total += run.earned[i];
-      out.reward_terms[i] = static_cast<float>(run.earned[i]);
+      total += terms[k];
+      const double sum = earned == nullptr ? terms[k] : earned[k] += terms[k];
+      step_total += sum;
+      shown[k] = static_cast<float>(sum);
     }
     episodes.episode_return[env] += total;
     const bool terminated = run.score.terminated[env] != 0;
@@ -163,12 +166,17 @@ void settle(Simulation& sim, Block& block) {
   block.flying.filter([&](std::uint32_t env) { return !episodes.done[env]; });
 }
 
-void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
-  const bool resets_at_once = sim.config.episode.autoreset_mode == AutoresetMode::same_step;
+void keep_final(Simulation& sim, Block& block) {
   for (const std::uint32_t env : block.flown) {
-    if (!sim.episodes.done[env]) continue;
-    sim.outputs.keep_final(env);
-    if (resets_at_once) block.opening.push(env);
+    if (sim.episodes.done[env]) sim.outputs.keep_final(env);
+  }
+}
+
+void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
+  if (sim.config.episode.autoreset_mode == AutoresetMode::same_step) {
+    for (const std::uint32_t env : block.flown) {
+      if (sim.episodes.done[env]) block.opening.push(env);
+    }
   }
   for (const std::uint32_t env : block.opening) open_next_episode(sim, env, scratch);
 }

@@ -26,7 +26,9 @@ void forget_readings(Simulation& sim, std::size_t env);                 // nothi
 void take_part(Simulation& sim, Block& block);
 // Adds up what a flown step earned, and ends the episodes that are over.
 void settle(Simulation& sim, Block& block);
-// Keeps last observations, and opens the next episodes of the envs that are to be reset in this step.
+// The observations of the episodes that have ended are their last.
+void keep_final(Simulation& sim, Block& block);
+// Opens the next episodes of the envs that are to be reset in this step.
 void turn_over(Simulation& sim, Block& block, Scratch& scratch);
 // The drones of the envs that begin have been placed: their first moment.
 void first_moment(Simulation& sim, Block& block);

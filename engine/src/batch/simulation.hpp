@@ -36,7 +36,7 @@ struct TaskRun {
   Setpoints setpoints;           // written by task.command
   std::vector<Pose> step_start;  // (N,) where the flown step began; empty where it has one substep
   Score score;                   // of the last flown step; written by task.score
-  std::vector<double> earned;    // (E, terms) of the flown steps of this step() so far
+  std::vector<double> earned;    // (E, terms) of the flown steps of this step() so far; empty where it flies one
   int max_episode_steps = 0;     // 0: no limit
 
   const TaskSpec& spec() const { return task->spec(); }
@@ -49,7 +49,9 @@ struct Simulation {
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
-  std::size_t env_of(std::size_t drone) const { return drone / drones_per_env(); }
+  std::size_t env_of(std::size_t drone) const {  // without a division where it can be
+    return config.drones_per_env == 1 ? drone : drone / drones_per_env();
+  }
   std::size_t world_index_of(std::size_t env) const { return static_cast<std::size_t>(state.world_index[env]); }
   // The drones of some envs; holds until the next call with this scratch.
   std::span<const std::uint32_t> drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const;

@@ -1,5 +1,6 @@
 #include "batch/step.hpp"
 
+#include <initializer_list>
 #include <utility>
 
 #include "base/pose_access.hpp"
@@ -95,8 +96,10 @@ class BlockByBlock {
     stage(sim_, block_, scratch_);
   }
   template <class Call>
-  void task(List list, const Call& call) {
-    if (!(block_.*list).empty()) call(TaskBlock{*sim_.context, block_.*list, thread_});
+  void task(std::initializer_list<List> lists, const Call& call) {
+    for (const List list : lists) {
+      if (!(block_.*list).empty()) call(TaskBlock{*sim_.context, block_.*list, thread_});
+    }
   }
   void start_frames(List) {}  // there are no cameras
   void finish_frames() {}
@@ -118,16 +121,16 @@ class StageByStage {
     sim_.for_each_block([&](Block& block, Scratch& scratch, std::size_t) { stage(sim_, block, scratch); });
   }
   template <class Call>
-  void task(List list, const Call& call) {
+  void task(std::initializer_list<List> lists, const Call& call) {
     if (!sim_.run->task->takes_all_envs_at_once()) {
-      sim_.for_each_block([&](Block& block, Scratch&, std::size_t thread) {
-        if (!(block.*list).empty()) call(TaskBlock{*sim_.context, block.*list, thread});
+      sim_.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
+        BlockByBlock(sim_, block, scratch, thread).task(lists, call);
       });
       return;
     }
     sim_.listed.clear();
     for (const Block& block : sim_.schedule.blocks()) {
-      sim_.listed.insert(sim_.listed.end(), (block.*list).begin(), (block.*list).end());
+      for (const List list : lists) sim_.listed.insert(sim_.listed.end(), (block.*list).begin(), (block.*list).end());
     }
     if (!sim_.listed.empty()) call(TaskBlock{*sim_.context, sim_.listed, 0});
   }
@@ -149,36 +152,50 @@ class StageByStage {
 
 // --------------------------------------------------------------------------------------------------- the table of contents
 
+// The first moment of the episodes that have been opened.
 template <class Run>
 void begin_program(Simulation& sim, Run& run, bool place) {
   Task& task = *sim.run->task;
-  if (place) run.task(&Block::opening, [&](const TaskBlock& envs) { task.place(envs); });
-  run.task(&Block::opening, [&](const TaskBlock& envs) { task.begin(envs); });
+  if (place) run.task({&Block::opening}, [&](const TaskBlock& envs) { task.place(envs); });
+  run.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
   run.each([](Simulation& s, Block& block, Scratch&) { first_moment(s, block); });
   run.start_frames(&Block::opening);
   run.each(sense_all<&Block::opening>);
   run.finish_frames();
-  run.task(&Block::opening, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
 }
 
 template <class Run>
 void step_program(Simulation& sim, Run run) {
   Task& task = *sim.run->task;
+  const auto observe = [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); };
+  const auto keep = [](Simulation& s, Block& block, Scratch&) { keep_final(s, block); };
+
   run.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
   for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
     const bool is_last = flown == sim.config.episode.frame_skip;
     run.each(count_step);
-    run.task(&Block::flying, [&](const TaskBlock& envs) { task.command(envs, sim.run->actions, sim.run->setpoints); });
+    run.task({&Block::flying}, [&](const TaskBlock& envs) { task.command(envs, sim.run->actions, sim.run->setpoints); });
     run.each(fly);
     if (is_last) run.start_frames(&Block::flown);
     run.each(sense);
     if (is_last) run.finish_frames();
-    run.task(&Block::flying, [&](const TaskBlock& envs) { task.score(envs, sim.run->score); });
+    run.task({&Block::flying}, [&](const TaskBlock& envs) { task.score(envs, sim.run->score); });
     run.each([](Simulation& s, Block& block, Scratch&) { settle(s, block); });
   }
-  run.task(&Block::flown, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
+  // An env that is reset in the step in which it ended is observed twice: as its episode ends, and as the next begins.
+  const bool resets_at_once = sim.config.episode.autoreset_mode == AutoresetMode::same_step;
+  if (resets_at_once) {
+    run.task({&Block::flown}, observe);
+    run.each(keep);
+  }
   run.each(turn_over);
   begin_program(sim, run, true);
+  if (resets_at_once) {
+    run.task({&Block::opening}, observe);
+  } else {
+    run.task({&Block::flown, &Block::opening}, observe);
+    run.each(keep);
+  }
 }
 
 // Blocks stay what they are while this lives, whatever a task's calls do.
@@ -212,16 +229,11 @@ void step(Simulation& sim) {
   }
 }
 
-void begin_episodes(Simulation& sim) {
+void begin_episodes(Simulation& sim, bool place) {
   const Stepping stepping(sim);
   StageByStage run(sim);
-  begin_program(sim, run, true);
-}
-
-void begin_episodes_here(Simulation& sim) {
-  const Stepping stepping(sim);
-  StageByStage run(sim);
-  begin_program(sim, run, false);
+  begin_program(sim, run, place);
+  run.task({&Block::opening}, [&](const TaskBlock& envs) { sim.run->task->observe(envs, sim.outputs.now().observation); });
 }
 
 void read_sensors(Simulation& sim) {

@@ -11,10 +11,9 @@ namespace flockstep {
 // Flies the actions in sim.run->actions.
 void step(Simulation& sim);
 
-// Begins the episodes that have been opened, in the envs that Block::opening lists.
-void begin_episodes(Simulation& sim);
-// The same for envs whose drones stay where they are.
-void begin_episodes_here(Simulation& sim);
+// Begins the episodes that have been opened, in the envs that Block::opening lists. place: where the task has them begin, instead
+// of where the drones are.
+void begin_episodes(Simulation& sim, bool place);
 
 // Reads all sensors of the envs that Block::chosen lists, at a new moment of their episodes.
 void read_sensors(Simulation& sim);

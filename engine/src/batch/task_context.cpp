@@ -22,10 +22,12 @@ class Context final : public TaskContext {
   const World& world_of(std::size_t env) const override { return *sim_.world_pointers[sim_.world_index_of(env)]; }
 
   const std::optional<LidarConfig>& lidar() const override { return sim_.config.lidar; }
-  std::span<const float> lidar_ranges(std::size_t drone) const override {
-    return sim_.lidar ? sim_.lidar->ranges_of(drone) : std::span<const float>();
+  std::span<const float> lidar_ranges() const override {
+    return sim_.lidar ? std::span<const float>(sim_.lidar->ranges()) : std::span<const float>();
   }
-  float lidar_max_range_m(std::size_t drone) const override { return sim_.lidar ? sim_.lidar->max_range()[drone] : 0.0F; }
+  std::span<const float> lidar_max_range_m() const override {
+    return sim_.lidar ? sim_.lidar->max_range() : std::span<const float>();
+  }
   const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
   const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
   Pose sensed_pose(std::size_t drone) const override { return sim_.pose_sensor.pose(drone); }

@@ -133,7 +133,8 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* c
   const World* world = nullptr;
   const trace::Scene* scene = nullptr;
   for (const std::uint32_t drone : drones) {
-    const World* const its_world = worlds[static_cast<std::size_t>(state.world_index[drone / drones_per_env])];
+    const World* const its_world =
+        worlds[static_cast<std::size_t>(state.world_index[drones_per_env == 1 ? drone : drone / drones_per_env])];
     if (its_world != world) {
       world = its_world;
       scene = &compiled(*world).scene();

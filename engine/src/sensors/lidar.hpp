@@ -24,7 +24,6 @@ class Lidar {
   std::size_t rays_per_drone() const { return rays_; }
   std::int64_t period() const { return period_; }               // ticks, as period_in_ticks() has it
   const std::vector<float>& ranges() const { return ranges_; }  // (N, channels, beams) m, inf on a miss
-  std::span<const float> ranges_of(std::size_t drone) const { return std::span(ranges_).subspan(drone * rays_, rays_); }
   const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
   // The drone's own setting, as changed at run time.

@@ -65,6 +65,24 @@ Field vector_field(const char* name, std::vector<double> low_of_head, std::size_
   return field;
 }
 
+// What the context says about all envs, asked once for a block.
+struct Surroundings {
+  explicit Surroundings(const TaskContext& context)
+      : state(context.state()),
+        episodes(context.episodes()),
+        worlds(context.worlds()),
+        ranges(context.lidar_ranges()),
+        max_range_m(context.lidar_max_range_m()) {}
+
+  const World& world_of(std::size_t env) const { return *worlds[static_cast<std::size_t>(state.world_index[env])]; }
+
+  const State& state;
+  const EpisodeState& episodes;
+  std::span<const std::shared_ptr<const World>> worlds;
+  std::span<const float> ranges;       // (N, rays) m
+  std::span<const float> max_range_m;  // (N,)
+};
+
 class Navigation final : public Task {
  public:
   explicit Navigation(const NavigationConfig& config) : config_(config) {
@@ -107,7 +125,8 @@ class Navigation final : public Task {
   void begin(const TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) {
       state_.goal_index[env] = 0;
-      state_.last_distance[env] = distance_m(goal(block.context, env), position_of(block.context.state(), env));
+      const Vec3& goal = goal_of(block.context.world_of(env), 0);
+      state_.last_distance[env] = distance_m(goal, position_of(block.context.state(), env));
     }
   }
 
@@ -122,18 +141,21 @@ class Navigation final : public Task {
   }
 
   void score(const TaskBlock& block, Score& score) override {
-    for (const std::uint32_t env : block.envs) score_env(block.context, env, score);
+    const Surroundings around(block.context);
+    for (const std::uint32_t env : block.envs) score_env(around, env, score);
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a field of their own
+    const Surroundings around(block.context);
     for (const std::uint32_t env : block.envs) {
       const std::span<float> row = observation[apart ? 1 : 0].row<float>(env);
       const std::size_t head = row.size() - rays_;
-      normalise(block.context.lidar_ranges(env), block.context.lidar_max_range_m(env), row.data() + head);
+      normalise(around.ranges.subspan(env * rays_, rays_), around.max_range_m[env], row.data() + head);
       switch (config_.observation) {
         case ObservationKind::goal: {
-          const Vec3 direction = direction_to(block.context.sensed_pose(env), goal(block.context, env));
+          const Vec3 direction =
+              direction_to(block.context.sensed_pose(env), goal_of(around.world_of(env), state_.goal_index[env]));
           std::copy_n(direction.data(), 3, row.data());
           break;
         }
@@ -157,9 +179,7 @@ class Navigation final : public Task {
 
   void visit(ArrayVisitor& visitor) override { visitor.fields(state_); }
 
-  bool observes_camera(std::size_t camera) const override {
-    return camera == 0 && config_.observation != ObservationKind::goal;
-  }
+  bool observes_camera(std::size_t camera) const override { return camera == 0 && config_.observation != ObservationKind::goal; }
 
  private:
   void require_camera(const TaskContext& context) const {
@@ -180,10 +200,6 @@ class Navigation final : public Task {
     image.low = {0};
     image.high = {255};
     return {image, vector_field("ranges", {}, rays_)};
-  }
-
-  const Vec3& goal(const TaskContext& context, std::size_t env) const {
-    return goal_of(context.world_of(env), state_.goal_index[env]);
   }
 
   std::span<const std::uint8_t> image_of(const TaskContext& context, std::size_t env) const {
@@ -226,17 +242,17 @@ class Navigation final : public Task {
     return {pose.position + pose.rotation * step, rotation};
   }
 
-  void score_env(const TaskContext& context, std::uint32_t env, Score& score) {
+  void score_env(const Surroundings& around, std::uint32_t env, Score& score) {
     const NavigationReward& reward = config_.reward;
-    const State& state = context.state();
-    const World& world = context.world_of(env);
+    const State& state = around.state;
+    const World& world = around.world_of(env);
     const Vec3 position = position_of(state, env);
     const bool crashed = state.contact.hit[env] != 0;
     const double goal_reward = reward.goal_reward;
 
     // Distance to the goal. Where a waypoint is reached, the next one counts from here on.
     const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
-    const Vec3 target = goal(context, env);
+    const Vec3 target = goal_of(world, state_.goal_index[env]);
     const double distance = distance_m(target, position);
     const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
     const bool at_final_goal = reached && state_.goal_index[env] == num_waypoints;
@@ -247,11 +263,11 @@ class Navigation final : public Task {
     } else if (reached) {
       distance_term = goal_reward * static_cast<double>(reward.waypoint_share) / num_waypoints;
       ++state_.goal_index[env];
-      if (!reward.carry_over_distance) state_.last_distance[env] = distance_m(goal(context, env), position);
+      if (!reward.carry_over_distance) state_.last_distance[env] = distance_m(goal_of(world, state_.goal_index[env]), position);
     }
 
     const double min_clearance = reward.min_clearance;
-    const auto [nearest, sum] = clearance_of(context.lidar_ranges(env), context.lidar_max_range_m(env));
+    const auto [nearest, sum] = clearance_of(around.ranges.subspan(env * rays_, rays_), around.max_range_m[env]);
     double crash_term = 0.0;
     if (crashed) {
       crash_term = -goal_reward;
@@ -259,7 +275,7 @@ class Navigation final : public Task {
       crash_term = nearest - min_clearance;
     }
 
-    const auto step_number = static_cast<double>(context.episodes().steps[env] - 1);
+    const auto step_number = static_cast<double>(around.episodes.steps[env] - 1);
     const bool overshot = reward.overshoot_weight != 0.0F && position.x() > target.x() + reward.goal_radius_m;
 
     const std::span<double> terms = score.terms_of(env);
@@ -267,8 +283,7 @@ class Navigation final : public Task {
     terms[kCrash] = static_cast<double>(reward.crash_weight) * crash_term;
     terms[kFreeSpace] = static_cast<double>(reward.free_space_weight) * free_space(sum, rays_, min_clearance);
     terms[kStep] = static_cast<double>(reward.step_weight) * (-step_number / static_cast<double>(reward.step_scale));
-    terms[kActionChange] =
-        static_cast<double>(reward.action_change_weight) * (context.episodes().action_changed[env] ? -1.0 : 0.0);
+    terms[kActionChange] = static_cast<double>(reward.action_change_weight) * (around.episodes.action_changed[env] ? -1.0 : 0.0);
     terms[kOvershoot] = static_cast<double>(reward.overshoot_weight) * (overshot ? -goal_reward / 10.0 : 0.0);
     score.terminated[env] = crashed || at_final_goal || overshot;
     score.success[env] = at_final_goal && !crashed;
