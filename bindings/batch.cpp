@@ -172,7 +172,9 @@ void step(Batch& batch, const py::object& actions) {
   }
 }
 
-std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name) { return batch.camera_index(name.value_or("")); }
+std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name) {
+  return batch.camera_index(name.value_or(""));
+}
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   py::array_t<float> numbers(n_by(batch, std::max(count, 0)));
@@ -194,9 +196,9 @@ void register_batch(py::module_& module) {
   py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
            py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none,
-           py::arg("cameras") = std::vector<CameraConfig>(), py::arg("camera_backend") = "raycast",
-           py::arg("episode") = none, py::arg("clock") = none, py::arg("num_threads") = 0,
-           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
+           py::arg("cameras") = std::vector<CameraConfig>(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
+           py::arg("clock") = none, py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
+           py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", &Batch::num_threads)
       .def_property_readonly("worlds",
@@ -212,8 +214,7 @@ void register_batch(py::module_& module) {
       .def_property_readonly("world_index",
                              state_view<std::int32_t>([](const Batch& b) -> auto& { return b.state().world_index; }))
       .def_property_readonly("episode", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().episode; }))
-      .def_property_readonly("sensed_position",
-                             state_view<float>([](const Batch& b) -> auto& { return b.sensed_position(); }, 3))
+      .def_property_readonly("sensed_position", state_view<float>([](const Batch& b) -> auto& { return b.sensed_position(); }, 3))
       .def_property_readonly("sensed_quat_wxyz",
                              state_view<float>([](const Batch& b) -> auto& { return b.sensed_quat_wxyz(); }, 4))
       .def_property_readonly("contact", &contact_of)
@@ -280,8 +281,8 @@ void register_batch(py::module_& module) {
             batch.require_lidar(lidar.value_or(""));
             batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", size_of(batch)));
           },
-          py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none, py::arg("hfov_deg") = none,
-          py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+          py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none,
+          py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
       .def("camera", &camera_view, py::arg("name") = none)
       .def(
           "capture",
@@ -305,8 +306,8 @@ void register_batch(py::module_& module) {
             batch.set_camera(camera_of(batch, camera), {hfov_deg, vfov_deg, offset_m, quat_wxyz},
                              flags(mask, "mask", size_of(batch)));
           },
-          py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none,
-          py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+          py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
+          py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
       .def("camera_backend_report", &Batch::camera_backend_report)
       .def(
           "seed",

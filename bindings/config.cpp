@@ -70,7 +70,7 @@ py::class_<Config> register_fields(py::module_& module, const char* name, const 
       .def(py::pickle([kNames](const py::object& self) { return state_of(self, kNames); },
                       [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   cls.attr("__hash__") = py::none();  // it can change
-  py::dict types;  // for the stubs
+  py::dict types;                     // for the stubs
   std::apply(
       [&](const auto&... fields) {
         ((types[fields.name] = StubType<std::remove_cvref_t<decltype(std::declval<Config>().*(fields.member))>>::of()), ...);

@@ -34,7 +34,8 @@ def class_body(indent: str, config: type[Any]) -> list[str]:
     """Return the attributes and the __init__ of a configuration."""
     types: dict[str, str] = config._field_types
     defaults = config()
-    lines = [f"{indent}{name}: {text}" for name, text in types.items()]
+    lines = [f"{indent}__match_args__: ClassVar[tuple[str, ...]]"]
+    lines += [f"{indent}{name}: {text}" for name, text in types.items()]
     lines += [f"{indent}def __init__(", f"{indent}    self,", f"{indent}    *,"]
     for name, text in types.items():
         lines.append(f"{indent}    {name}: {text} = {default_text(getattr(defaults, name))},")

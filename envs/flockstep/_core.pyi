@@ -9,7 +9,7 @@ Bad input raises `ValueError` naming the field, what was expected and what came,
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, final
+from typing import Any, ClassVar, Literal, TypeAlias, final
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,7 @@ class LidarConfig:
     """
 
     # fields of LidarConfig
+    __match_args__: ClassVar[tuple[str, ...]]
     name: str
     channels: int
     beams: int
@@ -125,6 +126,7 @@ class CameraConfig:
     """
 
     # fields of CameraConfig
+    __match_args__: ClassVar[tuple[str, ...]]
     name: str
     width_px: int
     height_px: int
@@ -194,6 +196,7 @@ class PoseSensorConfig:
     """
 
     # fields of PoseSensorConfig
+    __match_args__: ClassVar[tuple[str, ...]]
     position_noise_std_m: float
     tilt_noise_std_deg: float
     rate_hz: float | None
@@ -225,6 +228,7 @@ class EpisodeConfig:
     """
 
     # fields of EpisodeConfig
+    __match_args__: ClassVar[tuple[str, ...]]
     autoreset_mode: Literal["next_step", "same_step", "disabled"]
     max_episode_steps: int | None
     frame_skip: int
@@ -253,6 +257,7 @@ class ClockConfig:
     """
 
     # fields of ClockConfig
+    __match_args__: ClassVar[tuple[str, ...]]
     dt_s: float
     substeps: int
     def __init__(
@@ -299,6 +304,7 @@ class NavigationReward:
     """
 
     # fields of NavigationReward
+    __match_args__: ClassVar[tuple[str, ...]]
     distance_weight: float
     crash_weight: float
     free_space_weight: float
@@ -355,6 +361,7 @@ class NavigationConfig:
     """
 
     # fields of NavigationConfig
+    __match_args__: ClassVar[tuple[str, ...]]
     action: Literal["discrete", "displacement", "displacement_yaw", "discrete_forward"]
     observation: Literal["goal", "blob", "pixels"]
     step_m: float

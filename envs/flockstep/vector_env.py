@@ -454,7 +454,7 @@ def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
     chosen: dict[type, dict[str, Any]] = {}
     for name, value in fields.items():
         configs = (EpisodeConfig, ClockConfig, NavigationConfig)
-        owner = next((config for config in configs if name in vars(config)["__match_args__"]), None)
+        owner = next((config for config in configs if name in config.__match_args__), None)
         if owner is None or name in ("autoreset_mode", "max_episode_steps"):
             raise TypeError(f"DroneVectorEnv: unknown keyword {name!r}")
         chosen.setdefault(owner, {})[name] = value

@@ -23,7 +23,9 @@ void require(bool holds, std::string_view field, std::string_view expected, cons
   if (!holds) refuse(field, expected, got);
 }
 
-inline void require_finite(float value, std::string_view field) { require(std::isfinite(value), field, "a finite number", value); }
+inline void require_finite(float value, std::string_view field) {
+  require(std::isfinite(value), field, "a finite number", value);
+}
 
 inline void require_positive(float value, std::string_view field) {
   require(std::isfinite(value) && value > 0.0F, field, "a finite number > 0", value);
