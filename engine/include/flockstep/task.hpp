@@ -110,7 +110,7 @@ class Task {
   virtual void place(const TaskBlock& block) {
     for (const std::uint32_t env : block.envs) {
       const World& world = block.context.world_of(env);
-      const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2);
+      const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
       for (std::size_t m = 0; m < block.context.drones_per_env(); ++m) {
         block.context.place(env * block.context.drones_per_env() + m, {start, Quat::Identity()});
       }
