@@ -106,7 +106,7 @@ void profile(bench::Figures& figures) {
       sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.run->setpoints.target[drone]).fraction;
     }
   });
-  stages.add("lidar", [&] { sim.lidar->scan(drones, sim.world_pointers, 1, sim.state, sim.scratches[0]->tracer); });
+  stages.add("lidar", [&] { sim.lidar->scan(drones, sim.scenes, 1, sim.state, sim.scratches[0]->tracer); });
   stages.add("pose_sensor", [&] { sim.pose_sensor.read(drones, sim.state); });
   stages.add("score", [&] { task.score(all, sim.run->score); });
   stages.add("episodes", [&] {

@@ -181,8 +181,10 @@ class TaskCalls:
             columns = [self._row("reward", reward)]
         else:
             raise ValueError(f"{_name(self._task)}.step: expected a mapping of the reward terms {', '.join(names)}")
-        terms = np.stack([column.astype(np.float64) for column in columns], axis=1)
-        return terms, self._row("terminated", terminated).astype(bool), self._task.success
+        terms = np.empty((len(self._task.success), len(names)))
+        for term, column in enumerate(columns):
+            terms[:, term] = column
+        return terms, self._row("terminated", terminated).astype(bool, copy=False), self._task.success
 
     def observe(self) -> tuple[Array, ...]:
         """Return the observation of all envs, field by field, contiguous and of the types that were declared."""

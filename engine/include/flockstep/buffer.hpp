@@ -87,13 +87,7 @@ class Buffer {
   std::span<std::byte> row_as_bytes(std::size_t index) { return {bytes_.data() + index * row_bytes(), row_bytes()}; }
   void copy_row(std::size_t index, const Buffer& from) {
     const std::size_t size = row_bytes();
-    std::byte* const to = bytes_.data() + index * size;
-    const std::byte* const source = from.bytes_.data() + index * size;
-    if (size == 8) {  // most actions: not worth a call
-      std::memcpy(to, source, 8);
-    } else {
-      std::memcpy(to, source, size);
-    }
+    std::memcpy(bytes_.data() + index * size, from.bytes_.data() + index * size, size);
   }
 
  private:

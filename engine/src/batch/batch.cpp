@@ -220,9 +220,9 @@ void Batch::step(std::span<const std::int64_t> actions) {
   checks::actions(*sim_, actions);
   checks::begun(*sim_);
   if (sim_->run->actions.type() == DType::int64) {
-    std::copy(actions.begin(), actions.end(), sim_->run->actions.row<std::int64_t>(0).data());
+    std::copy(actions.begin(), actions.end(), sim_->run->next_actions<std::int64_t>());
   } else {
-    std::transform(actions.begin(), actions.end(), sim_->run->actions.row<std::int32_t>(0).data(),
+    std::transform(actions.begin(), actions.end(), sim_->run->next_actions<std::int32_t>(),
                    [](std::int64_t action) { return static_cast<std::int32_t>(action); });
   }
   flockstep::step(*sim_);
@@ -234,7 +234,7 @@ void Batch::step(std::span<const float> actions) {
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
   checks::begun(*sim_);
-  std::copy(actions.begin(), actions.end(), sim_->run->actions.row<float>(0).data());
+  std::copy(actions.begin(), actions.end(), sim_->run->next_actions<float>());
   flockstep::step(*sim_);
 }
 

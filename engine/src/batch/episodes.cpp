@@ -23,16 +23,23 @@ bool differs(const Buffer& a, const Buffer& b, std::size_t env) {
 bool action_changed(const TaskRun& run, std::size_t env) {
   switch (run.actions.type()) {
     case DType::int32:
-      return differs<std::int32_t>(run.actions, run.last_action, env);
+      return differs<std::int32_t>(run.actions, run.actions_before, env);
     case DType::int64:
-      return differs<std::int64_t>(run.actions, run.last_action, env);
+      return differs<std::int64_t>(run.actions, run.actions_before, env);
     case DType::float32:
-      return differs<float>(run.actions, run.last_action, env);
+      return differs<float>(run.actions, run.actions_before, env);
     case DType::float64:
-      return differs<double>(run.actions, run.last_action, env);
+      return differs<double>(run.actions, run.actions_before, env);
     default:
-      return differs<std::uint8_t>(run.actions, run.last_action, env);
+      return differs<std::uint8_t>(run.actions, run.actions_before, env);
   }
+}
+
+bool touches(const Simulation& sim, std::size_t env) {
+  const std::size_t m = sim.drones_per_env();
+  return std::any_of(sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>(env * m),
+                     sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>((env + 1) * m),
+                     [](std::uint8_t hit) { return hit != 0; });
 }
 
 }  // namespace
@@ -44,7 +51,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   TaskRun& run = *sim.run;
   run.task->setup(*sim.context);
   const TaskSpec& spec = run.spec();
-  run.actions = run.last_action = Buffer(spec.action, n);
+  run.actions = run.actions_before = Buffer(spec.action, n);
   run.setpoints.target.resize(sim.num_drones());
   if (sim.config.clock.substeps > 1) run.step_start.resize(sim.num_drones());
   run.score.num_terms = spec.reward_terms.size();
@@ -148,20 +155,15 @@ void settle(Simulation& sim, Block& block) {
     const bool terminated = run.score.terminated[env] != 0;
     const bool truncated = !terminated && episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
     const bool ends = terminated || truncated;
-    bool touched = false;
-    for (std::size_t m = 0; m < sim.drones_per_env(); ++m) {
-      touched |= sim.state.contact.hit[env * sim.drones_per_env() + m] != 0;
-    }
     episodes.done[env] = ends;
     episodes.action_changed[env] = 0;  // flown once more, it is the same
     out.reward[env] = static_cast<float>(step_total);
     out.terminated[env] = terminated;
     out.truncated[env] = truncated;
     out.success[env] = ends && run.score.success[env];
-    out.crashed[env] = ends && touched;
+    out.crashed[env] = ends && touches(sim, env);
     out.episode_return[env] = episodes.episode_return[env];
     out.episode_length[env] = episodes.steps[env];
-    run.last_action.copy_row(env, run.actions);
   }
   block.flying.filter([&](std::uint32_t env) { return !episodes.done[env]; });
 }

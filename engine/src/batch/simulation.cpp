@@ -62,7 +62,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     scratches.back()->drones.reserve(static_cast<std::size_t>(std::min(config.block_size, config.num_envs)) * drones_per_env());
   }
   // Built here, not by whichever thread first needs them in the middle of a step.
-  for (const World* const world : world_pointers) obstacles.push_back(&compiled(*world).obstacles());
+  for (const World* const world : world_pointers) {
+    scenes.push_back(&compiled(*world).scene());
+    obstacles.push_back(&compiled(*world).obstacles());
+  }
   checks::world_index(*this, world_index, num_envs());
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones());
 
@@ -90,9 +93,8 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   if (task) begin_task(*this, std::move(task));
 }
 
-std::span<const std::uint32_t> Simulation::drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const {
+std::span<const std::uint32_t> Simulation::list_drones(std::span<const std::uint32_t> envs, Scratch& scratch) const {
   const std::size_t m = drones_per_env();
-  if (m == 1) return envs;
   scratch.drones.clear();
   for (const std::uint32_t env : envs) {
     for (std::size_t i = 0; i < m; ++i) scratch.drones.push_back(static_cast<std::uint32_t>(env * m + i));

@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "base/workers.hpp"
@@ -31,8 +32,8 @@ struct Scratch {
 // The task of a batch, and what it and the episode machine hand each other.
 struct TaskRun {
   std::unique_ptr<Task> task;
-  Buffer actions;                // of the step under way; a row per env
-  Buffer last_action;            // of the step before
+  Buffer actions;                // of the step under way, else of the last; a row per env
+  Buffer actions_before;         // of the step before it
   Setpoints setpoints;           // written by task.command
   std::vector<Pose> step_start;  // (N,) where the flown step began; empty where it has one substep
   Score score;                   // of the last flown step; written by task.score
@@ -40,6 +41,12 @@ struct TaskRun {
   int max_episode_steps = 0;     // 0: no limit
 
   const TaskSpec& spec() const { return task->spec(); }
+  // For the actions of a step that begins.
+  template <class T>
+  T* next_actions() {
+    std::swap(actions, actions_before);
+    return actions.row<T>(0).data();
+  }
 };
 
 struct Simulation {
@@ -54,7 +61,10 @@ struct Simulation {
   }
   std::size_t world_index_of(std::size_t env) const { return static_cast<std::size_t>(state.world_index[env]); }
   // The drones of some envs; holds until the next call with this scratch.
-  std::span<const std::uint32_t> drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const;
+  std::span<const std::uint32_t> drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const {
+    return config.drones_per_env == 1 ? envs : list_drones(envs, scratch);
+  }
+  std::span<const std::uint32_t> list_drones(std::span<const std::uint32_t> envs, Scratch& scratch) const;
 
   // f(block, scratch, thread) for every block, on the workers.
   template <class F>
@@ -66,8 +76,10 @@ struct Simulation {
 
   const BatchConfig config;
   const Batch::Worlds worlds;
+  // Of each world: itself, and as rays and drones meet it.
   std::vector<const World*> world_pointers;
-  std::vector<const collision::Obstacles*> obstacles;  // of each world
+  std::vector<const trace::Scene*> scenes;
+  std::vector<const collision::Obstacles*> obstacles;
   const DroneModel drone_model;
   const collision::Hull hull;
 

@@ -37,7 +37,7 @@ void visit(Simulation& sim, ArrayVisitor& visitor) {
   for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].visit(visitor);
   if (!sim.run) return;
   visitor.fields(sim.episodes);
-  visitor.bytes("last_action", sim.run->last_action.bytes(), sim.run->last_action.type());
+  visitor.bytes("actions", sim.run->actions.bytes(), sim.run->actions.type());
   visitor.fields(sim.outputs.now());
   sim.run->task->visit(visitor);
 }

@@ -16,14 +16,15 @@ using List = EnvList Block::*;
 
 // ------------------------------------------------------------------------------------------------------------------ stages
 
-void scan(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch) {
-  if (!drones.empty()) sim.lidar->scan(drones, sim.world_pointers, sim.drones_per_env(), sim.state, scratch.tracer);
-}
+// When sensors read: in the middle of a step and at its end those that are due, otherwise all of them.
+enum class When : std::uint8_t { within_step, step_is_over, asked };
 
-// The drones of those of the envs where a sensor of this period is due.
-std::span<const std::uint32_t> due(const Simulation& sim, std::span<const std::uint32_t> envs, std::int64_t period,
-                                   bool step_is_over, Scratch& scratch) {
-  if (period == 0) return step_is_over ? sim.drones_of(envs, scratch) : std::span<const std::uint32_t>();
+// The drones of those of the envs where a sensor of this period reads.
+std::span<const std::uint32_t> readers(const Simulation& sim, std::span<const std::uint32_t> envs, std::int64_t period, When when,
+                                       Scratch& scratch) {
+  const bool step_is_over = when == When::step_is_over;
+  if (when == When::asked || (period == 0 && step_is_over)) return sim.drones_of(envs, scratch);
+  if (period == 0) return {};
   const std::size_t m = sim.drones_per_env();
   scratch.drones.clear();
   for (const std::uint32_t env : envs) {
@@ -33,10 +34,13 @@ std::span<const std::uint32_t> due(const Simulation& sim, std::span<const std::u
   return scratch.drones;
 }
 
-// All sensors that are due but the cameras.
-void read_due(Simulation& sim, std::span<const std::uint32_t> envs, Scratch& scratch, bool step_is_over) {
-  if (sim.lidar) scan(sim, due(sim, envs, sim.lidar->period(), step_is_over, scratch), scratch);
-  sim.pose_sensor.read(due(sim, envs, sim.pose_sensor.period(), step_is_over, scratch), sim.state);
+// Every kind of sensor but the cameras, which render for all blocks at once.
+void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scratch& scratch) {
+  if (sim.lidar) {
+    const auto drones = readers(sim, envs, sim.lidar->period(), when, scratch);
+    sim.lidar->scan(drones, sim.scenes, sim.drones_per_env(), sim.state, scratch.tracer);
+  }
+  sim.pose_sensor.read(readers(sim, envs, sim.pose_sensor.period(), when, scratch), sim.state);
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
@@ -68,19 +72,17 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       }
       ++sim.state.tick[env];
     }
-    if (substep < substeps) read_due(sim, block.flying, scratch, false);
+    if (substep < substeps) read(sim, block.flying, When::within_step, scratch);
   }
   for (const std::uint32_t env : block.flying) ++sim.state.sensed[env];
 }
 
-void sense(Simulation& sim, Block& block, Scratch& scratch) { read_due(sim, block.flying, scratch, true); }
+void sense(Simulation& sim, Block& block, Scratch& scratch) { read(sim, block.flying, When::step_is_over, scratch); }
 
-// Every sensor but the cameras reads, due or not, as at the first moment of an episode.
+// As at the first moment of an episode.
 template <List kList>
 void sense_all(Simulation& sim, Block& block, Scratch& scratch) {
-  const auto drones = sim.drones_of(block.*kList, scratch);
-  if (sim.lidar) scan(sim, drones, scratch);
-  sim.pose_sensor.read(drones, sim.state);
+  read(sim, block.*kList, When::asked, scratch);
 }
 
 // ------------------------------------------------------------------------------------------------- two ways to run the stages

@@ -7,7 +7,6 @@
 
 #include "base/pose_access.hpp"
 #include "base/require.hpp"
-#include "compiled/compiled_world.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep::sensors {
@@ -128,18 +127,12 @@ void Lidar::restored() {
   saved_ = {};
 }
 
-void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const World* const> worlds, std::size_t drones_per_env,
+void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes, std::size_t drones_per_env,
                  const State& state, trace::Tracer& tracer) {
-  const World* world = nullptr;
-  const trace::Scene* scene = nullptr;
   for (const std::uint32_t drone : drones) {
-    const World* const its_world =
-        worlds[static_cast<std::size_t>(state.world_index[drones_per_env == 1 ? drone : drone / drones_per_env])];
-    if (its_world != world) {
-      world = its_world;
-      scene = &compiled(*world).scene();
-    }
-    scan(*scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, tracer);
+    const std::size_t env = drones_per_env == 1 ? drone : drone / drones_per_env;
+    const trace::Scene& scene = *scenes[static_cast<std::size_t>(state.world_index[env])];
+    scan(scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, tracer);
   }
   tracer.finish();
 }

@@ -1,5 +1,6 @@
 #include "sensors/pose_sensor.hpp"
 
+#include <algorithm>
 #include <numbers>
 
 #include "base/pose_access.hpp"
@@ -38,24 +39,29 @@ Pose PoseSensor::pose(std::size_t drone) const {
 }
 
 void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state) {
+  if (config_.is_exact()) {
+    for (const std::size_t drone : drones) {
+      std::copy_n(state.position.data() + 3 * drone, 3, readings_.position.data() + 3 * drone);
+      std::copy_n(state.quat_wxyz.data() + 4 * drone, 4, readings_.quat_wxyz.data() + 4 * drone);
+    }
+    return;
+  }
   const float tilt_std_rad = config_.tilt_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
   for (const std::uint32_t drone : drones) {
     Pose pose = pose_of(state, drone);
-    if (!config_.is_exact()) {
-      const std::size_t env = drone / drones_per_env_;
-      // With a rate of its own the sensor may read several times between two readings of the env.
-      const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
-      const auto m = static_cast<std::uint32_t>(drone % drones_per_env_);
-      const std::uint32_t index = 2 * (reading * static_cast<std::uint32_t>(drones_per_env_) + m);
-      const auto [px, py] = normal_pair(draw(state, env, Stream::position_noise, index));
-      const auto [pz, unused] = normal_pair(draw(state, env, Stream::position_noise, index + 1));
-      pose.position += config_.position_noise_std_m * Vec3(px, py, pz);
-      const auto [rx, ry] = normal_pair(draw(state, env, Stream::tilt_noise, index));
-      const auto [rz, unused_too] = normal_pair(draw(state, env, Stream::tilt_noise, index + 1));
-      const Vec3 rotation_vector = tilt_std_rad * Vec3(rx, ry, rz);
-      const float angle = rotation_vector.norm();
-      if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
-    }
+    const std::size_t env = drone / drones_per_env_;
+    // With a rate of its own the sensor may read several times between two readings of the env.
+    const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
+    const auto m = static_cast<std::uint32_t>(drone % drones_per_env_);
+    const std::uint32_t index = 2 * (reading * static_cast<std::uint32_t>(drones_per_env_) + m);
+    const auto [px, py] = normal_pair(draw(state, env, Stream::position_noise, index));
+    const auto [pz, unused] = normal_pair(draw(state, env, Stream::position_noise, index + 1));
+    pose.position += config_.position_noise_std_m * Vec3(px, py, pz);
+    const auto [rx, ry] = normal_pair(draw(state, env, Stream::tilt_noise, index));
+    const auto [rz, unused_too] = normal_pair(draw(state, env, Stream::tilt_noise, index + 1));
+    const Vec3 rotation_vector = tilt_std_rad * Vec3(rx, ry, rz);
+    const float angle = rotation_vector.norm();
+    if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
     store_pose(readings_.position.data() + 3 * std::size_t{drone}, readings_.quat_wxyz.data() + 4 * std::size_t{drone}, pose);
   }
 }

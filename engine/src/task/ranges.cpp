@@ -7,7 +7,8 @@
 #include <hwy/highway.h>
 
 #include <algorithm>
-#include <array>
+#include <cstddef>
+#include <limits>
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::task::HWY_NAMESPACE {
@@ -21,34 +22,41 @@ Clearance clearance_of(std::span<const float> ranges, float max_range_m) {
   const hn::CappedTag<float, kSums> d;
   const hn::CappedTag<double, kSums / 2> dd;
   const hn::Rebind<float, decltype(dd)> df;
-  alignas(64) double sums[kSums] = {};
-  alignas(64) float values[kSums];
-  auto nearest = hn::Set(d, 1.0F);
+  constexpr std::size_t kVectors = kSums / hn::MaxLanes(dd);
+  hn::Vec<decltype(dd)> sums[kVectors];
+  for (auto& sum : sums) sum = hn::Zero(dd);
   const auto one = hn::Set(d, 1.0F);
   const auto divisor = hn::Set(d, max_range_m);
-  std::size_t first = 0;
-  for (; first + kSums <= ranges.size(); first += kSums) {
+  auto nearest = one;
+  alignas(64) float values[kSums];
+  const auto take = [&](const float* from, std::size_t count) {  // 16 ranges, of which the first `count` are summed up
     for (std::size_t i = 0; i < kSums; i += hn::Lanes(d)) {
-      const auto value = hn::Min(hn::Div(hn::LoadU(d, ranges.data() + first + i), divisor), one);
+      const auto value = hn::Min(hn::Div(hn::LoadU(d, from + i), divisor), one);
       nearest = hn::Min(nearest, value);
       hn::Store(value, d, values + i);
     }
-    for (std::size_t i = 0; i < kSums; i += hn::Lanes(dd)) {
-      const auto value = hn::PromoteTo(dd, hn::Load(df, values + i));
-      hn::Store(hn::Add(hn::Load(dd, sums + i), value), dd, sums + i);
+    std::fill(values + count, values + kSums, 0.0F);
+    for (std::size_t i = 0; i < kVectors; ++i) {
+      sums[i] = hn::Add(sums[i], hn::PromoteTo(dd, hn::Load(df, values + i * hn::Lanes(dd))));
     }
+  };
+  std::size_t first = 0;
+  for (; first + kSums <= ranges.size(); first += kSums) take(ranges.data() + first, kSums);
+  if (first < ranges.size()) {
+    alignas(64) float rest[kSums];
+    std::fill_n(rest, kSums, std::numeric_limits<float>::infinity());
+    std::copy(ranges.begin() + static_cast<std::ptrdiff_t>(first), ranges.end(), rest);
+    take(rest, ranges.size() - first);
   }
-  Clearance clearance{static_cast<double>(hn::GetLane(hn::MinOfLanes(d, nearest))), 0.0};
-  for (std::size_t i = 0; first + i < ranges.size(); ++i) {
-    const double value = static_cast<double>(std::min(ranges[first + i] / max_range_m, 1.0F));
-    clearance.nearest = std::min(clearance.nearest, value);
-    sums[i] += value;
+  for (std::size_t half = kVectors / 2; half > 0; half /= 2) {
+    for (std::size_t i = 0; i < half; ++i) sums[i] = hn::Add(sums[i], sums[i + half]);
   }
-  for (std::size_t half = kSums / 2; half > 0; half /= 2) {
-    for (std::size_t i = 0; i < half; ++i) sums[i] += sums[i + half];
+  alignas(64) double lanes[hn::MaxLanes(dd)];
+  hn::Store(sums[0], dd, lanes);
+  for (std::size_t half = hn::MaxLanes(dd) / 2; half > 0; half /= 2) {
+    for (std::size_t i = 0; i < half; ++i) lanes[i] += lanes[i + half];
   }
-  clearance.sum = sums[0];
-  return clearance;
+  return {static_cast<double>(hn::GetLane(hn::MinOfLanes(d, nearest))), lanes[0]};
 }
 
 void normalise(std::span<const float> ranges, float max_range_m, float* normalised) {
@@ -56,9 +64,11 @@ void normalise(std::span<const float> ranges, float max_range_m, float* normalis
   const auto one = hn::Set(d, 1.0F);
   const auto divisor = hn::Set(d, max_range_m);
   std::size_t first = 0;
-  for (; first + hn::Lanes(d) <= ranges.size(); first += hn::Lanes(d)) {
-    hn::StoreU(hn::Min(hn::Div(hn::LoadU(d, ranges.data() + first), divisor), one), d, normalised + first);
-  }
+  const auto write = [&](std::size_t at) {
+    hn::StoreU(hn::Min(hn::Div(hn::LoadU(d, ranges.data() + at), divisor), one), d, normalised + at);
+  };
+  for (; first + hn::Lanes(d) <= ranges.size(); first += hn::Lanes(d)) write(first);
+  if (first > 0) return write(ranges.size() - hn::Lanes(d));  // some of them once more
   for (; first < ranges.size(); ++first) normalised[first] = std::min(ranges[first] / max_range_m, 1.0F);
 }
 
