@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "base/flush_denormals.hpp"
-#include "base/pose_access.hpp"
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"

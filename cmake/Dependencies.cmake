@@ -26,7 +26,11 @@ else()
   target_link_libraries(flockstep_dependencies INTERFACE hwy::hwy)
 endif()
 # Arm's scalable vectors cannot be members of structs, as the kernels have them; such processors run the NEON kernels.
-target_compile_definitions(flockstep_dependencies INTERFACE HWY_DISABLED_TARGETS=HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)
+set(disabled_targets HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)
+if(FLOCKSTEP_SANITIZE) # a minute and a half a target: the sanitizers see one with vectors and the one without
+  string(APPEND disabled_targets |HWY_SSSE3|HWY_SSE4|HWY_AVX3|HWY_AVX3_DL)
+endif()
+target_compile_definitions(flockstep_dependencies INTERFACE HWY_DISABLED_TARGETS=${disabled_targets})
 
 # JPEG files of camera frames. Distributions' CMake package may name files of packages that are not installed.
 if(PkgConfig_FOUND)

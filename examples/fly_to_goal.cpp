@@ -27,7 +27,7 @@ class FlyToGoal final : public Task {
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     for (const auto env : block.envs) {
       const Vec3 action = Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
-      setpoints.target[env] = {position(block, env) + 0.1F * action, Quat::Identity()};
+      setpoints.target[env] = {position_of(block.context.state(), env) + 0.1F * action, Quat::Identity()};
     }
   }
   void score(const TaskBlock& block, Score& score) override {
@@ -51,9 +51,8 @@ class FlyToGoal final : public Task {
   void visit(ArrayVisitor& visitor) override { visitor.array("last_distance", last_distance_); }  // for snapshots
 
  private:
-  static Vec3 position(const TaskBlock& block, std::size_t env) { return Vec3(block.context.state().position.data() + 3 * env); }
   static Vec3 to_goal(const TaskBlock& block, std::size_t env) {
-    return *block.context.world_of(env).markers().goal - position(block, env);
+    return *block.context.world_of(env).markers().goal - position_of(block.context.state(), env);
   }
 
   TaskSpec spec_;

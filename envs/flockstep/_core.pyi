@@ -801,7 +801,7 @@ class Batch:
         """Name of the LiDAR, None without one."""
 
     def lidar(self, name: str | None = None) -> Lidar:
-        """Return the LiDAR: its ranges and configuration. `RuntimeError` without one."""
+        """Return the LiDAR: its ranges and configuration. `ValueError` without one."""
 
     @property
     def sensed_position(self) -> _F32:

@@ -160,7 +160,7 @@ class TestLidar:
         np.testing.assert_array_equal(view, [3, 3, 3])
 
     def test_without_a_lidar_there_are_no_ranges(self, room):
-        with pytest.raises(RuntimeError, match="lidar="):
+        with pytest.raises(ValueError, match="lidar="):
             flockstep.Batch([room]).lidar().max_range_m  # noqa: B018
 
 

@@ -243,5 +243,5 @@ def test_the_engines_terms_are_those_of_the_twin(room, playgrounds, example):
     np.testing.assert_allclose(terms.goal(), [world.goal for world in np.array(batch.worlds)[batch.world_index]])
     with pytest.raises(ValueError, match="goal_index"):
         terms.goal(np.full(40, -1))
-    with pytest.raises(RuntimeError, match="LiDAR"):
+    with pytest.raises(ValueError, match="LiDAR"):
         flockstep.Batch([room]).terms.clearance()

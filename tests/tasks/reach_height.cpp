@@ -29,20 +29,20 @@ class ReachHeight final : public flockstep::Task {
   }
   void begin(const flockstep::TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) {
-      last_[env] = block.context.state().position[3 * env + 2];
+      last_[env] = position_of(block.context.state(), env).z();
       target_[env] = last_[env] + 2.0F;
     }
   }
   void command(const flockstep::TaskBlock& block, const flockstep::Buffer& actions, flockstep::Setpoints& setpoints) override {
     for (const std::uint32_t env : block.envs) {
-      const flockstep::Vec3 from(&block.context.state().position[3 * env]);
+      const flockstep::Vec3 from = position_of(block.context.state(), env);
       const flockstep::Vec3 step = flockstep::Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
       setpoints.target[env] = {from + 0.25F * step, flockstep::Quat::Identity()};
     }
   }
   void score(const flockstep::TaskBlock& block, flockstep::Score& score) override {
     for (const std::uint32_t env : block.envs) {
-      const float height = block.context.state().position[3 * env + 2];
+      const float height = position_of(block.context.state(), env).z();
       const float off = std::abs(target_[env] - height);
       const bool touched = block.context.state().contact.hit[env] != 0;
       score.success[env] = !touched && off <= 0.1F;

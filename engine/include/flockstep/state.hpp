@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "flockstep/fields.hpp"
+#include "flockstep/pose.hpp"
 
 namespace flockstep {
 
@@ -46,6 +47,16 @@ struct State {
                       field("episode", &C::episode), field("tick", &C::tick), field("sensed", &C::sensed));
   }
 };
+
+// Where a drone is; its index is not checked.
+inline Vec3 position_of(const State& state, std::size_t drone) {
+  const float* const p = state.position.data() + 3 * drone;
+  return {p[0], p[1], p[2]};
+}
+inline Pose pose_of(const State& state, std::size_t drone) {
+  const float* const q = state.quat_wxyz.data() + 4 * drone;
+  return {position_of(state, drone), Quat(q[0], q[1], q[2], q[3])};
+}
 
 // The episodes of a task, one after another in each env. Written by the episode machine alone.
 struct EpisodeState {

@@ -5,7 +5,6 @@
 #include <cstring>
 #include <limits>
 
-#include "base/pose_access.hpp"
 #include "base/require.hpp"
 #include "sensors/rate.hpp"
 

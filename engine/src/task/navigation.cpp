@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "base/hash.hpp"
-#include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "scenario/navigable.hpp"

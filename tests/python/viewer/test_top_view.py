@@ -75,7 +75,7 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
         np.testing.assert_array_equal(view.frame(1), fresh.frame(1))
     with pytest.raises(ValueError, match=r"index: expected an integer in \[0, 2\), got 2"):
         batch.lidar().config_of(2)
-    with pytest.raises(RuntimeError, match="no LiDAR"):
+    with pytest.raises(ValueError, match="no LiDAR"):
         flockstep.Batch([room]).lidar().config_of(0)
 
 
