@@ -1,4 +1,4 @@
-"""The figures of training that `./dev bench train`, `camera_train` and `camera_large` report.
+"""The figures of training that `./dev bench train`, `camera_train`, `pixels_train` and `camera_large` report.
 
 .venv/bin/python training/benchmark.py train --figures out/bench/train.figures
 
@@ -128,10 +128,10 @@ def task_figures(args: Args, seeds: Sequence[int], out: Path) -> list[Figure]:
 class Options:
     """Measure training."""
 
-    name: tyro.conf.Positional[Literal["train", "camera_train", "camera_large"]]
-    """The LiDAR task; both camera tasks; the camera task at 640 x 480."""
+    name: tyro.conf.Positional[Literal["train", "camera_train", "pixels_train", "camera_large"]]
+    """The LiDAR task; the camera task; the task that sees pixels; the camera task at 640 x 480."""
     seeds: tuple[int, ...] = SEEDS
-    """Of the LiDAR task. The camera task takes the first three, what sees pixels, or is large, the first."""
+    """At 640 x 480, the first alone."""
     out: Path = Path("out/bench/train")
     """Where models and logs go, a folder for each training."""
     figures: Path = Path("out/bench/train/figures.json")
@@ -140,11 +140,9 @@ class Options:
 
 def main(options: Options) -> None:
     """Train, fly, and write the figures."""
-    if options.name == "train":
-        figures = task_figures(DEFAULTS["lidar"], options.seeds, options.out)
-    elif options.name == "camera_train":
-        figures = task_figures(DEFAULTS["camera"], options.seeds[:3], options.out)
-        figures += task_figures(DEFAULTS["pixels"], options.seeds[:1], options.out)
+    task = {"train": "lidar", "camera_train": "camera", "pixels_train": "pixels"}.get(options.name)
+    if task is not None:
+        figures = task_figures(DEFAULTS[task], options.seeds, options.out)
     else:
         args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_worlds=20, seed=options.seeds[0])
         _, figures = trained("camera/640x480", args, options.out, groups(args.setup))
