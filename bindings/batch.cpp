@@ -95,11 +95,8 @@ auto output_view(Member member, bool writable = false) {
   };
 }
 
-// A view of an array with a row per env, whose type is known at run time alone.
-py::array typed_view(const py::object& self, const std::byte* data, DType type, const std::vector<std::int64_t>& row,
-                     bool writable = false) {
-  Shape shape{size_of(self.cast<const Batch&>())};
-  shape.insert(shape.end(), row.begin(), row.end());
+// A view of an array whose type is known at run time alone.
+py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
   switch (type) {
     case DType::boolean:
       return view<bool>(self, reinterpret_cast<const bool*>(data), shape, writable);
@@ -124,7 +121,9 @@ auto observation_view(std::vector<Buffer> Outputs::* member, bool writable = fal
     const std::vector<Buffer>& buffers = batch.outputs().*member;
     const auto field_view = [&](std::size_t i) {
       const Field& field = spec.observation[i];
-      return typed_view(self, buffers[i].bytes().data(), field.type, field.shape, writable);
+      Shape shape{size_of(batch)};
+      shape.insert(shape.end(), field.shape.begin(), field.shape.end());
+      return typed_view(self, buffers[i].bytes().data(), field.type, shape, writable);
     };
     if (buffers.size() == 1) return field_view(0);
     py::dict fields;
@@ -139,10 +138,11 @@ class TaskArrays final : public ArrayVisitor {
   explicit TaskArrays(const py::object& owner) : owner_(owner), batch_(owner.cast<const Batch&>()) {}
   void bytes(std::string_view name, std::span<std::byte> bytes, std::optional<DType> type) override {
     if (!type) return;
-    const std::size_t columns = bytes.size() / flockstep::size_of(*type) / static_cast<std::size_t>(size_of(batch_));
-    std::vector<std::int64_t> row;
-    if (columns != 1) row.push_back(static_cast<std::int64_t>(columns));
-    arrays[py::str(std::string(name))] = typed_view(owner_, bytes.data(), *type, row);
+    const auto count = static_cast<py::ssize_t>(bytes.size() / flockstep::size_of(*type));
+    const py::ssize_t n = size_of(batch_);
+    // With a row per env where it can be.
+    const Shape shape = count == n || count % n != 0 || count == 0 ? Shape{count} : n_by(batch_, count / n);
+    arrays[py::str(std::string(name))] = typed_view(owner_, bytes.data(), *type, shape);
   }
   void blob(std::string_view, std::string&) override {}
 

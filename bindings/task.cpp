@@ -14,11 +14,6 @@
 
 namespace flockstep {
 
-template <>
-struct EnumNames<DType> {
-  static constexpr std::array kNames{"bool", "uint8", "int32", "int64", "float32", "float64"};
-};
-
 namespace bindings {
 namespace {
 
@@ -69,13 +64,11 @@ class PythonTask final : public Task {
     for (const std::uint32_t env : block.envs) {
       setpoints.target[env] = {Vec3(p[3 * env], p[3 * env + 1], p[3 * env + 2]), Quat::Identity()};
       const float* const wxyz = q.empty() ? state.quat_wxyz.data() + 4 * std::size_t{env} : q.data() + 4 * std::size_t{env};
-      setpoints.target[env].rotation = Quat(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
-      if (!q.empty()) setpoints.target[env].rotation.normalize();
-      for (int axis = 0; axis < 3; ++axis) {
-        if (!std::isfinite(setpoints.target[env].position[axis]) || !setpoints.target[env].rotation.coeffs().allFinite()) {
-          throw py::value_error("act: expected finite positions and unit quaternions, got others in row " + std::to_string(env));
-        }
+      Quat& rotation = setpoints.target[env].rotation = Quat(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+      if (!setpoints.target[env].position.allFinite() || !(std::abs(rotation.norm() - 1.0F) < 1e-2F)) {
+        throw py::value_error("act: expected finite positions and unit quaternions, got others in row " + std::to_string(env));
       }
+      if (!q.empty()) rotation.normalize();
     }
   }
 
@@ -161,6 +154,7 @@ Field make_field(const std::string& name, const std::string& dtype, std::vector<
 }
 
 py::dict defaults_of(const py::object& description) {
+  if (description.is_none()) throw py::type_error("task: expected a NavigationConfig or a NativeTask, got None");
   const TaskDefaults defaults = make_task(description)->defaults();
   py::dict dict;
   dict["worlds"] = defaults.worlds;
@@ -175,7 +169,12 @@ py::dict defaults_of(const py::object& description) {
 std::unique_ptr<Task> make_task(const py::object& description) {
   if (description.is_none()) return nullptr;
   if (py::isinstance<NavigationConfig>(description)) return make_navigation(description.cast<const NavigationConfig&>());
-  if (py::isinstance<NativeTask>(description)) return std::unique_ptr<Task>(description.cast<const NativeTask&>().make());
+  if (py::isinstance<NativeTask>(description)) {
+    const auto& library = description.cast<const NativeTask&>();
+    std::unique_ptr<Task> task(library.make());
+    if (!task) throw py::value_error(library.path + ": flockstep_make_task() returned no task");
+    return task;
+  }
   if (py::isinstance<PythonTaskMaker>(description)) {
     const auto& maker = description.cast<const PythonTaskMaker&>();
     return std::make_unique<PythonTask>(maker.spec, maker.identity, maker.max_episode_steps, maker.calls);

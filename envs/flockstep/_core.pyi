@@ -188,7 +188,7 @@ class PoseSensorConfig:
     ----------
     position_noise_std_m
         Standard deviation per axis.
-    tilt_noise_std_deg
+    orientation_noise_std_deg
         Standard deviation of each component of the rotation vector.
     rate_hz
         Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one after every
@@ -219,8 +219,8 @@ class EpisodeConfig:
     max_episode_steps
         Truncate after so many flown steps; 0 means never, None what the task says.
     frame_skip
-        From 1 to 1000: one `Batch.step` flies its action so many times, or until the episode ends, and is rewarded the sum.
-        Whatever counts steps counts those flown. Cameras look after the last of them alone.
+        From 1 to 1000: `Batch.step` repeats its action this many times, or until the episode ends, and returns the summed
+        reward. All step counts are in flown steps. Cameras capture only after the last one.
     stagger_first_episode
         Spread the first time limits over [1, max_episode_steps], by seed, so that they do not all fall in one step.
     random_world
@@ -434,7 +434,7 @@ class PythonTask:
     def __init__(self, spec: TaskSpec, identity: str, max_episode_steps: int, calls: object) -> None: ...
 
 def task_defaults(task: NavigationConfig | NativeTask | PythonTask) -> dict[str, Any]:
-    """Return what an env of the task is made of: ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``."""
+    """Return the defaults of an environment with this task: ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``."""
 
 @final
 class World:
@@ -971,7 +971,7 @@ class Batch:
 
     @property
     def crashed(self) -> _Bool:
-        """(N,) the episode ended in this step by a collision."""
+        """(N,) the episode ended in this step, and the drone was in contact with something."""
 
     @property
     def episode_return(self) -> _F64:

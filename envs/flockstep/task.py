@@ -51,7 +51,7 @@ class Task:
     and episodes begin at the start marker of the drone's world.
 
     Random numbers come from ``batch.random(stream, count)``: they depend on nothing but the env's seed, its episode and
-    the stream, so env i does the same whatever the number of envs. Draw a stream of its own for each purpose.
+    the stream, so env i does the same whatever the number of envs. Use a separate stream for each purpose.
 
     Attributes
     ----------
@@ -65,12 +65,13 @@ class Task:
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never.
     step_m
-        Metres of the default `act`.
+        Length of a full displacement in the default `act`, in metres.
     steps
         (N,) int64: steps flown in the current episode; in `step`, the present one included. Read only.
     flying
-        (N,) bool: False where an env has ended and has not been reset. Its drone stands still, the row that `step`
-        returns for it is thrown away, and state of yours that the observation depends on should stay. Read only.
+        (N,) bool, for use in `act` and `step`: True where the env takes part in the present step, False where its
+        episode was over before, also in the step that resets it. There the drone stands still, the row that `step`
+        returns is thrown away, and state of yours that the observation depends on should stay. Read only.
     success
         (N,) bool: write it in `step`, and the infos of episodes that end will report it.
     """
@@ -83,9 +84,22 @@ class Task:
     max_episode_steps: int = 1000
     step_m: float = 0.1
 
-    steps: npt.NDArray[np.int64]
-    flying: BoolArray
     success: BoolArray
+    _batch: weakref.ref[Batch] | None = None  # whose task this is; it owns the task
+
+    @property
+    def steps(self) -> npt.NDArray[np.int64]:  # noqa: D102 - see the class
+        return self._own_batch().steps
+
+    @property
+    def flying(self) -> BoolArray:  # noqa: D102 - see the class
+        return self._own_batch().flying
+
+    def _own_batch(self) -> Batch:
+        batch = None if self._batch is None else self._batch()
+        if batch is None:
+            raise RuntimeError(f"{_name(self)}: no environment has this task, or it has been closed")
+        return batch
 
     def setup(self, batch: Batch) -> None:
         """Allocate state with a row per drone. Called once, before the first `reset`."""
@@ -102,7 +116,8 @@ class Task:
 
     def act(self, batch: Batch, actions: Array) -> Target:
         """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4)."""
-        return batch.position + rotate(batch.quat_wxyz, np.float32(self.step_m) * actions.astype(np.float32))
+        displacement = np.float32(self.step_m) * np.clip(actions.astype(np.float32), -1, 1)
+        return batch.position + rotate(batch.quat_wxyz, displacement)
 
     def step(self, batch: Batch) -> tuple[Array | Mapping[str, Array], BoolArray]:
         """Return the reward (N,) of the motion just flown and sensed, and whether it ended the episode (N,).
@@ -131,7 +146,7 @@ def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
     calls = TaskCalls(task)
     observation = [_field(name, space) for name, space in calls.observation_spaces.items()]
     spec = TaskSpec(_action_field(task), observation, list(task.reward_terms))
-    return PythonTask(spec, type(task).__qualname__, int(limit), calls), calls
+    return PythonTask(spec, _identity(task), int(limit), calls), calls
 
 
 class TaskCalls:
@@ -146,18 +161,16 @@ class TaskCalls:
         self.observation_spaces = boxes
         self._is_dict = isinstance(space, spaces.Dict)
         self._task = task
-        self._batch: Any = None
 
     def attach(self, batch: Batch) -> None:
         """Take the batch whose task this is, and let the task set itself up."""
-        self._batch = weakref.ref(batch)  # which owns this
-        self._task.steps, self._task.flying = batch.steps, batch.flying
+        self._task._batch = weakref.ref(batch)
         self._task.success = np.zeros(batch.num_drones, bool)
         self._task.setup(batch)
 
     def begin(self, envs: npt.NDArray[np.int64]) -> None:
         """Begin an episode in each of the envs."""
-        batch = self._batch()
+        batch = self._task._own_batch()
         mask = np.zeros(batch.num_drones, bool)
         mask[envs] = True
         self._task.success[mask] = False
@@ -165,12 +178,12 @@ class TaskCalls:
 
     def command(self, actions: Array) -> tuple[Array, Array | None]:
         """Return where each drone flies to: positions, and quaternions or None to keep them."""
-        target = self._task.act(self._batch(), actions)
+        target = self._task.act(self._task._own_batch(), actions)
         return target if isinstance(target, tuple) else (target, None)
 
     def score(self) -> tuple[Array, BoolArray, BoolArray]:
         """Return the terms of the reward (N, terms), and where episodes end (N,) and succeed (N,)."""
-        reward, terminated = self._task.step(self._batch())
+        reward, terminated = self._task.step(self._task._own_batch())
         names = self._task.reward_terms
         if isinstance(reward, Mapping):
             if set(reward) != set(names):
@@ -188,7 +201,7 @@ class TaskCalls:
 
     def observe(self) -> tuple[Array, ...]:
         """Return the observation of all envs, field by field, contiguous and of the types that were declared."""
-        observation = self._task.observe(self._batch())
+        observation = self._task.observe(self._task._own_batch())
         if not self._is_dict:
             return (self._checked("observe", observation, self.observation_spaces["observation"]),)
         if not isinstance(observation, Mapping) or set(observation) != set(self.observation_spaces):
@@ -228,17 +241,17 @@ class TaskCalls:
         return array
 
 
-_DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
-
-
 def _name(task: Task) -> str:
     return type(task).__name__
 
 
+def _identity(task: Task) -> str:
+    """Return what snapshots know a task by; the batch adds what it declares."""
+    return f"{type(task).__module__}.{type(task).__qualname__}, step_m={task.step_m}"
+
+
 def _field(name: str, space: spaces.Box) -> Field:
     dtype = str(np.dtype(space.dtype))
-    if dtype not in _DTYPES:
-        raise TypeError(f"observation_space: expected one of {', '.join(_DTYPES)} as dtype of {name!r}, got {dtype}")
     return Field(name, dtype, space.shape, float(np.min(space.low)), float(np.max(space.high)))
 
 

@@ -132,7 +132,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     -----
     Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success`` and
     ``crashed``, each of length N with its mask ``_key``. With same-step autoreset these are inside ``final_info``,
-    beside ``final_obs``.
+    beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it is reset.
 
     Raises
     ------
@@ -324,7 +324,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return self.batch.snapshot()
 
     def observation(self) -> Observation:
-        """Return the present observation of all envs: views of the slot that is theirs until the step after next."""
+        """Return the current observations, as views that stay valid until the step after next."""
         observation: Observation = self.batch.observation
         return observation
 

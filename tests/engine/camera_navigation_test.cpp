@@ -371,7 +371,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
   for (const ObservationKind kind : {ObservationKind::goal, ObservationKind::blob, ObservationKind::pixels}) {
     SCOPED_TRACE(static_cast<int>(kind));
     NavigationBatch config = camera_batch(kDrones, kind, AutoresetMode::disabled);
-    config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
+    config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 0.5F};
     Batch single = config.make(parlours());
     config.episode.frame_skip = 3;
     Batch skipping = config.make(parlours());

@@ -435,7 +435,7 @@ TEST(NavigationEpisode, StaggeredLimitsAreOfTheFirstEpisodeAlone) {
 
 NavigationBatch lively(int num_envs, AutoresetMode mode) {
   NavigationBatch config = navigation_batch(num_envs);
-  config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
+  config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 0.5F};
   config.episode.max_episode_steps = 25;
   config.navigation.random_start = true;
   config.episode.stagger_first_episode = true;

@@ -18,11 +18,11 @@ using testing::primitive;
 
 constexpr int kDrones = 4000;
 
-BatchConfig noisy(int num_drones, float position_std_m, float tilt_std_deg) {
+BatchConfig noisy(int num_drones, float position_std_m, float orientation_std_deg) {
   BatchConfig config;
   config.num_envs = num_drones;
   config.num_threads = 1;
-  config.pose_sensor = {.position_noise_std_m = position_std_m, .tilt_noise_std_deg = tilt_std_deg};
+  config.pose_sensor = {.position_noise_std_m = position_std_m, .orientation_noise_std_deg = orientation_std_deg};
   return config;
 }
 
@@ -36,7 +36,7 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
 std::array<std::vector<double>, 6> errors_of(const Batch& batch, const Quat& rotation) {
   std::array<std::vector<double>, 6> errors;
   const State& state = batch.state();
-  const double tilt_rad = static_cast<double>(batch.config().pose_sensor.tilt_noise_std_deg) * std::numbers::pi / 180.0;
+  const double tilt_rad = static_cast<double>(batch.config().pose_sensor.orientation_noise_std_deg) * std::numbers::pi / 180.0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(batch.config().num_drones()); ++i) {
     const float* const q = batch.sensed_quat_wxyz().data() + 4 * i;
     const Eigen::AngleAxisd turn(rotation.conjugate().cast<double>() * Eigen::Quaterniond(q[0], q[1], q[2], q[3]));

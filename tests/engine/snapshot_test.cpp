@@ -32,7 +32,7 @@ constexpr std::size_t kDrones = 24;
 
 NavigationBatch lively(AutoresetMode mode) {
   NavigationBatch config = testing::navigation_batch(kDrones);
-  config.pose_sensor = {.position_noise_std_m = 0.01F, .tilt_noise_std_deg = 0.5F};
+  config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 0.5F};
   config.navigation.action = ActionKind::displacement_yaw;
   config.navigation.step_m = 0.3F;
   config.episode.max_episode_steps = 40;
@@ -346,7 +346,7 @@ TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
       [](NavigationBatch& c) { c.num_envs = kDrones + 1; },
       [](NavigationBatch& c) { c.episode.autoreset_mode = AutoresetMode::same_step; },
       [](NavigationBatch& c) { c.pose_sensor.position_noise_std_m = 0.02F; },
-      [](NavigationBatch& c) { c.pose_sensor.tilt_noise_std_deg = 0.6F; },
+      [](NavigationBatch& c) { c.pose_sensor.orientation_noise_std_deg = 0.6F; },
       [](NavigationBatch& c) { c.pose_sensor.rate_hz = 5.0F; },
       [](NavigationBatch& c) { c.clock.dt_s = 0.2F; },
       [](NavigationBatch& c) { c.clock.substeps = 2; },

@@ -184,7 +184,7 @@ def test_lidars(fields, match):
         (flockstep.ClockConfig, {"dt_s": 0.0}, "dt_s"),
         (flockstep.ClockConfig, {"substeps": 0}, "substeps"),
         (flockstep.PoseSensorConfig, {"position_noise_std_m": -1.0}, "position_noise_std_m"),
-        (flockstep.PoseSensorConfig, {"tilt_noise_std_deg": np.inf}, "tilt_noise_std_deg"),
+        (flockstep.PoseSensorConfig, {"orientation_noise_std_deg": np.inf}, "orientation_noise_std_deg"),
     ],
 )
 def test_configs(config, fields, match):

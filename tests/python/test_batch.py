@@ -173,7 +173,7 @@ class TestPoseSensor:
 
     def test_noise_has_the_standard_deviation_it_says(self, room):
         n = 4000
-        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.02, tilt_noise_std_deg=3)
+        noise = flockstep.PoseSensorConfig(position_noise_std_m=0.02, orientation_noise_std_deg=3)
         batch = flockstep.Batch([room], n, pose_sensor=noise)
         batch.seed(np.arange(n))
         batch.sense()

@@ -42,7 +42,7 @@ def history(worlds, num_drones, kind="displacement_yaw", **arguments):
     episode = flockstep.EpisodeConfig(
         autoreset_mode=mode, max_episode_steps=25, random_world=True, stagger_first_episode=True
     )
-    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
+    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=0.5)
     arguments = {"num_threads": 1, **arguments}
     batch = flockstep.Batch(
         worlds, num_drones, lidar=flockstep.LidarConfig(), pose_sensor=noise, task=task, episode=episode, **arguments
@@ -153,7 +153,7 @@ def test_restored_equals_uninterrupted(worlds):
     task = flockstep.NavigationConfig(random_start=True)
     episode = flockstep.EpisodeConfig(max_episode_steps=25, random_world=True)
     arguments = {"lidar": flockstep.LidarConfig(), "task": task, "episode": episode, "num_threads": 2}
-    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=0.5)
+    noise = flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=0.5)
     one = flockstep.Batch(worlds, 64, pose_sensor=noise, **arguments)
     one.reset(np.arange(64))
     actions = actions_of(64, "discrete")

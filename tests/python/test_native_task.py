@@ -85,3 +85,15 @@ def test_what_is_no_task_is_refused(tmp_path):
         flockstep.NativeTask(str(tmp_path / "none.so"))
     with pytest.raises(ValueError, match="flockstep_make_task"):
         flockstep.NativeTask(flockstep._core.__file__)
+
+
+def test_a_library_that_makes_no_task_is_refused(tmp_path):
+    source = tmp_path / "none.cpp"
+    source.write_text(
+        'extern "C" __attribute__((visibility("default"))) void* flockstep_make_task() { return nullptr; }\n'
+    )
+    library = source.with_suffix(".so")
+    compiler = shlex.split(os.environ.get("CXX", "c++"))
+    subprocess.run([*compiler, "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
+    with pytest.raises(ValueError, match="returned no task"):
+        flockstep.DroneVectorEnv(1, worlds=HALL, task=flockstep.NativeTask(str(library)))

@@ -46,7 +46,7 @@ def test_envs_are_registered_by_import():
     [
         flockstep.LidarConfig(beams=7, offset_m=(0.1, 0, 0)),
         flockstep.LidarConfig(azimuth_deg=[0, 10], elevation_deg=[0, -10]),
-        flockstep.PoseSensorConfig(tilt_noise_std_deg=2.0),
+        flockstep.PoseSensorConfig(orientation_noise_std_deg=2.0),
         flockstep.NavigationReward(crash_weight=0.5),
         flockstep.NavigationConfig(action="displacement", reward=flockstep.NavigationReward(step_scale=7.0)),
     ],

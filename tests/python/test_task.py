@@ -1,7 +1,9 @@
 """Tasks written in Python, and snapshots of the env."""
 
 import ast
+import gc
 import inspect
+import weakref
 
 import numpy as np
 import pytest
@@ -357,3 +359,50 @@ class TestExamples:
     def test_the_twin_stays_close(self, example, capsys):
         example("navigation_numpy").main()
         assert "flags the same" in capsys.readouterr().out
+
+
+class TestPromises:
+    """What the class says of itself."""
+
+    def test_a_batch_with_a_task_is_let_go(self, room):
+        task = Climb()
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
+        env.reset(seed=0)
+        env.step(np.zeros((2, 3)))
+        batch = weakref.ref(env.batch)
+        np.testing.assert_array_equal(task.steps, [1, 1])
+        del env
+        gc.collect()
+        assert batch() is None
+        with pytest.raises(RuntimeError, match="Climb: no environment has this task"):
+            task.steps  # noqa: B018
+
+    def test_actions_beyond_the_space_are_clipped(self, room):
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=Climb())
+        env.reset(seed=0)
+        before = env.batch.position.copy()
+        env.step(np.array([[0, 0, 1], [0, 0, 50]], np.float32))
+        np.testing.assert_allclose(env.batch.position[:, 2] - before[:, 2], Climb.step_m, rtol=1e-5)
+
+    @pytest.mark.parametrize("quat", [(0, 0, 0, 0), (2, 0, 0, 0), (np.nan, 0, 0, 1)])
+    def test_a_quaternion_that_is_not_unit_is_refused(self, room, quat):
+        class Turned(Climb):
+            def act(self, batch, actions):
+                return batch.position, np.tile(np.float32(quat), (2, 1))
+
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=Turned())
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match="unit quaternions"):
+            env.step(np.zeros((2, 3)))
+
+    def test_another_step_length_or_module_is_another_task(self, room):
+        one, other = (flockstep.DroneVectorEnv(2, worlds=room, task=Climb()) for _ in range(2))
+        one.reset(seed=0)
+        other.restore(one.snapshot())
+        longer = Climb()
+        longer.step_m = 0.2
+        moved = type("Climb", (Climb,), {"__module__": "elsewhere"})()
+        for task in (longer, moved):
+            stranger = flockstep.DroneVectorEnv(2, worlds=room, task=task)
+            with pytest.raises(ValueError, match="configuration"):
+                stranger.restore(one.snapshot())

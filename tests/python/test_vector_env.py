@@ -51,7 +51,7 @@ class TestChecker:
                 random_world=True,
                 random_start=True,
                 stagger_first_episode=True,
-                pose_sensor=flockstep.PoseSensorConfig(position_noise_std_m=0.01, tilt_noise_std_deg=1.0),
+                pose_sensor=flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=1.0),
                 autoreset_mode=mode,
                 num_threads=3,
                 render_mode="rgb_array",

@@ -1,4 +1,4 @@
-// Attachment: a place on an object for what somebody else makes of it, and which is to live as long as the object.
+// Attachment: a slot in which other code caches what it derives from an object; it lives as long as the object.
 #pragma once
 
 #include <memory>

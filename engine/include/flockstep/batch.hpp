@@ -27,7 +27,7 @@ struct Outputs {
   FlagArray terminated;                      // (E,)
   FlagArray truncated;                       // (E,)
   FlagArray success;                         // (E,) ended here, and the task calls it a success
-  FlagArray crashed;                         // (E,) ended here, with a collision
+  FlagArray crashed;                         // (E,) ended here, in contact with something
   std::vector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
   std::vector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
 
@@ -64,18 +64,19 @@ class Batch {
   int num_threads() const;  // what num_threads = 0 became
   const State& state() const;
 
-  // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span keeps what is
+  // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});  // no collision check
   void move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});      // swept; see state().contact
   void sense(Mask mask = {});
 
   // --- slots
-  void spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
-             std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span keeps what is
+  void spawn(
+      std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
+      std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span leaves the value unchanged
   void remove(std::span<const std::int64_t> indices);
   void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (E,)
 
-  // --- the position and tilt sensor
+  // --- the pose sensor
   const std::vector<float>& sensed_position() const;   // (N, 3) m
   const std::vector<float>& sensed_quat_wxyz() const;  // (N, 4)
 
@@ -97,8 +98,8 @@ class Batch {
   void set_capture_mode(std::size_t camera, CaptureMode mode);
   void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
   const std::string& camera_backend_report() const;                                 // which backend renders, and why
-  std::string take_warning();  // what was not told yet, such as that OpenGL failed; empty mostly
-  // The bytes of a file of one drone's rgb, else grey, frame, which is not to be stale; quality in [1, 100].
+  std::string take_warning();  // a warning not reported yet, e.g. that OpenGL failed; usually empty
+  // JPEG file of one drone's rgb frame, or grey if it has no rgb; the frame must not be stale. Quality in [1, 100].
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -13,9 +14,15 @@
 #include <utility>
 #include <vector>
 
+#include "flockstep/fields.hpp"
+
 namespace flockstep {
 
 enum class DType : std::uint8_t { boolean, uint8, int32, int64, float32, float64 };
+template <>
+struct EnumNames<DType> {
+  static constexpr std::array kNames{"bool", "uint8", "int32", "int64", "float32", "float64"};
+};
 
 template <class T>
 inline constexpr DType kDType = DType::uint8;
@@ -57,6 +64,12 @@ struct Field {
   std::vector<double> low{-1.0};
   std::vector<double> high{1.0};
   std::vector<double> absent{0.0};  // likewise: what the row of a removed drone reads
+
+  static constexpr auto fields() {
+    using C = Field;
+    return field_list(field("name", &C::name), field("type", &C::type), field("shape", &C::shape), field("low", &C::low),
+                      field("high", &C::high), field("absent", &C::absent));
+  }
 
   std::size_t size() const {
     return static_cast<std::size_t>(std::accumulate(shape.begin(), shape.end(), std::int64_t{1}, std::multiplies<>()));

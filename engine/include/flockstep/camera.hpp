@@ -33,7 +33,7 @@ struct EnumNames<ImageLayout> {
 // capture).
 enum class CaptureMode : std::uint8_t {
   every_step,   // at every step or sense(), or as often as rate_hz says
-  on_movement,  // at those where the drone's pose or world is another than its frame shows
+  on_movement,  // when the drone's pose or world differs from what its frame shows
   on_demand,    // by capture() alone
 };
 template <>
@@ -72,7 +72,7 @@ struct CameraOutputs {
 
 // A pinhole camera. Its frame: x along the optical axis, y left, z up. The centre of the image is where the axis meets it.
 struct CameraConfig {
-  std::string name = "front";  // of its own in the batch: letters, digits, _ and -
+  std::string name = "front";  // unique in the batch: letters, digits, _ and -
   int width_px = 640;          // in [1, 8192]
   int height_px = 480;         // in [1, 8192]
   // Each in [0.1, 179]. One alone: pixels are square, and the other, which follows, is below 179, too. Neither: hfov_deg is 90.
@@ -108,7 +108,7 @@ struct CameraConfig {
 
 // Run-time changes to a camera of some drones; what is not set stays. The resolution is fixed per batch.
 struct CameraChange {
-  std::optional<float> hfov_deg;  // either of the two lets go of the other, unless both are given
+  std::optional<float> hfov_deg;  // setting one unsets the other, unless both are given
   std::optional<float> vfov_deg;
   std::optional<std::array<float, 3>> offset_m;
   std::optional<std::array<float, 4>> quat_wxyz;
@@ -125,7 +125,7 @@ struct CameraImages {
                                          // 0 where nothing is seen
   std::vector<float> normal;             // (N, H, W, 3) or (N, 3, H, W) unit, world frame, towards the camera; 0 where nothing
   std::vector<std::uint8_t> grey;        // (N, H, W) 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded
-  std::vector<std::int64_t> frame_step;  // (N,) how often the drone had been sensed in its episode; -1: stale
+  std::vector<std::int64_t> frame_step;  // (N,) State::sensed of the reading that the frame shows; -1: stale
 };
 
 }  // namespace flockstep

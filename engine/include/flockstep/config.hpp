@@ -1,6 +1,6 @@
-// BatchConfig: what a batch is made of, but for its worlds, its drone and its task.
+// BatchConfig: everything a batch is made of except its worlds, drone and task.
 // Configs are plain structs, valid by default, validated once where they enter. Names carry their unit or kind.
-// Throws of validate(): std::invalid_argument naming the field, what was expected and what came.
+// validate() throws std::invalid_argument naming the field, what was expected and what came.
 #pragma once
 
 #include <optional>

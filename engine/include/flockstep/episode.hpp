@@ -23,9 +23,9 @@ struct EnumNames<AutoresetMode> {
 struct EpisodeConfig {
   AutoresetMode autoreset_mode = AutoresetMode::next_step;
   std::optional<int> max_episode_steps;  // truncation, in flown steps; 0: never; none: what the task says
-  int frame_skip = 1;                    // in [1, 1000]: a step() flies its action so many times, or until the episode ends,
-                                         // and is rewarded the sum. All that counts steps counts those flown. Cameras look
-                                         // after the last alone.
+  int frame_skip = 1;                    // in [1, 1000]: step() repeats its action this many times, or until the episode
+                                         // ends, and returns the summed reward. All step counts are in flown steps. Cameras
+                                         // capture only after the last one.
   bool stagger_first_episode = false;    // first time limits spread over [1, max_episode_steps], keyed by seed
   bool random_world = false;             // each reset draws a world at random instead of keeping the env's own
 

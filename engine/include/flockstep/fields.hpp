@@ -20,7 +20,7 @@
 
 namespace flockstep {
 
-// What a field has to do with the configuration hash: two batches that differ in it alone step alike, or do not.
+// Whether a field enters the configuration hash: `nothing` if batches that differ only in it step alike.
 enum class Decides : bool { nothing, behaviour };
 
 template <class Struct, class Value>

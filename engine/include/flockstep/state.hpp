@@ -16,7 +16,7 @@ using FlagArray = std::vector<std::uint8_t>;  // 0 or 1, viewed as bool
 struct ContactState {           // of the last motion; written by collision, cleared by a reset or teleport
   FlagArray hit;                // (N,) something was touched
   FlagArray inside;             // (N,) the motion began in penetration
-  std::vector<float> fraction;  // (N,) of the motion that was flown
+  std::vector<float> fraction;  // (N,) of the motion that was flown; with substeps, of the one that hit
   std::vector<float> point;     // (N, 3) m, world frame, on the obstacle
   std::vector<float> normal;    // (N, 3) unit, world frame, from the obstacle towards the drone
 
@@ -37,8 +37,8 @@ struct State {
   std::vector<std::int32_t> world_index;  // (E,) into the batch's worlds
   std::vector<std::uint64_t> seed;        // (E,) key of the env's random numbers
   std::vector<std::int64_t> episode;      // (E,) which episode of its seed, from 0
-  std::vector<std::int64_t> tick;         // (E,) substeps flown in this episode; written by the clock
-  std::vector<std::int64_t> sensed;       // (E,) how often the sensors were asked in this episode; likewise
+  std::vector<std::int64_t> tick;         // (E,) substeps flown in this episode; written by the step and by move()
+  std::vector<std::int64_t> sensed;       // (E,) number of the latest reading in this episode: 0 at its first moment, -1 before
 
   static constexpr auto fields() {
     using C = State;

@@ -25,14 +25,20 @@
 namespace flockstep {
 
 struct TaskSpec {
-  // Of an integer type, a scalar: one of low, low + 1, ..., high. Of a floating-point type: any finite numbers; the task takes
-  // those beyond low and high for these.
+  // Of an integer type, a scalar: one of low, low + 1, ..., high. Of a floating-point type: any finite numbers; values
+  // outside [low, high] are clipped by the task.
   Field action;
-  std::vector<Field> observation;         // a single one is the observation; several are a dict of it
+  std::vector<Field> observation;         // one field is the observation itself; several form a dict
   std::vector<std::string> reward_terms;  // their sum is the reward
+
+  static constexpr auto fields() {
+    using C = TaskSpec;
+    return field_list(field("action", &C::action), field("observation", &C::observation),
+                      field("reward_terms", &C::reward_terms));
+  }
 };
 
-// What an env of the task is made of where its maker does not say.
+// Defaults for an environment with this task, where the caller gives no value.
 struct TaskDefaults {
   std::string worlds = "train";       // a set of scenes, or one
   std::optional<LidarConfig> lidar;   // none: no LiDAR
@@ -61,7 +67,7 @@ class TaskContext {
   virtual std::span<const float> lidar_max_range_m() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;
   virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
-  virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the position and tilt sensor
+  virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the pose sensor
 
   // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index.
   virtual float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const = 0;
@@ -76,7 +82,7 @@ class TaskContext {
 struct TaskBlock {
   TaskContext& context;
   std::span<const std::uint32_t> envs;
-  std::size_t thread;  // in [0, num_threads()): what is of one thread alone goes by it
+  std::size_t thread;  // in [0, num_threads()): the index for per-thread data
 };
 
 // Where each drone is to fly in the present step, in a straight line and turning evenly.
@@ -89,7 +95,7 @@ struct Score {
   std::size_t num_terms;
   std::vector<double> terms;  // (E, num_terms), each times its weight
   FlagArray terminated;       // (E,) the episode ends here
-  FlagArray success;          // (E,) and if it does, this was the point of it
+  FlagArray success;          // (E,) the episode counts as a success if it ends here
 
   std::span<double> terms_of(std::size_t env) { return {terms.data() + env * num_terms, num_terms}; }
 };
@@ -103,10 +109,11 @@ class Task {
   // Name and configuration: snapshots are restored between tasks of equal identity alone.
   virtual std::string identity() const = 0;
 
-  // Once, before anything else: allocate what has a row per env, and refuse what the task cannot do with, by
-  // std::invalid_argument. spec() may change here, and stays from then on.
+  // Called once, before any call about envs: allocate what has a row per env, and refuse what the task cannot work with, by
+  // std::invalid_argument. defaults() may be called earlier, on another object. spec() may change here, and stays from then on.
   virtual void setup(const TaskContext& context) = 0;
-  // Put the drones where an episode begins. By default: level at the start marker of their world, facing +x.
+  // Put the drones where an episode begins. By default: level, facing +x, at the start marker of their world, or
+  // at the centre of its bounds if it has none.
   virtual void place(const TaskBlock& block) {
     for (const std::uint32_t env : block.envs) {
       const World& world = block.context.world_of(env);

@@ -14,7 +14,7 @@ namespace flockstep {
 // Streams of the engine have the top bit set; a user's are below.
 enum class Stream : std::uint32_t {
   position_noise = 0x80000000U,
-  tilt_noise,
+  orientation_noise,
   start,
   world,
   time_limit,

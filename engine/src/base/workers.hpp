@@ -15,8 +15,8 @@ class Workers {
 
   int num_threads() const { return num_threads_; }
 
-  // Calls f(index, thread) for every index in [0, count), in no particular order; thread is in [0, num_threads), and what is of
-  // one thread alone goes by it. Denormals are zero.
+  // Calls f(index, thread) for every index in [0, count), in no particular order; thread is in [0, num_threads), the index
+  // for per-thread data. Denormals are zero.
   template <class F>
   void run(std::size_t count, const F& f) {
     run(

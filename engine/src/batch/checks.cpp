@@ -41,6 +41,34 @@ void has_task(const Simulation& sim) {
   if (!sim.run) throw std::logic_error("this Batch has no task: give it one (task=...) to reset and step it");
 }
 
+void spec(const TaskSpec& spec) {
+  const auto check = [](const Field& declared) {
+    const std::string name = "task's field " + declared.name;
+    for (const std::int64_t extent : declared.shape) require(extent >= 0, name, "a shape without negative extents", extent);
+    const auto fits = [&](const std::vector<double>& values, const char* kind) {
+      require(values.size() == 1 || values.size() == declared.size(), name,
+              std::string("one number as ") + kind + ", or one for each value", values.size());
+    };
+    fits(declared.low, "low");
+    fits(declared.high, "high");
+    fits(declared.absent, "absent");
+  };
+  check(spec.action);
+  const DType type = spec.action.type;
+  require(type == DType::int32 || type == DType::int64 || type == DType::float32, "task's action", "int32, int64 or float32",
+          EnumNames<DType>::kNames[static_cast<std::size_t>(type)]);
+  require(is_floating(type) || spec.action.shape.empty(), "task's action", "a scalar, where it is of an integer type",
+          std::to_string(spec.action.shape.size()) + " dimensions");
+  require(!spec.observation.empty(), "task's observation", "at least one field", "none");
+  for (std::size_t i = 0; i < spec.observation.size(); ++i) {
+    check(spec.observation[i]);
+    for (std::size_t k = 0; k < i; ++k) {
+      require(spec.observation[k].name != spec.observation[i].name, "task's observation", "fields with names of their own",
+              '"' + spec.observation[i].name + "\" twice");
+    }
+  }
+}
+
 void begun(const Simulation& sim) {
   for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
     if (sim.state.active[drone] && !sim.episodes.begun[sim.env_of(drone)]) {

@@ -6,6 +6,7 @@
 
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "batch/checks.hpp"
 
 namespace flockstep {
 namespace {
@@ -51,6 +52,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   TaskRun& run = *sim.run;
   run.task->setup(*sim.context);
   const TaskSpec& spec = run.spec();
+  checks::spec(spec);
   run.actions = run.actions_before = Buffer(spec.action, n);
   run.setpoints.target.resize(sim.num_drones());
   if (sim.config.clock.substeps > 1) run.step_start.resize(sim.num_drones());

@@ -29,8 +29,8 @@ std::uint64_t checksum_of(Header header, std::string_view body) {
   return hash.value();
 }
 
-// Everything that a snapshot holds, in its order.
-void visit(Simulation& sim, ArrayVisitor& visitor) {
+// Everything that a snapshot holds but what the task keeps, in its order.
+void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
   sim.pose_sensor.visit(visitor);
   if (sim.lidar) sim.lidar->visit(visitor);
@@ -39,7 +39,11 @@ void visit(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.episodes);
   visitor.bytes("actions", sim.run->actions.bytes(), sim.run->actions.type());
   visitor.fields(sim.outputs.now());
-  sim.run->task->visit(visitor);
+}
+
+void visit(Simulation& sim, ArrayVisitor& visitor) {
+  visit_own(sim, visitor);
+  if (sim.run) sim.run->task->visit(visitor);
 }
 
 class Writer final : public ArrayVisitor {
@@ -125,6 +129,7 @@ std::uint64_t config_hash(Simulation& sim) {
   hash.add(sim.config);
   if (sim.run) {
     hash.add(sim.run->task->identity());
+    hash.add(sim.run->spec());
     hash.add(sim.run->max_episode_steps);
   }
   for (const auto& world : sim.worlds) hash.add(world->content_hash());
@@ -157,8 +162,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
           "one of another");
   // Everything is read and checked before anything changes.
   Reader reader(body);
-  visit(sim, reader);
-  reader.require_end();
+  visit_own(sim, reader);
   const auto check_worlds = [&](std::span<const std::byte> bytes) { check_world_indices(sim, bytes); };
   reader.for_each("world_index", check_worlds);
   reader.for_each("taken_world", check_worlds);
@@ -171,6 +175,8 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   });
   camera = 0;
   reader.for_each("camera_settings", [&](std::span<const std::byte> bytes) { sim.cameras[camera++].check_restored(bytes); });
+  if (sim.run) sim.run->task->visit(reader);  // now, since its arrays may have the names of those above
+  reader.require_end();
 
   // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
   sim.outputs.turn();

@@ -1,8 +1,6 @@
 // Kinematic motion, the thesis's: a drone flies straight to its setpoint and turns evenly, within one flown step.
 #pragma once
 
-#include "collision/hull.hpp"
-#include "collision/obstacles.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/pose.hpp"
 

@@ -1,4 +1,4 @@
-// Beams: where a LiDAR's rays point in the body frame, and turning them into the world frame.
+// Beams: where a LiDAR's rays point in the body frame.
 #pragma once
 
 #include <cstddef>

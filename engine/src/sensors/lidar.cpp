@@ -53,8 +53,8 @@ void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
 
 void Lidar::change(const LidarChange& change, std::span<const std::uint32_t> drones) {
   const bool beams_move = change.hfov_deg || change.vfov_deg;
-  require(!(beams_move && config_.has_pattern()), "hfov_deg", "no field of view for a LiDAR made from a beam pattern",
-          change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
+  require(!(beams_move && config_.has_pattern()), change.hfov_deg ? "hfov_deg" : "vfov_deg",
+          "no field of view for a LiDAR made from a beam pattern", change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
   const auto changed = [&](LidarConfig config) {
     config.max_range_m = change.max_range_m.value_or(config.max_range_m);
     config.hfov_deg = change.hfov_deg.value_or(config.hfov_deg);

@@ -30,7 +30,7 @@ class Lidar {
   LidarConfig config_of(std::size_t drone) const;
   void set_config(std::size_t drone, const LidarConfig& config);  // of the same number of rays
 
-  // What changed() makes of every drone's setting has to be valid; it is checked before any is changed.
+  // The changed setting is checked before any drone's is changed.
   void change(const LidarChange& change, std::span<const std::uint32_t> drones);
 
   // Scans the listed drones; drone d is in scenes[world_index[d / drones_per_env]]. Where rays go through Embree, consecutive

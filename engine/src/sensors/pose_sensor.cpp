@@ -12,7 +12,7 @@ namespace flockstep {
 
 void PoseSensorConfig::validate() const {
   require_not_negative(position_noise_std_m, "pose_sensor.position_noise_std_m");
-  require_not_negative(tilt_noise_std_deg, "pose_sensor.tilt_noise_std_deg");
+  require_not_negative(orientation_noise_std_deg, "pose_sensor.orientation_noise_std_deg");
   if (rate_hz) require_positive(*rate_hz, "pose_sensor.rate_hz");
 }
 
@@ -46,7 +46,7 @@ void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state)
     }
     return;
   }
-  const float tilt_std_rad = config_.tilt_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
+  const float orientation_std_rad = config_.orientation_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
   for (const std::uint32_t drone : drones) {
     Pose pose = pose_of(state, drone);
     const std::size_t env = drone / drones_per_env_;
@@ -57,9 +57,9 @@ void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state)
     const auto [px, py] = normal_pair(draw(state, env, Stream::position_noise, index));
     const auto [pz, unused] = normal_pair(draw(state, env, Stream::position_noise, index + 1));
     pose.position += config_.position_noise_std_m * Vec3(px, py, pz);
-    const auto [rx, ry] = normal_pair(draw(state, env, Stream::tilt_noise, index));
-    const auto [rz, unused_too] = normal_pair(draw(state, env, Stream::tilt_noise, index + 1));
-    const Vec3 rotation_vector = tilt_std_rad * Vec3(rx, ry, rz);
+    const auto [rx, ry] = normal_pair(draw(state, env, Stream::orientation_noise, index));
+    const auto [rz, unused_too] = normal_pair(draw(state, env, Stream::orientation_noise, index + 1));
+    const Vec3 rotation_vector = orientation_std_rad * Vec3(rx, ry, rz);
     const float angle = rotation_vector.norm();
     if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
     store_pose(readings_.position.data() + 3 * std::size_t{drone}, readings_.quat_wxyz.data() + 4 * std::size_t{drone}, pose);

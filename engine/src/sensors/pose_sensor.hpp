@@ -1,4 +1,4 @@
-// PoseSensor: position and tilt, exact or with Gaussian noise.
+// PoseSensor: position and orientation, exact or with Gaussian noise.
 #pragma once
 
 #include <cstddef>

@@ -28,10 +28,20 @@ Aabb bounds_of(const SceneDescription& description) {
   return Aabb{box.min(), box.max()};
 }
 
+// Refusals name the file.
+std::shared_ptr<const World> made_from(SceneDescription description, const std::filesystem::path& path) {
+  try {
+    return std::make_shared<const World>(std::move(description));
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(path.string() + ": " + error.what());
+  }
+}
+
 }  // namespace
 
 std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
-  const std::string extension = path.extension().string();
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
   if (extension == ".json") {
     return std::make_shared<const World>(parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path()));
   }
@@ -39,11 +49,7 @@ std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
     SceneDescription description;
     description.name = path.stem().string();
     description.mesh = load_obj(path);
-    try {
-      return std::make_shared<const World>(std::move(description));
-    } catch (const std::invalid_argument& error) {
-      throw std::invalid_argument(path.string() + ": " + error.what());
-    }
+    return made_from(std::move(description), path);
   }
   refuse(path.string(), "a file ending in .json or .obj", '"' + extension + '"');
 }
