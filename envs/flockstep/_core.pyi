@@ -198,13 +198,13 @@ class PoseSensorConfig:
     # fields of PoseSensorConfig
     __match_args__: ClassVar[tuple[str, ...]]
     position_noise_std_m: float
-    tilt_noise_std_deg: float
+    orientation_noise_std_deg: float
     rate_hz: float | None
     def __init__(
         self,
         *,
         position_noise_std_m: float = 0.0,
-        tilt_noise_std_deg: float = 0.0,
+        orientation_noise_std_deg: float = 0.0,
         rate_hz: float | None = None,
     ) -> None: ...
     # end of fields
