@@ -101,6 +101,9 @@ class Task:
             raise RuntimeError(f"{_name(self)}: no environment has this task, or it has been closed")
         return batch
 
+    def __getstate__(self) -> dict[str, Any]:  # copies and pickles belong to no batch
+        return {name: value for name, value in vars(self).items() if name != "_batch"}
+
     def setup(self, batch: Batch) -> None:
         """Allocate state with a row per drone. Called once, before the first `reset`."""
 
@@ -124,11 +127,11 @@ class Task:
 
         The reward may be a mapping of the names in ``reward_terms`` to arrays (N,), of which it is the sum.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{_name(self)}.step: every task has to define it")
 
     def observe(self, batch: Batch) -> Array | Mapping[str, Array]:
         """Return the observation of all drones, (N, *observation_space.shape), or a mapping of these."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{_name(self)}.observe: every task has to define it")
 
     def state(self) -> dict[str, Array]:
         """Return everything of yours that the next step depends on, for `DroneVectorEnv.snapshot`."""

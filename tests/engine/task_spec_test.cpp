@@ -1,6 +1,7 @@
 // What a batch asks of what a task declares and names, whatever the task.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -64,6 +65,10 @@ TEST(TaskSpec, WhatTheEngineCannotDoWithIsRefused) {
       {"one number as high", [](TaskSpec& spec) { spec.observation[0].high = {}; }},
       {"one number as absent", [](TaskSpec& spec) { spec.observation[0].absent = {0, 0, 0}; }},
       {"without negative extents", [](TaskSpec& spec) { spec.observation[0].shape = {-1}; }},
+      {"low <= high", [](TaskSpec& spec) { spec.observation[0].low = {2}; }},
+      {"low <= high", [](TaskSpec& spec) { spec.action.high = {std::nan("")}; }},
+      {"within 32 bits",
+       [](TaskSpec& spec) { spec.action = {.name = "action", .type = DType::int64, .low = {0}, .high = {1e300}}; }},
       {"at least one field", [](TaskSpec& spec) { spec.observation.clear(); }},
       {"names of their own", [](TaskSpec& spec) { spec.observation.push_back(spec.observation[0]); }},
   };

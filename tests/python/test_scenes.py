@@ -329,8 +329,9 @@ def test_an_index_out_of_range_is_refused(tmp_path):
         flockstep.World.load(path)
 
 
-def test_an_obj_file_is_a_world(tmp_path):
-    path = tmp_path / "one.obj"
+@pytest.mark.parametrize("name", ["one.obj", "ONE.OBJ"])
+def test_an_obj_file_is_a_world(tmp_path, name):
+    path = tmp_path / name
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     vertices, triangles = flockstep.World.load(path).mesh()
     assert triangles.shape == (1, 3)

@@ -1,8 +1,10 @@
 """Tasks written in Python, and snapshots of the env."""
 
 import ast
+import copy
 import gc
 import inspect
+import pickle
 import weakref
 
 import numpy as np
@@ -376,6 +378,23 @@ class TestPromises:
         assert batch() is None
         with pytest.raises(RuntimeError, match="Climb: no environment has this task"):
             task.steps  # noqa: B018
+
+    def test_copies_and_pickles_belong_to_no_batch(self, room):
+        task = Climb()
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
+        env.reset(seed=0)
+        for other in (copy.deepcopy(task), pickle.loads(pickle.dumps(task))):
+            np.testing.assert_array_equal(other.bonus, task.bonus)
+            with pytest.raises(RuntimeError, match="no environment has this task"):
+                other.steps  # noqa: B018
+
+    def test_what_every_task_has_to_define_is_named(self, room):
+        class Nothing(flockstep.Task):
+            observation_space = Climb.observation_space
+
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=Nothing())
+        with pytest.raises(NotImplementedError, match=r"Nothing\.observe: every task has to define it"):
+            env.reset(seed=0)
 
     def test_actions_beyond_the_space_are_clipped(self, room):
         env = flockstep.DroneVectorEnv(2, worlds=room, task=Climb())

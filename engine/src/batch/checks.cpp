@@ -1,5 +1,6 @@
 #include "batch/checks.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -52,6 +53,11 @@ void spec(const TaskSpec& spec) {
     fits(declared.low, "low");
     fits(declared.high, "high");
     fits(declared.absent, "absent");
+    for (std::size_t i = 0; i < std::max(declared.low.size(), declared.high.size()); ++i) {
+      const double low = declared.low[declared.low.size() == 1 ? 0 : i];
+      const double high = declared.high[declared.high.size() == 1 ? 0 : i];
+      require(low <= high, name, "low <= high", std::to_string(low) + " and " + std::to_string(high));
+    }
   };
   check(spec.action);
   const DType type = spec.action.type;
@@ -59,6 +65,9 @@ void spec(const TaskSpec& spec) {
           EnumNames<DType>::kNames[static_cast<std::size_t>(type)]);
   require(is_floating(type) || spec.action.shape.empty(), "task's action", "a scalar, where it is of an integer type",
           std::to_string(spec.action.shape.size()) + " dimensions");
+  constexpr double kLargest = 0x1p31;  // a count of choices; a double beyond the type's range would be no integer at all
+  require(is_floating(type) || (spec.action.low[0] >= -kLargest && spec.action.high[0] < kLargest), "task's action",
+          "bounds within 32 bits, where it is of an integer type", spec.action.high[0]);
   require(!spec.observation.empty(), "task's observation", "at least one field", "none");
   for (std::size_t i = 0; i < spec.observation.size(); ++i) {
     check(spec.observation[i]);
