@@ -5,26 +5,38 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/excerpt.hpp"
 #include "base/require.hpp"
 #include "world/text_file.hpp"
 
 namespace flockstep {
 namespace {
 
+constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
+constexpr int kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
+
 [[noreturn]] void refuse(const std::filesystem::path& path, std::size_t line, const std::string& expected, std::string_view got) {
-  flockstep::refuse(path.string() + ':' + std::to_string(line), expected, '"' + std::string(got) + '"');
+  flockstep::refuse(path.string() + ':' + std::to_string(line), expected, '"' + excerpt(got) + '"');
+}
+
+// The next line of a text, which it is removed from. Lines end with \n, \r\n or \r.
+std::string_view next_line(std::string_view& text) {
+  const std::string_view line = text.substr(0, text.find_first_of("\r\n"));
+  text.remove_prefix(line.size());
+  text.remove_prefix(text.starts_with("\r\n") ? 2 : std::min<std::size_t>(text.size(), 1));
+  return line;
 }
 
 // The next word of a line, which it is removed from; empty at the end.
 std::string_view next_word(std::string_view& line) {
-  constexpr std::string_view kSpace = " \t\r";
+  constexpr std::string_view kSpace = " \t";
   line.remove_prefix(std::min(line.find_first_not_of(kSpace), line.size()));
   const std::string_view word = line.substr(0, line.find_first_of(kSpace));
   line.remove_prefix(word.size());
@@ -38,24 +50,31 @@ bool parse(std::string_view word, Number& value) {
   return error == std::errc() && end == word.data() + word.size();
 }
 
-// tinyobjloader reads a malformed number as 0 and lets indices run out of range, so the lines that matter are checked here first.
-void check_lines(const std::filesystem::path& path, const std::string& text) {
-  std::istringstream lines(text);
-  std::string line;
+// tinyobjloader reads a malformed number as 0, lets indices run out of range, and believes any size that a line states. So it is
+// given a text that has been checked and has nothing but vertices and faces, of vertex indices alone.
+std::string checked(const std::filesystem::path& path, std::string_view text) {
+  std::string kept;
   long num_vertices = 0;
-  for (std::size_t number = 1; std::getline(lines, line); ++number) {
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    const std::string_view line = next_line(text);
     std::string_view rest = line;
     const std::string_view keyword = next_word(rest);
     if (keyword == "v") {
+      require(num_vertices < kMaxIndex, path.string(), "at most 2147483647 vertices", "more");
       ++num_vertices;
+      kept += 'v';
       for (int axis = 0; axis < 3; ++axis) {
         const std::string_view word = next_word(rest);
         double value = 0.0;
         const bool is_good = parse(word, value) && std::abs(value) <= std::numeric_limits<float>::max();
         if (!is_good) refuse(path, number, "three finite coordinates after v", line);
+        kept += ' ';
+        kept += word;
       }
+      kept += '\n';
     } else if (keyword == "f") {
       int corners = 0;
+      kept += 'f';
       for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest), ++corners) {
         const std::string_view vertex = word.substr(0, word.find('/'));
         long index = 0;  // from 1, or counted back from the last vertex so far when negative
@@ -63,20 +82,22 @@ void check_lines(const std::filesystem::path& path, const std::string& text) {
         if (index == 0 || index > num_vertices || index < -num_vertices) {
           refuse(path, number, "a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
         }
+        if (corners == kMaxCorners) refuse(path, number, "at most 1000 corners after f", line);
+        kept += ' ';
+        kept += std::to_string(index > 0 ? index : num_vertices + 1 + index);
       }
       if (corners < 3) refuse(path, number, "at least three corners after f", line);
+      kept += '\n';
     }
   }
+  return kept;
 }
 
 }  // namespace
 
 TriangleMesh load_obj(const std::filesystem::path& path) {
-  const std::string text = read_text_file(path, "an OBJ file");
-  check_lines(path, text);
-
   tinyobj::ObjReader reader;
-  if (!reader.ParseFromString(text, "")) throw std::invalid_argument(path.string() + ": " + reader.Error());
+  if (!reader.ParseFromString(checked(path, read_text_file(path, "an OBJ file")), "")) throw std::invalid_argument(path.string() + ": " + reader.Error());
 
   TriangleMesh mesh;
   const std::vector<tinyobj::real_t>& coordinates = reader.GetAttrib().vertices;
