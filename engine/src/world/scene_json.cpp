@@ -7,11 +7,14 @@
 #include <initializer_list>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
+#include <span>
 #include <stdexcept>
 #include <string_view>
+#include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
+#include "base/excerpt.hpp"
 #include "base/require.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
@@ -19,10 +22,12 @@
 namespace flockstep {
 namespace {
 
-using Json = nlohmann::ordered_json;  // keeps the order of materials, which their indices depend on
+using Json = nlohmann::json;                 // finds a key among many in no time, and forgets their order
+using OrderedJson = nlohmann::ordered_json;  // keeps their order, and searches them one by one
 using Vec3d = Eigen::Vector3d;        // numbers are rounded to float32 once, after all arithmetic
 
 constexpr int kVersion = 1;
+constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; a scene has 5
 
 // ---------------------------------------------------------------------------------------------------------------- reading
 
@@ -33,13 +38,42 @@ struct Field {
   const std::string& source;
 };
 
-std::string shortened(std::string text) {
-  constexpr std::size_t kMaxLength = 60;
-  if (text.size() > kMaxLength) text = text.substr(0, kMaxLength) + "...";
-  return text;
+// Writes a value as JSON until the text is long enough for a message.
+void append(const Json& value, std::string& text) {
+  constexpr std::size_t kEnough = 200;
+  const auto list = [&](char open, char close, const auto& append_item) {
+    text += open;
+    for (auto item = value.begin(); item != value.end() && text.size() < kEnough; ++item) {
+      if (item != value.begin()) text += ',';
+      append_item(item);
+    }
+    text += close;
+  };
+  if (value.is_array()) {
+    list('[', ']', [&](const auto& item) { append(*item, text); });
+  } else if (value.is_object()) {
+    list('{', '}', [&](const auto& item) {
+      append(Json(excerpt(item.key(), kEnough)), text);
+      text += ':';
+      append(*item, text);
+    });
+  } else if (value.is_string()) {
+    text += Json(excerpt(value.get_ref<const std::string&>(), kEnough)).dump();
+  } else {
+    text += value.dump();
+  }
 }
 
-std::string name_of(const Field& field) { return field.source + (field.pointer.empty() ? "" : ": " + field.pointer); }
+std::string excerpt_of(const Json& value) {
+  std::string text;
+  append(value, text);
+  return excerpt(text);
+}
+
+std::string name_of(const Field& field) {
+  constexpr std::size_t kMaxPointer = 200;
+  return field.source + (field.pointer.empty() ? "" : ": " + excerpt(field.pointer, kMaxPointer));
+}
 
 [[noreturn]] void fail(const Field& field, const std::string& what) { throw std::invalid_argument(name_of(field) + ": " + what); }
 
@@ -49,7 +83,7 @@ template <class Got>
 }
 
 [[noreturn]] void refuse(const Field& field, const std::string& expected) {
-  refuse(field, expected, shortened(field.value.dump()));
+  refuse(field, expected, excerpt_of(field.value));
 }
 
 std::string escaped(std::string_view key) {
@@ -66,9 +100,11 @@ std::string escaped(std::string_view key) {
   return token;
 }
 
-Field child(const Field& parent, const std::string& key) {
-  return Field{parent.value.at(key), parent.pointer + '/' + escaped(key), parent.source};
+Field child(const Field& parent, std::string_view key, const Json& value) {
+  return Field{value, parent.pointer + '/' + escaped(key), parent.source};
 }
+
+Field child(const Field& parent, const std::string& key) { return child(parent, key, parent.value.at(key)); }
 
 Field child(const Field& parent, std::size_t index) {
   return Field{parent.value.at(index), parent.pointer + '/' + std::to_string(index), parent.source};
@@ -89,7 +125,7 @@ void check_object(const Field& field, std::initializer_list<std::string_view> kn
     if (std::find(known.begin(), known.end(), key) != known.end()) continue;
     std::string names;
     for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
-    fail(child(field, key), "unknown field; expected one of " + names);
+    fail(child(field, key, value), "unknown field; expected one of " + names);
   }
 }
 
@@ -98,23 +134,24 @@ const Json& require_array(const Field& field, const char* expected) {
   return field.value;
 }
 
-double number(const Field& field) {
+// limit: what is written may lie a float32 step beyond the largest coordinate, or be twice as large where it is a size.
+double number(const Field& field, double limit = kMaxCoordinate) {
   if (!field.value.is_number()) refuse(field, "a number");
   const double value = field.value.get<double>();
-  if (!(std::abs(value) <= kMaxCoordinate)) refuse(field, "a number within +-1e+06");
+  if (!(std::abs(value) <= limit)) refuse(field, limit < 1.5 * kMaxCoordinate ? "a number within +-1e+06" : "a number within +-2e+06");
   return value;
 }
 
-double positive(const Field& field) {
-  const double value = number(field);
+double positive(const Field& field, double limit = kMaxCoordinate) {
+  const double value = number(field, limit);
   if (value <= 0.0) refuse(field, "a number > 0");
   if (value < kMinSize) refuse(field, "a number >= 1e-06");
   return value;
 }
 
-Vec3d vec3(const Field& field) {
+Vec3d vec3(const Field& field, double limit = kMaxCoordinate) {
   if (!field.value.is_array() || field.value.size() != 3) refuse(field, "an array of 3 numbers");
-  return Vec3d(number(child(field, 0)), number(child(field, 1)), number(child(field, 2)));
+  return Vec3d(number(child(field, 0), limit), number(child(field, 1), limit), number(child(field, 2), limit));
 }
 
 Vec3 point(const Field& field) { return vec3(field).cast<float>(); }
@@ -138,8 +175,12 @@ struct Box3d {
   Vec3d min, max;
 };
 
+// A room is written by its corners, which may be half a float32 step from where they were read.
+constexpr double kMaxCorner = kMaxCoordinate + 0.125;
+constexpr double kMaxSize = 2.0 * kMaxCoordinate;
+
 Box3d min_max(const Field& field, bool needs_volume) {
-  const Box3d box{vec3(require(field, "min")), vec3(require(field, "max"))};
+  const Box3d box{vec3(require(field, "min"), kMaxCorner), vec3(require(field, "max"), kMaxCorner)};
   const double least = needs_volume ? 2.0 * kMinSize : 0.0;
   if (!((box.max - box.min).array() >= least).all()) refuse(field, needs_volume ? "min < max" : "min <= max");
   return box;
@@ -173,10 +214,14 @@ constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_colo
 
 // The key that says what the file is, and its version.
 constexpr const char* kVersionKey = "flockstep_scene";
+constexpr const char* kMaterialsKey = "materials";
 
 class SceneReader {
  public:
-  SceneReader(Field root, std::filesystem::path base_dir) : root_(std::move(root)), base_dir_(std::move(base_dir)) {}
+  SceneReader(Field root, std::span<const std::string> material_names, std::filesystem::path base_dir)
+      : root_(std::move(root)), material_names_(material_names), base_dir_(std::move(base_dir)) {
+    scene_.materials.clear();
+  }
 
   SceneDescription read() {
     refuse_older_name();
@@ -228,43 +273,41 @@ class SceneReader {
   }
 
   void read_materials() {
-    scene_.materials.clear();
     const std::optional<Field> materials = find(root_, "materials");
     if (!materials) return;
     if (!materials->value.is_object()) refuse(*materials, "an object");
     if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
-    for (const auto& [name, value] : materials->value.items()) {
+    for (const std::string& name : material_names_) {
       const Field field = child(*materials, name);
       check_object(field, {"base_color", "semantic"});
       Material material{name};
       material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
       if (const auto semantic = find(field, "semantic")) material.semantic = semantic_id(*semantic);
-      scene_.materials.push_back(std::move(material));
+      add_material(std::move(material));
     }
   }
 
-  std::uint16_t material_index(const std::string& name) const {
-    const auto is_it = [&](const Material& material) { return material.name == name; };
-    const auto found = std::find_if(scene_.materials.begin(), scene_.materials.end(), is_it);
-    return static_cast<std::uint16_t>(found - scene_.materials.begin());
+  std::uint16_t add_material(Material material) {
+    const auto index = static_cast<std::uint16_t>(scene_.materials.size());
+    material_index_.emplace(material.name, index);
+    scene_.materials.push_back(std::move(material));
+    return index;
   }
 
   std::uint16_t named_material(const Field& field) const {
     if (!field.value.is_string()) refuse(field, "the name of a material");
-    const std::uint16_t index = material_index(field.value.get<std::string>());
-    if (index == scene_.materials.size()) refuse(field, "a name listed in /materials");
-    return index;
+    const auto found = material_index_.find(field.value.get_ref<const std::string&>());
+    if (found == material_index_.end()) refuse(field, "a name listed in /materials");
+    return found->second;
   }
 
   std::uint16_t default_material(const Field& object) {
-    const std::uint16_t index = material_index("default");
-    if (index == scene_.materials.size()) {
-      if (index == kMaxMaterials) {
-        fail(object, "expected a field \"material\" (/materials leaves no room for \"default\"), found none");
-      }
-      scene_.materials.push_back(Material{"default"});
+    const auto found = material_index_.find("default");
+    if (found != material_index_.end()) return found->second;
+    if (scene_.materials.size() == kMaxMaterials) {
+      fail(object, "expected a field \"material\" (/materials leaves no room for \"default\"), found none");
     }
-    return index;
+    return add_material(Material{"default"});
   }
 
   std::uint16_t read_material(const Field& object) {
@@ -314,7 +357,7 @@ class SceneReader {
     check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     const Field height = require(field, "height");
-    const float half_height = half_size(height, positive(height));
+    const float half_height = half_size(height, positive(height, kMaxSize));
     if (kind == PrimitiveKind::capsule && half_height < radius) refuse(height, "a number >= twice the radius");
     scene_.primitives.push_back(Primitive{.kind = kind,
                                           .center = point(require(field, "center")),
@@ -326,10 +369,10 @@ class SceneReader {
   void read_box(const Field& field) {
     check_object(field, {"center", "size", "quat_wxyz", "material"});
     const Field size = require(field, "size");
-    Vec3 half_extents = vec3(size).cast<float>();
+    Vec3 half_extents = vec3(size, kMaxSize).cast<float>();
     for (std::size_t i = 0; i < 3; ++i) {
       const Field side = child(size, i);
-      half_extents[static_cast<Eigen::Index>(i)] = half_size(side, positive(side));
+      half_extents[static_cast<Eigen::Index>(i)] = half_size(side, positive(side, kMaxSize));
     }
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::box,
                                           .center = point(require(field, "center")),
@@ -356,7 +399,7 @@ class SceneReader {
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::plane,
                                           .center = point(require(field, "center")),
                                           .rotation = optional_quaternion(field),
-                                          .half_extents = Vec3(half_size(x, positive(x)), half_size(y, positive(y)), 0.0F),
+                                          .half_extents = Vec3(half_size(x, positive(x, kMaxSize)), half_size(y, positive(y, kMaxSize)), 0.0F),
                                           .material = read_material(field)});
   }
 
@@ -505,28 +548,80 @@ class SceneReader {
   }
 
   Field root_;
+  std::span<const std::string> material_names_;  // in the order of the file
   std::filesystem::path base_dir_;
+  std::unordered_map<std::string, std::uint16_t> material_index_;
   std::optional<Box3d> room_;
   SceneDescription scene_;
 };
 
-Json parse_json(const std::string& text, const std::string& source) {
-  // JSON leaves the meaning of a repeated field open; here it is a mistake.
-  std::vector<std::set<std::string>> open_objects;
-  const auto refuse_repeated_fields = [&](int /*depth*/, Json::parse_event_t event, Json& parsed) {
-    if (event == Json::parse_event_t::object_start) open_objects.emplace_back();
-    if (event == Json::parse_event_t::object_end) open_objects.pop_back();
-    if (event == Json::parse_event_t::key && !open_objects.back().insert(parsed.get<std::string>()).second) {
-      flockstep::refuse(source, "each field once", parsed.dump() + " twice in one object");
+[[noreturn]] void refuse_json(const std::string& source, const std::string& what) {
+  constexpr std::size_t kMaxReason = 300;
+  const std::size_t prefix_end = what.find("] ");  // "[json.exception.parse_error.101] parse error at line 3, column 7: ..."
+  throw std::invalid_argument(source + ": not valid JSON: " +
+                              excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
+}
+
+// Goes through a text before it is read: no field is repeated, which JSON leaves open and is a mistake here, and nothing is nested
+// deeper than recursion can follow. (Json::parse would call back for this, but search each list anew after each of its elements.)
+class Checker final : public nlohmann::json_sax<Json> {
+ public:
+  explicit Checker(const std::string& source) : source_(source) {}
+
+  std::vector<std::string> material_names;  // the keys of /materials, in the order of the file
+
+  bool null() override { return true; }
+  bool boolean(bool) override { return true; }
+  bool number_integer(number_integer_t) override { return true; }
+  bool number_unsigned(number_unsigned_t) override { return true; }
+  bool number_float(number_float_t, const string_t&) override { return true; }
+  bool string(string_t&) override { return true; }
+  bool binary(binary_t&) override { return true; }
+  bool start_object(std::size_t) override { return open(); }
+  bool end_object() override { return close(); }
+  bool start_array(std::size_t) override { return open(); }
+  bool end_array() override { return close(); }
+  bool key(string_t& name) override {
+    if (!keys_.back().insert(name).second) {
+      flockstep::refuse(source_, "each field once", excerpt_of(Json(name)) + " twice in one object");
     }
+    if (keys_.size() == 1) top_key_ = name;
+    if (keys_.size() == 2 && top_key_ == kMaterialsKey) material_names.push_back(name);
     return true;
-  };
+  }
+  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
+    refuse_json(source_, error.what());
+  }
+
+ private:
+  bool open() {
+    keys_.emplace_back();
+    flockstep::require(keys_.size() <= kMaxDepth, source_,
+                       "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
+    return true;
+  }
+  bool close() {
+    keys_.pop_back();
+    return true;
+  }
+
+  const std::string& source_;
+  std::vector<std::unordered_set<std::string>> keys_;  // of the arrays (none) and objects that are open
+  std::string top_key_;
+};
+
+struct Document {
+  Json root;
+  std::vector<std::string> material_names;
+};
+
+Document parse_json(const std::string& text, const std::string& source) {
+  Checker checker(source);
+  Json::sax_parse(text, &checker);
   try {
-    return Json::parse(text, refuse_repeated_fields);
+    return {Json::parse(text), std::move(checker.material_names)};
   } catch (const Json::exception& error) {
-    const std::string what = error.what();  // "[json.exception.parse_error.101] parse error at line 3, column 7: ..."
-    const std::size_t prefix_end = what.find("] ");
-    throw std::invalid_argument(source + ": not valid JSON: " + (prefix_end == what.npos ? what : what.substr(prefix_end + 2)));
+    refuse_json(source, error.what());
   }
 }
 
@@ -544,25 +639,30 @@ double shortest(double value) {
   return static_cast<float>(read) == single ? read : value;
 }
 
-Json numbers(const Vec3d& v) { return Json::array({shortest(v.x()), shortest(v.y()), shortest(v.z())}); }
+OrderedJson numbers(const Vec3d& v) { return OrderedJson::array({shortest(v.x()), shortest(v.y()), shortest(v.z())}); }
 
-Json numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
+OrderedJson numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
 
-Json numbers(const std::array<float, 3>& v) { return numbers(Vec3(v[0], v[1], v[2])); }
+OrderedJson numbers(const std::array<float, 3>& v) { return numbers(Vec3(v[0], v[1], v[2])); }
 
-Json write_material(const Material& material) {
-  Json object = {{"base_color", numbers(material.base_color)}};
-  if (material.semantic != 0) object["semantic"] = material.semantic;
-  return object;
+// As text, since an object of OrderedJson with many keys takes their number squared to build.
+std::string write_materials(const std::vector<Material>& materials) {
+  std::string text = "{";
+  for (const Material& material : materials) {
+    OrderedJson object = {{"base_color", numbers(material.base_color)}};
+    if (material.semantic != 0) object["semantic"] = material.semantic;
+    text += (text.size() > 1 ? "," : "") + OrderedJson(material.name).dump() + ':' + object.dump();
+  }
+  return text + '}';
 }
 
 // Halves of sums and differences of the corners must give the room's centre and half extents again: their digits are cut short
 // only if they still do.
-Json write_room(const Primitive& room, const std::string& material) {
+OrderedJson write_room(const Primitive& room, const std::string& material) {
   const Vec3d center = room.center.cast<double>();
   const Vec3d half = room.half_extents.cast<double>();
-  Json min = Json::array();
-  Json max = Json::array();
+  OrderedJson min = OrderedJson::array();
+  OrderedJson max = OrderedJson::array();
   for (int axis = 0; axis < 3; ++axis) {
     const double low = center[axis] - half[axis];
     const double high = center[axis] + half[axis];
@@ -576,15 +676,15 @@ Json write_room(const Primitive& room, const std::string& material) {
   return {{"min", min}, {"max", max}, {"material", material}};
 }
 
-void write_rotation(Json& object, const Quat& q) {
+void write_rotation(OrderedJson& object, const Quat& q) {
   if (q.w() == 1.0F && q.vec().isZero(0.0F)) return;
-  object["quat_wxyz"] = Json::array({shortest(q.w()), shortest(q.x()), shortest(q.y()), shortest(q.z())});
+  object["quat_wxyz"] = OrderedJson::array({shortest(q.w()), shortest(q.x()), shortest(q.y()), shortest(q.z())});
 }
 
-void write_primitive(Json& document, const Primitive& primitive, const std::string& material) {
+void write_primitive(OrderedJson& document, const Primitive& primitive, const std::string& material) {
   const Vec3d center = primitive.center.cast<double>();
   const Vec3d half = primitive.half_extents.cast<double>();
-  Json object;
+  OrderedJson object;
   switch (primitive.kind) {
     case PrimitiveKind::room:
       document["room"] = write_room(primitive, material);
@@ -616,9 +716,9 @@ void write_primitive(Json& document, const Primitive& primitive, const std::stri
 }
 
 // The triangles [first, last), whose vertices are [first_vertex, last_vertex).
-Json write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex, std::size_t last_vertex,
+OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex, std::size_t last_vertex,
                 const std::vector<Material>& materials) {
-  Json object = {{"vertices", Json::array()}, {"triangles", Json::array()}, {"material", Json::array()}};
+  OrderedJson object = {{"vertices", OrderedJson::array()}, {"triangles", OrderedJson::array()}, {"material", OrderedJson::array()}};
   for (std::size_t i = first_vertex; i < last_vertex; ++i) object["vertices"].push_back(numbers(mesh.vertices[i]));
   bool is_of_one_material = first != last;
   for (std::size_t i = first; i < last; ++i) {
@@ -636,8 +736,8 @@ Json write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, s
 }
 
 // One for each object; their triangles, and the vertices of these, lie one after another.
-Json write_meshes(const TriangleMesh& mesh, const std::vector<Material>& materials) {
-  Json meshes = Json::array();
+OrderedJson write_meshes(const TriangleMesh& mesh, const std::vector<Material>& materials) {
+  OrderedJson meshes = OrderedJson::array();
   std::size_t first = 0;
   std::size_t first_vertex = 0;
   for (unsigned object = 0; first < mesh.triangles.size(); ++object) {
@@ -655,11 +755,11 @@ Json write_meshes(const TriangleMesh& mesh, const std::vector<Material>& materia
   return meshes;
 }
 
-Json write_markers(const Markers& markers) {
-  Json object = {{"radius", shortest(markers.radius)}};
+OrderedJson write_markers(const Markers& markers) {
+  OrderedJson object = {{"radius", shortest(markers.radius)}};
   if (markers.start) object["start"] = numbers(*markers.start);
   if (!markers.waypoints.empty()) {
-    Json& waypoints = object["waypoints"] = Json::array();
+    OrderedJson& waypoints = object["waypoints"] = OrderedJson::array();
     for (const Vec3& waypoint : markers.waypoints) waypoints.push_back(numbers(waypoint));
   }
   if (markers.goal) object["goal"] = numbers(*markers.goal);
@@ -670,9 +770,9 @@ Json write_markers(const Markers& markers) {
 }
 
 // What differs from the default.
-Json write_light(const Light& light) {
+OrderedJson write_light(const Light& light) {
   const Light usual;
-  Json object = Json::object();
+  OrderedJson object = OrderedJson::object();
   if (light.sun_direction != usual.sun_direction) object["sun_direction"] = numbers(light.sun_direction);
   for (const auto& [key, member] : kLightColors) {
     if (light.*member != usual.*member) object[key] = numbers(light.*member);
@@ -682,18 +782,22 @@ Json write_light(const Light& light) {
 }
 
 // One line per top-level field, and per element where a field is a list of objects.
-std::string format(const Json& document) {
+std::string format(const OrderedJson& document, const std::vector<Material>& materials) {
   std::string text = "{";
   const char* separator = "\n";
   for (const auto& [key, value] : document.items()) {
-    text += separator + ("  " + Json(key).dump() + ": ");
+    text += separator + ("  " + OrderedJson(key).dump() + ": ");
     separator = ",\n";
+    if (key == kMaterialsKey) {
+      text += write_materials(materials);
+      continue;
+    }
     if (!value.is_array()) {
       text += value.dump();
       continue;
     }
     const char* element_separator = "[\n";
-    for (const Json& element : value) {
+    for (const OrderedJson& element : value) {
       text += element_separator + ("    " + element.dump());
       element_separator = ",\n";
     }
@@ -705,21 +809,19 @@ std::string format(const Json& document) {
 }  // namespace
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir) {
-  const Json document = parse_json(text, source);
-  return SceneReader(Field{document, "", source}, base_dir).read();
+  const Document document = parse_json(text, source);
+  return SceneReader(Field{document.root, "", source}, document.material_names, base_dir).read();
 }
 
 std::string write_scene(const SceneDescription& description) {
-  Json document = {{kVersionKey, kVersion}, {"name", description.name}};
-  Json& materials = document["materials"] = Json::object();
-  for (const Material& material : description.materials) materials[material.name] = write_material(material);
+  OrderedJson document = {{kVersionKey, kVersion}, {"name", description.name}, {kMaterialsKey, nullptr}};
   for (const Primitive& primitive : description.primitives) {
     write_primitive(document, primitive, description.materials[primitive.material].name);
   }
   if (!description.mesh.triangles.empty()) document["meshes"] = write_meshes(description.mesh, description.materials);
   document["markers"] = write_markers(description.markers);
-  if (Json light = write_light(description.light); !light.empty()) document["light"] = std::move(light);
-  return format(document);
+  if (OrderedJson light = write_light(description.light); !light.empty()) document["light"] = std::move(light);
+  return format(document, description.materials);
 }
 
 }  // namespace flockstep

@@ -1,10 +1,14 @@
 #include "world/text_file.hpp"
 
 #include <cerrno>
+#include <cstdint>
 #include <cstring>
 #include <fstream>
-#include <sstream>
 #include <stdexcept>
+#include <system_error>
+
+#include "base/platform.hpp"
+#include "base/require.hpp"
 
 namespace flockstep {
 namespace {
@@ -13,22 +17,49 @@ namespace {
   throw std::invalid_argument(path.string() + ": cannot " + what + ": " + std::strerror(errno));
 }
 
+// A pipe or a device may have no end, and must not be replaced by a file.
+void require_regular(const std::filesystem::path& path, const std::string& what) {
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) return;
+  throw std::invalid_argument(path.string() + ": cannot " + what + ": not a regular file");
+}
+
 }  // namespace
 
 std::string read_text_file(const std::filesystem::path& path, const std::string& kind) {
+  require_regular(path, "read " + kind);
   errno = 0;
-  std::ifstream file(path, std::ios::binary);
-  std::ostringstream text;
-  const bool has_content = file && file.peek() != std::ifstream::traits_type::eof();
-  if (has_content) text << file.rdbuf();  // which would fail on an empty file
-  if (!file.is_open() || file.bad() || !text) fail(path, "read " + kind);
-  return text.str();
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  if (!file.is_open()) fail(path, "read " + kind);
+  const std::streamoff size = file.tellg();
+  if (size < 0) fail(path, "read " + kind);
+  require(size <= kMaxFileBytes, path.string(), "at most " + std::to_string(kMaxFileBytes) + " bytes", size);
+  std::string text(static_cast<std::size_t>(size), '\0');
+  file.seekg(0);
+  file.read(text.data(), size);
+  if (file.gcount() != size) fail(path, "read " + kind);
+  return text;
 }
 
 void write_text_file(const std::filesystem::path& path, const std::string& kind, const std::string& text) {
-  errno = 0;
-  std::ofstream file(path, std::ios::binary);
-  if (!(file << text) || !file.flush()) fail(path, "write " + kind);
+  std::error_code error;
+  require_regular(path, "write " + kind);
+  const bool is_link = std::filesystem::is_symlink(path, error);
+  const std::filesystem::path place = is_link ? std::filesystem::canonical(path, error) : path;
+  std::filesystem::path beside = place;  // under a name that no other process or thread has at this moment
+  beside += "." + std::to_string(process_id()) + "-" + std::to_string(reinterpret_cast<std::uintptr_t>(&error)) + ".part";
+  try {
+    errno = 0;
+    std::ofstream file(beside, std::ios::binary);
+    if (!(file << text) || !file.flush()) fail(path, "write " + kind);
+    file.close();
+    std::filesystem::rename(beside, place, error);
+    if (error) throw std::invalid_argument(path.string() + ": cannot write " + kind + ": " + error.message());
+  } catch (...) {
+    std::filesystem::remove(beside, error);
+    throw;
+  }
 }
 
 }  // namespace flockstep

@@ -2,11 +2,16 @@
 #pragma once
 
 #include <filesystem>
+#include <ios>
 #include <string>
 
 namespace flockstep {
 
-// kind says in messages what the file was taken for ("a scene file"). Throw std::invalid_argument naming the file and the cause.
+inline constexpr std::streamoff kMaxFileBytes = std::streamoff{1} << 30;  // larger ones are refused
+
+// kind says in messages what the file was taken for ("a scene file"). Throw std::invalid_argument naming the file and the cause:
+// it is missing, a folder or a device, or too large. A file is written beside its place and then renamed, so that it is there as
+// a whole or as it was before.
 std::string read_text_file(const std::filesystem::path& path, const std::string& kind);
 void write_text_file(const std::filesystem::path& path, const std::string& kind, const std::string& text);
 
