@@ -82,6 +82,41 @@ TEST_F(Obj, BadFilesAreRefusedWithTheLine) {
   EXPECT_EQ(message_of(""), ": expected at least one face, got none");
 }
 
+TEST_F(Obj, LinesEndInAnyOfThreeWays) {
+  const std::string lines[] = {"v 0 0 0", "v 1 0 0", "", "# v", "v 1 1 0", "f 1 2 3"};
+  for (const std::string end : {"\n", "\r\n", "\r"}) {
+    std::string text;
+    for (const std::string& line : lines) text += line + end;
+    EXPECT_EQ(load(text).triangles.size(), 1U);
+    EXPECT_EQ(message_of(text + "f 1 2 4" + end), ":7: expected a vertex index within the 3 vertices so far, got \"4\"");
+  }
+  EXPECT_EQ(message_of("v 5\r6\r7\r"), ":1: expected three finite coordinates after v, got \"v 5\"");
+  EXPECT_EQ(message_of(kSquare + "f 1 2 3\rf 1 2 99999999"), ":6: expected a vertex index within the 4 vertices so far, got \"99999999\"");
+}
+
+TEST_F(Obj, WhatIsNeitherVertexNorFaceIsPassedOver) {
+  const std::string others =
+      "vt 1\nvn x\nvp 1 2\nl 1 99999999\np 77 -77\nt crease 2147483647/2147483647/2147483647\nmtllib /dev/zero\n"
+      "usemtl no\ng\ns off\nvw 1 0 2147483647 1\nfoo\n";
+  EXPECT_EQ(load(others + kSquare + others + "f 1/9/9 2//-8 3/x\n" + others).triangles.size(), 1U);
+}
+
+TEST_F(Obj, FacesHaveAThousandCornersAtMost) {
+  std::string vertices;
+  std::string face = "f";
+  for (int i = 1; i <= 1000; ++i) {
+    vertices += "v " + std::to_string(i) + ' ' + std::to_string(i * i) + " 0\n";
+    face += ' ' + std::to_string(i);
+  }
+  EXPECT_EQ(load(vertices + face + '\n').triangles.size(), 998U);
+  EXPECT_NE(message_of(vertices + face + " 1\n").find(":1001: expected at most 1000 corners after f"), std::string::npos);
+}
+
+TEST_F(Obj, MessagesAreShortAndUtf8) {
+  EXPECT_EQ(message_of("v 1 2 \xFC\n"), ":1: expected three finite coordinates after v, got \"v 1 2 ?\"");
+  EXPECT_LT(message_of("v " + std::string(1000000, 'x')).size(), 200U);
+}
+
 TEST(ObjFile, AMissingFileIsNamed) {
   try {
     load_obj("no-such.obj");

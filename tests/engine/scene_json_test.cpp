@@ -428,6 +428,70 @@ TEST(SceneJson, TruncatedAnywhereIsRefused) {
   EXPECT_EQ(message_of(whole), "accepted");
 }
 
+TEST(SceneJson, NestingIsBounded) {
+  for (const std::size_t depth : {33U, 100000U}) {
+    const std::string open(depth, '[');
+    EXPECT_EQ(message_of(open), "x.json: expected at most 32 arrays and objects in one another, got more");
+    EXPECT_EQ(message_of(scene(R"("name": )" + open + std::string(depth, ']'))),
+              "x.json: expected at most 32 arrays and objects in one another, got more");
+  }
+  EXPECT_EQ(message_of(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
+            "x.json: /name: expected a string, got " + std::string(31, '[') + std::string(29, ']') + "...");
+}
+
+TEST(SceneJson, MessagesAreShortHoweverMuchCame) {
+  const std::string euros = [] {
+    std::string text;
+    for (int i = 0; i < 100000; ++i) text += "\u20ac";
+    return text;
+  }();
+  EXPECT_EQ(message_of(scene(R"("room": ")" + euros + '"')),
+            "x.json: /room: expected an object, got \"" + euros.substr(0, 57) + "...");
+  std::string list = "[1";
+  for (int i = 0; i < 100000; ++i) list += ",{\"a\":[]}";
+  EXPECT_LT(message_of(scene(R"("room": )" + list + ']')).size(), 200U);
+  EXPECT_LT(message_of(scene('"' + euros + R"(": 1)")).size(), 500U);
+  EXPECT_LT(message_of('"' + euros).size(), 500U);
+}
+
+TEST(SceneJson, ManyThingsAndManyNames) {
+  constexpr int kCount = 65000;  // less than a second; searched through one by one, half a minute
+  std::string materials;
+  std::string spheres;
+  std::string unknown;
+  for (int i = 0; i < kCount; ++i) {
+    const std::string name = "\"material " + std::to_string(kCount - i) + '"';
+    materials += (i == 0 ? "" : ",") + name + R"(:{"base_color":[0,0,1]})";
+    spheres += (i == 0 ? "" : ",") + (R"({"center":[0,0,0],"radius":1,"material":)" + name) + '}';
+    unknown += (i == 0 ? "\"" : ",\"") + std::to_string(i) + "\":0";
+  }
+  const std::string text = scene(R"("materials":{)" + materials + R"(},"spheres":[)" + spheres + ']');
+  const World world(parse_scene(text, "x.json", {}));
+  ASSERT_EQ(world.materials().size(), std::size_t{kCount});
+  EXPECT_EQ(world.materials().front().name, "material 65000");
+  EXPECT_EQ(world.primitives().back().material, kCount - 1);
+  expect_same(world, *World::from_json(world.to_json()));
+  EXPECT_NE(message_of(scene(unknown)).find("unknown field; expected one of"), std::string::npos);
+}
+
+TEST(SceneJson, TheLargestAndTheSmallestComeBack) {
+  const char* const scenes[] = {
+      R"("pillars": [{"center": [0, 0], "radius": 1, "z": [-1e6, 1e6]}])",
+      R"("boxes": [{"center": [1e6, 1e6, 1e6], "size": [2e6, 2e6, 2e-6]}])",
+      R"("planes": [{"center": [1e6, 1e6, 1e6], "size": [2e6, 2e-6]}])",
+      R"("capsules": [{"center": [-1e6, 0, 0], "radius": 1e6, "height": 2e6}])",
+      R"("cylinders": [{"center": [-1e6, 0, 0], "radius": 1e-6, "height": 2e-6}])",
+      R"("spheres": [{"center": [-1e6, 0, 0], "radius": 1e6}])",
+      R"("room": {"min": [-999999.97, -1e6, -1e6], "max": [1e6, 999999.9375, 1e6]})",
+  };
+  for (const char* const fields : scenes) {
+    const auto world = World::from_json(scene(fields));
+    const auto again = World::from_json(world->to_json());
+    expect_same(*world, *again);
+    EXPECT_EQ(world->to_json(), again->to_json());
+  }
+}
+
 TEST(SceneJson, RoundTripKeepsEveryBit) {
   std::mt19937 random(1);
   const auto draw = [&random](float low, float high) { return std::uniform_real_distribution<float>(low, high)(random); };

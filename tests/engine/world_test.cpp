@@ -274,6 +274,24 @@ TEST(World, SavesAndLoads) {
   EXPECT_THROW(world.save("/no-such-folder/a.json"), std::invalid_argument);
 }
 
+TEST(World, AFileIsReplacedAsAWholeOrNotAtAll) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_save";
+  std::filesystem::remove_all(folder);
+  std::filesystem::create_directories(folder / "sub");
+  const World world(valid());
+  world.save(folder / "sub" / "a.json");
+  std::filesystem::create_symlink(folder / "sub" / "a.json", folder / "link.json");
+  world.save(folder / "link.json");
+  EXPECT_TRUE(std::filesystem::is_symlink(folder / "link.json"));
+  EXPECT_THROW(world.save(folder / "sub"), std::invalid_argument);
+  EXPECT_THROW(world.save("/dev/full"), std::invalid_argument);
+  EXPECT_FALSE(std::filesystem::is_regular_file("/dev/full"));
+  std::size_t count = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) count += entry.exists() ? 1 : 0;
+  EXPECT_EQ(count, 3U);  // nothing else is left
+  std::filesystem::remove_all(folder);
+}
+
 TEST(World, LoadsABareMesh) {
   const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "flockstep_world_test.obj";
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n";
