@@ -24,12 +24,12 @@ TEST(Excerpt, WhatIsLongIsCutBetweenCharacters) {
 TEST(Excerpt, WhatIsNoTextIsShownByQuestionMarks) {
   EXPECT_EQ(excerpt("a\nb\tc\x7F"), "a?b?c?");
   EXPECT_EQ(excerpt(std::string("a\0b", 3)), "a?b");
-  EXPECT_EQ(excerpt("\xE9t\xE9"), "?t?");               // Latin-1
-  EXPECT_EQ(excerpt("\xC0\xAF"), "??");                 // overlong
-  EXPECT_EQ(excerpt("\xE0\x80\xAF"), "???");            // overlong
-  EXPECT_EQ(excerpt("\xED\xA0\x80"), "???");            // a surrogate
-  EXPECT_EQ(excerpt("\xF4\x90\x80\x80"), "????");       // beyond the last character
-  EXPECT_EQ(excerpt("ab\xE2\x82"), "ab??");             // cut short
+  EXPECT_EQ(excerpt("\xE9t\xE9"), "?t?");          // Latin-1
+  EXPECT_EQ(excerpt("\xC0\xAF"), "??");            // overlong
+  EXPECT_EQ(excerpt("\xE0\x80\xAF"), "???");       // overlong
+  EXPECT_EQ(excerpt("\xED\xA0\x80"), "???");       // a surrogate
+  EXPECT_EQ(excerpt("\xF4\x90\x80\x80"), "????");  // beyond the last character
+  EXPECT_EQ(excerpt("ab\xE2\x82"), "ab??");        // cut short
 }
 
 }  // namespace

@@ -91,7 +91,8 @@ TEST_F(Obj, LinesEndInAnyOfThreeWays) {
     EXPECT_EQ(message_of(text + "f 1 2 4" + end), ":7: expected a vertex index within the 3 vertices so far, got \"4\"");
   }
   EXPECT_EQ(message_of("v 5\r6\r7\r"), ":1: expected three finite coordinates after v, got \"v 5\"");
-  EXPECT_EQ(message_of(kSquare + "f 1 2 3\rf 1 2 99999999"), ":6: expected a vertex index within the 4 vertices so far, got \"99999999\"");
+  EXPECT_EQ(message_of(kSquare + "f 1 2 3\rf 1 2 99999999"),
+            ":6: expected a vertex index within the 4 vertices so far, got \"99999999\"");
 }
 
 TEST_F(Obj, WhatIsNeitherVertexNorFaceIsPassedOver) {

@@ -17,6 +17,7 @@ namespace {
 constexpr double kTouching = 1e-6;      // m; hulls closer than this overlap
 constexpr double kResolution = 2e-6;    // m; how near to its target gap an advance ends
 constexpr double kSlack = 1e-5;         // m; what a hull that rests may lose of its gap before that counts as pressing
+constexpr double kGain = 2e-6;          // m; more than two searches for the same gap differ by
 constexpr double kFloatStep = 0x1p-23;  // of a coordinate
 constexpr int kBallTurns = 4;
 constexpr double kBallStep = 0.1;  // m; the path's nearest point is good enough if it moves by less
@@ -37,13 +38,15 @@ struct Margins {
   }
 
   double resting() const { return standoff + slack; }  // a smaller gap at the start is that of a hull at rest
+  // No motion ends nearer, whatever came before: rounding a pose at the standoff costs less than half of it.
+  double floor() const { return 0.5 * standoff; }
 };
 
 // What lies between hull and obstacle at one time.
 struct Clearance {
   bool overlapping = false;
   Plane plane;
-  double gap = 0.0;             // m, from the plane to the hull
+  double gap = 0.0;             // m, from the plane to the hull; less than 0 where the hull reaches through
   Vec3d point = Vec3d::Zero();  // m, on the obstacle
 };
 
@@ -103,17 +106,15 @@ class Mover {
   }
 
   // Conservative advancement (B. Mirtich, "Impulse-based Dynamic Simulation of Rigid Body Systems", 1996, 2.3), over planes that
-  // separate. `now` is what lies between at the start, clearance(time, guess) what lies there at a time. Contacts after `limit`
-  // need not be found.
+  // separate. `now` is what lies between at the start, not less than the floor, and clearance(time, guess) what lies there at a
+  // time. Contacts after `limit` need not be found.
   template <class ClearanceAt>
   Touch first_touch(Clearance now, const ClearanceAt& clearance, const Margins& margins, double limit) const {
-    if (now.overlapping || now.gap <= kTouching) {
-      return {true, true, 0.0, now.plane.normal, now.point};
-    }
-    // A hull that starts at the standoff, where an earlier motion left it, must not come nearer, but may stay.
+    // A hull that starts at the standoff, where an earlier motion left it, must not come much nearer, but may stay. What it may
+    // lose ends at the floor, so that many motions lose no more than one.
     const Clearance first = now;
     const bool resting = first.gap < margins.resting();
-    const double target = resting ? std::max(first.gap - margins.slack, 0.5 * kTouching) : margins.standoff;
+    const double target = resting ? std::max(first.gap - margins.slack, margins.floor()) : margins.standoff;
     double time = 0.0;
     for (int advance = 0; advance < kMaxAdvances; ++advance) {
       const double clear = clear_until(now.plane, time, target);
@@ -131,6 +132,24 @@ class Mover {
       return {true, false, time, now.plane.normal, now.point};
     }
     return rewind(clearance, first, now.plane.normal, time);
+  }
+
+  // The touch of a hull that starts nearer than the floor, or inside: it may fly the whole motion if that ends no nearer to the
+  // plane than it began, and `gain` farther away, and lies no nearer on the way; otherwise it stays.
+  Touch leave(const Clearance& first, double gain) const {
+    const bool inside = first.overlapping || first.gap <= kTouching;
+    Touch touch{true, inside, 0.0, first.plane.normal, first.point};
+    if (gap(first.plane, 1.0) < first.gap + gain) return touch;
+    double time = 0.0;
+    for (int advance = 0; advance < kMaxAdvances && time < 1.0; ++advance) {
+      const double clear = clear_until(first.plane, time, first.gap - kResolution);
+      if (clear <= time) return touch;
+      time = clear;
+    }
+    if (time < 1.0) return touch;
+    touch.hit = inside;
+    touch.time = 1.0;
+    return touch;
   }
 
  private:
@@ -205,27 +224,31 @@ class Search {
   void meet(const Convex& obstacle, std::uint32_t element) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
     if (!approach) return;
-    const std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
+    std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
     if (!start) return;
-    const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
-    Touch touch = mover().first_touch(*start, clearance, margins_, first_.time);
-    if (touch.inside) {
+    if (start->overlapping || start->gap <= kTouching) {  // by how much, and which way is out
       const Penetration out = penetrate(hull_, mover().path().matrix(0.0), mover().path().position(0.0), obstacle);
-      touch.normal = out.normal;
-      touch.point = out.point;
+      const Plane plane = supporting_plane(obstacle, out.normal);
+      start = Clearance{true, plane, mover().gap(plane, 0.0), out.point};
     }
-    take(touch, element);
+    if (start->overlapping || start->gap < margins_.floor()) {
+      take(mover().leave(*start, start->overlapping ? 0.0 : kGain), element);
+      return;
+    }
+    const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
+    take(mover().first_touch(*start, clearance, margins_, first_.time), element);
   }
 
   Contact contact() const {
     Contact contact;
-    if (!first_.hit) return contact;
+    if (!first_.hit && !inside_.hit) return contact;
+    const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
-    contact.inside = first_.inside;
+    contact.inside = inside_.hit;
     contact.fraction = static_cast<float>(first_.time);
     if (static_cast<double>(contact.fraction) > first_.time) contact.fraction = std::nextafter(contact.fraction, 0.0F);
-    contact.point = first_.point.cast<float>();
-    contact.normal = first_.normal.cast<float>().normalized();
+    contact.point = shown.point.cast<float>();
+    contact.normal = shown.normal.cast<float>().normalized();
     return contact;
   }
 
@@ -240,9 +263,12 @@ class Search {
     const auto clearance = [this, &wall](double time, const Vec3d&) {
       return Clearance{false, wall, mover().gap(wall, time), Vec3d::Zero()};
     };
-    Touch touch = mover().first_touch(clearance(0.0, wall.normal), clearance, margins_, first_.time);
+    const Clearance start = clearance(0.0, wall.normal);
+    Touch touch =
+        start.gap < margins_.floor() ? mover().leave(start, 0.0) : mover().first_touch(start, clearance, margins_, first_.time);
     if (touch.hit) {
-      touch.point = point_on_wall(hull_, mover().path().matrix(touch.time), mover().path().position(touch.time), wall);
+      const double at = touch.inside ? 0.0 : touch.time;
+      touch.point = point_on_wall(hull_, mover().path().matrix(at), mover().path().position(at), wall);
       take(touch, element);
     }
   }
@@ -313,8 +339,12 @@ class Search {
   }
 
   void take(const Touch& touch, std::uint32_t element) {
-    const auto key = [](const Touch& t, std::uint32_t e) { return std::tuple(!t.hit, !t.inside, t.time, e); };
-    if (key(touch, element) < key(first_, element_)) {
+    if (!touch.hit) return;
+    if (touch.inside && (!inside_.hit || element < inside_element_)) {
+      inside_ = touch;
+      inside_element_ = element;
+    }
+    if (touch.time < 1.0 && std::tuple(touch.time, element) < std::tuple(first_.time, element_)) {
       first_ = touch;
       element_ = element;
     }
@@ -327,8 +357,10 @@ class Search {
   Vec3 middle_;
   float reach_;  // m
   std::optional<Mover> mover_;
-  Touch first_;
+  Touch first_;  // that ends the motion
   std::uint32_t element_ = 0;
+  Touch inside_;  // of the obstacles that the hull is in at the start
+  std::uint32_t inside_element_ = 0;
 };
 
 }  // namespace

@@ -10,21 +10,23 @@ namespace flockstep::collision {
 // Where a motion ended.
 struct Contact {
   bool hit = false;            // something was touched, or the motion began in penetration
-  bool inside = false;         // the motion began in penetration; fraction is 0 and nothing moved
+  bool inside = false;         // the motion began in penetration; it was flown only if it led out, never deeper
   float fraction = 1.0F;       // of the motion that was flown, in [0, 1]
   Vec3 point = Vec3::Zero();   // m, world frame, on the obstacle's surface; 0 without a hit
   Vec3 normal = Vec3::Zero();  // unit, world frame, from the obstacle towards the drone; 0 without a hit
 };
 
 // The hull stops this far (m) from what it hits, and a few float32 steps of its coordinates more, so that its rounded pose is
-// free.
+// free. However often it moves after that, it never comes nearer than half of this: that depends on the place alone, not on the
+// motions before.
 inline constexpr double kStandoff = 1e-4;
 
 // Position moves along the segment from `from` to `to`, rotation along the shortest arc, both uniformly in time.
 Pose interpolate(const Pose& from, const Pose& to, float fraction);
 
 // Sweeps the hull; on a hit the pose interpolated at `fraction` is the last free one. A hull that rests at the standoff may leave
-// or slide along; pressed further it is hit at fraction 0. Of several first contacts the element of least index is reported.
+// or slide along; pressed further it is hit at fraction 0. One that is nearer than a motion would have left it, or inside, may
+// move away; point and normal are then those of the way out. Of several first contacts the element of least index is reported.
 // Allocates nothing; a function of its arguments alone.
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to);
 

@@ -97,7 +97,8 @@ std::string checked(const std::filesystem::path& path, std::string_view text) {
 
 TriangleMesh load_obj(const std::filesystem::path& path) {
   tinyobj::ObjReader reader;
-  if (!reader.ParseFromString(checked(path, read_text_file(path, "an OBJ file")), "")) throw std::invalid_argument(path.string() + ": " + reader.Error());
+  if (!reader.ParseFromString(checked(path, read_text_file(path, "an OBJ file")), ""))
+    throw std::invalid_argument(path.string() + ": " + reader.Error());
 
   TriangleMesh mesh;
   const std::vector<tinyobj::real_t>& coordinates = reader.GetAttrib().vertices;

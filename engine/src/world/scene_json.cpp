@@ -24,7 +24,7 @@ namespace {
 
 using Json = nlohmann::json;                 // finds a key among many in no time, and forgets their order
 using OrderedJson = nlohmann::ordered_json;  // keeps their order, and searches them one by one
-using Vec3d = Eigen::Vector3d;        // numbers are rounded to float32 once, after all arithmetic
+using Vec3d = Eigen::Vector3d;               // numbers are rounded to float32 once, after all arithmetic
 
 constexpr int kVersion = 1;
 constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; a scene has 5
@@ -82,9 +82,7 @@ template <class Got>
   flockstep::refuse(name_of(field), expected, got);
 }
 
-[[noreturn]] void refuse(const Field& field, const std::string& expected) {
-  refuse(field, expected, excerpt_of(field.value));
-}
+[[noreturn]] void refuse(const Field& field, const std::string& expected) { refuse(field, expected, excerpt_of(field.value)); }
 
 std::string escaped(std::string_view key) {
   std::string token;
@@ -138,7 +136,8 @@ const Json& require_array(const Field& field, const char* expected) {
 double number(const Field& field, double limit = kMaxCoordinate) {
   if (!field.value.is_number()) refuse(field, "a number");
   const double value = field.value.get<double>();
-  if (!(std::abs(value) <= limit)) refuse(field, limit < 1.5 * kMaxCoordinate ? "a number within +-1e+06" : "a number within +-2e+06");
+  if (!(std::abs(value) <= limit))
+    refuse(field, limit < 1.5 * kMaxCoordinate ? "a number within +-1e+06" : "a number within +-2e+06");
   return value;
 }
 
@@ -396,11 +395,12 @@ class SceneReader {
     if (!size.value.is_array() || size.value.size() != 2) refuse(size, "an array of 2 numbers (along local x, y)");
     const Field x = child(size, 0);
     const Field y = child(size, 1);
-    scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::plane,
-                                          .center = point(require(field, "center")),
-                                          .rotation = optional_quaternion(field),
-                                          .half_extents = Vec3(half_size(x, positive(x, kMaxSize)), half_size(y, positive(y, kMaxSize)), 0.0F),
-                                          .material = read_material(field)});
+    scene_.primitives.push_back(
+        Primitive{.kind = PrimitiveKind::plane,
+                  .center = point(require(field, "center")),
+                  .rotation = optional_quaternion(field),
+                  .half_extents = Vec3(half_size(x, positive(x, kMaxSize)), half_size(y, positive(y, kMaxSize)), 0.0F),
+                  .material = read_material(field)});
   }
 
   void read_disc(const Field& field) {
@@ -558,12 +558,13 @@ class SceneReader {
 [[noreturn]] void refuse_json(const std::string& source, const std::string& what) {
   constexpr std::size_t kMaxReason = 300;
   const std::size_t prefix_end = what.find("] ");  // "[json.exception.parse_error.101] parse error at line 3, column 7: ..."
-  throw std::invalid_argument(source + ": not valid JSON: " +
-                              excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
+  throw std::invalid_argument(
+      source + ": not valid JSON: " + excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
 }
 
-// Goes through a text before it is read: no field is repeated, which JSON leaves open and is a mistake here, and nothing is nested
-// deeper than recursion can follow. (Json::parse would call back for this, but search each list anew after each of its elements.)
+// Goes through a text before it is read: no field is repeated, which JSON leaves open and is a mistake here, and nothing is
+// nested deeper than recursion can follow. (Json::parse would call back for this, but search each list anew after each of its
+// elements.)
 class Checker final : public nlohmann::json_sax<Json> {
  public:
   explicit Checker(const std::string& source) : source_(source) {}
@@ -716,9 +717,10 @@ void write_primitive(OrderedJson& document, const Primitive& primitive, const st
 }
 
 // The triangles [first, last), whose vertices are [first_vertex, last_vertex).
-OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex, std::size_t last_vertex,
-                const std::vector<Material>& materials) {
-  OrderedJson object = {{"vertices", OrderedJson::array()}, {"triangles", OrderedJson::array()}, {"material", OrderedJson::array()}};
+OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex,
+                       std::size_t last_vertex, const std::vector<Material>& materials) {
+  OrderedJson object = {
+      {"vertices", OrderedJson::array()}, {"triangles", OrderedJson::array()}, {"material", OrderedJson::array()}};
   for (std::size_t i = first_vertex; i < last_vertex; ++i) object["vertices"].push_back(numbers(mesh.vertices[i]));
   bool is_of_one_material = first != last;
   for (std::size_t i = first; i < last; ++i) {
