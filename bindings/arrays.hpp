@@ -13,6 +13,7 @@
 #include <span>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "flockstep/pose.hpp"
@@ -45,6 +46,12 @@ class Input {
     if (!fits) refuse(field, "shape " + text_of(shape), "shape " + text_of(got));
     if constexpr (std::is_same_v<T, float>) {
       if (any.dtype().kind() == 'f' && any.dtype().itemsize() > 4) require_float_range(field, any);
+    } else if constexpr (std::is_integral_v<T> && sizeof(T) > 1) {
+      if (any.dtype().kind() == 'u') {
+        require_integer_range<std::uint64_t>(field, any);
+      } else {
+        require_integer_range<std::int64_t>(field, any);
+      }
     }
     array_.emplace(any);
   }
@@ -66,6 +73,18 @@ class Input {
       if (std::isfinite(value) && std::abs(value) > static_cast<double>(std::numeric_limits<float>::max())) {
         refuse(field, "finite numbers in float32's range", py::str(py::float_(value)));
       }
+    }
+  }
+
+  // NumPy would keep the low bits of an integer that T has no room for.
+  template <class Wide>
+  static void require_integer_range(const char* field, const py::array_t<Wide, py::array::c_style | py::array::forcecast>& wide) {
+    if constexpr (std::is_same_v<Wide, T>) return;
+    for (py::ssize_t i = 0; i < wide.size(); ++i) {
+      if (std::in_range<T>(wide.data()[i])) continue;
+      refuse(field, "integers from " + std::to_string(std::numeric_limits<T>::min()) + " to " +
+                        std::to_string(std::numeric_limits<T>::max()),
+             std::to_string(wide.data()[i]));
     }
   }
 

@@ -200,14 +200,14 @@ void register_batch(py::module_& module) {
            py::arg("clock") = none, py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
            py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
-      .def_property_readonly("num_threads", &Batch::num_threads)
+      .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
       .def_property_readonly("worlds",
                              [](const Batch& batch) {
                                Worlds worlds;
                                for (const auto& world : batch.worlds()) worlds.push_back(std::const_pointer_cast<World>(world));
                                return worlds;
                              })
-      .def_property_readonly("drone", &Batch::drone)
+      .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
       .def_property_readonly("position", state_view<float>([](const Batch& b) -> auto& { return b.state().position; }, 3))
       .def_property_readonly("quat_wxyz", state_view<float>([](const Batch& b) -> auto& { return b.state().quat_wxyz; }, 4))
       .def_property_readonly("active", state_view<bool>([](const Batch& b) -> auto& { return b.state().active; }))
@@ -308,7 +308,7 @@ void register_batch(py::module_& module) {
           },
           py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
           py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
-      .def("camera_backend_report", &Batch::camera_backend_report)
+      .def("camera_backend_report", [](const Batch& batch) { return batch.camera_backend_report(); })
       .def(
           "seed",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {

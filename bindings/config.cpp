@@ -87,8 +87,8 @@ void register_config(py::module_& module) {
   register_fields<LidarConfig>(module, "LidarConfig", "A scanning LiDAR: a grid of channels x beams, or a beam pattern.")
       .def_property_readonly("shape", [](const LidarConfig& c) { return py::make_tuple(c.rows(), c.columns()); });
   register_fields<CameraConfig>(module, "CameraConfig", "A pinhole camera.")
-      .def_property_readonly("fx", &CameraConfig::fx)
-      .def_property_readonly("fy", &CameraConfig::fy)
+      .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
+      .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })
       .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })
       .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; });
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "The exact pose, with optional Gaussian noise.");

@@ -15,6 +15,19 @@ void register_camera(pybind11::module_& module);
 void register_task(pybind11::module_& module);
 void register_terms(pybind11::module_& module);
 void register_batch(pybind11::module_& module);
+namespace {
+
+// An object that `cls.__new__(cls)` made has no value yet. pybind11 would give it memory that nobody has written.
+void refuse_uninitialised_objects(const pybind11::module_& module) {
+  for (const auto& [name, item] : pybind11::dict(module.attr("__dict__"))) {
+    if (!pybind11::isinstance<pybind11::type>(item)) continue;
+    auto* const info = pybind11::detail::get_type_info(reinterpret_cast<PyTypeObject*>(item.ptr()));
+    if (info == nullptr) continue;
+    info->operator_new = [](std::size_t) -> void* { throw pybind11::type_error("this object was never initialised"); };
+  }
+}
+
+}  // namespace
 }  // namespace flockstep::bindings
 
 PYBIND11_MODULE(_core, module) {
@@ -33,4 +46,5 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_task(module);
   flockstep::bindings::register_terms(module);
   flockstep::bindings::register_batch(module);
+  flockstep::bindings::refuse_uninitialised_objects(module);
 }

@@ -7,6 +7,7 @@ namespace {
 py::object plan_path(const World& world, const py::object& start, const py::object& goals, const std::optional<DroneModel>& drone,
                      float cell_m) {
   const Input<float> start_input = floats(start, "start", {3});
+  if (!start_input.given()) throw py::value_error("start: expected an array of real numbers, got None");
   const std::span<const float> from = start_input;
   const Input<float> goal_input = floats(goals, "goals", {-1, 3});
   const std::span<const float> over = goal_input;

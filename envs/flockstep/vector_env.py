@@ -433,8 +433,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             return seeds
         if len(seed) != self.num_envs:
             raise ValueError(f"seed: expected one number or {self.num_envs} of them, got {len(seed)}")
-        if any(not 0 <= s < 1 << 64 for s in seed):
-            raise ValueError("seed: expected numbers from 0 to 2**64 - 1")
+        for s in seed:
+            if not isinstance(s, (int, np.integer)) or isinstance(s, bool) or not 0 <= int(s) < 1 << 64:
+                raise ValueError(f"seed: expected integers from 0 to 2**64 - 1, got {s!r}")
         return np.array(seed, dtype=np.uint64)
 
     def _reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray | None:
