@@ -82,8 +82,9 @@ class Input {
     if constexpr (std::is_same_v<Wide, T>) return;
     for (py::ssize_t i = 0; i < wide.size(); ++i) {
       if (std::in_range<T>(wide.data()[i])) continue;
-      refuse(field, "integers from " + std::to_string(std::numeric_limits<T>::min()) + " to " +
-                        std::to_string(std::numeric_limits<T>::max()),
+      refuse(field,
+             "integers from " + std::to_string(std::numeric_limits<T>::min()) + " to " +
+                 std::to_string(std::numeric_limits<T>::max()),
              std::to_string(wide.data()[i]));
     }
   }

@@ -136,7 +136,8 @@ void register_world(py::module_& module) {
       .def_property_readonly("light", &light)
       .def_property_readonly("primitives", &primitives)
       .def("to_dict", [](const World& world) { return py::module_::import("json").attr("loads")(world.to_json()); })
-      .def("save", [](const World& world, const std::filesystem::path& path) { world.save(path); }, py::arg("path"))
+      .def(
+          "save", [](const World& world, const std::filesystem::path& path) { world.save(path); }, py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))
       .def("__copy__", [](const py::object& self) { return self; })  // immutable

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cmath>
 
 namespace flockstep {
 
@@ -16,6 +17,14 @@ struct Pose {
   Vec3 position = Vec3::Zero();      // m, world frame
   Quat rotation = Quat::Identity();  // unit, body to world
 };
+
+// The world ends here: positions, ray origins and geometry lie within +-kMaxCoordinate along each axis. float32 resolves 6 cm
+// there, and squares of it are far from overflow.
+inline constexpr double kMaxCoordinate = 1e6;  // m
+
+// False for NaN, too.
+inline bool is_in_world(float coordinate) { return std::abs(static_cast<double>(coordinate)) <= kMaxCoordinate; }
+inline bool is_in_world(const Vec3& point) { return is_in_world(point.x()) && is_in_world(point.y()) && is_in_world(point.z()); }
 
 struct Aabb {
   Vec3 min = Vec3::Constant(0.0F);  // m

@@ -19,8 +19,8 @@ struct RayHits {
 };
 
 // Nearest hits of R rays; origins and directions are (R, 3). Directions need not be unit (they are normalised). Throws
-// std::invalid_argument on shapes that differ, on numbers that are not finite, on a direction of length 0, and on a max_range_m
-// that is not positive.
+// std::invalid_argument on shapes that differ, on origins outside the world (kMaxCoordinate), on directions that are not finite
+// or of length 0, and on a max_range_m that is not positive.
 RayHits raycast(const World& world, std::span<const float> origins, std::span<const float> directions, float max_range_m);
 
 }  // namespace flockstep

@@ -135,6 +135,8 @@ class Task {
   virtual void visit(ArrayVisitor& visitor) = 0;
   // All arrays have been restored.
   virtual void restored() {}
+  // Refuse, by std::invalid_argument, arrays that setup() and the other calls could not have left; a restore is undone then.
+  virtual void check() const {}
 
   // Whether the observation is made of this camera's images, so that it may not stop taking them.
   virtual bool observes_camera(std::size_t camera) const {

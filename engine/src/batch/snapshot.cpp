@@ -1,10 +1,12 @@
 #include "batch/snapshot.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <functional>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "base/hash.hpp"
@@ -121,6 +123,69 @@ void check_world_indices(const Simulation& sim, std::span<const std::byte> bytes
   }
 }
 
+// Puts the arrays of a body that has been read before in their places.
+void put(Simulation& sim, std::string_view body) {
+  Reader reader(body);
+  visit(sim, reader);
+  reader.apply();
+  if (sim.lidar) sim.lidar->restored();
+  for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].restored();
+  if (sim.run) sim.run->task->restored();
+}
+
+template <class T, class Holds>
+void require_all(const std::vector<T>& values, const char* name, const char* expected, const Holds& holds) {
+  for (const T& value : values) require(holds(value), std::string("snapshot: ") + name, expected, +value);
+}
+
+// Bytes whose checksum is right may still be no state that a batch can be in.
+void require_meaning(const Simulation& sim) {
+  const auto flags = [](const FlagArray& values, const char* name) {
+    require_all(values, name, "0 or 1", [](std::uint8_t value) { return value <= 1; });
+  };
+  const auto counts = [](const std::vector<std::int64_t>& values, const char* name, std::int64_t least = 0) {
+    require_all(values, name, least == 0 ? "a number >= 0" : "a number >= -1",
+                [least](std::int64_t value) { return value >= least; });
+  };
+  const auto finite = [](const auto& values, const char* name) {
+    require_all(values, name, "finite numbers", [](auto value) { return std::isfinite(value); });
+  };
+  const State& state = sim.state;
+  checks::poses(state.position, state.quat_wxyz, sim.num_drones());
+  checks::poses(sim.pose_sensor.position(), {}, sim.num_drones());
+  finite(sim.pose_sensor.quat_wxyz(), "sensed_quat_wxyz");
+  flags(state.active, "active");
+  flags(state.contact.hit, "hit");
+  flags(state.contact.inside, "inside");
+  finite(state.contact.point, "point");
+  finite(state.contact.normal, "normal");
+  require_all(state.contact.fraction, "fraction", "a number in [0, 1]",
+              [](float value) { return value >= 0.0F && value <= 1.0F; });
+  counts(state.episode, "episode");
+  counts(state.tick, "tick");
+  counts(state.sensed, "sensed", -1);
+  if (sim.lidar) {
+    require_all(sim.lidar->ranges(), "lidar_ranges", "ranges >= 0", [](float range) { return range >= 0.0F; });
+  }
+  if (!sim.run) return;
+  counts(sim.episodes.steps, "steps");
+  counts(sim.episodes.time_limit, "time_limit");
+  finite(sim.episodes.episode_return, "episode_return");
+  flags(sim.episodes.begun, "begun");
+  flags(sim.episodes.done, "done");
+  flags(sim.episodes.flying, "flying");
+  flags(sim.episodes.action_changed, "action_changed");
+  const Outputs& outputs = sim.outputs.now();
+  for (const auto& [values, name] : {std::pair(&outputs.terminated, "terminated"),
+                                     {&outputs.truncated, "truncated"},
+                                     {&outputs.success, "success"},
+                                     {&outputs.crashed, "crashed"}}) {
+    flags(*values, name);
+  }
+  counts(outputs.episode_length, "episode_length");
+  sim.run->task->check();
+}
+
 }  // namespace
 
 std::uint64_t config_hash(Simulation& sim) {
@@ -178,14 +243,18 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   if (sim.run) sim.run->task->visit(reader);  // now, since its arrays may have the names of those above
   reader.require_end();
 
-  // Into the slot whose turn it is, as by a step: what the last call returned stays whole.
+  // Into the slot whose turn it is, as by a step: what the last call returned stays whole. What turns out to mean nothing, or a
+  // task refuses, is undone.
+  const std::string before = make_snapshot(sim);
   sim.outputs.turn();
-  Reader in_place(body);
-  visit(sim, in_place);
-  in_place.apply();
-  if (sim.lidar) sim.lidar->restored();
-  for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].restored();
-  if (sim.run) sim.run->task->restored();
+  try {
+    put(sim, body);
+    require_meaning(sim);
+  } catch (...) {
+    put(sim, std::string_view(before).substr(sizeof(Header)));
+    sim.outputs.turn();
+    throw;
+  }
 }
 
 }  // namespace flockstep

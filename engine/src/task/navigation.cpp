@@ -112,6 +112,7 @@ class Navigation final : public Task {
     for (const auto& world : context.worlds()) require_navigable(*world, context.drone_model());
     rays_ = static_cast<std::size_t>(context.lidar()->rows()) * static_cast<std::size_t>(context.lidar()->columns());
     spec_.observation = observation_fields(context);
+    context_ = &context;
     state_.goal_index.resize(context.num_envs());
     state_.last_distance.resize(context.num_envs());
     green_.resize(context.num_threads());
@@ -177,6 +178,16 @@ class Navigation final : public Task {
   }
 
   void visit(ArrayVisitor& visitor) override { visitor.fields(state_); }
+
+  void check() const override {
+    for (std::size_t env = 0; env < state_.goal_index.size(); ++env) {
+      const auto num_waypoints = static_cast<std::int32_t>(context_->world_of(env).markers().waypoints.size());
+      const std::int32_t index = state_.goal_index[env];
+      require(index >= 0 && index <= num_waypoints, "snapshot: goal_index",
+              "a number in [0, " + std::to_string(num_waypoints) + ']', index);
+      require(std::isfinite(state_.last_distance[env]), "snapshot: last_distance", "finite numbers", state_.last_distance[env]);
+    }
+  }
 
   bool observes_camera(std::size_t camera) const override { return camera == 0 && config_.observation != ObservationKind::goal; }
 
@@ -290,6 +301,7 @@ class Navigation final : public Task {
 
   NavigationConfig config_;
   TaskSpec spec_;
+  const TaskContext* context_ = nullptr;  // of the batch, which owns the task
   std::size_t rays_ = 0;
   NavigationState state_;
   std::vector<GreenBlobScratch> green_;  // of each thread

@@ -23,11 +23,8 @@ std::string text(const Vec3& v) {
 
 std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
 
-// Written so that NaN fails.
-bool is_coordinate(float value) { return std::abs(static_cast<double>(value)) <= kMaxCoordinate; }
-
 void check_point(const std::string& field, const Vec3& point) {
-  if (!(is_coordinate(point.x()) && is_coordinate(point.y()) && is_coordinate(point.z()))) {
+  if (!is_in_world(point)) {
     refuse(field, "coordinates within +-1e+06 m", text(point));
   }
 }
@@ -169,7 +166,7 @@ void check_materials(const std::vector<Material>& materials) {
 }
 
 void check_markers(const Markers& markers) {
-  if (!(markers.radius >= static_cast<float>(kMinSize) && is_coordinate(markers.radius))) {
+  if (!(markers.radius >= static_cast<float>(kMinSize) && is_in_world(markers.radius))) {
     refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
   }
   if (markers.start) check_point("markers.start", *markers.start);
@@ -183,7 +180,7 @@ void check_markers(const Markers& markers) {
 void check_light(Light& light) {
   const auto& sun = light.sun_direction;
   const Vec3 direction(sun[0], sun[1], sun[2]);
-  if (!(is_coordinate(sun[0]) && is_coordinate(sun[1]) && is_coordinate(sun[2]))) {
+  if (!(is_in_world(sun[0]) && is_in_world(sun[1]) && is_in_world(sun[2]))) {
     refuse("light.sun_direction", "coordinates within +-1e+06", text(direction));
   }
   if (direction.isZero(0.0F)) refuse("light.sun_direction", "a direction that is not 0", text(direction));

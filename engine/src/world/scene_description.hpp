@@ -7,8 +7,6 @@
 
 namespace flockstep {
 
-// Coordinates beyond this are refused: float32 resolves 6 cm there, and squares of it are far from overflow.
-inline constexpr double kMaxCoordinate = 1e6;  // m
 // Sizes below this are refused: their squares are still far from underflow.
 inline constexpr double kMinSize = 1e-6;  // m
 // How far the norm of a quaternion may be from 1 before it is taken for a mistake rather than for rounding.
