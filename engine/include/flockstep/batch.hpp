@@ -44,7 +44,8 @@ struct Simulation;
 
 // All methods check their input before they change anything and throw std::invalid_argument naming the field, what was expected
 // and what came. A mask is (N,), 0 or 1, or empty for every active drone. Not thread-safe: one caller at a time.
-// A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error.
+// A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error. So does a call while another
+// thread is in one.
 class Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;

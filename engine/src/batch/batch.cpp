@@ -13,6 +13,7 @@
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
 #include "batch/step.hpp"
+#include "batch/use.hpp"
 
 namespace flockstep {
 namespace {
@@ -65,7 +66,7 @@ const State& Batch::state() const { return sim_->state; }
 // ------------------------------------------------------------------------------------------------------ motion and sensing
 
 void Batch::set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
@@ -75,7 +76,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
 }
 
 void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
@@ -88,7 +89,7 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
 }
 
 void Batch::sense(Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::mask(*sim_, mask);
   list_chosen(*sim_, mask, &Block::chosen);
   read_sensors(*sim_);
@@ -98,7 +99,7 @@ void Batch::sense(Mask mask) {
 
 void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
                   std::span<const std::int32_t> world_index) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "spawn");
   checks::indices(*sim_, indices);
   checks::poses(position, quat_wxyz, indices.size());
@@ -128,7 +129,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
 }
 
 void Batch::remove(std::span<const std::int64_t> indices) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "remove");
   checks::indices(*sim_, indices);
   for (const std::int64_t index : indices) mark_absent(*sim_, static_cast<std::size_t>(index));
@@ -136,7 +137,7 @@ void Batch::remove(std::span<const std::int64_t> indices) {
 }
 
 void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::size(world_index.size(), sim_->num_envs(), "world_index");
   checks::world_index(*sim_, world_index, sim_->num_envs());
@@ -153,7 +154,7 @@ void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
 // ---------------------------------------------------------------------------------------------------------- random numbers
 
 void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::size(seeds.size(), sim_->num_envs(), "seeds");
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
@@ -165,7 +166,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
 }
 
 void Batch::begin_episode(Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "begin_episode");
   checks::mask(*sim_, mask);
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
@@ -175,6 +176,7 @@ void Batch::begin_episode(Mask mask) {
 }
 
 void Batch::random(std::uint32_t stream, int count, std::span<float> out) const {
+  const Use use(*sim_);
   require(stream < 0x80000000U, "stream", "an integer in [0, 2147483648)", stream);
   require(count >= 0, "count", "an integer >= 0", count);
   const auto columns = static_cast<std::size_t>(count);
@@ -191,7 +193,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
 const Task* Batch::task() const { return sim_->run ? sim_->run->task.get() : nullptr; }
 
 void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "reset");
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
@@ -214,7 +216,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
 }
 
 void Batch::step(std::span<const std::int64_t> actions) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
@@ -229,7 +231,7 @@ void Batch::step(std::span<const std::int64_t> actions) {
 }
 
 void Batch::step(std::span<const float> actions) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
@@ -247,6 +249,7 @@ const Outputs& Batch::outputs() const { return sim_->outputs.now(); }
 Outputs& Batch::outputs() { return sim_->outputs.now(); }
 
 void Batch::visit_task(ArrayVisitor& visitor) const {
+  const Use use(*sim_);
   checks::has_task(*sim_);
   sim_->run->task->visit(visitor);
 }
@@ -254,13 +257,13 @@ void Batch::visit_task(ArrayVisitor& visitor) const {
 // --------------------------------------------------------------------------------------------------------------- snapshots
 
 std::string Batch::snapshot() const {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "snapshot");
   return make_snapshot(*sim_);
 }
 
 void Batch::restore(const std::string& blob) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::not_stepping(*sim_, "restore");
   restore_snapshot(*sim_, blob);
   for (std::size_t drone = 0; drone < sim_->num_drones(); ++drone) {

@@ -7,6 +7,7 @@
 #include "batch/checks.hpp"
 #include "batch/chosen.hpp"
 #include "batch/simulation.hpp"
+#include "batch/use.hpp"
 #include "flockstep/batch.hpp"
 
 namespace flockstep {
@@ -21,7 +22,7 @@ void Batch::require_lidar(std::string_view name) const {
 }
 
 void Batch::set_lidar(const LidarChange& change, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::has_lidar(*sim_);
   std::vector<std::uint32_t> drones;
@@ -40,18 +41,21 @@ std::span<const float> Batch::lidar_max_range_m() const {
 }
 
 LidarConfig Batch::lidar_config(std::int64_t index) const {
+  const Use use(*sim_);
   checks::has_lidar(*sim_);
   checks::index(*sim_, index);
   return sim_->lidar->config_of(static_cast<std::size_t>(index));
 }
 
 void Batch::lidar_directions(std::span<float> out) const {
+  const Use use(*sim_);
   checks::has_lidar(*sim_);
   checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
   sim_->lidar->write_directions(out);
 }
 
 void Batch::lidar_points(std::span<float> out) const {
+  const Use use(*sim_);
   checks::has_lidar(*sim_);
   checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
   sim_->lidar->write_points(sim_->state, out);
@@ -82,13 +86,14 @@ const CameraImages& Batch::images(std::size_t camera) const {
 }
 
 CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const {
+  const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
   return sim_->cameras[camera].config_of(static_cast<std::size_t>(index));
 }
 
 void Batch::capture(std::size_t camera, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
   std::vector<std::uint32_t>& drones = sim_->captured;  // in the order of the blocks: those of one world follow each other
@@ -104,14 +109,14 @@ void Batch::capture(std::size_t camera, Mask mask) {
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::capture_mode(*sim_, camera, mode);
   sim_->cameras[camera].set_capture_mode(mode);
 }
 
 void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask) {
-  checks::own_process(*sim_);
+  const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
   std::vector<std::uint32_t> drones;
@@ -121,9 +126,13 @@ void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask
 
 const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }
 
-std::string Batch::take_warning() { return sim_->cameras.take_warning(); }
+std::string Batch::take_warning() {
+  const Use use(*sim_, std::nothrow);  // whoever is in a call takes it after that
+  return use.is_granted() ? sim_->cameras.take_warning() : std::string();
+}
 
 std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
+  const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
   return sim_->cameras.jpeg(camera, static_cast<std::size_t>(index), quality);

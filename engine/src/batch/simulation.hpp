@@ -2,11 +2,13 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -100,6 +102,7 @@ struct Simulation {
   std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
+  std::atomic<std::thread::id> user{};              // the thread that is in a call on this batch; see Use
   std::optional<std::uint64_t> known_hash;          // see config_hash()
 };
 

@@ -1,0 +1,41 @@
+// Use: a call of one thread on a batch. Calls of its tasks from within are its own.
+#pragma once
+
+#include <atomic>
+#include <new>
+#include <stdexcept>
+#include <thread>
+
+#include "batch/checks.hpp"
+#include "batch/simulation.hpp"
+
+namespace flockstep {
+
+class Use {
+ public:
+  // Throws std::runtime_error if another thread is in a call on the batch, or this is a child of the process that made it.
+  explicit Use(Simulation& sim) : Use(sim, std::nothrow) {
+    checks::own_process(sim);
+    if (!granted_) throw std::runtime_error("this Batch is in use by another thread: one call at a time");
+  }
+  // is_granted() tells.
+  Use(Simulation& sim, std::nothrow_t) : user_(sim.user) {
+    std::thread::id nobody;
+    begun_ = user_.compare_exchange_strong(nobody, std::this_thread::get_id(), std::memory_order_acquire);
+    granted_ = begun_ || nobody == std::this_thread::get_id();
+  }
+  ~Use() {
+    if (begun_) user_.store({}, std::memory_order_release);
+  }
+  Use(const Use&) = delete;
+  Use& operator=(const Use&) = delete;
+
+  bool is_granted() const { return granted_; }
+
+ private:
+  std::atomic<std::thread::id>& user_;
+  bool begun_ = false;
+  bool granted_ = false;
+};
+
+}  // namespace flockstep
