@@ -209,5 +209,17 @@ TEST(Tessellate, BadChordErrorsAreRefused) {
   EXPECT_EQ(tessellate(description, std::numeric_limits<float>::infinity()).triangles.size(), 12U);
 }
 
+TEST(Tessellate, WhatWouldNeedGigabytesIsRefusedWithTheNumber) {
+  SceneDescription scene;
+  scene.primitives = {{.kind = PrimitiveKind::sphere, .half_extents = Vec3::Constant(1e6F)}};
+  try {
+    tessellate(scene, 1e-6F);
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("at most 1e+08 triangles"), std::string::npos) << error.what();
+  }
+  EXPECT_LT(tessellate(scene, 1e3F).triangles.size(), 100000U);
+}
+
 }  // namespace
 }  // namespace flockstep

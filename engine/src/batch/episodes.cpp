@@ -122,6 +122,7 @@ void take_part(Simulation& sim, Block& block) {
   for (const std::uint32_t env : block.envs) {
     const bool flies = !sim.episodes.done[env];
     sim.episodes.flying[env] = flies;
+    sim.outputs.forget_final(env);
     if (flies) {
       block.flown.push(env);
       block.flying.push(env);

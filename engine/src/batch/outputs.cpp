@@ -38,6 +38,7 @@ void fill_row(Buffer& buffer, std::size_t env, const std::vector<double>& values
 }  // namespace
 
 void OutputSlots::allocate(const TaskSpec& spec, std::size_t num_envs) {
+  for (FlagArray& has_final : has_final_) has_final.resize(num_envs);
   for (Outputs& slot : slots_) {
     for (const Field& field : spec.observation) {
       slot.observation.emplace_back(field, num_envs);
@@ -56,6 +57,7 @@ void OutputSlots::turn_and_copy() {
   const Outputs& from = now();
   turn();
   now() = from;  // into arrays of the same size: nothing is allocated, and views of them stay
+  has_final_[current_] = has_final_[1 - current_];
 }
 
 void OutputSlots::clear(std::size_t env) { clear_row(now(), env); }
@@ -67,6 +69,7 @@ void OutputSlots::carry_over(std::size_t env) {
     to.observation[i].copy_row(env, from.observation[i]);
     to.final_observation[i].copy_row(env, from.final_observation[i]);
   }
+  has_final_[current_][env] = has_final_[1 - current_][env];
   clear_row(to, env);
   to.terminated[env] = from.terminated[env];
   to.truncated[env] = from.truncated[env];
@@ -81,13 +84,24 @@ void OutputSlots::keep_final(std::size_t env) {
   for (std::size_t i = 0; i < outputs.observation.size(); ++i) {
     outputs.final_observation[i].copy_row(env, outputs.observation[i]);
   }
+  has_final_[current_][env] = 1;
 }
+
+void OutputSlots::forget_final(std::size_t env) {
+  if (!has_final_[current_][env]) return;
+  for (Buffer& buffer : now().final_observation) std::ranges::fill(buffer.row_as_bytes(env), std::byte{0});
+  has_final_[current_][env] = 0;
+}
+
+void OutputSlots::restored() { std::ranges::fill(has_final_[current_], std::uint8_t{1}); }
 
 void OutputSlots::mark_absent(const TaskSpec& spec, std::size_t env) {
   for (Outputs& slot : slots_) {
     clear_row(slot, env);
+    for (Buffer& buffer : slot.final_observation) std::ranges::fill(buffer.row_as_bytes(env), std::byte{0});
     for (std::size_t i = 0; i < spec.observation.size(); ++i) fill_row(slot.observation[i], env, spec.observation[i].absent);
   }
+  for (FlagArray& has_final : has_final_) has_final[env] = 0;
 }
 
 }  // namespace flockstep

@@ -130,6 +130,7 @@ void put(Simulation& sim, std::string_view body) {
   reader.apply();
   if (sim.lidar) sim.lidar->restored();
   for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].restored();
+  sim.outputs.restored();
   if (sim.run) sim.run->task->restored();
 }
 

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <iomanip>
 #include <numbers>
+#include <sstream>
 #include <string>
 
 #include "base/require.hpp"
@@ -124,10 +126,42 @@ void add_capsule(Patch patch, double radius, double middle, double chord_error) 
   }
 }
 
+constexpr double kMaxTriangles = 1e8;  // of a tessellation: some 4 GB
+
+std::string rounded(double value) {
+  std::ostringstream text;
+  text << std::setprecision(2) << value;
+  return text.str();
+}
+
+// About how many triangles a primitive becomes, as a double: they may be more than an int counts.
+double triangles_of(const Primitive& primitive, double chord_error) {
+  constexpr double kTurn = 2.0 * std::numbers::pi;
+  const double radius = primitive.half_extents.x();
+  const double arc = arc_within(radius, chord_error);
+  switch (primitive.kind) {
+    case PrimitiveKind::cylinder:
+      return 4.0 * std::max(8.0, kTurn / arc);
+    case PrimitiveKind::disc:
+      return std::max(8.0, kTurn / arc);
+    case PrimitiveKind::sphere:
+    case PrimitiveKind::capsule: {
+      const double sides = std::max(8.0, std::numbers::sqrt2 * kTurn / arc);
+      return sides * sides;  // rings: half as many, two triangles a cell
+    }
+    default:
+      return 12.0;
+  }
+}
+
 }  // namespace
 
 TriangleMesh tessellate(const SceneDescription& description, float chord_error_m) {
   require(chord_error_m >= 1e-6F, "chord_error_m", "a number >= 1e-06", std::to_string(chord_error_m));
+  double count = static_cast<double>(description.mesh.triangles.size());
+  for (const Primitive& primitive : description.primitives) count += triangles_of(primitive, chord_error_m);
+  require(count <= kMaxTriangles, "chord_error_m", "a number that needs at most 1e+08 triangles",
+          std::to_string(chord_error_m) + ", which needs " + rounded(count));
   TriangleMesh mesh;
   const std::size_t num_primitives = description.primitives.size();
   for (std::size_t i = 0; i < num_primitives; ++i) {
