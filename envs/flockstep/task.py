@@ -152,6 +152,9 @@ def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
     return PythonTask(spec, _identity(task), int(limit), calls), calls
 
 
+_SUCCESS, _STATE = "success", "state."
+
+
 class TaskCalls:
     """What the engine calls while it steps a batch with a Python task: each method checks what the task returns."""
 
@@ -216,18 +219,35 @@ class TaskCalls:
         )
 
     def state(self) -> bytes:
-        """Return what a snapshot has to hold of the task."""
-        arrays = {f"state.{key}": np.asarray(value) for key, value in self._task.state().items()}
+        """Return what a snapshot has to hold of the task: names and arrays, one after another in NumPy's own format."""
         file = io.BytesIO()
-        np.savez(file, allow_pickle=False, success=self._task.success, **arrays)
+        for name, array in self._arrays().items():
+            np.lib.format.write_array(file, np.frombuffer(name.encode(), np.uint8), allow_pickle=False)
+            np.lib.format.write_array(file, array, allow_pickle=False)
         return file.getvalue()
 
     def load(self, blob: bytes) -> None:
-        """Take back what `state` returned."""
-        with np.load(io.BytesIO(blob), allow_pickle=False) as file:
-            arrays = dict(file)
-        self._task.success[:] = arrays.pop("success")
-        self._task.load({key.removeprefix("state."): value for key, value in arrays.items()})
+        """Take back what `state` returned. What is refused changes nothing."""
+        file = io.BytesIO(blob)
+        arrays = {}
+        for name, present in self._arrays().items():
+            try:
+                found = np.lib.format.read_array(file, allow_pickle=False).tobytes().decode()
+                array = np.lib.format.read_array(file, allow_pickle=False)
+            except (ValueError, OSError, MemoryError) as error:
+                raise ValueError(f"snapshot: expected the array {name!r} of {_name(self._task)}, got no array") from error
+            if found != name or array.shape != present.shape:
+                expected = f"the array {name!r} of {_name(self._task)}, of shape {present.shape}"
+                raise ValueError(f"snapshot: expected {expected}, got {found!r} of shape {array.shape}")
+            arrays[name] = array
+        if file.read(1):
+            raise ValueError(f"snapshot: expected nothing after the arrays of {_name(self._task)}, got more")
+        self._task.success[:] = arrays.pop(_SUCCESS)
+        self._task.load({name.removeprefix(_STATE): array for name, array in arrays.items()})
+
+    def _arrays(self) -> dict[str, Array]:
+        state = {_STATE + name: np.asarray(value) for name, value in self._task.state().items()}
+        return {_SUCCESS: self._task.success, **state}
 
     def _row(self, name: str, value: Any) -> Array:
         array = np.asarray(value)
