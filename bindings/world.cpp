@@ -105,12 +105,18 @@ py::tuple mesh(const World& world, float chord_error_m) {
 void register_world(py::module_& module) {
   py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
       .def_static(
-          "load", [](const py::object& source) { return std::const_pointer_cast<World>(World::load(resolve(source))); },
+          "load",
+          [](const py::object& source) {
+            const std::filesystem::path path = resolve(source);
+            const py::gil_scoped_release release;
+            return std::const_pointer_cast<World>(World::load(path));
+          },
           py::arg("source"))
       .def_static(
           "from_dict",
           [](const py::object& scene, const std::filesystem::path& base_dir) {
             const auto text = py::module_::import("json").attr("dumps")(scene).cast<std::string>();
+            const py::gil_scoped_release release;
             return std::const_pointer_cast<World>(World::from_json(text, base_dir));
           },
           py::arg("scene"), py::arg("base_dir") = "")

@@ -24,8 +24,18 @@ namespace flockstep {
 
 #if defined(_WIN32)
 long process_id() { return _getpid(); }
+double physical_memory() {
+  MEMORYSTATUSEX status{};
+  status.dwLength = sizeof(status);
+  return GlobalMemoryStatusEx(&status) ? static_cast<double>(status.ullTotalPhys) : 0.0;
+}
 #else
 long process_id() { return static_cast<long>(getpid()); }
+double physical_memory() {
+  const long pages = sysconf(_SC_PHYS_PAGES);
+  const long bytes = sysconf(_SC_PAGESIZE);
+  return pages > 0 && bytes > 0 ? static_cast<double>(pages) * static_cast<double>(bytes) : 0.0;
+}
 #endif
 
 namespace {

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
+#include <sstream>
 #include <stdexcept>
 
 #include "base/platform.hpp"
@@ -12,6 +14,19 @@ std::string row_of(std::string_view field, std::size_t row) { return std::string
 
 void size(std::size_t size, std::size_t expected, std::string_view field) {
   require(size == expected, field, std::to_string(expected) + " numbers", size);
+}
+
+void memory(double bytes) {
+  constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
+  const double available = physical_memory();
+  if (available == 0.0 || bytes <= available) return;
+  const auto gibibytes = [](double value) {
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(1) << value / kGibibyte << " GiB";
+    return text.str();
+  };
+  refuse("num_drones", "a batch that fits into the " + gibibytes(available) + " of memory of this machine",
+         "one whose sensors and observations take " + gibibytes(bytes));
 }
 
 void own_process(const Simulation& sim) {

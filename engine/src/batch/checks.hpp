@@ -16,6 +16,10 @@ namespace flockstep::checks {
 std::string row_of(std::string_view field, std::size_t row);
 void size(std::size_t size, std::size_t expected, std::string_view field);
 
+// Whether so many bytes, of arrays that are about to be made, fit into the machine. Asking the system for them would succeed, and
+// using them end the process.
+void memory(double bytes);
+
 void own_process(const Simulation& sim);
 void not_stepping(const Simulation& sim, std::string_view call);  // a task calls its own batch
 void has_lidar(const Simulation& sim);

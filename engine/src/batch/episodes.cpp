@@ -53,6 +53,9 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   run.task->setup(*sim.context);
   const TaskSpec& spec = run.spec();
   checks::spec(spec);
+  double bytes = 0.0;  // of an observation, in two slots, twice: the present and the final one
+  for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
+  checks::memory(bytes * static_cast<double>(n));
   run.actions = run.actions_before = Buffer(spec.action, n);
   run.setpoints.target.resize(sim.num_drones());
   if (sim.config.clock.substeps > 1) run.step_start.resize(sim.num_drones());

@@ -16,8 +16,21 @@
 namespace flockstep {
 namespace {
 
+// Of the arrays that sensors write.
+double sensor_bytes(const BatchConfig& config) {
+  double bytes = 0.0;  // of one drone
+  if (config.lidar) bytes += 4.0 * config.lidar->rows() * config.lidar->columns();
+  for (const CameraConfig& camera : config.cameras) {
+    const CameraOutputs& o = camera.outputs;
+    const int of_pixel = 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey;
+    bytes += static_cast<double>(of_pixel) * camera.width_px * camera.height_px;
+  }
+  return bytes * config.num_drones();
+}
+
 BatchConfig validated(BatchConfig config) {
   config.validate();
+  checks::memory(sensor_bytes(config));
   return config;
 }
 
