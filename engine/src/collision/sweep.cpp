@@ -27,12 +27,13 @@ constexpr int kRewinds = 24;  // halvings of the time: 10 m to a micrometre
 
 // How far the hull stays away, for coordinates of the size of this motion's.
 struct Margins {
+  double rounding;  // m, of a pose on its way into float32
   double standoff;  // m
   double slack;     // m
 
   explicit Margins(const Pose& from, const Pose& to) {
     const float largest = std::max(from.position.cwiseAbs().maxCoeff(), to.position.cwiseAbs().maxCoeff());
-    const double rounding = 4.0 * kFloatStep * static_cast<double>(largest);
+    rounding = 4.0 * kFloatStep * static_cast<double>(largest);
     standoff = kStandoff + rounding;
     slack = kSlack + rounding;
   }
@@ -232,7 +233,7 @@ class Search {
       start = Clearance{true, plane, mover().gap(plane, 0.0), out.point};
     }
     if (start->overlapping || start->gap < margins_.floor()) {
-      take(mover().leave(*start, start->overlapping ? 0.0 : kGain), element);
+      take_leaving(mover().leave(*start, start->overlapping ? 0.0 : kGain), *start, element);
       return;
     }
     const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
@@ -245,8 +246,12 @@ class Search {
     const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
     contact.inside = inside_.hit;
-    contact.fraction = static_cast<float>(first_.time);
-    if (static_cast<double>(contact.fraction) > first_.time) contact.fraction = std::nextafter(contact.fraction, 0.0F);
+    // A motion that leads away and is cut short has not been shown to: a straight one does, if it got far enough.
+    const bool is_shown = std::isinf(least_gain_) || first_.time == 1.0 ||
+                          (mover_->path().angle == 0.0 && first_.time * least_gain_ >= kGain + margins_.rounding);
+    const double time = is_shown ? first_.time : 0.0;
+    contact.fraction = static_cast<float>(time);
+    if (static_cast<double>(contact.fraction) > time) contact.fraction = std::nextafter(contact.fraction, 0.0F);
     contact.point = shown.point.cast<float>();
     contact.normal = shown.normal.cast<float>().normalized();
     return contact;
@@ -264,11 +269,13 @@ class Search {
       return Clearance{false, wall, mover().gap(wall, time), Vec3d::Zero()};
     };
     const Clearance start = clearance(0.0, wall.normal);
-    Touch touch =
-        start.gap < margins_.floor() ? mover().leave(start, 0.0) : mover().first_touch(start, clearance, margins_, first_.time);
-    if (touch.hit) {
-      const double at = touch.inside ? 0.0 : touch.time;
-      touch.point = point_on_wall(hull_, mover().path().matrix(at), mover().path().position(at), wall);
+    const bool leaving = start.gap < margins_.floor();
+    Touch touch = leaving ? mover().leave(start, 0.0) : mover().first_touch(start, clearance, margins_, first_.time);
+    const double at = touch.inside ? 0.0 : touch.time;
+    if (touch.hit) touch.point = point_on_wall(hull_, mover().path().matrix(at), mover().path().position(at), wall);
+    if (leaving) {
+      take_leaving(touch, start, element);
+    } else {
       take(touch, element);
     }
   }
@@ -338,6 +345,11 @@ class Search {
     return mover().clearance(obstacle, 0.0, guess.norm() > kTouching ? guess : outwards);
   }
 
+  void take_leaving(const Touch& touch, const Clearance& start, std::uint32_t element) {
+    least_gain_ = std::min(least_gain_, mover().gap(start.plane, 1.0) - start.gap);
+    take(touch, element);
+  }
+
   void take(const Touch& touch, std::uint32_t element) {
     if (!touch.hit) return;
     if (touch.inside && (!inside_.hit || element < inside_element_)) {
@@ -359,6 +371,8 @@ class Search {
   std::optional<Mover> mover_;
   Touch first_;  // that ends the motion
   std::uint32_t element_ = 0;
+  // Of all that the hull starts nearer to than the floor: by how much the motion leads away, m.
+  double least_gain_ = std::numeric_limits<double>::infinity();
   Touch inside_;  // of the obstacles that the hull is in at the start
   std::uint32_t inside_element_ = 0;
 };
