@@ -22,8 +22,8 @@ namespace {
 constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
 constexpr int kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
 
-[[noreturn]] void refuse(const std::filesystem::path& path, std::size_t line, const std::string& expected, std::string_view got) {
-  flockstep::refuse(path.string() + ':' + std::to_string(line), expected, '"' + excerpt(got) + '"');
+[[noreturn]] void refuse(const std::string& source, std::size_t line, const std::string& expected, std::string_view got) {
+  flockstep::refuse(source + ':' + std::to_string(line), expected, '"' + excerpt(got) + '"');
 }
 
 // The next line of a text, which it is removed from. Lines end with \n, \r\n or \r.
@@ -52,7 +52,7 @@ bool parse(std::string_view word, Number& value) {
 
 // tinyobjloader reads a malformed number as 0, lets indices run out of range, and believes any size that a line states. So it is
 // given a text that has been checked and has nothing but vertices and faces, of vertex indices alone.
-std::string checked(const std::filesystem::path& path, std::string_view text) {
+std::string checked(std::string_view text, const std::string& source) {
   std::string kept;
   long num_vertices = 0;
   for (std::size_t number = 1; !text.empty(); ++number) {
@@ -60,14 +60,14 @@ std::string checked(const std::filesystem::path& path, std::string_view text) {
     std::string_view rest = line;
     const std::string_view keyword = next_word(rest);
     if (keyword == "v") {
-      require(num_vertices < kMaxIndex, path.string(), "at most 2147483647 vertices", "more");
+      require(num_vertices < kMaxIndex, source, "at most 2147483647 vertices", "more");
       ++num_vertices;
       kept += 'v';
       for (int axis = 0; axis < 3; ++axis) {
         const std::string_view word = next_word(rest);
         double value = 0.0;
         const bool is_good = parse(word, value) && std::abs(value) <= std::numeric_limits<float>::max();
-        if (!is_good) refuse(path, number, "three finite coordinates after v", line);
+        if (!is_good) refuse(source, number, "three finite coordinates after v", line);
         kept += ' ';
         kept += word;
       }
@@ -78,15 +78,15 @@ std::string checked(const std::filesystem::path& path, std::string_view text) {
       for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest), ++corners) {
         const std::string_view vertex = word.substr(0, word.find('/'));
         long index = 0;  // from 1, or counted back from the last vertex so far when negative
-        if (!parse(vertex, index)) refuse(path, number, "vertex indices after f", line);
+        if (!parse(vertex, index)) refuse(source, number, "vertex indices after f", line);
         if (index == 0 || index > num_vertices || index < -num_vertices) {
-          refuse(path, number, "a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
+          refuse(source, number, "a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
         }
-        if (corners == kMaxCorners) refuse(path, number, "at most 1000 corners after f", line);
+        if (corners == kMaxCorners) refuse(source, number, "at most 1000 corners after f", line);
         kept += ' ';
         kept += std::to_string(index > 0 ? index : num_vertices + 1 + index);
       }
-      if (corners < 3) refuse(path, number, "at least three corners after f", line);
+      if (corners < 3) refuse(source, number, "at least three corners after f", line);
       kept += '\n';
     }
   }
@@ -95,10 +95,9 @@ std::string checked(const std::filesystem::path& path, std::string_view text) {
 
 }  // namespace
 
-TriangleMesh load_obj(const std::filesystem::path& path) {
+TriangleMesh parse_obj(std::string_view text, const std::string& source) {
   tinyobj::ObjReader reader;
-  if (!reader.ParseFromString(checked(path, read_text_file(path, "an OBJ file")), ""))
-    throw std::invalid_argument(path.string() + ": " + reader.Error());
+  if (!reader.ParseFromString(checked(text, source), "")) throw std::invalid_argument(source + ": " + reader.Error());
 
   TriangleMesh mesh;
   const std::vector<tinyobj::real_t>& coordinates = reader.GetAttrib().vertices;
@@ -112,8 +111,10 @@ TriangleMesh load_obj(const std::filesystem::path& path) {
       mesh.triangles.push_back({corners[i].vertex_index, corners[i + 1].vertex_index, corners[i + 2].vertex_index});
     }
   }
-  require(!mesh.triangles.empty(), path.string(), "at least one face", "none");
+  require(!mesh.triangles.empty(), source, "at least one face", "none");
   return mesh;
 }
+
+TriangleMesh load_obj(const std::filesystem::path& path) { return parse_obj(read_text_file(path, "an OBJ file"), path.string()); }
 
 }  // namespace flockstep

@@ -1,0 +1,217 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "base/hash.hpp"
+#include "flockstep/batch.hpp"
+#include "flockstep/navigation.hpp"
+#include "fuzz/targets.hpp"
+
+namespace flockstep::fuzz {
+namespace {
+
+constexpr int kDrones = 4;
+
+// Numbers out of the input; 0 where it is at its end.
+class Stream {
+ public:
+  explicit Stream(Bytes input) : left_(input) {}
+  bool empty() const { return left_.empty(); }
+  template <class T>
+  T take() {
+    T value{};
+    const std::size_t count = std::min(sizeof(T), left_.size());
+    if (count > 0) std::memcpy(&value, left_.data(), count);
+    left_ = left_.subspan(count);
+    return value;
+  }
+  bool flag() { return take<std::uint8_t>() % 2 == 1; }
+  // Mostly sensible, sometimes any bits at all.
+  float number(float reach) {
+    const auto kind = take<std::uint8_t>();
+    if (kind < 16) return take<float>();
+    return reach * static_cast<float>(take<std::int16_t>()) / 32768.0F;
+  }
+  template <class T, class Draw>
+  std::vector<T> list(std::size_t count, const Draw& draw) {
+    std::vector<T> values(count);
+    for (T& value : values) value = static_cast<T>(draw());
+    return values;
+  }
+
+ private:
+  Bytes left_;
+};
+
+Batch::Worlds worlds() {
+  static const Batch::Worlds all = [] {
+    SceneDescription closet;
+    closet.primitives = {
+        {.kind = PrimitiveKind::room, .center = {1, 1, 0.75F}, .half_extents = {1.25F, 1.25F, 0.75F}},
+        {.kind = PrimitiveKind::cylinder, .center = {1.9F, 1.9F, 0.75F}, .half_extents = {0.125F, 0.125F, 0.75F}}};
+    closet.markers = {.start = Vec3(1, 1, 0.75F), .waypoints = {{1, 0.5F, 0.75F}}, .goal = Vec3(1, 1.25F, 0.75F)};
+    SceneDescription yard;
+    yard.mesh.vertices = {{-3, -3, 0}, {3, -3, 0}, {3, 3, 0}, {-3, 3, 0}};
+    yard.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+    yard.markers = {.start = Vec3(0, 0, 1), .goal = Vec3(2, 0, 1)};
+    return Batch::Worlds{std::make_shared<const World>(closet), std::make_shared<const World>(yard)};
+  }();
+  return all;
+}
+
+std::unique_ptr<Batch> make(bool with_camera) {
+  BatchConfig config;
+  config.num_envs = kDrones;
+  config.num_threads = 1;
+  config.lidar = LidarConfig{.beams = 5};
+  config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 1.0F};
+  config.episode.max_episode_steps = 20;
+  if (with_camera) config.cameras = {CameraConfig{.width_px = 8, .height_px = 6, .outputs = {.depth = true}}};
+  return std::make_unique<Batch>(config, worlds(), make_navigation({.action = ActionKind::displacement_yaw}));
+}
+
+// What has to be true of a batch whatever has been done to it.
+void require_sane(const Batch& batch) {
+  const State& state = batch.state();
+  const auto in_world = [](float value) { return is_in_world(value); };
+  if (!std::all_of(state.position.begin(), state.position.end(), in_world)) std::abort();
+  for (std::size_t i = 0; i < kDrones; ++i) {
+    const float* const q = state.quat_wxyz.data() + 4 * i;
+    if (!(std::abs(std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])) - 1.0F) < 0.02F)) std::abort();
+  }
+  for (const float range : batch.lidar_ranges()) {
+    if (!(range >= 0.0F)) std::abort();
+  }
+}
+
+void fly(Batch& batch) {
+  for (int step = 0; step < 3; ++step) batch.step(std::vector<float>(4 * kDrones, 0.5F));
+  require_sane(batch);
+}
+
+constexpr std::size_t kHeaderWords = 5;
+constexpr std::size_t kHeaderBytes = 8 * kHeaderWords;
+
+// The header of a snapshot: five words, the last of them the hash of all the rest.
+void mend_checksum(std::string& blob) {
+  std::array<std::uint64_t, kHeaderWords> header{};
+  std::memcpy(header.data(), blob.data(), kHeaderBytes);
+  header[3] = blob.size() - kHeaderBytes;
+  header[4] = 0;
+  Hash hash;
+  hash.add(std::as_bytes(std::span(header)));
+  hash.add(std::string_view(blob).substr(kHeaderBytes));
+  header[4] = hash.value();
+  std::memcpy(blob.data(), header.data(), kHeaderBytes);
+}
+
+}  // namespace
+
+// Each seven bytes: where, what to do there, and four bytes for it.
+void snapshot(Bytes input) {
+  static const std::unique_ptr<Batch> batch = make(true);
+  static const std::string good = [] {
+    batch->reset(std::vector<std::uint64_t>{1, 2, 3, 4});
+    fly(*batch);
+    return batch->snapshot();
+  }();
+  batch->restore(good);
+  Stream stream(input);
+  std::string blob = good;
+  while (!stream.empty() && blob.size() > kHeaderBytes) {
+    const std::size_t at = kHeaderBytes + stream.take<std::uint16_t>() % (blob.size() - kHeaderBytes);
+    const auto what = stream.take<std::uint8_t>();
+    const auto value = stream.take<std::uint32_t>();
+    if (what < 200) {
+      std::memcpy(blob.data() + at, &value, what % 2 == 0 ? 1 : std::min(sizeof(value), blob.size() - at));
+    } else if (what < 230) {
+      blob.erase(at, std::min<std::size_t>(value % 64, blob.size() - at));
+    } else {
+      blob.insert(at, value % 64, static_cast<char>(what));
+    }
+  }
+  mend_checksum(blob);
+  try {
+    batch->restore(blob);
+  } catch (const std::invalid_argument&) {
+    if (batch->snapshot() != good) std::abort();  // a refusal changes nothing
+    return;
+  }
+  require_sane(*batch);
+  fly(*batch);
+}
+
+void calls(Bytes input) {
+  Stream stream(input);
+  const std::unique_ptr<Batch> batch = make(stream.flag());
+  const auto small = [&](int most) { return stream.take<std::int8_t>() % most; };  // negative ones, too
+  const auto position = [&] { return stream.list<float>(3 * kDrones, [&] { return stream.number(3.0F); }); };
+  const auto rotation = [&] {
+    int i = 0;
+    return stream.list<float>(4 * kDrones, [&] { return i++ % 4 == 0 ? 1.0F : stream.number(0.1F); });
+  };
+  const auto mask = [&] { return stream.list<std::uint8_t>(kDrones, [&] { return stream.flag(); }); };
+  const auto seeds = [&] { return stream.list<std::uint64_t>(kDrones, [&] { return stream.take<std::uint64_t>(); }); };
+  const auto optional = [&](float reach) { return stream.flag() ? std::optional(stream.number(reach)) : std::nullopt; };
+  std::string kept;
+  for (int call = 0; call < 64 && !stream.empty(); ++call) {
+    try {
+      switch (stream.take<std::uint8_t>() % 16) {
+        case 0:
+        case 1:
+        case 2:
+          batch->step(stream.list<float>(4 * kDrones, [&] { return stream.number(2.0F); }));
+          break;
+        case 3:
+          batch->reset(stream.flag() ? std::vector<std::uint64_t>() : seeds(), mask());
+          break;
+        case 4:
+          batch->set_pose(position(), rotation(), mask());
+          break;
+        case 5:
+          batch->move(position(), rotation(), mask());
+          break;
+        case 6:
+          batch->sense(mask());
+          break;
+        case 7:
+          batch->spawn(std::vector<std::int64_t>{small(5)}, {}, {}, std::vector<std::int32_t>{small(3)});
+          break;
+        case 8:
+          batch->remove(std::vector<std::int64_t>{small(5)});
+          break;
+        case 9:
+          batch->set_world(stream.list<std::int32_t>(kDrones, [&] { return small(3); }), mask());
+          break;
+        case 10:
+          batch->set_lidar({.max_range_m = optional(50.0F), .hfov_deg = optional(400.0F), .vfov_deg = optional(200.0F)}, mask());
+          break;
+        case 11:
+          kept = batch->snapshot();
+          break;
+        case 12:
+          batch->restore(kept);
+          break;
+        case 13:
+          batch->seed(seeds(), mask());
+          break;
+        case 14:
+          batch->capture(0, mask());
+          break;
+        default:
+          batch->set_camera(0, {.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)}, mask());
+          break;
+      }
+    } catch (const std::logic_error&) {  // of which std::invalid_argument is one
+    }
+    require_sane(*batch);
+  }
+}
+
+}  // namespace flockstep::fuzz
