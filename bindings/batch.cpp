@@ -47,12 +47,11 @@ std::unique_ptr<Batch, Released> make_batch(const Worlds& worlds, int num_drones
   config.clock = clock.value_or(ClockConfig());
   const auto index = integers<std::int32_t>(world_index, "world_index", {num_drones});
   std::unique_ptr<Task> own_task = make_task(task);
-  auto batch = [&] {  // worlds are prepared for tracing, backends timed
-    const py::gil_scoped_release release;
+  auto batch = released([&] {  // worlds are prepared for tracing, backends timed
     auto made = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task),
                                         drone.value_or(DroneModel::quadrotor650()), index);
     return std::unique_ptr<Batch, Released>(made.release());
-  }();
+  });
   warn(*batch);
   return batch;
 }
@@ -342,10 +341,13 @@ void register_batch(py::module_& module) {
       .def_property_readonly("truncated", output_view<bool>(&Outputs::truncated))
       .def_property_readonly("success", output_view<bool>(&Outputs::success))
       .def_property_readonly("crashed", output_view<bool>(&Outputs::crashed))
+      .def_property_readonly("bad_state", output_view<bool>(&Outputs::bad_state))
       .def_property_readonly("episode_return", output_view<double>(&Outputs::episode_return))
       .def_property_readonly("episode_length", output_view<std::int64_t>(&Outputs::episode_length))
       .def_property_readonly("steps", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.episodes().steps; }))
       .def_property_readonly("flying", state_view<bool>([](const Batch& b) -> auto& { return b.episodes().flying; }))
+      .def_property_readonly("bad_states",
+                             state_view<std::int64_t>([](const Batch& b) -> auto& { return b.episodes().bad_states; }))
       .def_property_readonly("terms", &terms_of)
       .def_property_readonly("task_state", &task_state)
       .def("snapshot",

@@ -1,5 +1,6 @@
 #include "arrays.hpp"
 #include "flockstep/scenario.hpp"
+#include "released.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -15,11 +16,7 @@ py::object plan_path(const World& world, const py::object& start, const py::obje
   for (std::size_t i = 0; i < over.size(); i += 3) points.emplace_back(over[i], over[i + 1], over[i + 2]);
   const DroneModel model = drone.value_or(DroneModel::quadrotor650());
   const Vec3 first(from[0], from[1], from[2]);
-  std::optional<std::vector<Vec3>> path;
-  {
-    const py::gil_scoped_release release;
-    path = plan(world, model, first, points, cell_m);
-  }
+  const std::optional<std::vector<Vec3>> path = released([&] { return plan(world, model, first, points, cell_m); });
   if (!path) return py::none();
   return rows(*path);
 }

@@ -6,6 +6,7 @@
 #include "arrays.hpp"
 #include "flockstep/raycast.hpp"
 #include "flockstep/scenario.hpp"
+#include "released.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -77,11 +78,7 @@ py::dict light(const World& world) {
 py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range_m) {
   const Input<float> from = floats(origins, "origins", {-1, 3});
   const Input<float> along = floats(directions, "directions", {-1, 3});
-  RayHits hits;
-  {
-    const py::gil_scoped_release release;
-    hits = flockstep::raycast(world, from, along, max_range_m);
-  }
+  const RayHits hits = released([&] { return flockstep::raycast(world, from, along, max_range_m); });
   py::dict result;
   result["t_hit"] = py::array_t<float>(static_cast<py::ssize_t>(hits.t_hit.size()), hits.t_hit.data());
   result["normal"] = rows(hits.normal);
@@ -93,7 +90,7 @@ py::dict raycast(const World& world, const py::object& origins, const py::object
 }
 
 py::tuple mesh(const World& world, float chord_error_m) {
-  const TriangleMesh mesh = world.mesh(chord_error_m);
+  const TriangleMesh mesh = released([&] { return world.mesh(chord_error_m); });
   py::array_t<std::int32_t> triangles({static_cast<py::ssize_t>(mesh.triangles.size()), py::ssize_t{3}});
   std::int32_t* out = triangles.mutable_data();
   for (const auto& triangle : mesh.triangles) out = std::copy(triangle.begin(), triangle.end(), out);
@@ -106,24 +103,25 @@ void register_world(py::module_& module) {
   py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
       .def_static(
           "load",
-          [](const py::object& source) {
+          [](const py::object& source, bool meshes_anywhere) {
             const std::filesystem::path path = resolve(source);
-            const py::gil_scoped_release release;
-            return std::const_pointer_cast<World>(World::load(path));
+            const auto files = meshes_anywhere ? MeshFiles::anywhere : MeshFiles::in_folder;
+            return std::const_pointer_cast<World>(released([&] { return World::load(path, files); }));
           },
-          py::arg("source"))
+          py::arg("source"), py::kw_only(), py::arg("meshes_anywhere") = false)
       .def_static(
           "from_dict",
-          [](const py::object& scene, const std::filesystem::path& base_dir) {
+          [](const py::object& scene, const std::filesystem::path& base_dir, bool meshes_anywhere) {
             const auto text = py::module_::import("json").attr("dumps")(scene).cast<std::string>();
-            const py::gil_scoped_release release;
-            return std::const_pointer_cast<World>(World::from_json(text, base_dir));
+            const auto files = meshes_anywhere ? MeshFiles::anywhere : MeshFiles::in_folder;
+            return std::const_pointer_cast<World>(released([&] { return World::from_json(text, base_dir, files); }));
           },
-          py::arg("scene"), py::arg("base_dir") = "")
+          py::arg("scene"), py::arg("base_dir") = "", py::kw_only(), py::arg("meshes_anywhere") = false)
       .def_static(
           "playground",
           [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m) {
-            return std::const_pointer_cast<World>(playground({seed, pillars, size_m, pillar_radius_m}));
+            return std::const_pointer_cast<World>(
+                released([&] { return playground({seed, pillars, size_m, pillar_radius_m}); }));
           },
           py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
           py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)
@@ -141,9 +139,14 @@ void register_world(py::module_& module) {
       .def_property_readonly("materials", &materials)
       .def_property_readonly("light", &light)
       .def_property_readonly("primitives", &primitives)
-      .def("to_dict", [](const World& world) { return py::module_::import("json").attr("loads")(world.to_json()); })
+      .def("to_dict",
+           [](const World& world) {
+             return py::module_::import("json").attr("loads")(released([&] { return world.to_json(); }));
+           })
       .def(
-          "save", [](const World& world, const std::filesystem::path& path) { world.save(path); }, py::arg("path"))
+          "save",
+          [](const World& world, const std::filesystem::path& path) { released([&] { world.save(path); }); },
+          py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))
       .def("__copy__", [](const py::object& self) { return self; })  // immutable

@@ -269,7 +269,9 @@ class Supervisor(BaseCallback):
         self.solved |= rate >= self.args.solved_rate
         if rate >= self.best:
             self.best = rate
-            self.model.save(self.args.out / "policy.zip")
+            written = self.args.out / "written.zip"  # the best model so far stays whole if this is interrupted
+            self.model.save(written)
+            written.replace(self.args.out / "policy.zip")
         self.evaluating_s += time.perf_counter() - before
 
 
@@ -383,7 +385,11 @@ def command_line() -> Args:
 
 if __name__ == "__main__":
     arguments = command_line()
-    _, result = train(arguments)
+    try:
+        _, result = train(arguments)
+    except KeyboardInterrupt:
+        print(f"\nInterrupted. What was kept before is in {arguments.out}/: policy.zip is the best model evaluated so far.")
+        sys.exit(130)
     best = max(evaluation["success_rate"] for evaluation in result.evaluations)
     print(f"The best model reaches the goal in {best:.1%} of the generated playgrounds it was chosen by;")
     print(

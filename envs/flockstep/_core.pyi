@@ -441,12 +441,17 @@ class World:
     """Immutable geometry, materials and named markers, shared by any number of drones and batches."""
 
     @staticmethod
-    def load(source: str | PathLike[str]) -> World:
-        """Load a shipped scene by its name, or a ``.json`` or ``.obj`` file by its path; see `flockstep.scenes`."""
+    def load(source: str | PathLike[str], *, meshes_anywhere: bool = False) -> World:
+        """Load a shipped scene by its name, or a ``.json`` or ``.obj`` file by its path; see `flockstep.scenes`.
+
+        Mesh files that a scene file names have to lie in its folder or below it, unless ``meshes_anywhere`` is set.
+        """
 
     @staticmethod
-    def from_dict(scene: Mapping[str, Any], base_dir: str | PathLike[str] = "") -> World:
-        """Make a world of what a scene file says; mesh files are looked up relative to ``base_dir``."""
+    def from_dict(
+        scene: Mapping[str, Any], base_dir: str | PathLike[str] = "", *, meshes_anywhere: bool = False
+    ) -> World:
+        """Make a world of what a scene file says; ``base_dir`` is its folder, the current one if empty."""
 
     @staticmethod
     def playground(
@@ -972,6 +977,18 @@ class Batch:
     @property
     def crashed(self) -> _Bool:
         """(N,) the episode ended in this step, and the drone was in contact with something."""
+
+    @property
+    def bad_state(self) -> _Bool:
+        """(N,) the episode ended in this step (terminated) by a setpoint, pose, reward or observation that is not finite.
+
+        Or by a pose beyond the world. The drone stayed where it was; the reward and the observation read 0 there. An
+        infinity within the declared bounds of an observation, such as a LiDAR's on a miss, is as good as a number.
+        """
+
+    @property
+    def bad_states(self) -> _I64:
+        """(N,) how many episodes of each env have ended with ``bad_state`` since the batch was made."""
 
     @property
     def episode_return(self) -> _F64:

@@ -130,9 +130,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     Infos
     -----
-    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success`` and
-    ``crashed``, each of length N with its mask ``_key``. With same-step autoreset these are inside ``final_info``,
-    beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it is reset.
+    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``
+    and ``bad_state``, each of length N with its mask ``_key``. With same-step autoreset these are inside
+    ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
+    is reset. An episode ends with ``bad_state`` where a target, a reward or an observation was not finite;
+    ``batch.bad_states`` counts them.
 
     Raises
     ------
@@ -392,6 +394,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             "episode_length": np.where(ended, batch.episode_length, 0),
             "success": ended & batch.success,
             "crashed": ended & batch.crashed,
+            "bad_state": ended & batch.bad_state,
         }
         infos: dict[str, Any] = {}
         for key, value in end_of_episode.items():

@@ -13,15 +13,25 @@
 namespace {
 
 std::atomic<std::uint64_t> total{0};
+std::atomic<std::int64_t> live{0};
 thread_local std::uint64_t of_this_thread = 0;
+thread_local std::uint64_t to_fail = 0;  // the number of the allocation; 0: none
 
 #if !defined(FLOCKSTEP_THREAD_SANITIZER)
 void* allocate(std::size_t size, std::size_t alignment) noexcept {
   total.fetch_add(1, std::memory_order_relaxed);
-  ++of_this_thread;
+  if (++of_this_thread == to_fail) return nullptr;
   size = size == 0 ? 1 : size;
-  if (alignment <= alignof(std::max_align_t)) return std::malloc(size);
-  return std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+  void* const memory = alignment <= alignof(std::max_align_t)
+                           ? std::malloc(size)
+                           : std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+  if (memory != nullptr) live.fetch_add(1, std::memory_order_relaxed);
+  return memory;
+}
+
+void free_counted(void* memory) noexcept {
+  if (memory != nullptr) live.fetch_sub(1, std::memory_order_relaxed);
+  std::free(memory);
 }
 
 void* allocate_or_throw(std::size_t size, std::size_t alignment) {
@@ -36,6 +46,11 @@ namespace flockstep::testing {
 
 std::uint64_t allocations_of_this_thread() { return of_this_thread; }
 std::uint64_t allocations() { return total.load(std::memory_order_relaxed); }
+std::int64_t live_allocations() { return live.load(std::memory_order_relaxed); }
+
+FailingAllocation::FailingAllocation(std::uint64_t n) { to_fail = of_this_thread + n; }
+FailingAllocation::~FailingAllocation() { to_fail = 0; }
+bool FailingAllocation::has_failed() const { return of_this_thread >= to_fail; }
 
 }  // namespace flockstep::testing
 
@@ -53,16 +68,16 @@ void* operator new(std::size_t size, std::align_val_t a, const std::nothrow_t&) 
 void* operator new[](std::size_t size, std::align_val_t a, const std::nothrow_t&) noexcept {
   return allocate(size, static_cast<std::size_t>(a));
 }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete[](void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::align_val_t) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
-void operator delete(void* memory, const std::nothrow_t&) noexcept { std::free(memory); }
-void operator delete[](void* memory, const std::nothrow_t&) noexcept { std::free(memory); }
-void operator delete(void* memory, std::align_val_t, const std::nothrow_t&) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::align_val_t, const std::nothrow_t&) noexcept { std::free(memory); }
+void operator delete(void* memory) noexcept { free_counted(memory); }
+void operator delete[](void* memory) noexcept { free_counted(memory); }
+void operator delete(void* memory, std::size_t) noexcept { free_counted(memory); }
+void operator delete[](void* memory, std::size_t) noexcept { free_counted(memory); }
+void operator delete(void* memory, std::align_val_t) noexcept { free_counted(memory); }
+void operator delete[](void* memory, std::align_val_t) noexcept { free_counted(memory); }
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { free_counted(memory); }
+void operator delete[](void* memory, std::size_t, std::align_val_t) noexcept { free_counted(memory); }
+void operator delete(void* memory, const std::nothrow_t&) noexcept { free_counted(memory); }
+void operator delete[](void* memory, const std::nothrow_t&) noexcept { free_counted(memory); }
+void operator delete(void* memory, std::align_val_t, const std::nothrow_t&) noexcept { free_counted(memory); }
+void operator delete[](void* memory, std::align_val_t, const std::nothrow_t&) noexcept { free_counted(memory); }
 #endif

@@ -1,8 +1,10 @@
-"""A batch is for one thread at a time, and says so."""
+"""A batch has threads of its own, and is for one caller at a time."""
 
+import os
 import threading
 
 import numpy as np
+import pytest
 
 import flockstep
 
@@ -44,3 +46,15 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
     batch.reset(np.arange(512))
     batch.step(np.zeros(512, int))
     assert np.isfinite(batch.observation).all()
+
+
+def test_more_threads_than_processors_are_a_warning_and_nothing_else(room, capfd):
+    count = os.cpu_count() + 6
+    with pytest.warns(RuntimeWarning, match=rf"num_threads={count}: this process may run on \d+ processors") as caught:
+        batch = flockstep.Batch([room], 256, lidar=flockstep.LidarConfig(), num_threads=count, block_size=1)
+    assert len(caught) == 1
+    batch.sense()
+    one = flockstep.Batch([room], 256, lidar=flockstep.LidarConfig(), num_threads=1)
+    one.sense()
+    np.testing.assert_array_equal(batch.lidar().ranges, one.lidar().ranges)
+    assert capfd.readouterr().err == ""

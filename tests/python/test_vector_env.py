@@ -85,7 +85,7 @@ class TestSingle:
             assert (reward, terminated, truncated) == (batched[1][0], batched[2][0], batched[3][0])
             if terminated or truncated:
                 assert info == {key: batched[4][key][0] for key in info}
-                assert set(info) == {"episode_return", "episode_length", "success", "crashed"}
+                assert set(info) == {"episode_return", "episode_length", "success", "crashed", "bad_state"}
                 np.testing.assert_array_equal(env.reset()[0], envs.reset()[0][0])
 
     def test_closes_twice(self, room):
@@ -155,7 +155,7 @@ class TestWrappers:
         envs.reset(seed=0)
         infos = [info for step in fly(envs, 60) for info in step[4] if info]
         assert infos
-        assert all(set(i) == {"episode_return", "episode_length", "success", "crashed"} for i in infos)
+        assert all(set(i) == {"episode_return", "episode_length", "success", "crashed", "bad_state"} for i in infos)
 
     def test_record_video(self, closet, tmp_path, monkeypatch):
         written = []
@@ -308,7 +308,7 @@ class TestEpisodes:
             if not ended.any():
                 assert infos == {}
                 continue
-            for key in ("episode_return", "episode_length", "success", "crashed"):
+            for key in ("episode_return", "episode_length", "success", "crashed", "bad_state"):
                 np.testing.assert_array_equal(infos[f"_{key}"], ended)
                 assert not infos[key][~ended].any()
             np.testing.assert_array_equal(infos["episode_length"][ended], lengths[ended])
@@ -356,7 +356,7 @@ class TestEpisodes:
             np.testing.assert_array_equal(step[3][ended], last[3][ended])
             np.testing.assert_array_equal(envs.batch.position[ended], pose)
             if ended.any():
-                for key in ("episode_return", "episode_length", "success", "crashed"):
+                for key in ("episode_return", "episode_length", "success", "crashed", "bad_state"):
                     np.testing.assert_array_equal(step[4][key][ended], last[4][key][ended])
             last = step
         assert (last[2] | last[3]).all()

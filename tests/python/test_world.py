@@ -1,5 +1,7 @@
 """Worlds: rays against two oracles, meshes, generated playgrounds, shortest paths."""
 
+import json
+import os
 import pickle
 
 import numpy as np
@@ -283,3 +285,52 @@ def test_plan_says_so_when_there_is_no_path():
         "boxes": [{"center": [3, 1.5, 1], "size": [0.2, 3, 2]}],
     }
     assert flockstep.plan(flockstep.World.from_dict(scene), [1, 1.5, 1], [[5, 1.5, 1]]) is None
+
+
+class TestMeshFiles:
+    """A scene names files of its own folder, so that a stranger's reads no other."""
+
+    MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+    @pytest.fixture
+    def folder(self, tmp_path):
+        (tmp_path / "scene" / "meshes").mkdir(parents=True)
+        for place in ("secret.obj", "scene/a.obj", "scene/meshes/b.obj"):
+            (tmp_path / place).write_text(self.MESH)
+        (tmp_path / "scene" / "link.obj").symlink_to(tmp_path / "secret.obj")
+        return tmp_path / "scene"
+
+    @staticmethod
+    def scene(file):
+        return {"flockstep_scene": 1, "meshes": [{"file": str(file)}]}
+
+    @pytest.mark.parametrize("file", ["a.obj", "meshes/b.obj", "meshes/../a.obj", "./a.obj"])
+    def test_those_below_are_read(self, folder, file, monkeypatch):
+        assert len(flockstep.World.from_dict(self.scene(file), folder).mesh()[1]) == 1
+        monkeypatch.chdir(folder)
+        assert len(flockstep.World.from_dict(self.scene(file)).mesh()[1]) == 1
+        (folder / "s.json").write_text(json.dumps(self.scene(file)))
+        assert len(flockstep.World.load("s.json").mesh()[1]) == 1
+
+    @pytest.mark.parametrize(
+        "file", ["../secret.obj", "meshes/../../secret.obj", "link.obj", "absolute", "../scene2/a.obj"]
+    )
+    def test_others_only_where_they_are_allowed(self, folder, file):
+        (folder.parent / "scene2").mkdir()
+        (folder.parent / "scene2" / "a.obj").write_text(self.MESH)
+        scene = self.scene(folder.parent / "secret.obj" if file == "absolute" else file)
+        (folder / "s.json").write_text(json.dumps(scene))
+        loads = [
+            lambda **anywhere: flockstep.World.load(folder / "s.json", **anywhere),
+            lambda **anywhere: flockstep.World.from_dict(scene, folder, **anywhere),
+        ]
+        for load in loads:
+            with pytest.raises(ValueError, match="/meshes/0/file: expected a file in the scene's folder or below it"):
+                load()
+            assert len(load(meshes_anywhere=True).mesh()[1]) == 1
+
+    def test_what_is_no_file_is_refused(self, folder):
+        os.mkfifo(folder / "pipe.obj")
+        for file in ("pipe.obj", "meshes"):
+            with pytest.raises(ValueError, match="not a regular file"):
+                flockstep.World.from_dict(self.scene(file), folder)

@@ -28,6 +28,10 @@ struct Outputs {
   FlagArray truncated;                       // (E,)
   FlagArray success;                         // (E,) ended here, and the task calls it a success
   FlagArray crashed;                         // (E,) ended here, in contact with something
+  // (E,) ended here (terminated), because a setpoint, a pose, a reward or an observation was no finite number, or a pose was beyond
+  // the world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of the
+  // observation's field contain is as good as a number.
+  FlagArray bad_state;
   std::vector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
   std::vector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
 
@@ -35,7 +39,7 @@ struct Outputs {
     using C = Outputs;
     return field_list(field("observation", &C::observation), field("final_observation", &C::final_observation),
                       field("reward", &C::reward), field("reward_terms", &C::reward_terms), field("terminated", &C::terminated),
-                      field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed),
+                      field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed), field("bad_state", &C::bad_state),
                       field("episode_return", &C::episode_return), field("episode_length", &C::episode_length));
   }
 };
@@ -99,7 +103,7 @@ class Batch {
   void set_capture_mode(std::size_t camera, CaptureMode mode);
   void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
   const std::string& camera_backend_report() const;                                 // which backend renders, and why
-  std::string take_warning();  // a warning not reported yet, e.g. that OpenGL failed; usually empty
+  std::string take_warning();  // a warning not reported yet, e.g. that OpenGL failed; mostly empty
   // JPEG file of one drone's rgb frame, or grey if it has no rgb; the frame must not be stale. Quality in [1, 100].
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 

@@ -66,13 +66,15 @@ struct EpisodeState {
   FlagArray begun;                       // (E,) the first episode has begun
   FlagArray done;                        // (E,) the episode ended and no reset has come since
   FlagArray flying;                      // (E,) takes part in the present or last step; 0: its episode was over before
+  FlagArray bad;                         // (E,) something about it is no finite number: its episode ends in the next settling
+  std::vector<std::int64_t> bad_states;  // (E,) episodes that ended so, since the batch was made; see Outputs::bad_state
   FlagArray action_changed;              // (E,) the action differs from that of the step before; so does an episode's first
 
   static constexpr auto fields() {
     using C = EpisodeState;
     return field_list(field("steps", &C::steps), field("time_limit", &C::time_limit), field("episode_return", &C::episode_return),
                       field("begun", &C::begun), field("done", &C::done), field("flying", &C::flying),
-                      field("action_changed", &C::action_changed));
+                      field("bad", &C::bad), field("bad_states", &C::bad_states), field("action_changed", &C::action_changed));
   }
 };
 

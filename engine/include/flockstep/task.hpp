@@ -74,7 +74,8 @@ class TaskContext {
   // Whether a drone of the env at this pose would touch nothing.
   virtual bool is_free(std::size_t env, const Pose& pose) const = 0;
 
-  // Puts a drone somewhere, without a collision check: in Task::place().
+  // Puts a drone somewhere, without a collision check: in Task::place(). What is no pose in the world is a bad state; see
+  // Outputs::bad_state.
   virtual void place(std::size_t drone, const Pose& pose) = 0;
 };
 
@@ -85,7 +86,9 @@ struct TaskBlock {
   std::size_t thread;  // in [0, num_threads()): the index for per-thread data
 };
 
-// Where each drone is to fly in the present step, in a straight line and turning evenly.
+// Where each drone is to fly in the present step, in a straight line and turning evenly, the shorter way round. Of exactly half a
+// turn both ways are as short: it turns by the right hand about the vector part of conjugate(from) * to, so that a target of the
+// opposite sign turns the other way. Where the way matters, turn in two steps.
 struct Setpoints {
   std::vector<Pose> target;  // (N,)
 };

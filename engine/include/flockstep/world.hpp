@@ -82,13 +82,18 @@ struct SceneDescription {
   Light light;
 };
 
+// Where the mesh files that a scene names may lie: in the scene's folder and those below it, so that a scene of a stranger reads
+// nothing else, or anywhere.
+enum class MeshFiles : std::uint8_t { in_folder, anywhere };
+
 class World {
  public:
   // Reads a scene file (.json as scenes/schema.json describes) or a bare mesh (.obj).
   // Throws std::invalid_argument naming the file and the offending field.
-  static std::shared_ptr<const World> load(const std::filesystem::path& path);
-  // The same from JSON text; mesh files are looked up relative to base_dir.
-  static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {});
+  static std::shared_ptr<const World> load(const std::filesystem::path& path, MeshFiles files = MeshFiles::in_folder);
+  // The same from JSON text; base_dir is the scene's folder, the current one if empty.
+  static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {},
+                                                MeshFiles files = MeshFiles::in_folder);
 
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each

@@ -87,12 +87,14 @@ void* load_function(const std::string& library, const char* name) {
   return function;
 }
 
+int logical_processors() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+
 #if defined(__linux__)
 int physical_cores() {
   cpu_set_t allowed;
   CPU_ZERO(&allowed);
   if (sched_getaffinity(0, sizeof(allowed), &allowed) != 0) {
-    return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+    return logical_processors();
   }
   std::set<std::string> cores;  // siblings of one core name the same list
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
@@ -105,7 +107,7 @@ int physical_cores() {
   return std::max(1, static_cast<int>(cores.size()));
 }
 #else
-int physical_cores() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+int physical_cores() { return logical_processors(); }
 #endif
 
 }  // namespace flockstep

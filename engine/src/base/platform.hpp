@@ -10,6 +10,9 @@ long process_id();
 // Physical cores among the processors this process may run on; at least 1.
 int physical_cores();
 
+// Processors this process may run on; at least 1.
+int logical_processors();
+
 // The memory of the machine, in bytes; 0 where it cannot be told.
 double physical_memory();
 

@@ -1,41 +1,116 @@
 #include "base/workers.hpp"
 
 #include <oneapi/tbb/blocked_range.h>
+#include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
 
+#include <algorithm>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <vector>
+
 #include "base/flush_denormals.hpp"
+#include "base/interrupt.hpp"
+#include "base/platform.hpp"
 #include "base/thread_sanitizer.hpp"
 
 namespace flockstep {
+namespace {
+
+// The arenas that batches have given back, for those that come next: oneTBB keeps some kilobytes of every arena that has run
+// anything, for as long as the process lives. And how many threads oneTBB may have: as many as the largest batch asked for, where
+// that is more than it takes for the machine. One of each for the process, as oneTBB itself is.
+class Arenas {
+ public:
+  static Arenas& of_process() {
+    static Arenas arenas;
+    return arenas;
+  }
+
+  std::unique_ptr<tbb::task_arena> take(int num_threads) {
+    // Where another thread has the lock, a new one will do. To wait for it could take for ever, in a child of a fork().
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock) {
+      if (owner_ != process_id()) forget();
+      allow(num_threads);
+      const auto found = std::find_if(free_.begin(), free_.end(), [&](const auto& entry) { return entry.first == num_threads; });
+      if (found != free_.end()) {
+        std::swap(*found, free_.back());
+        std::unique_ptr<tbb::task_arena> arena = std::move(free_.back().second);
+        free_.pop_back();
+        return arena;
+      }
+      free_.reserve(++made_);  // so that no give_back() has to allocate
+    }
+    return std::make_unique<tbb::task_arena>(num_threads);
+  }
+
+  void give_back(int num_threads, std::unique_ptr<tbb::task_arena> arena) noexcept {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock && owner_ == process_id() && free_.size() < free_.capacity()) free_.emplace_back(num_threads, std::move(arena));
+  }
+
+ private:
+  void allow(int num_threads) {
+    const auto parameter = tbb::global_control::max_allowed_parallelism;
+    const auto threads = static_cast<std::size_t>(num_threads);
+    if (threads <= allowed_ || threads <= tbb::global_control::active_value(parameter)) return;
+    control_.emplace(parameter, threads);
+    allowed_ = threads;
+  }
+
+  // In a child of a fork() the threads of the arenas are gone, and to end them would wait for them.
+  void forget() {
+    for (auto& entry : free_) static_cast<void>(entry.second.release());
+    free_.clear();
+    owner_ = process_id();
+  }
+
+  std::mutex mutex_;
+  long owner_ = process_id();
+  std::vector<std::pair<int, std::unique_ptr<tbb::task_arena>>> free_;
+  std::size_t made_ = 0;
+  std::size_t allowed_ = 0;
+  std::optional<tbb::global_control> control_;
+};
+
+}  // namespace
 
 struct Workers::Arena {
-  explicit Arena(int num_threads) : tbb(num_threads) {}
-  tbb::task_arena tbb;
+  explicit Arena(int num_threads) : tbb(Arenas::of_process().take(num_threads)) {}
+  std::unique_ptr<tbb::task_arena> tbb;
 };
 
 Workers::Workers(int num_threads) : num_threads_(num_threads), arena_(std::make_unique<Arena>(num_threads)) {}
 
-Workers::~Workers() = default;
+Workers::~Workers() { Arenas::of_process().give_back(num_threads_, std::move(arena_->tbb)); }
 
 void Workers::run(std::size_t count, Call f, const void* call) {
   if (count <= 1 || num_threads_ == 1) {  // not worth, or not able, to wake anyone
     const FlushDenormals flush;
-    for (std::size_t i = 0; i < count; ++i) f(call, i, 0);
+    for (std::size_t i = 0; i < count; ++i) {
+      if (i > 0) Interrupt::poll();
+      f(call, i, 0);
+    }
     return;
   }
   static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
   const char joined = 0;
   thread_sanitizer::release(&forked);
-  arena_->tbb.execute([&] {
+  arena_->tbb->execute([&] {
     tbb::parallel_for(
         tbb::blocked_range<std::size_t>(0, count, 1),
         [&](const tbb::blocked_range<std::size_t>& range) {
           thread_sanitizer::acquire(&forked);
-          const FlushDenormals flush;
-          const auto thread = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
-          for (std::size_t i = range.begin(); i != range.end(); ++i) f(call, i, thread);
+          {
+            const FlushDenormals flush;
+            const auto thread = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
+            for (std::size_t i = range.begin(); i != range.end(); ++i) f(call, i, thread);
+          }
           thread_sanitizer::release(&joined);
+          Interrupt::poll();
         },
         tbb::simple_partitioner());
   });

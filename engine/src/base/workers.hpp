@@ -1,4 +1,5 @@
-// Workers: the threads of one batch, in an arena of their own.
+// Workers: the threads of one batch, in an arena of their own. There are as many as it asks for, also where the machine has fewer
+// processors.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +17,8 @@ class Workers {
   int num_threads() const { return num_threads_; }
 
   // Calls f(index, thread) for every index in [0, count), in no particular order; thread is in [0, num_threads), the index
-  // for per-thread data. Denormals are zero.
+  // for per-thread data. Denormals are zero. Where f throws, or the caller is interrupted (see Interrupt), some calls are left
+  // out and the exception is passed on.
   template <class F>
   void run(std::size_t count, const F& f) {
     run(

@@ -28,6 +28,13 @@ void list_chosen(Simulation& sim, Batch::Mask mask, EnvList Block::* list) {
   }
 }
 
+bool is_of_all(const Simulation& sim, Batch::Mask mask) {
+  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
+    if (sim.state.active[drone] && !chosen(sim, mask, drone)) return false;
+  }
+  return true;
+}
+
 // The pose a row asks for: what is missing stays, quaternions are normalised.
 Pose requested_pose(const Simulation& sim, std::size_t drone, std::size_t row, std::span<const float> position,
                     std::span<const float> quat_wxyz) {
@@ -104,6 +111,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   checks::indices(*sim_, indices);
   checks::poses(position, quat_wxyz, indices.size());
   checks::world_index(*sim_, world_index, indices.size());
+  checks::whole(*sim_);
   State& state = sim_->state;
   std::vector<std::uint8_t> spawned(sim_->num_drones());
   for (std::size_t row = 0; row < indices.size(); ++row) {
@@ -198,6 +206,8 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
   if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
+  if (is_of_all(*sim_, mask)) sim_->is_cut_short = false;
+  checks::whole(*sim_);
   sim_->outputs.turn_and_copy();
   list_chosen(*sim_, mask, &Block::opening);
   for (const Block& block : sim_->schedule.blocks()) {
@@ -220,6 +230,7 @@ void Batch::step(std::span<const std::int64_t> actions) {
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
+  checks::whole(*sim_);
   checks::begun(*sim_);
   if (sim_->run->actions.type() == DType::int64) {
     std::copy(actions.begin(), actions.end(), sim_->run->next_actions<std::int64_t>());
@@ -235,6 +246,7 @@ void Batch::step(std::span<const float> actions) {
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
+  checks::whole(*sim_);
   checks::begun(*sim_);
   std::copy(actions.begin(), actions.end(), sim_->run->next_actions<float>());
   flockstep::step(*sim_);
@@ -259,6 +271,7 @@ void Batch::visit_task(ArrayVisitor& visitor) const {
 std::string Batch::snapshot() const {
   const Use use(*sim_);
   checks::not_stepping(*sim_, "snapshot");
+  checks::whole(*sim_);
   return make_snapshot(*sim_);
 }
 
@@ -266,6 +279,7 @@ void Batch::restore(const std::string& blob) {
   const Use use(*sim_);
   checks::not_stepping(*sim_, "restore");
   restore_snapshot(*sim_, blob);
+  sim_->is_cut_short = false;
   for (std::size_t drone = 0; drone < sim_->num_drones(); ++drone) {
     if (!sim_->state.active[drone]) mark_absent(*sim_, drone);  // in the other slot too, where it may have been alive
   }

@@ -1,6 +1,7 @@
 // The sensors' part of Batch.
 #include <algorithm>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/require.hpp"
@@ -104,8 +105,13 @@ void Batch::capture(std::size_t camera, Mask mask) {
     }
   }
   sim_->cameras.ask_now(camera, drones);
-  sim_->cameras.start();
-  sim_->cameras.finish(sim_->workers);
+  try {
+    sim_->cameras.start();
+    sim_->cameras.finish(sim_->workers);
+  } catch (...) {  // some have not been rendered
+    for (const std::uint32_t drone : drones) sim_->cameras.mark_stale(drone);
+    throw;
+  }
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
@@ -128,7 +134,8 @@ const std::string& Batch::camera_backend_report() const { return sim_->cameras.r
 
 std::string Batch::take_warning() {
   const Use use(*sim_, std::nothrow);  // whoever is in a call takes it after that
-  return use.is_granted() ? sim_->cameras.take_warning() : std::string();
+  if (!use.is_granted()) return {};
+  return sim_->warning.empty() ? sim_->cameras.take_warning() : std::exchange(sim_->warning, std::string());
 }
 
 std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {

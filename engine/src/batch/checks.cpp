@@ -93,6 +93,12 @@ void spec(const TaskSpec& spec) {
   }
 }
 
+void whole(const Simulation& sim) {
+  if (!sim.is_cut_short) return;
+  throw std::runtime_error(
+      "an exception has cut the last step() or reset() of this Batch short: reset() every env, or restore() a snapshot");
+}
+
 void begun(const Simulation& sim) {
   for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
     if (sim.state.active[drone] && !sim.episodes.begun[sim.env_of(drone)]) {

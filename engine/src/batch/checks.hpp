@@ -27,6 +27,7 @@ void has_camera(const Simulation& sim, std::size_t camera);
 void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode);
 void has_task(const Simulation& sim);
 void spec(const TaskSpec& spec);    // what a task has declared
+void whole(const Simulation& sim);  // no step or reset has been cut short
 void begun(const Simulation& sim);  // every active env is in an episode
 
 void index(const Simulation& sim, std::int64_t index);

@@ -6,6 +6,7 @@
 
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "batch/bad_states.hpp"
 #include "batch/checks.hpp"
 
 namespace flockstep {
@@ -36,14 +37,14 @@ bool action_changed(const TaskRun& run, std::size_t env) {
   }
 }
 
+}  // namespace
+
 bool touches(const Simulation& sim, std::size_t env) {
   const std::size_t m = sim.drones_per_env();
   return std::any_of(sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>(env * m),
                      sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>((env + 1) * m),
                      [](std::uint8_t hit) { return hit != 0; });
 }
-
-}  // namespace
 
 void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   const std::size_t n = sim.num_envs();
@@ -108,6 +109,7 @@ void start_counts(Simulation& sim, std::size_t env) {
   episodes.begun[env] = 1;
   episodes.done[env] = 0;
   episodes.action_changed[env] = 0;
+  episodes.bad[env] = 0;
   episodes.time_limit[env] = sim.run->max_episode_steps;
   if (sim.config.episode.stagger_first_episode && sim.state.episode[env] == 0) {
     const double u = uniform01(draw(sim.state, env, Stream::time_limit, 0)[0]);
@@ -146,6 +148,7 @@ void settle(Simulation& sim, Block& block) {
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = run.score.num_terms;
   for (const std::uint32_t env : block.flying) {
+    check_terms(sim, env);
     const double* const terms = run.score.terms.data() + env * num_terms;
     double* const earned = run.earned.empty() ? nullptr : run.earned.data() + env * num_terms;
     float* const shown = out.reward_terms.data() + env * num_terms;
@@ -158,7 +161,8 @@ void settle(Simulation& sim, Block& block) {
       shown[k] = static_cast<float>(sum);
     }
     episodes.episode_return[env] += total;
-    const bool terminated = run.score.terminated[env] != 0;
+    const bool bad = episodes.bad[env] != 0;
+    const bool terminated = bad || run.score.terminated[env] != 0;
     const bool truncated = !terminated && episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
     const bool ends = terminated || truncated;
     episodes.done[env] = ends;
@@ -166,8 +170,11 @@ void settle(Simulation& sim, Block& block) {
     out.reward[env] = static_cast<float>(step_total);
     out.terminated[env] = terminated;
     out.truncated[env] = truncated;
-    out.success[env] = ends && run.score.success[env];
+    out.success[env] = ends && !bad && run.score.success[env];
     out.crashed[env] = ends && touches(sim, env);
+    out.bad_state[env] = bad;
+    episodes.bad[env] = 0;
+    episodes.bad_states[env] += bad;
     out.episode_return[env] = episodes.episode_return[env];
     out.episode_length[env] = episodes.steps[env];
   }

@@ -13,6 +13,7 @@ namespace flockstep {
 void begin_task(Simulation& sim, std::unique_ptr<Task> task);
 
 void clear_contact(State& state, std::size_t drone);
+bool touches(const Simulation& sim, std::size_t env);  // a drone of it has touched something in its last motion
 
 // --- of one env
 // Names the episode that begins: the next one, or the first where none has begun. Draws its world, where that is random.

@@ -10,7 +10,7 @@ void clear_row(Outputs& outputs, std::size_t env) {
   const std::size_t terms = outputs.reward_terms.size() / outputs.reward.size();
   outputs.reward[env] = 0.0F;
   std::fill_n(outputs.reward_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, 0.0F);
-  outputs.terminated[env] = outputs.truncated[env] = outputs.success[env] = outputs.crashed[env] = 0;
+  outputs.terminated[env] = outputs.truncated[env] = outputs.success[env] = outputs.crashed[env] = outputs.bad_state[env] = 0;
   outputs.episode_return[env] = 0.0;
   outputs.episode_length[env] = 0;
 }
@@ -75,6 +75,7 @@ void OutputSlots::carry_over(std::size_t env) {
   to.truncated[env] = from.truncated[env];
   to.success[env] = from.success[env];
   to.crashed[env] = from.crashed[env];
+  to.bad_state[env] = from.bad_state[env];
   to.episode_return[env] = from.episode_return[env];
   to.episode_length[env] = from.episode_length[env];
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <string>
 #include <type_traits>
 #include <utility>
 
@@ -70,6 +71,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       owner(process_id()) {
+  if (workers.num_threads() > logical_processors()) {
+    warning = "num_threads=" + std::to_string(workers.num_threads()) + ": this process may run on " +
+              std::to_string(logical_processors()) + " processors, and more threads than that make it slower";
+  }
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());
     scratches.back()->drones.reserve(static_cast<std::size_t>(std::min(config.block_size, config.num_envs)) * drones_per_env());

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -102,6 +103,8 @@ struct Simulation {
   std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
+  bool is_cut_short = false;                        // an exception ended a step or reset half-way
+  std::string warning;                              // not reported yet
   std::atomic<std::thread::id> user{};              // the thread that is in a call on this batch; see Use
   std::optional<std::uint64_t> known_hash;          // see config_hash()
 };

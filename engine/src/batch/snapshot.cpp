@@ -176,11 +176,14 @@ void require_meaning(const Simulation& sim) {
   flags(sim.episodes.done, "done");
   flags(sim.episodes.flying, "flying");
   flags(sim.episodes.action_changed, "action_changed");
+  flags(sim.episodes.bad, "bad");
+  counts(sim.episodes.bad_states, "bad_states");
   const Outputs& outputs = sim.outputs.now();
   for (const auto& [values, name] : {std::pair(&outputs.terminated, "terminated"),
                                      {&outputs.truncated, "truncated"},
                                      {&outputs.success, "success"},
-                                     {&outputs.crashed, "crashed"}}) {
+                                     {&outputs.crashed, "crashed"},
+                                     {&outputs.bad_state, "bad_state"}}) {
     flags(*values, name);
   }
   counts(outputs.episode_length, "episode_length");
@@ -252,7 +255,9 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
     put(sim, body);
     require_meaning(sim);
   } catch (...) {
+    const bool was_cut_short = std::exchange(sim.is_cut_short, true);  // where the memory is out, there is no way back
     put(sim, std::string_view(before).substr(sizeof(Header)));
+    sim.is_cut_short = was_cut_short;
     sim.outputs.turn();
     throw;
   }

@@ -1,9 +1,11 @@
 #include "batch/step.hpp"
 
+#include <exception>
 #include <initializer_list>
 #include <utility>
 
 #include "base/pose_access.hpp"
+#include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/kinematic.hpp"
@@ -154,6 +156,9 @@ class StageByStage {
 
 // --------------------------------------------------------------------------------------------------- the table of contents
 
+void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
+void check_opened(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.opening, false); }
+
 // The first moment of the episodes that have been opened.
 template <class Run>
 void begin_program(Simulation& sim, Run& run, bool place) {
@@ -177,6 +182,7 @@ void step_program(Simulation& sim, Run run) {
     const bool is_last = flown == sim.config.episode.frame_skip;
     run.each(count_step);
     run.task({&Block::flying}, [&](const TaskBlock& envs) { task.command(envs, sim.run->actions, sim.run->setpoints); });
+    run.each([](Simulation& s, Block& block, Scratch&) { check_setpoints(s, block); });
     run.each(fly);
     if (is_last) run.start_frames(&Block::flown);
     run.each(sense);
@@ -188,14 +194,18 @@ void step_program(Simulation& sim, Run run) {
   const bool resets_at_once = sim.config.episode.autoreset_mode == AutoresetMode::same_step;
   if (resets_at_once) {
     run.task({&Block::flown}, observe);
+    run.each(check_flown);
     run.each(keep);
   }
   run.each(turn_over);
   begin_program(sim, run, true);
   if (resets_at_once) {
     run.task({&Block::opening}, observe);
+    run.each(check_opened);
   } else {
     run.task({&Block::flown, &Block::opening}, observe);
+    run.each(check_flown);
+    run.each(check_opened);
     run.each(keep);
   }
 }
@@ -206,6 +216,7 @@ class Stepping {
   explicit Stepping(Simulation& sim) : sim_(sim) { sim_.is_stepping = true; }
   ~Stepping() {
     sim_.is_stepping = false;
+    sim_.is_cut_short |= std::uncaught_exceptions() > exceptions_;
     bool moved = false;
     for (const auto& scratch : sim_.scratches) moved |= std::exchange(scratch->moved_world, false);
     if (moved) sim_.rebuild_schedule();
@@ -215,6 +226,7 @@ class Stepping {
 
  private:
   Simulation& sim_;
+  const int exceptions_ = std::uncaught_exceptions();
 };
 
 }  // namespace
@@ -236,6 +248,7 @@ void begin_episodes(Simulation& sim, bool place) {
   StageByStage run(sim);
   begin_program(sim, run, place);
   run.task({&Block::opening}, [&](const TaskBlock& envs) { sim.run->task->observe(envs, sim.outputs.now().observation); });
+  run.each(check_opened);
 }
 
 void read_sensors(Simulation& sim) {

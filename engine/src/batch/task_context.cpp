@@ -2,6 +2,7 @@
 
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
+#include "batch/bad_states.hpp"
 #include "batch/simulation.hpp"
 #include "collision/sweep.hpp"
 
@@ -39,7 +40,13 @@ class Context final : public TaskContext {
     return !collision::overlaps(*sim_.obstacles[sim_.world_index_of(env)], sim_.hull, pose);
   }
 
-  void place(std::size_t drone, const Pose& pose) override { set_pose_of(sim_.state, drone, pose); }
+  void place(std::size_t drone, const Pose& pose) override {
+    if (is_valid(pose)) {
+      set_pose_of(sim_.state, drone, pose);
+    } else {
+      mark_bad(sim_, sim_.env_of(drone));
+    }
+  }
 
  private:
   Simulation& sim_;

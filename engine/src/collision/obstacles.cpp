@@ -1,9 +1,12 @@
 #include "collision/obstacles.hpp"
 
+#include "base/interrupt.hpp"
+
 namespace flockstep::collision {
 
 Obstacles::Obstacles(const World& world, const trace::Scene& scene) : world_(&world), scene_(&scene) {
   for (const Primitive& primitive : world.primitives()) {
+    Interrupt::poll();
     if (primitive.kind == PrimitiveKind::room) {
       const auto element = static_cast<std::uint32_t>(convexes_.size());
       rooms_.push_back({element, {primitive.center - primitive.half_extents, primitive.center + primitive.half_extents}});

@@ -17,7 +17,7 @@ struct Path {
         first_matrix(first.toRotationMatrix()) {
     if (from.rotation.coeffs() == to.rotation.coeffs()) return;
     Eigen::Quaterniond turn = first.conjugate() * to.rotation.cast<double>().normalized();
-    if (turn.w() < 0.0) {  // q and -q are the same rotation: the shorter way
+    if (turn.w() < 0.0) {  // q and -q are the same rotation: the shorter way. Of half a turn (0), as the signs of both have it
       turn.coeffs() = -turn.coeffs();
     }
     const double sine = turn.vec().norm();

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "base/flush_denormals.hpp"
+#include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "compiled/compiled_world.hpp"
 #include "trace/tracer.hpp"
@@ -86,6 +87,7 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
   const trace::HitDetails& details = tracer->details();
   rays.near = 0.0F;
   for (std::size_t first = 0; first < count; first += trace::kMaxRays) {
+    Interrupt::poll();
     rays.count = std::min(trace::kMaxRays, count - first);
     for (std::size_t i = 0; i < rays.count; ++i) {
       rays.org_x[i] = origins[3 * (first + i)];

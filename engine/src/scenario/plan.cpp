@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
 #include "compiled/compiled_world.hpp"
@@ -150,6 +151,7 @@ std::optional<Path> search(const Space& space, const Grid& grid) {
   at(grid.start()) = Node{.cost = 0.0F, .parent = grid.start(), .is_checked = true};
   push(grid.start());
   while (!open.empty()) {
+    Interrupt::poll();
     const std::int32_t node = open.top().second;
     open.pop();
     Node& entry = at(node);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/interrupt.hpp"
 #include "base/philox.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
@@ -267,6 +268,7 @@ std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
   check(config);
   const DroneModel drone = DroneModel::quadrotor650();
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
+    Interrupt::poll();
     Draws draws(config.seed, attempt);
     const std::optional<Route> route = draw_route(draws, config);
     if (!route) continue;

@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <stdexcept>
 #include <string>
 
+#include "base/interrupt.hpp"
 #include "base/platform.hpp"
 #include "base/thread_sanitizer.hpp"
 #include "trace/packets.hpp"
@@ -22,9 +25,25 @@ constexpr float kRounding = 1e-5F;  // of coordinates: bounds are this much wide
 
 float squared_distance(const Vec3& center, const Vec3& half) { return (center.cwiseAbs() - half).cwiseMax(0.0F).squaredNorm(); }
 
-[[noreturn]] void throw_embree_error(RTCDevice device) {
-  throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(rtcGetDeviceError(device))));
+void throw_embree_error(RTCDevice device) {
+  const RTCError error = rtcGetDeviceError(device);
+  if (error == RTC_ERROR_NONE) return;
+  if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
+  throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(error)));
 }
+
+// What Embree made, or the reason why it did not.
+template <class T>
+T* required(T* made, RTCDevice device) {
+  if (made != nullptr) return made;
+  throw_embree_error(device);
+  throw std::bad_alloc();
+}
+
+struct ReleaseGeometry {
+  void operator()(RTCGeometry geometry) const { rtcReleaseGeometry(geometry); }
+};
+using Geometry = std::unique_ptr<RTCGeometryTy, ReleaseGeometry>;
 
 // Embree's device, one for all scenes of the process: it is costly, and some thousands of them are more than Embree can make. It
 // goes with the last scene. A forked child cannot use its parent's and makes its own.
@@ -35,10 +54,7 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
   const std::lock_guard lock(mutex);
   std::shared_ptr<RTCDeviceTy> device = owner == process_id() ? current.lock() : nullptr;
   if (!device) {
-    device.reset(rtcNewDevice(nullptr), [](RTCDevice made) {
-      if (made != nullptr) rtcReleaseDevice(made);
-    });
-    if (!device) throw_embree_error(nullptr);
+    device.reset(required(rtcNewDevice(nullptr), nullptr), rtcReleaseDevice);
     current = device;
     owner = process_id();
   }
@@ -81,16 +97,35 @@ Scene::~Scene() = default;
 
 Scene::EmbreeScene Scene::new_scene() {
   if (!device_) device_ = shared_device();
-  EmbreeScene scene(rtcNewScene(device_.get()));
+  EmbreeScene scene(required(rtcNewScene(device_.get()), device_.get()));
   // ROBUST: without it rays leak through the edges that triangles share.
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_MEDIUM);
   return scene;
 }
 
+// Builds the scene. Embree stops half-way where its callback says no; an exception may not go through it.
 void Scene::commit(RTCScene scene) const {
+  std::exception_ptr interrupted;  // written by this thread alone: on others, poll() does nothing
+  rtcSetSceneProgressMonitorFunction(
+      scene,
+      [](void* result, double) {
+        try {
+          Interrupt::poll();
+          return true;
+        } catch (...) {
+          *static_cast<std::exception_ptr*>(result) = std::current_exception();
+          return false;
+        }
+      },
+      &interrupted);
   rtcCommitScene(scene);
-  if (rtcGetDeviceError(device_.get()) != RTC_ERROR_NONE) throw_embree_error(device_.get());
+  rtcSetSceneProgressMonitorFunction(scene, nullptr, nullptr);
+  if (interrupted) {
+    static_cast<void>(rtcGetDeviceError(device_.get()));  // that it was cancelled
+    std::rethrow_exception(interrupted);
+  }
+  throw_embree_error(device_.get());
 }
 
 void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t max_direct) {
@@ -114,7 +149,8 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
     if (crowd_shapes_.size() <= num_rooms_) crowd_shapes_.back().box_half = Vec3::Constant(-1.0F);
   }
   crowd_ = new_scene();
-  RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER);
+  const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER), device_.get()));
+  RTCGeometry geometry = owned.get();
   rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(crowd_shapes_.size()));
   rtcSetGeometryUserData(geometry, crowd_shapes_.data());
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
@@ -130,7 +166,6 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(crowd_.get(), geometry);
-  rtcReleaseGeometry(geometry);
   thread_sanitizer::release(crowd_shapes_.data());  // to Embree's builders, and back
   commit(crowd_.get());
   thread_sanitizer::acquire(crowd_shapes_.data());
@@ -139,12 +174,14 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
 void Scene::add_triangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) return;
   meshes_ = new_scene();
-  RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
+  const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE), device_.get()));
+  RTCGeometry geometry = owned.get();
   auto* vertices = static_cast<float*>(
-      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
-  auto* indices = static_cast<unsigned int*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                     3 * sizeof(unsigned int), mesh.triangles.size()));
-  if (vertices == nullptr || indices == nullptr) throw_embree_error(device_.get());
+      required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
+                                       mesh.vertices.size()), device_.get()));
+  auto* indices = static_cast<unsigned int*>(
+      required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned int),
+                                       mesh.triangles.size()), device_.get()));
   for (const Vec3& vertex : mesh.vertices) {
     for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
   }
@@ -160,7 +197,6 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(meshes_.get(), geometry);
-  rtcReleaseGeometry(geometry);
   commit(meshes_.get());
   wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }

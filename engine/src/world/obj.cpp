@@ -6,13 +6,17 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <istream>
 #include <limits>
 #include <stdexcept>
+#include <streambuf>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "base/excerpt.hpp"
+#include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "world/text_file.hpp"
 
@@ -21,6 +25,7 @@ namespace {
 
 constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
 constexpr int kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
+constexpr std::size_t kLinesOfPart = 10'000;
 
 [[noreturn]] void refuse(const std::string& source, std::size_t line, const std::string& expected, std::string_view got) {
   flockstep::refuse(source + ':' + std::to_string(line), expected, '"' + excerpt(got) + '"');
@@ -51,11 +56,16 @@ bool parse(std::string_view word, Number& value) {
 }
 
 // tinyobjloader reads a malformed number as 0, lets indices run out of range, and believes any size that a line states. So it is
-// given a text that has been checked and has nothing but vertices and faces, of vertex indices alone.
+// given a text that has been checked and has nothing but vertices and faces, of vertex indices alone; and now and then a new
+// object, at which it cuts the faces so far into triangles, so that it never does so for long.
 std::string checked(std::string_view text, const std::string& source) {
   std::string kept;
   long num_vertices = 0;
   for (std::size_t number = 1; !text.empty(); ++number) {
+    if (number % kLinesOfPart == 0) {
+      kept += "o part\n";
+      Interrupt::poll();
+    }
     const std::string_view line = next_line(text);
     std::string_view rest = line;
     const std::string_view keyword = next_word(rest);
@@ -93,19 +103,48 @@ std::string checked(std::string_view text, const std::string& source) {
   return kept;
 }
 
+// A text in parts, for a reader that may take long over it.
+class PolledText final : public std::streambuf {
+ public:
+  explicit PolledText(std::string text) : text_(std::move(text)) {}
+
+ protected:
+  int_type underflow() override {
+    Interrupt::poll();
+    const std::size_t count = std::min(kPart, text_.size() - taken_);
+    if (count == 0) return traits_type::eof();
+    char* const begin = text_.data() + taken_;
+    taken_ += count;
+    setg(begin, begin, begin + count);
+    return traits_type::to_int_type(*begin);
+  }
+
+ private:
+  static constexpr std::size_t kPart = 1U << 16U;
+  std::string text_;
+  std::size_t taken_ = 0;
+};
+
 }  // namespace
 
 TriangleMesh parse_obj(std::string_view text, const std::string& source) {
-  tinyobj::ObjReader reader;
-  if (!reader.ParseFromString(checked(text, source), "")) throw std::invalid_argument(source + ": " + reader.Error());
+  PolledText polled(checked(text, source));
+  std::istream stream(&polled);
+  stream.exceptions(std::ios::badbit);  // passes on what poll() throws
+  tinyobj::attrib_t attributes;
+  std::vector<tinyobj::shape_t> shapes;
+  std::string warning, error;
+  if (!tinyobj::LoadObj(&attributes, &shapes, nullptr, &warning, &error, &stream)) {
+    throw std::invalid_argument(source + ": " + error);
+  }
 
   TriangleMesh mesh;
-  const std::vector<tinyobj::real_t>& coordinates = reader.GetAttrib().vertices;
+  const std::vector<tinyobj::real_t>& coordinates = attributes.vertices;
   for (std::size_t i = 0; i + 2 < coordinates.size(); i += 3) {
     mesh.vertices.emplace_back(static_cast<float>(coordinates[i]), static_cast<float>(coordinates[i + 1]),
                                static_cast<float>(coordinates[i + 2]));
   }
-  for (const tinyobj::shape_t& shape : reader.GetShapes()) {
+  for (const tinyobj::shape_t& shape : shapes) {
     const std::vector<tinyobj::index_t>& corners = shape.mesh.indices;
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
       mesh.triangles.push_back({corners[i].vertex_index, corners[i + 1].vertex_index, corners[i + 2].vertex_index});

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/interrupt.hpp"
 #include "base/require.hpp"
 
 namespace flockstep {
@@ -83,9 +84,15 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   check_material(field + ".material", primitive.material, num_materials);
 }
 
+constexpr std::size_t kBetweenPolls = 1024;  // vertices or triangles
+
 void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
-  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) check_point("mesh." + element("vertices", i), mesh.vertices[i]);
+  for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
+    if (i % kBetweenPolls == 0) Interrupt::poll();
+    if (!is_in_world(mesh.vertices[i])) check_point("mesh." + element("vertices", i), mesh.vertices[i]);
+  }
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (i % kBetweenPolls == 0) Interrupt::poll();
     const auto& triangle = mesh.triangles[i];
     const auto field = [i] { return "mesh." + element("triangles", i); };
     for (const std::int32_t index : triangle) {
@@ -117,7 +124,8 @@ void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
 TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   std::vector<std::size_t> order(mesh.triangles.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return mesh.objects[a] < mesh.objects[b]; });
+  const auto by_object = [&](std::size_t a, std::size_t b) { return mesh.objects[a] < mesh.objects[b]; };
+  if (!std::is_sorted(order.begin(), order.end(), by_object)) std::stable_sort(order.begin(), order.end(), by_object);
 
   TriangleMesh ordered;
   std::vector<std::int32_t> used;                            // by the current object
@@ -238,6 +246,7 @@ SceneDescription canonical(SceneDescription description) {
   check_materials(description.materials);
   auto& primitives = description.primitives;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
+    Interrupt::poll();
     check_primitive(element("primitives", i), primitives[i], description.materials.size());
   }
   std::stable_sort(primitives.begin(), primitives.end(), [](const Primitive& a, const Primitive& b) { return a.kind < b.kind; });

@@ -4,17 +4,22 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <initializer_list>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <stdexcept>
 #include <string_view>
+#include <system_error>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
 #include "base/excerpt.hpp"
+#include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
@@ -217,8 +222,8 @@ constexpr const char* kMaterialsKey = "materials";
 
 class SceneReader {
  public:
-  SceneReader(Field root, std::span<const std::string> material_names, std::filesystem::path base_dir)
-      : root_(std::move(root)), material_names_(material_names), base_dir_(std::move(base_dir)) {
+  SceneReader(Field root, std::span<const std::string> material_names, std::filesystem::path base_dir, MeshFiles files)
+      : root_(std::move(root)), material_names_(material_names), base_dir_(std::move(base_dir)), files_(files) {
     scene_.materials.clear();
   }
 
@@ -268,7 +273,10 @@ class SceneReader {
     const std::optional<Field> list = find(root_, key);
     if (!list) return;
     const std::size_t count = require_array(*list, "an array").size();
-    for (std::size_t i = 0; i < count; ++i) function(child(*list, i));
+    for (std::size_t i = 0; i < count; ++i) {
+      Interrupt::poll();
+      function(child(*list, i));
+    }
   }
 
   void read_materials() {
@@ -467,6 +475,10 @@ class SceneReader {
   TriangleMesh read_mesh_file(const Field& file) const {
     if (!file.value.is_string()) refuse(file, "the path of an OBJ file");
     const std::filesystem::path path = base_dir_ / file.value.get<std::string>();
+    if (files_ == MeshFiles::in_folder && !is_below(path, base_dir_)) {
+      fail(file, "expected a file in the scene's folder or below it (load with meshes_anywhere=True to allow others), got " +
+                     excerpt_of(file.value));
+    }
     try {
       return load_obj(path);
     } catch (const std::invalid_argument& error) {
@@ -474,14 +486,29 @@ class SceneReader {
     }
   }
 
+  // With links followed. What does not exist is taken by its name.
+  static bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder) {
+    std::error_code error;
+    const auto resolved = [&error](const std::filesystem::path& p) {
+      return std::filesystem::weakly_canonical(p.empty() ? std::filesystem::path(".") : p, error);
+    };
+    const std::filesystem::path inner = resolved(path);
+    const std::filesystem::path outer = error ? std::filesystem::path() : resolved(folder);
+    return !error && std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end()).first == outer.end();
+  }
+
   static TriangleMesh read_inline_mesh(const Field& field) {
     TriangleMesh mesh;
     const Field vertices = require(field, "vertices");
     const Field triangles = require(field, "triangles");
     const std::size_t num_vertices = require_array(vertices, "an array of (x, y, z)").size();
-    for (std::size_t i = 0; i < num_vertices; ++i) mesh.vertices.push_back(point(child(vertices, i)));
+    for (std::size_t i = 0; i < num_vertices; ++i) {
+      Interrupt::poll();
+      mesh.vertices.push_back(point(child(vertices, i)));
+    }
     const std::size_t num_triangles = require_array(triangles, "an array of vertex index triples").size();
     for (std::size_t i = 0; i < num_triangles; ++i) {
+      Interrupt::poll();
       const Field triangle = child(triangles, i);
       if (!triangle.value.is_array() || triangle.value.size() != 3) refuse(triangle, "an array of 3 vertex indices");
       std::array<std::int32_t, 3> indices{};
@@ -550,6 +577,7 @@ class SceneReader {
   Field root_;
   std::span<const std::string> material_names_;  // in the order of the file
   std::filesystem::path base_dir_;
+  MeshFiles files_;
   std::unordered_map<std::string, std::uint16_t> material_index_;
   std::optional<Box3d> room_;
   SceneDescription scene_;
@@ -611,6 +639,33 @@ class Checker final : public nlohmann::json_sax<Json> {
   std::string top_key_;
 };
 
+// The characters of a text, for a parser that may take long over them.
+class Characters {
+ public:
+  using iterator_category = std::input_iterator_tag;
+  using value_type = char;
+  using difference_type = std::ptrdiff_t;
+  using pointer = const char*;
+  using reference = const char&;
+
+  explicit Characters(const char* at) : at_(at) {}
+  reference operator*() const { return *at_; }
+  Characters& operator++() {
+    constexpr std::uintptr_t kBetweenPolls = 1U << 16U;
+    if (reinterpret_cast<std::uintptr_t>(++at_) % kBetweenPolls == 0) Interrupt::poll();
+    return *this;
+  }
+  Characters operator++(int) {
+    const Characters before = *this;
+    ++*this;
+    return before;
+  }
+  bool operator==(const Characters&) const = default;
+
+ private:
+  const char* at_;
+};
+
 struct Document {
   Json root;
   std::vector<std::string> material_names;
@@ -618,9 +673,11 @@ struct Document {
 
 Document parse_json(const std::string& text, const std::string& source) {
   Checker checker(source);
-  Json::sax_parse(text, &checker);
+  const Characters begin(text.data());
+  const Characters end(text.data() + text.size());
+  Json::sax_parse(begin, end, &checker);
   try {
-    return {Json::parse(text), std::move(checker.material_names)};
+    return {Json::parse(begin, end), std::move(checker.material_names)};
   } catch (const Json::exception& error) {
     refuse_json(source, error.what());
   }
@@ -810,9 +867,10 @@ std::string format(const OrderedJson& document, const std::vector<Material>& mat
 
 }  // namespace
 
-SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir) {
+SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
+                             MeshFiles files) {
   const Document document = parse_json(text, source);
-  return SceneReader(Field{document.root, "", source}, document.material_names, base_dir).read();
+  return SceneReader(Field{document.root, "", source}, document.material_names, base_dir, files).read();
 }
 
 std::string write_scene(const SceneDescription& description) {

@@ -8,9 +8,10 @@
 
 namespace flockstep {
 
-// source names the text in error messages; mesh files are looked up relative to base_dir.
+// source names the text in error messages; base_dir is the scene's folder.
 // Throws std::invalid_argument: source, JSON pointer of the offending field, what was expected, what came.
-SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir);
+SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
+                             MeshFiles files = MeshFiles::in_folder);
 
 // Takes a description as canonical() leaves it. Numbers are written so that reading them again gives the same float32 bits, a
 // mesh for each object (an empty one for a number that no triangle has), and of the light only what is not the default.

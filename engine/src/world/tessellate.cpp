@@ -9,6 +9,7 @@
 #include <sstream>
 #include <string>
 
+#include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "world/scene_description.hpp"
 
@@ -104,6 +105,7 @@ void add_capsule(Patch patch, double radius, double middle, double chord_error) 
   const std::int32_t first = north + 1;
   int rings = 0;
   const auto add_ring = [&](int i, double z) {
+    Interrupt::poll();
     const double latitude = std::numbers::pi / 2.0 * i / half_rings;
     for (int j = 0; j < sides; ++j) {
       const double longitude = 2.0 * std::numbers::pi * j / sides;
@@ -115,6 +117,7 @@ void add_capsule(Patch patch, double radius, double middle, double chord_error) 
   for (int i = 1 - half_rings; i <= 0; ++i) add_ring(i, -middle);
   for (int i = middle > 0.0 ? 0 : 1; i < half_rings; ++i) add_ring(i, middle);
   for (int j = 0; j < sides; ++j) {
+    Interrupt::poll();
     const int next = (j + 1) % sides;
     const std::int32_t last = first + (rings - 1) * sides;
     patch.triangle(south, first + next, first + j);
@@ -165,6 +168,7 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
   TriangleMesh mesh;
   const std::size_t num_primitives = description.primitives.size();
   for (std::size_t i = 0; i < num_primitives; ++i) {
+    Interrupt::poll();
     const Primitive& primitive = description.primitives[i];
     const Vec3& half = primitive.half_extents;
     Patch patch(primitive, mesh);

@@ -39,11 +39,11 @@ std::shared_ptr<const World> made_from(SceneDescription description, const std::
 
 }  // namespace
 
-std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
+std::shared_ptr<const World> World::load(const std::filesystem::path& path, MeshFiles files) {
   std::string extension = path.extension().string();
   for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
   if (extension == ".json") {
-    return std::make_shared<const World>(parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path()));
+    return std::make_shared<const World>(parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), files));
   }
   if (extension == ".obj") {
     SceneDescription description;
@@ -54,8 +54,8 @@ std::shared_ptr<const World> World::load(const std::filesystem::path& path) {
   refuse(path.string(), "a file ending in .json or .obj", '"' + extension + '"');
 }
 
-std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir) {
-  return std::make_shared<const World>(parse_scene(text, "scene", base_dir));
+std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir, MeshFiles files) {
+  return std::make_shared<const World>(parse_scene(text, "scene", base_dir, files));
 }
 
 World::World(SceneDescription description) : description_(canonical(std::move(description))), bounds_(bounds_of(description_)) {}

@@ -1,0 +1,45 @@
+// Interrupt: how long work is stopped half-way, such as by Ctrl-C. Whoever calls the work says what to look at; the work polls.
+#pragma once
+
+#include <chrono>
+
+namespace flockstep {
+
+class Interrupt {
+ public:
+  using Check = void (*)();
+
+  // While this lives, poll() on this thread calls check now and then. What check throws ends the work. They nest.
+  explicit Interrupt(Check check) : before_(current()) { current() = {check, Clock::now() + kPause}; }
+  ~Interrupt() { current() = before_; }
+  Interrupt(const Interrupt&) = delete;
+  Interrupt& operator=(const Interrupt&) = delete;
+
+  // For loops that may take long, once every some microseconds: it reads the clock. On other threads than the caller's, such as
+  // those of a batch, it does nothing.
+  static void poll() {
+    Polled& polled = current();
+    if (polled.check == nullptr) return;
+    const Clock::time_point now = Clock::now();
+    if (now < polled.next) return;
+    polled.next = now + kPause;
+    polled.check();
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr std::chrono::milliseconds kPause{50};
+
+  struct Polled {
+    Check check = nullptr;
+    Clock::time_point next;
+  };
+  static Polled& current() {
+    thread_local Polled polled;
+    return polled;
+  }
+
+  Polled before_;
+};
+
+}  // namespace flockstep

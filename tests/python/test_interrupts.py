@@ -1,0 +1,111 @@
+"""Ctrl-C ends long work soon, and leaves nothing half done behind."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+TRAINING = Path(__file__).resolve().parents[2] / "training" / "train_ppo.py"
+
+# Far longer than the work may go on; the interrupt ends each within a second on a quiet machine.
+PATIENCE_S = 10.0
+
+PREPARE = """
+import sys
+import numpy as np
+import flockstep
+
+def work(call):
+    print("begun", flush=True)
+    try:
+        call()
+    except KeyboardInterrupt:
+        print("interrupted", flush=True)
+    else:
+        print("finished", flush=True)
+
+room = flockstep.World.load("playground/train-1")
+"""
+
+# Each takes several seconds.
+WORK = {
+    "load a mesh": """
+with open(sys.argv[1] + "/large.obj", "w") as file:
+    file.write("".join(f"v {i} {i % 7} {i % 11}\\n" for i in range(1000)))
+    faces = "".join(f"f {i} {i + 1} {i + 2}\\n" for i in range(1, 998))
+    for _ in range(5_000):
+        file.write(faces)
+work(lambda: flockstep.World.load(sys.argv[1] + "/large.obj"))
+""",
+    "load a scene": """
+with open(sys.argv[1] + "/large.json", "w") as file:
+    spheres = ",".join(f'{{"center": [{i}, 0, 0], "radius": 0.1}}' for i in range(1000))
+    file.write('{"flockstep_scene": 1, "spheres": [' + ",".join([spheres] * 1000) + "]}")
+work(lambda: flockstep.World.load(sys.argv[1] + "/large.json"))
+""",
+    "step": """
+camera = flockstep.CameraConfig(width_px=2048, height_px=2048, samples_per_pixel=16)
+batch = flockstep.Batch([room], 16, cameras=[camera], task=flockstep.NavigationConfig(), lidar=flockstep.LidarConfig())
+batch.seed(np.arange(16))
+work(lambda: batch.reset(np.arange(16)))
+try:
+    batch.step(np.zeros(16, int))
+except RuntimeError as error:
+    print(error)
+""",
+    "raycast": """
+rays = np.tile(np.float32([[1, 0.1, 0]]), (16_000_000, 1))
+work(lambda: room.raycast(rays, rays, 100.0))
+""",
+}
+
+
+def hear_interrupts():
+    """Undo what a shell does to jobs in its background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@pytest.mark.parametrize("name", WORK)
+def test_ctrl_c_ends(name, tmp_path):
+    with subprocess.Popen(
+        [sys.executable, "-c", PREPARE + WORK[name], str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=hear_interrupts,
+    ) as child:
+        assert child.stdout.readline() == "begun\n"
+        time.sleep(1.0)
+        child.send_signal(signal.SIGINT)
+        asked = time.monotonic()
+        assert child.stdout.readline() == "interrupted\n"
+        assert time.monotonic() - asked < PATIENCE_S
+        rest = child.stdout.read()
+        assert child.wait() == 0, rest
+        if name == "step":
+            assert "cut the last step() or reset() of this Batch short" in rest
+
+
+def test_ctrl_c_ends_training(tmp_path):
+    arguments = ["--out", str(tmp_path), "--evaluate-every", "1000", "--evaluation-worlds", "2", "--generated", "2"]
+    with subprocess.Popen(
+        [sys.executable, str(TRAINING), *arguments, "--num-envs", "64", "--no-progress"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=hear_interrupts,
+    ) as child:
+        lines = iter(child.stdout.readline, "")
+        assert any("steps: reaches the goal" in line for line in lines)
+        child.send_signal(signal.SIGINT)
+        asked = time.monotonic()
+        rest = child.stdout.read()
+        assert child.wait() == 130, rest
+        assert time.monotonic() - asked < PATIENCE_S
+        assert "Traceback" not in rest
+        assert "Interrupted" in rest
+        assert (tmp_path / "policy.zip").exists()
+        assert not (tmp_path / "written.zip").exists()
