@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
+TRIED = ROOT / "out" / "tried"
 NAMES = ("lidar", "step", "camera", "train", "camera_train", "pixels_train", "camera_large")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
@@ -174,15 +175,31 @@ def with_content(text: str, name: str, content: str) -> str:
     return f"{before}{begin}\n{content}{end}{rest.split(end)[1]}"
 
 
+def tried(text: str) -> str:
+    """Return a document with how often things were tried, by ./dev try, between its markers."""
+
+    def cell(match: re.Match[str]) -> str:
+        path = KEPT / "tried" / f"{match[1]}.json"
+        if not path.exists():
+            return f"<!-- tried {match[1]} -->not yet<!-- /tried -->"
+        result = json.loads(path.read_text())
+        return f"<!-- tried {match[1]} -->{result['count']:,} {result['unit']}<!-- /tried -->"
+
+    return re.sub(r"<!-- tried (\w+) -->.*?<!-- /tried -->", cell, text)
+
+
 def keep() -> None:
     """Copy fresh results to where they are committed."""
     fresh = sorted(FRESH.glob("*.json"))
-    if not fresh:
+    if not fresh and not any(TRIED.glob("*.json")):
         sys.exit(f"{FRESH}: no results; run ./dev bench first")
     KEPT.mkdir(parents=True, exist_ok=True)
     refuse_unknown_sources(read(FRESH))
     for path in fresh:
         shutil.copy(path, KEPT / path.name)
+    for path in sorted(TRIED.glob("*.json")):
+        (KEPT / "tried").mkdir(exist_ok=True)
+        shutil.copy(path, KEPT / "tried" / path.name)
 
 
 def main() -> None:
@@ -201,7 +218,7 @@ def main() -> None:
     refuse_unknown_sources(results)
     documents = {
         README: with_content(README.read_text(encoding="utf-8"), "figures", table(results)),
-        ARCHITECTURE: with_content(ARCHITECTURE.read_text(encoding="utf-8"), "stages", stages(results)),
+        ARCHITECTURE: tried(with_content(ARCHITECTURE.read_text(encoding="utf-8"), "stages", stages(results))),
         CAMERAS: with_content(
             with_content(CAMERAS.read_text(encoding="utf-8"), "frames", frames(results)), "modes", modes(results)
         ),

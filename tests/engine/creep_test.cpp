@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -14,18 +13,13 @@
 #include "compiled/compiled_world.hpp"
 #include "convex_oracle.hpp"
 #include "random.hpp"
+#include "tried.hpp"
 
 namespace flockstep::collision {
 namespace {
 
 using oracle::Vec3d;
 using testing::Random;
-
-// FLOCKSTEP_MOVES=100000000 for a long run.
-long num_moves() {
-  const char* const given = std::getenv("FLOCKSTEP_MOVES");
-  return given != nullptr ? std::atol(given) : 100000;
-}
 
 const DroneModel& drone() {
   static const DroneModel model = DroneModel::quadrotor650();
@@ -114,7 +108,7 @@ TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
   const Vec3 point = GetParam() * Vec3(0.6F, -0.48F, 0.64F);
   const Hull hull(drone());
   const std::vector<Obstacle> all = obstacles_at(point);
-  const long moves = std::max(num_moves() / 6 / static_cast<long>(all.size()), 1L);
+  const long moves = testing::times_tried(100'000) / 6 / static_cast<long>(all.size());  // six places
   Random random(static_cast<unsigned>(GetParam()) + 1U);
   for (const Obstacle& obstacle : all) {
     SCOPED_TRACE(obstacle.name);
@@ -141,6 +135,7 @@ TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
     }
     EXPECT_EQ(stuck, 0) << "of motions straight away";
   }
+  testing::tried("moves", moves * static_cast<long>(all.size()));
 }
 
 INSTANTIATE_TEST_SUITE_P(FromTheOrigin, Creep, ::testing::Values(0.0F, 8.0F, 30.0F, 100.0F, 1000.0F, 10000.0F));

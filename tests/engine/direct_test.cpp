@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
-#include <iostream>
 #include <limits>
 #include <memory>
 #include <span>
@@ -28,6 +26,7 @@
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
 #include "trace/user_geometry.hpp"
+#include "tried.hpp"
 
 namespace flockstep::trace {
 namespace {
@@ -87,18 +86,14 @@ struct Probe {
 
 // -- The three ways agree: bundles traced directly, blocks (through Embree where the world has more than kMaxDirectAnyOrigin
 // primitives, else without origin or frustum in common), and closed forms in double precision.
-//
-// How many rays: FLOCKSTEP_RAYS, if set, as in
-//   FLOCKSTEP_RAYS=10000000 ./dev test engine --gtest_filter='Agreement*'
 
 std::size_t rays_wanted() {
 #if defined(NDEBUG)
-  constexpr std::size_t kDefault = 150'000;
+  constexpr long kDefault = 150'000;
 #else  // sanitizers and debug builds are slow
-  constexpr std::size_t kDefault = 20'000;
+  constexpr long kDefault = 20'000;
 #endif
-  const char* const text = std::getenv("FLOCKSTEP_RAYS");
-  return text == nullptr ? kDefault : std::stoul(text);
+  return static_cast<std::size_t>(testing::times_tried(kDefault));
 }
 
 struct Deviation {
@@ -214,7 +209,7 @@ TEST(Agreement, DirectlyThroughEmbreeAndByClosedForms) {
   write("through Embree", tally.by_embree);
   write("from a list", tally.by_list);
   RecordProperty("counts", text.str());
-  if (std::getenv("FLOCKSTEP_RAYS") != nullptr) std::cout << text.str() << '\n';
+  testing::tried("rays", static_cast<long>(tally.rays));
 }
 
 // -- Single rays with care, asked in every way there is.
@@ -669,7 +664,6 @@ TEST(DirectBits, AreTheSameOnEverySimdTarget) {
   std::string names;
   for (const std::int64_t target : targets) names += std::string(names.empty() ? "" : " ") + hwy::TargetName(target);
   RecordProperty("targets", names);
-  if (std::getenv("FLOCKSTEP_RAYS") != nullptr) std::cout << names << '\n';
   ASSERT_FALSE(targets.empty());
   const auto run = [](std::int64_t target) {
     const OnTarget on(target);

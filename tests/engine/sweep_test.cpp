@@ -13,6 +13,7 @@
 
 #include "allocation_counter.hpp"
 #include "convex_oracle.hpp"
+#include "tried.hpp"
 
 namespace flockstep::collision {
 namespace {
@@ -520,6 +521,7 @@ void compare_with_fine_stepping(Random& random, const Place& place, const Motion
 void random_cases(unsigned seed, int places, int motions, int elements, float length, float most_degrees) {
   Random random(seed);
   Tally tally;
+  places = static_cast<int>(testing::times_tried(places));
   for (int i = 0; i < places; ++i) {
     const std::unique_ptr<Place> place = random_place(random, elements);
     for (int j = 0; j < motions; ++j) {
@@ -539,6 +541,7 @@ void random_cases(unsigned seed, int places, int motions, int elements, float le
   EXPECT_GT(tally.hits, total / 100);
   EXPECT_GT(tally.frees, total / 50);
   EXPECT_GT(tally.insides, total / 50);
+  testing::tried("motions", total);
 }
 
 TEST(SweepAgainstFineStepping, ShortMotions) { random_cases(1, 300, 20, 5, 0.3F, 0.0F); }

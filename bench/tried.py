@@ -1,0 +1,85 @@
+"""What `./dev try [NAME...]` runs: what the promises rest on, tried far more often than the tests do.
+
+moves    pushes and turns at rest against walls, 0 to 10 km from the origin: no gap is eaten
+motions  sweeps against fine stepping with an independent convex distance
+rays     rays traced directly, through Embree, and by closed forms in double precision
+scene, obj, snapshot, calls   the fuzzers, with address and undefined sanitizers
+
+Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree
+from pathlib import Path
+
+from run import ROOT, commit, machine
+
+OUT = ROOT / "out" / "tried"
+#: Tests of the C++ engine, and how many times as often as in the suite.
+TESTS = {"moves": ("*Creep*", 1000), "motions": ("SweepAgainstFineStepping*", 100), "rays": ("Agreement*", 1000)}
+FUZZERS = ("scene", "obj", "snapshot", "calls")
+RUNS, HOUR_S = 1_000_000, 3600  # of a fuzzer, whichever comes first
+
+
+def run_tests(name: str, factor: int | None) -> int:
+    """Run the tests; return what they have counted."""
+    tests, times = TESTS[name]
+    report = OUT / f"{name}.xml"
+    subprocess.run(
+        [ROOT / "build/release/flockstep_tests", f"--gtest_filter={tests}", f"--gtest_output=xml:{report}"],
+        check=True,
+        env=os.environ | {"FLOCKSTEP_TRY": str(times if factor is None else factor)},
+    )
+    properties = xml.etree.ElementTree.parse(report).getroot().iter("property")
+    return sum(int(p.attrib["value"]) for p in properties if p.attrib["name"] == f"tried_{name}")
+
+
+def run_fuzzer(name: str, runs: int) -> int:
+    """Run a fuzzer from its kept corpus on; return how many inputs it has tried."""
+    found = ROOT / "out" / "fuzz" / name
+    found.mkdir(parents=True, exist_ok=True)
+    limits = [f"-runs={runs}", f"-max_total_time={HOUR_S}", "-timeout=20", "-rss_limit_mb=4096", "-print_final_stats=1"]
+    places = [f"-artifact_prefix={found}-", str(found), str(ROOT / "tests/fuzz/corpus" / name)]
+    with (OUT / f"{name}.log").open("w") as log:
+        subprocess.run(
+            [ROOT / "build/fuzz" / f"fuzz_{name}", *limits, *places],
+            check=True,
+            stderr=log,
+            env=os.environ | {"UBSAN_OPTIONS": "print_stacktrace=1"},
+        )
+    executed = re.findall(r"stat::number_of_executed_units:\s*(\d+)", (OUT / f"{name}.log").read_text())
+    return int(executed[-1])
+
+
+def main() -> None:
+    names = [*TESTS, *FUZZERS]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
+    parser.add_argument("--times", type=int, help="of tests: how many times as often as the suite; else as the table says")
+    parser.add_argument("--runs", type=int, default=RUNS, help="of a fuzzer; it ends after an hour all the same")
+    args = parser.parse_args()
+    for name in args.names:
+        if name not in names:
+            parser.error(f"nothing to try is called {name!r}: there are {', '.join(names)}")
+    OUT.mkdir(parents=True, exist_ok=True)
+    for name in args.names or names:
+        source = {"commit": commit(), "cpu": machine()["cpu"]}
+        count = run_tests(name, args.times) if name in TESTS else run_fuzzer(name, args.runs)
+        unit = name if name in TESTS else "runs"
+        print(f"{name}: {count:,} {unit}")
+        if source["commit"].endswith("-dirty"):
+            print("   not written: the checkout has changes")
+        else:
+            result = {**source, "count": count, "unit": unit}
+            (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
