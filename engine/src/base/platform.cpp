@@ -1,6 +1,7 @@
 #include "base/platform.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -14,10 +15,10 @@
 #endif
 #if defined(__linux__)
 #include <sched.h>
+#include <sys/resource.h>
 
 #include <fstream>
 #include <set>
-#include <string>
 #endif
 
 namespace flockstep {
@@ -90,6 +91,15 @@ void* load_function(const std::string& library, const char* name) {
 int logical_processors() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
 
 #if defined(__linux__)
+double address_space_left() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return std::numeric_limits<double>::infinity();
+  std::ifstream file("/proc/self/statm");
+  double pages = 0.0;  // in use
+  file >> pages;
+  return static_cast<double>(limit.rlim_cur) - pages * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
 int physical_cores() {
   cpu_set_t allowed;
   CPU_ZERO(&allowed);
@@ -107,6 +117,7 @@ int physical_cores() {
   return std::max(1, static_cast<int>(cores.size()));
 }
 #else
+double address_space_left() { return std::numeric_limits<double>::infinity(); }
 int physical_cores() { return logical_processors(); }
 #endif
 

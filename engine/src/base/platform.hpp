@@ -16,6 +16,9 @@ int logical_processors();
 // The memory of the machine, in bytes; 0 where it cannot be told.
 double physical_memory();
 
+// How much more address space this process may take, in bytes; infinity where nothing limits it (ulimit -v).
+double address_space_left();
+
 // Loads EGL and OpenGL for as long as the process lives. Returns why they cannot be, or nothing.
 std::string gl_load_error();
 

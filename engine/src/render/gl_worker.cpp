@@ -8,8 +8,11 @@
 #include <exception>
 #include <mutex>
 #include <span>
+#include <string>
+#include <system_error>
 #include <thread>
 
+#include "base/platform.hpp"
 #include "render/egl_context.hpp"
 #include "render/gl_renderer.hpp"
 
@@ -19,6 +22,9 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kStartPatience{30'000};  // until the context is made
+
+// Mesa ends the process where it gets no memory, and takes some hundred MB before it draws anything.
+constexpr double kAddressSpace = 1024.0 * 1024.0 * 1024.0;  // bytes
 
 constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
 
@@ -94,12 +100,19 @@ struct GlWorker::Shared {
 };
 
 GlWorker::GlWorker(milliseconds patience) : shared_(std::make_shared<Shared>(egl_devices(), patience)) {
-  thread_ = std::thread([shared = shared_] {
-    run(*shared);
-    const std::lock_guard lock(shared->mutex);
-    shared->ended = true;
-    shared->changed.notify_all();
-  });
+  if (address_space_left() < kAddressSpace) {
+    throw GlUnavailable("this process may take less than 1 GiB of address space more (ulimit -v), and OpenGL needs that");
+  }
+  try {
+    thread_ = std::thread([shared = shared_] {
+      run(*shared);
+      const std::lock_guard lock(shared->mutex);
+      shared->ended = true;
+      shared->changed.notify_all();
+    });
+  } catch (const std::system_error& error) {
+    throw GlUnavailable(std::string("no thread can be started for OpenGL: ") + error.what());
+  }
   std::string error;
   {
     std::unique_lock lock(shared_->mutex);
