@@ -120,8 +120,7 @@ void register_world(py::module_& module) {
       .def_static(
           "playground",
           [](std::uint64_t seed, int pillars, const std::array<float, 3>& size_m, float pillar_radius_m) {
-            return std::const_pointer_cast<World>(
-                released([&] { return playground({seed, pillars, size_m, pillar_radius_m}); }));
+            return std::const_pointer_cast<World>(released([&] { return playground({seed, pillars, size_m, pillar_radius_m}); }));
           },
           py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
           py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)
@@ -139,13 +138,11 @@ void register_world(py::module_& module) {
       .def_property_readonly("materials", &materials)
       .def_property_readonly("light", &light)
       .def_property_readonly("primitives", &primitives)
-      .def("to_dict",
-           [](const World& world) {
-             return py::module_::import("json").attr("loads")(released([&] { return world.to_json(); }));
-           })
       .def(
-          "save",
-          [](const World& world, const std::filesystem::path& path) { released([&] { world.save(path); }); },
+          "to_dict",
+          [](const World& world) { return py::module_::import("json").attr("loads")(released([&] { return world.to_json(); })); })
+      .def(
+          "save", [](const World& world, const std::filesystem::path& path) { released([&] { world.save(path); }); },
           py::arg("path"))
       .def("mesh", &mesh, py::arg("chord_error_m") = 1e-3F)
       .def("raycast", &raycast, py::arg("origins"), py::arg("directions"), py::arg("max_range_m"))

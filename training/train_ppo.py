@@ -262,16 +262,16 @@ class Supervisor(BaseCallback):
         rate = float(np.mean([flight.outcome == "success" for flight in flights]))
         self.logger.record("eval/success_rate", rate)
         self.evaluations.append({"steps": self.num_timesteps, "success_rate": rate})
-        self.bar.write(
-            f"  {self.num_timesteps:>9,} steps: reaches the goal in {rate:.1%} of {len(flights)} generated playgrounds "
-            "that it does not train in"
-        )
         self.solved |= rate >= self.args.solved_rate
         if rate >= self.best:
             self.best = rate
             written = self.args.out / "written.zip"  # the best model so far stays whole if this is interrupted
             self.model.save(written)
             written.replace(self.args.out / "policy.zip")
+        self.bar.write(
+            f"  {self.num_timesteps:>9,} steps: reaches the goal in {rate:.1%} of {len(flights)} generated playgrounds "
+            "that it does not train in"
+        )
         self.evaluating_s += time.perf_counter() - before
 
 

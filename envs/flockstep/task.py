@@ -134,7 +134,10 @@ class Task:
         raise NotImplementedError(f"{_name(self)}.observe: every task has to define it")
 
     def state(self) -> dict[str, Array]:
-        """Return everything of yours that the next step depends on, for `DroneVectorEnv.snapshot`."""
+        """Return everything of yours that the next step depends on, for `DroneVectorEnv.snapshot`.
+
+        The arrays keep their names and shapes: a snapshot whose shapes are not those of the present ones is refused.
+        """
         return {}
 
     def load(self, state: Mapping[str, Array]) -> None:
@@ -234,7 +237,7 @@ class TaskCalls:
             try:
                 found = np.lib.format.read_array(file, allow_pickle=False).tobytes().decode()
                 array = np.lib.format.read_array(file, allow_pickle=False)
-            except (ValueError, OSError, MemoryError) as error:
+            except (ValueError, OSError, MemoryError, OverflowError) as error:
                 raise ValueError(f"snapshot: expected the array {name!r} of {_name(self._task)}, got no array") from error
             if found != name or array.shape != present.shape:
                 expected = f"the array {name!r} of {_name(self._task)}, of shape {present.shape}"

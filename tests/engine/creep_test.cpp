@@ -171,7 +171,9 @@ TEST(Inside, MayMoveOutNeverDeeper) {
         Contact contact;
         pose = moved(obstacles, hull, pose, target, contact);
         inside = contact.inside;
-        if (inside) ASSERT_LE(depth(), before + 2e-6) << i;
+        if (inside) {
+          ASSERT_LE(depth(), before + 2e-6) << i;
+        }
         ASSERT_TRUE(contact.fraction == 0.0F || contact.fraction == 1.0F || !inside);
       }
       came_out += !inside;

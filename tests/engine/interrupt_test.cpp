@@ -103,10 +103,9 @@ TEST(Interrupt, EndsTheWorkOfABatch) {
     }
     // Some envs have been stepped and some not, so it is of no use until it is whole again.
     const auto refusal = [](const auto& call) { return testing::message_of(call); };
-    for (const std::string& message :
-         {refusal([&] { batch.step(actions); }), refusal([&] { batch.snapshot(); }),
-          refusal([&] { batch.reset({}, std::vector<std::uint8_t>(64, 0)); }),
-          refusal([&] { batch.spawn(std::vector<std::int64_t>{3}, {}, {}, {}); })}) {
+    for (const std::string& message : {refusal([&] { batch.step(actions); }), refusal([&] { batch.snapshot(); }),
+                                       refusal([&] { batch.reset({}, std::vector<std::uint8_t>(64, 0)); }),
+                                       refusal([&] { batch.spawn(std::vector<std::int64_t>{3}, {}, {}, {}); })}) {
       EXPECT_NE(message.find("cut"), std::string::npos) << message;
     }
     batch.restore(before);

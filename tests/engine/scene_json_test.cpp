@@ -298,7 +298,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"disc turned by no rotation", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "quat_wxyz": [0, 0, 0, 0]}])"),
        "x.json: /discs/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
       {"room inside out", scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"),
-       "x.json: /room: expected min < max, got {\"min\":[0,0,0],\"max\":[1,-1,1]}"},
+       "x.json: /room: expected min < max, got {\"max\":[1,-1,1],\"min\":[0,0,0]}"},
       {"pillar without a height", scene(R"("pillars": [{"center": [1, 1], "radius": 1}])"),
        "x.json: /pillars/0: expected a field \"z\" (the scene has no room to take the height from), found none"},
       {"pillar upside down", scene(R"("pillars": [{"center": [1, 1], "radius": 1, "z": [2, 1]}])"),
@@ -385,7 +385,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"waypoints that are no list", scene(kRoom + R"(, "markers": {"waypoints": 3})"),
        "x.json: /markers/waypoints: expected an array of (x, y, z), got 3"},
       {"spawn box inside out", scene(kRoom + R"(, "markers": {"spawn_box": {"min": [1, 1, 1], "max": [2, 2, 0]}})"),
-       "x.json: /markers/spawn_box: expected min <= max, got {\"min\":[1,1,1],\"max\":[2,2,0]}"},
+       "x.json: /markers/spawn_box: expected min <= max, got {\"max\":[2,2,0],\"min\":[1,1,1]}"},
       {"long values are shortened", scene(R"("name": [)" + std::string(200, '1') + "]"),
        "x.json: /name: expected a string, got [" /* and so on */},
   };

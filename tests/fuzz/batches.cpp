@@ -57,8 +57,8 @@ Batch::Worlds worlds() {
         {.kind = PrimitiveKind::cylinder, .center = {1.9F, 1.9F, 0.75F}, .half_extents = {0.125F, 0.125F, 0.75F}}};
     closet.markers = {.start = Vec3(1, 1, 0.75F), .waypoints = {{1, 0.5F, 0.75F}}, .goal = Vec3(1, 1.25F, 0.75F)};
     SceneDescription yard;
-    yard.mesh.vertices = {{-3, -3, 0}, {3, -3, 0}, {3, 3, 0}, {-3, 3, 0}};
-    yard.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+    yard.mesh.vertices = {{-3, -3, 0}, {3, -3, 0}, {3, 3, 0}, {-3, 3, 0}, {3, 3, 3}};
+    yard.mesh.triangles = {{0, 1, 2}, {0, 2, 3}, {1, 2, 4}};
     yard.markers = {.start = Vec3(0, 0, 1), .goal = Vec3(2, 0, 1)};
     return Batch::Worlds{std::make_shared<const World>(closet), std::make_shared<const World>(yard)};
   }();
@@ -105,7 +105,7 @@ void mend_checksum(std::string& blob) {
   header[3] = blob.size() - kHeaderBytes;
   header[4] = 0;
   Hash hash;
-  hash.add(std::as_bytes(std::span(header)));
+  hash.add(std::as_bytes(std::span<const std::uint64_t>(header)));
   hash.add(std::string_view(blob).substr(kHeaderBytes));
   header[4] = hash.value();
   std::memcpy(blob.data(), header.data(), kHeaderBytes);
@@ -144,7 +144,10 @@ void snapshot(Bytes input) {
     return;
   }
   require_sane(*batch);
-  fly(*batch);
+  try {
+    fly(*batch);
+  } catch (const std::logic_error&) {  // no episode has begun
+  }
 }
 
 void calls(Bytes input) {
@@ -160,6 +163,7 @@ void calls(Bytes input) {
   const auto seeds = [&] { return stream.list<std::uint64_t>(kDrones, [&] { return stream.take<std::uint64_t>(); }); };
   const auto optional = [&](float reach) { return stream.flag() ? std::optional(stream.number(reach)) : std::nullopt; };
   std::string kept;
+  std::int64_t kept_drone = 0;
   for (int call = 0; call < 64 && !stream.empty(); ++call) {
     try {
       switch (stream.take<std::uint8_t>() % 16) {
@@ -168,45 +172,61 @@ void calls(Bytes input) {
         case 2:
           batch->step(stream.list<float>(4 * kDrones, [&] { return stream.number(2.0F); }));
           break;
-        case 3:
-          batch->reset(stream.flag() ? std::vector<std::uint64_t>() : seeds(), mask());
+        case 3: {
+          const std::vector<std::uint64_t> chosen = stream.flag() ? std::vector<std::uint64_t>() : seeds();
+          batch->reset(chosen, mask());
           break;
+        }
         case 4:
-          batch->set_pose(position(), rotation(), mask());
+        case 5: {
+          const std::vector<float> to = position();  // one after another: compilers order arguments as they like
+          const std::vector<float> turn = rotation();
+          if (stream.flag()) {
+            batch->set_pose(to, turn, mask());
+          } else {
+            batch->move(to, turn, mask());
+          }
           break;
-        case 5:
-          batch->move(position(), rotation(), mask());
-          break;
+        }
         case 6:
           batch->sense(mask());
           break;
         case 7:
-          batch->spawn(std::vector<std::int64_t>{small(5)}, {}, {}, std::vector<std::int32_t>{small(3)});
+          kept_drone = small(5);
+          batch->spawn(std::vector<std::int64_t>{kept_drone}, {}, {}, std::vector<std::int32_t>{small(3)});
           break;
         case 8:
           batch->remove(std::vector<std::int64_t>{small(5)});
           break;
-        case 9:
-          batch->set_world(stream.list<std::int32_t>(kDrones, [&] { return small(3); }), mask());
+        case 9: {
+          const auto worlds = stream.list<std::int32_t>(kDrones, [&] { return small(3); });
+          batch->set_world(worlds, mask());
           break;
-        case 10:
-          batch->set_lidar({.max_range_m = optional(50.0F), .hfov_deg = optional(400.0F), .vfov_deg = optional(200.0F)}, mask());
+        }
+        case 10: {
+          const LidarChange change{.max_range_m = optional(50.0F), .hfov_deg = optional(400.0F), .vfov_deg = optional(200.0F)};
+          batch->set_lidar(change, mask());
           break;
+        }
         case 11:
           kept = batch->snapshot();
           break;
         case 12:
           batch->restore(kept);
           break;
-        case 13:
-          batch->seed(seeds(), mask());
+        case 13: {
+          const std::vector<std::uint64_t> chosen = seeds();
+          batch->seed(chosen, mask());
           break;
+        }
         case 14:
           batch->capture(0, mask());
           break;
-        default:
-          batch->set_camera(0, {.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)}, mask());
+        default: {
+          const CameraChange change{.hfov_deg = optional(200.0F), .vfov_deg = optional(200.0F)};  // in order: braces are
+          batch->set_camera(0, change, mask());
           break;
+        }
       }
     } catch (const std::logic_error&) {  // of which std::invalid_argument is one
     }

@@ -1,5 +1,6 @@
 """Ctrl-C ends long work soon, and leaves nothing half done behind."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -8,15 +9,25 @@ from pathlib import Path
 
 import pytest
 
-TRAINING = Path(__file__).resolve().parents[2] / "training" / "train_ppo.py"
+TRAINING = """
+import runpy, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.argv = sys.argv[1:]
+sys.path.insert(0, sys.argv[0].rpartition("/")[0])
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+SCRIPT = Path(__file__).resolve().parents[2] / "training" / "train_ppo.py"
 
 # Far longer than the work may go on; the interrupt ends each within a second on a quiet machine.
 PATIENCE_S = 10.0
 
 PREPARE = """
+import signal
 import sys
 import numpy as np
 import flockstep
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell takes from jobs in its background
 
 def work(call):
     print("begun", flush=True)
@@ -63,11 +74,6 @@ work(lambda: room.raycast(rays, rays, 100.0))
 }
 
 
-def hear_interrupts():
-    """Undo what a shell does to jobs in its background."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 @pytest.mark.parametrize("name", WORK)
 def test_ctrl_c_ends(name, tmp_path):
     with subprocess.Popen(
@@ -75,7 +81,6 @@ def test_ctrl_c_ends(name, tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        preexec_fn=hear_interrupts,
     ) as child:
         assert child.stdout.readline() == "begun\n"
         time.sleep(1.0)
@@ -92,11 +97,11 @@ def test_ctrl_c_ends(name, tmp_path):
 def test_ctrl_c_ends_training(tmp_path):
     arguments = ["--out", str(tmp_path), "--evaluate-every", "1000", "--evaluation-worlds", "2", "--generated", "2"]
     with subprocess.Popen(
-        [sys.executable, str(TRAINING), *arguments, "--num-envs", "64", "--no-progress"],
+        [sys.executable, "-c", TRAINING, str(SCRIPT), *arguments, "--num-envs", "64", "--no-progress"],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        preexec_fn=hear_interrupts,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
     ) as child:
         lines = iter(child.stdout.readline, "")
         assert any("steps: reaches the goal" in line for line in lines)

@@ -14,7 +14,7 @@ ALLOWED: dict[str, set[str]] = {
     "base": set(),
     "world": {"base"},
     "trace": {"base", "world"},
-    "collision": {"trace", "world"},
+    "collision": {"base", "trace", "world"},
     "render": {"base", "trace", "world"},
     "dynamics": {"collision"},
     "compiled": {"base", "collision", "render", "trace", "world"},

@@ -19,7 +19,7 @@ def test_two_threads_in_one_batch_get_an_error_and_no_harm():
         lambda: batch.restore(batch.snapshot()),
         lambda: batch.lidar().points,
         lambda: batch.remove([3]),
-        lambda: batch.spawn([3]),
+        lambda: batch.spawn([3], [[1, 1, 1]]),
         batch.sense,
     ]
     refused = []

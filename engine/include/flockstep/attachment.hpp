@@ -13,12 +13,15 @@ class Attachment {
   // others wait; where make() throws, the next caller tries again.
   template <class T, class Make>
   const T& get(const Make& make) const {
-    std::call_once(made_, [&] { value_ = make(); });
+    // Not std::call_once: where make() throws, as it does when it is interrupted, some C libraries leave its flag in a state in
+    // which the next caller waits for ever.
+    const std::lock_guard lock(mutex_);
+    if (!value_) value_ = make();
     return *static_cast<const T*>(value_.get());
   }
 
  private:
-  mutable std::once_flag made_;
+  mutable std::mutex mutex_;
   mutable std::shared_ptr<const void> value_;
 };
 

@@ -20,17 +20,17 @@ namespace flockstep {
 
 // What a step or reset returns, a row per env. Two of these rotate, so that what one returned stays intact during the next.
 struct Outputs {
-  std::vector<Buffer> observation;           // one for each field of TaskSpec::observation
-  std::vector<Buffer> final_observation;     // likewise; valid where terminated or truncated
-  std::vector<float> reward;                 // (E,)
-  std::vector<float> reward_terms;           // (E, number of terms); their sum is the reward
-  FlagArray terminated;                      // (E,)
-  FlagArray truncated;                       // (E,)
-  FlagArray success;                         // (E,) ended here, and the task calls it a success
-  FlagArray crashed;                         // (E,) ended here, in contact with something
-  // (E,) ended here (terminated), because a setpoint, a pose, a reward or an observation was no finite number, or a pose was beyond
-  // the world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of the
-  // observation's field contain is as good as a number.
+  std::vector<Buffer> observation;        // one for each field of TaskSpec::observation
+  std::vector<Buffer> final_observation;  // likewise; valid where terminated or truncated
+  std::vector<float> reward;              // (E,)
+  std::vector<float> reward_terms;        // (E, number of terms); their sum is the reward
+  FlagArray terminated;                   // (E,)
+  FlagArray truncated;                    // (E,)
+  FlagArray success;                      // (E,) ended here, and the task calls it a success
+  FlagArray crashed;                      // (E,) ended here, in contact with something
+  // (E,) ended here (terminated), because a setpoint, a pose, a reward or an observation was no finite number, or a pose was
+  // beyond the world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of
+  // the observation's field contain is as good as a number.
   FlagArray bad_state;
   std::vector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
   std::vector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
@@ -39,8 +39,9 @@ struct Outputs {
     using C = Outputs;
     return field_list(field("observation", &C::observation), field("final_observation", &C::final_observation),
                       field("reward", &C::reward), field("reward_terms", &C::reward_terms), field("terminated", &C::terminated),
-                      field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed), field("bad_state", &C::bad_state),
-                      field("episode_return", &C::episode_return), field("episode_length", &C::episode_length));
+                      field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed),
+                      field("bad_state", &C::bad_state), field("episode_return", &C::episode_return),
+                      field("episode_length", &C::episode_length));
   }
 };
 

@@ -73,8 +73,8 @@ struct EpisodeState {
   static constexpr auto fields() {
     using C = EpisodeState;
     return field_list(field("steps", &C::steps), field("time_limit", &C::time_limit), field("episode_return", &C::episode_return),
-                      field("begun", &C::begun), field("done", &C::done), field("flying", &C::flying),
-                      field("bad", &C::bad), field("bad_states", &C::bad_states), field("action_changed", &C::action_changed));
+                      field("begun", &C::begun), field("done", &C::done), field("flying", &C::flying), field("bad", &C::bad),
+                      field("bad_states", &C::bad_states), field("action_changed", &C::action_changed));
   }
 };
 

@@ -20,10 +20,9 @@ class Interrupt {
   static void poll() {
     Polled& polled = current();
     if (polled.check == nullptr) return;
-    const Clock::time_point now = Clock::now();
-    if (now < polled.next) return;
-    polled.next = now + kPause;
+    if (Clock::now() < polled.next) return;
     polled.check();
+    polled.next = Clock::now() + kPause;
   }
 
  private:

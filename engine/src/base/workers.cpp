@@ -24,32 +24,40 @@ namespace {
 // that is more than it takes for the machine. One of each for the process, as oneTBB itself is.
 class Arenas {
  public:
+  struct Arena {
+    int num_threads;
+    long owner;  // the process that made it
+    std::unique_ptr<tbb::task_arena> tbb;
+  };
+
   static Arenas& of_process() {
-    static Arenas arenas;
+    static Arenas& arenas = *std::make_unique<Arenas>().release();  // for ever: when it would go, oneTBB may have gone
     return arenas;
   }
 
-  std::unique_ptr<tbb::task_arena> take(int num_threads) {
+  Arena take(int num_threads) {
     // Where another thread has the lock, a new one will do. To wait for it could take for ever, in a child of a fork().
     const std::unique_lock lock(mutex_, std::try_to_lock);
     if (lock) {
       if (owner_ != process_id()) forget();
       allow(num_threads);
-      const auto found = std::find_if(free_.begin(), free_.end(), [&](const auto& entry) { return entry.first == num_threads; });
+      const auto found =
+          std::find_if(free_.begin(), free_.end(), [&](const Arena& arena) { return arena.num_threads == num_threads; });
       if (found != free_.end()) {
         std::swap(*found, free_.back());
-        std::unique_ptr<tbb::task_arena> arena = std::move(free_.back().second);
+        Arena arena = std::move(free_.back());
         free_.pop_back();
         return arena;
       }
       free_.reserve(++made_);  // so that no give_back() has to allocate
     }
-    return std::make_unique<tbb::task_arena>(num_threads);
+    return {num_threads, process_id(), std::make_unique<tbb::task_arena>(num_threads)};
   }
 
-  void give_back(int num_threads, std::unique_ptr<tbb::task_arena> arena) noexcept {
+  void give_back(Arena arena) noexcept {
+    if (arena.owner != process_id()) return abandon(arena);
     const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (lock && owner_ == process_id() && free_.size() < free_.capacity()) free_.emplace_back(num_threads, std::move(arena));
+    if (lock && owner_ == arena.owner && free_.size() < free_.capacity()) free_.push_back(std::move(arena));
   }
 
  private:
@@ -61,16 +69,17 @@ class Arenas {
     allowed_ = threads;
   }
 
-  // In a child of a fork() the threads of the arenas are gone, and to end them would wait for them.
+  // In a child of a fork() the threads of its parent's arenas are gone, and to end one could wait for them.
+  static void abandon(Arena& arena) noexcept { static_cast<void>(arena.tbb.release()); }
   void forget() {
-    for (auto& entry : free_) static_cast<void>(entry.second.release());
+    std::for_each(free_.begin(), free_.end(), abandon);
     free_.clear();
     owner_ = process_id();
   }
 
   std::mutex mutex_;
   long owner_ = process_id();
-  std::vector<std::pair<int, std::unique_ptr<tbb::task_arena>>> free_;
+  std::vector<Arena> free_;
   std::size_t made_ = 0;
   std::size_t allowed_ = 0;
   std::optional<tbb::global_control> control_;
@@ -79,19 +88,23 @@ class Arenas {
 }  // namespace
 
 struct Workers::Arena {
-  explicit Arena(int num_threads) : tbb(Arenas::of_process().take(num_threads)) {}
-  std::unique_ptr<tbb::task_arena> tbb;
+  explicit Arena(int num_threads) : taken(Arenas::of_process().take(num_threads)) {}
+  ~Arena() { Arenas::of_process().give_back(std::move(taken)); }
+  Arena(const Arena&) = delete;
+  Arena& operator=(const Arena&) = delete;
+
+  Arenas::Arena taken;
 };
 
 Workers::Workers(int num_threads) : num_threads_(num_threads), arena_(std::make_unique<Arena>(num_threads)) {}
 
-Workers::~Workers() { Arenas::of_process().give_back(num_threads_, std::move(arena_->tbb)); }
+Workers::~Workers() = default;
 
 void Workers::run(std::size_t count, Call f, const void* call) {
   if (count <= 1 || num_threads_ == 1) {  // not worth, or not able, to wake anyone
-    const FlushDenormals flush;
     for (std::size_t i = 0; i < count; ++i) {
       if (i > 0) Interrupt::poll();
+      const FlushDenormals flush;
       f(call, i, 0);
     }
     return;
@@ -99,7 +112,7 @@ void Workers::run(std::size_t count, Call f, const void* call) {
   static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
   const char joined = 0;
   thread_sanitizer::release(&forked);
-  arena_->tbb->execute([&] {
+  arena_->taken.tbb->execute([&] {
     tbb::parallel_for(
         tbb::blocked_range<std::size_t>(0, count, 1),
         [&](const tbb::blocked_range<std::size_t>& range) {

@@ -16,7 +16,7 @@ void mark_bad(Simulation& sim, std::size_t env);
 // Setpoints of the envs that fly. A drone whose setpoint is no pose in the world stays where it is.
 void check_setpoints(Simulation& sim, Block& block);
 
-// What an env has earned in a flown step. What is not finite becomes 0.
+// What an env has earned in a flown step. What is not finite, or beyond 1e30, becomes 0.
 void check_terms(Simulation& sim, std::size_t env);
 
 // Observations of some envs, as just written: a value that is neither finite nor within infinite bounds of its field becomes 0.

@@ -105,13 +105,8 @@ void Batch::capture(std::size_t camera, Mask mask) {
     }
   }
   sim_->cameras.ask_now(camera, drones);
-  try {
-    sim_->cameras.start();
-    sim_->cameras.finish(sim_->workers);
-  } catch (...) {  // some have not been rendered
-    for (const std::uint32_t drone : drones) sim_->cameras.mark_stale(drone);
-    throw;
-  }
+  sim_->cameras.start();
+  sim_->cameras.finish(sim_->workers);
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {

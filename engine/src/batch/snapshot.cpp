@@ -136,7 +136,9 @@ void put(Simulation& sim, std::string_view body) {
 
 template <class T, class Holds>
 void require_all(const std::vector<T>& values, const char* name, const char* expected, const Holds& holds) {
-  for (const T& value : values) require(holds(value), std::string("snapshot: ") + name, expected, +value);
+  for (const T& value : values) {
+    if (!holds(value)) refuse(std::string("snapshot: ") + name, expected, +value);
+  }
 }
 
 // Bytes whose checksum is right may still be no state that a batch can be in.
@@ -145,15 +147,16 @@ void require_meaning(const Simulation& sim) {
     require_all(values, name, "0 or 1", [](std::uint8_t value) { return value <= 1; });
   };
   const auto counts = [](const std::vector<std::int64_t>& values, const char* name, std::int64_t least = 0) {
-    require_all(values, name, least == 0 ? "a number >= 0" : "a number >= -1",
-                [least](std::int64_t value) { return value >= least; });
+    constexpr std::int64_t kMost = std::int64_t{1} << 62;  // so that counting on cannot overflow
+    require_all(values, name, least == 0 ? "a number in [0, 2^62]" : "a number in [-1, 2^62]",
+                [least](std::int64_t value) { return value >= least && value <= kMost; });
   };
   const auto finite = [](const auto& values, const char* name) {
     require_all(values, name, "finite numbers", [](auto value) { return std::isfinite(value); });
   };
   const State& state = sim.state;
   checks::poses(state.position, state.quat_wxyz, sim.num_drones());
-  checks::poses(sim.pose_sensor.position(), {}, sim.num_drones());
+  finite(sim.pose_sensor.position(), "sensed_position");
   finite(sim.pose_sensor.quat_wxyz(), "sensed_quat_wxyz");
   flags(state.active, "active");
   flags(state.contact.hit, "hit");

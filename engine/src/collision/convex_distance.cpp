@@ -107,6 +107,37 @@ Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& positi
   return best;
 }
 
+namespace {
+
+// Bullet's search ends a millimetre or so from the least overlap with what is round. From there the normal goes downhill, by
+// steps that shrink where they overshoot: the gradient of the overlap along a normal is the vector between the points that it is
+// taken at.
+Vec3d of_least_overlap(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, Vec3d normal) {
+  constexpr int kSteps = 60;
+  const auto overlap_along = [&](const Vec3d& n) -> Vec3d {
+    const Vec3d outer = obstacle.center + obstacle.rotation * support(obstacle, obstacle.rotation.transpose() * n);
+    const Vec3d inner = position + rotation * hull.vertex(hull.support(-(rotation.transpose() * n).cast<float>()));
+    return outer - inner;
+  };
+  Vec3d overlap = overlap_along(normal);
+  double step = 1.0 / std::max(overlap.norm(), 1e-9);
+  for (int i = 0; i < kSteps; ++i) {
+    const Vec3d across = overlap - overlap.dot(normal) * normal;
+    const Vec3d other = (normal - step * across).normalized();
+    const Vec3d its = overlap_along(other);
+    if (its.dot(other) < overlap.dot(normal)) {
+      normal = other;
+      overlap = its;
+      step *= 2.0;
+    } else {
+      step *= 0.4;
+    }
+  }
+  return normal;
+}
+
+}  // namespace
+
 Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle) {
   Vec3d outwards = position - obstacle.center;
   if (outwards.squaredNorm() == 0.0) outwards = Vec3d::UnitZ();
@@ -116,7 +147,7 @@ Penetration penetrate(const Hull& hull, const Mat3d& rotation, const Vec3d& posi
   Penetration result{outwards.normalized(), closest_point(obstacle, position)};
   if (btGjkEpaSolver3_Penetration(a, b, to_bullet(rotation.transpose() * -outwards), found) &&
       std::abs(found.normal.length2() - 1.0) < 1e-6) {
-    result.normal = (rotation * from_bullet(found.normal)).normalized();
+    result.normal = of_least_overlap(hull, rotation, position, obstacle, (rotation * from_bullet(found.normal)).normalized());
     result.point = position + rotation * (from_bullet(found.witnesses[1]) / kUnitsPerMetre);
   }
   return result;

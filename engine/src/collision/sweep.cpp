@@ -227,13 +227,16 @@ class Search {
     if (!approach) return;
     std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
     if (!start) return;
-    if (start->overlapping || start->gap <= kTouching) {  // by how much, and which way is out
-      const Penetration out = penetrate(hull_, mover().path().matrix(0.0), mover().path().position(0.0), obstacle);
-      const Plane plane = supporting_plane(obstacle, out.normal);
-      start = Clearance{true, plane, mover().gap(plane, 0.0), out.point};
+    if (start->overlapping || start->gap <= kTouching) {
+      start = way_out(obstacle, 0.0);
+      Touch touch = mover().leave(*start, 0.0);
+      // The same measure at the end, so that no sequence of motions leads deeper by what the measure may be wrong.
+      if (touch.time == 1.0 && way_out(obstacle, 1.0).gap < start->gap) touch.time = 0.0;
+      take_leaving(touch, *start, element);
+      return;
     }
-    if (start->overlapping || start->gap < margins_.floor()) {
-      take_leaving(mover().leave(*start, start->overlapping ? 0.0 : kGain), *start, element);
+    if (start->gap < margins_.floor()) {
+      take_leaving(mover().leave(*start, kGain), *start, element);
       return;
     }
     const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
@@ -278,6 +281,14 @@ class Search {
     } else {
       take(touch, element);
     }
+  }
+
+  // By how much the hull is inside at a time, and which way is out.
+  Clearance way_out(const Convex& obstacle, double time) {
+    const Path& path = mover().path();
+    const Penetration out = penetrate(hull_, path.matrix(time), path.position(time), obstacle);
+    const Plane plane = supporting_plane(obstacle, out.normal);
+    return {true, plane, mover().gap(plane, time), out.point};
   }
 
   // A place of the body's origin on its way, and the obstacle's point nearest to it.

@@ -12,7 +12,8 @@ CompiledWorld::~CompiledWorld() = default;
 
 template <class T, class Build>
 const T& CompiledWorld::once(Part<T>& part, const Build& build) {
-  std::call_once(part.built, [&] { part.value = build(); });
+  const std::lock_guard lock(part.mutex);  // not std::call_once; see Attachment
+  if (!part.value) part.value = build();
   return *part.value;
 }
 

@@ -35,7 +35,7 @@ class CompiledWorld {
  private:
   template <class T>
   struct Part {
-    std::once_flag built;
+    std::mutex mutex;
     std::unique_ptr<const T> value;
   };
   template <class T, class Build>

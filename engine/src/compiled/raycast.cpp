@@ -62,7 +62,7 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
     refuse("directions", "as many rows of 3 as origins (" + std::to_string(origins.size()) + " numbers)", directions.size());
   }
   require(max_range_m > 0.0F, "max_range_m", "a number > 0", max_range_m);
-  require_rows(origins, "origins", "coordinates within +-1e+06 m", [](float value) { return is_in_world(value); });
+  require_rows(origins, "origins", "finite coordinates within +-1e+06 m", [](float value) { return is_in_world(value); });
   require_rows(directions, "directions", "finite numbers", [](float value) { return std::isfinite(value); });
   const std::size_t count = origins.size() / 3;
   std::vector<Vec3> unit(count);
@@ -81,7 +81,6 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
   hits.primitive.assign(count, -1);
   hits.material.assign(count, -1);
   const trace::Scene& scene = compiled(world).scene();
-  const FlushDenormals flush;
   const auto tracer = std::make_unique<trace::Tracer>();
   trace::RayBlock& rays = tracer->block();
   const trace::HitDetails& details = tracer->details();
@@ -98,7 +97,10 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
       rays.dir_z[i] = unit[first + i].z();
       rays.range[i] = max_range_m;
     }
-    tracer->trace_block(scene);
+    {
+      const FlushDenormals flush;
+      tracer->trace_block(scene);
+    }
     for (std::size_t i = 0; i < rays.count; ++i) {
       if (rays.element[i] < 0) continue;
       const std::size_t ray = first + i;

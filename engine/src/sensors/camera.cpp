@@ -65,16 +65,17 @@ CameraConfig Camera::config_of(std::size_t drone) const {
 }
 
 void Camera::set_config(std::size_t drone, const CameraConfig& config) {
-  --settings_[setting_[drone]]->drones;
   const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
   auto setting =
       find([&](const auto& other) { return other->hfov_deg == config.hfov_deg && other->vfov_deg == config.vfov_deg; });
   if (setting == settings_.end()) {
+    Setting made{config.hfov_deg, config.vfov_deg, render::make_pinhole_camera(config), 0};
     setting = find([](const auto& other) { return other->drones == 0; });
     if (setting == settings_.end()) setting = settings_.insert(setting, std::make_unique<Setting>());
-    **setting = {config.hfov_deg, config.vfov_deg, render::make_pinhole_camera(config), 0};
+    **setting = std::move(made);
   }
   ++(*setting)->drones;
+  --settings_[setting_[drone]]->drones;
   setting_[drone] = static_cast<std::uint32_t>(setting - settings_.begin());
   offset_[drone] = vector_of(config.offset_m);
   mounting_[drone] = matrix_of(config.quat_wxyz);

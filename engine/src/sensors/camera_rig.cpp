@@ -91,7 +91,13 @@ void CameraRig::start() {
 }
 
 void CameraRig::finish(Workers& workers) {
-  if (!requests_.empty()) renderer_->finish(requests_, workers);
+  try {
+    if (!requests_.empty()) renderer_->finish(requests_, workers);
+  } catch (...) {  // some frames, nobody knows which, have not been rendered
+    for (std::size_t drone = 0; drone < num_drones_; ++drone) mark_stale(drone);
+    requests_.clear();
+    throw;
+  }
   requests_.clear();
 }
 

@@ -37,15 +37,16 @@ LidarConfig Lidar::config_of(std::size_t drone) const {
 }
 
 void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
-  --settings_[setting_[drone]].drones;
   const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
   auto setting = find([&](const Setting& other) { return same_beams(other.config, config); });
   if (setting == settings_.end()) {
+    Setting made{config, make_pattern(config), 0};
     setting = find([](const Setting& other) { return other.drones == 0; });
     if (setting == settings_.end()) setting = settings_.insert(setting, Setting{});
-    *setting = {config, make_pattern(config), 0};
+    *setting = std::move(made);
   }
   ++setting->drones;
+  --settings_[setting_[drone]].drones;
   setting_[drone] = static_cast<std::uint32_t>(setting - settings_.begin());
   max_range_[drone] = config.max_range_m;
   offset_[drone] = Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2]);

@@ -176,12 +176,13 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   meshes_ = new_scene();
   const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE), device_.get()));
   RTCGeometry geometry = owned.get();
-  auto* vertices = static_cast<float*>(
-      required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float),
-                                       mesh.vertices.size()), device_.get()));
-  auto* indices = static_cast<unsigned int*>(
-      required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned int),
-                                       mesh.triangles.size()), device_.get()));
+  auto* vertices = static_cast<float*>(required(
+      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()),
+      device_.get()));
+  auto* indices =
+      static_cast<unsigned int*>(required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                  3 * sizeof(unsigned int), mesh.triangles.size()),
+                                          device_.get()));
   for (const Vec3& vertex : mesh.vertices) {
     for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
   }

@@ -25,7 +25,7 @@ namespace {
 
 constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
 constexpr int kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
-constexpr std::size_t kLinesOfPart = 10'000;
+constexpr long kWorkOfPart = 1'000'000;
 
 [[noreturn]] void refuse(const std::string& source, std::size_t line, const std::string& expected, std::string_view got) {
   flockstep::refuse(source + ':' + std::to_string(line), expected, '"' + excerpt(got) + '"');
@@ -61,11 +61,14 @@ bool parse(std::string_view word, Number& value) {
 std::string checked(std::string_view text, const std::string& source) {
   std::string kept;
   long num_vertices = 0;
+  long work = 0;  // for tinyobjloader, since the last part began
   for (std::size_t number = 1; !text.empty(); ++number) {
-    if (number % kLinesOfPart == 0) {
+    if (work > kWorkOfPart) {
       kept += "o part\n";
       Interrupt::poll();
+      work = 0;
     }
+    ++work;
     const std::string_view line = next_line(text);
     std::string_view rest = line;
     const std::string_view keyword = next_word(rest);
@@ -96,6 +99,7 @@ std::string checked(std::string_view text, const std::string& source) {
         kept += ' ';
         kept += std::to_string(index > 0 ? index : num_vertices + 1 + index);
       }
+      work += corners * corners;
       if (corners < 3) refuse(source, number, "at least three corners after f", line);
       kept += '\n';
     }

@@ -26,7 +26,7 @@ std::string element(const char* list, std::size_t index) { return std::string(li
 
 void check_point(const std::string& field, const Vec3& point) {
   if (!is_in_world(point)) {
-    refuse(field, "coordinates within +-1e+06 m", text(point));
+    refuse(field, "finite coordinates within +-1e+06 m", text(point));
   }
 }
 
@@ -189,7 +189,7 @@ void check_light(Light& light) {
   const auto& sun = light.sun_direction;
   const Vec3 direction(sun[0], sun[1], sun[2]);
   if (!(is_in_world(sun[0]) && is_in_world(sun[1]) && is_in_world(sun[2]))) {
-    refuse("light.sun_direction", "coordinates within +-1e+06", text(direction));
+    refuse("light.sun_direction", "finite coordinates within +-1e+06", text(direction));
   }
   if (direction.isZero(0.0F)) refuse("light.sun_direction", "a direction that is not 0", text(direction));
   const Vec3 unit = unit_direction(direction.cast<double>());

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <initializer_list>
 #include <iterator>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -490,10 +491,12 @@ class SceneReader {
   static bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder) {
     std::error_code error;
     const auto resolved = [&error](const std::filesystem::path& p) {
-      return std::filesystem::weakly_canonical(p.empty() ? std::filesystem::path(".") : p, error);
+      if (error) return std::filesystem::path();
+      const std::filesystem::path absolute = std::filesystem::absolute(p.empty() ? std::filesystem::path(".") : p, error);
+      return error ? std::filesystem::path() : std::filesystem::weakly_canonical(absolute, error);
     };
     const std::filesystem::path inner = resolved(path);
-    const std::filesystem::path outer = error ? std::filesystem::path() : resolved(folder);
+    const std::filesystem::path outer = resolved(folder);
     return !error && std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end()).first == outer.end();
   }
 
@@ -625,8 +628,9 @@ class Checker final : public nlohmann::json_sax<Json> {
  private:
   bool open() {
     keys_.emplace_back();
-    flockstep::require(keys_.size() <= kMaxDepth, source_,
-                       "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
+    if (keys_.size() > kMaxDepth) {
+      flockstep::refuse(source_, "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
+    }
     return true;
   }
   bool close() {
@@ -666,18 +670,36 @@ class Characters {
   const char* at_;
 };
 
+// Frees a value, the innermost first: Json's own destructor takes memory to do so, and ends the process where there is none.
+void take_apart(Json& value) noexcept {
+  if (auto* const array = value.get_ptr<Json::array_t*>()) {
+    for (Json& item : *array) take_apart(item);
+    array->clear();
+  } else if (auto* const object = value.get_ptr<Json::object_t*>()) {
+    for (auto& [key, item] : *object) take_apart(item);
+    object->clear();
+  }
+}
+
 struct Document {
   Json root;
   std::vector<std::string> material_names;
+
+  explicit Document(Json value) : root(std::move(value)) {}
+  ~Document() { take_apart(root); }
+  Document(const Document&) = delete;
+  Document& operator=(const Document&) = delete;
 };
 
-Document parse_json(const std::string& text, const std::string& source) {
+std::unique_ptr<const Document> parse_json(const std::string& text, const std::string& source) {
   Checker checker(source);
   const Characters begin(text.data());
   const Characters end(text.data() + text.size());
   Json::sax_parse(begin, end, &checker);
   try {
-    return {Json::parse(begin, end), std::move(checker.material_names)};
+    auto document = std::make_unique<Document>(Json::parse(begin, end));
+    document->material_names = std::move(checker.material_names);
+    return document;
   } catch (const Json::exception& error) {
     refuse_json(source, error.what());
   }
@@ -869,8 +891,8 @@ std::string format(const OrderedJson& document, const std::vector<Material>& mat
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files) {
-  const Document document = parse_json(text, source);
-  return SceneReader(Field{document.root, "", source}, document.material_names, base_dir, files).read();
+  const std::unique_ptr<const Document> document = parse_json(text, source);
+  return SceneReader(Field{document->root, "", source}, document->material_names, base_dir, files).read();
 }
 
 std::string write_scene(const SceneDescription& description) {

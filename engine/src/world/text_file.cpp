@@ -46,7 +46,9 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
   std::error_code error;
   require_regular(path, "write " + kind);
   const bool is_link = std::filesystem::is_symlink(path, error);
-  const std::filesystem::path place = is_link ? std::filesystem::canonical(path, error) : path;
+  error.clear();
+  const std::filesystem::path place = is_link ? std::filesystem::weakly_canonical(path, error) : path;
+  if (error) throw std::invalid_argument(path.string() + ": cannot write " + kind + ": " + error.message());
   std::filesystem::path beside = place;  // under a name that no other process or thread has at this moment
   beside += "." + std::to_string(process_id()) + "-" + std::to_string(reinterpret_cast<std::uintptr_t>(&error)) + ".part";
   try {
@@ -54,6 +56,7 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
     std::ofstream file(beside, std::ios::binary);
     if (!(file << text) || !file.flush()) fail(path, "write " + kind);
     file.close();
+    if (!file) fail(path, "write " + kind);
     std::filesystem::rename(beside, place, error);
     if (error) throw std::invalid_argument(path.string() + ": cannot write " + kind + ": " + error.message());
   } catch (...) {
