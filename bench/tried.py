@@ -17,7 +17,6 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree
-from pathlib import Path
 
 from run import ROOT, commit, machine
 
@@ -62,7 +61,9 @@ def main() -> None:
     names = [*TESTS, *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
-    parser.add_argument("--times", type=int, help="of tests: how many times as often as the suite; else as the table says")
+    parser.add_argument(
+        "--times", type=int, help="of tests: how many times as often as the suite; else as the table says"
+    )
     parser.add_argument("--runs", type=int, default=RUNS, help="of a fuzzer; it ends after an hour all the same")
     args = parser.parse_args()
     for name in args.names:

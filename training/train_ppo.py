@@ -388,7 +388,7 @@ if __name__ == "__main__":
     try:
         _, result = train(arguments)
     except KeyboardInterrupt:
-        print(f"\nInterrupted. What was kept before is in {arguments.out}/: policy.zip is the best model evaluated so far.")
+        print(f"\nInterrupted. In {arguments.out}/ is what was kept before: policy.zip, the best model so far.")
         sys.exit(130)
     best = max(evaluation["success_rate"] for evaluation in result.evaluations)
     print(f"The best model reaches the goal in {best:.1%} of the generated playgrounds it was chosen by;")

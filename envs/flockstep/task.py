@@ -238,7 +238,9 @@ class TaskCalls:
                 found = np.lib.format.read_array(file, allow_pickle=False).tobytes().decode()
                 array = np.lib.format.read_array(file, allow_pickle=False)
             except (ValueError, OSError, MemoryError, OverflowError) as error:
-                raise ValueError(f"snapshot: expected the array {name!r} of {_name(self._task)}, got no array") from error
+                raise ValueError(
+                    f"snapshot: expected the array {name!r} of {_name(self._task)}, got no array"
+                ) from error
             if found != name or array.shape != present.shape:
                 expected = f"the array {name!r} of {_name(self._task)}, of shape {present.shape}"
                 raise ValueError(f"snapshot: expected {expected}, got {found!r} of shape {array.shape}")

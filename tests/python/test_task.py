@@ -462,7 +462,7 @@ class TestBadStates:
     @pytest.mark.parametrize("bad", [{"reward": np.nan}, {"observation": np.inf}, {"observation": np.nan}])
     def test_a_reward_or_an_observation(self, room, mode, bad):
         env, steps = self.fly(room, mode, **bad)
-        observation, reward, terminated, truncated, infos = steps[2]
+        _, reward, terminated, truncated, infos = steps[2]
         assert terminated.tolist() == [False, True, False]
         assert not truncated.any()
         assert reward.tolist() == [0.5, 0.0 if "reward" in bad else 0.5, 0.5]

@@ -11,7 +11,9 @@ import flockstep
 
 def test_two_threads_in_one_batch_get_an_error_and_no_harm():
     world = flockstep.World.load("playground/train-1")
-    batch = flockstep.Batch([world], 512, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig(), num_threads=1)
+    batch = flockstep.Batch(
+        [world], 512, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig(), num_threads=1
+    )
     batch.reset(np.arange(512))
     calls = [
         lambda: batch.step(np.zeros(512, int)),
