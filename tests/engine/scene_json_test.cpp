@@ -455,7 +455,7 @@ TEST(SceneJson, MessagesAreShortHoweverMuchCame) {
 }
 
 TEST(SceneJson, ManyThingsAndManyNames) {
-  constexpr int kCount = 65000;  // less than a second; searched through one by one, half a minute
+  constexpr int kCount = 65000;  // a second; searched through one by one, half a minute
   std::string materials;
   std::string spheres;
   std::string unknown;

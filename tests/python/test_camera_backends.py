@@ -257,6 +257,24 @@ def test_without_opengl_raycast_renders_with_one_warning(backend: str, trouble: 
     assert "| raycast: gl is not available (" in result.stdout
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the address space")
+@pytest.mark.parametrize("gibibytes", [0.05, 0.3, 0.9, 6.0])
+def test_a_small_address_space_costs_opengl_and_not_the_process(gibibytes: float) -> None:
+    """Mesa would end it."""
+    result = run(
+        "import resource\n"
+        "used = int(open('/proc/self/statm').read().split()[0]) * 4096\n"
+        f"resource.setrlimit(resource.RLIMIT_AS, (used + int({gibibytes} * 2**30),) * 2)\n"
+        "warnings.simplefilter('ignore')\n"
+        "batch = make('gl'); batch.capture(); print(batch.camera_backend_report())"
+    )
+    assert result.returncode == 0, result.stderr
+    if gibibytes > 5.1:  # as much as it can want
+        assert result.stdout.startswith("gl: ")
+    elif gibibytes < 1:
+        assert "too little address space" in result.stdout
+
+
 def test_raycast_needs_no_opengl_and_says_nothing() -> None:
     result = run("make('raycast').sense()\n", FLOCKSTEP_EGL="none")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")

@@ -64,10 +64,19 @@ def test_the_measure_sees_one_batch_kept_per_round(room):
     assert growth(leak) > ROUNDS * BATCH_BYTES // 2
 
 
-# oneTBB 2021.8 now and then keeps 7 kB, an arena whose worker came late (oneTBB issue 396): far less than a batch.
 @pytest.mark.parametrize("num_threads", [1, 2])
 def test_batches(room, num_threads):
     assert growth(lambda: use_batch(room, num_threads)) < ROUNDS * BATCH_BYTES // 4
+
+
+def test_threads_are_taken_over_from_batch_to_batch(room):
+    """Those of oneTBB keep 7 KiB for ever of each arena that was made."""
+
+    def use():
+        for _ in range(20):
+            flockstep.Batch([room], 128, lidar=flockstep.LidarConfig(beams=1), num_threads=2, block_size=1).sense()
+
+    assert growth(use) < ROUNDS * 20 * 2048
 
 
 def test_views_that_are_dropped_let_their_batch_go(room):

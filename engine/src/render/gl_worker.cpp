@@ -23,8 +23,12 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kStartPatience{30'000};  // until the context is made
 
-// Mesa ends the process where it gets no memory, and takes some hundred MB before it draws anything.
-constexpr double kAddressSpace = 1024.0 * 1024.0 * 1024.0;  // bytes
+// Mesa ends the process where it gets no memory. Before it draws anything it takes 0.6 GiB of address space on two processors,
+// and some 70 MB more for a thread on each further one, up to 32.
+double address_space_wanted() {
+  constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
+  return kGibibyte * (1.0 + 0.125 * std::min(logical_processors(), 32));
+}
 
 constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
 
@@ -100,8 +104,9 @@ struct GlWorker::Shared {
 };
 
 GlWorker::GlWorker(milliseconds patience) : shared_(std::make_shared<Shared>(egl_devices(), patience)) {
-  if (address_space_left() < kAddressSpace) {
-    throw GlUnavailable("this process may take less than 1 GiB of address space more (ulimit -v), and OpenGL needs that");
+  if (address_space_left() < address_space_wanted()) {
+    throw GlUnavailable("this process may take too little address space (ulimit -v): OpenGL wants " +
+                        std::to_string(static_cast<int>(address_space_wanted() / 1e6)) + " MB more");
   }
   try {
     thread_ = std::thread([shared = shared_] {
