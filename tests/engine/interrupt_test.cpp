@@ -26,7 +26,10 @@ struct Stopped {};
 // As Ctrl-C would, at the first poll.
 struct Stop {
   Interrupt interrupt{[] { throw Stopped(); }};
-  Stop() { std::this_thread::sleep_for(std::chrono::milliseconds(60)); }  // longer than the pause between looks
+  Stop() {
+    Interrupt::poll();
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));  // longer than the pause between looks
+  }
 };
 
 int polls = 0;
@@ -41,6 +44,7 @@ TEST(Interrupt, LooksNowAndThen) {
     EXPECT_LE(polls, 8);
     {
       const Interrupt inner([] { throw Stopped(); });
+      Interrupt::poll();
       std::this_thread::sleep_for(std::chrono::milliseconds(60));
       EXPECT_THROW(Interrupt::poll(), Stopped);
       std::thread([] { Interrupt::poll(); }).join();

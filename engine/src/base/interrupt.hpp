@@ -10,7 +10,7 @@ class Interrupt {
   using Check = void (*)();
 
   // While this lives, poll() on this thread calls check now and then. What check throws ends the work. They nest.
-  explicit Interrupt(Check check) : before_(current()) { current() = {check, Clock::now() + kPause}; }
+  explicit Interrupt(Check check) : before_(current()) { current() = {check, Clock::time_point()}; }
   ~Interrupt() { current() = before_; }
   Interrupt(const Interrupt&) = delete;
   Interrupt& operator=(const Interrupt&) = delete;
@@ -20,7 +20,9 @@ class Interrupt {
   static void poll() {
     Polled& polled = current();
     if (polled.check == nullptr) return;
-    if (Clock::now() < polled.next) return;
+    const Clock::time_point now = Clock::now();
+    if (polled.next == Clock::time_point()) polled.next = now + kPause;  // not before: calls that never poll are many and short
+    if (now < polled.next) return;
     polled.check();
     polled.next = Clock::now() + kPause;
   }

@@ -14,14 +14,14 @@
 namespace flockstep {
 namespace {
 
-// Whether all are finite, in one pass without a branch: the bits of an infinity or a NaN are no less than those of infinity.
+// Whether all are finite, in one pass without a branch: an infinity or a NaN has every bit of the exponent set.
 template <class T>
 bool are_finite(std::span<const T> values) {
   using Bits = std::conditional_t<sizeof(T) == sizeof(std::uint32_t), std::uint32_t, std::uint64_t>;
-  constexpr Bits kMagnitude = static_cast<Bits>(~Bits{0}) >> 1U;
-  Bits greatest = 0;
-  for (const T value : values) greatest = std::max(greatest, std::bit_cast<Bits>(value) & kMagnitude);
-  return greatest < std::bit_cast<Bits>(std::numeric_limits<T>::infinity());
+  constexpr Bits kExponent = std::bit_cast<Bits>(std::numeric_limits<T>::infinity());
+  Bits found = 0;
+  for (const T value : values) found |= (std::bit_cast<Bits>(value) & kExponent) == kExponent ? ~Bits{0} : Bits{0};
+  return found == 0;
 }
 
 // Whether a value that is not finite is one that the field declares.
@@ -87,15 +87,11 @@ void check_setpoints(Simulation& sim, Block& block) {
   }
 }
 
-void check_terms(Simulation& sim, std::size_t env) {
-  constexpr double kMostReward = 1e30;  // sums of many of these are still finite, as float32, too
-  bool bad = false;
+void drop_bad_terms(Simulation& sim, std::size_t env) {
   for (double& term : sim.run->score.terms_of(env)) {
-    if (std::abs(term) <= kMostReward) continue;  // false for NaN, too
-    term = 0.0;
-    bad = true;
+    if (!is_reward(term)) term = 0.0;
   }
-  if (bad) mark_bad(sim, env);
+  mark_bad(sim, env);
 }
 
 void check_observations(Simulation& sim, const EnvList& envs, bool flown) {

@@ -2,6 +2,9 @@
 // counted and reset like any other, and goes no further.
 #pragma once
 
+#include <cmath>
+#include <cstddef>
+
 #include "batch/schedule.hpp"
 #include "batch/simulation.hpp"
 
@@ -16,8 +19,9 @@ void mark_bad(Simulation& sim, std::size_t env);
 // Setpoints of the envs that fly. A drone whose setpoint is no pose in the world stays where it is.
 void check_setpoints(Simulation& sim, Block& block);
 
-// What an env has earned in a flown step. What is not finite, or beyond 1e30, becomes 0.
-void check_terms(Simulation& sim, std::size_t env);
+// What an env has earned in a flown step. Sums of many numbers up to 1e30 are still finite, as float32, too.
+inline bool is_reward(double term) { return std::abs(term) <= 1e30; }  // false for NaN, too
+void drop_bad_terms(Simulation& sim, std::size_t env);                 // they become 0
 
 // Observations of some envs, as just written: a value that is neither finite nor within infinite bounds of its field becomes 0.
 // An episode that has been flown ends here, as one that has just begun does in its first step.

@@ -148,8 +148,10 @@ void settle(Simulation& sim, Block& block) {
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = run.score.num_terms;
   for (const std::uint32_t env : block.flying) {
-    check_terms(sim, env);
     const double* const terms = run.score.terms.data() + env * num_terms;
+    bool good = true;
+    for (std::size_t k = 0; k < num_terms; ++k) good &= is_reward(terms[k]);
+    if (!good) drop_bad_terms(sim, env);
     double* const earned = run.earned.empty() ? nullptr : run.earned.data() + env * num_terms;
     float* const shown = out.reward_terms.data() + env * num_terms;
     double total = 0.0;  // of this flown step

@@ -88,8 +88,7 @@ void OutputSlots::keep_final(std::size_t env) {
   has_final_[current_][env] = 1;
 }
 
-void OutputSlots::forget_final(std::size_t env) {
-  if (!has_final_[current_][env]) return;
+void OutputSlots::clear_final(std::size_t env) {
   for (Buffer& buffer : now().final_observation) std::ranges::fill(buffer.row_as_bytes(env), std::byte{0});
   has_final_[current_][env] = 0;
 }

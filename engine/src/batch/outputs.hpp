@@ -27,13 +27,17 @@ class OutputSlots {
   // The present observation is the last of its episode.
   void keep_final(std::size_t env);
   // What was kept when this slot was written before is gone: the final observation of an env whose episode goes on is 0.
-  void forget_final(std::size_t env);
+  void forget_final(std::size_t env) {
+    if (has_final_[current_][env]) clear_final(env);
+  }
   // The present slot has been written from outside.
   void restored();
   // A removed slot reads as absent, in both slots: no step touches it.
   void mark_absent(const TaskSpec& spec, std::size_t env);
 
  private:
+  void clear_final(std::size_t env);
+
   std::array<Outputs, 2> slots_;
   std::array<FlagArray, 2> has_final_;  // (E,) each: the row of final_observation is not 0
   std::size_t current_ = 0;
