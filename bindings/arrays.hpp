@@ -8,10 +8,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <initializer_list>
 #include <limits>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -28,6 +30,8 @@ inline std::string text_of(const Shape& shape) { return std::string(py::str(py::
 // An array argument as contiguous T, or nothing for None. Kinds are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.
 template <class T>
 class Input {
+  using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
  public:
   // A -1 in the shape allows any length there.
   Input(const py::object& object, const char* field, const Shape& shape, const char* kinds, const char* kinds_text) {
@@ -37,13 +41,17 @@ class Input {
       PyErr_Clear();
       refuse(field, std::string("an array of ") + kinds_text, py::str(py::type::of(object)));
     }
-    if (std::string(kinds).find(any.dtype().kind()) == std::string::npos) {
+    if (std::string_view(kinds).find(any.dtype().kind()) == std::string_view::npos) {
       refuse(field, std::string("an array of ") + kinds_text, std::string("dtype ") + std::string(py::str(any.dtype())));
     }
-    Shape got(any.shape(), any.shape() + any.ndim());
-    bool fits = got.size() == shape.size();
-    for (std::size_t i = 0; fits && i < shape.size(); ++i) fits = shape[i] == -1 || shape[i] == got[i];
-    if (!fits) refuse(field, "shape " + text_of(shape), "shape " + text_of(got));
+    const std::span got(any.shape(), static_cast<std::size_t>(any.ndim()));
+    const bool fits =
+        std::ranges::equal(shape, got, [](py::ssize_t want, py::ssize_t have) { return want == -1 || want == have; });
+    if (!fits) refuse(field, "shape " + text_of(shape), "shape " + text_of(Shape(got.begin(), got.end())));
+    if (py::isinstance<Array>(any)) {
+      array_ = py::reinterpret_borrow<Array>(any);
+      return;
+    }
     if constexpr (std::is_same_v<T, float>) {
       if (any.dtype().kind() == 'f' && any.dtype().itemsize() > 4) require_float_range(field, any);
     } else if constexpr (std::is_integral_v<T> && sizeof(T) > 1) {
@@ -89,7 +97,6 @@ class Input {
     }
   }
 
-  using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
   std::optional<Array> array_;
 };
 
@@ -106,13 +113,26 @@ inline Input<std::uint8_t> flags(const py::object& object, const char* field, py
   return {object, field, {n}, "b", "bool"};
 }
 
-// A view of memory that `owner` keeps alive.
+// A view of memory that `owner` keeps alive. Every step makes some, so NumPy is called directly: py::array_t would first work out
+// strides and flags that NumPy works out again.
 template <class T, class Stored>
-py::array_t<T> view(const py::object& owner, const Stored* data, const Shape& shape, bool writable = false) {
+py::array_t<T> view(const py::object& owner, const Stored* data, std::span<const py::ssize_t> shape, bool writable = false) {
   static_assert(sizeof(T) == sizeof(Stored));
-  py::array_t<T> array(shape, reinterpret_cast<const T*>(data), owner);
-  if (!writable) py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
-  return array;
+  using Api = py::detail::npy_api;
+  Api& numpy = Api::get();
+  const int flags = Api::NPY_ARRAY_C_CONTIGUOUS_ | Api::NPY_ARRAY_ALIGNED_ | (writable ? Api::NPY_ARRAY_WRITEABLE_ : 0);
+  PyObject* const array = numpy.PyArray_NewFromDescr_(
+      numpy.PyArray_Type_, py::dtype::of<T>().release().ptr(), static_cast<int>(shape.size()),
+      reinterpret_cast<const Py_intptr_t*>(shape.data()), nullptr, const_cast<Stored*>(data), flags, nullptr);
+  if (array == nullptr) throw py::error_already_set();
+  auto view = py::reinterpret_steal<py::array_t<T>>(array);
+  if (numpy.PyArray_SetBaseObject_(array, py::object(owner).release().ptr()) != 0) throw py::error_already_set();
+  return view;
+}
+template <class T, class Stored>
+py::array_t<T> view(const py::object& owner, const Stored* data, std::initializer_list<py::ssize_t> shape,
+                    bool writable = false) {
+  return view<T>(owner, data, std::span(shape.begin(), shape.size()), writable);
 }
 
 // Points as an (R, 3) array.

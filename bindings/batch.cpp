@@ -2,7 +2,9 @@
 
 #include <pybind11/stl.h>
 
+#include <array>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "arrays.hpp"
@@ -62,7 +64,8 @@ auto state_view(const Get& get, py::ssize_t columns = 0) {
   return [get, columns](const py::object& self) {
     const auto& batch = self.cast<const Batch&>();
     const auto& array = get(batch);
-    return view<T>(self, array.data(), columns == 0 ? Shape{size_of(batch)} : n_by(batch, columns));
+    const std::array shape{size_of(batch), columns};
+    return view<T>(self, array.data(), std::span(shape).first(columns == 0 ? 1 : 2));
   };
 }
 

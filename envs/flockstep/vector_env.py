@@ -392,9 +392,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         end_of_episode = {
             "episode_return": np.where(ended, batch.episode_return, 0.0),
             "episode_length": np.where(ended, batch.episode_length, 0),
-            "success": ended & batch.success,
-            "crashed": ended & batch.crashed,
-            "bad_state": ended & batch.bad_state,
+            "success": batch.success.copy(),  # these are False where no episode ended
+            "crashed": batch.crashed.copy(),
+            "bad_state": batch.bad_state.copy(),
         }
         infos: dict[str, Any] = {}
         for key, value in end_of_episode.items():

@@ -1,6 +1,7 @@
 #include "base/platform.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -11,6 +12,7 @@
 #include <windows.h>
 #else
 #include <dlfcn.h>
+#include <pthread.h>
 #include <unistd.h>
 #endif
 #if defined(__linux__)
@@ -31,7 +33,15 @@ double physical_memory() {
   return GlobalMemoryStatusEx(&status) ? static_cast<double>(status.ullTotalPhys) : 0.0;
 }
 #else
-long process_id() { return static_cast<long>(getpid()); }
+// Kept until a fork, since every call on a batch wants it and a system call costs as much as a step of four envs.
+long process_id() {
+  static std::atomic<long> kept{0};
+  static const bool is_told_of_forks = pthread_atfork(nullptr, nullptr, [] { kept.store(0, std::memory_order_relaxed); }) == 0;
+  if (const long id = kept.load(std::memory_order_relaxed); id != 0) return id;
+  const long id = static_cast<long>(getpid());
+  if (is_told_of_forks) kept.store(id, std::memory_order_relaxed);
+  return id;
+}
 double physical_memory() {
   const long pages = sysconf(_SC_PHYS_PAGES);
   const long bytes = sysconf(_SC_PAGESIZE);

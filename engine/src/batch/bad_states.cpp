@@ -1,28 +1,16 @@
 #include "batch/bad_states.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <span>
-#include <type_traits>
 #include <vector>
 
+#include "base/finite.hpp"
 #include "batch/episodes.hpp"
 
 namespace flockstep {
 namespace {
-
-// Whether all are finite, in one pass without a branch: an infinity or a NaN has every bit of the exponent set.
-template <class T>
-bool are_finite(std::span<const T> values) {
-  using Bits = std::conditional_t<sizeof(T) == sizeof(std::uint32_t), std::uint32_t, std::uint64_t>;
-  constexpr Bits kExponent = std::bit_cast<Bits>(std::numeric_limits<T>::infinity());
-  Bits found = 0;
-  for (const T value : values) found |= (std::bit_cast<Bits>(value) & kExponent) == kExponent ? ~Bits{0} : Bits{0};
-  return found == 0;
-}
 
 // Whether a value that is not finite is one that the field declares.
 bool is_declared(const Field& field, std::size_t i, double value) {
@@ -34,7 +22,6 @@ bool is_declared(const Field& field, std::size_t i, double value) {
 // Returns whether something was bad.
 template <class T>
 bool mend(const Field& field, std::span<T> row) {
-  if (are_finite(std::span<const T>(row))) return false;
   bool bad = false;
   for (std::size_t i = 0; i < row.size(); ++i) {
     if (std::isfinite(row[i]) || is_declared(field, i, static_cast<double>(row[i]))) continue;
@@ -42,17 +29,6 @@ bool mend(const Field& field, std::span<T> row) {
     bad = true;
   }
   return bad;
-}
-
-bool mend(const Field& field, Buffer& buffer, std::size_t env) {
-  switch (field.type) {
-    case DType::float32:
-      return mend(field, buffer.row<float>(env));
-    case DType::float64:
-      return mend(field, buffer.row<double>(env));
-    default:
-      return false;
-  }
 }
 
 // The episode, which has been flown and settled, ends in this step after all.
@@ -68,11 +44,6 @@ void end_now(Simulation& sim, std::size_t env) {
 
 }  // namespace
 
-bool is_valid(const Pose& pose) {
-  constexpr float kTolerance = 0.02F;                                                              // of a squared norm
-  return is_in_world(pose.position) && std::abs(pose.rotation.squaredNorm() - 1.0F) < kTolerance;  // false for NaN, too
-}
-
 void mark_bad(Simulation& sim, std::size_t env) { sim.episodes.bad[env] = 1; }
 
 void check_setpoints(Simulation& sim, Block& block) {
@@ -87,26 +58,33 @@ void check_setpoints(Simulation& sim, Block& block) {
   }
 }
 
-void drop_bad_terms(Simulation& sim, std::size_t env) {
+double drop_bad_terms(Simulation& sim, std::size_t env) {
+  mark_bad(sim, env);
+  double total = 0.0;
   for (double& term : sim.run->score.terms_of(env)) {
     if (!is_reward(term)) term = 0.0;
+    total += term;
   }
-  mark_bad(sim, env);
+  return total;
 }
 
 void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
   const std::vector<Field>& fields = sim.run->spec().observation;
-  Outputs& out = sim.outputs.now();
-  for (std::size_t i = 0; i < fields.size(); ++i) {
-    if (!is_floating(fields[i].type)) continue;
+  const auto check = [&]<class T>(const Field& field, Buffer& values, T) {
     for (const std::uint32_t env : envs) {
-      if (!mend(fields[i], out.observation[i], env)) continue;
+      const std::span<T> row = values.row<T>(env);
+      if (are_finite(std::span<const T>(row)) || !mend(field, row)) continue;
       if (flown) {
         end_now(sim, env);
       } else {
         mark_bad(sim, env);
       }
     }
+  };
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    Buffer& values = sim.outputs.now().observation[i];
+    if (fields[i].type == DType::float32) check(fields[i], values, 0.0F);
+    if (fields[i].type == DType::float64) check(fields[i], values, 0.0);
   }
 }
 

@@ -11,7 +11,10 @@
 namespace flockstep {
 
 // In the world, and turned by a unit quaternion.
-bool is_valid(const Pose& pose);
+inline bool is_valid(const Pose& pose) {
+  constexpr float kTolerance = 0.02F;                                                              // of a squared norm
+  return is_in_world(pose.position) && std::abs(pose.rotation.squaredNorm() - 1.0F) < kTolerance;  // false for NaN, too
+}
 
 // Something about this env is bad: its episode ends in the present step, or in the next if none is under way.
 void mark_bad(Simulation& sim, std::size_t env);
@@ -21,7 +24,7 @@ void check_setpoints(Simulation& sim, Block& block);
 
 // What an env has earned in a flown step. Sums of many numbers up to 1e30 are still finite, as float32, too.
 inline bool is_reward(double term) { return std::abs(term) <= 1e30; }  // false for NaN, too
-void drop_bad_terms(Simulation& sim, std::size_t env);                 // they become 0
+double drop_bad_terms(Simulation& sim, std::size_t env);               // they become 0; returns the sum of the others
 
 // Observations of some envs, as just written: a value that is neither finite nor within infinite bounds of its field becomes 0.
 // An episode that has been flown ends here, as one that has just begun does in its first step.

@@ -18,7 +18,10 @@ constexpr double kNothing = -0.0;
 template <class T>
 bool differs(const Buffer& a, const Buffer& b, std::size_t env) {
   const auto x = a.row<T>(env);
-  return !std::equal(x.begin(), x.end(), b.row<T>(env).begin());
+  const auto y = b.row<T>(env);
+  bool any = false;  // rows are short: a call of memcmp would cost more
+  for (std::size_t i = 0; i < x.size(); ++i) any |= x[i] != y[i];
+  return any;
 }
 
 // Whether the action of this step is another than that of the step before.
@@ -147,38 +150,46 @@ void settle(Simulation& sim, Block& block) {
   TaskRun& run = *sim.run;
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = run.score.num_terms;
+  const bool skips = !run.earned.empty();
   for (const std::uint32_t env : block.flying) {
-    const double* const terms = run.score.terms.data() + env * num_terms;
+    const double* terms = run.score.terms.data() + env * num_terms;
     bool good = true;
-    for (std::size_t k = 0; k < num_terms; ++k) good &= is_reward(terms[k]);
-    if (!good) drop_bad_terms(sim, env);
-    double* const earned = run.earned.empty() ? nullptr : run.earned.data() + env * num_terms;
-    float* const shown = out.reward_terms.data() + env * num_terms;
     double total = 0.0;  // of this flown step
-    double step_total = 0.0;
     for (std::size_t k = 0; k < num_terms; ++k) {
+      good &= is_reward(terms[k]);
       total += terms[k];
-      const double sum = earned == nullptr ? terms[k] : earned[k] += terms[k];
-      step_total += sum;
-      shown[k] = static_cast<float>(sum);
     }
-    episodes.episode_return[env] += total;
+    if (!good) total = drop_bad_terms(sim, env);
+    double step_total = total;  // of those flown so far
+    if (skips) {
+      double* const earned = run.earned.data() + env * num_terms;
+      step_total = 0.0;
+      for (std::size_t k = 0; k < num_terms; ++k) step_total += earned[k] += terms[k];
+      terms = earned;
+    }
+    float* const shown = out.reward_terms.data() + env * num_terms;
+    for (std::size_t k = 0; k < num_terms; ++k) shown[k] = static_cast<float>(terms[k]);
+    const double episode_return = episodes.episode_return[env] += total;
+    const std::int64_t steps = episodes.steps[env];
+    const std::int64_t limit = episodes.time_limit[env];
     const bool bad = episodes.bad[env] != 0;
     const bool terminated = bad || run.score.terminated[env] != 0;
-    const bool truncated = !terminated && episodes.time_limit[env] > 0 && episodes.steps[env] >= episodes.time_limit[env];
+    const bool truncated = !terminated && limit > 0 && steps >= limit;
     const bool ends = terminated || truncated;
-    episodes.done[env] = ends;
-    episodes.action_changed[env] = 0;  // flown once more, it is the same
     out.reward[env] = static_cast<float>(step_total);
+    out.episode_return[env] = episode_return;
+    out.episode_length[env] = steps;
     out.terminated[env] = terminated;
     out.truncated[env] = truncated;
     out.success[env] = ends && !bad && run.score.success[env];
     out.crashed[env] = ends && touches(sim, env);
     out.bad_state[env] = bad;
-    episodes.bad[env] = 0;
-    episodes.bad_states[env] += bad;
-    out.episode_return[env] = episodes.episode_return[env];
-    out.episode_length[env] = episodes.steps[env];
+    episodes.done[env] = ends;
+    episodes.action_changed[env] = 0;  // flown once more, it is the same
+    if (bad) {
+      episodes.bad[env] = 0;
+      ++episodes.bad_states[env];
+    }
   }
   block.flying.filter([&](std::uint32_t env) { return !episodes.done[env]; });
 }

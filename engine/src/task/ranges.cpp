@@ -28,25 +28,31 @@ Clearance clearance_of(std::span<const float> ranges, float max_range_m) {
   const auto one = hn::Set(d, 1.0F);
   const auto divisor = hn::Set(d, max_range_m);
   auto nearest = one;
-  alignas(64) float values[kSums];
-  const auto take = [&](const float* from, std::size_t count) {  // 16 ranges, of which the first `count` are summed up
-    for (std::size_t i = 0; i < kSums; i += hn::Lanes(d)) {
-      const auto value = hn::Min(hn::Div(hn::LoadU(d, from + i), divisor), one);
-      nearest = hn::Min(nearest, value);
-      hn::Store(value, d, values + i);
-    }
-    std::fill(values + count, values + kSums, 0.0F);
+  alignas(64) float values[kSums];  // normalised ranges, 0 where there is none
+  const auto add = [&] {
     for (std::size_t i = 0; i < kVectors; ++i) {
       sums[i] = hn::Add(sums[i], hn::PromoteTo(dd, hn::Load(df, values + i * hn::Lanes(dd))));
     }
   };
   std::size_t first = 0;
-  for (; first + kSums <= ranges.size(); first += kSums) take(ranges.data() + first, kSums);
-  if (first < ranges.size()) {
+  for (; first + kSums <= ranges.size(); first += kSums) {
+    for (std::size_t i = 0; i < kSums; i += hn::Lanes(d)) {
+      const auto value = hn::Min(hn::Div(hn::LoadU(d, ranges.data() + first + i), divisor), one);
+      nearest = hn::Min(nearest, value);
+      hn::Store(value, d, values + i);
+    }
+    add();
+  }
+  if (const std::size_t left = ranges.size() - first; left > 0) {
     alignas(64) float rest[kSums];
     std::fill_n(rest, kSums, std::numeric_limits<float>::infinity());
-    std::copy(ranges.begin() + static_cast<std::ptrdiff_t>(first), ranges.end(), rest);
-    take(rest, ranges.size() - first);
+    std::copy_n(ranges.data() + first, left, rest);
+    for (std::size_t i = 0; i < kSums; i += hn::Lanes(d)) {
+      const auto value = hn::Min(hn::Div(hn::Load(d, rest + i), divisor), one);
+      nearest = hn::Min(nearest, value);
+      hn::Store(hn::IfThenElseZero(hn::FirstN(d, std::max(left, i) - i), value), d, values + i);
+    }
+    add();
   }
   for (std::size_t half = kVectors / 2; half > 0; half /= 2) {
     for (std::size_t i = 0; i < half; ++i) sums[i] = hn::Add(sums[i], sums[i + half]);
