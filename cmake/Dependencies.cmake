@@ -51,19 +51,6 @@ target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::EPOXY ${CMAKE_
 find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet REQUIRED)
 target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${BULLET_INCLUDE_DIR})
 
-# Image operations: the colour threshold of the camera task. Debian's packages of the two modules bring no CMake files.
-find_package(OpenCV QUIET COMPONENTS core imgproc)
-if(OpenCV_FOUND)
-  target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${OpenCV_INCLUDE_DIRS})
-  target_link_libraries(flockstep_dependencies INTERFACE ${OpenCV_LIBS})
-else()
-  find_path(OPENCV_INCLUDE_DIR opencv2/imgproc.hpp PATH_SUFFIXES opencv4 REQUIRED)
-  find_library(OPENCV_CORE opencv_core REQUIRED)
-  find_library(OPENCV_IMGPROC opencv_imgproc REQUIRED)
-  target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${OPENCV_INCLUDE_DIR})
-  target_link_libraries(flockstep_dependencies INTERFACE ${OPENCV_CORE} ${OPENCV_IMGPROC})
-endif()
-
 # Only the benchmarks; each is optional where no benchmark asks for it.
 if(FLOCKSTEP_BENCH)
   find_package(benchmark QUIET)

@@ -1,6 +1,7 @@
 #include "task/green_blob.hpp"
 
 #include <gtest/gtest.h>
+#include <hwy/targets.h>
 
 #include <algorithm>
 #include <array>
@@ -12,6 +13,7 @@
 
 #include "allocation_counter.hpp"
 #include "flockstep/world.hpp"
+#include "on_target.hpp"
 #include "random.hpp"
 #include "render/appearance.hpp"
 
@@ -102,7 +104,7 @@ bool is_green(const Pixel& pixel) {
   return image.blob().found;
 }
 
-// Pixel by pixel, in whole numbers, without OpenCV.
+// Pixel by pixel, in whole numbers.
 GreenBlob by_brute_force(Image& image) {
   int left = image.width, top = image.height, right = -1, bottom = -1;
   for (int y = 0; y < image.height; ++y) {
@@ -231,12 +233,11 @@ TEST(GreenBlob, APartlyCoveredPixelCountsFromAboutAHalf) {
 
 // -- Against the oracle.
 
-TEST(GreenBlob, AgreesWithBruteForce) {
+void agrees_with_brute_force() {
   Random random(1);
   GreenBlobScratch scratch;  // one for all sizes, as of a worker
   int found = 0;
   for (int trial = 0; trial < 400; ++trial) {
-    // Up to several times what OpenCV is given at once.
     const bool large = trial % 50 == 0;
     const int width = 1 + static_cast<int>(random.generator()() % (large ? 500 : 40));
     const int height = 1 + static_cast<int>(random.generator()() % (large ? 400 : 30));
@@ -261,6 +262,14 @@ TEST(GreenBlob, AgreesWithBruteForce) {
   }
   EXPECT_GT(found, 200);
   EXPECT_LT(found, 780);
+}
+
+TEST(GreenBlob, AgreesWithBruteForceOnEveryTarget) {
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    const testing::OnTarget on(target);
+    agrees_with_brute_force();
+  }
 }
 
 TEST(GreenBlob, EveryTripleOfChannelsNearTheThreshold) {

@@ -71,13 +71,14 @@ std::string load_error(const char* library) {
 }  // namespace
 
 std::string gl_load_error() {
-  if (const std::string why = load_error(kEgl); !why.empty()) return "EGL is not installed: " + why;
-  std::string why;
-  for (const char* library : kOpenGl) {
-    why = load_error(library);
-    if (why.empty()) return {};
+  std::string why = load_error(kEgl);
+  if (why.empty()) {
+    for (const char* library : kOpenGl) {
+      why = load_error(library);
+      if (why.empty()) return {};
+    }
   }
-  return "OpenGL is not installed: " + why;
+  return "OpenGL without a screen is not installed (on Debian and Ubuntu: apt install libegl1 libgl1): " + why;
 }
 
 void* load_function(const std::string& library, const char* name) {

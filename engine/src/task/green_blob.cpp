@@ -1,15 +1,24 @@
 #include "task/green_blob.hpp"
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "task/green_blob.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
 #include <algorithm>
 #include <array>
 #include <cassert>
 #include <cstddef>
-#include <opencv2/imgproc.hpp>
+#include <cstdint>
+#include <functional>
+#include <span>
 
 #include "render/appearance.hpp"
 
-namespace flockstep::task {
-namespace {
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::task::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
 
 // Green is told by the ratio of the channels, which light scales alike. The goal, render::kGoalColor, is written with G about
 // three times the larger of R and B, from (26, 120, 38) in full shade to (44, 207, 67) in full sun. White walls, the sky,
@@ -17,9 +26,50 @@ namespace {
 // at an edge has a ratio above 1.13 (yellow before a blue sky). With a threshold of 1.25, a pixel that shows the goal and
 // something else counts if at least 43 % of it is goal before a white wall, or 47 % before a blue-grey pillar; either share
 // changes by 15 % if one of the two is lit and the other in shade. So the box is the goal's to about half a pixel.
-constexpr double kRatio = 1.25;
-// Where it is almost dark, the ratio would be decided by rounding.
-constexpr double kLeast = 16.0;
+//
+// Where it is almost dark, the ratio would be decided by rounding, so G has to be 16 more. In whole numbers, G > 1.25 m + 16 is
+// G > m + floor(m / 4) + 16: of m = 4 q + r, 1.25 m is 5 q + r and a fraction.
+constexpr int kRatioShift = 2;
+constexpr std::uint8_t kLeast = 16;
+
+// (pixels,): 255 where a pixel is green, else 0.
+void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span<std::uint8_t> mask) {
+  const hn::ScalableTag<std::uint8_t> d;
+  const std::size_t pixels = mask.size();
+  const bool apart = layout == ImageLayout::chw;
+  const auto mark = [&](auto red, auto green, auto blue, std::size_t first) {
+    const auto larger = hn::Max(red, blue);
+    const auto least = hn::SaturatedAdd(hn::SaturatedAdd(larger, hn::ShiftRight<kRatioShift>(larger)), hn::Set(d, kLeast));
+    hn::StoreU(hn::VecFromMask(d, hn::Gt(green, least)), d, mask.data() + first);
+  };
+  const auto mark_at = [&](std::size_t first) {
+    if (apart) {
+      const auto plane = [&](std::size_t channel) { return hn::LoadU(d, rgb.data() + channel * pixels + first); };
+      mark(plane(0), plane(1), plane(2), first);
+    } else {
+      auto red = hn::Zero(d);
+      auto green = red;
+      auto blue = red;
+      hn::LoadInterleaved3(d, rgb.data() + 3 * first, red, green, blue);
+      mark(red, green, blue, first);
+    }
+  };
+  std::size_t first = 0;
+  for (; first + hn::Lanes(d) <= pixels; first += hn::Lanes(d)) mark_at(first);
+  if (first > 0) return mark_at(pixels - hn::Lanes(d));  // some of them once more
+  for (; first < pixels; ++first) {
+    const auto value = [&](std::size_t channel) -> int { return rgb[apart ? channel * pixels + first : 3 * first + channel]; };
+    const int larger = std::max(value(0), value(2));
+    mask[first] = value(1) > larger + (larger >> kRatioShift) + kLeast ? 255 : 0;
+  }
+}
+
+}  // namespace flockstep::task::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace flockstep::task {
+namespace {
 
 // These figures hold as long as the colours of markers are what they were derived from: with a gamma of 2.2, a ratio of 3 as
 // written is one of 3^2.2 = 11.2 in linear light.
@@ -27,56 +77,50 @@ constexpr float green_ratio(const std::array<float, 3>& color) { return color[1]
 static_assert(green_ratio(render::kGoalColor) > 11.2F, "the goal is clearly green");
 static_assert(green_ratio(render::kStartColor) < 1.0F && green_ratio(render::kWaypointColor) < 1.0F, "no other marker is");
 
-// What goes to OpenCV at once. From 2^16 pixels on it shares its work with other threads, and while it waits for them, this one
-// might be given another block of drones, with the scratch that is in use here.
-constexpr std::size_t kMostPixels = 1U << 15U;
-
-void threshold(const cv::Mat& red, const cv::Mat& green, const cv::Mat& blue, cv::Mat& larger, cv::Mat& mask) {
-  cv::max(red, blue, larger);
-  cv::addWeighted(green, 4.0, larger, -4.0 * kRatio, -4.0 * kLeast, mask);  // of whole numbers; below 0 it saturates
+bool any(std::span<const std::uint8_t> marks) {
+  std::uint8_t found = 0;
+  for (const std::uint8_t mark : marks) found |= mark;
+  return found != 0;
 }
 
 }  // namespace
 
+HWY_EXPORT(mark_green);
+
 GreenBlob find_green(std::span<const std::uint8_t> rgb, int width_px, int height_px, ImageLayout layout,
                      GreenBlobScratch& scratch) {
-  const auto pixels = static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px);
-  assert(rgb.size() == 3 * pixels);
-  const std::size_t most = std::min(pixels, kMostPixels);
-  if (scratch.planes.size() < 4 * most) scratch.planes.resize(4 * most);
-  scratch.mask.resize(pixels);
+  const auto width = static_cast<std::size_t>(width_px);
+  const auto height = static_cast<std::size_t>(height_px);
+  assert(rgb.size() == 3 * width * height);
+  scratch.mask.resize(width * height);
+  HWY_DYNAMIC_DISPATCH(mark_green)(rgb, layout, scratch.mask);
 
-  // OpenCV takes the pixels as one row: nothing here asks where a row ends, until the box.
-  for (std::size_t first = 0; first < pixels; first += most) {
-    const int count = static_cast<int>(std::min(most, pixels - first));
-    const auto plane = [count](const std::uint8_t* values) {  // OpenCV's headers of data it only reads are not const
-      return cv::Mat(1, count, CV_8UC1, const_cast<std::uint8_t*>(values));
-    };
-    cv::Mat larger = plane(scratch.planes.data());
-    cv::Mat mask = plane(scratch.mask.data() + first);
-    if (layout == ImageLayout::chw) {
-      threshold(plane(rgb.data() + first), plane(rgb.data() + pixels + first), plane(rgb.data() + 2 * pixels + first), larger,
-                mask);
-    } else {
-      std::array<cv::Mat, 3> channels;
-      for (std::size_t k = 0; k < 3; ++k) channels[k] = plane(scratch.planes.data() + (k + 1) * most);
-      cv::split(cv::Mat(1, count, CV_8UC3, const_cast<std::uint8_t*>(rgb.data() + 3 * first)), channels.data());
-      threshold(channels[0], channels[1], channels[2], larger, mask);
-    }
+  const auto row = [&](std::size_t y) { return std::span<const std::uint8_t>(scratch.mask).subspan(y * width, width); };
+  std::size_t top = 0;
+  std::size_t bottom = height;  // past the last row
+  while (top < height && !any(row(top))) ++top;
+  if (top == height) return {};
+  while (!any(row(bottom - 1))) --bottom;
+  scratch.columns.assign(width, 0);
+  for (std::size_t y = top; y < bottom; ++y) {
+    std::ranges::transform(row(y), scratch.columns, scratch.columns.begin(), std::bit_or<std::uint8_t>());
   }
+  const auto is_marked = [](std::uint8_t mark) { return mark != 0; };
+  const auto left = std::ranges::find_if(scratch.columns, is_marked) - scratch.columns.begin();
+  const auto right = scratch.columns.rend() - std::find_if(scratch.columns.rbegin(), scratch.columns.rend(), is_marked);
 
-  const cv::Rect box = cv::boundingRect(cv::Mat(height_px, width_px, CV_8UC1, scratch.mask.data()));
   GreenBlob blob;
-  blob.found = box.width > 0;
-  if (!blob.found) return blob;
-  blob.x = box.x;
-  blob.y = box.y;
-  blob.width = box.width;
-  blob.height = box.height;
+  blob.found = true;
+  blob.x = static_cast<int>(left);
+  blob.y = static_cast<int>(top);
+  blob.width = static_cast<int>(right - left);
+  blob.height = static_cast<int>(bottom - top);
   // Twice the centre is a whole number, so a box in the middle gives 0.
-  blob.offset = static_cast<float>(2 * box.x + box.width - width_px) / static_cast<float>(width_px);
-  blob.area = static_cast<float>(box.area()) / static_cast<float>(pixels);
+  blob.offset = static_cast<float>(2 * blob.x + blob.width - width_px) / static_cast<float>(width_px);
+  blob.area = static_cast<float>(static_cast<std::size_t>(blob.width) * static_cast<std::size_t>(blob.height)) /
+              static_cast<float>(width * height);
   return blob;
 }
 
 }  // namespace flockstep::task
+#endif

@@ -21,8 +21,8 @@ struct GreenBlob {
 
 // A thread's own; it grows to the largest image and stays.
 struct GreenBlobScratch {
-  std::vector<std::uint8_t> planes;
-  std::vector<std::uint8_t> mask;  // (H, W) of the last image: not 0 where it is green
+  std::vector<std::uint8_t> mask;     // (H, W) of the last image: not 0 where it is green
+  std::vector<std::uint8_t> columns;  // (W,) not 0 where any row is green
 };
 
 // A pixel is green where G > 1.25 * max(R, B) + 16, of values as they are written (0 to 255, gamma applied).

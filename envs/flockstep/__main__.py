@@ -1,0 +1,20 @@
+"""``python -m flockstep doctor``."""
+
+from __future__ import annotations
+
+import argparse
+
+from flockstep import doctor
+
+
+def main() -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m flockstep", description="A batched drone simulator.")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    about = "say what this machine has for flockstep, what it lacks, and how to get it"
+    commands.add_parser("doctor", help=about, description=about).set_defaults(run=doctor.main)
+    parser.parse_args().run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""What this machine has for flockstep, and what it lacks: ``python -m flockstep doctor``."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import sys
+
+from flockstep import _core
+
+#: What each extra adds, by the package that tells whether it is there.
+_EXTRAS = (
+    ("sb3", "stable-baselines3", "training with Stable-Baselines3"),
+    ("sb3", "torch", "the networks of that"),
+    ("train", "tqdm", "progress bars"),
+    ("train", "matplotlib", "plots"),
+    ("train", "imageio", "pictures and films"),
+    ("train", "tensorboard", "curves of a training"),
+)
+
+
+def version_of(package: str) -> str | None:
+    """Return the version of an installed package, or None."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def opengl() -> str:
+    """Return which device the camera backend ``gl`` renders on, or why there is none."""
+    camera = _core.CameraConfig(width_px=8, height_px=8)
+    world = _core.World.from_dict({"flockstep_scene": 1, "name": "dot", "room": {"min": [0, 0, 0], "max": [1, 1, 1]}})
+    try:
+        return _core.Batch([world], cameras=[camera], camera_backend="gl").camera_backend_report()
+    except RuntimeError as error:
+        return f"not here: {error}"
+
+
+def report() -> list[tuple[str, str]]:
+    """Return what is looked at, and what was found, in the order in which it is printed."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    world = _core.World.from_dict({"flockstep_scene": 1, "name": "dot", "room": {"min": [0, 0, 0], "max": [1, 1, 1]}})
+    libc = " ".join(platform.libc_ver())
+    lines = [
+        ("flockstep", f"{_core.__version__}, in {os.path.dirname(_core.__file__)}"),
+        ("Python", f"{platform.python_version()}, {sys.executable}"),
+        ("system", f"{platform.platform()}{f', {libc}' if libc.strip() else ''}"),
+        ("NumPy, Gymnasium", f"{version_of('numpy')}, {version_of('gymnasium')}"),
+        ("processors", f"{processors}; a batch of many drones uses {_core.Batch([world], 10_000).num_threads} threads"),
+        ("SIMD", f"{_core.simd_target}, chosen at run time"),
+        ("camera backend raycast", f"here: Embree {_core.embree_version}"),
+        ("camera backend gl", opengl()),
+    ]
+    for extra, package, purpose in _EXTRAS:
+        version = version_of(package)
+        found = version if version is not None else f"missing ({purpose}): pip install 'flockstep[{extra}]'"
+        lines.append((package, found))
+    return lines
+
+
+def main() -> None:
+    """Print the report."""
+    lines = report()
+    width = max(len(name) for name, _ in lines)
+    for name, found in lines:
+        print(f"{name:<{width}}  {found}")

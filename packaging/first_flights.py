@@ -1,0 +1,49 @@
+"""What `./dev wheel --prove` flies with an installed wheel: LiDAR, both camera backends, a task in C++'s headers found.
+
+usage: first_flights.py with-opengl | without-opengl
+"""
+
+import sys
+
+import numpy as np
+
+import flockstep
+
+
+def fly_lidar() -> None:
+    """Fly 64 drones through a shipped world and look at what their LiDARs say."""
+    envs = flockstep.DroneVectorEnv(64, worlds="train")
+    observation, _ = envs.reset(seed=0)
+    assert observation.shape == (64, 38), observation.shape
+    for _ in range(100):
+        observation, *_ = envs.step(envs.action_space.sample())
+    assert np.isfinite(observation).all()
+
+
+def see(backend: str) -> None:
+    """Render a frame of every camera."""
+    world = flockstep.World.load("playground/camera-train-1")
+    batch = flockstep.Batch([world], 8, cameras=[flockstep.CameraConfig()], camera_backend=backend)
+    batch.sense()
+    assert batch.camera("front").rgb.std() > 0, f"{backend} sees nothing"
+
+
+def main() -> None:
+    """Fly, and hold what OpenGL says against what this machine has."""
+    has_opengl = {"with-opengl": True, "without-opengl": False}[sys.argv[1]]
+    fly_lidar()
+    see("raycast")
+    try:
+        see("gl")
+    except RuntimeError as error:
+        assert not has_opengl, error
+        assert "libegl1" in str(error) and "libgl1" in str(error), error
+        print(f"lidar and raycast fly; gl says: {error}")
+    else:
+        assert has_opengl, "gl flies where there is no OpenGL"
+        print("lidar, raycast and gl fly")
+    assert (flockstep.include_dir() / "flockstep" / "task.hpp").is_file()
+
+
+if __name__ == "__main__":
+    main()

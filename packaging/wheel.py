@@ -1,0 +1,152 @@
+"""What `./dev wheel` runs: a wheel of this package for every Python that is there, with its shared libraries inside.
+
+Wheels go to out/wheel/. They run on any Linux whose C and C++ libraries are not older than this system's: the file's name says
+which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it belongs to a machine's driver; it is loaded where there
+is one. THIRD_PARTY.md in the wheel's metadata names what is inside, with each one's licence beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+BUILD = ROOT / "build" / "wheel"
+OUT = ROOT / "out" / "wheel"
+PYTHONS = ("python3.10", "python3.11", "python3.12", "python3.13")
+MOST_BYTES = 30_000_000
+#: What a build in an environment of its own needs: the packages of pyproject.toml's build-system, at our versions.
+BUILD_PACKAGES = ("scikit-build-core", "pybind11", "pathspec", "packaging", "exceptiongroup", "tomli", "typing-extensions")
+#: Header-only libraries: compiled in, so no file of theirs tells.
+HEADERS = ("libeigen3-dev", "nlohmann-json3-dev", "libbullet-dev", "libhwy-dev")
+
+
+def output_of(*command: str | Path) -> str:
+    """Run a command and return what it prints."""
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def version_of(python: str) -> str | None:
+    """Return "3.11" if this Python is there, makes environments and has its headers, else None."""
+    check = (
+        "import ensurepip, os, sys, sysconfig, venv\n"
+        "assert os.path.exists(os.path.join(sysconfig.get_paths()['include'], 'Python.h'))\n"
+        "print('%d.%d' % sys.version_info[:2])"
+    )
+    if shutil.which(python) is None:
+        return None
+    done = subprocess.run([python, "-c", check], capture_output=True, text=True)
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def build(python: str, version: str) -> Path:
+    """Build the wheel as pip does, and return it. All Pythons share the engine's objects."""
+    own = BUILD / f"python{version}"
+    pip = [own / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
+    if not (own / "done").exists():
+        subprocess.run([python, "-m", "venv", "--clear", own], check=True)
+        subprocess.run([*pip, "install", "-q", "-c", ROOT / "constraints.txt", *BUILD_PACKAGES], check=True)
+        (own / "done").touch()
+    made = BUILD / "made" / version
+    shutil.rmtree(made, ignore_errors=True)
+    settings = [f"--config-settings=build-dir={BUILD / 'cmake'}"]
+    subprocess.run(
+        [*pip, "wheel", "-q", "--no-deps", "--no-build-isolation", *settings, "-w", made, ROOT], check=True, cwd=BUILD
+    )
+    (wheel,) = made.glob("*.whl")
+    return wheel
+
+
+def repair(wheel: Path) -> Path:
+    """Put the shared libraries into the wheel and name it after the oldest system it runs on."""
+    made = wheel.parent / "repaired"
+    subprocess.run([sys.executable, "-m", "auditwheel", "-q", "repair", "--strip", "-w", made, wheel], check=True)
+    (repaired,) = made.glob("*.whl")
+    return repaired
+
+
+def package_of(path: Path) -> tuple[str, str, Path]:
+    """Return name, version and copyright file of the Debian package that a file came from."""
+    for name in (path, path.resolve(), str(path.resolve()).removeprefix("/usr")):  # /lib is a link to /usr/lib
+        done = subprocess.run(["dpkg-query", "-S", str(name)], capture_output=True, text=True)
+        if done.returncode == 0:
+            package = done.stdout.split(":")[0]
+            version = output_of("dpkg-query", "-W", "-f", "${Version}", package)
+            return package, version.split("\n")[0], Path("/usr/share/doc", package, "copyright")
+    raise SystemExit(f"wheel: no package owns {path}: its licence is not known")
+
+
+def add_licences(wheel: Path, unrepaired: Path) -> Path:
+    """Write the licences of everything inside into the wheel's metadata."""
+    folder = BUILD / "unpacked"
+    shutil.rmtree(folder, ignore_errors=True)
+    subprocess.run([sys.executable, "-m", "wheel", "unpack", "-d", folder, wheel], check=True, capture_output=True)
+    (inside,) = folder.iterdir()
+    with zipfile.ZipFile(unrepaired) as archive:
+        module = next(name for name in archive.namelist() if re.search(r"/_core\..*\.so$", name))
+        loaded = output_of("ldd", archive.extract(module, folder.parent / "module"))
+    found = {name: Path(path) for name, path in re.findall(r"(\S+) => (/\S+)", loaded)}
+    rows = []
+    (metadata,) = inside.glob("*.dist-info")
+    licences = metadata / "licenses" / "third_party"
+    licences.mkdir(parents=True)
+    for library in sorted((inside / "flockstep.libs").iterdir()):
+        name = re.sub(r"-[0-9a-f]{8}(\.so)", r"\1", library.name)  # auditwheel adds a hash
+        original = next(path for real, path in found.items() if real == name or path.resolve().name == name)
+        rows.append((library.name, *package_of(original)))
+    for package in HEADERS:
+        version = output_of("dpkg-query", "-W", "-f", "${Version}", package)
+        rows.append(("headers, compiled in", package, version, Path("/usr/share/doc", package, "copyright")))
+    text = ["# Libraries inside this wheel", "", "| file | Debian package | version | licence |", "|---|---|---|---|"]
+    for file, package, version, copyright_file in rows:
+        shutil.copyfile(copyright_file, licences / f"{package}.txt")
+        text.append(f"| {file} | {package} | {version} | [{package}.txt](third_party/{package}.txt) |")
+    (metadata / "licenses" / "THIRD_PARTY.md").write_text("\n".join(text) + "\n")
+    subprocess.run([sys.executable, "-m", "wheel", "pack", "-d", OUT, inside], check=True, capture_output=True)
+    return OUT / wheel.name
+
+
+def check(wheel: Path) -> str:
+    """Return a line about the wheel; a wheel that is not fit to be given away ends the program."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    strangers = [name for name in names if re.search(r"lib(GL|EGL|OpenGL|X11|xcb|stdc\+\+|gcc_s)\b", name)]
+    if strangers:
+        raise SystemExit(f"wheel: {wheel.name} holds what belongs to the system: {', '.join(strangers)}")
+    if not any(name.startswith("flockstep/scenes/") for name in names):
+        raise SystemExit(f"wheel: {wheel.name} holds no scenes")
+    size = wheel.stat().st_size
+    if size > MOST_BYTES:
+        raise SystemExit(f"wheel: {wheel.name} has {size:,} bytes, more than {MOST_BYTES:,}")
+    return f"{wheel.relative_to(ROOT)}: {size / 1e6:.1f} MB"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("pythons", nargs="*", help=f"such as python3.12; without, those that are there of {', '.join(PYTHONS)}")
+    args = parser.parse_args()
+    BUILD.mkdir(parents=True, exist_ok=True)
+    OUT.mkdir(parents=True, exist_ok=True)
+    versions = {python: version_of(python) for python in args.pythons or PYTHONS}
+    missing = [python for python, version in versions.items() if version is None]
+    if args.pythons and missing:
+        raise SystemExit(f"wheel: no Python with headers and venv: {', '.join(missing)}")
+    wheels = []
+    for python, version in versions.items():
+        if version is None:
+            print(f"{python} is not here, or lacks headers or venv: no wheel for it", flush=True)
+            continue
+        made = build(python, version)
+        wheels.append(check(add_licences(repair(made), made)))
+        print(wheels[-1], flush=True)
+    if not wheels:
+        raise SystemExit("wheel: no Python to build for")
+
+
+if __name__ == "__main__":
+    main()
