@@ -14,12 +14,14 @@ import argparse
 import json
 import re
 import shutil
+import statistics
 import sys
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
+BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
 TRIED = ROOT / "out" / "tried"
@@ -27,6 +29,23 @@ NAMES = ("lidar", "step", "camera", "train", "camera_train", "pixels_train", "ca
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 STAGE = "step/stage/"
+#: What the README shows: in words, the benchmark, and the figures of which the median stands there.
+HEADLINE = (
+    ("steps of the LiDAR task per second, 1,024 drones", "step", r"step/n1024/steps_per_second"),
+    ("a step of one drone", "step", r"step/n1/microseconds"),
+    ("LiDAR scans of 35 beams per second", "lidar", r"lidar/fan35x1024/scans_per_second"),
+    ("that, over Embree tracing the same rays at triangles", "lidar", r"lidar/direct_fan35x1024/ratio_to_bare_embree"),
+    (
+        "camera frames per second, 64 x 64 pixels with depth",
+        "camera",
+        r"camera/raycast/playground/64x64x256/frames_per_second",
+    ),
+    ("camera frames per second, 640 x 480", "camera", r"camera/raycast/playground/640x480x16/frames_per_second"),
+    ("training by LiDAR until it is solved, median of 5", "train", r"train/lidar/seed\d/seconds"),
+    ("its success in playgrounds never seen", "train", r"train/lidar/seed\d/unseen_success_rate"),
+    ("success by camera, as a feature of 64 x 48 pixels", "camera_train", r"train/camera/seed\d/unseen_success_rate"),
+    ("success from the pixels themselves", "pixels_train", r"train/pixels/seed\d/unseen_success_rate"),
+)
 #: Figures that have tables of their own.
 FRAMES, MODES = "camera_table/", "camera_modes/"
 
@@ -78,6 +97,23 @@ def table(results: dict[str, Result]) -> str:
     if missing:
         lines += [f"Not measured yet: {', '.join(missing)}.", ""]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def headline(results: dict[str, Result]) -> str:
+    """Return the README's table: some figures in words."""
+    rows = []
+    for text, name, pattern in HEADLINE:
+        figures = [f for f in results.get(name, {"figures": []})["figures"] if re.fullmatch(pattern, f["name"])]
+        values = [f["value"] for f in figures]
+        unit = "" if not figures or figures[0]["unit"] in ("1", "1/s") else f" {figures[0]['unit']}"
+        rows.append(f"| {text} | {number(statistics.median(values)) + unit if values else 'not measured yet'} |")
+    cpus = sorted(
+        {
+            f"{result['machine']['cpu']} with {result['machine']['logical_processors']} logical processors"
+            for result in results.values()
+        }
+    )
+    return "\n".join([f"| on {', '.join(cpus)} | |", "|---|---:|", *rows]) + "\n"
 
 
 def benchmark(figures: list[dict[str, Any]]) -> list[str]:
@@ -217,7 +253,8 @@ def main() -> None:
     results = read(args.folder or default)
     refuse_unknown_sources(results)
     documents = {
-        README: with_content(README.read_text(encoding="utf-8"), "figures", table(results)),
+        README: with_content(README.read_text(encoding="utf-8"), "headline", headline(results)),
+        BENCHMARKS: with_content(BENCHMARKS.read_text(encoding="utf-8"), "figures", table(results)),
         ARCHITECTURE: tried(with_content(ARCHITECTURE.read_text(encoding="utf-8"), "stages", stages(results))),
         CAMERAS: with_content(
             with_content(CAMERAS.read_text(encoding="utf-8"), "frames", frames(results)), "modes", modes(results)

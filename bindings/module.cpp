@@ -1,6 +1,7 @@
 // The native module flockstep._core: a list of what it registers.
 #include <pybind11/pybind11.h>
 
+#include "documents.hpp"
 #include "flockstep/version.hpp"
 #include "trace/user_geometry.hpp"
 
@@ -31,7 +32,6 @@ void refuse_uninitialised_objects(const pybind11::module_& module) {
 }  // namespace flockstep::bindings
 
 PYBIND11_MODULE(_core, module) {
-  module.doc() = "The native module of flockstep.";
   module.attr("__version__") = FLOCKSTEP_VERSION;
   module.attr("embree_version") =
       std::to_string(RTC_VERSION_MAJOR) + "." + std::to_string(RTC_VERSION_MINOR) + "." + std::to_string(RTC_VERSION_PATCH);
@@ -46,5 +46,6 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_task(module);
   flockstep::bindings::register_terms(module);
   flockstep::bindings::register_batch(module);
+  flockstep::bindings::document(module);
   flockstep::bindings::refuse_uninitialised_objects(module);
 }

@@ -67,8 +67,8 @@ prove() { # SUITE
   echo "== Debian $1, with python3 and python3-venv"
   make_system "$1"
   tag=$(chroot "$root" python3 -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
-  wheel=$(ls -t out/wheel/flockstep-*-"$tag"-"$tag"-*.whl 2>/dev/null | head -n 1) || true
-  [ -n "$wheel" ] || { echo "prove: no wheel for $tag in out/wheel (./dev wheel makes it)" >&2; exit 1; }
+  wheel=$(find out/wheel -name "flockstep-*-$tag-$tag-*.whl" 2>/dev/null | sort | tail -n 1)
+  [ -f "$wheel" ] || { echo "prove: no wheel for $tag in out/wheel (./dev wheel makes it)" >&2; exit 1; }
   home=$root/home/pilot
   cp "$wheel" constraints.txt packaging/first_flights.py "$home"
   # The first block of Python in the README.

@@ -1,8 +1,8 @@
 """What `./dev wheel` runs: a wheel of this package for every Python that is there, with its shared libraries inside.
 
-Wheels go to out/wheel/. They run on any Linux whose C and C++ libraries are not older than this system's: the file's name says
-which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it belongs to a machine's driver; it is loaded where there
-is one. THIRD_PARTY.md in the wheel's metadata names what is inside, with each one's licence beside it.
+Wheels go to out/wheel/. They run on any Linux whose C and C++ libraries are not older than this system's: the file's
+name says which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it belongs to a machine's driver; it is
+loaded where there is one. THIRD_PARTY.md in the wheel's metadata names what is inside, with each one's licence.
 """
 
 from __future__ import annotations
@@ -21,7 +21,15 @@ OUT = ROOT / "out" / "wheel"
 PYTHONS = ("python3.10", "python3.11", "python3.12", "python3.13")
 MOST_BYTES = 30_000_000
 #: What a build in an environment of its own needs: the packages of pyproject.toml's build-system, at our versions.
-BUILD_PACKAGES = ("scikit-build-core", "pybind11", "pathspec", "packaging", "exceptiongroup", "tomli", "typing-extensions")
+BUILD_PACKAGES = (
+    "scikit-build-core",
+    "pybind11",
+    "pathspec",
+    "packaging",
+    "exceptiongroup",
+    "tomli",
+    "typing-extensions",
+)
 #: Header-only libraries: compiled in, so no file of theirs tells.
 HEADERS = ("libeigen3-dev", "nlohmann-json3-dev", "libbullet-dev", "libhwy-dev")
 
@@ -65,7 +73,7 @@ def build(python: str, version: str) -> Path:
 def repair(wheel: Path) -> Path:
     """Put the shared libraries into the wheel and name it after the oldest system it runs on."""
     made = wheel.parent / "repaired"
-    subprocess.run([sys.executable, "-m", "auditwheel", "-q", "repair", "--strip", "-w", made, wheel], check=True)
+    output_of(sys.executable, "-m", "auditwheel", "repair", "--strip", "-w", made, wheel)
     (repaired,) = made.glob("*.whl")
     return repaired
 
@@ -127,8 +135,11 @@ def check(wheel: Path) -> str:
 
 
 def main() -> None:
+    """Build, mend, check."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("pythons", nargs="*", help=f"such as python3.12; without, those that are there of {', '.join(PYTHONS)}")
+    parser.add_argument(
+        "pythons", nargs="*", help=f"such as python3.12; without, those that are there of {', '.join(PYTHONS)}"
+    )
     args = parser.parse_args()
     BUILD.mkdir(parents=True, exist_ok=True)
     OUT.mkdir(parents=True, exist_ok=True)

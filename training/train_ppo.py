@@ -30,9 +30,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from tqdm import tqdm
 
 import flockstep
-import flockstep.sb3
 from evaluate import fly, greedy
-from policy import BlobFeatures, LogRangeFeatures, PixelFeatures
+from flockstep.sb3 import BlobFeatures, GoalFeatures, PixelFeatures
 from tasks import CHOOSING_SEEDS, TRAINING_SEEDS, Setup, TaskName, remember, task_names
 
 #: An evaluation flight that takes more flown steps has failed: those that reach the goal take half as long.
@@ -153,7 +152,7 @@ DEFAULTS: dict[TaskName, Args] = {
 }
 
 POLICIES = {
-    "lidar": ("MlpPolicy", LogRangeFeatures),
+    "lidar": ("MlpPolicy", GoalFeatures),
     "camera": ("MlpPolicy", BlobFeatures),
     "pixels": ("MultiInputPolicy", PixelFeatures),
 }

@@ -389,15 +389,24 @@ class Field:
 
     def __init__(self, name: str, dtype: str, shape: Sequence[int], low: float, high: float) -> None: ...
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Of the array; what a dict of observations calls it."""
+
     @property
-    def dtype(self) -> str: ...
+    def dtype(self) -> str:
+        """As NumPy calls it: ``"bool"``, ``"uint8"``, ``"int32"``, ``"int64"``, ``"float32"`` or ``"float64"``."""
+
     @property
-    def shape(self) -> tuple[int, ...]: ...
+    def shape(self) -> tuple[int, ...]:
+        """Of one env; () for a single number."""
+
     @property
-    def low(self) -> Any: ...
+    def low(self) -> Any:
+        """Least value: a number, or an array of ``shape``."""
+
     @property
-    def high(self) -> Any: ...
+    def high(self) -> Any:
+        """Greatest value: a number, or an array of ``shape``."""
 
 @final
 class TaskSpec:
@@ -405,11 +414,16 @@ class TaskSpec:
 
     def __init__(self, action: Field, observation: Sequence[Field], reward_terms: Sequence[str]) -> None: ...
     @property
-    def action(self) -> Field: ...
+    def action(self) -> Field:
+        """What `Batch.step` takes, of one env."""
+
     @property
-    def observation(self) -> list[Field]: ...
+    def observation(self) -> list[Field]:
+        """One field is the observation itself; several form a dict."""
+
     @property
-    def reward_terms(self) -> list[str]: ...
+    def reward_terms(self) -> list[str]:
+        """Names of the terms whose sum is the reward: the columns of `Batch.reward_terms`."""
 
 @final
 class NativeTask:
@@ -425,7 +439,8 @@ class NativeTask:
 
     def __init__(self, path: str) -> None: ...
     @property
-    def path(self) -> str: ...
+    def path(self) -> str:
+        """Of the shared library."""
 
 @final
 class PythonTask:
@@ -465,7 +480,9 @@ class World:
     def __copy__(self) -> World: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """As the scene file says, or its file is called."""
+
     @property
     def bounds(self) -> _F32:
         """(2, 3) m: least and greatest corner of all geometry."""
@@ -774,13 +791,21 @@ class Batch:
         world_index: npt.ArrayLike | None = None,
     ) -> None: ...
     @property
-    def num_drones(self) -> int: ...
+    def num_drones(self) -> int:
+        """N."""
+
     @property
-    def num_threads(self) -> int: ...
+    def num_threads(self) -> int:
+        """Threads that step the batch, the caller's among them."""
+
     @property
-    def worlds(self) -> list[World]: ...
+    def worlds(self) -> list[World]:
+        """The W worlds, by `world_index`."""
+
     @property
-    def drone(self) -> DroneModel: ...
+    def drone(self) -> DroneModel:
+        """The model that every drone has."""
+
     @property
     def position(self) -> _F32:
         """(N, 3) m, world frame."""
@@ -1025,7 +1050,9 @@ class GreenBlob:
     """What is green in an image."""
 
     @property
-    def found(self) -> bool: ...
+    def found(self) -> bool:
+        """Whether any pixel is green."""
+
     @property
     def x(self) -> int:
         """Pixels, of the box's first pixel, from the left."""
@@ -1039,7 +1066,9 @@ class GreenBlob:
         """Pixels; 0 where no green is seen, as all the numbers are."""
 
     @property
-    def height(self) -> int: ...
+    def height(self) -> int:
+        """Pixels; 0 where no green is seen."""
+
     @property
     def offset(self) -> float:
         """Of the box's centre from the image's in x, over half the image's width: in [-1, 1], positive to the right."""

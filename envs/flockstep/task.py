@@ -88,11 +88,13 @@ class Task:
     _batch: weakref.ref[Batch] | None = None  # whose task this is; it owns the task
 
     @property
-    def steps(self) -> npt.NDArray[np.int64]:  # noqa: D102 - see the class
+    def steps(self) -> npt.NDArray[np.int64]:
+        """Steps flown in the present episode, (N,)."""
         return self._own_batch().steps
 
     @property
-    def flying(self) -> BoolArray:  # noqa: D102 - see the class
+    def flying(self) -> BoolArray:
+        """Drones that fly in the present step, (N,): the others' episode is over."""
         return self._own_batch().flying
 
     def _own_batch(self) -> Batch:

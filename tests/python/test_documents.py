@@ -1,9 +1,11 @@
 """The documents: their examples run as they stand, and what they refer to is there.
 
 Each ```python block of README.md and docs/ runs on its own, in an empty folder. Where it would take long, a comment
-right before the block says what the test replaces: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``.
+right before the block says what the test replaces: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains
+ends with printing `success_rates`, and must have learned.
 """
 
+import ast
 import os
 import re
 import shlex
@@ -55,11 +57,12 @@ def of_kind(kind: str, part: str = "") -> list[Block]:
     return [block for block in BLOCKS if block.kind == kind and part in block.text]
 
 
-def run(command: list[str], folder: Path) -> None:
+def run(command: list[str], folder: Path) -> str:
     done = subprocess.run(
         command, cwd=folder, env=ENVIRONMENT, timeout=TIME_LIMIT_S, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 def test_no_block_is_overlooked():
@@ -77,7 +80,11 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
         assert text.count(old) == 1, f"the comment before the block replaces {old!r}, which is not there once"
         text = text.replace(old, new)
     (tmp_path / "snippet.py").write_text(text, encoding="utf-8")
-    run([sys.executable, "snippet.py"], tmp_path)
+    printed = run([sys.executable, "snippet.py"], tmp_path)
+    assert ("learn(" in text) == ("success_rates(" in text), "what trains says how well"
+    if "learn(" in text:
+        rates = ast.literal_eval(printed.strip().splitlines()[-1])
+        assert sum(rates.values()) / len(rates) >= 6 / 7, rates
 
 
 def test_the_task_in_cpp_is_built_and_flown_as_its_page_says(tmp_path):

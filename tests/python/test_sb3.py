@@ -1,7 +1,5 @@
 """Stable-Baselines3 over a batch."""
 
-from pathlib import Path
-
 import gymnasium
 import numpy as np
 import pytest
@@ -227,14 +225,30 @@ def test_training_and_evaluation_run_without_a_warning(make):
     assert np.isfinite(mean)
 
 
-def test_the_snippet_of_the_readme_runs():
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    (snippet,) = (part.split("```")[0] for part in readme.split("```python")[1:] if "model.learn(" in part)
-    assert len(snippet.strip().splitlines()) <= 12
-    names = {}
-    exec(snippet.replace("1_000_000", "256 * 64").replace('device="cpu"', 'device="cpu", n_epochs=1'), names)
-    assert names["model"].num_timesteps == 256 * 64
-    assert names["envs"].env.reward_scale == 0.1
+class FirstEpisodeInTheFirstWorld(flockstep.Task):
+    """Ends after a step per drone; a success in the first world, and there in the first episode alone."""
+
+    observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+
+    def step(self, batch):
+        self.success[:] = (batch.world_index == 0) & (batch.episode == 0)
+        return np.zeros(batch.num_drones), batch.steps > np.arange(batch.num_drones)
+
+    def observe(self, batch):
+        return np.zeros((batch.num_drones, 1), np.float32)
+
+
+def test_success_rates_are_those_of_the_first_episodes_in_each_world(room, closet):
+    class Still:
+        def predict(self, observation, deterministic):
+            assert deterministic
+            return np.zeros((len(observation), 3), np.float32), None
+
+    task = FirstEpisodeInTheFirstWorld
+    rates = flockstep.sb3.success_rates(Still(), task(), worlds=[closet, room], episodes=3)
+    assert rates == {"closet": 1.0, "room": 0.0}
+    with pytest.raises(ValueError, match="episodes: expected an integer >= 1, got 0"):
+        flockstep.sb3.success_rates(Still(), task(), worlds=[closet], episodes=0)
 
 
 @pytest.mark.filterwarnings("ignore:The environment is already wrapped with a `Monitor`:UserWarning")

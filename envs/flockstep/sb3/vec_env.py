@@ -1,9 +1,4 @@
-"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones.
-
->>> from stable_baselines3 import PPO
->>> model = PPO("MlpPolicy", flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", num_envs=1024))
->>> model = PPO("MultiInputPolicy", flockstep.sb3.make_vec("flockstep/CameraPixels-v0", num_envs=64))
-"""
+"""A `DroneVectorEnv` as a `VecEnv` of Stable-Baselines3."""
 
 from __future__ import annotations
 

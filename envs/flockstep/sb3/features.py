@@ -1,4 +1,4 @@
-"""What the policy sees of an observation."""
+"""What a policy sees of an observation: features extractors for the built-in observations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def nearness(ranges: torch.Tensor) -> torch.Tensor:
     return -torch.log(ranges + NEAREST)
 
 
-class LogRangeFeatures(BaseFeaturesExtractor):
+class GoalFeatures(BaseFeaturesExtractor):
     """The direction to the goal, scaled, and how near the obstacles are."""
 
     def __init__(self, observation_space: spaces.Box) -> None:
@@ -58,6 +58,8 @@ class PixelFeatures(BaseFeaturesExtractor):
 
     def __init__(self, observation_space: spaces.Dict, channels: int = 16, hidden: int = 64) -> None:
         image, ranges = observation_space["image"], observation_space["ranges"]
+        assert image.shape is not None
+        assert ranges.shape is not None
         super().__init__(observation_space, features_dim=hidden + ranges.shape[0])
         self.image = nn.Sequential(
             nn.Conv2d(3, channels, 4, stride=4),
@@ -72,7 +74,7 @@ class PixelFeatures(BaseFeaturesExtractor):
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         """Turn images (N, 3, H, W) in [0, 1] and ranges (N, rays) into features (N, hidden + rays)."""
-        red, green, blue = observations["image"].split(1, dim=1)
+        red, green, blue = torch.split(observations["image"], 1, dim=1)
         opponents = torch.cat([green - 0.5, COLOR_GAIN * (green - red), COLOR_GAIN * (green - blue)], dim=1)
         seen = self.hidden(self.image(opponents))
         return torch.cat([seen, nearness(observations["ranges"])], dim=1)

@@ -1,0 +1,14 @@
+"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones, `success_rates` flies what was trained.
+
+>>> from stable_baselines3 import PPO
+>>> envs = flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", num_envs=256)
+>>> model = PPO("MlpPolicy", envs, policy_kwargs={"features_extractor_class": flockstep.sb3.GoalFeatures})
+
+`GoalFeatures`, `BlobFeatures` and `PixelFeatures` are what a network sees of the built-in observations.
+"""
+
+from flockstep.sb3.evaluation import success_rates
+from flockstep.sb3.features import BlobFeatures, GoalFeatures, PixelFeatures
+from flockstep.sb3.vec_env import DroneVecEnv, make_vec
+
+__all__ = ["BlobFeatures", "DroneVecEnv", "GoalFeatures", "PixelFeatures", "make_vec", "success_rates"]

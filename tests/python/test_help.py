@@ -1,0 +1,104 @@
+"""help(), inspect and completion: what the stub says of the native module is there at run time."""
+
+import ast
+import inspect
+import pydoc
+from pathlib import Path
+
+import pytest
+
+import flockstep
+from flockstep import _core
+
+STUB = Path(flockstep.__file__).parents[0] / "_core.pyi"
+if not STUB.exists():  # an editable install reads the checkout
+    STUB = Path(__file__).resolve().parents[2] / "envs" / "flockstep" / "_core.pyi"
+TREE = ast.parse(STUB.read_text(encoding="utf-8"))
+
+
+def members():
+    """Every public name of the module and of its classes, as a path and the object behind it."""
+    for name, item in vars(_core).items():
+        if name.startswith("_"):
+            continue
+        yield name, item
+        if isinstance(item, type):
+            for member in vars(item):
+                if not member.startswith("_"):
+                    yield f"{name}.{member}", inspect.getattr_static(item, member)
+
+
+MEMBERS = {path: item for path, item in members() if not isinstance(item, str)}
+
+
+def stubbed():
+    """(path, function) of every function and method that the stub has."""
+    for node in TREE.body:
+        if isinstance(node, ast.FunctionDef):
+            yield node.name, node
+        for member in node.body if isinstance(node, ast.ClassDef) else []:
+            decorated = isinstance(member, ast.FunctionDef) and any(
+                ast.unparse(decorator) != "staticmethod" for decorator in member.decorator_list
+            )
+            public = isinstance(member, ast.FunctionDef) and (
+                not member.name.startswith("_") or member.name == "__init__"
+            )
+            if public and not decorated:
+                yield f"{node.name}.{member.name}", member
+
+
+FUNCTIONS = dict(stubbed())
+
+
+def found(path):
+    item = _core
+    for name in path.split("."):
+        item = getattr(item, name)
+    return item
+
+
+def test_there_is_something_to_look_at():
+    assert len(MEMBERS) > 180
+    assert len(FUNCTIONS) > 50
+
+
+@pytest.mark.parametrize("path", MEMBERS)
+def test_everything_has_a_docstring(path):
+    text = MEMBERS[path].__doc__
+    assert text, path
+    assert "pybind11" not in text
+
+
+@pytest.mark.parametrize("path", FUNCTIONS)
+def test_signatures_are_those_of_the_stub(path):
+    arguments = FUNCTIONS[path].args
+    for argument in [*arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
+        if argument is not None:
+            argument.annotation = None
+    expected = f"({ast.unparse(arguments)})"
+    expected = expected.replace("('rgb',)", "['rgb']").replace("...", "Ellipsis")  # CPython cannot read a tuple of one
+    assert str(inspect.signature(found(path))) == expected
+
+
+@pytest.mark.parametrize("path", [path for path in FUNCTIONS if not path.endswith("__init__")])
+def test_docstrings_are_those_of_the_stub(path):
+    assert inspect.getdoc(found(path)) == ast.get_docstring(FUNCTIONS[path])
+
+
+def test_help_shows_what_a_newcomer_looks_for():
+    text = pydoc.plain(pydoc.render_doc(flockstep.LidarConfig))
+    assert "max_range_m=3.0" in text
+    assert "Farther is a miss: inf." in text
+    assert flockstep.LidarConfig.max_range_m.__doc__ == "Farther is a miss: inf."
+    assert str(inspect.signature(flockstep.ClockConfig)).startswith("(*, dt_s=")
+
+
+def test_public_python_has_docstrings():
+    for name in flockstep.__all__:
+        item = getattr(flockstep, name)
+        if isinstance(item, str):
+            continue
+        assert item.__doc__, name
+        for member, value in vars(item).items() if isinstance(item, type) else []:
+            if not member.startswith("_") and (callable(value) or isinstance(value, property)):
+                assert value.__doc__ or inspect.getdoc(getattr(item, member)), f"{name}.{member}"
