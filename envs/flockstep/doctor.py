@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 import sys
+import warnings
 
 from flockstep import _core
 
@@ -28,27 +29,30 @@ def version_of(package: str) -> str | None:
         return None
 
 
+def dot() -> _core.World:
+    """Return a small world."""
+    room = {"min": [0, 0, 0], "max": [1, 1, 1]}
+    return _core.World.from_dict({"flockstep_scene": 1, "name": "dot", "room": room})
+
+
 def opengl() -> str:
     """Return which device the camera backend ``gl`` renders on, or why there is none."""
-    camera = _core.CameraConfig(width_px=8, height_px=8)
-    world = _core.World.from_dict({"flockstep_scene": 1, "name": "dot", "room": {"min": [0, 0, 0], "max": [1, 1, 1]}})
-    try:
-        return _core.Batch([world], cameras=[camera], camera_backend="gl").camera_backend_report()
-    except RuntimeError as error:
-        return f"not here: {error}"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        batch = _core.Batch([dot()], cameras=[_core.CameraConfig()], camera_backend="gl")
+    return f"not here: {caught[0].message}" if caught else f"here: {batch.camera_backend_report()}"
 
 
 def report() -> list[tuple[str, str]]:
     """Return what is looked at, and what was found, in the order in which it is printed."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    world = _core.World.from_dict({"flockstep_scene": 1, "name": "dot", "room": {"min": [0, 0, 0], "max": [1, 1, 1]}})
     libc = " ".join(platform.libc_ver())
     lines = [
         ("flockstep", f"{_core.__version__}, in {os.path.dirname(_core.__file__)}"),
         ("Python", f"{platform.python_version()}, {sys.executable}"),
         ("system", f"{platform.platform()}{f', {libc}' if libc.strip() else ''}"),
         ("NumPy, Gymnasium", f"{version_of('numpy')}, {version_of('gymnasium')}"),
-        ("processors", f"{processors}; a batch of many drones uses {_core.Batch([world], 10_000).num_threads} threads"),
+        ("processors", f"{processors}; a batch of many drones uses {_core.Batch([dot()], 10_000).num_threads} threads"),
         ("SIMD", f"{_core.simd_target}, chosen at run time"),
         ("camera backend raycast", f"here: Embree {_core.embree_version}"),
         ("camera backend gl", opengl()),

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import runpy
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import gymnasium
 import pytest
 
 import flockstep
+from flockstep import doctor
 
 
 def run(code: str) -> str:
@@ -20,6 +22,20 @@ def run(code: str) -> str:
 def test_every_exported_name_is_there():
     for name in flockstep.__all__:
         assert getattr(flockstep, name) is not None
+
+
+def test_the_doctor_says_what_is_here_and_what_is_not(monkeypatch, capsys):
+    lines = dict(line.split("  ", 1) for line in run("from flockstep import doctor; doctor.main()").splitlines())
+    assert lines["flockstep"].strip().startswith(flockstep.__version__)
+    assert "Embree" in lines["camera backend raycast"]
+    assert doctor.version_of("no-such-package") is None
+    monkeypatch.setattr(doctor, "version_of", lambda package: None)
+    monkeypatch.setenv("FLOCKSTEP_EGL", "none")
+    monkeypatch.setattr("sys.argv", ["flockstep", "doctor"])
+    runpy.run_module("flockstep", run_name="__main__")
+    printed = capsys.readouterr().out
+    assert "missing (the networks of that): pip install 'flockstep[sb3]'" in printed
+    assert "EGL is switched off by FLOCKSTEP_EGL=none" in printed
 
 
 def test_an_unknown_name_is_an_attribute_error():
