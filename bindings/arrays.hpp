@@ -36,11 +36,7 @@ class Input {
   // A -1 in the shape allows any length there.
   Input(const py::object& object, const char* field, const Shape& shape, const char* kinds, const char* kinds_text) {
     if (object.is_none()) return;
-    const py::array any = py::array::ensure(object);
-    if (!any) {
-      PyErr_Clear();
-      refuse(field, std::string("an array of ") + kinds_text, py::str(py::type::of(object)));
-    }
+    const py::array any = read(object, field, kinds_text);
     if (std::string_view(kinds).find(any.dtype().kind()) == std::string_view::npos) {
       refuse(field, std::string("an array of ") + kinds_text, std::string("dtype ") + std::string(py::str(any.dtype())));
     }
@@ -73,6 +69,14 @@ class Input {
  private:
   [[noreturn]] static void refuse(const char* field, const std::string& expected, const std::string& got) {
     throw py::value_error(std::string(field) + ": expected " + expected + ", got " + got);
+  }
+  static py::array read(const py::object& object, const char* field, const char* kinds_text) {
+    try {
+      return py::array(object);
+    } catch (const py::error_already_set& error) {  // such as that a tensor requires grad
+      const std::string why = py::str(error.value());
+      refuse(field, std::string("an array of ") + kinds_text, std::string(py::str(py::type::of(object))) + " (" + why + ")");
+    }
   }
   // A double too large for float32 would become infinite, with NumPy's warning and no name.
   static void require_float_range(const char* field, const py::array_t<double, py::array::c_style | py::array::forcecast>& wide) {

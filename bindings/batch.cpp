@@ -31,27 +31,57 @@ struct Released {
   }
 };
 
-std::unique_ptr<Batch, Released> make_batch(const Worlds& worlds, int num_drones, const std::optional<LidarConfig>& lidar,
-                                            const std::optional<PoseSensorConfig>& pose_sensor, const py::object& task,
-                                            const std::optional<DroneModel>& drone, const std::vector<CameraConfig>& cameras,
-                                            const std::string& backend, const std::optional<EpisodeConfig>& episode,
-                                            const std::optional<ClockConfig>& clock, int num_threads, int block_size,
-                                            const py::object& world_index) {
+Worlds worlds_of(const py::object& given) {
+  const std::string expected = "a sequence of flockstep.World objects";
+  if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
+    throw py::type_error("worlds: expected " + expected + ", got " + std::string(py::repr(given)));
+  }
+  Worlds worlds;
+  for (const py::handle world : given) {
+    argument<World>(world, "worlds", expected);
+    worlds.push_back(world.cast<std::shared_ptr<World>>());
+  }
+  return worlds;
+}
+
+std::vector<CameraConfig> cameras_of(const py::object& given) {
+  const std::string expected = "a sequence of flockstep.CameraConfig objects";
+  if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
+    throw py::type_error("cameras: expected " + expected + ", got " + std::string(py::repr(given)));
+  }
+  std::vector<CameraConfig> cameras;
+  for (const py::handle camera : given) cameras.push_back(argument<CameraConfig>(camera, "cameras", expected));
+  return cameras;
+}
+
+// Arguments are taken as they come: what pybind11 says of a wrong one names all but that.
+std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
+                                            const py::object& pose_sensor, const py::object& task, const py::object& drone,
+                                            const py::object& cameras, const py::object& backend, const py::object& episode,
+                                            const py::object& clock, const py::object& num_threads, const py::object& block_size,
+                                            const py::object& world_index, const py::kwargs& unknown) {
+  for (const auto& [keyword, value] : unknown) {
+    constexpr std::array kKnown{"worlds",         "num_drones", "lidar", "pose_sensor", "task",       "drone",      "cameras",
+                                "camera_backend", "episode",    "clock", "num_threads", "block_size", "world_index"};
+    throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
+  }
+  const Worlds worlds = worlds_of(given_worlds);
   BatchConfig config;
-  config.num_envs = num_drones;
-  config.num_threads = num_threads;
-  config.block_size = block_size;
-  config.lidar = lidar;
-  config.pose_sensor = pose_sensor.value_or(PoseSensorConfig());
-  config.cameras = cameras;
-  config.camera_backend = enum_of<CameraBackend>(backend, "camera_backend");
-  config.episode = episode.value_or(EpisodeConfig());
-  config.clock = clock.value_or(ClockConfig());
-  const auto index = integers<std::int32_t>(world_index, "world_index", {num_drones});
+  config.num_envs = from_python<int>(num_drones, "num_drones");
+  config.num_threads = from_python<int>(num_threads, "num_threads");
+  config.block_size = from_python<int>(block_size, "block_size");
+  config.lidar = optional_argument<LidarConfig>(lidar, "lidar");
+  config.pose_sensor = optional_argument<PoseSensorConfig>(pose_sensor, "pose_sensor").value_or(PoseSensorConfig());
+  config.cameras = cameras_of(cameras);
+  config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
+  config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
+  config.clock = optional_argument<ClockConfig>(clock, "clock").value_or(ClockConfig());
+  const auto model = optional_argument<DroneModel>(drone, "drone");
+  const auto index = integers<std::int32_t>(world_index, "world_index", {config.num_envs});
   std::unique_ptr<Task> own_task = make_task(task);
   auto batch = released([&] {  // worlds are prepared for tracing, backends timed
     auto made = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task),
-                                        drone.value_or(DroneModel::quadrotor650()), index);
+                                        model.value_or(DroneModel::quadrotor650()), index);
     return std::unique_ptr<Batch, Released>(made.release());
   });
   warn(*batch);
@@ -197,10 +227,9 @@ void register_batch(py::module_& module) {
   const auto none = py::none();
   py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
-           py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none,
-           py::arg("cameras") = std::vector<CameraConfig>(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
-           py::arg("clock") = none, py::arg("num_threads") = 0, py::arg("block_size") = BatchConfig().block_size,
-           py::arg("world_index") = none)
+           py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
+           py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("num_threads") = 0,
+           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
       .def_property_readonly("worlds",

@@ -24,7 +24,7 @@ Config from_keywords(const py::kwargs& kwargs) {
   py::object config = py::cast(Config());
   for (const auto& [key, value] : kwargs) {
     if (!py::hasattr(config, key)) {
-      throw py::type_error(class_name(config) + ": unknown field " + std::string(py::repr(key)));
+      throw py::type_error(unexpected_keyword(class_name(config) + ".__init__", py::str(key), config.attr("__match_args__")));
     }
     py::setattr(config, key, py::reinterpret_borrow<py::object>(value));
   }

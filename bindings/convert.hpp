@@ -147,4 +147,27 @@ T from_python(const py::handle& value, const std::string& field) {
   }
 }
 
+// An argument that may be of one class alone. Throws TypeError naming it.
+template <class T>
+T& argument(const py::handle& value, const char* name, const std::string& expected) {
+  if (!py::isinstance<T>(value)) {
+    throw py::type_error(name + (": expected " + expected) + ", got " + std::string(py::repr(value)));
+  }
+  return value.cast<T&>();
+}
+template <class T>
+std::optional<T> optional_argument(const py::handle& value, const char* name) {
+  if (value.is_none()) return std::nullopt;
+  const std::string type = py::str(py::type::of<T>().attr("__name__"));
+  return argument<T>(value, name, "a flockstep." + type + " or None");
+}
+
+// What Python itself says of a keyword that does not exist, and the one that may be meant.
+inline std::string unexpected_keyword(const std::string& callee, const std::string& keyword, const py::object& known) {
+  const py::list close = py::module_::import("difflib").attr("get_close_matches")(keyword, known, 1);
+  std::string text = callee + "() got an unexpected keyword argument '" + keyword + "'";
+  if (!close.empty()) text += ". Did you mean '" + std::string(py::str(close[0])) + "'?";
+  return text;
+}
+
 }  // namespace flockstep::bindings

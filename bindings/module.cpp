@@ -1,6 +1,7 @@
 // The native module flockstep._core: a list of what it registers.
 #include <pybind11/pybind11.h>
 
+#include "convert.hpp"
 #include "documents.hpp"
 #include "flockstep/version.hpp"
 #include "trace/user_geometry.hpp"
@@ -46,6 +47,8 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_task(module);
   flockstep::bindings::register_terms(module);
   flockstep::bindings::register_batch(module);
+  module.def("_unexpected_keyword", &flockstep::bindings::unexpected_keyword, pybind11::arg("callee"), pybind11::arg("keyword"),
+             pybind11::arg("known"));
   flockstep::bindings::document(module);
   flockstep::bindings::refuse_uninitialised_objects(module);
 }

@@ -57,8 +57,8 @@ class PythonTask final : public Task {
     const py::gil_scoped_acquire acquire;
     const auto n = static_cast<py::ssize_t>(block.context.num_envs());
     const py::tuple targets = calls_->attr("command")(copy_of(actions, n));
-    const auto position = floats(targets[0], "target position", {n, 3});
-    const auto quat_wxyz = floats(targets[1], "target quat_wxyz", {n, 4});
+    const auto position = floats(targets[0], "act: target position", {n, 3});
+    const auto quat_wxyz = floats(targets[1], "act: target quat_wxyz", {n, 4});
     const std::span<const float> p = position, q = quat_wxyz;
     const State& state = block.context.state();
     for (const std::uint32_t env : block.envs) {

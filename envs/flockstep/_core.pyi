@@ -448,6 +448,7 @@ class PythonTask:
 
     def __init__(self, spec: TaskSpec, identity: str, max_episode_steps: int, calls: object) -> None: ...
 
+def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
 def task_defaults(task: NavigationConfig | NativeTask | PythonTask) -> dict[str, Any]:
     """Return the defaults of an environment with this task: ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``."""
 

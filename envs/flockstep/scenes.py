@@ -76,6 +76,8 @@ def load(worlds: WorldsLike) -> list[World]:
     TypeError
         Something that is neither a world nor the name of one.
     """
+    if not isinstance(worlds, (str, PathLike, World, Sequence)):
+        raise TypeError(f"worlds: expected a name, a path, a World or a sequence of these, got {worlds!r}")
     sources = [worlds] if isinstance(worlds, (str, PathLike, World)) else list(worlds)
     if not sources:
         raise ValueError("worlds: expected at least one, got an empty sequence")

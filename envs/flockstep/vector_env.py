@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from copy import copy as copied
 from numbers import Real
@@ -24,6 +25,7 @@ from flockstep._core import (
     NativeTask,
     NavigationConfig,
     PoseSensorConfig,
+    _unexpected_keyword,
     task_defaults,
 )
 from flockstep.task import Task, native_task
@@ -171,6 +173,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         render_view: str = "top",
         **fields: Unpack[Fields],
     ) -> None:
+        given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
+        self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
         if render_view not in views.NAMES:
@@ -180,7 +184,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
-        self.num_envs = num_envs
+        self.num_envs = num_envs = _count(num_envs)
         self.copy = copy
         self.task = task = task() if isinstance(task, type) else task
 
@@ -196,9 +200,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             for name, value in chosen.pop(NavigationConfig, {}).items():
                 setattr(description, name, value)
         else:
-            given = list(chosen.get(NavigationConfig, {})) + (["observation"] if observation != "goal" else [])
-            if given:
-                raise TypeError(f"{', '.join(given)}: of the navigation task, but a task of your own is given")
+            foreign = list(chosen.get(NavigationConfig, {})) + (["observation"] if observation != "goal" else [])
+            if foreign:
+                raise TypeError(f"{', '.join(foreign)}: of the navigation task, but a task of your own is given")
             if isinstance(task, Task):
                 description, calls = native_task(task)
             elif isinstance(task, NativeTask):
@@ -240,6 +244,25 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
             self._view, self.trail = views.make(render_view, self.batch, self.cameras)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""
+        self._require_open()
+        random = {"_np_random": self.np_random, "_np_random_seed": self.np_random_seed}  # drawn now, if not before
+        return {
+            **random,
+            "spec": self.spec,
+            "arguments": self._arguments,
+            "snapshot": self.batch.snapshot() if self._seeded else None,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make the env of its arguments and restore the snapshot."""
+        arguments, snapshot = state.pop("arguments"), state.pop("snapshot")
+        self.__init__(**arguments)  # type: ignore[misc] # as unpickling leaves it, it is not made yet
+        self.__dict__.update(state)
+        if snapshot is not None:
+            self.restore(snapshot)
 
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: Mapping[str, Any] | None = None
@@ -427,6 +450,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     def _seeds(self, seed: int | Sequence[int] | None) -> npt.NDArray[np.uint64] | None:
         if seed is None:
             return None
+        if isinstance(seed, (bool, np.bool_)) or not isinstance(seed, (int, np.integer, Sequence, np.ndarray)):
+            raise TypeError(f"seed: expected an integer, {self.num_envs} integers or None, got {seed!r}")
         if isinstance(seed, (int, np.integer)):
             first = int(seed)
             if not 0 <= first <= (1 << 64) - self.num_envs:
@@ -435,13 +460,18 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             seeds: npt.NDArray[np.uint64] = np.arange(self.num_envs, dtype=np.uint64) + np.uint64(first)
             return seeds
         if len(seed) != self.num_envs:
-            raise ValueError(f"seed: expected one number or {self.num_envs} of them, got {len(seed)}")
+            raise ValueError(f"seed: expected one integer or {self.num_envs} of them, got {len(seed)}")
         for s in seed:
             if not isinstance(s, (int, np.integer)) or isinstance(s, bool) or not 0 <= int(s) < 1 << 64:
                 raise ValueError(f"seed: expected integers from 0 to 2**64 - 1, got {s!r}")
+        super().reset(seed=int(seed[0]))  # seeds np_random
+        self._np_random_seed = tuple(int(s) for s in seed)  # type: ignore[assignment] # as SyncVectorEnv has it
         return np.array(seed, dtype=np.uint64)
 
     def _reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray | None:
+        unknown = [name for name in options or () if name != "reset_mask"]
+        if unknown:
+            raise ValueError(f"options: expected nothing but 'reset_mask', got {', '.join(map(repr, unknown))}")
         mask = None if options is None else options.get("reset_mask")
         if mask is None:
             return None
@@ -460,7 +490,8 @@ def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
         configs = (EpisodeConfig, ClockConfig, NavigationConfig)
         owner = next((config for config in configs if name in config.__match_args__), None)
         if owner is None or name in ("autoreset_mode", "max_episode_steps"):
-            raise TypeError(f"DroneVectorEnv: unknown keyword {name!r}")
+            known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
+            raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
         chosen.setdefault(owner, {})[name] = value
     return chosen
 
@@ -482,9 +513,15 @@ def _reward_scale(scale: Any) -> float:
     return float(scale)
 
 
+def _count(num_envs: Any) -> int:
+    if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
+        raise ValueError(f"num_envs: expected an integer >= 1, got {num_envs!r}")
+    return int(num_envs)
+
+
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
-    if isinstance(mode, AutoresetMode):
-        return mode
+    if mode in tuple(AutoresetMode) or mode in tuple(member.value for member in AutoresetMode):
+        return AutoresetMode(mode)  # Gymnasium's own, and as it writes them: "SameStep"
     if mode not in _MODES:
         raise ValueError(f"autoreset_mode: expected {', '.join(map(repr, _MODES))} or an AutoresetMode, got {mode!r}")
     return _MODES[mode]

@@ -35,6 +35,9 @@ def make_vec(env: str | Task | NativeTask | DroneVectorEnv, num_envs: int = 1, *
         if num_envs not in (1, env.num_envs) or kwargs:
             raise TypeError("make_vec: an env that is ready takes neither num_envs nor keywords")
         return DroneVecEnv(env)
+    own = [name for name in ("autoreset_mode", "copy") if name in kwargs]
+    if own:
+        raise TypeError(f"make_vec: {' and '.join(own)} cannot be chosen: Stable-Baselines3 wants same-step autoreset")
     kwargs |= {"autoreset_mode": "same_step", "copy": False}
     if isinstance(env, (Task, NativeTask)):
         return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))

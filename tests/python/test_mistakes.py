@@ -1,0 +1,173 @@
+"""The mistakes that newcomers make: each is told by its name, with the nearest right thing."""
+
+import copy
+import pickle
+import re
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+import flockstep
+from flockstep import DroneVectorEnv
+
+ID = "flockstep/LidarNavigation-v0"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: DroneVectorEnv(max_episode_step=3),
+            "DroneVectorEnv.__init__() got an unexpected keyword argument 'max_episode_step'. "
+            "Did you mean 'max_episode_steps'?",
+        ),
+        (
+            lambda: DroneVectorEnv(quite_something_else=3),
+            "DroneVectorEnv.__init__() got an unexpected keyword argument 'quite_something_else'",
+        ),
+        (
+            lambda: flockstep.LidarConfig(beam=3),
+            "LidarConfig.__init__() got an unexpected keyword argument 'beam'. Did you mean 'beams'?",
+        ),
+        (
+            lambda: flockstep.Batch([], num_drone=3),
+            "Batch.__init__() got an unexpected keyword argument 'num_drone'. Did you mean 'num_drones'?",
+        ),
+        (
+            lambda: flockstep.Batch("playground/train-1"),
+            "worlds: expected a sequence of flockstep.World objects, got 'playground/train-1'",
+        ),
+        (
+            lambda: flockstep.Batch(["playground/train-1"]),
+            "worlds: expected a sequence of flockstep.World objects, got 'playground/train-1'",
+        ),
+        (
+            lambda: flockstep.Batch([flockstep.World.playground(0)], cameras=flockstep.CameraConfig()),
+            "cameras: expected a sequence of flockstep.CameraConfig objects, got CameraConfig(",
+        ),
+        (
+            lambda: flockstep.Batch([flockstep.World.playground(0)], "4"),
+            "num_drones: expected an integer, got '4'",
+        ),
+        (lambda: DroneVectorEnv(lidar={}), "lidar: expected a flockstep.LidarConfig or None, got {}"),
+        (lambda: DroneVectorEnv(drone=4), "drone: expected a flockstep.DroneModel or None, got 4"),
+        (
+            lambda: DroneVectorEnv(worlds=3),
+            "worlds: expected a name, a path, a World or a sequence of these, got 3",
+        ),
+        (
+            lambda: flockstep.sb3.make_vec(ID, 2, autoreset_mode="disabled"),
+            "make_vec: autoreset_mode cannot be chosen: Stable-Baselines3 wants same-step autoreset",
+        ),
+    ],
+)
+def test_a_wrong_type_or_name(make, said):
+    with pytest.raises(TypeError, match=re.escape(said)):
+        make()
+
+
+@pytest.mark.parametrize("count", ["4", 4.0, True, 0, None])
+def test_number_of_envs(count):
+    with pytest.raises(ValueError, match=re.escape(f"num_envs: expected an integer >= 1, got {count!r}")):
+        DroneVectorEnv(count)
+
+
+@pytest.mark.parametrize("action", ["discrete", "displacement"])
+def test_a_tensor_that_requires_grad(action, closet):
+    envs = DroneVectorEnv(2, worlds=closet, action=action)
+    envs.reset(seed=0)
+    shape = envs.action_space.shape
+    with pytest.raises(ValueError, match=r"actions: .*torch\.Tensor.*Use tensor\.detach\(\)\.numpy\(\) instead"):
+        envs.step(torch.zeros(shape, requires_grad=True))
+    envs.step(torch.zeros(shape, dtype=torch.int64 if action == "discrete" else torch.float32))
+
+
+@pytest.mark.parametrize("seed", [1.5, True, "1", [1.0, 2.0], [True, False], [1], {1, 2}])
+def test_seeds_are_integers(seed, closet):
+    envs = DroneVectorEnv(2, worlds=closet)
+    with pytest.raises((TypeError, ValueError), match="seed: expected"):
+        envs.reset(seed=seed)
+
+
+def test_seeds_are_recorded(closet):
+    envs = DroneVectorEnv(2, worlds=closet)
+    for given, recorded in ((np.int64(3), 3), ([7, 5], (7, 5)), (np.array([1, 2]), (1, 2))):
+        envs.reset(seed=given)
+        assert envs.np_random_seed == recorded
+
+
+def test_options_that_nobody_reads_are_refused(closet):
+    envs = DroneVectorEnv(2, worlds=closet)
+    with pytest.raises(ValueError, match="options: expected nothing but 'reset_mask', got 'mask'"):
+        envs.reset(seed=0, options={"mask": np.ones(2, bool)})
+
+
+@pytest.mark.parametrize("mode", list(gymnasium.vector.AutoresetMode))
+def test_autoreset_as_gymnasium_writes_it(mode, closet):
+    for written in (mode, mode.value):
+        assert DroneVectorEnv(1, worlds=closet, autoreset_mode=written).autoreset_mode is mode
+    with pytest.raises(ValueError, match=r"autoreset_mode: expected .*, got 'samestep'"):
+        DroneVectorEnv(1, worlds=closet, autoreset_mode="samestep")
+
+
+def test_targets_of_a_wrong_width(closet):
+    class Narrow(flockstep.Task):
+        observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+
+        def act(self, batch, actions):
+            return batch.position[:, :2], None
+
+        def step(self, batch):
+            return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
+
+        def observe(self, batch):
+            return np.zeros((batch.num_drones, 1), np.float32)
+
+    envs = DroneVectorEnv(2, worlds=closet, task=Narrow())
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match=re.escape("act: target position: expected shape (2, 3), got shape (2, 2)")):
+        envs.step(envs.action_space.sample())
+
+
+# ------------------------------------------------------------------------------------------------------- copies of envs
+
+
+def flown(envs, steps):
+    rng = np.random.default_rng(1)
+    return [envs.step(rng.integers(6, size=envs.num_envs))[:4] for _ in range(steps)]
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
+@pytest.mark.parametrize("seeded", [True, False])
+def test_a_copy_of_an_env_goes_on_as_it_does(duplicate, seeded, closet):
+    envs = DroneVectorEnv(3, worlds=closet, max_episode_steps=9, lidar=flockstep.LidarConfig(beams=9), reward_scale=0.5)
+    if seeded:
+        envs.reset(seed=4)
+        flown(envs, 20)
+    other = duplicate(envs)
+    assert other.observation_space == envs.observation_space
+    assert other.np_random_seed == envs.np_random_seed
+    if not seeded:
+        envs.reset(seed=4)
+        other.reset(seed=4)
+    for expected, got in zip(flown(envs, 30), flown(other, 30), strict=True):
+        for a, b in zip(expected, got, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert envs.snapshot() == other.snapshot()
+
+
+def test_a_copy_of_a_single_env_and_of_a_task(closet):
+    env = gymnasium.make(ID, worlds=closet)
+    env.reset(seed=3)
+    other = pickle.loads(pickle.dumps(env))
+    for _ in range(5):
+        np.testing.assert_array_equal(env.step(0)[0], other.step(0)[0])
+
+
+def test_a_closed_env_has_no_copy(closet):
+    envs = DroneVectorEnv(1, worlds=closet)
+    envs.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        pickle.dumps(envs)
