@@ -110,7 +110,7 @@ def check_reset_mask(setup: Setup) -> None:
         observation = result[0]
         mask = np.zeros(setup.num_envs, bool)
         mask[0] = True
-        options = {"reset_mask": mask, "other": 1}
+        options = {"reset_mask": mask}
         given = copy.deepcopy(options)
         after, infos = env.reset(options=options)
         assert options.keys() == given.keys() and difference_between(options, given) is None, (
