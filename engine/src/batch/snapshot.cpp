@@ -171,6 +171,7 @@ void require_meaning(const Simulation& sim) {
   if (sim.lidar) {
     require_all(sim.lidar->ranges(), "lidar_ranges", "ranges >= 0", [](float range) { return range >= 0.0F; });
   }
+  for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].check();
   if (!sim.run) return;
   counts(sim.episodes.steps, "steps");
   counts(sim.episodes.time_limit, "time_limit");

@@ -1,10 +1,13 @@
 #include "sensors/camera.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <limits>
 
 #include "base/pose_access.hpp"
+#include "base/require.hpp"
 #include "compiled/compiled_world.hpp"
 #include "sensors/rate.hpp"
 #include "trace/ray_block.hpp"
@@ -199,6 +202,20 @@ void Camera::restored() {
   for (std::size_t drone = 0; drone < saved_.size(); ++drone) set_config(drone, with(saved_[drone]));
   std::copy(frame_step.begin(), frame_step.end(), images_.frame_step.begin());
   saved_ = {};
+}
+
+void Camera::check() const {
+  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+    const std::int64_t step = images_.frame_step[drone];
+    require(step >= -1 && step <= std::int64_t{1} << 62, "snapshot: frame_step", "a number in [-1, 2^62]", step);
+    require(taken_.tick[drone] >= 0, "snapshot: taken_tick", "a number >= 0", taken_.tick[drone]);
+    if (step < 0) continue;  // stale: it is not rendered again
+    const float* const p = &taken_.position[3 * drone];
+    const float* const q = &taken_.quat_wxyz[4 * drone];
+    require(is_in_world(Vec3(p[0], p[1], p[2])), "snapshot: taken_position", "finite coordinates within +-1e+06 m", p[0]);
+    const float norm = Quat(q[0], q[1], q[2], q[3]).norm();
+    require(std::abs(norm - 1.0F) < 1e-2F, "snapshot: taken_quat_wxyz", "unit quaternions", norm);
+  }
 }
 
 }  // namespace flockstep::sensors

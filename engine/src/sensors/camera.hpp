@@ -56,6 +56,7 @@ class Camera {
   void visit(ArrayVisitor& visitor);
   void check_restored(std::span<const std::byte> settings) const;  // throws std::invalid_argument
   void restored();
+  void check() const;  // throws std::invalid_argument where a frame was taken at no pose in the world
 
  private:
   // Where the frames were taken; with frame_step and the settings, all that they depend on. (N, ...)
