@@ -34,7 +34,7 @@ MEMBERS = {path: item for path, item in members() if not isinstance(item, str)}
 def stubbed():
     """(path, function) of every function and method that the stub has."""
     for node in TREE.body:
-        if isinstance(node, ast.FunctionDef):
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             yield node.name, node
         for member in node.body if isinstance(node, ast.ClassDef) else []:
             decorated = isinstance(member, ast.FunctionDef) and any(

@@ -218,9 +218,9 @@ class TestReset:
         envs.reset(seed=0)
         observation = envs.step([0, 1, 2, 3])[0]
         mask = np.array([False, True, False, True])
-        options = {"reset_mask": mask, "more": 1}
+        options = {"reset_mask": mask}
         after, infos = envs.reset(seed=[7, 8, 9, 10], options=options)
-        assert list(options) == ["reset_mask", "more"]
+        assert list(options) == ["reset_mask"]
         assert mask.tolist() == [False, True, False, True]
         assert infos == {}
         np.testing.assert_array_equal(after[~mask], observation[~mask])
@@ -434,7 +434,7 @@ class TestMaking:
             ({"autoreset_mode": "never"}, ValueError, "autoreset_mode.*never"),
             ({"render_mode": "human"}, ValueError, "render_mode.*human"),
             ({"action": "jump"}, ValueError, "jump"),
-            ({"num_envs": 0}, ValueError, "num_drones"),
+            ({"num_envs": 0}, ValueError, "num_envs: expected an integer >= 1, got 0"),
             ({"max_episode_steps": -1}, ValueError, "max_episode_steps"),
             ({"colour": "red"}, TypeError, "colour"),
             ({"task": object()}, TypeError, "task"),
