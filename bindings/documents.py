@@ -39,8 +39,7 @@ def signature(function: ast.FunctionDef) -> str:
     for argument in [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
         if argument is not None:
             argument.annotation = None
-    # CPython drops a comma before a bracket, so a tuple of one is shown as a list.
-    return re.sub(r"\(([^(),]+),\)", r"[\1]", f"({ast.unparse(arguments)})")
+    return f"({ast.unparse(arguments)})"
 
 
 def is_decorated(node: ast.FunctionDef, name: str) -> bool:

@@ -22,7 +22,8 @@ OWN_KEYWORDS = ("autoreset_mode", "max_episode_steps", "observation")  # of Dron
 def default_text(value: Any) -> str:
     """Return a default as a stub has it."""
     if isinstance(value, (list, tuple)):
-        return repr(tuple(value)).replace("'", '"')
+        # CPython drops a comma before a bracket where it reads a signature from a docstring: no tuple of one.
+        return repr(list(value) if len(value) == 1 else tuple(value)).replace("'", '"')
     if isinstance(value, float):
         return repr(float(f"{value:.6g}"))
     return (

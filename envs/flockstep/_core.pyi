@@ -155,7 +155,7 @@ class CameraConfig:
         quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
         near_m: float = 0.05,
         far_m: float = 100.0,
-        outputs: Sequence[str] = ("rgb",),
+        outputs: Sequence[str] = ["rgb"],
         depth_kind: Literal["planar", "range"] = "planar",
         layout: Literal["hwc", "chw"] = "hwc",
         capture_mode: Literal["every_step", "on_movement", "on_demand"] = "every_step",

@@ -75,8 +75,7 @@ def test_signatures_are_those_of_the_stub(path):
     for argument in [*arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
         if argument is not None:
             argument.annotation = None
-    expected = f"({ast.unparse(arguments)})"
-    expected = expected.replace("('rgb',)", "['rgb']").replace("...", "Ellipsis")  # CPython cannot read a tuple of one
+    expected = f"({ast.unparse(arguments)})".replace("...", "Ellipsis")
     assert str(inspect.signature(found(path))) == expected
 
 
