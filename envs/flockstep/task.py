@@ -8,6 +8,7 @@ snapshots.
 from __future__ import annotations
 
 import io
+import pickle
 import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from flockstep._core import Batch, CameraConfig, Field, LidarConfig, PythonTask, TaskSpec
+from flockstep._core import Batch, CameraConfig, Field, LidarConfig, PythonTask, TaskSpec, World
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -41,6 +42,9 @@ def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
     twice = 2.0 * np.cross(axis, vector)
     rotated: Array = vector + w * twice + np.cross(axis, twice)
     return rotated.astype(np.result_type(quat_wxyz, vector), copy=False)
+
+
+_SUCCESS, _STATE = "success", "state."
 
 
 class Task:
@@ -86,6 +90,7 @@ class Task:
 
     success: BoolArray
     _batch: weakref.ref[Batch] | None = None  # whose task this is; it owns the task
+    _constants: dict[str, Any] | None = None  # attributes after setup that are neither arrays nor numbers
 
     @property
     def steps(self) -> npt.NDArray[np.int64]:
@@ -104,7 +109,7 @@ class Task:
         return batch
 
     def __getstate__(self) -> dict[str, Any]:  # copies and pickles belong to no batch
-        return {name: value for name, value in vars(self).items() if name != "_batch"}
+        return {name: value for name, value in vars(self).items() if name not in ("_batch", "_constants")}
 
     def setup(self, batch: Batch) -> None:
         """Allocate state with a row per drone. Called once, before the first `reset`."""
@@ -138,12 +143,53 @@ class Task:
     def state(self) -> dict[str, Array]:
         """Return everything of yours that the next step depends on, for `DroneVectorEnv.snapshot`.
 
-        The arrays keep their names and shapes: a snapshot whose shapes are not those of the present ones is refused.
+        By default every attribute that is a NumPy array or a number. Any other one has to stay as `setup` left it: one
+        that has changed is refused, since nobody can tell what to keep of it. Hold state in arrays, draw random numbers
+        by ``batch.random``, or override `state` and `load`. The arrays keep their names and shapes: a snapshot whose
+        shapes are not those of the present ones is refused.
         """
-        return {}
+        state = {}
+        for name, value in vars(self).items():
+            if name in _NOT_STATE:
+                continue
+            if isinstance(value, (np.ndarray, np.generic, int, float)):
+                state[name] = np.asarray(value)
+                if not state[name].dtype.hasobject:
+                    continue
+            elif self._constants is None or _is_same(self._constants.get(name, _MISSING), _constant(value)):
+                continue
+            raise TypeError(
+                f"{_name(self)}.state: the attribute {name!r} is a {type(value).__name__}, which is not as setup left "
+                "it; a snapshot keeps arrays and numbers: hold state in these, or override state and load"
+            )
+        return state
 
     def load(self, state: Mapping[str, Array]) -> None:
-        """Take back what `state` returned."""
+        """Take back what `state` returned; by default into the attributes of these names."""
+        for name, value in state.items():
+            present = getattr(self, name)
+            if isinstance(present, np.ndarray) and present.flags.writeable and present.dtype == value.dtype:
+                present[...] = value
+            else:
+                setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
+
+
+_NOT_STATE = ("_batch", "_constants", _SUCCESS)
+_MISSING = object()
+
+
+def _constant(value: Any) -> Any:
+    """Return what tells later whether a value has changed: its bytes where it can be pickled, else itself."""
+    if value is None or isinstance(value, (str, bytes, type, World)) or callable(value):
+        return value
+    try:
+        return pickle.dumps(value)
+    except Exception:  # whatever a stranger's pickling raises: then only another object is another value
+        return value
+
+
+def _is_same(before: Any, now: Any) -> bool:
+    return before is now or (isinstance(before, (str, bytes)) and bool(before == now))
 
 
 def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
@@ -155,9 +201,6 @@ def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
     observation = [_field(name, space) for name, space in calls.observation_spaces.items()]
     spec = TaskSpec(_action_field(task), observation, list(task.reward_terms))
     return PythonTask(spec, _identity(task), int(limit), calls), calls
-
-
-_SUCCESS, _STATE = "success", "state."
 
 
 class TaskCalls:
@@ -178,6 +221,8 @@ class TaskCalls:
         self._task._batch = weakref.ref(batch)
         self._task.success = np.zeros(batch.num_drones, bool)
         self._task.setup(batch)
+        own = {name: value for name, value in vars(self._task).items() if name not in _NOT_STATE}
+        self._task._constants = {name: _constant(value) for name, value in own.items()}
 
     def begin(self, envs: npt.NDArray[np.int64]) -> None:
         """Begin an episode in each of the envs."""

@@ -71,6 +71,32 @@ class Counter(VectorEnv):
     def render(self):
         return tuple(np.zeros((8, 8, 3), np.uint8) for _ in range(self.num_envs))
 
+    def snapshot(self):
+        return copy.deepcopy((self.generators, self.count, self.limit, self.ended))
+
+    def restore(self, blob):
+        self.generators, self.count, self.limit, self.ended = copy.deepcopy(blob)
+
+
+class ForgetsRandom(Counter):
+    def snapshot(self):
+        return copy.deepcopy((self.count, self.limit, self.ended))
+
+    def restore(self, blob):
+        self.count, self.limit, self.ended = copy.deepcopy(blob)
+
+
+class ForgetsElsewhere(ForgetsRandom):
+    """Keeps its generators in itself alone."""
+
+    def snapshot(self):
+        self.kept = copy.deepcopy(self.generators)
+        return super().snapshot()
+
+    def restore(self, blob):
+        super().restore(blob)
+        self.generators = copy.deepcopy(getattr(self, "kept", self.generators))
+
 
 class SameStepCounter(Counter):
     mode = SAME
@@ -252,6 +278,10 @@ FAULTS = {
         ),
     ],
     "reset_mask": [(PopsTheMask, "changed the options"), (IgnoresTheMask, "outside")],
+    "snapshot": [
+        (ForgetsRandom, "follow it again when it is restored"),
+        (ForgetsElsewhere, "in another env too"),
+    ],
     "ownership": [
         (Reused, "written again"),
         (ReadsBack, "wrote into the arrays"),

@@ -13,7 +13,7 @@ from gymnasium import spaces
 
 import flockstep
 from flockstep.task import rotate
-from flockstep.testing import check_vector_env
+from flockstep.testing import CHECKS, check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
 
@@ -499,3 +499,82 @@ class TestBadStates:
         observation, *_ = env.step(np.zeros((2, 3), np.float32))
         assert np.isinf(observation).any()
         assert not env.batch.bad_states.any()
+
+
+class Wanderer(flockstep.Task):
+    """Keeps all kinds of state, and lists none of it."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (4,), np.float32)
+    max_episode_steps = 7
+
+    def __init__(self):
+        self.names = ["never", "changes"]
+
+    def setup(self, batch):
+        self.walked = np.zeros(batch.num_drones)
+        self.before = np.zeros((batch.num_drones, 3), np.float32)
+        self.calls = 0
+        self.gain = 0.5
+
+    def reset(self, batch, mask):
+        super().reset(batch, mask)
+        self.walked[mask] = 0
+        self.before[mask] = batch.position[mask]
+
+    def step(self, batch):
+        self.walked = self.walked + np.linalg.norm(batch.position - self.before, axis=1)
+        self.before = batch.position.copy()
+        self.calls += 1
+        self.gain *= 0.9
+        return self.gain * self.walked + self.calls, np.zeros(batch.num_drones, bool)
+
+    def observe(self, batch):
+        return np.column_stack([batch.position, self.walked]).astype(np.float32)
+
+
+class TestStateThatIsNotListed:
+    # Its reward counts the calls, so runs differ with what came before.
+    SKIP = tuple(set(CHECKS) - {"snapshot"})
+
+    def test_is_kept(self, closet):
+        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=closet, task=Wanderer()), skip=self.SKIP)
+
+    def test_keeps_the_types_of_numbers(self, closet):
+        task = Wanderer()
+        envs = flockstep.DroneVectorEnv(2, worlds=closet, task=task)
+        envs.reset(seed=0)
+        kept = envs.snapshot()
+        for _ in range(3):
+            envs.step(envs.action_space.sample())
+        envs.restore(kept)
+        assert (type(task.calls), task.calls, type(task.gain), task.gain) == (int, 0, float, 0.5)
+
+    @pytest.mark.parametrize(
+        ("change", "kind"),
+        [
+            (lambda task: task.names.append("changed"), "list"),
+            (lambda task: setattr(task, "names", None), "NoneType"),
+            (lambda task: setattr(task, "rng", np.random.default_rng()), "Generator"),
+            (lambda task: setattr(task, "calls", 1 << 70), "int"),
+            (lambda task: setattr(task, "walked", np.array([None, None])), "ndarray"),
+        ],
+    )
+    def test_is_refused_where_it_cannot_be_kept(self, change, kind, closet):
+        task = Wanderer()
+        envs = flockstep.DroneVectorEnv(2, worlds=closet, task=task)
+        envs.reset(seed=0)
+        envs.snapshot()
+        change(task)
+        with pytest.raises(TypeError, match=rf"the attribute '\w+' is a {kind}, which is not as setup left it"):
+            envs.snapshot()
+
+    def test_the_checker_catches_what_a_task_forgets(self, closet):
+        class Forgetful(Wanderer):
+            def state(self):
+                return {}
+
+        with pytest.raises(AssertionError, match="what follows a snapshot should follow it again"):
+            check_vector_env(
+                lambda n: flockstep.DroneVectorEnv(n, worlds=closet, task=Forgetful()),
+                skip=self.SKIP,
+            )

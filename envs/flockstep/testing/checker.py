@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from flockstep.testing.episodes import check_autoreset, check_reset_mask
 from flockstep.testing.interface import check_bad_actions, check_close, check_render, check_spaces, check_values
 from flockstep.testing.ownership import check_ownership
-from flockstep.testing.repeating import check_determinism, check_num_envs, check_seed_offset
+from flockstep.testing.repeating import check_determinism, check_num_envs, check_seed_offset, check_snapshot
 from flockstep.testing.runs import MakeEnv, Setup
 
 
@@ -39,6 +39,7 @@ def check_vector_env(
         - ``values``: types, shapes and dtypes of what reset and step return, infos with their masks
         - ``determinism``: the same seed and actions give the same run, in the same env and in a new one; without a seed
           a reset goes on with new episodes, alike for alike histories
+        - ``snapshot``: an env with ``snapshot`` and ``restore`` goes on from one as if nothing had been in between
         - ``num_envs``: env i does the same whatever the number of envs
         - ``seed_offset``: env i of a batch seeded s does what env 0 of one seeded s + i does (not so where the envs
           of a batch differ by design)
@@ -72,6 +73,7 @@ CHECKS: dict[str, Callable[[Setup], None]] = {
     "spaces": check_spaces,
     "values": check_values,
     "determinism": check_determinism,
+    "snapshot": check_snapshot,
     "num_envs": check_num_envs,
     "seed_offset": check_seed_offset,
     "autoreset": check_autoreset,

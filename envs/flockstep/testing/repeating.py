@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flockstep.testing.comparing import assert_same_runs, rows_of
-from flockstep.testing.runs import Setup, run
+from flockstep.testing.runs import Actions, Setup, go_on, run
 
 
 def check_determinism(setup: Setup) -> None:
@@ -17,6 +17,24 @@ def check_determinism(setup: Setup) -> None:
         assert_same_runs(on, on_again, "the runs after a reset without a seed should be alike after alike histories")
         fresh = run(other, setup.steps, setup.seed, setup.seed)
         assert_same_runs(first, fresh, "the same seed and actions should give the same run in a new env")
+
+
+def check_snapshot(setup: Setup) -> None:
+    """Check that an env with `snapshot` and `restore` goes on from one as if nothing had been in between."""
+    with setup.env() as env, setup.env() as other:
+        if not (callable(getattr(env, "snapshot", None)) and callable(getattr(env, "restore", None))):
+            return
+        observation, _ = run(env, setup.steps // 2, setup.seed, setup.seed)
+        kept = env.snapshot()  # type: ignore[attr-defined]
+        first = go_on(env, setup.steps, Actions(env, setup.seed + 1))
+        env.restore(kept)  # type: ignore[attr-defined]
+        again = go_on(env, setup.steps, Actions(env, setup.seed + 1))
+        told = "what follows a snapshot should follow it again when it is restored"
+        assert_same_runs((observation, first), (observation, again), told)
+        run(other, setup.steps // 4, setup.seed + 1, setup.seed + 2)
+        other.restore(kept)  # type: ignore[attr-defined]
+        elsewhere = go_on(other, setup.steps, Actions(other, setup.seed + 1))
+        assert_same_runs((observation, first), (observation, elsewhere), f"{told}, in another env too")
 
 
 def check_num_envs(setup: Setup) -> None:

@@ -84,8 +84,12 @@ def run(
 ) -> tuple[Any, list[Step]]:
     """Reset and step with random actions; return copies, or with ``keep`` the very arrays that came."""
     own: Callable[[Any], Any] = (lambda x: x) if keep else copy.deepcopy
-    actions = Actions(env, action_seed, offset)
     observation = own(env.reset(seed=seed)[0])
+    return observation, go_on(env, steps, Actions(env, action_seed, offset), own)
+
+
+def go_on(env: AnyVectorEnv, steps: int, actions: Actions, own: Callable[[Any], Any] = copy.deepcopy) -> list[Step]:
+    """Step from where the env is; where it does not reset by itself, reset what has ended."""
     mode = env.metadata.get("autoreset_mode")
     history = []
     for _ in range(steps):
@@ -93,4 +97,4 @@ def run(
         history.append(step)
         if mode == AutoresetMode.DISABLED and step.ended.any():
             env.reset(options={"reset_mask": step.ended.copy()})
-    return observation, history
+    return history
