@@ -242,7 +242,7 @@ class Ways {
     const std::vector<float> x(1 + kRayPadding, direction.x()), y(1 + kRayPadding, direction.y()),
         z(1 + kRayPadding, direction.z());
     const auto first = [](const std::vector<float>& all) { return std::span(all).first(1); };
-    const Frustum frustum = make_frustum(first(x), first(y), first(z));
+    frustum_ = make_frustum(first(x), first(y), first(z));
     RayBundle& bundle = probe_->bundle;
     bundle.origin = origin;
     bundle.rotation = Mat3::Identity();
@@ -251,7 +251,7 @@ class Ways {
     bundle.x = x.data();
     bundle.y = y.data();
     bundle.z = z.data();
-    bundle.frustum = &frustum;
+    bundle.frustum = &frustum_;
     for (const auto& [way, world] : {std::pair{"directly", alone_.get()}, {"directly in company", crowd_.get()}}) {
       EXPECT_TRUE(probe_->directly(compiled(*world).scene())) << way;
       answers.push_back({way, bundle.t_hit[0], bundle.element[0]});
@@ -280,6 +280,7 @@ class Ways {
   }
 
  private:
+  Frustum frustum_{};  // of the last bundle, which points to it
   static std::string describe(const Vec3& origin, const Vec3& direction) {
     std::ostringstream text;
     text << " from " << origin.transpose() << " along " << direction.transpose();
