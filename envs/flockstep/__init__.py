@@ -5,7 +5,7 @@
 
 `World`, `Batch`, `LidarConfig` and their kin are the native simulator; `DroneVectorEnv` makes a Gymnasium environment
 of it, `Task` is the base of a task of your own, `flockstep.sb3` serves Stable-Baselines3 and `flockstep.testing` checks
-any Gymnasium vector environment. `render` takes a picture of a world.
+any Gymnasium vector environment. `render` takes a picture of a world, `record` a film of a flight.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from flockstep._core import (
     plan,
 )
 from flockstep.env import DroneEnv
+from flockstep.recording import record
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.viewer.picture import render
@@ -63,6 +64,7 @@ __all__ = [
     "green_blob",
     "include_dir",
     "plan",
+    "record",
     "register_task",
     "render",
     "sb3",

@@ -1,0 +1,100 @@
+"""A film of a flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+from flockstep._core import NativeTask
+from flockstep.task import Task
+from flockstep.vector_env import DroneVectorEnv
+
+
+def record(
+    path: str | PathLike[str],
+    policy: Any = None,
+    env: str | Task | NativeTask = "flockstep/LidarNavigation-v0",
+    *,
+    steps: int = 400,
+    seed: int = 0,
+    render_view: str = "third_person",
+    fps: int = 20,
+    **kwargs: Any,
+) -> int:
+    """Fly one drone and write a film of it, until its first episode ends.
+
+    Needs what ``pip install 'flockstep[train]'`` brings.
+
+    Parameters
+    ----------
+    path
+        Of the film: ``.mp4`` or ``.gif``.
+    policy
+        A model of Stable-Baselines3, whose deterministic policy flies, or a function from observations (1, ...) to
+        actions (1, ...). None: random actions.
+    env
+        A Gymnasium id, a `Task` or a `NativeTask`.
+    steps
+        The film ends after so many steps at the latest.
+    seed
+        Of the episode, and of random actions.
+    render_view
+        As `DroneVectorEnv` takes it.
+    fps
+        Pictures per second of the film; there is one of each step, and one before.
+    **kwargs
+        Further keywords of `DroneVectorEnv`, such as ``worlds``.
+
+    Returns
+    -------
+    int
+        How many pictures the film has.
+    """
+    if Path(path).suffix.lower() not in (".mp4", ".gif"):
+        raise ValueError(f"path: expected a name that ends with .mp4 or .gif, got {fspath(path)!r}")
+    if steps < 1:
+        raise ValueError(f"steps: expected an integer >= 1, got {steps}")
+    try:
+        import imageio.v2 as imageio
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("record needs imageio: pip install 'flockstep[train]'", name="imageio") from error
+    kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
+    envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else gymnasium.make_vec(env, 1, **kwargs)
+    if not isinstance(envs, DroneVectorEnv):
+        raise TypeError(f"env: expected an id of this package, {env!r} is a {type(envs).__name__}")
+    act = _actions_of(policy, envs, seed)
+    observation, _ = envs.reset(seed=seed)
+    timing: dict[str, Any] = (
+        {"duration": 1000 / fps, "loop": 0} if Path(path).suffix.lower() == ".gif" else {"fps": fps}
+    )
+    pictures = 0
+    film: Any  # as imageio types its writers, they cannot append
+    with imageio.get_writer(Path(path), **timing) as film:
+        for step in range(steps + 1):
+            if step > 0:
+                observation, _, terminated, truncated, _ = envs.step(act(observation))
+            frames = envs.render()
+            assert frames is not None
+            film.append_data(frames[0])
+            pictures += 1
+            if step > 0 and (terminated[0] or truncated[0]):
+                break
+    envs.close()
+    return pictures
+
+
+def _actions_of(policy: Any, envs: DroneVectorEnv, seed: int) -> Callable[[Any], Any]:
+    """Return the function from observations to actions that a policy is."""
+    if policy is None:
+        envs.action_space.seed(seed)
+        return lambda observation: envs.action_space.sample()
+    if hasattr(policy, "predict"):
+        return lambda observation: policy.predict(observation, deterministic=True)[0]
+    if not callable(policy):
+        raise TypeError(f"policy: expected a model with predict, a function or None, got {policy!r}")
+    function: Callable[[Any], Any] = policy
+    return function
