@@ -10,14 +10,15 @@ import warnings
 
 from flockstep import _core
 
-#: What each extra adds, by the package that tells whether it is there.
-_EXTRAS = (
-    ("sb3", "stable-baselines3", "training with Stable-Baselines3"),
-    ("sb3", "torch", "the networks of that"),
-    ("train", "tqdm", "progress bars"),
-    ("train", "matplotlib", "plots"),
-    ("train", "imageio", "pictures and films"),
-    ("train", "tensorboard", "curves of a training"),
+#: Packages that are not needed to fly, and what for.
+_OPTIONAL = (
+    ("stable-baselines3", "training"),
+    ("torch", "the networks of that"),
+    ("tqdm", "progress bars"),
+    ("pillow", "pictures"),
+    ("imageio-ffmpeg", "films"),
+    ("matplotlib", "plots"),
+    ("tensorboard", "curves of a training"),
 )
 
 
@@ -57,10 +58,9 @@ def report() -> list[tuple[str, str]]:
         ("camera backend raycast", f"here: Embree {_core.embree_version}"),
         ("camera backend gl", opengl()),
     ]
-    for extra, package, purpose in _EXTRAS:
+    for package, purpose in _OPTIONAL:
         version = version_of(package)
-        found = version if version is not None else f"missing ({purpose}): pip install 'flockstep[{extra}]'"
-        lines.append((package, found))
+        lines.append((package, version if version is not None else f"missing ({purpose}): pip install {package}"))
     return lines
 
 

@@ -17,7 +17,7 @@ from flockstep.vector_env import DroneVectorEnv
 def record(
     path: str | PathLike[str],
     policy: Any = None,
-    env: str | Task | NativeTask = "flockstep/LidarNavigation-v0",
+    env: str | Task | type[Task] | NativeTask = "flockstep/LidarNavigation-v0",
     *,
     steps: int = 400,
     seed: int = 0,
@@ -27,7 +27,7 @@ def record(
 ) -> int:
     """Fly one drone and write a film of it, until its first episode ends.
 
-    Needs what ``pip install 'flockstep[train]'`` brings.
+    Needs imageio with ffmpeg, as the extra ``sb3`` brings it.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def record(
         A model of Stable-Baselines3, whose deterministic policy flies, or a function from observations (1, ...) to
         actions (1, ...). None: random actions.
     env
-        A Gymnasium id, a `Task` or a `NativeTask`.
+        A Gymnasium id, a `Task` (an object, or its class) or a `NativeTask`.
     steps
         The film ends after so many steps at the latest.
     seed
@@ -61,7 +61,9 @@ def record(
     try:
         import imageio.v2 as imageio
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("record needs imageio: pip install 'flockstep[train]'", name="imageio") from error
+        raise ModuleNotFoundError(
+            "record needs imageio: pip install 'imageio[ffmpeg]' pillow", name="imageio"
+        ) from error
     kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else gymnasium.make_vec(env, 1, **kwargs)
     if not isinstance(envs, DroneVectorEnv):

@@ -218,6 +218,10 @@ class TaskCalls:
 
     def attach(self, batch: Batch) -> None:
         """Take the batch whose task this is, and let the task set itself up."""
+        if self._task._batch is not None and self._task._batch() is not None:
+            raise ValueError(
+                f"task: this {_name(self._task)} object is another environment's: give each its own, or the class"
+            )
         self._task._batch = weakref.ref(batch)
         self._task.success = np.zeros(batch.num_drones, bool)
         self._task.setup(batch)

@@ -131,6 +131,26 @@ def test_targets_of_a_wrong_width(closet):
         envs.step(envs.action_space.sample())
 
 
+def test_one_task_object_for_two_envs(closet):
+    class Hover(flockstep.Task):
+        observation_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
+
+        def step(self, batch):
+            return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
+
+        def observe(self, batch):
+            return np.zeros((batch.num_drones, 1), np.float32)
+
+    task = Hover()
+    envs = DroneVectorEnv(2, worlds=closet, task=task)
+    with pytest.raises(ValueError, match="task: this Hover object is another environment's: give each its own, or the"):
+        DroneVectorEnv(2, worlds=closet, task=task)
+    envs.reset(seed=0)  # it is as it was
+    envs.close()
+    DroneVectorEnv(2, worlds=closet, task=task).close()
+    assert flockstep.sb3.make_vec(Hover, 3, worlds=closet).num_envs == 3
+
+
 # ------------------------------------------------------------------------------------------------------- copies of envs
 
 

@@ -34,7 +34,7 @@ def test_the_doctor_says_what_is_here_and_what_is_not(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["flockstep", "doctor"])
     runpy.run_module("flockstep", run_name="__main__")
     printed = capsys.readouterr().out
-    assert "missing (the networks of that): pip install 'flockstep[sb3]'" in printed
+    assert "missing (the networks of that): pip install torch" in printed
     assert "EGL is switched off by FLOCKSTEP_EGL=none" in printed
 
 

@@ -17,7 +17,7 @@ from flockstep.task import Task
 
 def success_rates(
     model: BaseAlgorithm,
-    env: str | Task | NativeTask = "flockstep/LidarNavigation-v0",
+    env: str | Task | type[Task] | NativeTask = "flockstep/LidarNavigation-v0",
     worlds: WorldsLike = ("train", "validation"),
     episodes: int = 1,
     seed: int = 0,

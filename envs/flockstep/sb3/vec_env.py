@@ -18,14 +18,16 @@ from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, Observation
 
 
-def make_vec(env: str | Task | NativeTask | DroneVectorEnv, num_envs: int = 1, **kwargs: Any) -> DroneVecEnv:
+def make_vec(
+    env: str | Task | type[Task] | NativeTask | DroneVectorEnv, num_envs: int = 1, **kwargs: Any
+) -> DroneVecEnv:
     """Return a Stable-Baselines3 `VecEnv`.
 
     Parameters
     ----------
     env
-        A Gymnasium id of this package, a `Task` or `NativeTask` of your own, or a ready `DroneVectorEnv` with same-step
-        autoreset (then without ``num_envs`` and keywords).
+        A Gymnasium id of this package, a `Task` (an object, or its class) or `NativeTask` of your own, or a ready
+        `DroneVectorEnv` with same-step autoreset (then without ``num_envs`` and keywords).
     num_envs
         Number of drones.
     **kwargs
@@ -39,7 +41,7 @@ def make_vec(env: str | Task | NativeTask | DroneVectorEnv, num_envs: int = 1, *
     if own:
         raise TypeError(f"make_vec: {' and '.join(own)} cannot be chosen: Stable-Baselines3 wants same-step autoreset")
     kwargs |= {"autoreset_mode": "same_step", "copy": False}
-    if isinstance(env, (Task, NativeTask)):
+    if isinstance(env, (Task, NativeTask, type)):
         return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))
     made = gymnasium.make_vec(env, num_envs, **kwargs)
     if not isinstance(made, DroneVectorEnv):
