@@ -126,7 +126,10 @@ def test_worlds():
 
     for _ in range(3):
         use()
-    before = resident_bytes()
-    for _ in range(8):
-        use()
-    assert resident_bytes() - before < 8 * 20_000 * 36 // 4
+    grown = []
+    for _ in range(3):  # what is lost is lost each time; a heap in pieces grows now and then
+        before = resident_bytes()
+        for _ in range(8):
+            use()
+        grown.append(resident_bytes() - before)
+    assert min(grown) < 8 * 20_000 * 36 // 4
