@@ -7,6 +7,7 @@ train   PPO from scratch, several seeds: speed, and how much of what it has neve
 camera_train  the same of the camera task, by what is green in an image
 pixels_train  the same of the task that sees the image itself; half an hour
 camera_large  the camera task at 640 x 480; half an hour
+trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import shutil
 import statistics
 import subprocess
@@ -71,15 +73,7 @@ def bench_step() -> list[Figure]:
     (`ratio_to_bare_lidar`), and over analytic geometry, where Embree calls back the engine's own kernels
     (`ratio_to_bare_analytic_lidar`).
     """
-    rng = np.random.default_rng(0)
-    steps: dict[int, Callable[[int], object]] = {}
-    for n in SIZES:
-        envs = flockstep.DroneVectorEnv(n, worlds="train", num_threads=1)
-        envs.reset(seed=0)
-        actions = rng.integers(0, 6, (64, n))
-        steps[n] = lambda i, envs=envs, actions=actions: envs.step(actions[i % 64])
-        for i in range(1000 if n <= 4096 else 300):  # until drones are everywhere and episodes end all the time
-            steps[n](i)
+    steps = {n: stepping(n) for n in SIZES}
     times: dict[int, list[float]] = {n: [] for n in SIZES}
     ratios, analytic_ratios = [], []
     for _ in range(RUNS):
@@ -95,7 +89,41 @@ def bench_step() -> list[Figure]:
     figures.append(figure("step/n1024/ratio_to_bare_analytic_lidar", statistics.median(analytic_ratios), "1", RUNS))
     figures.append(figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS))
     figures.append(figure("step/bytes_per_drone", bytes_per_drone(), "B", 1))
-    return figures + native("stages")
+    return figures + tasks_in_python() + native("stages")
+
+
+def stepping(n: int, task: flockstep.Task | None = None) -> Callable[[int], object]:
+    """Return what steps the LiDAR task, or another with the same actions, in its steady state."""
+    envs = flockstep.DroneVectorEnv(n, worlds="train", task=task, num_threads=1)
+    envs.reset(seed=0)
+    actions = np.random.default_rng(0).integers(0, 6, (64, n))
+    for i in range(1000 if n <= 4096 else 300):  # until drones are everywhere and episodes end all the time
+        envs.step(actions[i % 64])
+    return lambda i: envs.step(actions[i % 64])
+
+
+def tasks_in_python() -> list[Figure]:
+    """Compare the LiDAR task with two of the examples, which compute the same in Python."""
+    sys.path.append(str(ROOT / "examples"))
+    import navigation_numpy  # type: ignore[import-not-found]
+    import navigation_terms  # type: ignore[import-not-found]
+
+    figures = []
+    for n in (64, 1024):
+        tasks = {
+            "built_in": None,
+            "terms": navigation_terms.Navigation(),
+            "numpy": navigation_numpy.Navigation(flockstep.NavigationConfig(), flockstep.LidarConfig()),
+        }
+        steps = {name: stepping(n, task) for name, task in tasks.items()}
+        times: dict[str, list[float]] = {name: [] for name in steps}
+        for _ in range(RUNS):
+            for name, step in steps.items():
+                times[name].append(seconds_per_call(step))
+        for name in ("terms", "numpy"):
+            ratio = statistics.median(a / b for a, b in zip(times[name], times["built_in"], strict=True))
+            figures.append(figure(f"step/python_task_{name}_n{n}/times_built_in", ratio, "1", RUNS))
+    return figures
 
 
 LIDAR_TASK = """
@@ -159,6 +187,38 @@ def bench_camera_large() -> list[Figure]:
     return trained("camera_large")
 
 
+#: Programs of examples/trainers/ by the name of their figures, and the line that each of them ends with.
+TRAINERS = {
+    "sb3": "sb3_ppo.py",
+    "cleanrl": "cleanrl_ppo.py",
+    "torchrl_gymwrapper": "torchrl_ppo.py",
+    "torchrl_gymenv": "torchrl_ppo.py --env gymenv",
+    "skrl": "skrl_ppo.py",
+}
+TRAINED = re.compile(r"^(\S+ \S+), (\w+): (\d) of 7 playgrounds after ([\d,]+) steps, ([\d,]+) steps/s$", re.MULTILINE)
+
+
+def bench_trainers() -> list[Figure]:
+    """Train from scratch with each program. They take turns, so that a busy hour does not meet one of them alone."""
+    figures = []
+    for seed in range(3):
+        for name, program in TRAINERS.items():
+            script, *options = program.split()
+            command = [sys.executable, ROOT / "examples" / "trainers" / script, *options, "--seed", str(seed)]
+            output = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+            ended = TRAINED.search(output)
+            assert ended, output
+            subject = f"trainers/{name}/seed{seed}"
+            steps, rate = (float(ended[i].replace(",", "")) for i in (4, 5))
+            found = [
+                figure(f"{subject}/steps_per_second", rate, "1/s", 1),
+                figure(f"{subject}/steps", steps, "1", 1),
+                figure(f"{subject}/playgrounds", float(ended[3]), "1", 1),
+            ]
+            figures += [{**f, "program": program, "version": ended[1], "autoreset_mode": ended[2]} for f in found]
+    return figures
+
+
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "lidar": bench_lidar,
     "step": bench_step,
@@ -167,6 +227,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "camera_train": bench_camera_train,
     "pixels_train": bench_pixels_train,
     "camera_large": bench_camera_large,
+    "trainers": bench_trainers,
 }
 
 

@@ -127,6 +127,16 @@ auto output_view(Member member, bool writable = false) {
   };
 }
 
+// A column for each of the reward's terms.
+template <class T>
+auto terms_view(AlignedVector<T> Outputs::* member) {
+  return [member](const py::object& self) {
+    const auto& batch = self.cast<const Batch&>();
+    const auto terms = static_cast<py::ssize_t>(spec_of(batch).reward_terms.size());
+    return view<T>(self, (batch.outputs().*member).data(), n_by(batch, terms));
+  };
+}
+
 // A view of an array whose type is known at run time alone.
 py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
   switch (type) {
@@ -363,12 +373,8 @@ void register_batch(py::module_& module) {
       .def_property_readonly("observation", observation_view(&Outputs::observation, true))
       .def_property_readonly("final_observation", observation_view(&Outputs::final_observation))
       .def_property_readonly("reward", output_view<float>(&Outputs::reward, true))
-      .def_property_readonly("reward_terms",
-                             [](const py::object& self) {
-                               const auto& batch = self.cast<const Batch&>();
-                               const auto terms = static_cast<py::ssize_t>(spec_of(batch).reward_terms.size());
-                               return view<float>(self, batch.outputs().reward_terms.data(), n_by(batch, terms));
-                             })
+      .def_property_readonly("reward_terms", terms_view<float>(&Outputs::reward_terms))
+      .def_property_readonly("episode_terms", terms_view<double>(&Outputs::episode_terms))
       .def_property_readonly("terminated", output_view<bool>(&Outputs::terminated))
       .def_property_readonly("truncated", output_view<bool>(&Outputs::truncated))
       .def_property_readonly("success", output_view<bool>(&Outputs::success))

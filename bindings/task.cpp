@@ -6,9 +6,12 @@
 
 #include <cstring>
 #include <functional>
+#include <utility>
 
 #include "arrays.hpp"
+#include "base/finite.hpp"
 #include "base/platform.hpp"
+#include "batch/bad_states.hpp"
 #include "convert.hpp"
 #include "flockstep/navigation.hpp"
 
@@ -61,6 +64,7 @@ class PythonTask final : public Task {
     const auto quat_wxyz = floats(targets[1], "act: target quat_wxyz", {n, 4});
     const std::span<const float> p = position, q = quat_wxyz;
     const State& state = block.context.state();
+    bool bad = false;
     for (const std::uint32_t env : block.envs) {
       setpoints.target[env] = {Vec3(p[3 * env], p[3 * env + 1], p[3 * env + 2]), Quat::Identity()};
       const float* const wxyz = q.empty() ? state.quat_wxyz.data() + 4 * std::size_t{env} : q.data() + 4 * std::size_t{env};
@@ -71,6 +75,8 @@ class PythonTask final : public Task {
                               std::to_string(env));
       }
       if (!q.empty()) rotation.normalize();
+      if (!is_valid(setpoints.target[env]) && !std::exchange(bad, true))
+        report("act: target", env, worst_of(setpoints.target[env]));
     }
   }
 
@@ -80,14 +86,24 @@ class PythonTask final : public Task {
     const auto terms = static_cast<py::ssize_t>(score.num_terms);
     const py::tuple scored = calls_->attr("score")();
     const auto reward = py::array_t<double, py::array::c_style | py::array::forcecast>(scored[0]);
-    if (reward.ndim() != 2 || reward.shape(0) != n || reward.shape(1) != terms) throw py::value_error("reward: of a wrong shape");
+    if (reward.ndim() != 2 || reward.shape(0) != terms || reward.shape(1) != n) throw py::value_error("reward: of a wrong shape");
     const auto terminated = flags(scored[1], "terminated", n);
-    const auto success = flags(scored[2], "success", n);
-    const std::span<const std::uint8_t> ends = terminated, successes = success;
+    const auto truncated = flags(scored[2], "truncated", n);
+    const auto success = flags(scored[3], "success", n);
+    const double* const columns = reward.data();
+    const std::span<const std::uint8_t> ends = terminated, cuts = truncated, successes = success;
     for (const std::uint32_t env : block.envs) {
-      std::copy_n(reward.data() + static_cast<std::ptrdiff_t>(env) * terms, terms, score.terms_of(env).begin());
+      const std::span<double> row = score.terms_of(env);
+      for (std::size_t k = 0; k < row.size(); ++k) row[k] = columns[k * static_cast<std::size_t>(n) + env];
       score.terminated[env] = ends[env];
+      score.truncated[env] = cuts[env];
       score.success[env] = successes[env];
+    }
+    for (const std::uint32_t env : block.envs) {
+      const std::span<const double> row = score.terms_of(env);
+      const auto bad = std::ranges::find_if_not(row, is_reward);
+      if (bad == row.end()) continue;
+      return report("step: reward term '" + spec_.reward_terms[static_cast<std::size_t>(bad - row.begin())] + "'", env, *bad);
     }
   }
 
@@ -99,6 +115,8 @@ class PythonTask final : public Task {
       const auto* const bytes = static_cast<const std::byte*>(field.data());
       const std::size_t row = observation[i].row_bytes();
       for (const std::uint32_t env : block.envs) std::memcpy(observation[i].row_as_bytes(env).data(), bytes + env * row, row);
+      if (observation[i].type() == DType::float32) report_bad<float>(block, spec_.observation[i], observation[i]);
+      if (observation[i].type() == DType::float64) report_bad<double>(block, spec_.observation[i], observation[i]);
     }
   }
 
@@ -117,6 +135,28 @@ class PythonTask final : public Task {
   }
 
  private:
+  // The batch ends the episode of an env with such a value and goes on; who wrote the task wants to know which it was.
+  void report(const std::string& what, std::uint32_t env, double value) const { calls_->attr("report")(what, env, value); }
+
+  // The number that makes a pose no pose in the world.
+  static double worst_of(const Pose& pose) {
+    for (const float x : pose.position) {
+      if (!is_in_world(x)) return x;
+    }
+    return pose.rotation.norm();
+  }
+
+  template <class T>
+  void report_bad(const TaskBlock& block, const Field& field, const Buffer& values) const {
+    for (const std::uint32_t env : block.envs) {
+      const std::span<const T> row = values.row<T>(env);
+      if (are_finite(row)) continue;
+      for (std::size_t i = 0; i < row.size(); ++i) {
+        if (is_bad(field, i, row[i])) return report("observe: '" + field.name + "'", env, row[i]);
+      }
+    }
+  }
+
   static py::array_t<std::int64_t> envs(const TaskBlock& block) {
     py::array_t<std::int64_t> indices(static_cast<py::ssize_t>(block.envs.size()));
     std::copy(block.envs.begin(), block.envs.end(), indices.mutable_data());

@@ -28,8 +28,11 @@ std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   const auto index = integers<std::int32_t>(goal_index, "goal_index", {n});
   const std::span<const std::int32_t> indices = index;
   std::vector<Vec3> result;
-  for (std::size_t env = 0; env < terms.size(); ++env) {
-    const World& world = *batch.worlds()[static_cast<std::size_t>(batch.state().world_index[env])];
+  result.reserve(terms.size());
+  const Batch::Worlds& worlds = batch.worlds();
+  const std::vector<std::int32_t>& world_index = batch.state().world_index;
+  for (std::size_t env = 0; env < world_index.size(); ++env) {
+    const World& world = *worlds[static_cast<std::size_t>(world_index[env])];
     const auto waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
     const std::int32_t which = indices.empty() ? waypoints : indices[env];
     if (which < 0) throw py::value_error("goal_index: expected integers >= 0, got " + std::to_string(which));
@@ -42,16 +45,29 @@ std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
 // f(env) for each, as a new array.
 template <class T, class F>
 py::array_t<T> per_env(const Terms& terms, const F& f) {
-  py::array_t<T> array(static_cast<py::ssize_t>(terms.size()));
-  for (std::size_t env = 0; env < terms.size(); ++env) array.mutable_data()[env] = static_cast<T>(f(env));
+  const std::size_t n = terms.size();  // which asks Python
+  py::array_t<T> array(static_cast<py::ssize_t>(n));
+  T* const values = array.mutable_data();
+  for (std::size_t env = 0; env < n; ++env) values[env] = static_cast<T>(f(env));
   return array;
 }
 
-std::span<const float> ranges_of(const Batch& batch, std::size_t drone) {
-  const LidarConfig& lidar = *batch.config().lidar;
-  const auto rays = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
-  return std::span(batch.lidar_ranges()).subspan(drone * rays, rays);
-}
+// What the LiDAR sees, a row of rays for each drone.
+struct Scans {
+  explicit Scans(const Batch& batch) {
+    batch.require_lidar("");
+    const LidarConfig& lidar = *batch.config().lidar;
+    rays = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
+    all = batch.lidar_ranges();
+    max_range_m = batch.lidar_max_range_m();
+  }
+  std::span<const float> of(std::size_t drone) const { return all.subspan(drone * rays, rays); }
+  task::Clearance clearance(std::size_t drone) const { return task::clearance_of(of(drone), max_range_m[drone]); }
+
+  std::size_t rays;
+  std::span<const float> all;
+  std::span<const float> max_range_m;
+};
 
 py::array_t<double> goal_distance(const Terms& terms, const py::object& goal_index) {
   const std::vector<Vec3> points = goals(terms, goal_index);
@@ -61,44 +77,64 @@ py::array_t<double> goal_distance(const Terms& terms, const py::object& goal_ind
   });
 }
 
+// Where an episode begins by default: the start marker of each env's world.
+py::array_t<float> start(const Terms& terms) {
+  const Batch& batch = terms.batch();
+  std::vector<Vec3> points;
+  points.reserve(terms.size());
+  for (const std::int32_t index : batch.state().world_index) {
+    const World& world = *batch.worlds()[static_cast<std::size_t>(index)];
+    if (!world.markers().start)
+      throw py::value_error("world '" + world.name() + "' has no start marker, where Task.reset puts drones; override it");
+    points.push_back(*world.markers().start);
+  }
+  return rows(points);
+}
+
 py::array_t<float> goal_direction(const Terms& terms, const py::object& goal_index) {
   std::vector<Vec3> points = goals(terms, goal_index);
   const Batch& batch = terms.batch();
+  const std::vector<float>& position = batch.sensed_position();
+  const std::vector<float>& quat_wxyz = batch.sensed_quat_wxyz();
   for (std::size_t env = 0; env < points.size(); ++env) {
-    points[env] = task::direction_to(pose_at(batch.sensed_position(), batch.sensed_quat_wxyz(), env), points[env]);
+    points[env] = task::direction_to(pose_at(position, quat_wxyz, env), points[env]);
+  }
+  return rows(points);
+}
+
+py::array_t<float> displaced(const Terms& terms, const py::object& displacement) {
+  const auto input = floats(displacement, "displacement_m", {static_cast<py::ssize_t>(terms.size()), 3});
+  const std::span<const float> d = input;
+  const State& state = terms.batch().state();
+  std::vector<Vec3> points(terms.size());
+  for (std::size_t drone = 0; drone < points.size(); ++drone) {
+    const Pose pose = pose_of(state, drone);
+    points[drone] = pose.position + pose.rotation * Vec3(d[3 * drone], d[3 * drone + 1], d[3 * drone + 2]);
   }
   return rows(points);
 }
 
 py::array_t<float> ranges(const Terms& terms) {
-  const Batch& batch = terms.batch();
-  batch.require_lidar("");
-  const LidarConfig& lidar = *batch.config().lidar;
-  const py::ssize_t rays = py::ssize_t{lidar.rows()} * lidar.columns();
-  py::array_t<float> array({static_cast<py::ssize_t>(terms.size()), rays});
-  for (std::size_t drone = 0; drone < terms.size(); ++drone) {
-    task::normalise(ranges_of(batch, drone), batch.lidar_max_range_m()[drone],
-                    array.mutable_data() + static_cast<py::ssize_t>(drone) * rays);
+  const Scans scans(terms.batch());
+  const std::size_t n = terms.size();
+  py::array_t<float> array({static_cast<py::ssize_t>(n), static_cast<py::ssize_t>(scans.rays)});
+  float* const values = array.mutable_data();
+  for (std::size_t drone = 0; drone < n; ++drone) {
+    task::normalise(scans.of(drone), scans.max_range_m[drone], values + drone * scans.rays);
   }
   return array;
 }
 
 py::array_t<double> clearance(const Terms& terms) {
-  const Batch& batch = terms.batch();
-  batch.require_lidar("");
-  return per_env<double>(terms, [&](std::size_t drone) {
-    return task::clearance_of(ranges_of(batch, drone), batch.lidar_max_range_m()[drone]).nearest;
-  });
+  const Scans scans(terms.batch());
+  return per_env<double>(terms, [&](std::size_t drone) { return scans.clearance(drone).nearest; });
 }
 
 py::array_t<double> free_space(const Terms& terms, double min_clearance) {
-  const Batch& batch = terms.batch();
-  batch.require_lidar("");
+  const Scans scans(terms.batch());
   if (!(min_clearance > 0.0 && min_clearance < 1.0)) throw py::value_error("min_clearance: expected a number in (0, 1)");
-  return per_env<double>(terms, [&](std::size_t drone) {
-    const auto scan = ranges_of(batch, drone);
-    return task::free_space(task::clearance_of(scan, batch.lidar_max_range_m()[drone]).sum, scan.size(), min_clearance);
-  });
+  return per_env<double>(
+      terms, [&](std::size_t drone) { return task::free_space(scans.clearance(drone).sum, scans.rays, min_clearance); });
 }
 
 }  // namespace
@@ -111,8 +147,10 @@ void register_terms(py::module_& module) {
       .def(
           "goal", [](const Terms& terms, const py::object& goal_index) { return rows(goals(terms, goal_index)); },
           py::arg("goal_index") = none)
+      .def("start", &start)
       .def("goal_distance", &goal_distance, py::arg("goal_index") = none)
       .def("goal_direction", &goal_direction, py::arg("goal_index") = none)
+      .def("displaced", &displaced, py::arg("displacement_m"))
       .def("ranges", &ranges)
       .def("clearance", &clearance)
       .def("free_space", &free_space, py::arg("min_clearance"))

@@ -1,55 +1,83 @@
 # The libraries of the engine, gathered in `flockstep_dependencies`; the engine's own headers show none but Eigen.
 add_library(flockstep_dependencies INTERFACE)
 
-find_package(Eigen3 REQUIRED NO_MODULE) # small vectors, poses
-find_package(TBB REQUIRED) # threads
-find_package(nlohmann_json REQUIRED) # scene files
-find_package(tinyobjloader REQUIRED) # meshes
+# need(FOUND WHAT DEBIAN CONDA): notes what is missing, and the packages that bring it; all is told at once, at the end.
+macro(need found what debian conda)
+  if(NOT ${found})
+    string(APPEND missing "\n  ${what}: ${debian} on Debian and Ubuntu, ${conda} from conda-forge")
+  endif()
+endmacro()
+set(missing "")
+
+find_package(PkgConfig QUIET)
+need(PkgConfig_FOUND "pkg-config" pkg-config pkg-config)
+find_package(Eigen3 QUIET NO_MODULE)
+need(Eigen3_FOUND "Eigen (small vectors, poses)" libeigen3-dev eigen)
+find_package(TBB QUIET)
+need(TBB_FOUND "oneTBB (threads)" libtbb-dev tbb-devel)
+find_package(nlohmann_json QUIET)
+need(nlohmann_json_FOUND "nlohmann_json (scene files)" nlohmann-json3-dev nlohmann_json)
+find_package(tinyobjloader QUIET)
+need(tinyobjloader_FOUND "tinyobjloader (meshes)" libtinyobjloader-dev tinyobjloader)
 target_link_libraries(flockstep_dependencies INTERFACE TBB::tbb nlohmann_json::nlohmann_json tinyobjloader::tinyobjloader)
 
 # Rays. Embree 4 where there is one, else 3.13; engine/src/trace/embree.hpp is the one place that knows the difference.
 find_package(embree 4 QUIET)
 if(NOT embree_FOUND)
-  find_package(embree 3.13 REQUIRED)
+  find_package(embree 3.13 QUIET)
 endif()
+need(embree_FOUND "Embree of at least 3.13 (rays)" libembree-dev embree)
 string(REGEX MATCH "^[0-9]+" embree_major "${embree_VERSION}")
 target_compile_definitions(flockstep_dependencies INTERFACE FLOCKSTEP_EMBREE_MAJOR=${embree_major})
 target_link_libraries(flockstep_dependencies INTERFACE embree)
 
-# SIMD with run-time dispatch. Distributions ship pkg-config files; upstream's install has a CMake package too.
-find_package(PkgConfig REQUIRED)
-pkg_check_modules(HWY QUIET IMPORTED_TARGET libhwy)
-if(HWY_FOUND)
-  target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::HWY)
-else()
-  find_package(hwy REQUIRED)
-  target_link_libraries(flockstep_dependencies INTERFACE hwy::hwy)
+# find_either(NAME PKG_CONFIG PACKAGE TARGET): NAME_FOUND by a pkg-config file, which is what distributions ship, else by
+# upstream's CMake package.
+macro(find_either name pkg_config package target)
+  if(PkgConfig_FOUND)
+    pkg_check_modules(${name} QUIET IMPORTED_TARGET ${pkg_config})
+  endif()
+  if(${name}_FOUND)
+    target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::${name})
+  else()
+    find_package(${package} QUIET)
+    set(${name}_FOUND ${${package}_FOUND})
+    set(${name}_VERSION ${${package}_VERSION})
+    target_link_libraries(flockstep_dependencies INTERFACE ${target})
+  endif()
+endmacro()
+
+find_either(HWY libhwy hwy hwy::hwy)
+need(HWY_FOUND "Highway (SIMD with run-time dispatch)" libhwy-dev libhwy)
+# Arm's scalable vectors cannot be members of structs, as the kernels have them; such processors run the NEON kernels. Processors
+# with SSSE3 and no more are of 2006, and what later ones have beside AVX-512 is of no use to floats: each target is compiled anew.
+set(disabled_targets HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128|HWY_SSSE3|HWY_AVX3_DL)
+if(HWY_VERSION VERSION_GREATER_EQUAL 1.1) # which has these
+  string(APPEND disabled_targets |HWY_AVX3_ZEN4|HWY_AVX3_SPR)
 endif()
-# Arm's scalable vectors cannot be members of structs, as the kernels have them; such processors run the NEON kernels.
-set(disabled_targets HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128)
 if(FLOCKSTEP_SANITIZE) # a minute and a half a target: the sanitizers see one with vectors and the one without
-  string(APPEND disabled_targets |HWY_SSSE3|HWY_SSE4|HWY_AVX3|HWY_AVX3_DL)
+  string(APPEND disabled_targets |HWY_SSE4|HWY_AVX3)
 endif()
 target_compile_definitions(flockstep_dependencies INTERFACE HWY_DISABLED_TARGETS=${disabled_targets})
 
-# JPEG files of camera frames. Distributions' CMake package may name files of packages that are not installed.
-if(PkgConfig_FOUND)
-  pkg_check_modules(TURBOJPEG QUIET IMPORTED_TARGET libturbojpeg)
-endif()
-if(TURBOJPEG_FOUND)
-  target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::TURBOJPEG)
-else()
-  find_package(libjpeg-turbo REQUIRED)
-  target_link_libraries(flockstep_dependencies INTERFACE libjpeg-turbo::turbojpeg)
-endif()
+find_either(TURBOJPEG libturbojpeg libjpeg-turbo libjpeg-turbo::turbojpeg)
+need(TURBOJPEG_FOUND "libjpeg-turbo (JPEG files of camera frames)" libturbojpeg0-dev libjpeg-turbo)
 
 # OpenGL and EGL, whose functions it finds at run time: neither is linked, and a machine without them has one camera backend less.
-pkg_check_modules(EPOXY REQUIRED IMPORTED_TARGET epoxy)
+if(PkgConfig_FOUND)
+  pkg_check_modules(EPOXY QUIET IMPORTED_TARGET epoxy)
+endif()
+need(EPOXY_FOUND "libepoxy (OpenGL)" libepoxy-dev libepoxy)
 target_link_libraries(flockstep_dependencies INTERFACE PkgConfig::EPOXY ${CMAKE_DL_LIBS})
 
 # Convex distance: Bullet's GJK and EPA, which are templates in headers; nothing of Bullet is linked.
-find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet REQUIRED)
+find_path(BULLET_INCLUDE_DIR BulletCollision/NarrowPhaseCollision/btGjkEpa3.h PATH_SUFFIXES bullet)
+need(BULLET_INCLUDE_DIR "Bullet (convex distance)" libbullet-dev bullet)
 target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${BULLET_INCLUDE_DIR})
+
+if(missing)
+  message(FATAL_ERROR "flockstep needs these, which are not there:${missing}\n")
+endif()
 
 # Only the benchmarks; each is optional where no benchmark asks for it.
 if(FLOCKSTEP_BENCH)

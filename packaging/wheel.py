@@ -1,8 +1,9 @@
-"""What `./dev wheel` runs: a wheel of this package for every Python that is there, with its shared libraries inside.
+"""What `./dev wheel` runs: a source distribution, and of it a wheel for every Python that is there.
 
-Wheels go to out/wheel/. They run on any Linux whose C and C++ libraries are not older than this system's: the file's
-name says which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it belongs to a machine's driver; it is
-loaded where there is one. THIRD_PARTY.md in the wheel's metadata names what is inside, with each one's licence.
+They go to out/wheel/. A wheel has its shared libraries inside and runs on any Linux whose C and C++ libraries are not
+older than this system's: the file's name says which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it
+belongs to a machine's driver; it is loaded where there is one. THIRD_PARTY.md in the wheel's metadata names what is
+inside, with each one's licence.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -52,8 +54,35 @@ def version_of(python: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
-def build(python: str, version: str) -> Path:
-    """Build the wheel as pip does, and return it. All Pythons share the engine's objects."""
+def make_sdist() -> Path:
+    """Make the source distribution; return a folder with what is in it, where files that have not changed stay."""
+    made = BUILD / "sdist"
+    shutil.rmtree(made, ignore_errors=True)
+    make = "import sys, scikit_build_core.build as build; print(build.build_sdist(sys.argv[1]))"
+    subprocess.run([sys.executable, "-c", make, made], check=True, cwd=ROOT, capture_output=True)
+    (archive,) = made.glob("*.tar.gz")
+    shutil.copyfile(archive, OUT / archive.name)
+    source = BUILD / "source"
+    with tarfile.open(archive) as files:
+        kept = set()
+        for member in files:
+            content = files.extractfile(member) if member.isfile() else None
+            if content is None:
+                continue
+            path = source.joinpath(*Path(member.name).parts[1:])
+            kept.add(path)
+            data = content.read()
+            if not path.exists() or path.read_bytes() != data:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(data)
+    for path in source.rglob("*"):
+        if path.is_file() and path not in kept:
+            path.unlink()
+    return source
+
+
+def build(python: str, version: str, source: Path) -> Path:
+    """Build the wheel as pip does, in an environment of its own, and return it."""
     own = BUILD / f"python{version}"
     pip = [own / "bin" / "python", "-m", "pip", "--disable-pip-version-check"]
     if not (own / "done").exists():
@@ -64,7 +93,7 @@ def build(python: str, version: str) -> Path:
     shutil.rmtree(made, ignore_errors=True)
     settings = [f"--config-settings=build-dir={BUILD / 'cmake'}"]
     subprocess.run(
-        [*pip, "wheel", "-q", "--no-deps", "--no-build-isolation", *settings, "-w", made, ROOT], check=True, cwd=BUILD
+        [*pip, "wheel", "-q", "--no-deps", "--no-build-isolation", *settings, "-w", made, source], check=True, cwd=BUILD
     )
     (wheel,) = made.glob("*.whl")
     return wheel
@@ -147,12 +176,13 @@ def main() -> None:
     missing = [python for python, version in versions.items() if version is None]
     if args.pythons and missing:
         raise SystemExit(f"wheel: no Python with headers and venv: {', '.join(missing)}")
+    source = make_sdist()
     wheels = []
     for python, version in versions.items():
         if version is None:
             print(f"{python} is not here, or lacks headers or venv: no wheel for it", flush=True)
             continue
-        made = build(python, version)
+        made = build(python, version, source)
         wheels.append(check(add_licences(repair(made), made)))
         print(wheels[-1], flush=True)
     if not wheels:

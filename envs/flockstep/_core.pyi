@@ -720,11 +720,17 @@ class Terms:
     def goal(self, goal_index: npt.ArrayLike | None = None) -> _F32:
         """(N, 3) m, world frame."""
 
+    def start(self) -> _F32:
+        """(N, 3) m, world frame: the start marker of each env's world."""
+
     def goal_distance(self, goal_index: npt.ArrayLike | None = None) -> _F64:
         """(N,) m, from where the drones are."""
 
     def goal_direction(self, goal_index: npt.ArrayLike | None = None) -> _F32:
         """(N, 3) unit, in the body frame as the pose sensor has it."""
+
+    def displaced(self, displacement_m: npt.ArrayLike) -> _F32:
+        """(N, 3) m, world frame: where the drones would be after a displacement (N, 3) m in their body frames."""
 
     def ranges(self) -> _F32:
         """(N, rays): the LiDAR's ranges over its maximum range, 1 on a miss."""
@@ -994,7 +1000,7 @@ class Batch:
 
     @property
     def truncated(self) -> _Bool:
-        """(N,) out of time, and not terminated."""
+        """(N,) out of time, or cut off by the task, and not terminated."""
 
     @property
     def success(self) -> _Bool:
@@ -1019,6 +1025,10 @@ class Batch:
     @property
     def episode_return(self) -> _F64:
         """(N,) of the episode that ended in this step, else of the present one so far."""
+
+    @property
+    def episode_terms(self) -> _F64:
+        """(N, terms) likewise: the sum of each of the reward's terms, in the order of ``spec.reward_terms``."""
 
     @property
     def episode_length(self) -> _I64:

@@ -17,6 +17,7 @@ _OPTIONAL = (
     ("tqdm", "progress bars"),
     ("pillow", "pictures"),
     ("imageio-ffmpeg", "films"),
+    ("moviepy", "films by Gymnasium's recorders"),
     ("matplotlib", "plots"),
     ("tensorboard", "curves of a training"),
 )

@@ -7,7 +7,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
 
+from flockstep import plain
 from flockstep.vector_env import DroneVectorEnv, Observation
 
 
@@ -16,15 +18,30 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
 
     Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``autoreset_mode`` and ``copy``. With several worlds the
     drone stays in the first, unless ``random_world=True`` draws one for each episode.
+
+    ``gymnasium.make(..., max_episode_steps=n)`` is Gymnasium's own wrapper around it: it cuts off an episode after n
+    calls of `step`, whose info is as whole as at an end of the engine's. A limit beyond the task's own needs
+    ``DroneEnv(max_episode_steps=n)``, which Gymnasium cannot pass on.
     """
 
     metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}  # noqa: RUF012
+
+    _spec: EnvSpec | None = None
 
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
         self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
         self.render_mode = render_mode
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How Gymnasium has made this env, its arguments in a form that ``spec.to_json()`` can write."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = plain.plain_spec(spec)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -35,9 +52,9 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
         return _only(observation), {}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Fly one step. The step that ends an episode has its return, length, success and crash in the info."""
-        observation, reward, terminated, truncated, infos = self.envs.step(np.asarray(action)[None])
-        info = {key: value[0].item() for key, value in infos.items() if not key.startswith("_")}
+        """Fly one step. The info has what `DroneVectorEnv` reports of an episode that ended, in every step: so far."""
+        observation, reward, terminated, truncated, _ = self.envs.step(np.asarray(action)[None])
+        info = _only_info(self.envs.episode_infos())
         return _only(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -48,6 +65,11 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     def close(self) -> None:
         """Release the batch."""
         self.envs.close()
+
+
+def _only_info(infos: dict[str, Any]) -> dict[str, Any]:
+    """Return the infos of the one env."""
+    return {key: _only_info(value) if isinstance(value, dict) else value[0].item() for key, value in infos.items()}
 
 
 def _only(observation: Observation) -> Observation:

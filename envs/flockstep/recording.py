@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy.typing as npt
 
 from flockstep._core import NativeTask
 from flockstep.task import Task
@@ -21,7 +22,7 @@ def record(
     *,
     steps: int = 400,
     seed: int = 0,
-    render_view: str = "third_person",
+    render_view: str | npt.ArrayLike = "third_person",
     fps: int = 20,
     **kwargs: Any,
 ) -> int:
@@ -43,7 +44,7 @@ def record(
     seed
         Of the episode, and of random actions.
     render_view
-        As `DroneVectorEnv` takes it.
+        As `DroneVectorEnv` takes it; so are ``render_size`` and ``render_camera``.
     fps
         Pictures per second of the film; there is one of each step, and one before.
     **kwargs
@@ -70,12 +71,12 @@ def record(
         raise TypeError(f"env: expected an id of this package, {env!r} is a {type(envs).__name__}")
     act = _actions_of(policy, envs, seed)
     observation, _ = envs.reset(seed=seed)
-    timing: dict[str, Any] = (
-        {"duration": 1000 / fps, "loop": 0} if Path(path).suffix.lower() == ".gif" else {"fps": fps}
-    )
+    is_gif = Path(path).suffix.lower() == ".gif"
+    # By default imageio makes the sides multiples of 16; the codec needs even ones.
+    settings = {"duration": 1000 / fps, "loop": 0} if is_gif else {"fps": fps, "quality": 8, "macro_block_size": 2}
     pictures = 0
     film: Any  # as imageio types its writers, they cannot append
-    with imageio.get_writer(Path(path), **timing) as film:
+    with imageio.get_writer(Path(path), **settings) as film:
         for step in range(steps + 1):
             if step > 0:
                 observation, _, terminated, truncated, _ = envs.step(act(observation))

@@ -7,6 +7,7 @@ from os import PathLike, fspath
 import gymnasium
 
 from flockstep._core import NativeTask
+from flockstep.plain import to_plain
 from flockstep.task import Task
 
 
@@ -46,5 +47,5 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str]) -> None:
         id=env_id,
         entry_point="flockstep.env:DroneEnv",
         vector_entry_point="flockstep.vector_env:DroneVectorEnv",
-        kwargs={"task": task if isinstance(task, type) else NativeTask(fspath(task))},
+        kwargs={"task": to_plain(task if isinstance(task, type) else NativeTask(fspath(task)))},
     )

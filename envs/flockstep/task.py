@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import io
 import pickle
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import Batch, CameraConfig, Field, LidarConfig, PythonTask, TaskSpec, World
+
+if TYPE_CHECKING:
+    from flockstep.viewer.drawing import Drawing
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -44,7 +48,10 @@ def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
     return rotated.astype(np.result_type(quat_wxyz, vector), copy=False)
 
 
-_SUCCESS, _STATE = "success", "state."
+_SUCCESS, _INFO, _STATE = "success", "info.", "state."
+
+#: The markers a world may have that are drawn.
+MARKERS = ("start", "waypoints", "goal")
 
 
 class Task:
@@ -68,6 +75,9 @@ class Task:
         The LiDAR and the camera the task needs, if any; several cameras as a sequence.
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never.
+    markers
+        Which of the world's markers the task uses, of ``"start"``, ``"waypoints"``, ``"goal"``; default: all. Pictures
+        show no others. What the drones' own cameras see does not depend on it.
     step_m
         Length of a full displacement in the default `act`, in metres.
     steps
@@ -78,6 +88,13 @@ class Task:
         returns is thrown away, and state of yours that the observation depends on should stay. Read only.
     success
         (N,) bool: write it in `step`, and the infos of episodes that end will report it.
+    truncated
+        (N,) bool: write it in `step` where an episode is to be cut off for another reason than ``max_episode_steps``,
+        and without the task being over. It is all False when `step` is called.
+    info_names
+        Names of what else the infos of episodes that end report: ``info`` has an array for each.
+    info
+        By name (N,) float64: write it in `step`, such as ``self.info["laps"] += lap``. Every episode begins with 0.
     """
 
     observation_space: spaces.Box | spaces.Dict
@@ -86,9 +103,13 @@ class Task:
     lidar: LidarConfig | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     max_episode_steps: int = 1000
+    info_names: tuple[str, ...] = ()
+    markers: tuple[str, ...] = MARKERS
     step_m: float = 0.1
 
     success: BoolArray
+    truncated: BoolArray
+    info: dict[str, npt.NDArray[np.float64]]
     _batch: weakref.ref[Batch] | None = None  # whose task this is; it owns the task
     _constants: dict[str, Any] | None = None  # attributes after setup that are neither arrays nor numbers
 
@@ -116,13 +137,9 @@ class Task:
 
     def reset(self, batch: Batch, mask: BoolArray) -> None:
         """Begin new episodes where ``mask`` (N,) is True: place those drones and reset their rows of your state."""
-        starts = [world.start for world in batch.worlds]
-        position = np.zeros((batch.num_drones, 3), np.float32)
-        for index, start in enumerate(starts):
-            if start is None:
-                raise ValueError(f"world {batch.worlds[index].name!r} has no start marker; override Task.reset")
-            position[batch.world_index == index] = start
-        batch.set_pose(position, np.tile(np.array([1, 0, 0, 0], np.float32), (batch.num_drones, 1)), mask)
+        level = np.zeros((batch.num_drones, 4), np.float32)
+        level[:, 0] = 1
+        batch.set_pose(batch.terms.start(), level, mask)
 
     def act(self, batch: Batch, actions: Array) -> Target:
         """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4)."""
@@ -139,6 +156,13 @@ class Task:
     def observe(self, batch: Batch) -> Array | Mapping[str, Array]:
         """Return the observation of all drones, (N, *observation_space.shape), or a mapping of these."""
         raise NotImplementedError(f"{_name(self)}.observe: every task has to define it")
+
+    def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
+        """Add to the picture of one env: `drawing` has ``points``, ``lines`` and ``spheres``, in metres.
+
+        Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"`` and from a fixed place; not
+        for ``"camera"``, which shows what the drone sees. Change no state here: nothing may depend on being looked at.
+        """
 
     def state(self) -> dict[str, Array]:
         """Return everything of yours that the next step depends on, for `DroneVectorEnv.snapshot`.
@@ -174,8 +198,20 @@ class Task:
                 setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
 
 
-_NOT_STATE = ("_batch", "_constants", _SUCCESS)
+_NOT_STATE = ("_batch", "_constants", "success", "truncated", "info")
 _MISSING = object()
+#: What the infos of every task hold; also as Stable-Baselines3 has them.
+_INFOS_OF_ALL = (
+    "episode_return",
+    "episode_length",
+    "success",
+    "crashed",
+    "bad_state",
+    "episode_terms",
+    "episode",
+    "is_success",
+    "terminal_observation",
+)
 
 
 def _constant(value: Any) -> Any:
@@ -212,6 +248,10 @@ class TaskCalls:
         boxes = {name: part for name, part in parts.items() if isinstance(part, spaces.Box)}
         if not boxes or len(boxes) < len(parts):
             raise TypeError(f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them")
+        for name in task.info_names:
+            if not name.isidentifier() or name.startswith("_") or name in _INFOS_OF_ALL:
+                taken = ", ".join(_INFOS_OF_ALL)
+                raise ValueError(f"{_name(task)}.info_names: expected names that are not taken ({taken}), got {name!r}")
         self.observation_spaces = boxes
         self._is_dict = isinstance(space, spaces.Dict)
         self._task = task
@@ -223,7 +263,9 @@ class TaskCalls:
                 f"task: this {_name(self._task)} object is another environment's: give each its own, or the class"
             )
         self._task._batch = weakref.ref(batch)
-        self._task.success = np.zeros(batch.num_drones, bool)
+        self._task.success, self._task.truncated = np.zeros((2, batch.num_drones), bool)
+        self._task.info = {name: np.zeros(batch.num_drones) for name in self._task.info_names}
+        self._reported = {name: np.zeros(batch.num_drones) for name in self._task.info_names}
         self._task.setup(batch)
         own = {name: value for name, value in vars(self._task).items() if name not in _NOT_STATE}
         self._task._constants = {name: _constant(value) for name, value in own.items()}
@@ -233,7 +275,8 @@ class TaskCalls:
         batch = self._task._own_batch()
         mask = np.zeros(batch.num_drones, bool)
         mask[envs] = True
-        self._task.success[mask] = False
+        for array in (self._task.success, *self._task.info.values()):
+            array[mask] = 0
         self._task.reset(batch, mask)
 
     def command(self, actions: Array) -> tuple[Array, Array | None]:
@@ -241,9 +284,18 @@ class TaskCalls:
         target = self._task.act(self._task._own_batch(), actions)
         return target if isinstance(target, tuple) else (target, None)
 
-    def score(self) -> tuple[Array, BoolArray, BoolArray]:
-        """Return the terms of the reward (N, terms), and where episodes end (N,) and succeed (N,)."""
-        reward, terminated = self._task.step(self._task._own_batch())
+    def score(self) -> tuple[Array, ...]:
+        """Return the terms of the reward (terms, N), and where episodes end, are cut off and succeed, (N,) each."""
+        self._task.truncated[:] = False
+        batch = self._task._own_batch()
+        reward, terminated = self._task.step(batch)
+        if set(self._task.info) != set(self._reported):
+            expected, got = ", ".join(self._reported) or "nothing", ", ".join(self._task.info)
+            raise ValueError(f"{_name(self._task)}.info: expected {expected}, as info_names says, got {got}")
+        for name, reported in self._reported.items():
+            given = self._row(f"info {name!r}", self._task.info[name])
+            np.copyto(reported, given, where=batch.flying)
+            self._task.info[name] = np.array(given, np.float64)  # no other's array, should the task have put one there
         names = self._task.reward_terms
         if isinstance(reward, Mapping):
             if set(reward) != set(names):
@@ -254,10 +306,21 @@ class TaskCalls:
             columns = [self._row("reward", reward)]
         else:
             raise ValueError(f"{_name(self._task)}.step: expected a mapping of the reward terms {', '.join(names)}")
-        terms = np.empty((len(self._task.success), len(names)))
-        for term, column in enumerate(columns):
-            terms[:, term] = column
-        return terms, self._row("terminated", terminated).astype(bool, copy=False), self._task.success
+        terms = np.array(columns, np.float64)
+        flags = ("terminated", terminated), ("truncated", self._task.truncated), ("success", self._task.success)
+        return terms, *(self._row(name, flag).astype(bool, copy=False) for name, flag in flags)
+
+    def infos(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Return copies of what the task reports, (N,) by name: of episodes that ended, as it was then."""
+        return {name: reported.copy() for name, reported in self._reported.items()}
+
+    def report(self, what: str, env: int, value: float) -> None:
+        """Warn that the task made a number that is none."""
+        warnings.warn(
+            f"{_name(self._task)}.{what} is {value} in env {env}; its episode ends here, as a bad state",
+            RuntimeWarning,
+            stacklevel=2,
+        )
 
     def observe(self) -> tuple[Array, ...]:
         """Return the observation of all envs, field by field, contiguous and of the types that were declared."""
@@ -299,11 +362,14 @@ class TaskCalls:
         if file.read(1):
             raise ValueError(f"snapshot: expected nothing after the arrays of {_name(self._task)}, got more")
         self._task.success[:] = arrays.pop(_SUCCESS)
+        for name, reported in self._reported.items():
+            self._task.info[name], reported[:] = arrays.pop(_INFO + name)
         self._task.load({name.removeprefix(_STATE): array for name, array in arrays.items()})
 
     def _arrays(self) -> dict[str, Array]:
         state = {_STATE + name: np.asarray(value) for name, value in self._task.state().items()}
-        return {_SUCCESS: self._task.success, **state}
+        infos = {_INFO + name: np.stack([self._task.info[name], self._reported[name]]) for name in self._reported}
+        return {_SUCCESS: self._task.success, **infos, **state}
 
     def _row(self, name: str, value: Any) -> Array:
         array = np.asarray(value)

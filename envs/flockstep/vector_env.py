@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from flockstep import scenes
+from flockstep import plain, scenes
 from flockstep._core import (
     Batch,
     CameraConfig,
@@ -28,7 +29,7 @@ from flockstep._core import (
     _unexpected_keyword,
     task_defaults,
 )
-from flockstep.task import Task, native_task
+from flockstep.task import Task, TaskCalls, native_task
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
 
@@ -120,9 +121,16 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_mode
         None, or ``"rgb_array"``: a picture of each env.
     render_view
-        ``"top"``: from above, LiDAR beams included. ``"camera"``: the last frame of the drone's own camera, the first
-        if it has several; black where it is stale. ``"third_person"``: from behind and above the drone, with LiDAR
-        beams, the cameras' views and the trail. ``"fleet"``: the same, with the other drones of its world.
+        ``"top"``: the whole world from above, without what is higher than the drone, LiDAR beams included.
+        ``"camera"``: the last frame of the drone's own camera; black where it is stale. ``"third_person"``: from behind
+        and above the drone, with LiDAR beams, the cameras' views and the trail. ``"fleet"``: the same, with the other
+        drones of its world. Two points, such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, from the one (m,
+        world frame) towards the other.
+    render_size
+        Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own for ``"camera"``,
+        whose pixels are enlarged or reduced to fit, else 640 x 480.
+    render_camera
+        The name of the camera that ``render_view="camera"`` shows. Default: the first.
     **fields
         Fields of `EpisodeConfig` and `ClockConfig`, for every task: ``frame_skip``, ``stagger_first_episode``,
         ``random_world``, ``dt_s``, ``substeps``. And of `NavigationConfig`: ``action`` (``"discrete"``,
@@ -133,7 +141,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     Infos
     -----
     Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``
-    and ``bad_state``, each of length N with its mask ``_key``. With same-step autoreset these are inside
+    and ``bad_state``, each of length N with its mask ``_key``; ``episode_terms``, a dict of the sum of each of the
+    reward's terms, likewise; and what a `Task` names in its ``info_names``. With same-step autoreset these are inside
     ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
     is reset. An episode ends with ``bad_state`` where a target, a reward or an observation was not finite;
     ``batch.bad_states`` counts them.
@@ -151,6 +160,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -170,16 +180,20 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_threads: int = 0,
         reward_scale: float = 1.0,
         render_mode: str | None = None,
-        render_view: str = "top",
+        render_view: str | npt.ArrayLike = "top",
+        render_size: tuple[int, int] | None = None,
+        render_camera: str | None = None,
         **fields: Unpack[Fields],
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
         self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
+        worlds, task, lidar, camera, pose_sensor, drone = (
+            plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, drone)
+        )
+        own_fields = {name: plain.from_plain(value) for name, value in fields.items()}
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
-        if render_view not in views.NAMES:
-            expected = ", ".join(map(repr, views.NAMES))
-            raise ValueError(f"render_view: expected one of {expected}, got {render_view!r}")
+        shown = views.chosen(render_view, render_size, render_camera)
         self.reward_scale = _reward_scale(reward_scale)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -188,13 +202,13 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.copy = copy
         self.task = task = task() if isinstance(task, type) else task
 
-        chosen = _by_config(dict(fields))
+        chosen = _by_config(own_fields)
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps, **chosen.pop(EpisodeConfig, {})}
         episode = EpisodeConfig(**episodes)
         clock = ClockConfig(**chosen.pop(ClockConfig, {}))
         description: Any
-        calls = None
+        calls: TaskCalls | None = None
         if task is None:
             description = NavigationConfig.observing(observation)
             for name, value in chosen.pop(NavigationConfig, {}).items():
@@ -228,6 +242,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             clock=clock,
             num_threads=num_threads,
         )
+        self._task_calls = calls
+        self._reward_terms = self.batch.spec.reward_terms
         if calls is None:
             self.single_observation_space = observation_space(self.batch.spec)
             self.single_action_space = action_space(self.batch.spec)
@@ -243,7 +259,17 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._view: views.View | None = None
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
-            self._view, self.trail = views.make(render_view, self.batch, self.cameras)
+            own = task if isinstance(task, Task) else None
+            self._view, self.trail = views.make(shown, self.batch, self.cameras, own)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How Gymnasium has made this env, its arguments in a form that ``spec.to_json()`` can write."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = plain.plain_spec(spec)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""
@@ -260,6 +286,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         """Make the env of its arguments and restore the snapshot."""
         arguments, snapshot = state.pop("arguments"), state.pop("snapshot")
         self.__init__(**arguments)  # type: ignore[misc] # as unpickling leaves it, it is not made yet
+        self.spec = state.pop("spec")
         self.__dict__.update(state)
         if snapshot is not None:
             self.restore(snapshot)
@@ -358,6 +385,19 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         reward: npt.NDArray[np.float32] = self.batch.reward
         return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
+    def episode_infos(self) -> dict[str, Any]:
+        """Return what is reported of the episodes that ended (N,), by name; of the others, what there is so far."""
+        batch = self.batch
+        return {
+            "episode_return": batch.episode_return.copy(),
+            "episode_length": batch.episode_length.copy(),
+            "success": batch.success.copy(),
+            "crashed": batch.crashed.copy(),
+            "bad_state": batch.bad_state.copy(),
+            "episode_terms": dict(zip(self._reward_terms, batch.episode_terms.T.copy(), strict=True)),
+            **({} if self._task_calls is None else self._task_calls.infos()),
+        }
+
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
         final = self.batch.final_observation
@@ -411,18 +451,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.__dict__.pop("batch", None)
 
     def _infos(self, ended: BoolArray) -> dict[str, Any]:
-        batch = self.batch
-        end_of_episode = {
-            "episode_return": np.where(ended, batch.episode_return, 0.0),
-            "episode_length": np.where(ended, batch.episode_length, 0),
-            "success": batch.success.copy(),  # these are False where no episode ended
-            "crashed": batch.crashed.copy(),
-            "bad_state": batch.bad_state.copy(),
-        }
-        infos: dict[str, Any] = {}
-        for key, value in end_of_episode.items():
-            infos[key] = value
-            infos[f"_{key}"] = ended
+        report = self.episode_infos()
+        for name in ("episode_return", "episode_length"):  # the flags are False where no episode ended
+            report[name] = np.where(ended, report[name], 0)
+        infos = _masked({**report, "episode_terms": _masked(report["episode_terms"], ended)}, ended)
         if not self._same_step:
             return infos
         final_obs = np.full(self.num_envs, None, dtype=object)
@@ -481,6 +513,14 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if not mask.any():
             raise ValueError("options['reset_mask']: expected at least one True")
         return mask
+
+
+def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
+    """Return infos as Gymnasium has them: beside each key, where it counts."""
+    infos: dict[str, Any] = {}
+    for key, value in arrays.items():
+        infos[key], infos[f"_{key}"] = value, mask
+    return infos
 
 
 def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:

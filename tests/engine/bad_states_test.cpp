@@ -210,8 +210,8 @@ TEST(BadStates, AFrameSkipEndsThere) {
   batch.reset(std::vector<std::uint64_t>{0, 1, 2});
   fly(batch);
   EXPECT_EQ(batch.outputs().bad_state, (FlagArray{0, 1, 0}));
-  EXPECT_EQ(batch.outputs().reward, (std::vector<float>{6.0F, 2.5F, 6.0F}));
-  EXPECT_EQ(batch.outputs().episode_length, (std::vector<std::int64_t>{4, 2, 4}));
+  EXPECT_EQ(batch.outputs().reward, (AlignedVector<float>{6.0F, 2.5F, 6.0F}));
+  EXPECT_EQ(batch.outputs().episode_length, (AlignedVector<std::int64_t>{4, 2, 4}));
 }
 
 }  // namespace

@@ -69,8 +69,8 @@ inline NavigationBatch navigation_batch(int num_envs, const LidarConfig& lidar =
   return {lidar_batch(num_envs, lidar), {}};
 }
 
-template <class T>
-std::span<const T> row(const std::vector<T>& array, std::size_t drone, std::size_t columns) {
+template <class T, class Allocator>
+std::span<const T> row(const std::vector<T, Allocator>& array, std::size_t drone, std::size_t columns) {
   return std::span(array).subspan(drone * columns, columns);
 }
 

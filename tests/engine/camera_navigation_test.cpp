@@ -179,14 +179,14 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
   EXPECT_EQ(fields[0].shape, (std::vector<std::int64_t>{3, 24, 32}));
   EXPECT_EQ(fields[1].name, "ranges");
   EXPECT_EQ(fields[1].shape, (std::vector<std::int64_t>{kRays}));
-  const auto image = [&]() -> const std::vector<std::byte>& { return batch.outputs().observation[0].bytes(); };
+  const auto image = [&]() -> const AlignedVector<std::byte>& { return batch.outputs().observation[0].bytes(); };
   const auto rgb = [&] { return std::as_bytes(std::span(batch.images(0).rgb)); };
   batch.reset({});
   EXPECT_TRUE(same_bits(image(), rgb()));
   Random random(1);
   std::vector<std::int64_t> actions(6);
   for (int step = 0; step < 60; ++step) {
-    const std::vector<std::byte> previous = image();
+    const AlignedVector<std::byte> previous = image();
     const std::byte* const there = image().data();
     for (auto& action : actions) action = action_of(random);
     batch.step(std::span<const std::int64_t>(actions));
@@ -384,7 +384,7 @@ TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
       std::vector<double> reward(kDrones, 0.0);
       std::vector<double> terms(single.outputs().reward_terms.size(), 0.0);
       for (int k = 0; k < 3; ++k) {
-        const std::vector<std::int64_t> before = single.outputs().episode_length;
+        const AlignedVector<std::int64_t> before = single.outputs().episode_length;
         single.step(std::span<const std::int64_t>(actions));
         for (std::size_t i = 0; i < kDrones; ++i) {
           reward[i] += static_cast<double>(single.outputs().reward[i]);

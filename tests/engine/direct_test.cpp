@@ -657,9 +657,9 @@ Everything trace_everything() {
   return all;
 }
 
-// Every target that is compiled in and that this processor has. AVX3 (AVX-512), AVX2, SSE4, SSSE3 and SCALAR, which GCC
-// before 12.3 compiles by default, were found the same on a Xeon of the Cascade Lake class, and EMU128, which other compilers
-// take for SCALAR, with -DHWY_BROKEN_EMU128=0. AVX3_DL, which is compiled only on request and wants an Ice Lake, was not run.
+// Every target that is compiled in and that this processor has. AVX3 (AVX-512), AVX2, SSE4 and SCALAR, which GCC before
+// 12.3 compiles by default, were found the same on a Xeon of the Cascade Lake class, and EMU128, which other compilers take for
+// SCALAR, with -DHWY_BROKEN_EMU128=0.
 TEST(DirectBits, AreTheSameOnEverySimdTarget) {
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   std::string names;

@@ -27,6 +27,19 @@ TEST(Markers, AWorldWithMarkersInFreeSpaceIsNavigable) {
   EXPECT_NO_THROW(require_navigable(World(navigable()), DroneModel::quadrotor650()));
 }
 
+TEST(Markers, MayBeInTheSkyButNotAboveARoom) {
+  SceneDescription yard = navigable();
+  yard.primitives.erase(yard.primitives.begin());
+  yard.primitives.push_back(Primitive{.kind = PrimitiveKind::box, .center = {5, 5, -0.5F}, .half_extents = {5, 5, 0.5F}});
+  for (Vec3* const place : {&*yard.markers.start, &yard.markers.waypoints[0], &*yard.markers.goal}) place->z() = 30.0F;
+  EXPECT_NO_THROW(require_navigable(World(yard), DroneModel::quadrotor650()));
+  SceneDescription room = yard;
+  room.primitives.insert(room.primitives.begin(), navigable().primitives[0]);
+  EXPECT_THROW(require_navigable(World(room), DroneModel::quadrotor650()), std::invalid_argument);
+  yard.markers.start->x() = 11.0F;  // beside it
+  EXPECT_THROW(require_navigable(World(yard), DroneModel::quadrotor650()), std::invalid_argument);
+}
+
 TEST(Markers, WorldsThatCannotBeNavigatedAreNamedWithTheMarker) {
   struct Case {
     std::function<void(Markers&)> spoil;

@@ -465,7 +465,7 @@ TEST(NavigationAutoreset, NextStepReturnsTheResetAndTakesNoAction) {
   expect_flags(flight, false, false, false, false);
   EXPECT_EQ(flight.observation(), at_start);
   EXPECT_EQ(flight.out().reward[0], 0.0F);
-  EXPECT_EQ(flight.out().reward_terms, std::vector<float>(kNumTerms, 0.0F));
+  EXPECT_EQ(flight.out().reward_terms, AlignedVector<float>(kNumTerms, 0.0F));
   EXPECT_EQ(flight.position(), kStart);
   EXPECT_EQ(flight.batch.state().episode[0], 1);
   EXPECT_FALSE(flight.batch.state().contact.hit[0]);

@@ -76,13 +76,14 @@ TEST(ReachHeight, ClimbingArrives) {
     batch.step(std::vector<float>{0, 0, 1});
     const float risen = 0.25F * static_cast<float>(step);
     EXPECT_EQ(testing::values_of(batch.outputs().observation[0]), (std::vector<float>{2 - risen, 1 + risen}));
-    EXPECT_EQ(batch.outputs().reward_terms, (std::vector<float>{0.25F, step == 8 ? 1.0F : 0.0F}));
+    EXPECT_EQ(batch.outputs().reward_terms, (AlignedVector<float>{0.25F, step == 8 ? 1.0F : 0.0F}));
   }
   EXPECT_TRUE(batch.outputs().terminated[0]);
   EXPECT_TRUE(batch.outputs().success[0]);
   EXPECT_FALSE(batch.outputs().crashed[0]);
   EXPECT_EQ(batch.outputs().reward[0], 1.25F);
   EXPECT_EQ(batch.outputs().episode_return[0], 3.0);
+  EXPECT_EQ(batch.outputs().episode_terms, (AlignedVector<double>{2.0, 1.0}));
 }
 
 TEST(ReachHeight, ATenthOfAMetreOffCounts) {

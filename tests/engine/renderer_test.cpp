@@ -82,7 +82,8 @@ TEST_P(RendererInTrouble, RaycastRendersInsteadAndOneWarningSaysWhy) {
   if (trouble == Trouble::error) driver.emplace(FaultyDriver::Fault::error);
   if (trouble == Trouble::hang) driver.emplace(FaultyDriver::Fault::hang);
   {
-    Renderer renderer(backend, album.requests, workers, std::chrono::milliseconds(200));
+    const auto patience = trouble == Trouble::hang ? std::chrono::milliseconds(200) : GlRenderer::kPatience;
+    Renderer renderer(backend, album.requests, workers, patience);
     unsetenv("FLOCKSTEP_EGL");
     EXPECT_EQ(album.take(renderer, workers), expected);
     const std::string why = trouble == Trouble::none_there ? "EGL is switched off by FLOCKSTEP_EGL=none"

@@ -166,10 +166,10 @@ TEST(Snapshot, ARestoreLeavesWhatTheLastStepReturnedWhole) {
   Pilot pilot(7);
   fly(batch, pilot, 3);
   const std::string blob = batch.snapshot();
-  const std::vector<std::byte> earlier = batch.outputs().observation[0].bytes();
+  const AlignedVector<std::byte> earlier = batch.outputs().observation[0].bytes();
   fly(batch, pilot, 4);
-  const std::vector<std::byte>& view = batch.outputs().observation[0].bytes();
-  const std::vector<std::byte> returned = view;
+  const AlignedVector<std::byte>& view = batch.outputs().observation[0].bytes();
+  const AlignedVector<std::byte> returned = view;
   batch.restore(blob);
   EXPECT_EQ(batch.outputs().observation[0].bytes(), earlier);
   EXPECT_EQ(view, returned);

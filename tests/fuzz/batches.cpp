@@ -73,7 +73,8 @@ std::unique_ptr<Batch> make(bool with_camera) {
   config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 1.0F};
   config.episode.max_episode_steps = 20;
   if (with_camera) config.cameras = {CameraConfig{.width_px = 8, .height_px = 6, .outputs = {.depth = true}}};
-  return std::make_unique<Batch>(config, worlds(), make_navigation({.action = ActionKind::displacement_yaw}));
+  static const DroneModel drone = DroneModel::quadrotor650();  // checked once
+  return std::make_unique<Batch>(config, worlds(), make_navigation({.action = ActionKind::displacement_yaw}), drone);
 }
 
 // What has to be true of a batch whatever has been done to it.

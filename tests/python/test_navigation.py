@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import flockstep
+from flockstep.task import rotate
 
 OVERSHOOT = flockstep.NavigationReward(overshoot_weight=1.0, carry_over_distance=True)
 WEIGHTED = flockstep.NavigationReward(
@@ -238,9 +239,13 @@ def test_the_engines_terms_are_those_of_the_twin(room, playgrounds, example):
         ranges = task.ranges(batch)
         np.testing.assert_allclose(terms.ranges(), ranges, rtol=1e-6)
         np.testing.assert_allclose(terms.clearance(), ranges.min(axis=1), rtol=1e-6)
+        displacement = rng.normal(size=(40, 3)).astype(np.float32)
+        there = batch.position + rotate(batch.quat_wxyz, displacement)
+        np.testing.assert_allclose(terms.displaced(displacement), there, atol=1e-6)
         free = (ranges / 0.2 - 1).sum(axis=1) / (35 / 0.2 - 35)
         np.testing.assert_allclose(terms.free_space(0.2), free, rtol=1e-5)
     np.testing.assert_allclose(terms.goal(), [world.goal for world in np.array(batch.worlds)[batch.world_index]])
+    np.testing.assert_array_equal(terms.start(), [world.start for world in np.array(batch.worlds)[batch.world_index]])
     with pytest.raises(ValueError, match="goal_index"):
         terms.goal(np.full(40, -1))
     with pytest.raises(ValueError, match="LiDAR"):

@@ -1,5 +1,6 @@
 """Films of flights."""
 
+import gymnasium
 import imageio.v3 as imageio
 import imageio_ffmpeg
 import numpy as np
@@ -65,3 +66,57 @@ def test_mistakes(arguments, error, said, tmp_path, monkeypatch):
     with pytest.raises(error, match=said):
         flockstep.record(**arguments)
     assert list(tmp_path.iterdir()) == []
+
+
+ENV_ID = "flockstep/LidarNavigation-v0"
+PICTURES = {"render_mode": "rgb_array", "render_view": "top", "render_size": (96, 64)}
+
+
+def frames_and_size(folder):
+    """Of the one film in a folder."""
+    (film,) = folder.glob("*.mp4")
+    reader = imageio_ffmpeg.read_frames(str(film))
+    size = next(reader)["size"]
+    reader.close()
+    return imageio_ffmpeg.count_frames_and_secs(str(film))[0], size
+
+
+def test_a_view_and_a_size_are_chosen_for_a_film(room, tmp_path):
+    place = {"render_view": ((1, 1, 3), (5, 5, 1)), "render_size": (150, 90)}
+    assert flockstep.record(tmp_path / "flight.mp4", worlds=room, steps=2, **place) == 3
+    assert frames_and_size(tmp_path) == (3, (150, 90))
+
+
+def test_gymnasiums_recorder_films_one_env(room, tmp_path):
+    env = gymnasium.make(ENV_ID, worlds=room, max_episode_steps=5, **PICTURES)
+    env = gymnasium.wrappers.RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda episode: episode == 0)
+    env.reset(seed=0)
+    ended = False
+    while not ended:
+        _, _, terminated, truncated, _ = env.step(0)
+        ended = terminated or truncated
+    env.close()
+    assert frames_and_size(tmp_path / "films") == (6, (96, 64))
+
+
+def test_gymnasiums_recorder_films_several_envs_side_by_side(room, tmp_path):
+    envs = gymnasium.make_vec(ENV_ID, 3, worlds=room, **PICTURES)
+    envs = gymnasium.wrappers.vector.RecordVideo(
+        envs, str(tmp_path / "films"), step_trigger=lambda step: step == 1, video_length=4
+    )
+    envs.reset(seed=0)
+    for _ in range(6):
+        envs.step([0, 0, 0])
+    envs.close()
+    assert frames_and_size(tmp_path / "films") == (5, (3 * 96, 64))
+
+
+def test_stable_baselines_recorder_films_several_envs(room, tmp_path):
+    vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
+    vec = flockstep.sb3.make_vec(ENV_ID, 2, worlds=room, **PICTURES)
+    vec = vec_env.VecVideoRecorder(vec, str(tmp_path), lambda step: step == 0, video_length=4)
+    vec.reset()
+    for _ in range(6):
+        vec.step(np.zeros(2, int))
+    vec.close()
+    assert frames_and_size(tmp_path) == (5, (96, 2 * 64))

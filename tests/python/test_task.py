@@ -116,6 +116,110 @@ def test_statistics_of_episodes(room):
     np.testing.assert_allclose(infos["episode_return"][1], np.sum(rewards, axis=0)[1], rtol=1e-5)
 
 
+class Lapper(Climb):
+    """Reports how high it got and how many steps it flew; its fourth step is the last where the bonus is above 0.5."""
+
+    reward_terms = ("height", "cost")
+    info_names = ("top", "laps")
+    max_episode_steps = 6
+
+    def step(self, batch):
+        self.truncated[:] = (batch.steps == 4) & (self.bonus > 0.5)
+        self.info["top"][:] = np.maximum(self.info["top"], batch.position[:, 2])
+        self.info["laps"] += 1
+        terms = {"height": batch.position[:, 2] - 2, "cost": np.full(batch.num_drones, -0.25)}
+        return terms, batch.contact.hit
+
+
+class TestWhatATaskReports:
+    @pytest.mark.parametrize("mode", MODES)
+    def test_passes_the_checker(self, room, mode):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Lapper(), autoreset_mode=mode, num_threads=1)
+        )
+
+    @pytest.mark.parametrize("mode", MODES)
+    @pytest.mark.parametrize("frame_skip", [1, 2])
+    def test_ends_infos_and_terms(self, room, mode, frame_skip):
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=Lapper(), autoreset_mode=mode, frame_skip=frame_skip)
+        env.reset(seed=0)
+        sums = np.zeros((2, 2))
+        for step in range(frame_skip, 7, frame_skip):
+            _, _, terminated, truncated, infos = env.step(np.float32([[0, 0, 0.5], [0, 0, -0.5]]))
+            sums[step <= np.array([6, 4])] += env.batch.reward_terms[step <= np.array([6, 4])]
+            assert not terminated.any()
+            again = mode == "disabled" and step > 4  # a finished env repeats what it said
+            assert truncated.tolist() == [step == 6, step == 4 or again]
+            if truncated.any():
+                env_index, length = (0, 6) if step == 6 else (1, 4)
+                ended = infos.get("final_info", infos)
+                assert ended["episode_length"][env_index] == ended["laps"][env_index] == length
+                assert ended["top"][env_index] == pytest.approx(2.3 if env_index == 0 else 2, abs=0.06)
+                assert ended["_laps"].tolist() == truncated.tolist()
+                terms = ended["episode_terms"]
+                got = [terms["height"][env_index], terms["cost"][env_index]]
+                np.testing.assert_allclose(got, sums[env_index], rtol=1e-6)
+                assert ended["episode_return"][env_index] == pytest.approx(sum(got))
+                assert terms["_cost"].tolist() == truncated.tolist()
+
+    def test_infos_of_a_restored_env(self, room):
+        env, other = (flockstep.DroneVectorEnv(2, worlds=room, task=Lapper(), autoreset_mode="disabled") for _ in "ab")
+        env.reset(seed=0)
+        for _ in range(5):
+            env.step(np.zeros((2, 3), np.float32))
+        other.restore(env.snapshot())
+        for ours, theirs in zip(*[e.step(np.zeros((2, 3), np.float32)) for e in (env, other)], strict=True):
+            np.testing.assert_equal(ours, theirs)
+        assert env.batch.truncated.all()
+
+    def test_a_single_env_reports_in_every_step(self, room):
+        env = flockstep.env.DroneEnv(worlds=room, task=Lapper)
+        env.reset(seed=0)
+        for step in range(1, 7):
+            *_, truncated, info = env.step(np.zeros(3, np.float32))
+            assert info["laps"] == info["episode_length"] == step
+            assert info["episode_terms"] == {"height": pytest.approx(0, abs=1e-5), "cost": pytest.approx(-0.25 * step)}
+        assert truncated
+
+    @pytest.mark.parametrize("names", [("success",), ("_hidden",), ("two words",)])
+    def test_names_that_are_taken(self, room, names):
+        task = type("Taken", (Climb,), {"info_names": names})
+        with pytest.raises(ValueError, match=rf"Taken\.info_names: expected names .* got '{names[0]}'"):
+            flockstep.DroneVectorEnv(1, worlds=room, task=task)
+
+    @pytest.mark.parametrize(("info", "match"), [({"lops": np.zeros(2)}, "expected top, laps.*got lops"), (3, "shape")])
+    def test_infos_of_a_wrong_kind(self, room, info, match):
+        class Wrong(Lapper):
+            def step(self, batch):
+                self.info = info if isinstance(info, dict) else dict.fromkeys(self.info, np.zeros(info))
+                return np.zeros(2), np.zeros(2, bool)
+
+            reward_terms = ("reward",)
+
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=Wrong())
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=match):
+            env.step(np.zeros((2, 3), np.float32))
+
+
+def test_images_are_observations(closet):
+    class Looker(Climb):
+        camera = flockstep.CameraConfig(width_px=8, height_px=6, layout="chw", outputs=("rgb", "depth"))
+        observation_space = spaces.Dict(
+            image=spaces.Box(0, 255, (3, 6, 8), np.uint8), depth=spaces.Box(0, np.inf, (6, 8), np.float32)
+        )
+
+        def observe(self, batch):
+            return {"image": batch.camera().rgb, "depth": batch.camera().depth}
+
+    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=closet, task=Looker(), num_threads=1))
+    env = flockstep.DroneVectorEnv(2, worlds=closet, task=Looker())
+    observation, _ = env.reset(seed=0)
+    assert observation["image"].dtype == np.uint8
+    assert observation["image"].any()
+    np.testing.assert_array_equal(observation["depth"], env.batch.camera().depth)
+
+
 def test_steps_and_flying_are_what_they_say(room):
     class Probe(Climb):
         def step(self, batch):
@@ -358,6 +462,25 @@ class TestExamples:
     def test_it_trains(self, example):
         assert example("train_my_task").main(total_timesteps=40_000) > 0.5
 
+    @pytest.mark.parametrize("mode", MODES)
+    def test_the_lidar_task_of_terms_is_the_built_in_one(self, example, mode):
+        task = example("navigation_terms").Navigation()
+        twin, engine = (
+            flockstep.DroneVectorEnv(35, worlds="train", task=its, max_episode_steps=150, autoreset_mode=mode)
+            for its in (task, None)
+        )
+        np.testing.assert_array_equal(twin.reset(seed=0)[0], engine.reset(seed=0)[0])
+        rng = np.random.default_rng(0)
+        ends = 0
+        for _ in range(400):
+            actions = rng.choice(6, 35, p=[0.5, *5 * [0.1]])
+            ours, theirs = twin.step(actions), engine.step(actions)
+            np.testing.assert_array_equal(ours[0], theirs[0])
+            np.testing.assert_allclose(ours[1], theirs[1], rtol=1e-5, atol=1e-6)
+            np.testing.assert_array_equal(ours[2:4], theirs[2:4])
+            ends += np.count_nonzero(ours[2])
+        assert ends > 35
+
     def test_the_twin_stays_close(self, example, capsys):
         example("navigation_numpy").main()
         assert "flags the same" in capsys.readouterr().out
@@ -461,7 +584,9 @@ class TestBadStates:
     @pytest.mark.parametrize("mode", ["next_step", "same_step"])
     @pytest.mark.parametrize("bad", [{"reward": np.nan}, {"observation": np.inf}, {"observation": np.nan}])
     def test_a_reward_or_an_observation(self, room, mode, bad):
-        env, steps = self.fly(room, mode, **bad)
+        which = {"reward": "step: reward term 'bonus'", "observation": "observe: 'observation'"}[next(iter(bad))]
+        with pytest.warns(RuntimeWarning, match=rf"Wild\.{which} is {next(iter(bad.values()))} in env 1"):
+            env, steps = self.fly(room, mode, **bad)
         _, reward, terminated, truncated, infos = steps[2]
         assert terminated.tolist() == [False, True, False]
         assert not truncated.any()
@@ -473,14 +598,15 @@ class TestBadStates:
         assert env.batch.bad_states.tolist() == [0, 1, 0]
         assert not any(step[2].any() for i, step in enumerate(steps) if i != 2)
 
-    @pytest.mark.parametrize("target", [np.nan, -np.inf, 1e9])
+    @pytest.mark.parametrize("target", [float("nan"), -float("inf"), 1e9])
     def test_a_target(self, room, target):
         def act(batch, actions):
             position = batch.position.copy()
             position[1, 2] = np.where(batch.steps[1] == 3, target, position[1, 2])
             return position
 
-        env, steps = self.fly(room, "next_step", act=act)
+        with pytest.warns(RuntimeWarning, match=rf"Wild\.act: target is {target} in env 1"):
+            env, steps = self.fly(room, "next_step", act=act)
         assert [step[2].tolist() for step in steps] == [[False, i == 2, False] for i in range(5)]
         assert env.batch.bad_states.tolist() == [0, 1, 0]
         assert np.isfinite(env.batch.position).all()

@@ -5,6 +5,7 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
@@ -14,6 +15,7 @@ import flockstep
 from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
+INFOS = {"episode_return", "episode_length", "success", "crashed", "bad_state", "episode_terms"}
 ID = "flockstep/LidarNavigation-v0"
 
 
@@ -84,8 +86,12 @@ class TestSingle:
             np.testing.assert_array_equal(observation, batched[0][0])
             assert (reward, terminated, truncated) == (batched[1][0], batched[2][0], batched[3][0])
             if terminated or truncated:
-                assert info == {key: batched[4][key][0] for key in info}
-                assert set(info) == {"episode_return", "episode_length", "success", "crashed", "bad_state"}
+                batch_info = {
+                    key: value[0] for key, value in batched[4].items() if key in info and key != "episode_terms"
+                }
+                terms = {key: value[0] for key, value in batched[4]["episode_terms"].items() if not key.startswith("_")}
+                assert info == {**batch_info, "episode_terms": terms}
+                assert set(info) == INFOS
                 np.testing.assert_array_equal(env.reset()[0], envs.reset()[0][0])
 
     def test_closes_twice(self, room):
@@ -155,7 +161,7 @@ class TestWrappers:
         envs.reset(seed=0)
         infos = [info for step in fly(envs, 60) for info in step[4] if info]
         assert infos
-        assert all(set(i) == {"episode_return", "episode_length", "success", "crashed", "bad_state"} for i in infos)
+        assert all(set(i) == INFOS for i in infos)
 
     def test_record_video(self, closet, tmp_path, monkeypatch):
         written = []
@@ -292,6 +298,20 @@ class TestCopies:
         del envs
         np.testing.assert_array_equal(observation, expected)
 
+    @pytest.mark.parametrize("num_envs", [1, 3, 5000])
+    def test_other_libraries_take_the_slots_as_they_are(self, closet, num_envs):
+        envs = make(closet, num_envs, copy=False)
+        envs.reset(seed=0)
+        for _ in range(2):
+            observation, reward, terminated, truncated, _ = envs.step(np.zeros(num_envs, int))
+            batch = envs.batch
+            more = (batch.success, batch.crashed, batch.reward_terms, batch.episode_return, batch.episode_terms)
+            for array in (observation, reward, terminated, truncated, *more):
+                assert array.ctypes.data % 64 == 0
+                assert np.shares_memory(np.from_dlpack(array), array)
+                tensor = torch.from_dlpack(array)
+                assert tensor.data_ptr() == array.ctypes.data
+
 
 class TestEpisodes:
     def test_infos_only_where_episodes_end(self, closet):
@@ -328,7 +348,7 @@ class TestEpisodes:
             one_infos, other_infos = (step[4].get("final_info", step[4]) for step in (one, other))
             assert one_infos.keys() == other_infos.keys()
             for key in one_infos:
-                np.testing.assert_array_equal(one_infos[key], other_infos[key])
+                np.testing.assert_equal(one_infos[key], other_infos[key])
 
     @pytest.mark.parametrize("scale", [0, -1.0, np.nan, np.inf, "large", None])
     def test_bad_reward_scales(self, closet, scale):

@@ -19,8 +19,8 @@ class ArrayVisitor {
   virtual ~ArrayVisitor() = default;
 
   // An array of fixed size. Its name is unique among those of one owner.
-  template <class T>
-  void array(std::string_view name, std::vector<T>& values) {
+  template <class T, class Allocator>
+  void array(std::string_view name, std::vector<T, Allocator>& values) {
     static_assert(std::is_trivially_copyable_v<T>);
     if constexpr (is_dtype<T>) {
       bytes(name, std::as_writable_bytes(std::span(values)), kDType<T>);

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "flockstep/aligned.hpp"
 #include "flockstep/buffer.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
@@ -18,12 +19,13 @@
 
 namespace flockstep {
 
-// What a step or reset returns, a row per env. Two of these rotate, so that what one returned stays intact during the next.
+// What a step or reset returns, a row per env, each array aligned to a cache line. Two of these rotate, so that what one returned
+// stays intact during the next.
 struct Outputs {
   std::vector<Buffer> observation;        // one for each field of TaskSpec::observation
   std::vector<Buffer> final_observation;  // likewise; valid where terminated or truncated
-  std::vector<float> reward;              // (E,)
-  std::vector<float> reward_terms;        // (E, number of terms); their sum is the reward
+  AlignedVector<float> reward;            // (E,)
+  AlignedVector<float> reward_terms;      // (E, number of terms); their sum is the reward
   FlagArray terminated;                   // (E,)
   FlagArray truncated;                    // (E,)
   FlagArray success;                      // (E,) ended here, and the task calls it a success
@@ -32,8 +34,9 @@ struct Outputs {
   // beyond the world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of
   // the observation's field contain is as good as a number.
   FlagArray bad_state;
-  std::vector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
-  std::vector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
+  AlignedVector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
+  AlignedVector<double> episode_terms;         // (E, number of terms) likewise, the sum of each of the reward's terms
+  AlignedVector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
 
   static constexpr auto fields() {
     using C = Outputs;
@@ -41,7 +44,7 @@ struct Outputs {
                       field("reward", &C::reward), field("reward_terms", &C::reward_terms), field("terminated", &C::terminated),
                       field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed),
                       field("bad_state", &C::bad_state), field("episode_return", &C::episode_return),
-                      field("episode_length", &C::episode_length));
+                      field("episode_terms", &C::episode_terms), field("episode_length", &C::episode_length));
   }
 };
 

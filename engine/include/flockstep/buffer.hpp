@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "flockstep/aligned.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -85,8 +86,8 @@ class Buffer {
   DType type() const { return type_; }
   std::size_t columns() const { return columns_; }
   std::size_t row_bytes() const { return columns_ * size_of(type_); }
-  std::vector<std::byte>& bytes() { return bytes_; }
-  const std::vector<std::byte>& bytes() const { return bytes_; }
+  AlignedVector<std::byte>& bytes() { return bytes_; }
+  const AlignedVector<std::byte>& bytes() const { return bytes_; }
 
   // A row, whose type has to be the field's.
   template <class T>
@@ -106,7 +107,7 @@ class Buffer {
  private:
   DType type_ = DType::float32;
   std::size_t columns_ = 0;  // values in a row
-  std::vector<std::byte> bytes_;
+  AlignedVector<std::byte> bytes_;
 };
 
 }  // namespace flockstep

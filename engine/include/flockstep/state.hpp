@@ -6,12 +6,13 @@
 #include <cstdint>
 #include <vector>
 
+#include "flockstep/aligned.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {
 
-using FlagArray = std::vector<std::uint8_t>;  // 0 or 1, viewed as bool
+using FlagArray = AlignedVector<std::uint8_t>;  // 0 or 1, viewed as bool
 
 struct ContactState {           // of the last motion; written by collision, cleared by a reset or teleport
   FlagArray hit;                // (N,) something was touched
@@ -63,6 +64,7 @@ struct EpisodeState {
   std::vector<std::int64_t> steps;       // (E,) flown in this episode; while one is flown and scored, this one included
   std::vector<std::int64_t> time_limit;  // (E,) steps; 0: none
   std::vector<double> episode_return;    // (E,) rewards so far
+  std::vector<double> episode_terms;     // (E, number of terms) likewise, of each of the reward's terms
   FlagArray begun;                       // (E,) the first episode has begun
   FlagArray done;                        // (E,) the episode ended and no reset has come since
   FlagArray flying;                      // (E,) takes part in the present or last step; 0: its episode was over before
@@ -73,8 +75,9 @@ struct EpisodeState {
   static constexpr auto fields() {
     using C = EpisodeState;
     return field_list(field("steps", &C::steps), field("time_limit", &C::time_limit), field("episode_return", &C::episode_return),
-                      field("begun", &C::begun), field("done", &C::done), field("flying", &C::flying), field("bad", &C::bad),
-                      field("bad_states", &C::bad_states), field("action_changed", &C::action_changed));
+                      field("episode_terms", &C::episode_terms), field("begun", &C::begun), field("done", &C::done),
+                      field("flying", &C::flying), field("bad", &C::bad), field("bad_states", &C::bad_states),
+                      field("action_changed", &C::action_changed));
   }
 };
 

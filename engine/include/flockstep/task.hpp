@@ -98,6 +98,7 @@ struct Score {
   std::size_t num_terms;
   std::vector<double> terms;  // (E, num_terms), each times its weight
   FlagArray terminated;       // (E,) the episode ends here
+  FlagArray truncated;        // (E,) it is cut off here, for another reason than the time limit; 0 where nothing is written
   FlagArray success;          // (E,) the episode counts as a success if it ends here
 
   std::span<double> terms_of(std::size_t env) { return {terms.data() + env * num_terms, num_terms}; }
@@ -130,7 +131,7 @@ class Task {
   virtual void begin(const TaskBlock& block) = 0;
   // Turn actions, a row per env as spec().action says, into setpoints.
   virtual void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) = 0;
-  // Score what has just been flown and sensed. Every entry of the block's envs has to be written.
+  // Score what has just been flown and sensed. Every entry of the block's envs has to be written, but for `truncated`.
   virtual void score(const TaskBlock& block, Score& score) = 0;
   // Write the block's rows of each field of spec().observation, in their order.
   virtual void observe(const TaskBlock& block, std::span<Buffer> observation) = 0;

@@ -12,19 +12,12 @@
 namespace flockstep {
 namespace {
 
-// Whether a value that is not finite is one that the field declares.
-bool is_declared(const Field& field, std::size_t i, double value) {
-  if (std::isnan(value)) return false;
-  const std::vector<double>& bounds = value > 0.0 ? field.high : field.low;
-  return bounds[bounds.size() == 1 ? 0 : i] == value;
-}
-
 // Returns whether something was bad.
 template <class T>
 bool mend(const Field& field, std::span<T> row) {
   bool bad = false;
   for (std::size_t i = 0; i < row.size(); ++i) {
-    if (std::isfinite(row[i]) || is_declared(field, i, static_cast<double>(row[i]))) continue;
+    if (!is_bad(field, i, static_cast<double>(row[i]))) continue;
     row[i] = T{0};
     bad = true;
   }
@@ -56,6 +49,13 @@ void check_setpoints(Simulation& sim, Block& block) {
       mark_bad(sim, env);
     }
   }
+}
+
+bool is_bad(const Field& field, std::size_t column, double value) {
+  if (std::isfinite(value)) return false;
+  if (std::isnan(value)) return true;
+  const std::vector<double>& bounds = value > 0.0 ? field.high : field.low;
+  return bounds[bounds.size() == 1 ? 0 : column] != value;
 }
 
 double drop_bad_terms(Simulation& sim, std::size_t env) {

@@ -22,6 +22,9 @@ void mark_bad(Simulation& sim, std::size_t env);
 // Setpoints of the envs that fly. A drone whose setpoint is no pose in the world stays where it is.
 void check_setpoints(Simulation& sim, Block& block);
 
+// Whether a number of an observation is none: neither finite nor an infinity that the bounds of its field contain.
+bool is_bad(const Field& field, std::size_t column, double value);
+
 // What an env has earned in a flown step. Sums of many numbers up to 1e30 are still finite, as float32, too.
 inline bool is_reward(double term) { return std::abs(term) <= 1e30; }  // false for NaN, too
 double drop_bad_terms(Simulation& sim, std::size_t env);               // they become 0; returns the sum of the others

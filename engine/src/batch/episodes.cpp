@@ -65,7 +65,9 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   if (sim.config.clock.substeps > 1) run.step_start.resize(sim.num_drones());
   run.score.num_terms = spec.reward_terms.size();
   run.score.terms.resize(n * run.score.num_terms);
+  sim.episodes.episode_terms.resize(n * run.score.num_terms);
   run.score.terminated.resize(n);
+  run.score.truncated.resize(n);
   run.score.success.resize(n);
   if (sim.config.episode.frame_skip > 1) run.earned.resize(n * run.score.num_terms);
   run.max_episode_steps = sim.config.episode.max_episode_steps.value_or(run.task->defaults().max_episode_steps);
@@ -109,6 +111,8 @@ void start_counts(Simulation& sim, std::size_t env) {
   EpisodeState& episodes = sim.episodes;
   episodes.steps[env] = 0;
   episodes.episode_return[env] = 0.0;
+  const std::size_t terms = sim.run->score.num_terms;
+  std::fill_n(episodes.episode_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, 0.0);
   episodes.begun[env] = 1;
   episodes.done[env] = 0;
   episodes.action_changed[env] = 0;
@@ -160,6 +164,9 @@ void settle(Simulation& sim, Block& block) {
       total += terms[k];
     }
     if (!good) total = drop_bad_terms(sim, env);
+    double* const sums = episodes.episode_terms.data() + env * num_terms;
+    double* const shown_sums = out.episode_terms.data() + env * num_terms;
+    for (std::size_t k = 0; k < num_terms; ++k) shown_sums[k] = sums[k] += terms[k];
     double step_total = total;  // of those flown so far
     if (skips) {
       double* const earned = run.earned.data() + env * num_terms;
@@ -174,7 +181,7 @@ void settle(Simulation& sim, Block& block) {
     const std::int64_t limit = episodes.time_limit[env];
     const bool bad = episodes.bad[env] != 0;
     const bool terminated = bad || run.score.terminated[env] != 0;
-    const bool truncated = !terminated && limit > 0 && steps >= limit;
+    const bool truncated = !terminated && (run.score.truncated[env] != 0 || (limit > 0 && steps >= limit));
     const bool ends = terminated || truncated;
     out.reward[env] = static_cast<float>(step_total);
     out.episode_return[env] = episode_return;

@@ -8,8 +8,10 @@ namespace {
 
 void clear_row(Outputs& outputs, std::size_t env) {
   const std::size_t terms = outputs.reward_terms.size() / outputs.reward.size();
+  const auto first_term = static_cast<std::ptrdiff_t>(env * terms);
   outputs.reward[env] = 0.0F;
-  std::fill_n(outputs.reward_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, 0.0F);
+  std::fill_n(outputs.reward_terms.begin() + first_term, terms, 0.0F);
+  std::fill_n(outputs.episode_terms.begin() + first_term, terms, 0.0);
   outputs.terminated[env] = outputs.truncated[env] = outputs.success[env] = outputs.crashed[env] = outputs.bad_state[env] = 0;
   outputs.episode_return[env] = 0.0;
   outputs.episode_length[env] = 0;
@@ -46,7 +48,9 @@ void OutputSlots::allocate(const TaskSpec& spec, std::size_t num_envs) {
     }
     for_each_field(slot, [&](const auto& field, auto& array) {
       if constexpr (!std::is_same_v<std::remove_cvref_t<decltype(array)>, std::vector<Buffer>>) {
-        array.resize(num_envs * (static_cast<const void*>(&array) == &slot.reward_terms ? spec.reward_terms.size() : 1));
+        const void* const its = &array;
+        const bool is_of_terms = its == &slot.reward_terms || its == &slot.episode_terms;
+        array.resize(num_envs * (is_of_terms ? spec.reward_terms.size() : 1));
       }
       static_cast<void>(field);
     });
@@ -77,6 +81,9 @@ void OutputSlots::carry_over(std::size_t env) {
   to.crashed[env] = from.crashed[env];
   to.bad_state[env] = from.bad_state[env];
   to.episode_return[env] = from.episode_return[env];
+  const std::size_t terms = to.episode_terms.size() / to.reward.size();
+  std::copy_n(from.episode_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms,
+              to.episode_terms.begin() + static_cast<std::ptrdiff_t>(env * terms));
   to.episode_length[env] = from.episode_length[env];
 }
 

@@ -17,7 +17,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 2;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 3;                     // of everything below; one more with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -134,9 +134,9 @@ void put(Simulation& sim, std::string_view body) {
   if (sim.run) sim.run->task->restored();
 }
 
-template <class T, class Holds>
-void require_all(const std::vector<T>& values, const char* name, const char* expected, const Holds& holds) {
-  for (const T& value : values) {
+template <class Values, class Holds>
+void require_all(const Values& values, const char* name, const char* expected, const Holds& holds) {
+  for (const auto& value : values) {
     if (!holds(value)) refuse(std::string("snapshot: ") + name, expected, +value);
   }
 }
@@ -146,7 +146,7 @@ void require_meaning(const Simulation& sim) {
   const auto flags = [](const FlagArray& values, const char* name) {
     require_all(values, name, "0 or 1", [](std::uint8_t value) { return value <= 1; });
   };
-  const auto counts = [](const std::vector<std::int64_t>& values, const char* name, std::int64_t least = 0) {
+  const auto counts = [](const auto& values, const char* name, std::int64_t least = 0) {
     constexpr std::int64_t kMost = std::int64_t{1} << 62;  // so that counting on cannot overflow
     require_all(values, name, least == 0 ? "a number in [0, 2^62]" : "a number in [-1, 2^62]",
                 [least](std::int64_t value) { return value >= least && value <= kMost; });
@@ -176,6 +176,7 @@ void require_meaning(const Simulation& sim) {
   counts(sim.episodes.steps, "steps");
   counts(sim.episodes.time_limit, "time_limit");
   finite(sim.episodes.episode_return, "episode_return");
+  finite(sim.episodes.episode_terms, "episode_terms");
   flags(sim.episodes.begun, "begun");
   flags(sim.episodes.done, "done");
   flags(sim.episodes.flying, "flying");

@@ -46,7 +46,10 @@ void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scrat
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
-  for (const std::uint32_t env : block.flying) ++sim.episodes.steps[env];
+  for (const std::uint32_t env : block.flying) {
+    ++sim.episodes.steps[env];
+    sim.run->score.truncated[env] = 0;
+  }
 }
 
 // One flown step of the drones that fly: in each substep they move, hit what is in the way, and the sensors that are due then

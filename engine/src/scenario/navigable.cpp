@@ -19,8 +19,16 @@ std::string text(const Vec3& p) {
   return out.str();
 }
 
+// Where a drone may be: a room holds it; without one the sky is open.
+Aabb flown_space(const World& world) {
+  Aabb box = world.bounds();
+  const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
+  if (!has_room) box.max.z() = static_cast<float>(kMaxCoordinate);
+  return box;
+}
+
 void require_inside(const World& world, const std::string& marker, const Vec3& point) {
-  const Aabb& box = world.bounds();
+  const Aabb box = flown_space(world);
   if ((point.array() >= box.min.array()).all() && (point.array() <= box.max.array()).all()) return;
   refuse(field(world, marker), "a point within the world, " + text(box.min) + " to " + text(box.max), text(point));
 }

@@ -30,10 +30,11 @@ double thickness(std::span<const Vec3> points) {
         const Eigen::Vector3d normal = ij.cross(ik);
         if (normal.norm() <= 1e-9 * std::max(ij.squaredNorm(), ik.squaredNorm())) continue;  // on a line
         spans_a_plane = true;
+        const Eigen::Vector3d unit = normal.normalized();
         double low = 0.0;
         double high = 0.0;
         for (const Vec3& point : points) {
-          const double height = normal.normalized().dot(point.cast<double>() - origin);
+          const double height = unit.dot(point.cast<double>() - origin);
           low = std::min(low, height);
           high = std::max(high, height);
         }

@@ -1,9 +1,13 @@
-"""What a policy sees of an observation: features extractors for the built-in observations."""
+"""What a policy sees of an observation: features extractors for the built-in observations, and for any with images."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.preprocessing import get_flattened_obs_dim, is_image_space
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
@@ -16,6 +20,8 @@ OFFSET_GAIN = 3.0
 WIDTH_GAIN = 5.0  # of the blob: its area's root is a hundredth or two across the playground, a half at the goal
 
 COLOR_GAIN = 4.0
+
+SMALLEST_IMAGE_PX = 8
 
 
 def nearness(ranges: torch.Tensor) -> torch.Tensor:
@@ -78,3 +84,96 @@ class PixelFeatures(BaseFeaturesExtractor):
         opponents = torch.cat([green - 0.5, COLOR_GAIN * (green - red), COLOR_GAIN * (green - blue)], dim=1)
         seen = self.hidden(self.image(opponents))
         return torch.cat([seen, nearness(observations["ranges"])], dim=1)
+
+
+def is_image(space: spaces.Space[Any]) -> bool:
+    """Return whether `ImageFeatures` takes a space as an image: a Box (H, W), (channels, H, W) or (H, W, channels).
+
+    Height and width are at least 8 pixels, and there are fewer channels than either.
+    """
+    if not isinstance(space, spaces.Box) or len(space.shape) not in (2, 3):
+        return False
+    *channels, short, _ = sorted(space.shape)
+    return short >= SMALLEST_IMAGE_PX and all(count in (space.shape[0], space.shape[-1]) for count in channels)
+
+
+class ImageFeatures(BaseFeaturesExtractor):
+    """A small convolutional network over each image of an observation, and the rest of the observation as it is.
+
+    For colours, depth, masks. Each network has a layer of 4 x 4 with stride 4, one of 3 x 3 with stride 2 and twice the
+    channels, and a hidden layer. It sees values in [0, 1]: Stable-Baselines3 divides colours of uint8 by 255, and all
+    other images are scaled here, by the bounds of their space.
+
+    Parameters
+    ----------
+    observation_space
+        A Box, or a Dict of Boxes; at least one is an image, of 8 x 8 pixels or more: (H, W), (channels, H, W) or
+        (H, W, channels), with finite bounds.
+    channels
+        Of the first layer.
+    hidden
+        Features of each image.
+
+    Raises
+    ------
+    ValueError
+        There is no image, or one without finite bounds.
+    """
+
+    def __init__(self, observation_space: spaces.Box | spaces.Dict, channels: int = 8, hidden: int = 64) -> None:
+        parts = _parts(observation_space)
+        images = [name for name, part in parts.items() if is_image(part)]
+        if not images:
+            raise ValueError(f"ImageFeatures: expected an image of at least 8 x 8 pixels, got {observation_space}")
+        sizes = [hidden if name in images else get_flattened_obs_dim(part) for name, part in parts.items()]
+        super().__init__(observation_space, features_dim=sum(sizes))
+        self.names = list(parts)
+        self.nets = nn.ModuleList(
+            _image_net(name, part, channels, hidden) if name in images else nn.Flatten() for name, part in parts.items()
+        )
+
+    def forward(self, observations: torch.Tensor | dict[str, torch.Tensor]) -> torch.Tensor:
+        """Turn observations (N, ...), or a dict of these, into features (N, features_dim), in the order of the Dict."""
+        seen = observations if isinstance(observations, dict) else {_ONLY: observations}
+        return torch.cat([net(seen[name]) for name, net in zip(self.names, self.nets, strict=True)], dim=1)
+
+
+_ONLY = "observation"
+
+
+def _parts(space: spaces.Box | spaces.Dict) -> dict[str, spaces.Space[Any]]:
+    return dict(space.spaces) if isinstance(space, spaces.Dict) else {_ONLY: space}
+
+
+def _image_net(name: str, space: spaces.Space[Any], channels: int, hidden: int) -> nn.Sequential:
+    assert isinstance(space, spaces.Box)
+    planes = _Planes(name, space)
+    convolutions = nn.Sequential(
+        planes,
+        nn.Conv2d(planes.count, channels, 4, stride=4),
+        nn.ReLU(),
+        nn.Conv2d(channels, 2 * channels, 3, stride=2, padding=1),
+        nn.ReLU(),
+        nn.Flatten(),
+    )
+    with torch.no_grad():
+        size = convolutions(torch.zeros(1, *space.shape)).shape[1]
+    return nn.Sequential(convolutions, nn.Linear(size, hidden), nn.ReLU())
+
+
+class _Planes(nn.Module):
+    """Images as (N, channels, H, W) in [0, 1]."""
+
+    def __init__(self, name: str, space: spaces.Box) -> None:
+        super().__init__()
+        low, high = float(space.low.min()), float(space.high.max())
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise ValueError(f"ImageFeatures: {name}: expected an image of finite bounds, got [{low:g}, {high:g}]")
+        self.low, self.high = (0.0, 1.0) if is_image_space(space) else (low, high)  # the former are scaled already
+        self.flat = len(space.shape) == 2
+        self.channels_last = not self.flat and space.shape[-1] == min(space.shape)
+        self.count = 1 if self.flat else min(space.shape)
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        planes = images.unsqueeze(1) if self.flat else images.permute(0, 3, 1, 2) if self.channels_last else images
+        return (planes - self.low) / (self.high - self.low)

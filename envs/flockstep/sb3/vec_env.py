@@ -58,7 +58,9 @@ class DroneVecEnv(VecEnv):
     on are one and the same empty dict; do not write into it.
 
     Infos at the end of an episode: ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, and as `Monitor`
-    gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made.
+    gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made. Then ``crashed``,
+    ``bad_state``, ``episode_terms``, the sum of each of the reward's terms by its name, and what a `Task` names in its
+    ``info_names``; `LogTerms` writes means of these to the log.
     """
 
     def __init__(self, env: DroneVectorEnv) -> None:
@@ -101,22 +103,17 @@ class DroneVecEnv(VecEnv):
     def _add_ends(
         self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
     ) -> None:
-        batch = self._batch
         seconds = round(time.perf_counter() - self._created, 6)
-        for index, final, cut, success, total, length in zip(
-            ended.tolist(),
-            self.env.final_observations(ended),
-            truncated[ended].tolist(),
-            batch.success[ended].tolist(),
-            batch.episode_return[ended].tolist(),
-            batch.episode_length[ended].tolist(),
-            strict=True,
-        ):
+        report = {name: _rows(value, ended) for name, value in self.env.episode_infos().items()}
+        total, length, success = (report.pop(name) for name in ("episode_return", "episode_length", "success"))
+        final = self.env.final_observations(ended)
+        for k, index in enumerate(ended.tolist()):
             infos[index] = {
-                "terminal_observation": final,
-                "TimeLimit.truncated": cut,
-                "is_success": success,
-                "episode": {"r": total, "l": length, "t": seconds},
+                "terminal_observation": final[k],
+                "TimeLimit.truncated": bool(truncated[index]),
+                "is_success": success[k],
+                "episode": {"r": total[k], "l": length[k], "t": seconds},
+                **{name: _nth(value, k) for name, value in report.items()},
             }
 
     def close(self) -> None:
@@ -150,3 +147,14 @@ class DroneVecEnv(VecEnv):
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
         """Return a picture of each env, (height, width, 3) uint8."""
         return self.env.render() or [None] * self.num_envs
+
+
+def _rows(value: Any, ended: npt.NDArray[np.intp]) -> Any:
+    """Return the rows of an info, or of a dict of them, as lists."""
+    if isinstance(value, dict):
+        return {name: _rows(part, ended) for name, part in value.items()}
+    return value[ended].tolist()
+
+
+def _nth(value: Any, k: int) -> Any:
+    return {name: part[k] for name, part in value.items()} if isinstance(value, dict) else value[k]

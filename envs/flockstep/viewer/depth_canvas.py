@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import copy
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,6 +17,7 @@ Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 Ints: TypeAlias = npt.NDArray[np.intp]
 Color: TypeAlias = tuple[int, int, int]
 
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 _BIAS_M = 0.01  # what lies on a surface is seen
 _BIAS = 1e-3  # the same, of its distance
 
@@ -30,15 +33,24 @@ class DepthCanvas:
         Which took them. Its mounting on a drone does not count here.
     position, quat_wxyz
         (3,) m and (4,) of the camera itself, in the world frame.
+    light
+        That of the world, as `World.light` has it, for what is shaded.
     """
 
     def __init__(
-        self, rgb: Image, depth: npt.NDArray[np.float32], camera: CameraConfig, position: Floats, quat_wxyz: Floats
+        self,
+        rgb: Image,
+        depth: npt.NDArray[np.float32],
+        camera: CameraConfig,
+        position: Floats,
+        quat_wxyz: Floats,
+        light: Mapping[str, Any],
     ) -> None:
         self.rgb = rgb
         self.depth = depth
         self._position = np.asarray(position, float)
         self._quat_wxyz = np.asarray(quat_wxyz, float)
+        self._light = {name: np.asarray(value, float) for name, value in light.items()}
         self._near = camera.near_m
         self._focal = np.array([camera.fx, camera.fy])
         self._center = np.array([camera.cx, camera.cy])
@@ -53,6 +65,12 @@ class DepthCanvas:
                 [(height - camera.cy) / camera.fy, 0, 1],
             ]
         )
+
+    def copy(self) -> DepthCanvas:
+        """Return another one of the same pixels so far."""
+        other = copy(self)
+        other.rgb, other.depth = self.rgb.copy(), self.depth.copy()
+        return other
 
     def project(self, points: Floats) -> Floats:
         """Return (K, 3) of points (K, 3) in front: pixels from the left border, from the upper border, depth in m."""
@@ -118,6 +136,45 @@ class DepthCanvas:
         seen = (enter < leave) & (enter >= self._near) & (enter.astype(np.float32) < self.depth[window])
         self.rgb[window][seen] = colors[face[seen]]
         self.depth[window][seen] = enter[seen]
+
+    def sphere(self, center: Floats, radius_m: float, color: Color) -> None:
+        """Draw a sphere, shaded. Whoever is inside does not see it."""
+        local = self._to_camera(np.atleast_2d(center))[0]
+        if local[0] + radius_m < self._near:
+            return
+        height, width = self.depth.shape
+        low, high = np.zeros(2), np.array([width, height], float)
+        if local[0] - radius_m >= self._near:  # it is within the cube around it
+            pixels = self._project(local + radius_m * _CORNERS)[:, :2]
+            low, high = np.maximum(low, pixels.min(axis=0)), np.minimum(high, pixels.max(axis=0))
+        left, top = np.floor(low).astype(int)
+        right, bottom = np.ceil(high).astype(int)
+        if left >= right or top >= bottom:
+            return
+        # On the ray of a pixel is depth * (1, y, z): at the radius from the center where a quadratic equation says.
+        y, z = np.meshgrid(
+            (self._center[0] - np.arange(left, right) - 0.5) / self._focal[0],
+            (self._center[1] - np.arange(top, bottom) - 0.5) / self._focal[1],
+        )
+        rays = np.stack([np.ones_like(y), y, z], axis=-1)
+        a, b = (rays * rays).sum(axis=-1), rays @ local
+        discriminant = b * b - a * (local @ local - radius_m * radius_m)
+        enter = (b - np.sqrt(np.maximum(discriminant, 0))) / a
+        window = np.s_[top:bottom, left:right]
+        seen = (discriminant > 0) & (enter >= self._near) & (enter.astype(np.float32) < self.depth[window])
+        normals = rotate(self._quat_wxyz, (enter[seen, None] * rays[seen] - local) / radius_m)
+        linear = (np.array(color) / 255) ** float(self._light["gamma"])
+        self.rgb[window][seen] = self.shaded(normals, linear)
+        self.depth[window][seen] = enter[seen]
+
+    def shaded(self, normals: Floats, base_color: Floats) -> Image:
+        """Return the colours (F, 3) of faces of one base colour (3,), linear RGB, lit as cameras see the world."""
+        light = self._light
+        sun = np.maximum(normals @ light["sun_direction"], 0)[:, None] * light["sun_color"]
+        up = (1 + normals[:, 2:]) / 2
+        ambient = light["ground_ambient"] + up * (light["sky_ambient"] - light["ground_ambient"])
+        values: Floats = 255 * np.minimum(base_color * (sun + ambient), 1) ** (1 / light["gamma"])
+        return np.rint(values).astype(np.uint8)
 
     def _to_camera(self, points: Floats) -> Floats:
         return rotate(self._quat_wxyz, np.asarray(points, float) - self._position, inverse=True)

@@ -11,6 +11,8 @@ from flockstep._core import Batch, CameraConfig, World
 
 Array: TypeAlias = npt.NDArray[Any]
 
+FARTHEST_M = 1e6  # as far as a camera may see
+
 
 def render(
     world: World,
@@ -31,7 +33,7 @@ def render(
     look_at
         (3,) m, instead of ``quat_wxyz``: a point to face, with the horizon level.
     camera
-        Default: 640 x 480 pixels over 90 degrees, ``rgb``.
+        Default: 640 x 480 pixels over 90 degrees, ``rgb``, as far as there is a world.
 
     Returns
     -------
@@ -46,7 +48,7 @@ def render(
         if quat_wxyz is not None:
             raise ValueError("look_at: expected None beside quat_wxyz, got both")
         quat_wxyz = facing(position, look_at)
-    config = CameraConfig() if camera is None else camera
+    config = CameraConfig(far_m=FARTHEST_M) if camera is None else camera
     batch = Batch([world], cameras=[config])
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()

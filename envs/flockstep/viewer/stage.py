@@ -1,7 +1,8 @@
-"""The world as seen from behind and above a drone, where obstacles before the drone dissolve."""
+"""The world behind a drone: from behind and above it, where obstacles before the drone dissolve, or from anywhere."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from flockstep._core import CameraConfig, World
 from flockstep.task import rotate
 from flockstep.viewer.depth_canvas import DepthCanvas, Floats, Image, Ints
-from flockstep.viewer.picture import facing, render
+from flockstep.viewer.picture import FARTHEST_M, facing, render
 
 # In lengths of the drone:
 _BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,
@@ -20,7 +21,8 @@ _FREE = 0.3  # so far from a wall,
 _AHEAD = 0.5  # and looks at what is before the drone
 
 _HFOV_DEG = 75.0
-_NEAR_M, _FAR_M = 0.05, 1000.0
+_NEAR_M = 0.05
+_NUMBERED = 1 << 15  # in a world of more primitives nothing dissolves: cameras may have no numbers for them
 _DISSOLVED = 0.3  # opacity of an obstacle nearer than the drone,
 _FADE = 0.5  # and how much nearer, in lengths of the drone, until it has faded to that
 
@@ -54,28 +56,41 @@ class Stage:
     """
 
     def __init__(self, world: World, length: float, size_px: tuple[int, int]) -> None:
-        self._world = world
+        self.world = world
         self._length = length
         self._size_px = size_px
         primitives = world.primitives
         self._solid = np.array([primitive["kind"] != "room" for primitive in primitives], bool)
         # By instance. Meshes stay: the floor may be one.
         self._dissolves = np.zeros(1 << 16, bool)
-        self._dissolves[1 : 1 + len(primitives)] = self._solid
+        self._outputs = ["rgb", "depth"]
+        if len(primitives) <= _NUMBERED:
+            self._dissolves[1 : 1 + len(primitives)] = self._solid
+            self._outputs += ["instance"]
         self._emptied = _emptied(world)
 
-    def set(self, position: Floats, quat_wxyz: Floats) -> tuple[DepthCanvas, Obstacles]:
-        """Return a canvas for a drone at a pose to be drawn on, without the obstacles, which are to be drawn last."""
-        viewer, turn = _viewpoint(self._world, self._solid, position, quat_wxyz, self._length)
-        picture = self._take(self._world, viewer, turn, "rgb", "depth", "instance")
+    def seen_from(self, viewer: Floats, target: Floats) -> DepthCanvas:
+        """Return a canvas of the world as it is seen from a place (3,) m that looks at another."""
+        turn = facing(viewer, target).astype(float)
+        picture = self._take(self.world, viewer, turn, "rgb", "depth")
+        return DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
+
+    def set(self, position: Floats, quat_wxyz: Floats, anchor: Floats | None = None) -> tuple[DepthCanvas, Obstacles]:
+        """Return a canvas for a drone at a pose to be drawn on, without the obstacles, which are to be drawn last.
+
+        The viewer keeps its distance from the anchor (3,) m near the drone; by default from the drone itself.
+        """
+        anchor = position if anchor is None else anchor
+        viewer, turn = _viewpoint(self.world, self._solid, position, quat_wxyz, self._length, anchor)
+        picture = self._take(self.world, viewer, turn, *self._outputs)
         rgb, depth = picture["rgb"].reshape(-1, 3), picture["depth"].reshape(-1)
-        canvas = DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn)
+        canvas = DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
 
         cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
         at = np.flatnonzero(depth < cut)
-        at = at[self._dissolves[picture["instance"].reshape(-1)[at]]]
+        at = at[self._dissolves[picture["instance"].reshape(-1)[at]]] if "instance" in picture else at[:0]
         if len(at):  # what is behind: all that is farther than the drone, and walls and markers that are nearer
-            behind = self._take(self._world, viewer, turn, "rgb", "depth", near_m=cut)
+            behind = self._take(self.world, viewer, turn, "rgb", "depth", near_m=cut)
             behind_rgb, behind_depth = behind["rgb"].reshape(-1, 3)[at], behind["depth"].reshape(-1)[at]
             if self._emptied is not None:
                 walls = self._take(self._emptied, viewer, turn, "rgb", "depth")
@@ -97,7 +112,7 @@ class Stage:
             height_px=height,
             hfov_deg=_HFOV_DEG,
             near_m=near_m,
-            far_m=_FAR_M,
+            far_m=FARTHEST_M,
             outputs=outputs,
             shadows=True,
         )
@@ -106,6 +121,17 @@ class Stage:
         self, world: World, viewer: Floats, turn: Floats, *outputs: str, near_m: float = _NEAR_M
     ) -> dict[str, npt.NDArray[Any]]:
         return render(world, viewer, turn, camera=self._camera(near_m, outputs))
+
+
+def with_markers(world: World, markers: Sequence[str]) -> World:
+    """Return a world with these of its markers alone; the same object where there are no others."""
+    found = {"start": world.start is not None, "waypoints": len(world.waypoints) > 0, "goal": world.goal is not None}
+    dropped = [name for name in found if found[name] and name not in markers]
+    if not dropped:
+        return world
+    scene = world.to_dict()
+    scene["markers"] = {name: value for name, value in scene["markers"].items() if name not in dropped}
+    return World.from_dict(scene)
 
 
 def _emptied(world: World) -> World | None:
@@ -136,17 +162,22 @@ def _emptied(world: World) -> World | None:
 
 
 def _viewpoint(
-    world: World, solid: npt.NDArray[np.bool_], position: Floats, quat_wxyz: Floats, length: float
+    world: World,
+    solid: npt.NDArray[np.bool_],
+    position: Floats,
+    quat_wxyz: Floats,
+    length: float,
+    anchor: Floats,
 ) -> tuple[Floats, Floats]:
     """Return from where to look at a drone, and how turned."""
     forward = rotate(quat_wxyz, np.array([1.0, 0.0, 0.0]))
     heading = np.arctan2(forward[1], forward[0])  # level, whatever the drone's tilt
     level = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
     # Up to the ceiling, then back to the wall: near a wall the view comes from above.
-    viewer = _pushed(world, solid, position, length * _UP, length * _FREE)
+    viewer = _pushed(world, solid, anchor, length * _UP, length * _FREE)
     viewer = _pushed(world, solid, viewer, length * rotate(level, _BACK), length * _FREE)
     viewer = _pushed(world, solid, position, viewer - position, 0.0)
-    ahead = position + length * rotate(level, np.array([_AHEAD, 0.0, 0.0]))
+    ahead = anchor + length * rotate(level, np.array([_AHEAD, 0.0, 0.0]))
     return viewer, facing(viewer, ahead).astype(float)
 
 

@@ -1,4 +1,4 @@
-"""Pictures from behind and above a drone: the world, the drone, its LiDAR beams, its cameras' views, its trail."""
+"""Pictures of a drone from behind and above it, or from a fixed place: with beams, its cameras' views, its trail."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, CameraConfig, World
-from flockstep.task import rotate
+from flockstep._core import Batch, CameraConfig
+from flockstep.task import MARKERS, Task, rotate
 from flockstep.viewer.beams import beams_of
 from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats, Image
-from flockstep.viewer.stage import Stage
+from flockstep.viewer.drawing import Drawing, line_px
+from flockstep.viewer.stage import Obstacles, Stage, with_markers
 from flockstep.viewer.trail import Trail
 
 _DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
@@ -26,11 +27,11 @@ _FRUSTUM: Color = (130, 40, 170)
 _FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
 _MAX_BEAMS = 256  # more would hide the world
 _FINER = 2  # drawn so many times larger, then averaged: smooth edges
-_THIN_PX = 640  # lines are a pixel wide in pictures of this width, and wider in wider ones
+_FOLLOWED, _LAG = 12, 0.5  # the viewer follows the mean of so many steps, so many lengths behind at most
 
 
 class ThirdPersonView:
-    """Draws the envs of a batch, each from behind and above its drone, within the same room.
+    """Draws the envs of a batch, each from behind and above its drone, within the same room, or from a fixed place.
 
     Parameters
     ----------
@@ -39,13 +40,19 @@ class ThirdPersonView:
     cameras
         Names of cameras of the batch whose views are drawn.
     trail
-        Where the drones have been. None draws no trails.
+        Where the drones have been. None draws no trails. With a trail the viewer follows a drone smoothly.
     beams
         Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
     others
         Whether the other drones of the same world are drawn, too, paler. They neither see nor touch each other.
-    width_px, height_px
-        Of the picture.
+    size_px
+        Width and height of the picture. None: 640 x 480.
+    place
+        Two points (3,) m, world frame: from where to look, and at what. None: from behind and above the drone.
+    markers
+        Which of the world's markers are drawn.
+    task
+        Its `draw` adds to the pictures. None: nothing does.
     """
 
     def __init__(
@@ -56,8 +63,10 @@ class ThirdPersonView:
         *,
         beams: bool = True,
         others: bool = False,
-        width_px: int = 640,
-        height_px: int = 480,
+        size_px: tuple[int, int] | None = None,
+        place: tuple[Floats, Floats] | None = None,
+        markers: Sequence[str] = MARKERS,
+        task: Task | None = None,
     ) -> None:
         self._batch = batch
         self._cameras = [batch.camera(name) for name in cameras]
@@ -68,43 +77,64 @@ class ThirdPersonView:
         self._normals, self._offsets = _faces(self._corners)
         self._edges = _edges(self._corners, self._normals, self._offsets)
         self._length = float(np.ptp(self._corners, axis=0).max())
-        self._size_px = (width_px * _FINER, height_px * _FINER)
-        self._line_px = _FINER * max(round(width_px / _THIN_PX), 1)
+        width, height = size_px or (640, 480)
+        self._size_px = (width * _FINER, height * _FINER)
+        self._line_px = _FINER * line_px(width)
+        self._place = place
+        self._markers = tuple(markers)
+        self._task = task
         self._stages: dict[int, Stage] = {}
+        self._still: dict[int, DepthCanvas] = {}  # of worlds, from a fixed place
 
     def frame(self, env: int) -> Image:
-        """Return the picture of one env, (height_px, width_px, 3) uint8, a new array."""
+        """Return the picture of one env, (height, width, 3) uint8, a new array."""
         index = int(self._batch.world_index[env])
-        world = self._batch.worlds[index]
         if index not in self._stages:
+            world = with_markers(self._batch.worlds[index], self._markers)
             self._stages[index] = Stage(world, self._length, self._size_px)
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
-        canvas, obstacles = self._stages[index].set(position, quat_wxyz)
+        canvas, obstacles = self._canvas(index, env, position, quat_wxyz)
         if self._batch.active[env]:
-            self._draw_drone(canvas, world, position, quat_wxyz, _DRONE)
+            self._draw_drone(canvas, position, quat_wxyz, _DRONE)
             self._draw_trail(canvas, env)
             self._draw_cameras(canvas, env, position, quat_wxyz)
             self._draw_beams(canvas, env)
+            if self._task is not None:
+                self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
         if self._others:
             for other in np.flatnonzero(self._batch.active & (self._batch.world_index == index)):
                 if other != env:
                     pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
-                    self._draw_drone(canvas, world, *pose, _OTHER)
-        obstacles.draw(canvas)
+                    self._draw_drone(canvas, *pose, _OTHER)
+        if obstacles is not None:
+            obstacles.draw(canvas)
         return _averaged(canvas.rgb)
 
+    def _canvas(
+        self, index: int, env: int, position: Floats, quat_wxyz: Floats
+    ) -> tuple[DepthCanvas, Obstacles | None]:
+        """Return the world to draw into, and what is to be drawn last."""
+        stage = self._stages[index]
+        if self._place is None:
+            return stage.set(position, quat_wxyz, self._anchor(env, position))
+        if index not in self._still:
+            self._still[index] = stage.seen_from(*self._place)
+        return self._still[index].copy(), None
+
+    def _anchor(self, env: int, position: Floats) -> Floats:
+        """Return what the viewer follows: where the drone was on the average, lately."""
+        if self._trail is None or len(path := self._trail.of(env)[-_FOLLOWED:]) == 0:
+            return position
+        lag: Floats = path.mean(axis=0, dtype=float) - position
+        return position + lag * min(1.0, _LAG * self._length / max(float(np.linalg.norm(lag)), 1e-9))
+
     def _draw_drone(
-        self,
-        canvas: DepthCanvas,
-        world: World,
-        position: Floats,
-        quat_wxyz: Floats,
-        color: tuple[float, float, float],
+        self, canvas: DepthCanvas, position: Floats, quat_wxyz: Floats, color: tuple[float, float, float]
     ) -> None:
         normals = rotate(quat_wxyz, self._normals)
         corners = position + rotate(quat_wxyz, self._corners)
-        canvas.solid(normals, self._offsets + normals @ position, corners, _shaded(world, normals, color))
+        canvas.solid(normals, self._offsets + normals @ position, corners, canvas.shaded(normals, np.array(color)))
         canvas.lines(corners[self._edges[:, 0]], corners[self._edges[:, 1]], _EDGE, width_px=self._line_px)
 
     def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
@@ -139,16 +169,6 @@ def frustum(camera: CameraConfig, length_m: float) -> Floats:
     top, bottom = camera.cy / camera.fy, (camera.cy - camera.height_px) / camera.fy
     local = np.array([[0, 0, 0], [1, left, top], [1, right, top], [1, right, bottom], [1, left, bottom]]) * length_m
     return np.asarray(camera.offset_m, float) + rotate(np.asarray(camera.quat_wxyz, float), local)
-
-
-def _shaded(world: World, normals: Floats, color: tuple[float, float, float]) -> Image:
-    """Return the colours (F, 3) of faces, lit as cameras see the world."""
-    light = {name: np.asarray(value, float) for name, value in world.light.items()}
-    sun = np.maximum(normals @ light["sun_direction"], 0)[:, None] * light["sun_color"]
-    up = (1 + normals[:, 2:]) / 2
-    ambient = light["ground_ambient"] + up * (light["sky_ambient"] - light["ground_ambient"])
-    values: Floats = 255 * np.minimum(color * (sun + ambient), 1) ** (1 / light["gamma"])
-    return np.rint(values).astype(np.uint8)
 
 
 def _averaged(fine: Image) -> Image:

@@ -1,23 +1,18 @@
-"""Pictures from above: the room, its obstacles and markers, a drone and its LiDAR beams. NumPy only."""
+"""Pictures from above: the world below a drone, its markers, the drone and its LiDAR beams."""
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from flockstep._core import Batch, World
-from flockstep.task import rotate
+from flockstep.task import MARKERS, Task, rotate
 from flockstep.viewer.beams import beams_of
+from flockstep.viewer.depth_canvas import Color, Floats, Image
+from flockstep.viewer.drawing import Drawing, line_px
+from flockstep.viewer.relief import Relief
 
-Image: TypeAlias = npt.NDArray[np.uint8]
-Points: TypeAlias = npt.NDArray[np.float64]
-Color: TypeAlias = tuple[int, int, int]
-
-_OUTSIDE: Color = (225, 225, 228)
-_FLOOR: Color = (255, 255, 255)
-_SOLID: Color = (120, 124, 132)
 _START: Color = (214, 60, 50)
 _WAYPOINT: Color = (238, 190, 40)
 _GOAL: Color = (52, 160, 80)
@@ -25,14 +20,15 @@ _BEAM: Color = (250, 160, 120)
 _HIT: Color = (200, 60, 30)
 _DRONE: Color = (35, 70, 160)
 
-_CIRCLE = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 24, endpoint=False)), np.sin(a)], axis=1)
-_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-_CYLINDER = np.concatenate([np.insert(_CIRCLE, 2, z, axis=1) for z in (-1.0, 1.0)])
+_CIRCLE = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 24, endpoint=False)), np.sin(a), 0 * a], axis=1)
 _MARGIN = 0.02  # of the picture's side, left free around the world
+_LEAST_PX = 7  # so long is a drone at least, and a marker so wide
 
 
 class TopView:
-    """Draws the envs of a batch from above, +x to the right and +y up, the whole world in a square picture.
+    """Draws the envs of a batch from above, +x to the right and +y up, the whole world in the picture.
+
+    Of the world, all that is higher than the drone is cut away; what is cut is dark, the rest lighter the lower it is.
 
     Parameters
     ----------
@@ -41,129 +37,159 @@ class TopView:
     beams
         Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
     size_px
-        Side of the picture.
+        Width and height of the picture. None: 256 x 256.
+    cut_m
+        The height of the cut. None: that of the drone.
+    markers
+        Which of the world's markers are drawn.
+    task
+        Its `draw` adds to the pictures. None: nothing does.
     """
 
-    def __init__(self, batch: Batch, *, beams: bool = True, size_px: int = 256) -> None:
+    def __init__(
+        self,
+        batch: Batch,
+        *,
+        beams: bool = True,
+        size_px: tuple[int, int] | None = None,
+        cut_m: float | None = None,
+        markers: Sequence[str] = MARKERS,
+        task: Task | None = None,
+    ) -> None:
         self._batch = batch
         self._beams = beams
+        self._cut_m = cut_m
+        self._markers = tuple(markers)
+        self._task = task
         self._hull = np.asarray(batch.drone.hull, float)
-        self._canvases = [_Canvas(world, size_px) for world in batch.worlds]
-        self._backgrounds: dict[int, Image] = {}
+        self._size_px = size_px or (256, 256)
+        self._line_px = line_px(self._size_px[0])
+        self._canvases: dict[int, _Canvas] = {}
 
     def frame(self, env: int) -> Image:
-        """Return the picture of one env, (size_px, size_px, 3) uint8, a new array."""
+        """Return the picture of one env, (height, width, 3) uint8, a new array."""
         index = int(self._batch.world_index[env])
+        if index not in self._canvases:
+            self._canvases[index] = _Canvas(self._batch.worlds[index], self._markers, self._size_px)
         canvas = self._canvases[index]
-        if index not in self._backgrounds:
-            self._backgrounds[index] = canvas.background(self._batch.worlds[index])
-        image: Image = self._backgrounds[index].copy()
-        if not self._batch.active[env]:
-            return image
         position = np.asarray(self._batch.position[env], float)
-        quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
-        if self._beams:
-            origin, ends, hit = beams_of(self._batch, env)
-            canvas.lines(image, origin, ends, _BEAM)
-            canvas.dots(image, ends[hit], _HIT)
-        canvas.polygon(image, position + rotate(quat_wxyz, self._hull), _DRONE)
-        return image
+        hull = rotate(np.asarray(self._batch.quat_wxyz[env], float), self._hull)
+        canvas.clear(float(position[2] + hull[:, 2].max()) if self._cut_m is None else self._cut_m)
+        if self._batch.active[env]:
+            if self._beams:
+                origin, ends, hit = beams_of(self._batch, env)
+                canvas.lines(origin[None], ends, _BEAM, width_px=self._line_px)
+                canvas.dots(ends[hit], _HIT, size_px=2 * self._line_px)
+            if self._task is not None:
+                self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
+            canvas.polygon(position + hull * canvas.enlarged(float(np.ptp(hull, axis=0)[:2].max())), _DRONE)
+        return canvas.image
 
 
 class _Canvas:
-    """Maps metres of a world to pixels of a square picture, and draws into it."""
+    """Maps metres of a world to pixels of a picture from above, and draws into it."""
 
-    def __init__(self, world: World, size_px: int) -> None:
-        low, high = np.asarray(world.bounds, float)[:, :2]
-        self._size_px = size_px
-        self._px_per_m = size_px * (1 - 2 * _MARGIN) / float(max(high - low))
+    def __init__(self, world: World, markers: Sequence[str], size_px: tuple[int, int]) -> None:
+        self._world = world
+        self._places = [
+            *((place, _START) for place in [world.start] if place is not None and "start" in markers),
+            *((place, _WAYPOINT) for place in world.waypoints if "waypoints" in markers),
+            *((place, _GOAL) for place in [world.goal] if place is not None and "goal" in markers),
+        ]
+        corners = np.concatenate(
+            [np.asarray(world.bounds, float), *(np.array(p, float)[None] for p, _ in self._places)]
+        )
+        low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+        size = np.array(size_px, float)
+        self._px_per_m = float((size * (1 - 2 * _MARGIN) / np.maximum(high - low, 1e-6)).min())
         self._center = (low + high) / 2
+        self._size_px = size_px
+        half = size / self._px_per_m / 2
+        self._relief = Relief(world, "top", self._center - half, self._center + half, size_px)
+        self._cut_m = np.nan  # of the relief that is kept
+        self._background: Image
+        self.image: Image
 
-    def background(self, world: World) -> Image:
-        """Return a new picture with all of the world that does not move."""
-        image = np.full((self._size_px, self._size_px, 3), _OUTSIDE, np.uint8)
-        solids = []
-        for primitive in world.primitives:
-            points = _primitive_points(primitive)
-            if primitive["kind"] == "room":
-                self.polygon(image, points, _FLOOR)
-            else:
-                solids.append(points)
-        for points in solids:
-            self.polygon(image, points, _SOLID)
-        for mesh in world.to_dict().get("meshes", []):
-            vertices = np.asarray(mesh["vertices"], float)
-            for triangle in np.asarray(mesh["triangles"], int):
-                self.polygon(image, vertices[triangle], _SOLID)
-        markers = [(world.start, _START), *((w, _WAYPOINT) for w in world.waypoints), (world.goal, _GOAL)]
-        for position, color in markers:
-            if position is not None:
-                self.polygon(image, _sphere_points(np.asarray(position, float), world.marker_radius_m), color)
-        return image
+    def clear(self, cut_m: float) -> None:
+        """Begin a new picture with all of the world that does not move, and nothing above a height."""
+        if cut_m != self._cut_m:
+            self._background, self._cut_m = self._relief.picture(cut_m), cut_m
+        self.image = self._background.copy()
+        for place, color in self._places:
+            radius = self._world.marker_radius_m
+            self.sphere(np.asarray(place, float), radius * self.enlarged(2 * radius), color)
 
-    def polygon(self, image: Image, points: Points, color: Color) -> None:
+    def enlarged(self, length_m: float) -> float:
+        """Return how many times larger than it is something has to be drawn, to be seen."""
+        return max(_LEAST_PX / (length_m * self._px_per_m), 1.0)
+
+    def polygon(self, points: Floats, color: Color) -> None:
         """Fill the outline that points (K, 3) have from above."""
         outline = _convex_hull(self._pixels(points))
-        first = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, self._size_px)
-        last = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 0, self._size_px)
-        x, y = np.meshgrid(np.arange(first[0], last[0]), np.arange(first[1], last[1]))
+        left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, self._size_px)
+        right, bottom = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 0, self._size_px)
+        x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
         inside = np.ones(x.shape, bool)
         for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
         if inside.any() and len(outline) > 2:
-            image[first[1] : last[1], first[0] : last[0]][inside] = color
+            self.image[top:bottom, left:right][inside] = color
         else:  # a line, or finer than a pixel
-            self.lines(image, points.mean(axis=0), points, color)
+            self.lines(points.mean(axis=0)[None], points, color)
 
-    def lines(self, image: Image, start: Points, ends: Points, color: Color) -> None:
-        """Draw lines from one point (3,) to points (K, 3)."""
+    def sphere(self, center: Floats, radius_m: float, color: Color) -> None:
+        """Draw a sphere, as a disc."""
+        self.polygon(center + radius_m * _CIRCLE, color)
+
+    def lines(self, starts: Floats, ends: Floats, color: Color, *, width_px: int = 1) -> None:
+        """Draw lines between points (K, 3) and (K, 3), or from one."""
         if not len(ends):
             return
-        begin, finish = self._pixels(start[None]), self._pixels(ends)
+        begin, finish = self._clipped(*np.broadcast_arrays(self._pixels(starts), self._pixels(ends)))
+        if not len(begin):
+            return
         count = int(np.abs(finish - begin).max()) + 2
         t = np.linspace(0, 1, count)[None, :, None]
-        self._plot(image, (begin[:, None] + t * (finish - begin)[:, None]).reshape(-1, 2), color)
+        self._plot((begin[:, None] + t * (finish - begin)[:, None]).reshape(-1, 2), color, width_px)
 
-    def dots(self, image: Image, points: Points, color: Color) -> None:
-        """Draw points (K, 3), two pixels wide."""
-        pixels = self._pixels(points)
-        for shift in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            self._plot(image, pixels + shift, color)
+    def dots(self, points: Floats, color: Color, *, size_px: int = 1) -> None:
+        """Draw points (K, 3) as squares."""
+        self._plot(self._pixels(points), color, size_px)
 
-    def _pixels(self, points: Points) -> Points:
+    def _pixels(self, points: Floats) -> Floats:
         x, y = ((points[:, :2] - self._center) * self._px_per_m).T
-        return np.stack([x, -y], axis=1) + (self._size_px - 1) / 2
+        return np.stack([x, -y], axis=1) + (np.array(self._size_px) - 1) / 2
 
-    def _plot(self, image: Image, pixels: Points, color: Color) -> None:
+    def _clipped(self, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
+        """Return what is in the picture of lines (K, 2) and (K, 2)."""
+        low, high = np.full(2, -1.0), np.array(self._size_px, float)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_low, to_high = (low - begin) / (end - begin), (high - begin) / (end - begin)
+        level = end == begin
+        within = (begin >= low) & (begin <= high)
+        first = np.where(level, np.where(within, 0, 2), np.minimum(to_low, to_high)).max(axis=1).clip(0)
+        last = np.where(level, np.where(within, 1, -1), np.maximum(to_low, to_high)).min(axis=1).clip(max=1)
+        seen = first <= last
+        along = (end - begin)[seen]
+        return begin[seen] + first[seen, None] * along, begin[seen] + last[seen, None] * along
+
+    def _plot(self, pixels: Floats, color: Color, size_px: int) -> None:
+        shifts = np.arange(size_px) - (size_px - 1) // 2
         column, row = np.rint(pixels).astype(int).T
-        seen = (column >= 0) & (column < self._size_px) & (row >= 0) & (row < self._size_px)
-        image[row[seen], column[seen]] = color
+        column = (column[:, None, None] + shifts).repeat(size_px, axis=1).ravel()
+        row = (row[:, None, None] + shifts[:, None]).repeat(size_px, axis=2).ravel()
+        seen = (column >= 0) & (column < self._size_px[0]) & (row >= 0) & (row < self._size_px[1])
+        self.image[row[seen], column[seen]] = color
 
 
-def _primitive_points(primitive: dict[str, Any]) -> Points:
-    center, half = np.asarray(primitive["center"], float), np.asarray(primitive["half_extents"], float)
-    if primitive["kind"] == "sphere":
-        return _sphere_points(center, float(half[0]))
-    turn = np.asarray(primitive["quat_wxyz"], float)
-    if primitive["kind"] == "capsule":
-        ends = center + rotate(turn, np.array([[0.0, 0.0, half[0] - half[2]], [0.0, 0.0, half[2] - half[0]]]))
-        return np.concatenate([_sphere_points(end, float(half[0])) for end in ends])
-    local = _CYLINDER if primitive["kind"] in ("cylinder", "disc") else _CORNERS
-    return center + rotate(turn, local * half)
-
-
-def _sphere_points(center: Points, radius: float) -> Points:
-    return center + np.insert(radius * _CIRCLE, 2, 0.0, axis=1)
-
-
-def _convex_hull(points: Points) -> Points:
+def _convex_hull(points: Floats) -> Floats:
     """Return the corners of the convex hull of points (K, 2), in order (monotone chain)."""
     ordered = np.unique(points, axis=0)
     if len(ordered) < 3:
         return ordered
 
-    def chain(sequence: Points) -> list[Points]:
-        kept: list[Points] = []
+    def chain(sequence: Floats) -> list[Floats]:
+        kept: list[Floats] = []
         for p in sequence:
             while len(kept) >= 2:
                 (ax, ay), (bx, by) = kept[-2], kept[-1]

@@ -11,12 +11,20 @@ INK = (250, 10, 10)
 # fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.
 CAMERA = flockstep.CameraConfig(width_px=40, height_px=30, hfov_deg=90, near_m=0.1)
 LEVEL = np.array([1.0, 0, 0, 0])
+# Every face shows its own colour, brighter by half where it faces up.
+LIGHT = {
+    "sun_direction": [0, 0, 1],
+    "sun_color": [0.5] * 3,
+    "sky_ambient": [1] * 3,
+    "ground_ambient": [1] * 3,
+    "gamma": 1,
+}
 
 
 def canvas(wall_m=np.inf, position=(0, 0, 0), quat_wxyz=LEVEL):
     rgb = np.zeros((30, 40, 3), np.uint8)
     depth = np.full((30, 40), wall_m, np.float32)
-    return DepthCanvas(rgb, depth, CAMERA, np.array(position, float), quat_wxyz)
+    return DepthCanvas(rgb, depth, CAMERA, np.array(position, float), quat_wxyz, LIGHT)
 
 
 def inked(drawn):
@@ -37,7 +45,7 @@ def test_project_agrees_with_the_camera(room):
     position, quat_wxyz = np.array([3.0, 5.5, 2.5]), np.array([0.98, 0.05, 0.1, -0.16])
     quat_wxyz /= np.linalg.norm(quat_wxyz)
     picture = flockstep.render(room, position, quat_wxyz, camera=camera)
-    drawn = DepthCanvas(picture["rgb"], picture["depth"], camera, position, quat_wxyz)
+    drawn = DepthCanvas(picture["rgb"], picture["depth"], camera, position, quat_wxyz, room.light)
     ((x, y, depth),) = drawn.project(np.array([room.goal], float))
     rows, columns = np.nonzero(picture["semantic"] == 65535)
     assert x == pytest.approx(columns.mean() + 0.5, abs=0.6)
@@ -160,7 +168,7 @@ def test_a_solid_agrees_with_the_engines_box():
     normals = rotate(turn, BOX_NORMALS)
     center = np.array([2, 0.3, -0.2])
     corners = center + rotate(turn, half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]))
-    DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL).solid(
+    DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL, LIGHT).solid(
         normals, np.abs(BOX_NORMALS) @ half + normals @ center, corners, BOX_COLORS
     )
     assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 3
@@ -175,6 +183,65 @@ def test_a_solid_around_or_behind_the_viewer_is_not_seen():
     box(drawn, (-3, 0, 0), (1, 1, 1))
     box(drawn, (2, 9, 0), (1, 1, 1))
     assert not drawn.rgb.any()
+
+
+def test_a_spheres_pixels_depth_and_shade():
+    """Against the equation of the sphere, pixel by pixel, and the light's formula."""
+    drawn = canvas()
+    center, radius = np.array([3.0, 0.4, -0.3]), 0.8
+    drawn.sphere(center, radius, (100, 60, 20))
+    seen = 0
+    for row in range(30):
+        for column in range(40):
+            ray = np.array([1, (20 - column - 0.5) / 20, (15 - row - 0.5) / 20])
+            nearest = (ray @ center) / (ray @ ray)
+            off = np.linalg.norm(nearest * ray - center)
+            if off > radius:
+                assert np.isinf(drawn.depth[row, column])
+                assert not drawn.rgb[row, column].any()
+                continue
+            seen += 1
+            depth = nearest - np.sqrt((radius**2 - off**2) / (ray @ ray))
+            assert drawn.depth[row, column] == pytest.approx(depth, abs=1e-5)
+            up = (depth * ray - center)[2] / radius
+            expected = np.array([100, 60, 20]) * (1 + 0.5 * max(up, 0))
+            np.testing.assert_allclose(drawn.rgb[row, column], expected, atol=0.51)
+    assert seen > 80
+
+
+def test_a_sphere_agrees_with_the_engines_sphere():
+    """A sphere of a world's markers: the same pixels, depths and colours."""
+    solid = {"center": [60, 0, 0], "size": [1, 1, 1]}
+    scene = {"flockstep_scene": 1, "name": "goal", "boxes": [solid], "markers": {"goal": [2, 0.3, -0.2], "radius": 0.4}}
+    camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth", "semantic"))
+    world = flockstep.World.from_dict(scene)
+    expected = flockstep.render(world, (0, 0, 0), camera=camera)
+    goal = expected["semantic"] == 65535
+    color = tuple(int(c) for c in expected["rgb"][goal].max(axis=0))
+    rgb, depth = np.zeros((120, 160, 3), np.uint8), np.full((120, 160), np.inf, np.float32)
+    drawn = DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL, world.light)
+    drawn.sphere(np.array([2, 0.3, -0.2]), 0.4, color)
+    both = goal & np.isfinite(depth)
+    assert (goal != np.isfinite(depth)).sum() <= 3
+    assert both.sum() > 500
+    np.testing.assert_allclose(depth[both], expected["depth"][both], rtol=1e-4)
+    shades = rgb[both].astype(float).mean(axis=1) / expected["rgb"][both].astype(float).mean(axis=1)
+    assert np.ptp(shades) < 0.05  # of one base colour, lit alike
+
+
+def test_a_sphere_is_hidden_hides_and_is_not_seen_from_inside():
+    drawn = canvas(wall_m=1.5)
+    drawn.sphere(np.array([3.0, 0, 0]), 0.5, INK)
+    assert not drawn.rgb.any()
+    drawn = canvas()
+    drawn.sphere(np.array([0.2, 0, 0]), 1.0, INK)  # around the viewer
+    drawn.sphere(np.array([-3.0, 0, 0]), 1.0, INK)
+    drawn.sphere(np.array([2.0, 9, 0]), 1.0, INK)
+    assert not drawn.rgb.any()
+    drawn.sphere(np.array([3.0, 0, 0]), 0.5, (9, 9, 9))
+    drawn.lines(np.array([[4.0, 1, 0]]), np.array([[4.0, -1, 0]]), INK)
+    assert inked(drawn)
+    assert (15, 20) not in inked(drawn)
 
 
 def test_a_turned_viewer():

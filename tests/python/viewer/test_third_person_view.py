@@ -1,5 +1,6 @@
 """Pictures from behind a drone, and what `render_view` chooses."""
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -156,6 +157,7 @@ def test_a_frustums_corners_are_the_images_corners():
         camera,
         np.array(camera.offset_m),
         np.array(camera.quat_wxyz),
+        flockstep.World.playground(0).light,
     )
     expected = [[0, 0, 1.5], [60, 0, 1.5], [60, 50, 1.5], [0, 50, 1.5]]
     np.testing.assert_allclose(own.project(points[1:]), expected, atol=1e-4)
@@ -260,7 +262,7 @@ def test_a_removed_drone_is_not_drawn(room):
 
 def test_a_picture_depends_on_its_env_alone(room, closet):
     batch = flockstep.Batch([room, closet], 3)
-    view = ThirdPersonView(batch, width_px=96, height_px=64)
+    view = ThirdPersonView(batch, size_px=(96, 64))
     frames = [view.frame(i) for i in (0, 1, 2, 0)]
     assert frames[0].shape == (64, 96, 3)
     np.testing.assert_array_equal(frames[0], frames[3])
@@ -287,12 +289,121 @@ def test_render_view_chooses(room):
         envs.close()
     assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
     with pytest.raises(
-        ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', 'fleet', got 'side'"
+        ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', 'fleet' or two points, got 's"
     ):
         flockstep.DroneVectorEnv(1, worlds=room, render_view="side")
     with pytest.raises(ValueError, match="render_view: 'camera' needs a camera, and this env has none"):
         flockstep.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
     assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
+
+
+def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, closet):
+    place = ((0.5, 7.5, 3.5), (5, 3, 1.5))
+    batch = flockstep.Batch([room, closet], 3, world_index=[0, 0, 1])
+    batch.set_pose(np.float32([[3, 6, 2], [5.5, 5, 1], [1, 1, 0.6]]))
+    view = ThirdPersonView(batch, others=True, place=tuple(np.array(point) for point in place))
+    image = view.frame(0)
+    bare = flockstep.render(
+        room, place[0], look_at=place[1], camera=flockstep.CameraConfig(hfov_deg=75, samples_per_pixel=4, shadows=True)
+    )["rgb"]
+    canvas = Stage(room, LENGTH, (640, 480)).seen_from(*(np.array(point) for point in place))
+    rows, columns = np.nonzero(np.abs(image.astype(int) - bare).max(axis=-1) > 24)
+    near = np.zeros(len(rows), bool)
+    for x, y, depth in canvas.project(np.array([[3, 6, 2], [5.5, 5, 1.0]])):
+        around = np.hypot(columns - x, rows - y) < 0.6 * 417 / depth
+        assert around.sum() > 300
+        near |= around
+    assert near.mean() > 0.99  # silhouettes are averaged otherwise
+    batch.set_pose(np.float32([[3, 6.5, 2], [5.5, 5, 1], [1, 1, 0.6]]))
+    moved = view.frame(0)
+    assert changed(moved, image).any()
+    np.testing.assert_array_equal(view.frame(0), moved)  # what was drawn is not in the next picture
+    batch.remove([0, 1])
+    np.testing.assert_allclose(view.frame(0).astype(int)[::7, ::7], bare[::7, ::7], atol=80)
+    with pytest.raises(ValueError, match=r"render_view: expected one of 'top', .* or two points"):
+        flockstep.DroneVectorEnv(1, worlds=room, render_view=((0, 0, 0), (0, 0, 0)))
+
+
+def test_a_viewer_follows_smoothly_and_keeps_the_drone_in_view(room):
+    """Steps to and fro: the viewer goes half as far as the drone, and never out of reach."""
+    batch = flockstep.Batch([room])
+    trail = Trail(batch)
+    view = ThirdPersonView(batch, trail=trail)
+    anchors = []
+    for step in range(30):
+        batch.set_pose(np.float32([[2 + 0.05 * step, 6.0 + 0.1 * (step % 2), 2]]))
+        trail.record()
+        anchors.append(view._anchor(0, batch.position[0].astype(float)))
+    steps = np.abs(np.diff(np.array(anchors), axis=0))
+    assert steps[12:, 1].max() < 0.02
+    assert steps[12:, 0].max() == pytest.approx(0.05, abs=1e-5)
+    batch.set_pose(np.float32([[7, 2, 2]]))
+    trail.record()
+    np.testing.assert_allclose(
+        np.linalg.norm(view._anchor(0, np.array([7.0, 2, 2])) - [7, 2, 2]), 0.5 * LENGTH, atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("view", ["top", "third_person", "camera", ((1, 1, 2), (4, 4, 2))])
+def test_the_size_is_chosen(room, view):
+    camera = flockstep.CameraConfig(width_px=32, height_px=24)
+    keywords = {"worlds": room, "camera": camera, "render_mode": "rgb_array", "render_view": view}
+    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 1, **keywords, render_size=(120, 60))
+    single = gymnasium.make("flockstep/LidarNavigation-v0", **keywords, render_size=(120, 60))
+    envs.reset(seed=0)
+    single.reset(seed=0)
+    image = single.render()
+    assert [frame.shape for frame in envs.render()] == [(60, 120, 3)]
+    np.testing.assert_array_equal(envs.render()[0], image)
+    if view == "camera":  # every pixel two and a half times, between black
+        down, right = np.arange(1, 120, 2) // 5, np.arange(1, 160, 2) // 5
+        np.testing.assert_array_equal(image[:, 20:100], envs.batch.camera().rgb[0][np.ix_(down, right)])
+        assert not image[:, :20].any()
+        assert not image[:, 100:].any()
+    envs.close()
+    single.close()
+
+
+def test_the_camera_is_chosen(room):
+    cameras = [flockstep.CameraConfig(name=name, width_px=16, height_px=12) for name in ("ahead", "below")]
+    cameras[1].quat_wxyz = (0.70710678, 0, 0.70710678, 0)
+    keywords = {"worlds": room, "camera": cameras, "render_mode": "rgb_array"}
+    for name, index in ((None, 0), ("below", 1), ("ahead", 0)):
+        envs = flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera=name)
+        envs.reset(seed=0)
+        np.testing.assert_array_equal(envs.render()[0], envs.batch.camera(cameras[index].name).rgb[0])
+    with pytest.raises(ValueError, match="render_camera: expected one of the cameras 'ahead', 'below', got 'behind'"):
+        flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera="behind")
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"render_size": 100}, r"render_size: expected \(width, height\) from 1 to 8192 pixels, got 100"),
+        ({"render_size": (100, 0)}, r"render_size: .* got \(100, 0\)"),
+        ({"render_size": (100.5, 10)}, r"render_size: .* got \(100.5, 10\)"),
+        ({"render_size": (True, 10)}, r"render_size: .* got \(True, 10\)"),
+        ({"render_camera": "eye"}, "render_camera: expected None unless render_view='camera', got 'eye'"),
+        ({"render_view": ((0, 0, 0),)}, r"render_view: expected one of .* or two points \(x, y, z\)"),
+        ({"render_view": ((0, 0, 0), (0, np.nan, 1))}, r"render_view: expected one of .* or two points"),
+        ({"render_view": 7}, "render_view: .*, got 7"),
+        ({"render_view": None}, "render_view: .*, got None"),
+    ],
+)
+def test_keywords_are_checked_whether_or_not_there_are_pictures(room, keywords, said):
+    with pytest.raises(ValueError, match=said):
+        flockstep.DroneVectorEnv(1, worlds=room, **keywords)
+
+
+def test_nothing_is_too_far_away_to_be_seen():
+    """A tower 5 km away, behind the drone's own camera's reach, in every view with depth."""
+    scene = {"flockstep_scene": 1, "name": "far", "boxes": [{"center": [5000, 0, 0], "size": [200, 200, 4000]}]}
+    world = flockstep.World.from_dict(scene)
+    depth = viewed(world, (0, 0, 1500)).depth
+    assert depth[np.isfinite(depth)].min() > 3500
+    assert np.isfinite(depth).sum() > 1000
+    tower = flockstep.render(world, (0, 0, 0), look_at=(1, 0, 0))["rgb"]
+    assert (tower[240, 318:322] != tower[240, 0]).any()
 
 
 def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
@@ -319,7 +430,7 @@ def test_the_drones_own_camera(room, camera):
 
     config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
     batch = flockstep.Batch([room], 2, cameras=[config])
-    view, trail = views.make("camera", batch, [config])
+    view, trail = views.make(views.chosen("camera", None, None), batch, [config])
     assert trail is None
     batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
     batch.sense()
@@ -345,13 +456,18 @@ def test_a_camera_without_colours_is_refused(room):
     config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
     batch = flockstep.Batch([room], cameras=[config])
     with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
-        views.make("camera", batch, [config])
+        views.make(views.chosen("camera", None, None), batch, [config])
 
 
 def test_stable_baselines_gets_pictures_and_trails(room):
     pytest.importorskip("stable_baselines3")
     vec = flockstep.sb3.make_vec(
-        "flockstep/LidarNavigation-v0", 2, worlds=room, render_mode="rgb_array", render_view="third_person"
+        "flockstep/LidarNavigation-v0",
+        2,
+        worlds=room,
+        render_mode="rgb_array",
+        render_view="third_person",
+        render_size=(320, 200),
     )
     vec.seed(0)
     vec.reset()
@@ -359,5 +475,5 @@ def test_stable_baselines_gets_pictures_and_trails(room):
         vec.step(np.array([0, 0]))
     assert vec.env.trail is not None
     assert len(vec.env.trail.of(1)) == 4
-    assert [image.shape for image in vec.get_images()] == [(480, 640, 3)] * 2
+    assert [image.shape for image in vec.get_images()] == [(200, 320, 3)] * 2
     vec.close()

@@ -8,7 +8,7 @@ from flockstep.viewer.beams import beams_of
 from flockstep.viewer.third_person_view import ThirdPersonView
 from flockstep.viewer.top_view import TopView
 
-FLOOR, SOLID, GOAL, DRONE = (255, 255, 255), (120, 124, 132), (52, 160, 80), (35, 70, 160)
+FLOOR, SOLID, GOAL, DRONE = (252, 252, 250), (96, 101, 112), (52, 160, 80), (35, 70, 160)
 
 
 def pixel(image, x, y, world):
@@ -79,28 +79,49 @@ def test_beams_are_those_of_the_lidar_as_it_is_now(room):
         flockstep.Batch([room]).lidar().config_of(0)
 
 
-def test_meshes_and_every_kind_of_primitive_are_drawn():
+def test_what_is_higher_than_the_drone_is_cut_away():
+    """Under a roof, in a room with a ceiling: the drone and the floor are seen, from above the roof the roof."""
     scene = {
         "flockstep_scene": 1,
-        "name": "all",
-        "room": {"min": [0, 0, 0], "max": [8, 8, 4]},
-        "boxes": [{"center": [2, 2, 1], "size": [1, 1, 1]}],
-        "cylinders": [{"center": [6, 2, 1], "radius": 0.4, "height": 1}],
-        "spheres": [{"center": [2, 6, 1], "radius": 0.5}],
-        "capsules": [{"center": [4, 1, 1], "radius": 0.3, "height": 2, "quat_wxyz": [0.70710678, 0, 0.70710678, 0]}],
-        "planes": [
-            {"center": [4, 7, 1], "size": [1, 0.5]},
-            {"center": [1, 4, 1], "size": [2, 1], "quat_wxyz": [0.70710678, 0, 0.70710678, 0]},
-        ],
-        "discs": [{"center": [7, 4, 1], "radius": 0.4}],
-        "meshes": [{"vertices": [[5, 5, 1], [7, 5, 1], [6, 7, 1]], "triangles": [[0, 1, 2]]}],
+        "name": "roofed",
+        "room": {"min": [0, 0, 0], "max": [8, 8, 6]},
+        "boxes": [{"center": [4, 4, 3.1], "size": [6, 6, 0.2]}, {"center": [2, 2, 0.25], "size": [1, 1, 0.5]}],
+    }
+    world = flockstep.World.from_dict(scene)
+    batch = flockstep.Batch([world], 2)
+    batch.set_pose(np.float32([[6, 4, 1.5], [6, 4, 5]]))
+    below, above = (TopView(batch).frame(i) for i in range(2))
+    assert pixel(below, 6, 4, world) == pixel(above, 6, 4, world) == DRONE
+    assert pixel(below, 4, 4, world) == pixel(below, 0.5, 4, world) == FLOOR
+    assert pixel(below, 2, 2, world) not in (FLOOR, SOLID)  # lower than the drone: by its height
+    assert pixel(above, 4, 4, world) == pixel(above, 2, 2, world) != FLOOR
+    cut = TopView(batch, cut_m=0.25).frame(1)
+    assert pixel(cut, 2, 2, world) == SOLID
+    assert pixel(cut, 4, 4, world) == FLOOR
+
+
+def test_its_size_and_what_is_too_small_to_see():
+    """A world of kilometres: the drone and its markers, outside of the geometry, are there to be seen."""
+    scene = {
+        "flockstep_scene": 1,
+        "name": "plain",
+        "boxes": [{"center": [0, 0, -1], "size": [4000, 2000, 2]}],
+        "markers": {"start": [-1000, 500, 300], "goal": [3000, 0, 10]},
     }
     world = flockstep.World.from_dict(scene)
     batch = flockstep.Batch([world], 1)
-    image = TopView(batch).frame(0)
-    for x, y in [(2, 2), (6, 2), (2, 6), (6, 6), (4.8, 1), (4.4, 7), (7.3, 4)]:
-        assert pixel(image, x, y, world) == SOLID, (x, y)
-    assert SOLID in [pixel(image, x, 4, world) for x in (0.95, 1.0, 1.05)]  # a plane seen edge-on is a line
+    image = TopView(batch, size_px=(400, 100)).frame(0)
+    assert image.shape == (100, 400, 3)
+    px_per_m = 0.96 * 100 / 2000  # its height fits, and 5 km by 2 km are wide enough
+
+    def at(x, y):
+        return tuple(image[round(49.5 - y * px_per_m), round(199.5 + (x - 500) * px_per_m)])
+
+    assert at(-1000, 500) == DRONE
+    assert at(3000, 0) == GOAL
+    assert (image == DRONE).all(axis=2).sum() >= 7 * 4
+    assert 25 <= (image == GOAL).all(axis=2).sum() <= 64
+    assert at(2500, 0) != at(0, 0)  # beside the box there is nothing
 
 
 def test_frames_of_worlds_of_different_sizes_have_one_shape(room, closet):

@@ -1,0 +1,101 @@
+"""Arguments of environments as JSON can hold them, so that ``env.spec.to_json()`` is whole.
+
+A configuration becomes ``{"flockstep.LidarConfig": {"beams": 20, ...}}``; worlds, drones and tasks likewise. The
+environments take either form.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import sys
+from enum import Enum
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+
+from flockstep._core import (
+    CameraConfig,
+    DroneModel,
+    LidarConfig,
+    NativeTask,
+    NavigationReward,
+    PoseSensorConfig,
+    World,
+)
+
+_PREFIX = "flockstep."
+_CONFIGS = (CameraConfig, LidarConfig, NavigationReward, PoseSensorConfig)
+
+
+def to_plain(value: Any) -> Any:
+    """Return a value with everything of this package in it in plain form; what is of no such kind stays itself."""
+    if isinstance(value, _CONFIGS):
+        return _tagged(type(value).__name__, {name: getattr(value, name) for name in type(value).__match_args__})
+    if isinstance(value, World):
+        return _tagged("World", value.to_dict())
+    if isinstance(value, DroneModel):
+        return _tagged("DroneModel", value.hull)
+    if isinstance(value, NativeTask):
+        return _tagged("NativeTask", value.path)
+    if isinstance(value, type) and _found(value.__module__, value.__qualname__) is value:
+        return _tagged("Task", f"{value.__module__}:{value.__qualname__}")
+    if isinstance(value, dict):
+        return {key: to_plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_plain(part) for part in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, Enum):
+        return value.value
+    return fspath(value) if isinstance(value, PathLike) else value
+
+
+def plain_spec(spec: EnvSpec | None) -> EnvSpec | None:
+    """Return how an env is made, with its arguments in plain form."""
+    return None if spec is None else dataclasses.replace(spec, kwargs=to_plain(spec.kwargs))
+
+
+def _tagged(kind: str, value: Any) -> dict[str, Any]:
+    return {_PREFIX + kind: to_plain(value)}
+
+
+def from_plain(value: Any) -> Any:
+    """Return what `to_plain` was given; any other value is its own."""
+    if isinstance(value, (list, tuple)):
+        return type(value)(from_plain(part) for part in value)
+    if not isinstance(value, dict) or len(value) != 1:
+        return value
+    (key, content), *_ = value.items()
+    kind = key.removeprefix(_PREFIX)
+    by_name = {config.__name__: config for config in _CONFIGS}
+    if kind == key:
+        return value
+    if kind in by_name:
+        return by_name[kind](**{name: from_plain(part) for name, part in content.items()})
+    if kind == "World":
+        return World.from_dict(content)
+    if kind == "DroneModel":
+        return DroneModel(content)
+    if kind == "NativeTask":
+        return NativeTask(content)
+    if kind == "Task":
+        module, _, name = content.partition(":")
+        importlib.import_module(module)
+        found = _found(module, name)
+        if found is None:
+            raise ValueError(f"task: expected a class of the module {module!r}, got {name!r}")
+        return found
+    raise ValueError(
+        f"expected one of {', '.join([*by_name, 'World', 'DroneModel', 'NativeTask', 'Task'])}, got {key!r}"
+    )
+
+
+def _found(module: str, name: str) -> Any:
+    """Return what has this name in a module that has been imported, or None."""
+    found: Any = sys.modules.get(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    return found

@@ -1,0 +1,47 @@
+"""What episodes earned, term by term, in the log of a training."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+
+class LogTerms(BaseCallback):
+    """Logs means over the episodes that ended in a rollout, for TensorBoard and the other outputs of the log.
+
+    ``terms/NAME`` is the sum of a term of the reward over an episode, unscaled. ``infos/NAME`` is what a `Task` reports
+    by its ``info_names``. In how many episodes the task succeeded is logged by Stable-Baselines3 itself, as
+    ``rollout/success_rate``.
+
+    Parameters
+    ----------
+    info_names
+        Which of the infos are logged, beside the terms.
+
+    >>> model.learn(300_000, callback=flockstep.sb3.LogTerms())
+    """
+
+    def __init__(self, info_names: Iterable[str] = ()) -> None:
+        super().__init__()
+        self._info_names = tuple(info_names)
+        self._values: dict[str, list[float]] = defaultdict(list)
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode_terms" in info:
+                self._note("terms", info["episode_terms"])
+                self._note("infos", {name: info[name] for name in self._info_names})
+        return True
+
+    def _note(self, group: str, values: Mapping[str, Any]) -> None:
+        for name, value in values.items():
+            self._values[f"{group}/{name}"].append(float(value))
+
+    def _on_rollout_end(self) -> None:
+        for key, values in self._values.items():
+            self.logger.record(key, float(np.mean(values)))
+        self._values.clear()

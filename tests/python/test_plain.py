@@ -1,0 +1,94 @@
+"""Arguments in plain form: the specs of environments go through JSON and make the same environment again."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep.plain import from_plain, to_plain
+
+ID = "flockstep/LidarNavigation-v0"
+
+
+class Still(flockstep.Task):
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+    def step(self, batch):
+        return np.zeros(batch.num_drones), batch.contact.hit
+
+    def observe(self, batch):
+        return batch.position
+
+
+def flown(env):
+    """Return what some steps of an env return."""
+    space = env.action_space
+    space.seed(3)
+    return [env.reset(seed=7)[0], *(env.step(space.sample())[:4] for _ in range(5))]
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, lambda *args, **kwargs: gymnasium.make_vec(*args, 3, **kwargs)])
+def test_a_spec_goes_through_json(make, room):
+    env = make(
+        ID,
+        worlds=[room, flockstep.World.playground(3)],
+        lidar=flockstep.LidarConfig(beams=9, offset_m=(0, 0, 0.1)),
+        camera=[flockstep.CameraConfig(width_px=8, height_px=6, outputs=("depth",))],
+        pose_sensor=flockstep.PoseSensorConfig(position_noise_std_m=0.01),
+        reward=flockstep.NavigationReward(step_scale=7.0),
+        drone=flockstep.DroneModel(
+            0.1 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+        ),
+        random_world=True,
+    )
+    text = env.unwrapped.spec.to_json()
+    spec = gymnasium.envs.registration.EnvSpec.from_json(text)
+    again = gymnasium.make(spec) if make is gymnasium.make else gymnasium.make_vec(spec)
+    np.testing.assert_equal(flown(again), flown(env))
+    assert again.unwrapped.spec.to_json() == text
+
+
+@pytest.mark.parametrize("config", [flockstep.LidarConfig(beams=7), flockstep.CameraConfig(hfov_deg=70)])
+def test_the_plain_form_gives_the_value_back(config):
+    plain = to_plain({"it": [config]})
+    assert plain["it"][0].keys() == {f"flockstep.{type(config).__name__}"}
+    assert from_plain(plain["it"]) == [config]
+
+
+def test_a_task_of_ones_own(room):
+    flockstep.register_task("test/Still-v0", Still)
+    spec = gymnasium.envs.registration.EnvSpec.from_json(gymnasium.spec("test/Still-v0").to_json())
+    assert isinstance(gymnasium.make(spec, worlds=room).unwrapped.envs.task, Still)
+    del gymnasium.registry["test/Still-v0"]
+
+
+def test_a_class_that_cannot_be_found_stays_itself():
+    local = type("Local", (Still,), {})
+    assert to_plain(local) is local
+
+
+@pytest.mark.parametrize(
+    ("value", "match"),
+    [
+        ({"flockstep.Lidar": {}}, "expected one of .*LidarConfig.*got 'flockstep.Lidar'"),
+        ({"flockstep.Task": "flockstep:Nothing"}, "expected a class of the module 'flockstep', got 'Nothing'"),
+    ],
+)
+def test_an_unknown_kind_is_named(value, match):
+    with pytest.raises(ValueError, match=match):
+        from_plain(value)
+
+
+def test_a_limit_by_gymnasium_reports_as_the_engine_does(room):
+    env = gymnasium.make(ID, worlds=room, max_episode_steps=3)
+    ours = gymnasium.make_vec(ID, 1, worlds=room, max_episode_steps=3)
+    env.reset(seed=0)
+    ours.reset(seed=0)
+    for step in range(3):
+        *_, truncated, info = env.step(1)
+        *_, ours_truncated, infos = ours.step([1])
+        assert truncated == ours_truncated[0] == (step == 2)
+    assert info["episode_length"] == infos["episode_length"][0] == 3
+    assert info["episode_return"] == infos["episode_return"][0]
+    for name, value in info["episode_terms"].items():
+        assert value == infos["episode_terms"][name][0]

@@ -1,0 +1,231 @@
+"""What `Task.draw` adds to pictures, and which markers they show."""
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import flockstep
+from flockstep.viewer.drawing import COLORS, Drawing
+from flockstep.viewer.stage import Stage
+from flockstep.viewer.third_person_view import ThirdPersonView
+from flockstep.viewer.top_view import TopView
+
+INK = (250, 10, 200)  # nothing else has this colour
+LENGTH = 0.93  # of the default drone
+
+
+class Drawn(flockstep.Task):
+    observation_space = spaces.Box(-1, 1, (1,), np.float32)
+    camera = flockstep.CameraConfig(width_px=16, height_px=12)
+    places = ((4.5, 6.5, 2.2), (5.5, 6.2, 2.2))
+
+    def step(self, batch):
+        return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
+
+    def observe(self, batch):
+        return np.zeros((batch.num_drones, 1), np.float32)
+
+    def reset(self, batch, mask):
+        batch.set_pose(np.tile(np.float32([2, 6, 2]), (batch.num_drones, 1)), None, mask)
+
+    def draw(self, batch, env, drawing):
+        drawing.points(self.places[env], INK, size=8)
+
+
+def frames(world, task, view, num_envs=1, **keywords):
+    envs = flockstep.DroneVectorEnv(
+        num_envs, worlds=world, task=task, render_mode="rgb_array", render_view=view, **keywords
+    )
+    envs.reset(seed=0)
+    return envs.render()
+
+
+def inked(image):
+    """(row, column), each (K,), of the pixels of the ink."""
+    return np.nonzero((image == INK).all(axis=-1))
+
+
+def test_a_point_is_where_it_projects_to_behind_the_drone(room):
+    """By the stage's own pose, and the pinhole's formula."""
+    images = frames(room, Drawn, "third_person", 2)
+    canvas, _ = Stage(room, LENGTH, (640, 480)).set(np.array([2.0, 6, 2]), np.array([1.0, 0, 0, 0]))
+    for image, place in zip(images, Drawn.places, strict=True):
+        rows, columns = inked(image)
+        ((x, y, _),) = canvas.project(np.array([place]))
+        assert len(rows) >= 49  # 8 by 8, of which the borders may be mixed
+        assert columns.mean() + 0.5 == pytest.approx(x, abs=0.8)
+        assert rows.mean() + 0.5 == pytest.approx(y, abs=0.8)
+
+
+def test_a_point_is_where_it_projects_to_from_a_fixed_place(room):
+    """From (2, 1, 2) towards +y over 75 degrees: half the width is 320 pixels, tan(37.5 degrees) at a metre."""
+    images = frames(room, Drawn, ((2, 1, 2), (2, 5, 2)), 2)
+    focal = 320 / np.tan(np.radians(37.5))
+    for image, (x, y, z) in zip(images, Drawn.places, strict=True):
+        rows, columns = inked(image)
+        assert columns.mean() + 0.5 == pytest.approx(320 + focal * (x - 2) / (y - 1), abs=0.8)
+        assert rows.mean() + 0.5 == pytest.approx(240 - focal * (z - 2) / (y - 1), abs=0.8)
+
+
+def test_a_point_is_where_it_is_from_above(room):
+    images = frames(room, Drawn, "top", 2)
+    for image, (x, y, _) in zip(images, Drawn.places, strict=True):
+        rows, columns = inked(image)
+        assert len(rows) == 64
+        assert columns.mean() == pytest.approx(127.5 + (x - 4) * 256 * 0.96 / 8, abs=1)
+        assert rows.mean() == pytest.approx(127.5 - (y - 4) * 256 * 0.96 / 8, abs=1)
+
+
+def test_every_view_but_the_drones_own_camera_calls_it(room):
+    for view in ("top", "third_person", "fleet", ((1, 1, 2), (5, 6.4, 2))):
+        assert len(inked(frames(room, Drawn(), view)[0])[0]) >= 49, view
+    assert not len(inked(frames(room, Drawn(), "camera")[0])[0])
+
+
+def test_what_is_nearer_hides_it(room):
+    """The pillar at (4, 4.5) stands between a fixed place and a sphere; a line ends where it goes in."""
+
+    class Hidden(Drawn):
+        markers = ()
+        camera = None
+
+        def draw(self, batch, env, drawing):
+            drawing.spheres([[4, 6.5, 2]], 0.15, INK)
+            drawing.lines([[4, 6.5, 1.5]], [[2, 6.5, 1.5]], INK, width=2)
+            drawing.points([6.5, 6.5, 2], INK)
+
+    (image,) = frames(room, Hidden, ((4, 1, 2), (4, 5, 2)))
+    focal = 320 / np.tan(np.radians(37.5))
+    half_pillar = focal * 0.25 / np.sqrt(3.5**2 - 0.25**2)  # as the tangents from the place see it
+    rows, columns = inked(image)
+    assert not ((columns > 320 - half_pillar + 1) & (columns < 320 + half_pillar - 1)).any()
+    line = columns[rows > 260]
+    assert line.min() + 0.5 == pytest.approx(320 - focal * 2 / 5.5, abs=2)
+    assert line.max() + 0.5 == pytest.approx(320 - half_pillar, abs=2)
+
+
+def test_lines_and_spheres_from_above(room):
+    class Lines(Drawn):
+        def draw(self, batch, env, drawing):
+            drawing.lines([1, 2, 3], [[1, 7, 3], [3, 2, 0]], INK, width=1)
+            drawing.spheres([6, 6.5, 1], 0.8, INK)
+
+    (image,) = frames(room, Lines, "top", render_size=(480, 480))
+    px_per_m = 480 * 0.96 / 8
+    rows, columns = inked(image)
+    x, y = (columns - 239.5) / px_per_m + 4, 4 - (rows - 239.5) / px_per_m
+    disc = np.hypot(x - 6, y - 6.5) < 0.85
+    assert disc.sum() == pytest.approx(np.pi * (0.8 * px_per_m) ** 2, rel=0.03)
+    upright, level = np.abs(x - 1) < 0.51 / px_per_m, np.abs(y - 2) < 0.51 / px_per_m
+    assert (disc | upright | level).all()
+    assert (upright & (y > 1.99)).sum() == pytest.approx(5 * px_per_m, abs=2)
+    assert (level & (x > 0.99)).sum() == pytest.approx(2 * px_per_m, abs=2)
+
+
+class Sheet:
+    """A canvas that notes what is drawn."""
+
+    def __init__(self):
+        self.drawn = []
+
+    def dots(self, points, color, *, size_px):
+        self.drawn.append((points.tolist(), color, size_px))
+
+    def lines(self, starts, ends, color, *, width_px):
+        self.drawn.append((starts.tolist(), ends.tolist(), color, width_px))
+
+    def sphere(self, center, radius_m, color):
+        self.drawn.append((center.tolist(), radius_m, color))
+
+
+def test_colours_sizes_and_places_that_are_not_finite():
+    sheet = Sheet()
+    drawing = Drawing(sheet, 3)
+    drawing.points(np.float32([[1, 2, 3], [np.inf, 0, 0]]), "red", size=2)
+    drawing.lines([0, 0, 0], [[1, 1, 1], [np.nan, 1, 1], [2, 2, 2]], np.array([1, 2, 3]), width=0.1)
+    drawing.spheres([[0, 0, 1], [0, 0, -np.inf]], 2, (4, 5, 6))
+    assert sheet.drawn == [
+        ([[1, 2, 3]], COLORS["red"], 6),
+        ([[0, 0, 0], [0, 0, 0]], [[1, 1, 1], [2, 2, 2]], (1, 2, 3), 1),
+        ([0, 0, 1], 2, (4, 5, 6)),
+    ]
+    drawing.points(np.zeros((0, 3)))
+    assert len(sheet.drawn) == 4
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda d: d.points([1, 2]), r"positions: expected shape \(3,\) or \(K, 3\), got \(2,\)"),
+        (lambda d: d.points([1, 2, 3], "pink"), "color: expected one of black, .*, got 'pink'"),
+        (lambda d: d.points([1, 2, 3], (0.5, 0, 0)), "color: expected a name or three integers from 0 to 255"),
+        (lambda d: d.points([1, 2, 3], (0, 0, 256)), "color: expected a name or three integers from 0 to 255"),
+        (lambda d: d.points([1, 2, 3], size=0), "size: expected a finite number above 0, got 0"),
+        (lambda d: d.lines(np.zeros((2, 3)), np.zeros((3, 3))), r"ends: expected as many as starts \(2\)"),
+        (lambda d: d.lines([0, 0, 0], [1, 1, 1], width="wide"), "width: expected a finite number above 0, got 'wide'"),
+        (lambda d: d.spheres([0, 0, 0], -1), "radius_m: expected a finite number above 0, got -1"),
+    ],
+)
+def test_mistakes_are_told_before_anything_is_drawn(call, said):
+    sheet = Sheet()
+    with pytest.raises(ValueError, match=said):
+        call(Drawing(sheet, 1))
+    assert not sheet.drawn
+
+
+def marker_colors(world, task, view):
+    """Which of the world's markers have pixels: red, yellow and green things."""
+    r, g, b = frames(world, task, view)[0].astype(int).transpose(2, 0, 1)
+    masks = {
+        "start": (r > 1.8 * g) & (r > 1.8 * b) & (r > 80),
+        "waypoints": (r > 1.8 * b) & (g > 1.5 * b) & (r > 90),
+        "goal": (g > 1.4 * r) & (g > 1.4 * b) & (g > 50),
+    }
+    return [name for name, mask in masks.items() if mask.sum() > 15]
+
+
+@pytest.mark.parametrize("view", ["top", ((4, 0.3, 3), (4, 4, 2))])
+def test_markers_a_task_does_not_use_are_not_drawn(room, view):
+    for used in (("start", "waypoints", "goal"), ("goal",), ["start"], ()):
+
+        class Some(Drawn):
+            markers = used
+            lidar = None
+
+            def draw(self, batch, env, drawing):
+                pass
+
+        assert marker_colors(room, Some, view) == list(used)
+
+
+def test_a_drones_own_camera_sees_the_markers_all_the_same(room):
+    class Bare(Drawn):
+        markers = ()
+        camera = flockstep.CameraConfig(width_px=64, height_px=48)
+
+    (image,) = frames(room, Bare, "camera")
+    expected = flockstep.render(room, (2, 6, 2), camera=Bare.camera)["rgb"]
+    np.testing.assert_array_equal(image, expected)
+    assert (expected[..., 1] > 1.4 * expected[..., 0].astype(int)).any()  # the goal is in view
+
+
+@pytest.mark.parametrize("wrong", ["goal", ("goal", "gate")])
+def test_markers_that_do_not_exist_are_refused(room, wrong):
+    class Wrong(Drawn):
+        markers = wrong
+
+    with pytest.raises(ValueError, match=r"Wrong\.markers: expected a tuple of some of 'start', 'waypoints', 'goal'"):
+        frames(room, Wrong, "top")
+
+
+def test_drawing_is_for_one_env_at_a_time_and_changes_nothing(room):
+    envs = flockstep.DroneVectorEnv(2, worlds=room, task=Drawn(), render_mode="rgb_array", render_view="top")
+    envs.reset(seed=0)
+    before = envs.snapshot()
+    first = envs.render()
+    assert envs.snapshot() == before
+    np.testing.assert_array_equal(first, envs.render())
+    batch = flockstep.Batch([room], 1)
+    batch.remove([0])
+    for view in (TopView(batch, task=Drawn()), ThirdPersonView(batch, task=Drawn())):
+        assert not len(inked(view.frame(0))[0])
