@@ -13,6 +13,7 @@ trainers  the programs of examples/trainers/, three seeds each: their speed, and
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import os
 import platform
@@ -187,6 +188,25 @@ def bench_camera_large() -> list[Figure]:
     return trained("camera_large")
 
 
+def bench_snippet() -> list[Figure]:
+    """Run the README's first training as it stands, with five seeds, and with three times its steps."""
+    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert block
+    figures = []
+    for seed in range(5):
+        for subject, steps in ((f"snippet/seed{seed}", "1_000_000"), (f"snippet/longer/seed{seed}", "3_000_000")):
+            text = block[1]
+            for old, new in (('device="cpu"', f'device="cpu", seed={seed}'), ("1_000_000, progress_bar=True", steps)):
+                assert text.count(old) == 1, f"README.md: expected {old} once in its first block"
+                text = text.replace(old, new)
+            before = time.perf_counter()
+            output = subprocess.run([sys.executable, "-c", text], check=True, stdout=subprocess.PIPE, text=True).stdout
+            seconds = time.perf_counter() - before
+            flown = sum(ast.literal_eval(output.splitlines()[-1]).values())
+            figures += [figure(f"{subject}/playgrounds", flown, "1", 1), figure(f"{subject}/seconds", seconds, "s", 1)]
+    return figures
+
+
 #: Programs of examples/trainers/ by the name of their figures, and the line that each of them ends with.
 TRAINERS = {
     "sb3": "sb3_ppo.py",
@@ -228,6 +248,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "pixels_train": bench_pixels_train,
     "camera_large": bench_camera_large,
     "trainers": bench_trainers,
+    "snippet": bench_snippet,
 }
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import shutil
 import statistics
@@ -25,9 +26,10 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
 TRIED = ROOT / "out" / "tried"
-NAMES = ("lidar", "step", "camera", "train", "camera_train", "pixels_train", "camera_large")
+NAMES = ("lidar", "step", "camera", "train", "camera_train", "pixels_train", "camera_large", "trainers", "snippet")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
+TRAINERS = ROOT / "docs" / "trainers.md"
 STAGE = "step/stage/"
 #: What the README shows: in words, the benchmark, and the figures of which the median stands there.
 HEADLINE = (
@@ -202,6 +204,29 @@ def modes(results: dict[str, Result]) -> str:
     return with_source(results, "camera", pivot(figures, "µs per drone and step"))
 
 
+def trainers(results: dict[str, Result]) -> str:
+    """Return the table of trainers: the medians of their seeds, where a seed that did not learn counts as endless."""
+    figures = results.get("trainers", {"figures": []})["figures"]
+    cells = {}
+    for program in dict.fromkeys(f["program"] for f in figures):
+        own = [f for f in figures if f["program"] == program]
+        rates, steps, flown = (
+            [f["value"] for f in own if f["name"].endswith(f"/{what}")]
+            for what in ("steps_per_second", "steps", "playgrounds")
+        )
+        until = [count if flights >= 6 else math.inf for count, flights in zip(steps, flown, strict=True)]
+        median, learned = statistics.median(until), sum(map(math.isfinite, until))
+        told = number(median) if math.isfinite(median) else f"more than {number(max(steps))}"
+        row = {
+            "version": own[0]["version"],
+            "autoreset mode": own[0]["autoreset_mode"],
+            "steps/s": number(statistics.median(rates)),
+            "steps until it flies 6 of 7": told + f" ({learned} of {len(until)} seeds)" * (learned < len(until)),
+        }
+        cells |= {(f"`{program}`", column): text for column, text in row.items()}
+    return with_source(results, "trainers", pivot(cells, "program"))
+
+
 def with_content(text: str, name: str, content: str) -> str:
     """Return a document with the content between its markers of that name."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
@@ -259,6 +284,7 @@ def main() -> None:
         CAMERAS: with_content(
             with_content(CAMERAS.read_text(encoding="utf-8"), "frames", frames(results)), "modes", modes(results)
         ),
+        TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
     }
     for path, text in documents.items():
         if text == path.read_text(encoding="utf-8"):

@@ -144,7 +144,7 @@ def main(options: Options) -> None:
     if task is not None:
         figures = task_figures(DEFAULTS[task], options.seeds, options.out)
     else:
-        args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_worlds=20, seed=options.seeds[0])
+        args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_flights=20, seed=options.seeds[0])
         _, figures = trained("camera/640x480", args, options.out, groups(args.setup))
     options.figures.parent.mkdir(parents=True, exist_ok=True)
     options.figures.write_text(json.dumps(figures, indent=1) + "\n")

@@ -114,7 +114,7 @@ def fly(world: flockstep.World, share: float) -> Image:
         batch.move(position[None])
         trail.record()
     batch.sense()
-    return ThirdPersonView(batch, cameras=[camera.name], trail=trail, width_px=1280, height_px=960).frame(0)
+    return ThirdPersonView(batch, cameras=[camera.name], trail=trail, size_px=(1280, 960)).frame(0)
 
 
 @dataclass

@@ -6,18 +6,24 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+import imageio.v3 as imageio
 import matplotlib.pyplot as plt
+import numpy as np
 import tyro
 
 import flockstep
 from camera_pictures import draw_sheet
-from evaluate import MAX_STEPS, baselines, fly, greedy, summary
-from plot_paths import animate, picture_name, plot_flight, plot_overview
+from evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
+from flockstep.viewer.third_person_view import ThirdPersonView
+from flockstep.viewer.trail import Trail
+from plot_paths import picture_name, plot_flight, plot_overview
 from tasks import UNSEEN_SEEDS, Setup
 from train_ppo import Args as TrainingArgs
 from train_ppo import Outcome, train
 
-SHOWN = "playground/train-2"  # in flight.gif
+SHOWN = "playground/train-2"  # in flight.mp4 and flight.png
+FILM_PX, FILM_FPS, PICTURE_PX = (1280, 720), 25, (1920, 1080)
+APART_M = 1.2  # the drones of the picture
 UNSEEN_WORLDS = 100
 
 
@@ -54,6 +60,28 @@ def plot_reward(progress: Path, path: Path) -> None:
     plt.close(figure)
 
 
+def plot_exposures(world: flockstep.World, flight: Flight, path: Path) -> None:
+    """Write a picture of one flight as of many exposures: the drone again and again, its path, its LiDAR's beams once.
+
+    It is seen from above the middle of the room's wall of least y.
+    """
+    flown = np.insert(np.cumsum(np.linalg.norm(np.diff(flight.trail, axis=0), axis=1)), 0, 0)
+    exposed = flight.trail[np.searchsorted(flown, np.arange(0, flown[-1], APART_M))]
+    batch = flockstep.Batch([world], len(exposed), lidar=flockstep.LidarConfig())
+    trail = Trail(batch)
+    for position in flight.trail:
+        batch.set_pose(np.tile(position, (len(exposed), 1)))
+        trail.record()
+    batch.set_pose(exposed)
+    batch.sense()
+    low, high = np.asarray(world.bounds, float)
+    middle, size = (low + high) / 2, high - low
+    place = np.array([middle[0], low[1] + 0.02 * size[1], high[2] - 0.05 * size[2]])
+    target = np.array([middle[0], middle[1], low[2] + 0.2 * size[2]])
+    view = ThirdPersonView(batch, trail=trail, others=True, place=(place, target), size_px=PICTURE_PX)
+    imageio.imwrite(path, view.frame(len(exposed) // 2), optimize=True)
+
+
 def tell(
     args: Args, outcome: Outcome, flown: int, playgrounds: int, generated: float, untrained: dict[str, float]
 ) -> None:
@@ -70,7 +98,8 @@ ones that it has never seen, where flying straight from marker to marker succeed
 In {args.out}/
   paths.png            its paths through all playgrounds, from above
   path-*.png           each path, from above and from the side
-  flight.gif           one flight from behind the drone, with the LiDAR's beams and the trail
+  flight.mp4           a film of one flight from behind the drone, with the LiDAR's beams and the trail
+  flight.png           the same flight at a glance: the drone at every {APART_M:g} m
   reward.png           how the reward grew
   camera-sheet.png     what cameras see: every output, at three places of a camera playground
   policy.zip           the policy, for training/evaluate.py and training/plot_paths.py
@@ -89,7 +118,7 @@ def main(args: Args) -> None:
             total_steps=args.total_steps,
             max_minutes=args.max_minutes,
             evaluate_every=100_000,
-            evaluation_worlds=200,
+            evaluation_flights=200,
             generated=400,
         )
     )
@@ -100,7 +129,10 @@ def main(args: Args) -> None:
     for world, flight in zip(worlds, flights, strict=True):
         plot_flight(world, flight, args.out / picture_name(world))
     plot_overview(worlds, flights, args.out / "paths.png")
-    animate(policy, flockstep.World.load(SHOWN), args.out / "flight.gif")
+    shown = next(index for index, world in enumerate(worlds) if world.name == SHOWN)
+    plot_exposures(worlds[shown], flights[shown], args.out / "flight.png")
+    film = args.out / "flight.mp4"
+    flockstep.record(film, policy, worlds=worlds[shown], steps=MAX_STEPS, fps=FILM_FPS, render_size=FILM_PX)
     plot_reward(args.out / "progress.csv", args.out / "reward.png")
     draw_sheet(args.out / "camera-sheet.png", ("raycast",))
     unseen = Setup().generated(UNSEEN_SEEDS, UNSEEN_WORLDS)

@@ -6,7 +6,8 @@ Beside it stand what needs no training: random actions, the straight flight from
 .venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
 .venv/bin/python training/evaluate.py out/train/pixels/policy.zip --repeats 50
 
-What a policy flies, and how its camera sees, is saved with it.
+What a policy flies, where, and how its camera sees, is saved with it. The class of a task of your own is not: run this
+where its module is found.
 """
 
 from __future__ import annotations
@@ -27,8 +28,11 @@ from stable_baselines3 import PPO
 import flockstep
 from tasks import UNSEEN_SEEDS, Setup, setup_of
 
-#: A flight that takes more flown steps has failed.
+#: A flight of a built-in task that takes more flown steps has failed.
 MAX_STEPS = 1000
+
+#: How a flight ends; "ended" is a task of one's own that neither succeeded nor touched anything.
+OUTCOMES = ("success", "crash", "overshoot", "time-out", "ended")
 
 Policy = Callable[[Any], npt.NDArray[Any]]
 
@@ -38,7 +42,7 @@ class Flight:
     """One flight from start to end of its episode."""
 
     world: str
-    outcome: str  # "success", "crash", "overshoot" or "time-out"
+    outcome: str  # one of OUTCOMES
     steps: int  # flown
     reward: float  # the task's own, unscaled sum
     path_length_m: float
@@ -60,20 +64,22 @@ def greedy(model: PPO) -> Policy:
 def fly(
     policy: Policy,
     worlds: Sequence[flockstep.World],
-    max_episode_steps: int = 3000,
+    max_episode_steps: int | None = None,
     shortest: bool = False,
     setup: Setup | None = None,
     random_start: bool = False,
+    seed: int = 0,
 ) -> list[Flight]:
     """Fly one episode in each world, all at once; of the LiDAR task unless a setup says another."""
-    envs = (setup or Setup()).make(
+    setup = setup or Setup()
+    envs = setup.make_limited(
         len(worlds),
+        max_episode_steps,
         worlds=list(worlds),
-        max_episode_steps=max_episode_steps,
         autoreset_mode="disabled",
-        random_start=random_start,
+        **({"random_start": True} if random_start else {}),
     )
-    observation, _ = envs.reset(seed=0)
+    observation, _ = envs.reset(seed=seed)
     positions = [envs.batch.position.copy()]
     ended = np.zeros(len(worlds), bool)
     flights: list[Flight | None] = [None] * len(worlds)
@@ -84,11 +90,11 @@ def fly(
             trail = np.stack([row[i] for row in positions])
             flights[i] = Flight(
                 world=worlds[i].name,
-                outcome=outcome(bool(infos["success"][i]), bool(infos["crashed"][i]), bool(truncated[i])),
+                outcome=outcome(bool(infos["success"][i]), bool(infos["crashed"][i]), bool(truncated[i]), setup),
                 steps=int(infos["episode_length"][i]),
                 reward=float(infos["episode_return"][i]),
                 path_length_m=length_m(trail),
-                shortest_path_m=shortest_path_m(worlds[i]) if shortest else None,
+                shortest_path_m=shortest_path_m(worlds[i], setup) if shortest else None,
                 trail=trail,
             )
         ended |= terminated | truncated
@@ -98,15 +104,16 @@ def fly(
 
 def random_policy(setup: Setup) -> Policy:
     """Return a policy that draws every action alike, whatever it observes."""
-    envs = setup.make(1)
-    space = envs.single_action_space
+    envs = setup.make(1, worlds=flockstep.scenes.load(setup.training_worlds))
+    space, rng = envs.single_action_space, np.random.default_rng(0)
     envs.close()
-    assert isinstance(space, spaces.Discrete)
-    count, rng = int(space.n), np.random.default_rng(0)
+    space.seed(0)
 
     def act(observation: Any) -> npt.NDArray[Any]:
-        rows = observation["ranges"] if isinstance(observation, dict) else observation
-        return rng.integers(count, size=len(rows))
+        count = len(next(iter(observation.values())) if isinstance(observation, dict) else observation)
+        if isinstance(space, spaces.Discrete):
+            return space.start + rng.integers(space.n, size=count)
+        return np.stack([space.sample() for _ in range(count)])
 
     return act
 
@@ -127,29 +134,26 @@ def fly_routes(worlds: Sequence[flockstep.World], routes: Sequence[npt.NDArray[n
     return [bool(came) for came in safe]
 
 
-def markers(world: flockstep.World) -> npt.NDArray[np.float32]:
-    """Return start, waypoints and goal of a world, (K, 3) m."""
-    return np.stack([world.start, *world.waypoints, world.goal])
-
-
 def baselines(worlds: Sequence[flockstep.World], setup: Setup, random_start: bool = False) -> dict[str, float]:
     """Return the success rates of what needs no training, in the same worlds.
 
-    The straight flight and the planner know where everything is. They begin at the start marker, so of worlds that are
-    flown more than once they fly each once.
+    The straight flight and the planner know where everything is. They begin at the start marker and end at the goal, so
+    they are left out where a world lacks one; of worlds that are flown more than once they fly each once.
     """
-    random = fly(random_policy(setup), worlds, MAX_STEPS, setup=setup, random_start=random_start)
+    limit = None if setup.is_own else MAX_STEPS
+    random = fly(random_policy(setup), worlds, limit, setup=setup, random_start=random_start)
+    rates = {"random_policy": float(summary(random)["success_rate"])}
     once = list({world.name: world for world in worlds}.values())
-    return {
-        "random_policy": summary(random)["success_rate"],
-        "straight_flight": float(np.mean(fly_routes(once, [markers(world) for world in once]))),
-        "planner": float(np.mean(fly_routes(once, [shortest_path(world) for world in once]))),
-    }
+    if all(setup.route(world) is not None for world in once):
+        rates["straight_flight"] = float(np.mean(fly_routes(once, [setup.route(world) for world in once])))
+        rates["planner"] = float(np.mean(fly_routes(once, [shortest_path(world, setup) for world in once])))
+    return rates
 
 
-def outcome(success: bool, crashed: bool, truncated: bool) -> str:
+def outcome(success: bool, crashed: bool, truncated: bool, setup: Setup) -> str:
     """Return in a word how an episode ended."""
-    return "success" if success else "crash" if crashed else "time-out" if truncated else "overshoot"
+    otherwise = "ended" if setup.is_own else "overshoot"
+    return "success" if success else "crash" if crashed else "time-out" if truncated else otherwise
 
 
 def length_m(path: npt.NDArray[np.float32]) -> float:
@@ -157,14 +161,15 @@ def length_m(path: npt.NDArray[np.float32]) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def shortest_path(world: flockstep.World) -> npt.NDArray[np.float32] | None:
-    """Return the shortest collision-free path (K, 3) m over the markers, or None if there is none."""
-    return flockstep.plan(world, world.start, [*world.waypoints, world.goal])
+def shortest_path(world: flockstep.World, setup: Setup) -> npt.NDArray[np.float32] | None:
+    """Return the shortest collision-free path (K, 3) m along the task's route, or None if there is none."""
+    route = setup.route(world)
+    return None if route is None else flockstep.plan(world, route[0], list(route[1:]))
 
 
-def shortest_path_m(world: flockstep.World) -> float | None:
+def shortest_path_m(world: flockstep.World, setup: Setup) -> float | None:
     """Return its length, or None if there is none."""
-    path = shortest_path(world)
+    path = shortest_path(world, setup)
     return None if path is None else length_m(path)
 
 
@@ -174,10 +179,7 @@ def summary(flights: Sequence[Flight]) -> dict[str, Any]:
     detours = [f.path_length_m / f.shortest_path_m for f in flights if f.outcome == "success" and f.shortest_path_m]
     return {
         "flights": len(flights),
-        "success_rate": sum(f.outcome == "success" for f in flights) / count,
-        "crash_rate": sum(f.outcome == "crash" for f in flights) / count,
-        "overshoot_rate": sum(f.outcome == "overshoot" for f in flights) / count,
-        "time_out_rate": sum(f.outcome == "time-out" for f in flights) / count,
+        **{f"{end.replace('-', '_')}_rate": sum(f.outcome == end for f in flights) / count for end in OUTCOMES},
         "path_over_shortest": float(np.median(detours)) if detours else None,
     }
 
@@ -189,13 +191,13 @@ class Args:
     policy: tyro.conf.Positional[Path]
     """A model saved by training/train_ppo.py (.zip)."""
     worlds: tuple[str, ...] = ()
-    """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""
+    """Sets of scenes, scene names or paths. Default: those that it was trained and validated in."""
     repeats: int = 1
-    """Flights in each of these; more than one start at random in the spawn box."""
-    generated: int = 100
-    """How many generated playgrounds, never seen in training, to add."""
-    max_episode_steps: int = 3000
-    """A flight that takes longer is a time-out."""
+    """Flights in each of these; with built-in tasks, more than one start at random in the spawn box."""
+    generated: int | None = None
+    """How many generated playgrounds, never seen in training, to add. Default: 100, for a task of your own none."""
+    max_episode_steps: int | None = None
+    """A flight that takes longer is a time-out. Default: 3000, with a task of your own what it says."""
     shortest: bool = True
     """Plan the shortest path in every world, too."""
     baselines: bool = True
@@ -210,12 +212,14 @@ def main(args: Args) -> None:
     policy, setup = greedy(model), setup_of(model)
     names = args.worlds or setup.playgrounds
     groups = {name: flockstep.scenes.load(name) * args.repeats for name in names}
-    if args.generated:
-        groups["generated"] = setup.generated(UNSEEN_SEEDS, args.generated)
+    generated = (0 if setup.is_own else 100) if args.generated is None else args.generated
+    if generated:
+        groups["generated"] = setup.generated(UNSEEN_SEEDS, generated)
+    seed = UNSEEN_SEEDS.start if setup.is_own else 0  # a task of one's own may draw starts and targets by it
     result: dict[str, Any] = {}
     for name, worlds in groups.items():
-        random_start = args.repeats > 1 and name != "generated"
-        flights = fly(policy, worlds, args.max_episode_steps, args.shortest, setup, random_start)
+        random_start = args.repeats > 1 and name != "generated" and not setup.is_own
+        flights = fly(policy, worlds, args.max_episode_steps, args.shortest, setup, random_start, seed)
         rows = [{k: v for k, v in asdict(flight).items() if k != "trail"} for flight in flights]
         result[name] = {"summary": summary(flights), "flights": rows}
         print(name, json.dumps(result[name]["summary"]))

@@ -115,8 +115,8 @@ def main(args: Args) -> None:
     """Fly and draw."""
     model = None if args.policy is None else PPO.load(args.policy, device="cpu")
     setup = Setup("camera") if model is None else setup_of(model)
-    if setup.task == "lidar":
-        raise SystemExit(f"{args.policy} was trained for the LiDAR task, which has no camera")
+    if not setup.has_camera:
+        raise SystemExit(f"{args.policy} was trained for {setup.task}: expected a policy of camera or pixels")
     world = flockstep.scenes.load(args.world)[0]
     images = captures(None if model is None else greedy(model), setup, world, args.width_px, args.max_steps)
     if not images:

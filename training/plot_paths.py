@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,82 +15,89 @@ import numpy.typing as npt
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle
 from PIL import Image
 from stable_baselines3 import PPO
 
 import flockstep
 from evaluate import Flight, Policy, fly, greedy
-from flockstep.viewer.third_person_view import ThirdPersonView
-from flockstep.viewer.trail import Trail
-from tasks import Setup, setup_of
+from flockstep.task import MARKERS
+from flockstep.viewer.relief import SOLID, VIEWS, Relief
+from tasks import Setup, env_keywords, setup_of
 
-OUTCOME_COLOR = {"success": "tab:green", "crash": "tab:red", "overshoot": "tab:purple", "time-out": "tab:orange"}
-PILLAR_COLOR = "0.45"
-MARKER_COLOR = {"start": "tab:red", "waypoint": "gold", "goal": "limegreen"}
-TOP, SIDE = (0, 1), (0, 2)  # the axes of a view: x and y, x and z
+OUTCOME_COLOR = {
+    "success": "tab:green",
+    "crash": "tab:red",
+    "overshoot": "tab:purple",
+    "time-out": "tab:orange",
+    "ended": "tab:brown",
+}
+OBSTACLE_COLOR = tuple(channel / 255 for channel in SOLID)
+MARKER_COLOR = {"start": "tab:red", "waypoints": "gold", "goal": "limegreen"}
+MARGIN = 0.015  # of the world's size, around it
+WORLD_PX = 900  # of a picture's longer side: the world
+CLEAR_M = 0.15  # a world is cut so far before a path
 
 FRAME_MS, COMMON_COLORS = 35, 96  # of an animation: for a step of the policy; out of 256
 
 Pixels = npt.NDArray[np.uint8]
 
 
-def draw_world(axes: Axes, world: flockstep.World, view: tuple[int, int]) -> None:
-    """Draw room, obstacles and markers as seen along the axis that is not in the view."""
-    across, up = view
-    for primitive in world.primitives:
-        center, half = primitive["center"], primitive["half_extents"]
-        if primitive["kind"] in ("cylinder", "sphere") and (view == TOP or primitive["kind"] == "sphere"):
-            axes.add_patch(Circle((center[across], center[up]), half[0], color=PILLAR_COLOR))
-            continue
-        corner = (center[across] - half[across], center[up] - half[up])
-        style: dict[str, Any] = {"facecolor": "0.75", "edgecolor": "0.6", "alpha": 0.6}
-        if primitive["kind"] == "room":
-            style = {"fill": False, "edgecolor": "black", "linewidth": 1.5}
-        axes.add_patch(Rectangle(corner, 2 * half[across], 2 * half[up], **style))
-    places = [("start", world.start), *(("waypoint", w) for w in world.waypoints), ("goal", world.goal)]
-    for kind, place in places:
-        axes.add_patch(Circle((place[across], place[up]), world.marker_radius_m, color=MARKER_COLOR[kind], zorder=3))
-    low, high = world.bounds
-    axes.set_xlim(low[across] - 0.2, high[across] + 0.2)
-    axes.set_ylim(low[up] - 0.2, high[up] + 0.2)
-    axes.set_aspect("equal")
+def draw_path(axes: Axes, world: flockstep.World, view: str, flight: Flight, markers: Sequence[str]) -> None:
+    """Draw a world, some of its markers and a path as a view of `Relief` sees them, cut just before the path."""
+    across, up, along, viewer = VIEWS[view]
+    trail = flight.trail
+    places = [("start", world.start), *(("waypoints", w) for w in world.waypoints), ("goal", world.goal)]
+    found = [(kind, place) for kind, place in places if place is not None and kind in markers]
+    corners = np.concatenate([world.bounds, trail, *(place[None] for _, place in found)])[:, [across, up]]
+    low, high = corners.min(axis=0).astype(float), corners.max(axis=0).astype(float)
+    margin = MARGIN * float((high - low).max())
+    low, high = low - margin, high + margin
+    width, height = np.maximum(np.rint(WORLD_PX * (high - low) / (high - low).max()), 1).astype(int).tolist()
+    cut_m = viewer * (float((viewer * trail[:, along]).max()) + CLEAR_M)
+    picture = Relief(world, view, low, high, (width, height)).picture(cut_m)
+    axes.imshow(picture, extent=(low[0], high[0], low[1], high[1]), interpolation="antialiased")
+    for kind, place in found:
+        radius = max(world.marker_radius_m, margin)
+        axes.add_patch(Circle((place[across], place[up]), radius, color=MARKER_COLOR[kind], zorder=3))
+    color = OUTCOME_COLOR[flight.outcome]
+    axes.plot(trail[:, across], trail[:, up], color=color, linewidth=2, zorder=4)
+    if flight.outcome != "success":
+        axes.plot(*trail[-1, [across, up]], "x", color=color, zorder=5)
     axes.set_xlabel("xyz"[across] + " / m")
     axes.set_ylabel("xyz"[up] + " / m")
 
 
-def plot_flight(world: flockstep.World, flight: Flight, path: Path) -> None:
+def plot_flight(world: flockstep.World, flight: Flight, path: Path, markers: Sequence[str] = MARKERS) -> None:
     """Write a picture of one flight: from above, and from the side."""
-    low, high = world.bounds
-    size = high - low
+    size = np.ptp(np.concatenate([world.bounds, flight.trail]), axis=0)
+    ratios = [max(float(size[1] / size[0]), 0.2), max(float(size[2] / size[0]), 0.2)]
     figure, (top, side) = plt.subplots(
-        2, 1, figsize=(7, 10), height_ratios=[float(size[1]), float(size[2])], layout="constrained"
+        2, 1, figsize=(7, min(1 + 6.3 * sum(ratios), 14)), height_ratios=ratios, layout="constrained"
     )
-    for axes, view in ((top, TOP), (side, SIDE)):
-        draw_world(axes, world, view)
-        color = OUTCOME_COLOR[flight.outcome]
-        axes.plot(flight.trail[:, view[0]], flight.trail[:, view[1]], color=color, linewidth=2, zorder=4)
-        axes.plot(*flight.trail[-1, list(view)], "x", color=color, zorder=5)
+    draw_path(top, world, "top", flight, markers)
+    draw_path(side, world, "side", flight, markers)
     figure.suptitle(f"{world.name}: {flight.outcome} after {flight.steps} steps, reward {flight.reward:,.1f}")
-    figure.savefig(path, dpi=90)
+    figure.savefig(path, dpi=120)
     plt.close(figure)
 
 
-def plot_overview(worlds: Sequence[flockstep.World], flights: Sequence[Flight], path: Path) -> None:
+def plot_overview(
+    worlds: Sequence[flockstep.World], flights: Sequence[Flight], path: Path, markers: Sequence[str] = MARKERS
+) -> None:
     """Write one picture of all flights from above; where a place is left, it says what the colours mean."""
     columns = 4
     rows = -(-len(worlds) // columns)
     figure, grid = plt.subplots(rows, columns, figsize=(4 * columns, 4 * rows), layout="constrained", squeeze=False)
     for axes, world, flight in zip(grid.flat, worlds, flights, strict=False):
-        draw_world(axes, world, TOP)
-        axes.plot(flight.trail[:, 0], flight.trail[:, 1], color=OUTCOME_COLOR[flight.outcome], linewidth=2, zorder=4)
+        draw_path(axes, world, "top", flight, markers)
         axes.set_title(f"{world.name}: {flight.outcome}")
         axes.label_outer()
     left = grid.flat[len(worlds) :]
     for axes in left:
         axes.axis("off")
     if len(left):
-        dots = {**MARKER_COLOR, "pillar": PILLAR_COLOR}
+        dots = {**{kind: MARKER_COLOR[kind] for kind in markers}, "obstacle": OBSTACLE_COLOR}
         handles = [Line2D([], [], marker="o", linestyle="", markersize=12, color=c, label=k) for k, c in dots.items()]
         outcomes = [outcome for outcome in OUTCOME_COLOR if any(flight.outcome == outcome for flight in flights)]
         handles += [Line2D([], [], linewidth=2, color=OUTCOME_COLOR[o], label=f"flight: {o}") for o in outcomes]
@@ -110,21 +116,24 @@ def animate(
     steps_per_frame: int = 2,
 ) -> None:
     """Write an animation of one flight from behind the drone, with its LiDAR's beams, its cameras' views, its trail."""
-    envs = (setup or Setup()).make(1, worlds=[world], autoreset_mode="disabled")
+    setup = setup or Setup()
+    envs = setup.make(
+        1,
+        worlds=[world],
+        autoreset_mode="disabled",
+        render_mode="rgb_array",
+        render_view="third_person",
+        render_size=(width_px, width_px * 3 // 4),
+    )
     observation, _ = envs.reset(seed=0)
-    trail = Trail(envs.batch)
-    cameras = [camera.name for camera in envs.cameras]
-    view = ThirdPersonView(envs.batch, cameras, trail, width_px=width_px, height_px=width_px * 3 // 4)
     frames = []
     for step in range(max_steps):
-        trail.record()
         if step % steps_per_frame == 0:
-            frames.append(view.frame(0))
+            frames.extend(envs.render() or ())
         observation, _, terminated, truncated, _ = envs.step(policy(observation))
         if terminated[0] or truncated[0]:
             break
-    trail.record()
-    frames.append(view.frame(0))
+    frames.extend(envs.render() or ())
     envs.close()
     write_gif(path, frames, FRAME_MS * steps_per_frame)
 
@@ -145,6 +154,12 @@ def palette_of(pixels: Pixels) -> Image.Image:
     palette = Image.new("P", (1, 1))
     palette.putpalette([*common.ravel().tolist(), *(others or [])])
     return palette
+
+
+def markers_of(setup: Setup) -> tuple[str, ...]:
+    """Return which markers of its worlds a task uses."""
+    markers: tuple[str, ...] = getattr(env_keywords(setup.task).get("task"), "markers", MARKERS)
+    return markers
 
 
 def picture_name(world: flockstep.World) -> str:
@@ -178,8 +193,8 @@ def main(args: Args) -> None:
     worlds = [world for name in args.worlds or setup.playgrounds for world in flockstep.scenes.load(name)]
     flights = fly(policy, worlds, setup=setup)
     for world, flight in zip(worlds, flights, strict=True):
-        plot_flight(world, flight, args.out / picture_name(world))
-    plot_overview(worlds, flights, args.out / "paths.png")
+        plot_flight(world, flight, args.out / picture_name(world), markers_of(setup))
+    plot_overview(worlds, flights, args.out / "paths.png", markers_of(setup))
     shown = flockstep.scenes.load(args.animated)[0] if args.animated else worlds[0]
     animate(policy, shown, args.out / "flight.gif", 400, setup, args.width_px, args.steps_per_frame)
     print(f"{len(worlds)} pictures, paths.png and flight.gif are in {args.out}/")

@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import difflib
+import importlib
+import os
+import sys
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from types import ModuleType
+from typing import Any
 
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
 
-TaskName = Literal["lidar", "camera", "pixels"]
+#: The tasks that come with flockstep: what each observes.
+OBSERVATIONS = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
 
-OBSERVATIONS: dict[TaskName, str] = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
+#: Their ids: another name for the same.
+IDS = {
+    "flockstep/LidarNavigation-v0": "lidar",
+    "flockstep/CameraNavigation-v0": "camera",
+    "flockstep/CameraPixels-v0": "pixels",
+}
+
+EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or module:Class of a flockstep.Task"
 
 #: Seeds of generated playgrounds. Training flies in the first; the model is chosen, and training stops, by the second;
-#: what is reported is flown in the third, once, at the end. No seed is in two of them.
+#: what is reported is flown in the third, once, at the end. No seed is in two of them. Tasks of one's own draw their
+#: random numbers by these seeds, too.
 TRAINING_SEEDS = range(0, 500_000)
 CHOOSING_SEEDS = range(500_000, 1_000_000)
 UNSEEN_SEEDS = range(1_000_000, 1_500_000)
@@ -25,24 +43,102 @@ CAMERA_HEIGHT_M = 3.12
 CAMERA_SIDEWAYS_M = 2.5
 
 
+def env_keywords(task: str) -> dict[str, Any]:
+    """Return the keywords of `DroneVectorEnv` that make a task's env.
+
+    Parameters
+    ----------
+    task
+        ``"lidar"``, ``"camera"`` or ``"pixels"``; an id that flockstep has registered with Gymnasium, or
+        ``"module:id"`` where a module of yours does so; ``"module:Class"`` of a `flockstep.Task`. Modules are looked
+        for in the working directory, too.
+
+    Raises
+    ------
+    ValueError
+        There is no such module, id or class, or it is something else; the message names what comes nearest.
+    """
+    if task in OBSERVATIONS:
+        return {"observation": OBSERVATIONS[task]}
+    module_name, colon, name = task.rpartition(":")
+    module = _imported(task, module_name) if colon else None
+    found = getattr(module, name, None)
+    if _is_task(found):
+        return {"task": found}
+    if found is None:
+        found = gymnasium.registry.get(name)
+        if found is not None and _is_ours(found):
+            return dict(found.kwargs)
+    what = "is not there" if found is None else f"is a {type(found).__name__}"
+    if isinstance(found, type):
+        what = "does not derive from flockstep.Task"
+    elif isinstance(found, EnvSpec):
+        what = "is not an env of flockstep's"
+    ids = [name for name, spec in gymnasium.registry.items() if _is_ours(spec)]
+    classes = [name for name, value in vars(module).items() if _is_task(value)] if module else []
+    known = [f"{module_name}:{name}" for name in classes + ids] if module else [*OBSERVATIONS, *ids]
+    nearest = difflib.get_close_matches(task, known, cutoff=0) or known
+    raise ValueError(f"task: expected {EXPECTED}, got {task!r}, which {what}; the nearest are {', '.join(nearest)}")
+
+
+def _imported(task: str, name: str) -> ModuleType:
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise ValueError(f"task: expected {EXPECTED}, got {task!r}, where {name!r} is not the name of a module")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if not f"{name}.".startswith(f"{error.name}."):  # it is there, and something that it imports is not
+            raise
+        where = f"neither installed nor in {os.getcwd()}"
+        raise ValueError(f"task: expected {EXPECTED}, got {task!r}, whose module is {where}") from None
+
+
+def _is_task(value: Any) -> bool:
+    return isinstance(value, type) and issubclass(value, flockstep.Task) and value is not flockstep.Task
+
+
+def _is_ours(spec: EnvSpec) -> bool:
+    return spec.vector_entry_point == "flockstep.vector_env:DroneVectorEnv"
+
+
 @dataclass(frozen=True)
 class Setup:
     """A task and what the policy was trained to see of it; saved with the policy."""
 
-    task: TaskName = "lidar"
+    task: str = "lidar"
     width_px: int = 64
     height_px: int = 48
     samples_per_pixel: int = 1
     frame_skip: int = 1
+    worlds: tuple[str, ...] = ()  # to train in, as flockstep.scenes.load takes them; by default the task's own
+    evaluation_worlds: tuple[str, ...] = ()
 
     @property
-    def playgrounds(self) -> tuple[str, str]:
-        """The sets of shipped playgrounds to train in and to validate in."""
-        return ("train", "validation") if self.task == "lidar" else ("camera-train", "camera-validation")
+    def is_own(self) -> bool:
+        """Whether the task is none of those that come with flockstep."""
+        return self.task not in OBSERVATIONS
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether the task comes with flockstep and has a camera."""
+        return self.task in ("camera", "pixels")
+
+    @property
+    def training_worlds(self) -> tuple[str, ...]:
+        """Names of the worlds to train in, beside generated ones."""
+        return self.worlds or ("camera-train" if self.has_camera else "train",)
+
+    @property
+    def playgrounds(self) -> tuple[str, ...]:
+        """Names of the worlds to train in and to validate in."""
+        validation = () if self.is_own else ("camera-validation" if self.has_camera else "validation",)
+        return tuple(dict.fromkeys((*self.training_worlds, *(self.evaluation_worlds or validation))))
 
     def make(self, num_envs: int, **keywords: Any) -> flockstep.DroneVectorEnv:
         """Make the env."""
-        if self.task != "lidar":
+        if self.has_camera:
             keywords["camera"] = flockstep.CameraConfig(
                 width_px=self.width_px,
                 height_px=self.height_px,
@@ -50,13 +146,36 @@ class Setup:
                 layout="chw",
             )
         return flockstep.DroneVectorEnv(
-            num_envs, observation=OBSERVATIONS[self.task], frame_skip=self.frame_skip, **keywords
+            num_envs, **{**env_keywords(self.task), "frame_skip": self.frame_skip, **keywords}
         )
+
+    def make_limited(self, num_envs: int, max_episode_steps: int | None, **keywords: Any) -> flockstep.DroneVectorEnv:
+        """Make the env, whose episodes all end: after so many steps, or after as many as the task says.
+
+        Raises
+        ------
+        ValueError
+            Nobody says after how many.
+        """
+        envs = self.make(num_envs, max_episode_steps=max_episode_steps, **keywords)
+        if not max_episode_steps and getattr(envs.task, "max_episode_steps", None) == 0:
+            envs.close()
+            raise ValueError(f"max_episode_steps: expected a number, since {self.task} has none of its own, got none")
+        return envs
+
+    def route(self, world: flockstep.World) -> npt.NDArray[np.float32] | None:
+        """Return start and goal of a world and, unless the task is one's own, the waypoints between them, (K, 3) m.
+
+        None if it lacks start or goal.
+        """
+        if world.start is None or world.goal is None:
+            return None
+        return np.stack([world.start, *([] if self.is_own else world.waypoints), world.goal])
 
     @property
     def generated_note(self) -> str:
         """What `generated` leaves out or changes of generated playgrounds, to be said where a success in them is."""
-        if self.task == "lidar":
+        if not self.has_camera:
             return ""
         return (
             "Generated playgrounds of the camera tasks are only those whose goal lies at most "
@@ -76,7 +195,7 @@ class Setup:
             if len(worlds) == count:
                 break
             world = flockstep.World.playground(seed=seed)
-            if self.task == "lidar":
+            if not self.has_camera:
                 worlds.append(world)
             elif abs(world.goal[1] - world.start[1]) <= CAMERA_SIDEWAYS_M:
                 worlds.append(without_waypoints(world))
@@ -104,9 +223,5 @@ def remember(model: BaseAlgorithm, setup: Setup) -> None:
 
 def setup_of(model: BaseAlgorithm) -> Setup:
     """Return the setup a model was trained for; the LiDAR task where nothing is noted."""
-    return Setup(**getattr(model, "setup", {}))
-
-
-def task_names() -> tuple[TaskName, ...]:
-    """Return the names of all tasks."""
-    return get_args(TaskName)
+    noted = getattr(model, "setup", {})
+    return Setup(**{name: tuple(value) if isinstance(value, list) else value for name, value in noted.items()})

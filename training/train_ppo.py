@@ -1,8 +1,9 @@
-"""Train a navigation task with Stable-Baselines3 PPO.
+"""Train a task with Stable-Baselines3 PPO: one that comes with flockstep, or one of your own.
 
 .venv/bin/python training/train_ppo.py --task lidar
 .venv/bin/python training/train_ppo.py --task camera
 .venv/bin/python training/train_ppo.py --task pixels
+.venv/bin/python training/train_ppo.py --task my_module:MyTask --worlds my-world.json
 .venv/bin/python training/train_ppo.py --seed 1 --max-minutes 5 --out out/train/seed1
 .venv/bin/python training/train_ppo.py --resume out/train/lidar/policy.zip
 """
@@ -12,18 +13,21 @@ from __future__ import annotations
 import argparse
 import ctypes
 import json
+import re
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import tyro
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
@@ -31,10 +35,12 @@ from tqdm import tqdm
 
 import flockstep
 from evaluate import fly, greedy
-from flockstep.sb3 import BlobFeatures, GoalFeatures, PixelFeatures
-from tasks import CHOOSING_SEEDS, TRAINING_SEEDS, Setup, TaskName, remember, task_names
+from flockstep.sb3 import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures
+from flockstep.sb3.features import is_image
+from tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, env_keywords, remember
 
-#: An evaluation flight that takes more flown steps has failed: those that reach the goal take half as long.
+#: An evaluation flight of a built-in task that takes more flown steps has failed: those that reach the goal take half
+#: as long.
 EVALUATION_STEPS = 500
 
 # Options of glibc's mallopt, from malloc.h.
@@ -45,8 +51,9 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 class Args:
     """Train a policy. Every hyperparameter is free; the README's figures were made with each task's defaults."""
 
-    task: TaskName = "lidar"
-    """What to train."""
+    task: str = "lidar"
+    """What to train: lidar, camera, pixels; an id that flockstep has registered with Gymnasium, or module:id where a
+    module of yours registers it; module:Class of a flockstep.Task. Modules in the working directory are found."""
     seed: int = 0
     """Of the environments, the network and the sampling of actions."""
     out: Path = Path("out/train/lidar")
@@ -59,32 +66,38 @@ class Args:
     """Time budget."""
     evaluate_every: int = 150_000
     """Steps between evaluations; the best model of all of them is kept."""
-    evaluation_worlds: int = 500
-    """Generated playgrounds that these fly; training does not. No evaluation flies those that ship."""
+    evaluation_worlds: tuple[str, ...] = ()
+    """Names of worlds that these fly, in turn. Default: generated playgrounds that training does not fly; with a task
+    of your own that trains in none, the worlds it trains in."""
+    evaluation_flights: int = 500
+    """In how many of the former, or how often."""
     solved_rate: float = 0.985
-    """Solved: an evaluation succeeds in this share of its playgrounds."""
+    """Solved: this share of an evaluation's flights succeeds."""
     stop_when_solved: bool = True
     """Stop at the first such evaluation."""
     num_envs: int = 512
     """Drones flying at once."""
+    worlds: tuple[str, ...] = ()
+    """Sets of scenes, scene names or paths to train in. Default: the playgrounds that ship for training."""
     generated: int = 1000
-    """Generated playgrounds to train in, beside those that ship for training."""
+    """Generated playgrounds to train in, beside these."""
     playground_share: float = 0.3
-    """Share of episodes flown in those that ship."""
+    """Share of episodes flown in those that are not generated."""
     random_start: bool = False
-    """Begin episodes anywhere in the spawn box."""
+    """Begin episodes anywhere in the spawn box; of the navigation tasks."""
     width_px: int = 64
-    """Of the camera, where the task has one; 4:3."""
+    """Of the camera of the built-in tasks; 4:3."""
     samples_per_pixel: int = 1
-    """Of the camera."""
+    """Of that camera."""
     frame_skip: int = 1
     """Flown steps per decision of the policy. The other numbers of steps here count decisions, but for the next one."""
-    max_episode_steps: int = 400
-    """Training episodes are cut after so many flown steps: a policy that stalls gets no more reward."""
+    max_episode_steps: int | None = 400
+    """Training episodes are cut after so many flown steps: a policy that stalls gets no more reward. None: after as
+    many as the task says."""
     reward_scale: float = 0.1
     """Training sees reward * reward_scale ..."""
-    reward_clip: float = 10.0
-    """... clipped to +- this ..."""
+    reward_clip: float | None = 10.0
+    """... clipped to +- this, if it is not None ..."""
     step_cost: float = 0.0
     """... less this: where the goal is out of sight, hovering must not pay. Everything reported is the task's own."""
     steps_per_update: int = 64
@@ -112,21 +125,33 @@ class Args:
     progress: bool = True
     """Show the progress bar."""
 
+    def __post_init__(self) -> None:
+        """Call a task that comes with flockstep by one name."""
+        self.task = IDS.get(self.task, self.task)
+
     @property
     def setup(self) -> Setup:
         """What is flown."""
-        return Setup(self.task, self.width_px, self.width_px * 3 // 4, self.samples_per_pixel, self.frame_skip)
+        return Setup(
+            self.task,
+            self.width_px,
+            self.width_px * 3 // 4,
+            self.samples_per_pixel,
+            self.frame_skip,
+            self.worlds,
+            self.evaluation_worlds,
+        )
 
 
 #: What each task is trained with where nothing else is said.
-DEFAULTS: dict[TaskName, Args] = {
+DEFAULTS = {
     "lidar": Args(),
     "camera": Args(
         task="camera",
         out=Path("out/train/camera"),
         total_steps=2_000_000,
         evaluate_every=100_000,
-        evaluation_worlds=100,
+        evaluation_flights=100,
         solved_rate=0.9,
         generated=200,
         playground_share=0.5,
@@ -138,7 +163,7 @@ DEFAULTS: dict[TaskName, Args] = {
         out=Path("out/train/pixels"),
         total_steps=400_000,
         evaluate_every=50_000,
-        evaluation_worlds=100,
+        evaluation_flights=100,
         solved_rate=0.9,
         random_start=True,
         num_envs=128,
@@ -151,17 +176,54 @@ DEFAULTS: dict[TaskName, Args] = {
     ),
 }
 
-POLICIES = {
-    "lidar": ("MlpPolicy", GoalFeatures),
-    "camera": ("MlpPolicy", BlobFeatures),
-    "pixels": ("MultiInputPolicy", PixelFeatures),
+#: The same for a task of your own.
+OWN = Args(
+    total_steps=500_000,
+    evaluate_every=25_000,
+    evaluation_flights=100,
+    num_envs=64,
+    generated=0,
+    max_episode_steps=None,
+    reward_scale=1.0,
+    reward_clip=None,
+    steps_per_update=32,
+    batch_size=256,
+    learning_rate=1e-3,
+    entropy=0.0,
+)
+
+FEATURES: dict[str, type[BaseFeaturesExtractor]] = {
+    "lidar": GoalFeatures,
+    "camera": BlobFeatures,
+    "pixels": PixelFeatures,
 }
+
+
+def defaults_of(task: str) -> Args:
+    """Return what a task is trained with where nothing else is said.
+
+    Raises
+    ------
+    ValueError
+        There is no such task.
+    """
+    env_keywords(task)
+    task = IDS.get(task, task)
+    return DEFAULTS.get(task) or replace(OWN, task=task, out=Path("out/train") / re.split("[:/]", task)[-1])
+
+
+def network(task: str, space: spaces.Space[Any]) -> tuple[str, dict[str, Any]]:
+    """Return the kind of policy that suits a task's observation, and its keywords for the features extractor."""
+    images = [part for part in (space.values() if isinstance(space, spaces.Dict) else [space]) if is_image(part)]
+    kind = "MultiInputPolicy" if isinstance(space, spaces.Dict) else "CnnPolicy" if images else "MlpPolicy"
+    features = FEATURES.get(task, ImageFeatures if images else None)
+    return kind, {} if features is None else {"features_extractor_class": features}
 
 
 class LearnerReward(VecEnvWrapper):
     """Rewards clipped for the learner, less a cost per step; the episode returns in the infos stay as they are."""
 
-    def __init__(self, venv: VecEnv, clip: float, step_cost: float = 0.0) -> None:
+    def __init__(self, venv: VecEnv, clip: float | None, step_cost: float = 0.0) -> None:
         super().__init__(venv)
         self.clip, self.step_cost = clip, step_cost
         self.seconds = 0.0  # spent in the environment
@@ -175,7 +237,8 @@ class LearnerReward(VecEnvWrapper):
         before = time.perf_counter()
         observation, reward, done, infos = self.venv.step_wait()
         self.seconds += time.perf_counter() - before
-        return observation, np.clip(reward, -self.clip, self.clip) - self.step_cost, done, infos
+        clipped = reward if self.clip is None else np.clip(reward, -self.clip, self.clip)
+        return observation, clipped - self.step_cost, done, infos
 
 
 class TimedPPO(PPO):
@@ -204,14 +267,19 @@ class Supervisor(BaseCallback):
     def __init__(self, args: Args) -> None:
         super().__init__()
         self.args = args
-        self.worlds = args.setup.generated(CHOOSING_SEEDS, args.evaluation_worlds)
+        self.worlds, self.where = evaluation_flights(args)
         self.next_evaluation = args.evaluate_every
         self.started = time.perf_counter()
         self.evaluating_s = self.evaluating_in_rollouts_s = 0.0
         self.best = -1.0
         self.solved = False
+        self.first_success: dict[str, float] | None = None
         self.evaluations: list[dict[str, float]] = []
         self.successes: list[bool] = []
+
+    def training_s(self) -> float:
+        """Return the seconds so far, without evaluations."""
+        return time.perf_counter() - self.started - self.evaluating_s
 
     def _on_training_start(self) -> None:
         self.bar = tqdm(
@@ -237,6 +305,8 @@ class Supervisor(BaseCallback):
         for info in self.locals["infos"]:
             if info:
                 self.successes.append(info["is_success"])
+                if info["is_success"] and self.first_success is None:
+                    self.first_success = {"steps": self.num_timesteps, "seconds": self.training_s()}
         minutes = (time.perf_counter() - self.started) / 60
         out_of_time = self.args.max_minutes is not None and minutes > self.args.max_minutes
         return not (out_of_time or (self.solved and self.args.stop_when_solved))
@@ -257,20 +327,19 @@ class Supervisor(BaseCallback):
     def evaluate(self) -> None:
         """Fly the deterministic policy in the playgrounds kept for this; keep the model if it is the best so far."""
         before = time.perf_counter()
-        flights = fly(greedy(self.model), self.worlds, EVALUATION_STEPS, setup=self.args.setup)
+        setup, seconds = self.args.setup, self.training_s()
+        limit = self.args.max_episode_steps if setup.is_own else EVALUATION_STEPS
+        flights = fly(greedy(self.model), self.worlds, limit, setup=setup, seed=CHOOSING_SEEDS.start)
         rate = float(np.mean([flight.outcome == "success" for flight in flights]))
         self.logger.record("eval/success_rate", rate)
-        self.evaluations.append({"steps": self.num_timesteps, "success_rate": rate})
+        self.evaluations.append({"steps": self.num_timesteps, "seconds": seconds, "success_rate": rate})
         self.solved |= rate >= self.args.solved_rate
         if rate >= self.best:
             self.best = rate
             written = self.args.out / "written.zip"  # the best model so far stays whole if this is interrupted
             self.model.save(written)
             written.replace(self.args.out / "policy.zip")
-        self.bar.write(
-            f"  {self.num_timesteps:>9,} steps: reaches the goal in {rate:.1%} of {len(flights)} generated playgrounds "
-            "that it does not train in"
-        )
+        self.bar.write(f"  {self.num_timesteps:>9,} steps: success in {rate:.1%} of {len(flights)} {self.where}")
         self.evaluating_s += time.perf_counter() - before
 
 
@@ -284,29 +353,42 @@ class Outcome:
     evaluation_seconds: float
     steps_per_second: float  # steps / seconds
     seconds_by_part: dict[str, float]
-    evaluations: list[dict[str, float]]
+    first_success: dict[str, float] | None  # of the exploring policy: after how many steps and seconds
+    evaluations: list[dict[str, float]]  # steps and seconds until then, and the success rate
+
+
+def evaluation_flights(args: Args) -> tuple[list[flockstep.World], str]:
+    """Return the world of each flight of an evaluation, and what they are in words."""
+    setup = args.setup
+    names = setup.evaluation_worlds or (setup.training_worlds if setup.is_own and not args.generated else ())
+    if not names:
+        worlds = setup.generated(CHOOSING_SEEDS, args.evaluation_flights)
+        return worlds, "generated playgrounds that it does not train in"
+    worlds = flockstep.scenes.load(names)
+    count = max(args.evaluation_flights, len(worlds)) if setup.is_own else len(worlds)  # the others begin all alike
+    return [worlds[i % len(worlds)] for i in range(count)], f"flights in {', '.join(names)}"
 
 
 def make_envs(args: Args) -> LearnerReward:
     """Return the training environments: each episode is flown in a world drawn at random."""
     setup = args.setup
-    playgrounds = flockstep.scenes.load(setup.playgrounds[0])
+    playgrounds = flockstep.scenes.load(setup.training_worlds)
     worlds = playgrounds + setup.generated(TRAINING_SEEDS, args.generated)
     if 0 < args.playground_share < 1 and args.generated:
         # A world is drawn as often as it stands in the list.
         repeats = round(args.playground_share / (1 - args.playground_share) * args.generated / len(playgrounds))
         worlds += playgrounds * max(repeats - 1, 0)
-    envs = setup.make(
+    envs = setup.make_limited(
         args.num_envs,
+        args.max_episode_steps,
         worlds=worlds,
-        max_episode_steps=args.max_episode_steps,
-        random_start=args.random_start,
         random_world=True,
         stagger_first_episode=True,
         num_threads=args.num_threads,
         autoreset_mode="same_step",
         copy=False,
         reward_scale=args.reward_scale,
+        **({"random_start": True} if args.random_start else {}),
     )
     return LearnerReward(flockstep.sb3.make_vec(envs), args.reward_clip, args.step_cost)
 
@@ -344,13 +426,9 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     if args.resume:
         model = TimedPPO.load(args.resume, env=venv, device="cpu", **hyperparameters)
     else:
-        policy, features = POLICIES[args.task]
-        network = {
-            "net_arch": list(args.net),
-            "activation_fn": torch.nn.ReLU,
-            "features_extractor_class": features,
-        }
-        model = TimedPPO(policy, venv, policy_kwargs=network, device="cpu", **hyperparameters)
+        policy, features = network(args.task, venv.observation_space)
+        layers = {"net_arch": list(args.net), "activation_fn": torch.nn.ReLU}
+        model = TimedPPO(policy, venv, policy_kwargs={**layers, **features}, device="cpu", **hyperparameters)
     remember(model, args.setup)
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
 
@@ -367,7 +445,14 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     model.logger.close()
     venv.close()
     outcome = Outcome(
-        supervisor.solved, steps, elapsed, supervisor.evaluating_s, steps / elapsed, seconds, supervisor.evaluations
+        supervisor.solved,
+        steps,
+        elapsed,
+        supervisor.evaluating_s,
+        steps / elapsed,
+        seconds,
+        supervisor.first_success,
+        supervisor.evaluations,
     )
     described = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(args).items()}
     (args.out / "result.json").write_text(json.dumps({"args": described, **asdict(outcome)}, indent=1) + "\n")
@@ -377,9 +462,12 @@ def train(args: Args) -> tuple[PPO, Outcome]:
 def command_line() -> Args:
     """Read the command line; what it leaves out is as its task has it."""
     chooser = argparse.ArgumentParser(add_help=False)
-    chooser.add_argument("--task", choices=task_names(), default="lidar")
-    task = chooser.parse_known_args()[0].task
-    return tyro.cli(Args, default=DEFAULTS[task])
+    chooser.add_argument("--task", default="lidar")
+    try:
+        defaults = defaults_of(chooser.parse_known_args()[0].task)
+    except ValueError as error:
+        sys.exit(f"--{error}")
+    return tyro.cli(Args, default=defaults)
 
 
 if __name__ == "__main__":
@@ -390,9 +478,9 @@ if __name__ == "__main__":
         print(f"\nInterrupted. In {arguments.out}/ is what was kept before: policy.zip, the best model so far.")
         sys.exit(130)
     best = max(evaluation["success_rate"] for evaluation in result.evaluations)
-    print(f"The best model reaches the goal in {best:.1%} of the generated playgrounds it was chosen by;")
+    print(f"The best model succeeds in {best:.1%} of the flights it was chosen by;")
     print(
         f"{result.steps:,} steps in {result.seconds:.0f} s ({result.steps_per_second:,.0f} steps/s), and "
         f"{result.evaluation_seconds:.0f} s of evaluations."
     )
-    print(f"Policy and logs are in {arguments.out}/; training/evaluate.py flies it in the playgrounds that ship.")
+    print(f"Policy and logs are in {arguments.out}/; training/evaluate.py flies it once more.")

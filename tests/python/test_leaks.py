@@ -61,7 +61,8 @@ def test_the_measure_sees_one_batch_kept_per_round(room):
         kept.append(flockstep.Batch([room], DRONES, lidar=flockstep.LidarConfig(), task=flockstep.NavigationConfig()))
         kept[-1].reset(np.arange(DRONES))
 
-    assert growth(leak) > ROUNDS * BATCH_BYTES // 2
+    # Not all of it: what earlier tests have freed is taken first. The tests below allow no more than this.
+    assert growth(leak) > ROUNDS * BATCH_BYTES // 4
 
 
 @pytest.mark.parametrize("num_threads", [1, 2])

@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -30,6 +31,37 @@ def make(closet):
 @pytest.mark.filterwarnings("ignore:.*action space.*:UserWarning")
 def test_sb3_likes_the_single_env(room, action):
     check_env(gymnasium.make(ID, worlds=room, action=action).unwrapped)
+
+
+def test_the_log_says_what_the_reward_is_made_of(room):
+    class Climb(flockstep.Task):
+        observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+        reward_terms = ("height", "cost")
+        info_names = ("steps_flown",)
+        max_episode_steps = 4
+
+        def step(self, batch):
+            self.info["steps_flown"] += 1
+            cost = np.full(batch.num_drones, -0.5)
+            return {"height": batch.position[:, 2], "cost": cost}, np.zeros(batch.num_drones, bool)
+
+        def observe(self, batch):
+            return batch.position
+
+    class Spy(flockstep.sb3.LogTerms):
+        def _on_rollout_end(self):
+            super()._on_rollout_end()
+            logged.append(dict(self.logger.name_to_value))
+
+    logged = []
+    envs = flockstep.sb3.make_vec(Climb, 3, worlds=room)
+    model = PPO("MlpPolicy", envs, n_steps=8, batch_size=24, n_epochs=1, seed=0, device="cpu")
+    model.learn(48, callback=Spy(["steps_flown"]))
+    assert len(logged) == 2
+    for log in logged:
+        assert log["terms/cost"] == -2.0
+        assert log["infos/steps_flown"] == 4.0
+        assert log["terms/height"] == pytest.approx(8, abs=0.5)
 
 
 def test_is_a_direct_vec_env(make):
@@ -188,8 +220,6 @@ class TestAttributes:
 
 class TestMaking:
     def test_of_a_task(self, closet):
-        from gymnasium import spaces
-
         class Still(flockstep.Task):
             observation_space = spaces.Box(-10, 10, (3,), np.float32)
 
@@ -261,3 +291,88 @@ def test_sb3_wrappers(make):
         for i in np.flatnonzero(done):
             assert infos[i]["terminal_observation"].shape == (38,)
             assert infos[i]["episode"]["l"] <= 10
+
+
+class TestImageFeatures:
+    """The network for observations with images; Stable-Baselines3 hands it uint8 (C, H, W) as floats in [0, 1]."""
+
+    @staticmethod
+    def twins(one, other):
+        """Return extractors of two spaces with the same weights."""
+        torch.manual_seed(0)
+        first, second = (flockstep.sb3.ImageFeatures(space) for space in (one, other))
+        second.load_state_dict(first.state_dict())
+        return first, second
+
+    def test_takes_any_number_of_images_and_vectors(self):
+        space = spaces.Dict(
+            keys=spaces.Box(0, 1, (48, 64), np.float32),  # a name that a torch.nn.Module has, too
+            rgb=spaces.Box(0, 255, (3, 16, 20), np.uint8),
+            state=spaces.Box(-np.inf, np.inf, (2, 3), np.float32),
+        )
+        features = flockstep.sb3.ImageFeatures(space, channels=4, hidden=5)
+        assert features.features_dim == 5 + 5 + 6
+        seen = {name: torch.rand(7, *part.shape) for name, part in space.items()}
+        found = features(seen)
+        assert found.shape == (7, 16)
+        torch.testing.assert_close(found[:, 10:], seen["state"].flatten(1), rtol=0, atol=0)
+        for name in ("keys", "rgb"):
+            assert not torch.equal(features({**seen, name: torch.zeros_like(seen[name])}), found)
+
+    def test_images_are_scaled_by_their_bounds(self):
+        metres, shares = self.twins(spaces.Box(2, 10, (16, 24), np.float32), spaces.Box(0, 1, (16, 24), np.float32))
+        images = torch.rand(3, 16, 24)
+        torch.testing.assert_close(metres(2 + 8 * images), shares(images))
+
+    def test_what_sb3_has_scaled_is_not_scaled_again(self):
+        colors, shares = self.twins(
+            spaces.Box(0, 255, (3, 16, 24), np.uint8), spaces.Box(0, 1, (3, 16, 24), np.float32)
+        )
+        images = torch.rand(3, 3, 16, 24)
+        torch.testing.assert_close(colors(images), shares(images), rtol=0, atol=0)
+        flat, shares = self.twins(spaces.Box(0, 255, (16, 24), np.uint8), spaces.Box(0, 1, (16, 24), np.float32))
+        torch.testing.assert_close(flat(255 * images[:, 0]), shares(images[:, 0]))  # without channels, it is not
+
+    def test_channels_are_first_or_last(self):
+        first, last = self.twins(spaces.Box(0, 1, (3, 16, 24), np.float32), spaces.Box(0, 1, (16, 24, 3), np.float32))
+        images = torch.rand(3, 3, 16, 24)
+        torch.testing.assert_close(first(images), last(images.permute(0, 2, 3, 1)))
+
+    @pytest.mark.parametrize("shape", [(8,), (7, 64), (3, 7, 64), (64, 3, 64), (1, 3, 16, 16)])
+    def test_what_is_no_image_is_refused(self, shape):
+        with pytest.raises(ValueError, match="expected an image of at least 8 x 8 pixels"):
+            flockstep.sb3.ImageFeatures(spaces.Box(0, 1, shape, np.float32))
+
+    def test_bounds_have_to_be_finite(self):
+        space = spaces.Dict(depth=spaces.Box(0, np.inf, (16, 16), np.float32))
+        with pytest.raises(ValueError, match=r"depth: expected an image of finite bounds, got \[0, inf\]"):
+            flockstep.sb3.ImageFeatures(space)
+
+    @pytest.mark.parametrize("kind", ["MultiInputPolicy", "CnnPolicy"])
+    def test_is_trained(self, room, kind):
+        class Look(flockstep.Task):
+            camera = flockstep.CameraConfig(width_px=16, height_px=12, outputs=("depth",))
+            observation_space = spaces.Box(0, 1, (12, 16), np.float32)
+            max_episode_steps = 10
+
+            def step(self, batch):
+                return batch.position[:, 0], batch.contact.hit
+
+            def observe(self, batch):
+                return 1 / (1 + batch.camera().depth)
+
+        class LookAndKnow(Look):
+            observation_space = spaces.Dict(near=Look.observation_space, height=spaces.Box(0, 9, (1,), np.float32))
+
+            def observe(self, batch):
+                return {"near": super().observe(batch), "height": batch.position[:, 2:]}
+
+        task = LookAndKnow if kind == "MultiInputPolicy" else Look
+        envs = flockstep.sb3.make_vec(task, 4, worlds=room)
+        network = {"features_extractor_class": flockstep.sb3.ImageFeatures}
+        model = PPO(kind, envs, n_steps=16, batch_size=32, n_epochs=1, policy_kwargs=network, seed=0, device="cpu")
+        convolution = model.policy.features_extractor.nets[0][0][1].weight
+        before = convolution.detach().clone()
+        model.learn(64)
+        assert not torch.equal(convolution, before)
+        assert flockstep.sb3.success_rates(model, task, worlds=room) == {"room": 0.0}

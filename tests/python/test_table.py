@@ -51,3 +51,22 @@ def test_figures_of_no_or_several_sources_are_refused(changes, match):
     table.refuse_unknown_sources({"train": result()})
     with pytest.raises(SystemExit, match=match):
         table.refuse_unknown_sources({"train": result(**changes)})
+
+
+def test_the_table_of_trainers_has_the_medians_of_its_seeds():
+    def figures(program, steps, flown):
+        told = {"unit": "1", "runs": 1, "program": program, "version": "lib 1.0", "autoreset_mode": "same_step"}
+        values = {"steps_per_second": [3000, 1000, 2000], "steps": steps, "playgrounds": flown}
+        return [
+            {"name": f"trainers/{program}/seed{i}/{name}", "value": value, **told}
+            for name, row in values.items()
+            for i, value in enumerate(row)
+        ]
+
+    slow = figures("slow.py", [5000, 9000, 4000], [7, 5, 6])
+    never = figures("never.py", [9000, 9000, 4000], [0, 5, 6])
+    written = table.trainers({"trainers": result(figures=[*slow, *never])})
+    assert written.startswith("Fast One, ")
+    assert "| `slow.py` | lib 1.0 | same_step | 2,000 | 5,000 (2 of 3 seeds) |" in written
+    assert "| `never.py` | lib 1.0 | same_step | 2,000 | more than 9,000 (1 of 3 seeds) |" in written
+    assert table.trainers({}) == "Not measured yet.\n"

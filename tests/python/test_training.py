@@ -2,20 +2,69 @@
 
 import dataclasses
 import json
+import sys
 
+import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 
 import benchmark
 import camera_pictures
 import evaluate
 import flockstep
 import plot_blob
+import plot_curve
 import plot_paths
 import tasks
 import train_ppo
+
+# A module with a task that sees, climbs to end well, and sinks to end otherwise.
+OWN = """
+import numpy as np
+from gymnasium import spaces
+
+import flockstep
+
+
+class Climb(flockstep.Task):
+    camera = flockstep.CameraConfig(width_px=12, height_px=8, outputs=("depth",))
+    observation_space = spaces.Dict(near=spaces.Box(0, 1, (8, 12)), height=spaces.Box(0, 9, (1,)))
+    max_episode_steps = 20
+
+    def step(self, batch):
+        height = batch.position[:, 2]
+        self.success[:] = height > 2.15
+        return height - 2, self.success | (height < 1.85)
+
+    def observe(self, batch):
+        return {"near": 1 / (1 + batch.camera().depth), "height": batch.position[:, 2:]}
+
+
+class Endless(Climb):
+    max_episode_steps = 0
+
+
+class Sensor:
+    pass
+
+
+flockstep.register_task("own/Climb-v0", Climb)
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch, room):
+    """Work in a folder with the module own_tasks and the world room.json."""
+    (tmp_path / "own_tasks.py").write_text(OWN)
+    room.save(str(tmp_path / "room.json"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield "own_tasks"
+    sys.modules.pop("own_tasks", None)
+    gymnasium.registry.pop("own/Climb-v0", None)
 
 
 @pytest.fixture
@@ -26,7 +75,7 @@ def train(tmp_path):
         small = {
             "total_steps": 2048,
             "evaluate_every": 1024,
-            "evaluation_worlds": 2,
+            "evaluation_flights": 2,
             "num_envs": 64,
             "steps_per_update": 16,
             "batch_size": 256,
@@ -159,7 +208,7 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
         frame_skip=2,
         random_start=True,
         total_steps=1024,
-        evaluation_worlds=1,
+        evaluation_flights=1,
     )
     assert outcome.steps == 1024
     setup = tasks.setup_of(model)
@@ -175,7 +224,7 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
         2,
     ]
     for group in judged.values():
-        rates = [group["summary"][f"{end}_rate"] for end in ("success", "crash", "overshoot", "time_out")]
+        rates = [group["summary"][f"{end.replace('-', '_')}_rate"] for end in evaluate.OUTCOMES]
         assert sum(rates) == pytest.approx(1)
         assert group["baselines"]["planner"] == 1
     assert "2.5 m to the side" in judged["generated"]["note"]
@@ -209,6 +258,109 @@ def test_the_command_line_knows_each_tasks_defaults(monkeypatch):
         assert train_ppo.command_line() == dataclasses.replace(defaults, seed=7)
 
 
+@pytest.mark.parametrize("name", ["own_tasks:Climb", "own_tasks:own/Climb-v0"])
+def test_a_task_of_ones_own_trains_flies_and_is_drawn(train, own, tmp_path, name):
+    model, outcome = train(task=name, worlds=("room.json",), generated=0, evaluation_flights=3, stop_when_solved=False)
+    assert [evaluation["steps"] for evaluation in outcome.evaluations] == [1024, 2048]
+    assert 0 < outcome.first_success["steps"] <= 2048
+    assert isinstance(model.policy.features_extractor, flockstep.sb3.ImageFeatures)
+    setup = tasks.setup_of(model)
+    assert (setup.task, setup.playgrounds) == (name, ("room.json",))
+
+    policy, result = tmp_path / "one" / "policy.zip", tmp_path / "result.json"
+    evaluate.main(evaluate.Args(policy, repeats=4, json=result))
+    (judged,) = json.loads(result.read_text()).values()
+    assert judged["summary"]["flights"] == 4
+    assert set(judged["baselines"]) == {"random_policy", "straight_flight", "planner"}
+
+    plot_paths.main(plot_paths.Args(policy, out=tmp_path / "paths", width_px=80))
+    assert (tmp_path / "paths" / "flight.gif").stat().st_size > 1000
+    plot_curve.main(plot_curve.Args((tmp_path / "one",) * 2, out=tmp_path / "curve.png"))
+    assert (tmp_path / "curve.png").stat().st_size > 1000
+
+
+def test_how_the_flights_of_a_task_of_ones_own_end(own, room):
+    setup = tasks.Setup("own_tasks:Climb")
+    actions = np.array([[0, 0, 1], [0, 0, -1], [0, 0, 0]], np.float32)
+    flights = evaluate.fly(lambda observation: actions, [room] * 3, setup=setup)
+    assert [(flight.outcome, flight.steps) for flight in flights] == [("success", 2), ("ended", 2), ("time-out", 20)]
+    assert evaluate.summary(flights)["ended_rate"] == 1 / 3
+
+
+def test_episodes_that_never_end_are_refused(own, train, room):
+    setup = tasks.Setup("own_tasks:Endless")
+    with pytest.raises(ValueError, match="max_episode_steps: expected a number, since own_tasks:Endless has none"):
+        evaluate.fly(lambda observation: np.zeros((1, 3), np.float32), [room], setup=setup)
+    assert evaluate.fly(lambda observation: np.zeros((1, 3), np.float32), [room], 5, setup=setup)[0].steps == 5
+    with pytest.raises(ValueError, match="max_episode_steps"):
+        train(task="own_tasks:Endless", max_episode_steps=None)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("lidr", "got 'lidr', which is not there; the nearest are lidar"),
+        ("flockstep/LidarNavigation", "which is not there; the nearest are flockstep/LidarNavigation-v0"),
+        ("CartPole-v1", "which is not an env of flockstep's"),
+        ("own_tasks:Clim", "which is not there; the nearest are own_tasks:Climb"),
+        ("own_tasks:own/Clim-v0", "which is not there; the nearest are own_tasks:own/Climb-v0"),
+        ("own_tasks:Sensor", "which does not derive from flockstep.Task"),
+        ("own_tasks:np", "which is a module"),
+        ("nowhere:Climb", "whose module is neither installed nor in "),
+        ("own_tasks.nowhere:Climb", "whose module is neither installed nor in "),
+        ("own tasks:Climb", "'own tasks' is not the name of a module"),
+        (":Climb", "'' is not the name of a module"),
+    ],
+)
+def test_what_is_no_task_is_refused(own, monkeypatch, name, message):
+    monkeypatch.setattr("sys.argv", ["train_ppo.py", "--task", name])
+    with pytest.raises(SystemExit) as refused:
+        train_ppo.command_line()
+    assert str(refused.value).startswith("--task: expected lidar, camera, pixels, an id of flockstep's, ")
+    assert message in str(refused.value)
+
+
+def test_what_a_module_of_ones_own_lacks_is_named(own, tmp_path):
+    (tmp_path / "own_tasks.py").write_text("import nowhere")
+    with pytest.raises(ModuleNotFoundError, match="No module named 'nowhere'"):
+        tasks.env_keywords("own_tasks:Climb")
+
+
+def test_an_id_is_another_name_of_a_task(monkeypatch):
+    for env_id, name in tasks.IDS.items():
+        assert gymnasium.spec(env_id).kwargs == tasks.env_keywords(name)
+        monkeypatch.setattr("sys.argv", ["train_ppo.py", "--task", env_id])
+        assert train_ppo.command_line() == train_ppo.DEFAULTS[name]
+
+
+def test_the_kind_of_policy_follows_the_observation():
+    image, vector = spaces.Box(0, 1, (8, 12)), spaces.Box(0, 1, (3,))
+    seen = {"features_extractor_class": flockstep.sb3.ImageFeatures}
+    assert train_ppo.network("own", vector) == ("MlpPolicy", {})
+    assert train_ppo.network("own", image) == ("CnnPolicy", seen)
+    assert train_ppo.network("own", spaces.Dict(a=vector, b=vector)) == ("MultiInputPolicy", {})
+    assert train_ppo.network("own", spaces.Dict(a=vector, b=image)) == ("MultiInputPolicy", seen)
+
+
+def test_worlds_are_chosen_by_name(own, train, tmp_path):
+    args = train_ppo.defaults_of("own_tasks:Climb")
+    assert args.out.name == "Climb"
+    flown = [
+        dataclasses.replace(args, evaluation_flights=3, **chosen)
+        for chosen in ({}, {"generated": 2}, {"evaluation_worlds": ("validation",)}, {"worlds": ("room.json",)})
+    ]
+    names = [[world.name.rpartition("/")[2] for world in train_ppo.evaluation_flights(args)[0]] for args in flown]
+    assert names == [
+        ["train-1", "train-2", "train-3", "train-4", "train-5"],
+        ["seed-500000", "seed-500001", "seed-500002"],
+        ["validation-1", "validation-2", "validation-1"],
+        ["room"] * 3,
+    ]
+    lidar = train_ppo.Args(evaluation_worlds=("validation",), worlds=("train",))
+    assert len(train_ppo.evaluation_flights(lidar)[0]) == 2
+    assert lidar.setup.playgrounds == ("train", "validation")
+
+
 def test_generated_playgrounds_of_the_camera_task():
     worlds = tasks.Setup("camera").generated(range(3, 100), 5)
     assert len({world.name for world in worlds}) == 5
@@ -229,8 +381,9 @@ def test_what_needs_no_training(room, closet):
     scene["pillars"] = [{"center": [4, y], "radius": 0.5} for y in np.arange(0.5, 8, 0.9)]
     walled = flockstep.World.from_dict(scene | {"name": "walled"})
     worlds = [room, blocked, closet, walled]
-    assert evaluate.fly_routes(worlds, [evaluate.markers(world) for world in worlds]) == [True, False, True, False]
-    planned = [evaluate.shortest_path(world) for world in worlds]
+    setup = tasks.Setup()
+    assert evaluate.fly_routes(worlds, [setup.route(world) for world in worlds]) == [True, False, True, False]
+    planned = [evaluate.shortest_path(world, setup) for world in worlds]
     assert planned[-1] is None
     assert evaluate.fly_routes(worlds, planned) == [True, True, True, False]
     assert evaluate.fly_routes([walled], [None]) == [False]
@@ -247,7 +400,7 @@ def test_no_straight_flight_passes_the_playgrounds_that_ship():
 def test_figures_of_a_training(monkeypatch, tmp_path):
     args = train_ppo.DEFAULTS["camera"]
     small = dataclasses.replace(args, total_steps=1024, num_envs=64, steps_per_update=16, batch_size=256, generated=1)
-    small = dataclasses.replace(small, evaluation_worlds=1, max_episode_steps=30, width_px=16)
+    small = dataclasses.replace(small, evaluation_flights=1, max_episode_steps=30, width_px=16)
     monkeypatch.setattr(benchmark, "START_FLIGHTS", 2)
     monkeypatch.setattr(benchmark, "UNSEEN_WORLDS", 2)
     figures = {figure["name"]: figure for figure in benchmark.task_figures(small, [3], tmp_path)}

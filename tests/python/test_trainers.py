@@ -1,0 +1,139 @@
+"""The programs in examples/trainers/ learn something, and see the env as it is."""
+
+import importlib
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+
+import flockstep
+from lidar_task import ID, SETTINGS, GoalFeatures, Options
+from run import TRAINED
+
+FOLDER = Path(__file__).resolve().parents[2] / "examples" / "trainers"
+
+pytestmark = [  # TorchRL warns of its own classes when it is imported
+    pytest.mark.filterwarnings("ignore:Creating .*WeightUpdater which inherits:DeprecationWarning")
+]
+
+
+def test_every_program_is_short():
+    programs = sorted(FOLDER.glob("*.py"))
+    assert len(programs) == 5
+    assert {path.name: lines for path in programs if (lines := len(path.read_text().splitlines())) > 80} == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "options"),
+    [
+        ("sb3_ppo", "stable-baselines3", {}),
+        ("cleanrl_ppo", "torch", {}),
+        ("torchrl_ppo", "torchrl", {}),
+        ("torchrl_ppo", "torchrl", {"env": "gymenv"}),
+        ("skrl_ppo", "skrl", {}),
+    ],
+    ids=lambda value: value.get("env", "") if isinstance(value, dict) else value,
+)
+def test_it_learns(name, package, options, monkeypatch, capsys):
+    program = importlib.import_module(name)
+    if options:
+        monkeypatch.setattr(program, "FRAMES", 16 * 8)  # single envs are slow
+    make = getattr(program, "TorchRLOptions", Options)
+    before = program.main(make(updates=0, **options)).state_dict()
+    after = program.main(make(updates=2, **options)).state_dict()
+    assert before.keys() == after.keys()
+    assert len(before) >= 12
+    for key, value in after.items():
+        assert value.isfinite().all(), key
+        assert not torch.equal(value, before[key]), key
+    (version, _, _, untrained, _), (_, mode, _, trained, rate) = TRAINED.findall(capsys.readouterr().out)
+    assert version.split()[0] == package
+    assert mode == ("none" if options else program.AUTORESET)
+    assert untrained == "0"
+    assert int(trained.replace(",", "")) > 200
+    assert int(rate.replace(",", "")) > 10
+
+
+def test_the_features_are_those_of_the_sb3_adapter():
+    space = spaces.Box(-1, 1, (38,), np.float32)
+    observation = torch.rand(5, 38)
+    assert torch.equal(GoalFeatures()(observation), flockstep.sb3.GoalFeatures(space)(observation))
+
+
+def test_advantages_are_those_of_each_episode_by_itself():
+    """By their definition: sums of temporal differences up to the end of the episode."""
+    cleanrl = importlib.import_module("cleanrl_ppo")
+    steps, envs = 40, 3
+    rng = torch.Generator().manual_seed(0)
+    reward = torch.randn(steps, envs, generator=rng, dtype=torch.float64)
+    value = torch.randn(steps + 1, envs, generator=rng, dtype=torch.float64)
+    terminated = torch.rand(steps, envs, generator=rng) < 0.1
+    ended = terminated | (torch.rand(steps, envs, generator=rng) < 0.1)
+    found = cleanrl.advantages(reward, value, terminated, ended)
+    for i in range(envs):
+        for t in range(steps):
+            expected = 0.0
+            for k in range(t, steps):
+                after = 0.0 if terminated[k, i] else value[k + 1, i]
+                expected += (0.98 * 0.95) ** (k - t) * (reward[k, i] + 0.98 * after - value[k, i])
+                if ended[k, i]:
+                    break
+            assert found[t, i] == pytest.approx(float(expected))
+
+
+def test_torchrl_sees_whole_episodes():
+    """Of envs that are truncated at different steps: what each step returned, and where the next one begins."""
+    torchrl = importlib.import_module("torchrl_ppo")
+    drones = torchrl.GymWrapper(short(torchrl.AUTORESET), categorical_action_encoding=True)
+    data = drones.rollout(60, break_when_any_done=False, auto_reset=False, tensordict=drones.reset(seed=0))
+    bare = short("disabled")
+    observation, _ = bare.reset(seed=0)
+    for t in range(60):
+        row = data[:, t]
+        np.testing.assert_array_equal(row["observation"], observation)
+        observation, reward, terminated, truncated, _ = bare.step(row["action"].numpy())
+        np.testing.assert_array_equal(row["next", "observation"], observation)
+        np.testing.assert_array_equal(row["next", "reward"][:, 0], reward)
+        np.testing.assert_array_equal(row["next", "terminated"][:, 0], terminated)
+        np.testing.assert_array_equal(row["next", "truncated"][:, 0], truncated)
+        if (terminated | truncated).any():
+            observation, _ = bare.reset(options={"reset_mask": terminated | truncated})
+    done = data["next", "done"][..., 0]
+    assert (done.any(dim=0) & ~done.all(dim=0)).sum() > 10, "some end while others go on"
+
+
+def test_torchrl_refuses_next_step_autoreset():
+    torchrl = importlib.import_module("torchrl_ppo")
+    with pytest.raises(RuntimeError, match="auto-reset mode must be"):
+        torchrl.GymWrapper(short("next_step"))
+
+
+def test_skrl_bootstraps_from_the_last_observation(monkeypatch):
+    skrl = importlib.import_module("skrl_ppo")
+    recorded = []
+    monkeypatch.setattr(skrl.PPO, "record_transition", lambda self, **transition: recorded.append(transition))
+    agent = object.__new__(skrl.FinalObservationPPO)
+    envs, last = short(skrl.AUTORESET), short("disabled")
+    envs.reset(seed=0)
+    last.reset(seed=0)
+    ends = 0
+    for _ in range(60):
+        actions = envs.action_space.sample()
+        returned, _, terminated, truncated, infos = envs.step(actions)
+        agent.record_transition(next_observations=torch.from_numpy(returned), infos=infos)
+        expected = last.step(actions)[0]
+        np.testing.assert_array_equal(recorded[-1]["next_observations"], expected)
+        if (ended := terminated | truncated).any():
+            ends += ended.sum()
+            assert (returned[ended] != expected[ended]).any(), "what the env returned is of the next episode"
+            last.reset(options={"reset_mask": ended})
+    assert ends > 10
+
+
+def short(autoreset_mode):
+    """Return envs whose episodes end often, and not all at once."""
+    arguments = SETTINGS | {"max_episode_steps": 12, "stagger_first_episode": True}
+    return gymnasium.make_vec(ID, 4, autoreset_mode=autoreset_mode, **arguments)
