@@ -22,6 +22,7 @@ import shutil
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -188,6 +189,32 @@ def bench_camera_large() -> list[Figure]:
     return trained("camera_large")
 
 
+def bench_load() -> list[Figure]:
+    """Load scene files of 65,000 objects: of one material, and each of its own."""
+    count = 65_000
+    places = np.random.default_rng(0).uniform(-500, 500, (count, 3)).round(3).tolist()
+    figures = []
+    for materials in (1, count):
+        scene = {
+            "flockstep_scene": 1,
+            "materials": {f"m{i}": {"base_color": [0.5, 0.5, 0.5]} for i in range(materials)},
+            "spheres": [
+                {"center": place, "radius": 0.1, "material": f"m{i % materials}"} for i, place in enumerate(places)
+            ],
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "scene.json"
+            path.write_text(json.dumps(scene))
+            flockstep.World.load(path)
+            times = []
+            for _ in range(RUNS):
+                before = time.perf_counter()
+                flockstep.World.load(path)
+                times.append(time.perf_counter() - before)
+        figures.append(figure(f"load/spheres{count}_materials{materials}/seconds", statistics.median(times), "s", RUNS))
+    return figures
+
+
 def bench_snippet() -> list[Figure]:
     """Run the README's first training as it stands, with five seeds, and with three times its steps."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
@@ -249,6 +276,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "camera_large": bench_camera_large,
     "trainers": bench_trainers,
     "snippet": bench_snippet,
+    "load": bench_load,
 }
 
 

@@ -26,7 +26,18 @@ BENCHMARKS = ROOT / "docs" / "benchmarks.md"
 FRESH = ROOT / "out" / "bench"
 KEPT = ROOT / "bench" / "results"
 TRIED = ROOT / "out" / "tried"
-NAMES = ("lidar", "step", "camera", "train", "camera_train", "pixels_train", "camera_large", "trainers", "snippet")
+NAMES = (
+    "lidar",
+    "step",
+    "camera",
+    "train",
+    "camera_train",
+    "pixels_train",
+    "camera_large",
+    "trainers",
+    "snippet",
+    "load",
+)
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
