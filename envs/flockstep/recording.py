@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium
 import numpy.typing as npt
+from gymnasium import spaces
 
 from flockstep._core import NativeTask
 from flockstep.task import Task
@@ -46,7 +47,8 @@ def record(
     render_view
         As `DroneVectorEnv` takes it; so are ``render_size`` and ``render_camera``.
     fps
-        Pictures per second of the film; there is one of each step, and one before.
+        Pictures per second of the film; there is one of each step, and one before. With ``frame_skip=k`` a step flies k
+        times as far: 20 / k shows it at the usual speed.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds``.
 
@@ -69,7 +71,7 @@ def record(
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else gymnasium.make_vec(env, 1, **kwargs)
     if not isinstance(envs, DroneVectorEnv):
         raise TypeError(f"env: expected an id of this package, {env!r} is a {type(envs).__name__}")
-    act = _actions_of(policy, envs, seed)
+    act = actions_of(policy, envs.action_space, seed)
     observation, _ = envs.reset(seed=seed)
     is_gif = Path(path).suffix.lower() == ".gif"
     # By default imageio makes the sides multiples of 16; the codec needs even ones.
@@ -90,11 +92,11 @@ def record(
     return pictures
 
 
-def _actions_of(policy: Any, envs: DroneVectorEnv, seed: int) -> Callable[[Any], Any]:
-    """Return the function from observations to actions that a policy is."""
+def actions_of(policy: Any, action_space: spaces.Space[Any], seed: int) -> Callable[[Any], Any]:
+    """Return the function from observations to actions that a policy is: a model, a function, None for random ones."""
     if policy is None:
-        envs.action_space.seed(seed)
-        return lambda observation: envs.action_space.sample()
+        action_space.seed(seed)
+        return lambda observation: action_space.sample()
     if hasattr(policy, "predict"):
         return lambda observation: policy.predict(observation, deterministic=True)[0]
     if not callable(policy):

@@ -21,6 +21,7 @@ from gymnasium import spaces
 from flockstep._core import Batch, CameraConfig, Field, LidarConfig, PythonTask, TaskSpec, World
 
 if TYPE_CHECKING:
+    from flockstep.scenes import WorldsLike
     from flockstep.viewer.drawing import Drawing
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -73,6 +74,8 @@ class Task:
         each.
     lidar, camera
         The LiDAR and the camera the task needs, if any; several cameras as a sequence.
+    worlds
+        Where it is flown unless the env is given others: as `DroneVectorEnv` takes them. Default: ``"train"``.
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never.
     markers
@@ -102,6 +105,7 @@ class Task:
     reward_terms: tuple[str, ...] = ("reward",)
     lidar: LidarConfig | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
+    worlds: WorldsLike | None = None
     max_episode_steps: int = 1000
     info_names: tuple[str, ...] = ()
     markers: tuple[str, ...] = MARKERS
@@ -264,7 +268,7 @@ class TaskCalls:
             )
         self._task._batch = weakref.ref(batch)
         self._task.success, self._task.truncated = np.zeros((2, batch.num_drones), bool)
-        self._task.info = {name: np.zeros(batch.num_drones) for name in self._task.info_names}
+        self._task.info = _Info({name: np.zeros(batch.num_drones) for name in self._task.info_names})
         self._reported = {name: np.zeros(batch.num_drones) for name in self._task.info_names}
         self._task.setup(batch)
         own = {name: value for name, value in vars(self._task).items() if name not in _NOT_STATE}
@@ -288,7 +292,11 @@ class TaskCalls:
         """Return the terms of the reward (terms, N), and where episodes end, are cut off and succeed, (N,) each."""
         self._task.truncated[:] = False
         batch = self._task._own_batch()
-        reward, terminated = self._task.step(batch)
+        scored: Any = self._task.step(batch)
+        if not isinstance(scored, tuple) or len(scored) != 2:
+            expected = "a pair of the reward and where it ended the episode"
+            raise ValueError(f"{_name(self._task)}.step: expected {expected}, got {type(scored).__name__}")
+        reward, terminated = scored
         if set(self._task.info) != set(self._reported):
             expected, got = ", ".join(self._reported) or "nothing", ", ".join(self._task.info)
             raise ValueError(f"{_name(self._task)}.info: expected {expected}, as info_names says, got {got}")
@@ -386,6 +394,14 @@ class TaskCalls:
         return array
 
 
+class _Info(dict[str, Any]):
+    """What a task reports; a name that it has not declared is told with those it has."""
+
+    def __missing__(self, name: str) -> Any:
+        declared = ", ".join(map(repr, self)) or "none"
+        raise KeyError(f"{name!r} is not among the task's info_names ({declared})")
+
+
 def _name(task: Task) -> str:
     return type(task).__name__
 
@@ -397,6 +413,9 @@ def _identity(task: Task) -> str:
 
 def _field(name: str, space: spaces.Box) -> Field:
     dtype = str(np.dtype(space.dtype))
+    known = ("bool", "uint8", "int32", "int64", "float32", "float64")
+    if dtype not in known:
+        raise TypeError(f"observation_space: {name}: expected one of the types {', '.join(known)}, got {dtype}")
     return Field(name, dtype, space.shape, float(np.min(space.low)), float(np.max(space.high)))
 
 

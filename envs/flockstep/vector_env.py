@@ -91,7 +91,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Number of drones.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
-        these. Default: ``"train"``, for camera tasks ``"camera-train"``.
+        these. Default: ``"train"``, for camera tasks ``"camera-train"``; with a `Task`, what it says.
     task
         A `Task` (an object, or its class), or a `NativeTask` in C++, instead of the navigation task.
     observation
@@ -226,6 +226,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         defaults = task_defaults(description)
         if isinstance(task, Task):
             defaults |= {"lidar": task.lidar, "cameras": task.camera}
+            defaults["worlds"] = defaults["worlds"] if task.worlds is None else task.worlds
         self.lidar = copied(defaults["lidar"] if lidar is None else lidar)
         self.cameras = _listed(defaults["cameras"] if camera is None else camera)
 

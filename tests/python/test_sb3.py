@@ -64,6 +64,27 @@ def test_the_log_says_what_the_reward_is_made_of(room):
         assert log["terms/height"] == pytest.approx(8, abs=0.5)
 
 
+def test_any_policy_is_judged(room):
+    class Rise(flockstep.Task):
+        observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+        max_episode_steps = 30
+
+        def step(self, batch):
+            self.success[:] = batch.position[:, 2] > 2.5
+            return np.zeros(batch.num_drones), self.success
+
+        def observe(self, batch):
+            return batch.position
+
+    def up(observation):
+        return np.tile(np.float32([0, 0, 1]), (len(observation), 1))
+
+    assert flockstep.sb3.success_rates(up, Rise, worlds=room, episodes=3) == {"room": 1.0}
+    assert flockstep.sb3.success_rates(None, Rise, worlds=room, episodes=3) == {"room": 0.0}
+    with pytest.raises(TypeError, match="policy: expected a model"):
+        flockstep.sb3.success_rates("PPO", Rise, worlds=room)
+
+
 def test_is_a_direct_vec_env(make):
     envs = make()
     assert type(envs).__base__ is VecEnv

@@ -251,6 +251,39 @@ def test_own_tasks_observe_with_a_lidar_of_their_own(room):
     np.testing.assert_array_equal(observation, kept)  # though observe() returned a view
 
 
+def test_a_task_names_its_worlds(room, closet):
+    task = type("AtHome", (Climb,), {"worlds": [room, closet]})
+    assert flockstep.DroneVectorEnv(2, task=task).batch.worlds == [room, closet]
+    assert flockstep.DroneVectorEnv(2, task=task, worlds=closet).batch.worlds == [closet]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_checker_finds_a_reset_that_ignores_its_mask(room, mode):
+    class Forgetful(Climb):
+        def setup(self, batch):
+            super().setup(batch)
+            self.count = np.zeros(batch.num_drones)
+
+        def reset(self, batch, mask):
+            super().reset(batch, mask)
+            self.count[:] = 0
+
+        def step(self, batch):
+            self.count += self.flying
+            return np.zeros(batch.num_drones), self.count >= 5
+
+        def state(self):
+            return {"count": self.count, "bonus": self.bonus}
+
+        def load(self, state):
+            self.count[:], self.bonus[:] = state["count"], state["bonus"]
+
+    with pytest.raises(AssertionError, match=r"after a reset with a mask.*rows that the mask leaves out"):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=Forgetful(), autoreset_mode=mode, num_threads=1)
+        )
+
+
 class TestMistakes:
     def env(self, room, **members):
         task = type("Broken", (Climb,), members)()
@@ -261,6 +294,25 @@ class TestMistakes:
         env.reset(seed=0)
         with pytest.raises(ValueError, match=r"Broken\.step.*reward.*\(2,\).*\(3,\)"):
             env.step(np.zeros((2, 3)))
+
+    def test_a_step_that_returns_no_pair(self, room):
+        task = type("Half", (Climb,), {"step": lambda self, batch: {"reward": np.zeros(2)}})
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=r"Half\.step: expected a pair of the reward and .*, got dict"):
+            env.step(np.zeros((2, 3), np.float32))
+
+    def test_a_name_that_is_not_among_the_infos(self, room):
+        task = type("Lost", (Lapper,), {"step": lambda self, batch: self.info["lapse"]})
+        env = flockstep.DroneVectorEnv(2, worlds=room, task=task)
+        env.reset(seed=0)
+        with pytest.raises(KeyError, match=r"'lapse' is not among the task's info_names \('top', 'laps'\)"):
+            env.step(np.zeros((2, 3), np.float32))
+
+    def test_a_type_that_no_observation_has(self, room):
+        space = spaces.Dict(ids=spaces.Box(0, 9, (4,), np.uint16))
+        with pytest.raises(TypeError, match=r"ids: expected one of the types bool, .*, got uint16"):
+            flockstep.DroneVectorEnv(2, worlds=room, task=type("Ids", (Climb,), {"observation_space": space}))
 
     def test_observation_of_a_wrong_shape(self, room):
         with pytest.raises(ValueError, match=r"Broken\.observe.*\(2, 4\).*\(2, 3\)"):

@@ -6,29 +6,31 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
+from gymnasium.vector.utils import batch_space
 
 from flockstep import scenes
 from flockstep._core import NativeTask
+from flockstep.recording import actions_of
 from flockstep.sb3.vec_env import make_vec
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
 
 
 def success_rates(
-    model: BaseAlgorithm,
+    model: Any,
     env: str | Task | type[Task] | NativeTask = "flockstep/LidarNavigation-v0",
     worlds: WorldsLike = ("train", "validation"),
     episodes: int = 1,
     seed: int = 0,
     **kwargs: Any,
 ) -> dict[str, float]:
-    """Fly the deterministic policy of a model in each of some worlds; return the share of episodes that succeeded.
+    """Fly a policy in each of some worlds; return the share of episodes that succeeded.
 
     Parameters
     ----------
     model
-        A trained model, such as a `PPO`.
+        A trained model, such as a `PPO`, whose deterministic policy flies; or a function from observations (N, ...) to
+        actions (N, ...), or None for random actions.
     env
         What it flies, as `make_vec` takes it.
     worlds
@@ -52,11 +54,11 @@ def success_rates(
     loaded = scenes.load(worlds)
     envs = make_vec(env, len(loaded) * episodes, worlds=loaded, **kwargs)
     envs.seed(seed)
+    act = actions_of(model, batch_space(envs.action_space, envs.num_envs), seed)
     observation: Any = envs.reset()
     outcomes: list[bool | None] = [None] * envs.num_envs
     while None in outcomes:
-        actions, _ = model.predict(observation, deterministic=True)
-        observation, _, done, infos = envs.step(actions)
+        observation, _, done, infos = envs.step(act(observation))
         for i in np.flatnonzero(done):
             if outcomes[i] is None:  # an env that is done goes on with another episode, which does not count
                 outcomes[i] = infos[i]["is_success"]

@@ -44,7 +44,8 @@ def check_vector_env(
         - ``seed_offset``: env i of a batch seeded s does what env 0 of one seeded s + i does (not so where the envs
           of a batch differ by design)
         - ``autoreset``: what the env's autoreset mode promises about the end of an episode
-        - ``reset_mask``: ``options={"reset_mask": ...}`` resets the masked envs and no others (with autoreset disabled)
+        - ``reset_mask``: ``options={"reset_mask": ...}`` resets the masked envs and no others (with autoreset disabled,
+          or where there are snapshots)
         - ``ownership``: returned arrays are neither written again nor read back, arguments are not changed
         - ``bad_actions``: actions of a wrong length, or not finite in a `Box`, raise
         - ``render``: in the mode ``rgb_array``, a frame per env

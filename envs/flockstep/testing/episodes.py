@@ -100,9 +100,12 @@ def _check_same_step(setup: Setup, history: list[Step]) -> None:
 
 
 def check_reset_mask(setup: Setup) -> None:
-    """Check that a reset with a mask resets the masked envs and no others, with autoreset disabled."""
+    """Check that a reset with a mask resets the masked envs and no others.
+
+    Gymnasium has such resets with autoreset disabled alone; an env that takes snapshots is taken to have them always.
+    """
     with setup.env() as env:
-        if env.metadata.get("autoreset_mode") != AutoresetMode.DISABLED:
+        if env.metadata.get("autoreset_mode") != AutoresetMode.DISABLED and not hasattr(env.unwrapped, "snapshot"):
             return
         observation, _ = env.reset(seed=setup.seed)
         actions = Actions(env, setup.seed)
@@ -125,11 +128,12 @@ def check_reset_mask(setup: Setup) -> None:
             same.reset(seed=setup.seed)
             others = Actions(same, setup.seed)
             same.step(others())
-            env.action_space.seed(0)
-            batch = actions()
-            a, b = copy.deepcopy(env.step(batch)), copy.deepcopy(same.step(batch))
-            for name, x, y in zip(("observation", "reward", "terminated", "truncated"), a, b, strict=False):
-                difference = difference_between(rows_of(x, rows), rows_of(y, rows))
-                assert difference is None, (
-                    f"after a reset with a mask, {name} of an env outside it differs: {difference}"
-                )
+            for _ in range(setup.steps):
+                batch = actions()
+                a, b = copy.deepcopy(env.step(batch)), copy.deepcopy(same.step(batch))
+                for name, x, y in zip(("observation", "reward", "terminated", "truncated"), a, b, strict=False):
+                    difference = difference_between(rows_of(x, rows), rows_of(y, rows))
+                    assert difference is None, (
+                        f"after a reset with a mask, {name} of an env outside it differs: {difference}; does a reset "
+                        "touch rows that the mask leaves out?"
+                    )

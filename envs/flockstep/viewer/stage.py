@@ -61,6 +61,7 @@ class Stage:
         self._size_px = size_px
         primitives = world.primitives
         self._solid = np.array([primitive["kind"] != "room" for primitive in primitives], bool)
+        self._top = np.array([top_of(primitive) for primitive in primitives])
         # By instance. Meshes stay: the floor may be one.
         self._dissolves = np.zeros(1 << 16, bool)
         self._outputs = ["rgb", "depth"]
@@ -88,7 +89,13 @@ class Stage:
 
         cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
         at = np.flatnonzero(depth < cut)
-        at = at[self._dissolves[picture["instance"].reshape(-1)[at]]] if "instance" in picture else at[:0]
+        if "instance" in picture:
+            # What is below the drone hides it from nobody above it: the ground stays whole.
+            dissolves = self._dissolves.copy()
+            dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
+            at = at[dissolves[picture["instance"].reshape(-1)[at]]]
+        else:
+            at = at[:0]
         if len(at):  # what is behind: all that is farther than the drone, and walls and markers that are nearer
             behind = self._take(self.world, viewer, turn, "rgb", "depth", near_m=cut)
             behind_rgb, behind_depth = behind["rgb"].reshape(-1, 3)[at], behind["depth"].reshape(-1)[at]
@@ -132,6 +139,13 @@ def with_markers(world: World, markers: Sequence[str]) -> World:
     scene = world.to_dict()
     scene["markers"] = {name: value for name, value in scene["markers"].items() if name not in dropped}
     return World.from_dict(scene)
+
+
+def top_of(primitive: dict[str, Any]) -> float:
+    """Return how high a primitive reaches at most, in metres: that of the box around it."""
+    half = np.asarray(primitive["half_extents"], float)
+    axes = [rotate(np.asarray(primitive["quat_wxyz"], float), axis) for axis in np.eye(3)]
+    return float(primitive["center"][2] + sum(abs(axis[2]) * size for axis, size in zip(axes, half, strict=True)))
 
 
 def _emptied(world: World) -> World | None:
