@@ -77,7 +77,7 @@ class Task:
     worlds
         Where it is flown unless the env is given others: as `DroneVectorEnv` takes them. Default: ``"train"``.
     max_episode_steps
-        Episodes are truncated after so many steps; 0 means never.
+        Episodes are truncated after so many steps; 0 means never. A limit that the env is given takes its place.
     markers
         Which of the world's markers the task uses, of ``"start"``, ``"waypoints"``, ``"goal"``; default: all. Pictures
         show no others. What the drones' own cameras see does not depend on it.
@@ -97,7 +97,8 @@ class Task:
     info_names
         Names of what else the infos of episodes that end report: ``info`` has an array for each.
     info
-        By name (N,) float64: write it in `step`, such as ``self.info["laps"] += lap``. Every episode begins with 0.
+        By name (N,) float64: write it in `step`, such as ``self.info["laps"] += lap``. Every episode begins with 0;
+        what is there when it ends is reported.
     """
 
     observation_space: spaces.Box | spaces.Dict
@@ -202,7 +203,7 @@ class Task:
                 setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
 
 
-_NOT_STATE = ("_batch", "_constants", "success", "truncated", "info")
+_NOT_STATE = ("_batch", "_constants", "success", "truncated", "info", "max_episode_steps")
 _MISSING = object()
 #: What the infos of every task hold; also as Stable-Baselines3 has them.
 _INFOS_OF_ALL = (
@@ -387,7 +388,12 @@ class TaskCalls:
         return array
 
     def _checked(self, what: str, value: Any, space: spaces.Box) -> Array:
-        array = np.ascontiguousarray(value, dtype=space.dtype)
+        given = np.asarray(value)
+        if not np.can_cast(given.dtype, space.dtype, "same_kind"):
+            raise ValueError(
+                f"{_name(self._task)}.{what}: expected {space.dtype}, as the space says, got {given.dtype}"
+            )
+        array = np.ascontiguousarray(given, dtype=space.dtype)
         expected = (len(self._task.success), *space.shape)
         if array.shape != expected:
             raise ValueError(f"{_name(self._task)}.{what}: expected shape {expected}, got {array.shape}")

@@ -218,6 +218,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             if foreign:
                 raise TypeError(f"{', '.join(foreign)}: of the navigation task, but a task of your own is given")
             if isinstance(task, Task):
+                if max_episode_steps is not None:
+                    task.max_episode_steps = max_episode_steps
                 description, calls = native_task(task)
             elif isinstance(task, NativeTask):
                 description = task
@@ -452,9 +454,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.__dict__.pop("batch", None)
 
     def _infos(self, ended: BoolArray) -> dict[str, Any]:
-        report = self.episode_infos()
-        for name in ("episode_return", "episode_length"):  # the flags are False where no episode ended
-            report[name] = np.where(ended, report[name], 0)
+        report, goes_on = self.episode_infos(), ~ended
+        for terms in (report, report["episode_terms"]):
+            for name, values in terms.items():
+                if name != "episode_terms":
+                    values[goes_on] = 0  # for whoever forgets the mask
         infos = _masked({**report, "episode_terms": _masked(report["episode_terms"], ended)}, ended)
         if not self._same_step:
             return infos

@@ -309,6 +309,17 @@ class TestMistakes:
         with pytest.raises(KeyError, match=r"'lapse' is not among the task's info_names \('top', 'laps'\)"):
             env.step(np.zeros((2, 3), np.float32))
 
+    @pytest.mark.parametrize(("dtype", "got"), [(np.uint8, np.float32), (np.uint8, np.int64), (np.int32, np.float64)])
+    def test_an_observation_that_would_be_cut(self, room, dtype, got):
+        space = spaces.Box(0, 9, (4,), dtype)
+        task = type("Cut", (Climb,), {"observation_space": space, "observe": lambda self, batch: np.ones((2, 4), got)})
+        with pytest.raises(ValueError, match=rf"Cut\.observe: expected {space.dtype}, .* got {np.dtype(got)}"):
+            flockstep.DroneVectorEnv(2, worlds=room, task=task).reset(seed=0)
+
+    def test_a_limit_of_the_env_reaches_the_task(self, room):
+        assert flockstep.DroneVectorEnv(2, worlds=room, task=Climb, max_episode_steps=5).task.max_episode_steps == 5
+        assert flockstep.DroneVectorEnv(2, worlds=room, task=Climb).task.max_episode_steps == 12
+
     def test_a_type_that_no_observation_has(self, room):
         space = spaces.Dict(ids=spaces.Box(0, 9, (4,), np.uint16))
         with pytest.raises(TypeError, match=r"ids: expected one of the types bool, .*, got uint16"):

@@ -80,9 +80,9 @@ class TopView:
                 origin, ends, hit = beams_of(self._batch, env)
                 canvas.lines(origin[None], ends, _BEAM, width_px=self._line_px)
                 canvas.dots(ends[hit], _HIT, size_px=2 * self._line_px)
-            if self._task is not None:
-                self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
             canvas.polygon(position + hull * canvas.enlarged(float(np.ptp(hull, axis=0)[:2].max())), _DRONE)
+            if self._task is not None:  # last: a target that the drone has reached is still seen
+                self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
         return canvas.image
 
 
