@@ -38,7 +38,7 @@ constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; 
 // ---------------------------------------------------------------------------------------------------------------- reading
 
 // A value of the document and the place it has there.
-struct Field {
+struct JsonField {
   const Json& value;
   std::string pointer;  // RFC 6901
   const std::string& source;
@@ -76,19 +76,23 @@ std::string excerpt_of(const Json& value) {
   return excerpt(text);
 }
 
-std::string name_of(const Field& field) {
+std::string name_of(const JsonField& field) {
   constexpr std::size_t kMaxPointer = 200;
   return field.source + (field.pointer.empty() ? "" : ": " + excerpt(field.pointer, kMaxPointer));
 }
 
-[[noreturn]] void fail(const Field& field, const std::string& what) { throw std::invalid_argument(name_of(field) + ": " + what); }
+[[noreturn]] void fail(const JsonField& field, const std::string& what) {
+  throw std::invalid_argument(name_of(field) + ": " + what);
+}
 
 template <class Got>
-[[noreturn]] void refuse(const Field& field, const std::string& expected, const Got& got) {
+[[noreturn]] void refuse(const JsonField& field, const std::string& expected, const Got& got) {
   flockstep::refuse(name_of(field), expected, got);
 }
 
-[[noreturn]] void refuse(const Field& field, const std::string& expected) { refuse(field, expected, excerpt_of(field.value)); }
+[[noreturn]] void refuse(const JsonField& field, const std::string& expected) {
+  refuse(field, expected, excerpt_of(field.value));
+}
 
 std::string escaped(std::string_view key) {
   std::string token;
@@ -104,26 +108,26 @@ std::string escaped(std::string_view key) {
   return token;
 }
 
-Field child(const Field& parent, std::string_view key, const Json& value) {
-  return Field{value, parent.pointer + '/' + escaped(key), parent.source};
+JsonField child(const JsonField& parent, std::string_view key, const Json& value) {
+  return JsonField{value, parent.pointer + '/' + escaped(key), parent.source};
 }
 
-Field child(const Field& parent, const std::string& key) { return child(parent, key, parent.value.at(key)); }
+JsonField child(const JsonField& parent, const std::string& key) { return child(parent, key, parent.value.at(key)); }
 
-Field child(const Field& parent, std::size_t index) {
-  return Field{parent.value.at(index), parent.pointer + '/' + std::to_string(index), parent.source};
+JsonField child(const JsonField& parent, std::size_t index) {
+  return JsonField{parent.value.at(index), parent.pointer + '/' + std::to_string(index), parent.source};
 }
 
-std::optional<Field> find(const Field& object, const char* key) {
-  return object.value.contains(key) ? std::optional<Field>(child(object, key)) : std::nullopt;
+std::optional<JsonField> find(const JsonField& object, const char* key) {
+  return object.value.contains(key) ? std::optional<JsonField>(child(object, key)) : std::nullopt;
 }
 
-Field require(const Field& object, const char* key) {
+JsonField require(const JsonField& object, const char* key) {
   if (!object.value.contains(key)) fail(object, "expected a field \"" + std::string(key) + "\", found none");
   return child(object, key);
 }
 
-void check_object(const Field& field, std::initializer_list<std::string_view> known) {
+void check_object(const JsonField& field, std::initializer_list<std::string_view> known) {
   if (!field.value.is_object()) refuse(field, "an object");
   for (const auto& [key, value] : field.value.items()) {
     if (std::find(known.begin(), known.end(), key) != known.end()) continue;
@@ -133,13 +137,13 @@ void check_object(const Field& field, std::initializer_list<std::string_view> kn
   }
 }
 
-const Json& require_array(const Field& field, const char* expected) {
+const Json& require_array(const JsonField& field, const char* expected) {
   if (!field.value.is_array()) refuse(field, expected);
   return field.value;
 }
 
 // limit: what is written may lie a float32 step beyond the largest coordinate, or be twice as large where it is a size.
-double number(const Field& field, double limit = kMaxCoordinate) {
+double number(const JsonField& field, double limit = kMaxCoordinate) {
   if (!field.value.is_number()) refuse(field, "a number");
   const double value = field.value.get<double>();
   if (!(std::abs(value) <= limit))
@@ -147,27 +151,27 @@ double number(const Field& field, double limit = kMaxCoordinate) {
   return value;
 }
 
-double positive(const Field& field, double limit = kMaxCoordinate) {
+double positive(const JsonField& field, double limit = kMaxCoordinate) {
   const double value = number(field, limit);
   if (value <= 0.0) refuse(field, "a number > 0");
   if (value < kMinSize) refuse(field, "a number >= 1e-06");
   return value;
 }
 
-Vec3d vec3(const Field& field, double limit = kMaxCoordinate) {
+Vec3d vec3(const JsonField& field, double limit = kMaxCoordinate) {
   if (!field.value.is_array() || field.value.size() != 3) refuse(field, "an array of 3 numbers");
   return Vec3d(number(child(field, 0), limit), number(child(field, 1), limit), number(child(field, 2), limit));
 }
 
-Vec3 point(const Field& field) { return vec3(field).cast<float>(); }
+Vec3 point(const JsonField& field) { return vec3(field).cast<float>(); }
 
-Vec3 optional_point(const Field& object, const char* key) {
-  const std::optional<Field> field = find(object, key);
+Vec3 optional_point(const JsonField& object, const char* key) {
+  const std::optional<JsonField> field = find(object, key);
   return field ? point(*field) : Vec3::Zero();
 }
 
-Quat optional_quaternion(const Field& object) {
-  const std::optional<Field> field = find(object, "quat_wxyz");
+Quat optional_quaternion(const JsonField& object) {
+  const std::optional<JsonField> field = find(object, "quat_wxyz");
   if (!field) return Quat::Identity();
   if (!field->value.is_array() || field->value.size() != 4) refuse(*field, "an array of 4 numbers (w, x, y, z)");
   Eigen::Vector4d wxyz;
@@ -184,7 +188,7 @@ struct Box3d {
 constexpr double kMaxCorner = kMaxCoordinate + 0.125;
 constexpr double kMaxSize = 2.0 * kMaxCoordinate;
 
-Box3d min_max(const Field& field, bool needs_volume) {
+Box3d min_max(const JsonField& field, bool needs_volume) {
   const Box3d box{vec3(require(field, "min"), kMaxCorner), vec3(require(field, "max"), kMaxCorner)};
   const double least = needs_volume ? 2.0 * kMinSize : 0.0;
   if (!((box.max - box.min).array() >= least).all()) refuse(field, needs_volume ? "min < max" : "min <= max");
@@ -192,7 +196,7 @@ Box3d min_max(const Field& field, bool needs_volume) {
 }
 
 // A number that JSON Schema calls an integer: 7 or 7.0.
-std::uint16_t semantic_id(const Field& field) {
+std::uint16_t semantic_id(const JsonField& field) {
   constexpr double kMax = kSemanticStart - 1;
   const bool is_number = field.value.is_number();
   const double value = is_number ? field.value.get<double>() : 0.0;
@@ -200,7 +204,7 @@ std::uint16_t semantic_id(const Field& field) {
   return static_cast<std::uint16_t>(value);
 }
 
-std::array<float, 3> color(const Field& field, double max, const char* expected) {
+std::array<float, 3> color(const JsonField& field, double max, const char* expected) {
   const Vec3d rgb = vec3(field);
   if (!((rgb.array() >= 0.0).all() && (rgb.array() <= max).all())) refuse(field, expected);
   return {static_cast<float>(rgb.x()), static_cast<float>(rgb.y()), static_cast<float>(rgb.z())};
@@ -223,7 +227,7 @@ constexpr const char* kMaterialsKey = "materials";
 
 class SceneReader {
  public:
-  SceneReader(Field root, std::span<const std::string> material_names, std::filesystem::path base_dir, MeshFiles files)
+  SceneReader(JsonField root, std::span<const std::string> material_names, std::filesystem::path base_dir, MeshFiles files)
       : root_(std::move(root)), material_names_(material_names), base_dir_(std::move(base_dir)), files_(files) {
     scene_.materials.clear();
   }
@@ -232,7 +236,7 @@ class SceneReader {
     refuse_older_name();
     check_object(root_, {kVersionKey, "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
                          "capsules", "planes", "discs", "meshes", "markers", "light"});
-    const Field version = require(root_, kVersionKey);
+    const JsonField version = require(root_, kVersionKey);
     if (version.value != kVersion) refuse(version, "version 1");
     if (const auto name = find(root_, "name")) {
       if (!name->value.is_string()) refuse(*name, "a string");
@@ -240,13 +244,13 @@ class SceneReader {
     }
     read_materials();
     if (const auto room = find(root_, "room")) read_room(*room);
-    for_each("pillars", [this](const Field& field) { read_pillar(field); });
-    for_each("cylinders", [this](const Field& field) { read_round(field, PrimitiveKind::cylinder); });
-    for_each("boxes", [this](const Field& field) { read_box(field); });
-    for_each("spheres", [this](const Field& field) { read_sphere(field); });
-    for_each("capsules", [this](const Field& field) { read_round(field, PrimitiveKind::capsule); });
-    for_each("planes", [this](const Field& field) { read_plane(field); });
-    for_each("discs", [this](const Field& field) { read_disc(field); });
+    for_each("pillars", [this](const JsonField& field) { read_pillar(field); });
+    for_each("cylinders", [this](const JsonField& field) { read_round(field, PrimitiveKind::cylinder); });
+    for_each("boxes", [this](const JsonField& field) { read_box(field); });
+    for_each("spheres", [this](const JsonField& field) { read_sphere(field); });
+    for_each("capsules", [this](const JsonField& field) { read_round(field, PrimitiveKind::capsule); });
+    for_each("planes", [this](const JsonField& field) { read_plane(field); });
+    for_each("discs", [this](const JsonField& field) { read_disc(field); });
     read_meshes();
     if (const auto markers = find(root_, "markers")) read_markers(*markers);
     if (const auto light = find(root_, "light")) read_light(*light);
@@ -271,7 +275,7 @@ class SceneReader {
 
   template <class Function>
   void for_each(const char* key, const Function& function) {
-    const std::optional<Field> list = find(root_, key);
+    const std::optional<JsonField> list = find(root_, key);
     if (!list) return;
     const std::size_t count = require_array(*list, "an array").size();
     for (std::size_t i = 0; i < count; ++i) {
@@ -281,12 +285,12 @@ class SceneReader {
   }
 
   void read_materials() {
-    const std::optional<Field> materials = find(root_, "materials");
+    const std::optional<JsonField> materials = find(root_, "materials");
     if (!materials) return;
     if (!materials->value.is_object()) refuse(*materials, "an object");
     if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
     for (const std::string& name : material_names_) {
-      const Field field = child(*materials, name);
+      const JsonField field = child(*materials, name);
       check_object(field, {"base_color", "semantic"});
       Material material{name};
       material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
@@ -302,14 +306,14 @@ class SceneReader {
     return index;
   }
 
-  std::uint16_t named_material(const Field& field) const {
+  std::uint16_t named_material(const JsonField& field) const {
     if (!field.value.is_string()) refuse(field, "the name of a material");
     const auto found = material_index_.find(field.value.get_ref<const std::string&>());
     if (found == material_index_.end()) refuse(field, "a name listed in /materials");
     return found->second;
   }
 
-  std::uint16_t default_material(const Field& object) {
+  std::uint16_t default_material(const JsonField& object) {
     const auto found = material_index_.find("default");
     if (found != material_index_.end()) return found->second;
     if (scene_.materials.size() == kMaxMaterials) {
@@ -318,12 +322,12 @@ class SceneReader {
     return add_material(Material{"default"});
   }
 
-  std::uint16_t read_material(const Field& object) {
-    const std::optional<Field> field = find(object, "material");
+  std::uint16_t read_material(const JsonField& object) {
+    const std::optional<JsonField> field = find(object, "material");
     return field ? named_material(*field) : default_material(object);
   }
 
-  void read_room(const Field& field) {
+  void read_room(const JsonField& field) {
     check_object(field, {"min", "max", "material"});
     room_ = min_max(field, true);
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::room,
@@ -333,9 +337,9 @@ class SceneReader {
   }
 
   // A vertical cylinder that stands on the floor of the room and reaches its ceiling, unless z says otherwise.
-  void read_pillar(const Field& field) {
+  void read_pillar(const JsonField& field) {
     check_object(field, {"center", "radius", "z", "material"});
-    const Field center = require(field, "center");
+    const JsonField center = require(field, "center");
     if (!center.value.is_array() || center.value.size() != 2) refuse(center, "an array of 2 numbers (x, y)");
     const double x = number(child(center, 0));
     const double y = number(child(center, 1));
@@ -361,10 +365,10 @@ class SceneReader {
   }
 
   // A cylinder, or a capsule, whose height includes its round caps.
-  void read_round(const Field& field, PrimitiveKind kind) {
+  void read_round(const JsonField& field, PrimitiveKind kind) {
     check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
-    const Field height = require(field, "height");
+    const JsonField height = require(field, "height");
     const float half_height = half_size(height, positive(height, kMaxSize));
     if (kind == PrimitiveKind::capsule && half_height < radius) refuse(height, "a number >= twice the radius");
     scene_.primitives.push_back(Primitive{.kind = kind,
@@ -374,12 +378,12 @@ class SceneReader {
                                           .material = read_material(field)});
   }
 
-  void read_box(const Field& field) {
+  void read_box(const JsonField& field) {
     check_object(field, {"center", "size", "quat_wxyz", "material"});
-    const Field size = require(field, "size");
+    const JsonField size = require(field, "size");
     Vec3 half_extents = vec3(size, kMaxSize).cast<float>();
     for (std::size_t i = 0; i < 3; ++i) {
-      const Field side = child(size, i);
+      const JsonField side = child(size, i);
       half_extents[static_cast<Eigen::Index>(i)] = half_size(side, positive(side, kMaxSize));
     }
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::box,
@@ -389,7 +393,7 @@ class SceneReader {
                                           .material = read_material(field)});
   }
 
-  void read_sphere(const Field& field) {
+  void read_sphere(const JsonField& field) {
     check_object(field, {"center", "radius", "material"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::sphere,
@@ -398,12 +402,12 @@ class SceneReader {
                                           .material = read_material(field)});
   }
 
-  void read_plane(const Field& field) {
+  void read_plane(const JsonField& field) {
     check_object(field, {"center", "size", "quat_wxyz", "material"});
-    const Field size = require(field, "size");
+    const JsonField size = require(field, "size");
     if (!size.value.is_array() || size.value.size() != 2) refuse(size, "an array of 2 numbers (along local x, y)");
-    const Field x = child(size, 0);
-    const Field y = child(size, 1);
+    const JsonField x = child(size, 0);
+    const JsonField y = child(size, 1);
     scene_.primitives.push_back(
         Primitive{.kind = PrimitiveKind::plane,
                   .center = point(require(field, "center")),
@@ -412,7 +416,7 @@ class SceneReader {
                   .material = read_material(field)});
   }
 
-  void read_disc(const Field& field) {
+  void read_disc(const JsonField& field) {
     check_object(field, {"center", "radius", "quat_wxyz", "material"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::disc,
@@ -422,13 +426,13 @@ class SceneReader {
                                           .material = read_material(field)});
   }
 
-  static float half_size(const Field& field, double size) {
+  static float half_size(const JsonField& field, double size) {
     if (size < 2.0 * kMinSize) refuse(field, "a number >= 2e-06");
     return static_cast<float>(size / 2.0);
   }
 
   void read_meshes() {
-    const std::optional<Field> meshes = find(root_, "meshes");
+    const std::optional<JsonField> meshes = find(root_, "meshes");
     if (!meshes) return;
     const std::size_t count = require_array(*meshes, "an array").size();
     if (count > kMaxObjects) refuse(*meshes, "at most 65536 meshes", count);
@@ -436,7 +440,7 @@ class SceneReader {
   }
 
   // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
-  void read_mesh(const Field& field, std::uint16_t object) {
+  void read_mesh(const JsonField& field, std::uint16_t object) {
     check_object(field, {"file", "vertices", "triangles", "position", "quat_wxyz", "scale", "material"});
     const bool has_file = field.value.contains("file");
     if (has_file == (field.value.contains("vertices") || field.value.contains("triangles"))) {
@@ -464,7 +468,7 @@ class SceneReader {
       const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
       if (is_degenerate(corner(0), corner(1), corner(2))) {
         const std::string where = has_file ? "triangle " + std::to_string(i) + " of the file" : "/triangles/" + std::to_string(i);
-        const Field at{field.value, field.pointer + (has_file ? "/file" : where), field.source};
+        const JsonField at{field.value, field.pointer + (has_file ? "/file" : where), field.source};
         refuse(at, "a triangle with an area", "a degenerate one" + (has_file ? " (" + where + ')' : std::string()));
       }
       mesh.triangles.push_back(triangle);
@@ -473,7 +477,7 @@ class SceneReader {
     read_mesh_materials(field, part.triangles.size());
   }
 
-  TriangleMesh read_mesh_file(const Field& file) const {
+  TriangleMesh read_mesh_file(const JsonField& file) const {
     if (!file.value.is_string()) refuse(file, "the path of an OBJ file");
     const std::filesystem::path path = base_dir_ / file.value.get<std::string>();
     if (files_ == MeshFiles::in_folder && !is_below(path, base_dir_)) {
@@ -500,10 +504,10 @@ class SceneReader {
     return !error && std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end()).first == outer.end();
   }
 
-  static TriangleMesh read_inline_mesh(const Field& field) {
+  static TriangleMesh read_inline_mesh(const JsonField& field) {
     TriangleMesh mesh;
-    const Field vertices = require(field, "vertices");
-    const Field triangles = require(field, "triangles");
+    const JsonField vertices = require(field, "vertices");
+    const JsonField triangles = require(field, "triangles");
     const std::size_t num_vertices = require_array(vertices, "an array of (x, y, z)").size();
     for (std::size_t i = 0; i < num_vertices; ++i) {
       Interrupt::poll();
@@ -512,11 +516,11 @@ class SceneReader {
     const std::size_t num_triangles = require_array(triangles, "an array of vertex index triples").size();
     for (std::size_t i = 0; i < num_triangles; ++i) {
       Interrupt::poll();
-      const Field triangle = child(triangles, i);
+      const JsonField triangle = child(triangles, i);
       if (!triangle.value.is_array() || triangle.value.size() != 3) refuse(triangle, "an array of 3 vertex indices");
       std::array<std::int32_t, 3> indices{};
       for (std::size_t k = 0; k < 3; ++k) {
-        const Field index = child(triangle, k);
+        const JsonField index = child(triangle, k);
         const bool in_range = index.value.is_number_unsigned() && index.value.get<std::uint64_t>() < num_vertices;
         if (!in_range) refuse(index, "a vertex index in [0, " + std::to_string(num_vertices) + ')');
         indices[k] = index.value.get<std::int32_t>();
@@ -527,9 +531,9 @@ class SceneReader {
   }
 
   // "material" is one name for the whole mesh, or an array with a name per triangle.
-  void read_mesh_materials(const Field& field, std::size_t num_triangles) {
+  void read_mesh_materials(const JsonField& field, std::size_t num_triangles) {
     std::vector<std::uint16_t>& materials = scene_.mesh.materials;
-    const std::optional<Field> material = find(field, "material");
+    const std::optional<JsonField> material = find(field, "material");
     if (!material || !material->value.is_array()) {
       materials.insert(materials.end(), num_triangles, read_material(field));
       return;
@@ -540,7 +544,7 @@ class SceneReader {
     for (std::size_t i = 0; i < num_triangles; ++i) materials.push_back(named_material(child(*material, i)));
   }
 
-  void read_markers(const Field& field) {
+  void read_markers(const JsonField& field) {
     check_object(field, {"radius", "start", "waypoints", "goal", "spawn_box"});
     Markers& markers = scene_.markers;
     if (const auto radius = find(field, "radius")) markers.radius = static_cast<float>(positive(*radius));
@@ -557,7 +561,7 @@ class SceneReader {
     }
   }
 
-  void read_light(const Field& field) {
+  void read_light(const JsonField& field) {
     check_object(field,
                  {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma"});
     Light& light = scene_.light;
@@ -577,7 +581,7 @@ class SceneReader {
     }
   }
 
-  Field root_;
+  JsonField root_;
   std::span<const std::string> material_names_;  // in the order of the file
   std::filesystem::path base_dir_;
   MeshFiles files_;
@@ -892,7 +896,7 @@ std::string format(const OrderedJson& document, const std::vector<Material>& mat
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files) {
   const std::unique_ptr<const Document> document = parse_json(text, source);
-  return SceneReader(Field{document->root, "", source}, document->material_names, base_dir, files).read();
+  return SceneReader(JsonField{document->root, "", source}, document->material_names, base_dir, files).read();
 }
 
 std::string write_scene(const SceneDescription& description) {
