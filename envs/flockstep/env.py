@@ -7,7 +7,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import numpy.typing as npt
-from gymnasium.envs.registration import EnvSpec
 
 from flockstep import plain
 from flockstep.vector_env import DroneVectorEnv, Observation
@@ -26,22 +25,13 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
 
     metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}  # noqa: RUF012
 
-    _spec: EnvSpec | None = None
+    spec: Any = plain.PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
         self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
         self.render_mode = render_mode
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How Gymnasium has made this env, its arguments in a form that ``spec.to_json()`` can write."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = plain.plain_spec(spec)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

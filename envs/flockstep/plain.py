@@ -53,9 +53,14 @@ def to_plain(value: Any) -> Any:
     return fspath(value) if isinstance(value, PathLike) else value
 
 
-def plain_spec(spec: EnvSpec | None) -> EnvSpec | None:
-    """Return how an env is made, with its arguments in plain form."""
-    return None if spec is None else dataclasses.replace(spec, kwargs=to_plain(spec.kwargs))
+class PlainSpec:
+    """The attribute ``spec`` of an env: how Gymnasium has made it, with the arguments in plain form."""
+
+    def __get__(self, env: Any, owner: type) -> EnvSpec | None:
+        return None if env is None else env.__dict__.get("_spec")
+
+    def __set__(self, env: Any, spec: EnvSpec | None) -> None:
+        env._spec = None if spec is None else dataclasses.replace(spec, kwargs=to_plain(spec.kwargs))
 
 
 def _tagged(kind: str, value: Any) -> dict[str, Any]:
@@ -64,15 +69,17 @@ def _tagged(kind: str, value: Any) -> dict[str, Any]:
 
 def from_plain(value: Any) -> Any:
     """Return what `to_plain` was given; any other value is its own."""
-    if isinstance(value, (list, tuple)):
-        return type(value)(from_plain(part) for part in value)
+    if isinstance(value, list):
+        return [from_plain(part) for part in value]
+    if isinstance(value, tuple):
+        return tuple(from_plain(part) for part in value)
     if not isinstance(value, dict) or len(value) != 1:
         return value
     (key, content), *_ = value.items()
+    if not isinstance(key, str) or not key.startswith(_PREFIX):
+        return value
     kind = key.removeprefix(_PREFIX)
     by_name = {config.__name__: config for config in _CONFIGS}
-    if kind == key:
-        return value
     if kind in by_name:
         return by_name[kind](**{name: from_plain(part) for name, part in content.items()})
     if kind == "World":

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -160,7 +159,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    _spec: EnvSpec | None = None
+    spec: Any = plain.PlainSpec()
 
     def __init__(
         self,
@@ -264,15 +263,6 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if render_mode is not None:
             own = task if isinstance(task, Task) else None
             self._view, self.trail = views.make(shown, self.batch, self.cameras, own)
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """How Gymnasium has made this env, its arguments in a form that ``spec.to_json()`` can write."""
-        return self._spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = plain.plain_spec(spec)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""

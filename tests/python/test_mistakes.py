@@ -52,6 +52,7 @@ ID = "flockstep/LidarNavigation-v0"
             "num_drones: expected an integer, got '4'",
         ),
         (lambda: DroneVectorEnv(lidar={}), "lidar: expected a flockstep.LidarConfig or None, got {}"),
+        (lambda: DroneVectorEnv(lidar={1: 2}), "lidar: expected a flockstep.LidarConfig or None, got {1: 2}"),
         (lambda: DroneVectorEnv(drone=4), "drone: expected a flockstep.DroneModel or None, got 4"),
         (
             lambda: DroneVectorEnv(worlds=3),
