@@ -16,7 +16,6 @@
 #include <string_view>
 #include <system_error>
 #include <unordered_map>
-#include <unordered_set>
 #include <utility>
 
 #include "base/excerpt.hpp"
@@ -37,10 +36,58 @@ constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; 
 
 // ---------------------------------------------------------------------------------------------------------------- reading
 
+// The way to a value of the document: what is named by a message, and only then written as text. Keys belong to the document or
+// to this file.
+class Path {
+ public:
+  Path operator/(std::string_view key) const { return with({key, 0}); }
+  Path operator/(std::size_t index) const { return with({{}, index}); }
+
+  // RFC 6901.
+  std::string pointer() const {
+    std::string text;
+    for (std::size_t i = 0; i < depth_; ++i) {
+      text += '/';
+      text += steps_[i].key.data() == nullptr ? std::to_string(steps_[i].index) : escaped(steps_[i].key);
+    }
+    return text;
+  }
+
+ private:
+  struct Step {
+    std::string_view key;  // without data where the step is an index
+    std::size_t index = 0;
+  };
+
+  Path with(Step step) const {
+    Path longer = *this;
+    longer.steps_.at(longer.depth_++) = step;
+    return longer;
+  }
+
+  static std::string escaped(std::string_view key) {
+    std::string token;
+    for (const char c : key) {
+      if (c == '~') {
+        token += "~0";
+      } else if (c == '/') {
+        token += "~1";
+      } else {
+        token += c;
+      }
+    }
+    return token;
+  }
+
+  static constexpr std::size_t kMaxSteps = 6;  // /meshes/0/vertices/0/0 has five
+  std::array<Step, kMaxSteps> steps_{};
+  std::size_t depth_ = 0;
+};
+
 // A value of the document and the place it has there.
 struct JsonField {
   const Json& value;
-  std::string pointer;  // RFC 6901
+  Path path;
   const std::string& source;
 };
 
@@ -78,7 +125,8 @@ std::string excerpt_of(const Json& value) {
 
 std::string name_of(const JsonField& field) {
   constexpr std::size_t kMaxPointer = 200;
-  return field.source + (field.pointer.empty() ? "" : ": " + excerpt(field.pointer, kMaxPointer));
+  const std::string pointer = field.path.pointer();
+  return field.source + (pointer.empty() ? "" : ": " + excerpt(pointer, kMaxPointer));
 }
 
 [[noreturn]] void fail(const JsonField& field, const std::string& what) {
@@ -94,37 +142,23 @@ template <class Got>
   refuse(field, expected, excerpt_of(field.value));
 }
 
-std::string escaped(std::string_view key) {
-  std::string token;
-  for (const char c : key) {
-    if (c == '~') {
-      token += "~0";
-    } else if (c == '/') {
-      token += "~1";
-    } else {
-      token += c;
-    }
-  }
-  return token;
-}
-
 JsonField child(const JsonField& parent, std::string_view key, const Json& value) {
-  return JsonField{value, parent.pointer + '/' + escaped(key), parent.source};
+  return JsonField{value, parent.path / key, parent.source};
 }
-
-JsonField child(const JsonField& parent, const std::string& key) { return child(parent, key, parent.value.at(key)); }
 
 JsonField child(const JsonField& parent, std::size_t index) {
-  return JsonField{parent.value.at(index), parent.pointer + '/' + std::to_string(index), parent.source};
+  return JsonField{parent.value.at(index), parent.path / index, parent.source};
 }
 
-std::optional<JsonField> find(const JsonField& object, const char* key) {
-  return object.value.contains(key) ? std::optional<JsonField>(child(object, key)) : std::nullopt;
+std::optional<JsonField> find(const JsonField& object, std::string_view key) {
+  const auto found = object.value.find(key);
+  return found != object.value.end() ? std::optional<JsonField>(child(object, key, *found)) : std::nullopt;
 }
 
-JsonField require(const JsonField& object, const char* key) {
-  if (!object.value.contains(key)) fail(object, "expected a field \"" + std::string(key) + "\", found none");
-  return child(object, key);
+JsonField require(const JsonField& object, std::string_view key) {
+  const std::optional<JsonField> field = find(object, key);
+  if (!field) fail(object, "expected a field \"" + std::string(key) + "\", found none");
+  return *field;
 }
 
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known) {
@@ -165,7 +199,7 @@ Vec3d vec3(const JsonField& field, double limit = kMaxCoordinate) {
 
 Vec3 point(const JsonField& field) { return vec3(field).cast<float>(); }
 
-Vec3 optional_point(const JsonField& object, const char* key) {
+Vec3 optional_point(const JsonField& object, std::string_view key) {
   const std::optional<JsonField> field = find(object, key);
   return field ? point(*field) : Vec3::Zero();
 }
@@ -268,8 +302,8 @@ class SceneReader {
     if (!root_.value.is_object() || root_.value.contains(kVersionKey)) return;
     for (const auto& [key, value] : root_.value.items()) {
       if (!key.ends_with("_scene")) continue;
-      fail(child(root_, key), std::string("expected the key \"") + kVersionKey +
-                                  "\" instead (the format's name has changed, and nothing else: rename the key)");
+      fail(child(root_, key, value), std::string("expected the key \"") + kVersionKey +
+                                         "\" instead (the format's name has changed, and nothing else: rename the key)");
     }
   }
 
@@ -290,7 +324,7 @@ class SceneReader {
     if (!materials->value.is_object()) refuse(*materials, "an object");
     if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
     for (const std::string& name : material_names_) {
-      const JsonField field = child(*materials, name);
+      const JsonField field = require(*materials, name);
       check_object(field, {"base_color", "semantic"});
       Material material{name};
       material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
@@ -467,9 +501,9 @@ class SceneReader {
       for (std::int32_t& index : triangle) index += first_vertex;
       const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
       if (is_degenerate(corner(0), corner(1), corner(2))) {
-        const std::string where = has_file ? "triangle " + std::to_string(i) + " of the file" : "/triangles/" + std::to_string(i);
-        const JsonField at{field.value, field.pointer + (has_file ? "/file" : where), field.source};
-        refuse(at, "a triangle with an area", "a degenerate one" + (has_file ? " (" + where + ')' : std::string()));
+        const JsonField at = has_file ? require(field, "file") : child(require(field, "triangles"), i);
+        const std::string where = has_file ? " (triangle " + std::to_string(i) + " of the file)" : "";
+        refuse(at, "a triangle with an area", "a degenerate one" + where);
       }
       mesh.triangles.push_back(triangle);
     }
@@ -597,56 +631,6 @@ class SceneReader {
       source + ": not valid JSON: " + excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
 }
 
-// Goes through a text before it is read: no field is repeated, which JSON leaves open and is a mistake here, and nothing is
-// nested deeper than recursion can follow. (Json::parse would call back for this, but search each list anew after each of its
-// elements.)
-class Checker final : public nlohmann::json_sax<Json> {
- public:
-  explicit Checker(const std::string& source) : source_(source) {}
-
-  std::vector<std::string> material_names;  // the keys of /materials, in the order of the file
-
-  bool null() override { return true; }
-  bool boolean(bool) override { return true; }
-  bool number_integer(number_integer_t) override { return true; }
-  bool number_unsigned(number_unsigned_t) override { return true; }
-  bool number_float(number_float_t, const string_t&) override { return true; }
-  bool string(string_t&) override { return true; }
-  bool binary(binary_t&) override { return true; }
-  bool start_object(std::size_t) override { return open(); }
-  bool end_object() override { return close(); }
-  bool start_array(std::size_t) override { return open(); }
-  bool end_array() override { return close(); }
-  bool key(string_t& name) override {
-    if (!keys_.back().insert(name).second) {
-      flockstep::refuse(source_, "each field once", excerpt_of(Json(name)) + " twice in one object");
-    }
-    if (keys_.size() == 1) top_key_ = name;
-    if (keys_.size() == 2 && top_key_ == kMaterialsKey) material_names.push_back(name);
-    return true;
-  }
-  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
-    refuse_json(source_, error.what());
-  }
-
- private:
-  bool open() {
-    keys_.emplace_back();
-    if (keys_.size() > kMaxDepth) {
-      flockstep::refuse(source_, "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
-    }
-    return true;
-  }
-  bool close() {
-    keys_.pop_back();
-    return true;
-  }
-
-  const std::string& source_;
-  std::vector<std::unordered_set<std::string>> keys_;  // of the arrays (none) and objects that are open
-  std::string top_key_;
-};
-
 // The characters of a text, for a parser that may take long over them.
 class Characters {
  public:
@@ -687,26 +671,83 @@ void take_apart(Json& value) noexcept {
 
 struct Document {
   Json root;
-  std::vector<std::string> material_names;
+  std::vector<std::string> material_names;  // the keys of /materials, in the order of the file
 
-  explicit Document(Json value) : root(std::move(value)) {}
+  Document() = default;
   ~Document() { take_apart(root); }
   Document(const Document&) = delete;
   Document& operator=(const Document&) = delete;
 };
 
-std::unique_ptr<const Document> parse_json(const std::string& text, const std::string& source) {
-  Checker checker(source);
-  const Characters begin(text.data());
-  const Characters end(text.data() + text.size());
-  Json::sax_parse(begin, end, &checker);
-  try {
-    auto document = std::make_unique<Document>(Json::parse(begin, end));
-    document->material_names = std::move(checker.material_names);
-    return document;
-  } catch (const Json::exception& error) {
-    refuse_json(source, error.what());
+// Makes a document of what the parser reads. Unlike Json's own: no field is repeated, which JSON leaves open and is a mistake
+// here, and nothing is nested deeper than recursion can follow.
+class DocumentBuilder final : public nlohmann::json_sax<Json> {
+ public:
+  DocumentBuilder(Document& document, const std::string& source) : document_(document), source_(source) {}
+
+  bool null() override { return add(nullptr); }
+  bool boolean(bool value) override { return add(value); }
+  bool number_integer(number_integer_t value) override { return add(value); }
+  bool number_unsigned(number_unsigned_t value) override { return add(value); }
+  bool number_float(number_float_t value, const string_t&) override { return add(value); }
+  bool string(string_t& value) override { return add(std::move(value)); }
+  bool binary(binary_t& value) override { return add(std::move(value)); }
+  bool start_object(std::size_t) override { return open(Json::value_t::object); }
+  bool end_object() override { return close(); }
+  bool start_array(std::size_t) override { return open(Json::value_t::array); }
+  bool end_array() override { return close(); }
+  bool key(string_t& name) override {
+    if (open_.size() == 1) is_in_materials_ = name == kMaterialsKey;
+    if (open_.size() == 2 && is_in_materials_) document_.material_names.push_back(name);
+    const auto [field, is_new] = open_.back()->get_ref<Json::object_t&>().try_emplace(std::move(name));
+    if (!is_new) flockstep::refuse(source_, "each field once", excerpt_of(Json(field->first)) + " twice in one object");
+    field_ = &field->second;
+    return true;
   }
+  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
+    refuse_json(source_, error.what());
+  }
+
+ private:
+  // Puts a value where the parser stands: at the end of an array, in a field of an object, or as the whole document.
+  template <class Value>
+  Json& place(Value&& value) {
+    if (open_.empty()) return document_.root = std::forward<Value>(value);
+    if (auto* const array = open_.back()->get_ptr<Json::array_t*>()) return array->emplace_back(std::forward<Value>(value));
+    return *field_ = std::forward<Value>(value);
+  }
+
+  template <class Value>
+  bool add(Value&& value) {
+    place(std::forward<Value>(value));
+    return true;
+  }
+
+  bool open(Json::value_t kind) {
+    if (open_.size() == kMaxDepth) {
+      flockstep::refuse(source_, "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
+    }
+    open_.push_back(&place(kind));
+    return true;
+  }
+
+  bool close() {
+    open_.pop_back();
+    return true;
+  }
+
+  Document& document_;
+  const std::string& source_;
+  std::vector<Json*> open_;  // the arrays and objects that the parser is in
+  Json* field_ = nullptr;    // of the innermost object, whose key has been read
+  bool is_in_materials_ = false;
+};
+
+std::unique_ptr<const Document> parse_json(const std::string& text, const std::string& source) {
+  auto document = std::make_unique<Document>();
+  DocumentBuilder builder(*document, source);
+  Json::sax_parse(Characters(text.data()), Characters(text.data() + text.size()), &builder);
+  return document;
 }
 
 // ---------------------------------------------------------------------------------------------------------------- writing
@@ -896,7 +937,7 @@ std::string format(const OrderedJson& document, const std::vector<Material>& mat
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files) {
   const std::unique_ptr<const Document> document = parse_json(text, source);
-  return SceneReader(JsonField{document->root, "", source}, document->material_names, base_dir, files).read();
+  return SceneReader(JsonField{document->root, Path(), source}, document->material_names, base_dir, files).read();
 }
 
 std::string write_scene(const SceneDescription& description) {
