@@ -27,7 +27,7 @@ constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
 constexpr int kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
 constexpr long kWorkOfPart = 1'000'000;
 
-[[noreturn]] void refuse(const std::string& source, std::size_t line, const std::string& expected, std::string_view got) {
+[[noreturn]] void refuse_line(const std::string& source, std::size_t line, const std::string& expected, std::string_view got) {
   flockstep::refuse(source + ':' + std::to_string(line), expected, '"' + excerpt(got) + '"');
 }
 
@@ -80,7 +80,7 @@ std::string checked(std::string_view text, const std::string& source) {
         const std::string_view word = next_word(rest);
         double value = 0.0;
         const bool is_good = parse(word, value) && std::abs(value) <= std::numeric_limits<float>::max();
-        if (!is_good) refuse(source, number, "three finite coordinates after v", line);
+        if (!is_good) refuse_line(source, number, "three finite coordinates after v", line);
         kept += ' ';
         kept += word;
       }
@@ -91,16 +91,16 @@ std::string checked(std::string_view text, const std::string& source) {
       for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest), ++corners) {
         const std::string_view vertex = word.substr(0, word.find('/'));
         long index = 0;  // from 1, or counted back from the last vertex so far when negative
-        if (!parse(vertex, index)) refuse(source, number, "vertex indices after f", line);
+        if (!parse(vertex, index)) refuse_line(source, number, "vertex indices after f", line);
         if (index == 0 || index > num_vertices || index < -num_vertices) {
-          refuse(source, number, "a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
+          refuse_line(source, number, "a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
         }
-        if (corners == kMaxCorners) refuse(source, number, "at most 1000 corners after f", line);
+        if (corners == kMaxCorners) refuse_line(source, number, "at most 1000 corners after f", line);
         kept += ' ';
         kept += std::to_string(index > 0 ? index : num_vertices + 1 + index);
       }
       work += corners * corners;
-      if (corners < 3) refuse(source, number, "at least three corners after f", line);
+      if (corners < 3) refuse_line(source, number, "at least three corners after f", line);
       kept += '\n';
     }
   }
