@@ -17,6 +17,7 @@ from gymnasium.envs.registration import EnvSpec
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
+from flockstep.plain import from_plain
 
 #: The tasks that come with flockstep: what each observes.
 OBSERVATIONS = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}
@@ -31,8 +32,8 @@ IDS = {
 EXPECTED = f"{', '.join(OBSERVATIONS)}, an id of flockstep's, module:id or module:Class of a flockstep.Task"
 
 #: Seeds of generated playgrounds. Training flies in the first; the model is chosen, and training stops, by the second;
-#: what is reported is flown in the third, once, at the end. No seed is in two of them. Tasks of one's own draw their
-#: random numbers by these seeds, too.
+#: what is reported is flown in the third, once, at the end. No seed is in two of them. By the latter two tasks
+#: of one's own draw their random numbers, too, when the model is chosen and reported; in training, by `first_env_seed`.
 TRAINING_SEEDS = range(0, 500_000)
 CHOOSING_SEEDS = range(500_000, 1_000_000)
 UNSEEN_SEEDS = range(1_000_000, 1_500_000)
@@ -79,6 +80,28 @@ def env_keywords(task: str) -> dict[str, Any]:
     known = [f"{module_name}:{name}" for name in classes + ids] if module else [*OBSERVATIONS, *ids]
     nearest = difflib.get_close_matches(task, known, cutoff=0) or known
     raise ValueError(f"task: expected {EXPECTED}, got {task!r}, which {what}; the nearest are {', '.join(nearest)}")
+
+
+def own_defaults(task: str) -> dict[str, Any]:
+    """Return what a task of one's own, as `env_keywords` takes it, says of its training unless it is told otherwise.
+
+    That is ``frame_skip`` and ``max_episode_steps`` as it was registered, and ``worlds``, as it was registered or as
+    its class has them, where these are names.
+    """
+    keywords = env_keywords(task)
+    found = {name: keywords[name] for name in ("frame_skip", "max_episode_steps") if name in keywords}
+    worlds = keywords.get("worlds", getattr(from_plain(keywords.get("task")), "worlds", None))
+    names = (worlds,) if isinstance(worlds, str) else tuple(worlds) if isinstance(worlds, (list, tuple)) else ()
+    return {**found, "worlds": names} if names and all(isinstance(name, str) for name in names) else found
+
+
+def first_env_seed(seed: int, num_envs: int) -> int:
+    """Return the seed of env 0 in a training; env i has the one i further.
+
+    Trainings by other seeds with as many envs have none of these, nor do the flights that choose a model or are
+    reported.
+    """
+    return UNSEEN_SEEDS.stop + seed * num_envs
 
 
 def _imported(task: str, name: str) -> ModuleType:
@@ -157,7 +180,9 @@ class Setup:
         ValueError
             Nobody says after how many.
         """
-        envs = self.make(num_envs, max_episode_steps=max_episode_steps, **keywords)
+        if max_episode_steps is not None:
+            keywords["max_episode_steps"] = max_episode_steps
+        envs = self.make(num_envs, **keywords)
         if not max_episode_steps and getattr(envs.task, "max_episode_steps", None) == 0:
             envs.close()
             raise ValueError(f"max_episode_steps: expected a number, since {self.task} has none of its own, got none")

@@ -37,7 +37,7 @@ import flockstep
 from evaluate import fly, greedy
 from flockstep.sb3 import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures
 from flockstep.sb3.features import is_image
-from tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, env_keywords, remember
+from tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, first_env_seed, own_defaults, remember
 
 #: An evaluation flight of a built-in task that takes more flown steps has failed: those that reach the goal take half
 #: as long.
@@ -207,9 +207,10 @@ def defaults_of(task: str) -> Args:
     ValueError
         There is no such task.
     """
-    env_keywords(task)
+    registered = own_defaults(task)
     task = IDS.get(task, task)
-    return DEFAULTS.get(task) or replace(OWN, task=task, out=Path("out/train") / re.split("[:/]", task)[-1])
+    out = Path("out/train") / re.split("[:/]", task)[-1]
+    return DEFAULTS.get(task) or replace(OWN, task=task, out=out, **registered)
 
 
 def network(task: str, space: spaces.Space[Any]) -> tuple[str, dict[str, Any]]:
@@ -411,7 +412,6 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     torch.set_num_threads(args.learner_threads)
     args.out.mkdir(parents=True, exist_ok=True)
     venv = make_envs(args)
-    venv.seed(args.seed * args.num_envs)
     hyperparameters = {
         "n_steps": args.steps_per_update,
         "batch_size": args.batch_size,
@@ -429,6 +429,9 @@ def train(args: Args) -> tuple[PPO, Outcome]:
         policy, features = network(args.task, venv.observation_space)
         layers = {"net_arch": list(args.net), "activation_fn": torch.nn.ReLU}
         model = TimedPPO(policy, venv, policy_kwargs={**layers, **features}, device="cpu", **hyperparameters)
+    # Making or loading the model has seeded env i with seed + i, so that trainings by the seeds 0 and 1 would share all
+    # envs but one: this takes its place at the first reset.
+    venv.seed(first_env_seed(args.seed, args.num_envs))
     remember(model, args.setup)
     model.set_logger(configure(str(args.out), ["csv", "tensorboard"]))
 

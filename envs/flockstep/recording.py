@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
@@ -23,11 +24,12 @@ def record(
     *,
     steps: int = 400,
     seed: int = 0,
+    until_success: int | None = None,
     render_view: str | npt.ArrayLike = "third_person",
     fps: int = 20,
     **kwargs: Any,
 ) -> int:
-    """Fly one drone and write a film of it, until its first episode ends.
+    """Fly one drone and write a film of one episode: its first, or the first that succeeds.
 
     Needs imageio with ffmpeg, as the extra ``sb3`` brings it.
 
@@ -44,6 +46,10 @@ def record(
         The film ends after so many steps at the latest.
     seed
         Of the episode, and of random actions.
+    until_success
+        Of so many episodes at most, seeded ``seed``, ``seed + 1`` and so on, film the first that succeeds within
+        ``steps``. They are flown without pictures; then its actions are flown again. None: film the first, however it
+        ends.
     render_view
         As `DroneVectorEnv` takes it; so are ``render_size`` and ``render_camera``.
     fps
@@ -56,11 +62,20 @@ def record(
     -------
     int
         How many pictures the film has.
+
+    Raises
+    ------
+    RuntimeError
+        None of ``until_success`` episodes succeeds: no film is written then. Or the one that did ends otherwise when
+        its actions are flown again, because its task draws random numbers otherwise than by ``batch.random``.
     """
     if Path(path).suffix.lower() not in (".mp4", ".gif"):
         raise ValueError(f"path: expected a name that ends with .mp4 or .gif, got {fspath(path)!r}")
     if steps < 1:
         raise ValueError(f"steps: expected an integer >= 1, got {steps}")
+    is_count = isinstance(until_success, (int, np.integer)) and not isinstance(until_success, bool)
+    if until_success is not None and not (is_count and until_success >= 1):
+        raise ValueError(f"until_success: expected None or an integer >= 1, got {until_success!r}")
     try:
         import imageio.v2 as imageio
     except ModuleNotFoundError as error:
@@ -72,6 +87,9 @@ def record(
     if not isinstance(envs, DroneVectorEnv):
         raise TypeError(f"env: expected an id of this package, {env!r} is a {type(envs).__name__}")
     act = actions_of(policy, envs.action_space, seed)
+    if until_success is not None:
+        seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success))
+        act = _replaying(actions)
     observation, _ = envs.reset(seed=seed)
     is_gif = Path(path).suffix.lower() == ".gif"
     # By default imageio makes the sides multiples of 16; the codec needs even ones.
@@ -88,8 +106,40 @@ def record(
             pictures += 1
             if step > 0 and (terminated[0] or truncated[0]):
                 break
+    if until_success is not None and not envs.batch.success[0]:
+        raise RuntimeError(
+            f"until_success: the episode of seed {seed} succeeded, and did not when its actions were flown again: its "
+            "task has to draw random numbers by batch.random alone"
+        )
     envs.close()
     return pictures
+
+
+def _succeeding(envs: DroneVectorEnv, act: Callable[[Any], Any], steps: int, seeds: range) -> tuple[int, list[Any]]:
+    """Return the first of the seeds whose episode succeeds within so many steps, and the actions it took.
+
+    Raises
+    ------
+    RuntimeError
+        None of them does.
+    """
+    for seed in seeds:
+        observation, _ = envs.reset(seed=seed)
+        actions = []
+        for _ in range(steps):
+            actions.append(np.array(act(observation)))
+            observation, _, terminated, truncated, _ = envs.step(actions[-1])
+            if terminated[0] or truncated[0]:
+                break
+        if envs.batch.success[0]:
+            return seed, actions
+    which = f"the episodes of the seeds {seeds.start} to {seeds.stop - 1}"
+    raise RuntimeError(f"until_success: none of {which} succeeded within {steps} steps")
+
+
+def _replaying(actions: list[Any]) -> Callable[[Any], Any]:
+    following = iter(actions)
+    return lambda observation: next(following)
 
 
 def actions_of(policy: Any, action_space: spaces.Space[Any], seed: int) -> Callable[[Any], Any]:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 from os import PathLike, fspath
+from typing import Any
 
 import gymnasium
 
 from flockstep._core import NativeTask
 from flockstep.plain import to_plain
 from flockstep.task import Task
+from flockstep.vector_env import DroneVectorEnv, _by_config
+
+_NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # for whoever makes the environments
 
 
 def register() -> None:
@@ -27,8 +32,11 @@ def register() -> None:
             )
 
 
-def register_task(env_id: str, task: type[Task] | str | PathLike[str]) -> None:
+def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:
     """Register a task of your own with Gymnasium: `gymnasium.make_vec` makes its environments from then on.
+
+    >>> flockstep.register_task("mine/ReachHeight-v0", ReachHeight, worlds="hall.json", frame_skip=2)
+    >>> envs = gymnasium.make_vec("mine/ReachHeight-v0", num_envs=64, frame_skip=4)  # in the hall, by 4 steps
 
     Parameters
     ----------
@@ -37,15 +45,25 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str]) -> None:
     task
         A subclass of `Task`, which is made anew for each environment, or the path of a shared library with a task in
         C++, as `NativeTask` takes it.
+    **defaults
+        Keywords of `DroneVectorEnv` that its environments are made with where `gymnasium.make_vec` or `gymnasium.make`
+        is given no others. Not ``num_envs``, ``autoreset_mode`` and ``copy``.
 
     Raises
     ------
     ValueError
         The library cannot be loaded, or exports no task.
+    TypeError
+        A default that is no such keyword. Its value is checked when an environment is made.
     """
+    refused = [name for name in defaults if name in _NO_DEFAULTS]
+    if refused:
+        raise TypeError(f"register_task: expected no default of {', '.join(_NO_DEFAULTS)}, got {', '.join(refused)}")
+    keywords = inspect.signature(DroneVectorEnv).parameters
+    _by_config({name: value for name, value in defaults.items() if name not in keywords})  # refuses what is no keyword
     gymnasium.register(
         id=env_id,
         entry_point="flockstep.env:DroneEnv",
         vector_entry_point="flockstep.vector_env:DroneVectorEnv",
-        kwargs={"task": to_plain(task if isinstance(task, type) else NativeTask(fspath(task)))},
+        kwargs=to_plain({**defaults, "task": task if isinstance(task, type) else NativeTask(fspath(task))}),
     )

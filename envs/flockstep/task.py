@@ -163,7 +163,7 @@ class Task:
         raise NotImplementedError(f"{_name(self)}.observe: every task has to define it")
 
     def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
-        """Add to the picture of one env: `drawing` has ``points``, ``lines`` and ``spheres``, in metres.
+        """Add to the picture of one env: `drawing` draws points, lines, spheres, cells and text, in metres.
 
         Called for each picture of the views ``"top"``, ``"third_person"`` and ``"fleet"`` and from a fixed place; not
         for ``"camera"``, which shows what the drone sees. Change no state here: nothing may depend on being looked at.

@@ -9,6 +9,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+import flockstep
 from flockstep.testing import CHECKS, check_vector_env
 
 NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -146,6 +147,18 @@ def with_infos(key, value):
     return on_step(lambda self, o, r, t, u, i: (o, r, t, u, {**i, key: value(self)}))
 
 
+def with_final(change):
+    """A change of what a step returns: of the final observations alone."""
+
+    def changed(self, o, r, t, u, i):
+        if i:
+            i["final_obs"] = np.array([*(None if row is None else change(row) for row in i["final_obs"]), None], object)
+            i["final_obs"] = i["final_obs"][:-1]
+        return o, r, t, u, i
+
+    return changed
+
+
 class Reused(Counter):
     """Returns one buffer again and again."""
 
@@ -241,9 +254,28 @@ FAULTS = {
     ],
     "values": [
         (on_step(lambda s, o, r, t, u, i: (o.astype(float), r, t, u, i)), "observation.*float32.*float64"),
-        (on_step(lambda s, o, r, t, u, i: (o + 1000, r, t, u, i)), "not in the observation space"),
+        (
+            on_step(lambda s, o, r, t, u, i: (o + np.float32([0, 200]) * (np.arange(4) > 1)[:, None], r, t, u, i)),
+            r"^step 0: observation is not in the observation space: expected numbers in \[0.0, 100.0\], "
+            r"got 20\d.0 in env 2 at index \[1\]; 2 of 8 lie outside$",
+        ),
+        (
+            on_step(
+                lambda s, o, r, t, u, i: (
+                    o * np.where(np.arange(4) == 3, np.nan, 1)[:, None].astype(o.dtype),
+                    r,
+                    t,
+                    u,
+                    i,
+                )
+            ),
+            r"got nan in env 3 at index \[0\]; 2 of 8 lie outside$",
+        ),
         (on_step(lambda s, o, r, t, u, i: (o, r.astype(int), t, u, i)), "reward.*int64"),
-        (on_step(lambda s, o, r, t, u, i: (o, r * np.nan, t, u, i)), "reward.*finite"),
+        (
+            on_step(lambda s, o, r, t, u, i: (o, np.where(np.arange(4) % 2, np.inf, r).astype(r.dtype), t, u, i)),
+            "reward: expected finite numbers, got inf in env 1; 2 of 4 are not$",
+        ),
         (on_step(lambda s, o, r, t, u, i: (o, r[:1], t, u, i)), r"reward.*shape"),
         (on_step(lambda s, o, r, t, u, i: (o, r, t.astype(int), u, i)), "terminated.*bool"),
         (on_step(lambda s, o, r, t, u, i: (o, r, t, list(u), i)), "truncated.*list"),
@@ -276,6 +308,10 @@ FAULTS = {
             ),
             "final_obs.*(object array|it goes on|view)",
         ),
+        (
+            on_step(with_final(lambda final: final - 1000), SameStepCounter),
+            r"final_obs'\]\[\d\] is not in the observation space: .* got -9\d\d.0 at index \[0\]; 2 of 2 lie outside$",
+        ),
     ],
     "reset_mask": [(PopsTheMask, "changed the options"), (IgnoresTheMask, "outside")],
     "snapshot": [
@@ -295,9 +331,52 @@ FAULTS = {
         (broken(render=lambda self: None), "NoneType"),
         (broken(render=lambda self: Counter.render(self)[:1]), "expected 4 frames"),
         (broken(render=lambda self: tuple(np.zeros((8, 8)) for _ in range(4))), "uint8"),
+        (broken(render=lambda self: self.nothing), "^render raised AttributeError.*'nothing'.* after a reset$"),
     ],
     "close": [(ClosesOnce, "closing twice"), (broken(close=lambda self: None), "closed should be True")],
 }
+
+
+class Named(flockstep.Task):
+    """Names the part of its observation that leaves the bounds, and draws."""
+
+    observation_space = spaces.Dict(place=spaces.Box(0, 8, (3,)), up=spaces.Box(0, 1, ()))
+    beyond = 0.0
+
+    def step(self, batch):
+        return np.zeros(batch.num_drones), batch.steps > np.arange(batch.num_drones) % 3 + 1
+
+    def observe(self, batch):
+        return {"place": batch.position, "up": np.full(batch.num_drones, self.beyond, np.float32)}
+
+    def draw(self, batch, env, drawing):
+        drawing.cells(batch.position[env], 1)
+
+
+class DrawsInPink(Named):
+    def draw(self, batch, env, drawing):
+        drawing.cells(batch.position[env], 1, "pink")
+
+
+@pytest.mark.parametrize("keywords", [{}, {"render_mode": "rgb_array", "render_view": "third_person"}])
+def test_a_task_that_draws_is_seen_to_draw(room, keywords):
+    def check(task):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, render_size=(32, 24), **keywords),
+            skip=set(CHECKS) - {"render"},
+        )
+
+    check(Named)
+    line = DrawsInPink.draw.__code__.co_firstlineno + 1
+    with pytest.raises(AssertionError, match=rf"^DrawsInPink\.draw, line {line}, raised ValueError.*'pink'.* a reset$"):
+        check(DrawsInPink)
+
+
+def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
+    found = type("Beyond", (Named,), {"beyond": 1.5})
+    said = r"^reset: observation\['up'\] is not in .* expected numbers in \[0.0, 1.0\], got 1.5 in env 0; 4 of 4 lie"
+    with pytest.raises(AssertionError, match=said):
+        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=found))
 
 
 def test_every_check_is_tested():

@@ -5,6 +5,7 @@ import imageio.v3 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 import flockstep
 
@@ -41,7 +42,7 @@ def test_a_model_and_a_task_of_ones_own(room, tmp_path):
             return np.ones((1, 3), np.float32), None
 
     class Drift(flockstep.Task):
-        observation_space = flockstep.task.spaces.Box(-1, 1, (1,), np.float32)
+        observation_space = spaces.Box(-1, 1, (1,), np.float32)
 
         def step(self, batch):
             return np.zeros(1), np.zeros(1, bool)
@@ -57,6 +58,12 @@ def test_a_model_and_a_task_of_ones_own(room, tmp_path):
     [
         ({"path": "flight.avi"}, ValueError, "path: expected a name that ends with .mp4 or .gif, got 'flight.avi'"),
         ({"path": "flight.gif", "steps": 0}, ValueError, "steps: expected an integer >= 1, got 0"),
+        (
+            {"path": "flight.gif", "until_success": 0},
+            ValueError,
+            "until_success: expected None or an integer >= 1, got 0",
+        ),
+        ({"path": "flight.gif", "until_success": True}, ValueError, "until_success: .* an integer >= 1, got True"),
         ({"path": "flight.gif", "policy": 3}, TypeError, "policy: expected a model with predict"),
         ({"path": "flight.gif", "env": "CartPole-v1"}, TypeError, "unexpected keyword|expected an id of this package"),
     ],
@@ -66,6 +73,75 @@ def test_mistakes(arguments, error, said, tmp_path, monkeypatch):
     with pytest.raises(error, match=said):
         flockstep.record(**arguments)
     assert list(tmp_path.iterdir()) == []
+
+
+class Lucky(flockstep.Task):
+    """Ends after as many steps as its first random number says, 1 to 5; a success after 4, if one flies ahead."""
+
+    observation_space = spaces.Box(-9, 9, (3,), np.float32)
+
+    def step(self, batch):
+        limit = 1 + (5 * batch.random(stream=0, count=1)[:, 0]).astype(int)
+        over = batch.steps >= limit
+        self.success[:] = over & (limit == 4) & (batch.position[:, 0] > 2.35)
+        return np.zeros(1), over
+
+    def observe(self, batch):
+        return batch.position
+
+    def draw(self, batch, env, drawing):
+        self.drawn = True
+
+
+def ahead(observation):
+    return np.float32([[1, 0, 0]])
+
+
+def first_lucky_seed(room):
+    envs = flockstep.DroneVectorEnv(30, worlds=room, task=Lucky)
+    envs.reset(seed=7)
+    return 7 + np.flatnonzero((5 * envs.batch.random(stream=0, count=1)[:, 0]).astype(int) == 3)[0]
+
+
+def test_the_first_episode_that_succeeds_is_filmed(room, tmp_path):
+    lucky = first_lucky_seed(room)
+    assert lucky > 7
+    keywords = {"worlds": room, "seed": 7, "render_view": "top"}
+    count = flockstep.record(tmp_path / "a.gif", ahead, Lucky, until_success=lucky - 6, **keywords)
+    assert count == 5
+    keywords["seed"] = lucky
+    assert flockstep.record(tmp_path / "b.gif", ahead, Lucky, **keywords) == 5
+    assert (tmp_path / "a.gif").read_bytes() == (tmp_path / "b.gif").read_bytes()
+
+
+def test_where_none_succeeds_there_is_no_film(room, tmp_path):
+    lucky, task = first_lucky_seed(room), Lucky()
+    keywords = {"worlds": room, "seed": 7, "render_view": "top"}
+    said = f"none of the episodes of the seeds 7 to {lucky - 1} succeeded within 400 steps"
+    with pytest.raises(RuntimeError, match=said):
+        flockstep.record(tmp_path / "a.gif", ahead, task, until_success=lucky - 7, **keywords)
+    with pytest.raises(RuntimeError, match=f"seeds 7 to {lucky} succeeded within 3 steps"):
+        flockstep.record(tmp_path / "a.gif", ahead, Lucky, until_success=lucky - 6, steps=3, **keywords)
+    assert list(tmp_path.iterdir()) == []
+    assert not hasattr(task, "drawn")  # tries cost no pictures
+
+
+def test_a_task_that_does_not_repeat_is_told(room, tmp_path):
+    class Once(Lucky):
+        tries = 0
+
+        def reset(self, batch, mask):
+            super().reset(batch, mask)
+            self.tries += 1
+
+        def step(self, batch):
+            self.success[:] = self.tries == 1
+            return np.zeros(1), np.ones(1, bool)
+
+    with pytest.raises(
+        RuntimeError, match="the episode of seed 3 succeeded, and did not when its actions were flown ag"
+    ):
+        flockstep.record(tmp_path / "a.gif", ahead, Once, worlds=room, seed=3, until_success=1, render_view="top")
 
 
 ENV_ID = "flockstep/LidarNavigation-v0"

@@ -302,6 +302,56 @@ def test_success_rates_are_those_of_the_first_episodes_in_each_world(room, close
         flockstep.sb3.success_rates(Still(), task(), worlds=[closet], episodes=0)
 
 
+class Counted(flockstep.Task):
+    """Env i ends after i + 1 steps, or after 3; it reports what it has earned, and succeeds if it has an odd index."""
+
+    observation_space = spaces.Box(0, 9, (1,), np.float32)
+    reward_terms = ("gain", "cost")
+    info_names = ("earned",)
+    max_episode_steps = 3
+
+    def step(self, batch):
+        index = np.arange(batch.num_drones)
+        self.info["earned"] += index + 100 * batch.episode
+        self.success[:] = index % 2
+        return {"gain": 1.0 * index, "cost": np.full(batch.num_drones, -0.5)}, batch.steps > index
+
+    def observe(self, batch):
+        return batch.position[:, :1]
+
+
+def test_an_evaluation_has_the_means_of_what_first_episodes_report(room):
+    found = flockstep.sb3.evaluate(None, Counted, episodes=4, worlds=room, reward_scale=0.1)
+    lengths = [1, 2, 3, 3]  # of envs 0 to 3; those that go on with another episode count once
+    earned = [0, 2, 6, 9]
+    assert found == flockstep.sb3.Evaluation(
+        episodes=4,
+        success_rate=0.5,
+        crash_rate=0.0,
+        episode_return=np.mean(earned) - 0.5 * np.mean(lengths),
+        episode_length=np.mean(lengths),
+        episode_terms={"gain": np.mean(earned), "cost": -0.5 * np.mean(lengths)},
+        infos={"earned": np.mean(earned)},
+    )
+
+
+def test_an_evaluation_of_a_built_in_task(room, closet):
+    """Straight ahead: into the pillar of the room, into the wall of the closet; seeds make other starts."""
+
+    def ahead(observation):
+        return np.zeros(len(observation), int)
+
+    found = flockstep.sb3.evaluate(ahead, episodes=2, worlds=[room, closet])
+    assert (found.success_rate, found.crash_rate, found.infos) == (0.0, 1.0, {})
+    assert found.episode_return == pytest.approx(sum(found.episode_terms.values()))
+    starts = {"worlds": room, "random_start": True, "episodes": 3}
+    one, same, other = (flockstep.sb3.evaluate(ahead, seed=seed, **starts) for seed in (0, 0, 1000))
+    assert one == same != other
+    for wrong in (0, 2.5):
+        with pytest.raises(ValueError, match=f"episodes: expected an integer >= 1, got {wrong}"):
+            flockstep.sb3.evaluate(ahead, episodes=wrong)
+
+
 @pytest.mark.filterwarnings("ignore:The environment is already wrapped with a `Monitor`:UserWarning")
 def test_sb3_wrappers(make):
     envs = VecNormalize(VecMonitor(make()), norm_obs=True)

@@ -51,7 +51,12 @@ class Sensor:
     pass
 
 
+class AtHome(Climb):
+    worlds = "validation"
+
+
 flockstep.register_task("own/Climb-v0", Climb)
+flockstep.register_task("own/Climb-v1", Climb, worlds=["room.json"], frame_skip=2, max_episode_steps=9, lidar=None)
 """
 
 
@@ -64,7 +69,8 @@ def own(tmp_path, monkeypatch, room):
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield "own_tasks"
     sys.modules.pop("own_tasks", None)
-    gymnasium.registry.pop("own/Climb-v0", None)
+    for name in ("own/Climb-v0", "own/Climb-v1"):
+        gymnasium.registry.pop(name, None)
 
 
 @pytest.fixture
@@ -154,6 +160,25 @@ def test_seeds_of_training_choosing_and_reporting_are_disjoint():
     for i, one in enumerate(ranges):
         assert len(one) > 0
         assert all(max(one.start, other.start) >= min(one.stop, other.stop) for other in ranges[i + 1 :])
+
+
+def test_envs_of_trainings_by_different_seeds_share_none(train, flown, monkeypatch, tmp_path):
+    """What the first reset gives the envs: also those of a training that goes on with a policy."""
+    given = []
+
+    def spy(self, *, seed=None, **keywords):
+        given.extend([] if seed is None else [set(seed)])
+        return reset(self, seed=seed, **keywords)
+
+    reset = flockstep.DroneVectorEnv.reset
+    monkeypatch.setattr(flockstep.DroneVectorEnv, "reset", spy)
+    flown(*[[True] * 2] * 4)
+    for keywords in ({"seed": 0}, {"seed": 1}, {"seed": 2, "resume": tmp_path / "one" / "policy.zip"}):
+        train(total_steps=1024, **keywords)
+    assert [len(seeds) for seeds in given] == [64] * 3
+    assert len(set().union(*given)) == 3 * 64
+    for seed in (0, 1_000, 10_000):
+        assert tasks.first_env_seed(seed, 512) >= tasks.UNSEEN_SEEDS.stop > tasks.CHOOSING_SEEDS.stop
 
 
 def test_generated_playgrounds_keep_to_their_seeds():
@@ -359,6 +384,19 @@ def test_worlds_are_chosen_by_name(own, train, tmp_path):
     lidar = train_ppo.Args(evaluation_worlds=("validation",), worlds=("train",))
     assert len(train_ppo.evaluation_flights(lidar)[0]) == 2
     assert lidar.setup.playgrounds == ("train", "validation")
+
+
+def test_a_registered_task_is_trained_and_flown_as_it_was_registered(own, train, room):
+    args = train_ppo.defaults_of("own_tasks:own/Climb-v1")
+    assert (args.worlds, args.frame_skip, args.max_episode_steps) == (("room.json",), 2, 9)
+    assert train_ppo.defaults_of("own_tasks:AtHome").worlds == ("validation",)
+    assert train_ppo.defaults_of("own_tasks:Climb").worlds == ()
+    setup = dataclasses.replace(args, frame_skip=1).setup
+    still = np.zeros((1, 3), np.float32)
+    assert [evaluate.fly(lambda observation: still, [room], limit, setup=setup)[0].steps for limit in (None, 4)] == [
+        9,
+        4,
+    ]
 
 
 def test_generated_playgrounds_of_the_camera_task():

@@ -1,4 +1,5 @@
-"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones, `success_rates` flies what was trained.
+"""Stable-Baselines3: `make_vec` makes a `VecEnv` of N drones, `evaluate` and `success_rates` fly what was
+trained.
 
 >>> from stable_baselines3 import PPO
 >>> envs = flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", num_envs=256)
@@ -8,7 +9,7 @@
 is a small network for any observation with images. `LogTerms` logs what the reward is made of.
 """
 
-from flockstep.sb3.evaluation import success_rates
+from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates
 from flockstep.sb3.features import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures
 from flockstep.sb3.log_terms import LogTerms
 from flockstep.sb3.vec_env import DroneVecEnv, make_vec
@@ -16,10 +17,12 @@ from flockstep.sb3.vec_env import DroneVecEnv, make_vec
 __all__ = [
     "BlobFeatures",
     "DroneVecEnv",
+    "Evaluation",
     "GoalFeatures",
     "ImageFeatures",
     "LogTerms",
     "PixelFeatures",
+    "evaluate",
     "make_vec",
     "success_rates",
 ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,9 +13,67 @@ from gymnasium.vector.utils import batch_space
 from flockstep import scenes
 from flockstep._core import NativeTask
 from flockstep.recording import actions_of
-from flockstep.sb3.vec_env import make_vec
+from flockstep.sb3.vec_env import DroneVecEnv, make_vec
 from flockstep.scenes import WorldsLike
 from flockstep.task import Task
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Means over the episodes that a policy flew, of what their infos report."""
+
+    episodes: int
+    """How many they were."""
+    success_rate: float
+    """Share of them that succeeded, in [0, 1]."""
+    crash_rate: float
+    """Share of them that ended in contact with something."""
+    episode_return: float
+    """Sum of the rewards, unscaled."""
+    episode_length: float
+    """Flown steps."""
+    episode_terms: dict[str, float]
+    """Sum of each of the reward's terms, by its name."""
+    infos: dict[str, float]
+    """What a `Task` names in its ``info_names``."""
+
+
+def evaluate(
+    model: Any,
+    env: str | Task | type[Task] | NativeTask = "flockstep/LidarNavigation-v0",
+    episodes: int = 100,
+    seed: int = 0,
+    **kwargs: Any,
+) -> Evaluation:
+    """Fly a policy for some episodes; return the share that succeeded, and means of all else that episodes report.
+
+    Parameters
+    ----------
+    model
+        A trained model, such as a `PPO`, whose deterministic policy flies; or a function from observations (N, ...) to
+        actions (N, ...), or None for random actions.
+    env
+        What it flies, as `make_vec` takes it.
+    episodes
+        How many: the first one of as many envs, which fly at once.
+    seed
+        Of the first env; the others have those that follow. With ``PPO(seed=s)`` the training has begun with s, s + 1
+        and so on: take others, or the policy may know the very episodes.
+    **kwargs
+        Further keywords of `DroneVectorEnv`, such as ``worlds``, which the envs take in turn.
+    """
+    envs = make_vec(env, _count(episodes), **kwargs)
+    names = [] if not isinstance(envs.env.task, Task) else envs.env.task.info_names
+    ends = _first_episodes(model, envs, seed)
+    return Evaluation(
+        episodes=len(ends),
+        success_rate=_mean(end["is_success"] for end in ends),
+        crash_rate=_mean(end["crashed"] for end in ends),
+        episode_return=_mean(end["episode"]["r"] for end in ends),
+        episode_length=_mean(end["episode"]["l"] for end in ends),
+        episode_terms={name: _mean(end["episode_terms"][name] for end in ends) for name in ends[0]["episode_terms"]},
+        infos={name: _mean(end[name] for end in ends) for name in names},
+    )
 
 
 def success_rates(
@@ -28,42 +88,48 @@ def success_rates(
 
     Parameters
     ----------
-    model
-        A trained model, such as a `PPO`, whose deterministic policy flies; or a function from observations (N, ...) to
-        actions (N, ...), or None for random actions.
-    env
-        What it flies, as `make_vec` takes it.
+    model, env, seed, **kwargs
+        As `evaluate` takes them.
     worlds
         Scenes, sets of them, worlds, or a list of these. By default the seven playgrounds: the five of ``"train"`` and
         the two of ``"validation"``.
     episodes
         In each world. Where every episode begins alike, as with the built-in tasks unless ``random_start=True``, more
         than one tell no more.
-    seed
-        Of the first env; the others have those that follow.
-    **kwargs
-        Further keywords of `DroneVectorEnv`.
 
     Returns
     -------
     dict
         From the name of each world to its share in [0, 1].
     """
-    if episodes < 1:
-        raise ValueError(f"episodes: expected an integer >= 1, got {episodes}")
     loaded = scenes.load(worlds)
-    envs = make_vec(env, len(loaded) * episodes, worlds=loaded, **kwargs)
-    envs.seed(seed)
+    envs = make_vec(env, len(loaded) * _count(episodes), worlds=loaded, **kwargs)
+    by_world: dict[str, list[bool]] = defaultdict(list)
+    for k, end in enumerate(_first_episodes(model, envs, seed)):
+        by_world[loaded[k % len(loaded)].name].append(end["is_success"])
+    return {name: _mean(successes) for name, successes in by_world.items()}
+
+
+def _first_episodes(model: Any, envs: DroneVecEnv, seed: int) -> list[dict[str, Any]]:
+    """Fly until every env has ended an episode; return the infos of these first ends, and close the envs."""
     act = actions_of(model, batch_space(envs.action_space, envs.num_envs), seed)
+    envs.seed(seed)
     observation: Any = envs.reset()
-    outcomes: list[bool | None] = [None] * envs.num_envs
-    while None in outcomes:
+    ends: list[dict[str, Any] | None] = [None] * envs.num_envs
+    while None in ends:
         observation, _, done, infos = envs.step(act(observation))
         for i in np.flatnonzero(done):
-            if outcomes[i] is None:  # an env that is done goes on with another episode, which does not count
-                outcomes[i] = infos[i]["is_success"]
+            if ends[i] is None:  # an env that is done goes on with another episode, which does not count
+                ends[i] = infos[i]
     envs.close()
-    by_world: dict[str, list[bool]] = defaultdict(list)
-    for k, success in enumerate(outcomes):
-        by_world[loaded[k % len(loaded)].name].append(bool(success))
-    return {name: float(np.mean(successes)) for name, successes in by_world.items()}
+    return [end for end in ends if end is not None]
+
+
+def _count(episodes: Any) -> int:
+    if not isinstance(episodes, (int, np.integer)) or isinstance(episodes, bool) or episodes < 1:
+        raise ValueError(f"episodes: expected an integer >= 1, got {episodes!r}")
+    return int(episodes)
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))

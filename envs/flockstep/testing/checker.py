@@ -48,7 +48,7 @@ def check_vector_env(
           or where there are snapshots)
         - ``ownership``: returned arrays are neither written again nor read back, arguments are not changed
         - ``bad_actions``: actions of a wrong length, or not finite in a `Box`, raise
-        - ``render``: in the mode ``rgb_array``, a frame per env
+        - ``render``: in the mode ``rgb_array``, a frame per env; without a mode, that `Task.draw` draws, from above
         - ``close``: closing twice is allowed
 
     Raises

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import iterate
 
 from flockstep.testing.comparing import arrays_in, difference_between, rows_of
-from flockstep.testing.interface import check_infos, check_observation
+from flockstep.testing.interface import check_contained, check_infos, check_observation
 from flockstep.testing.runs import Actions, Array, Setup, Step, run
 
 
@@ -90,9 +90,7 @@ def _check_same_step(setup: Setup, history: list[Step]) -> None:
             if not ended:
                 assert final[index] is None, f"step {number}: infos['final_obs'][{index}]: expected None, it goes on"
                 continue
-            assert single.contains(final[index]), (
-                f"step {number}: infos['final_obs'][{index}] is not in the single observation space: {final[index]}"
-            )
+            check_contained(single, final[index], f"step {number}: infos['final_obs'][{index}]")
             for last, reset in zip(arrays_in(final[index]), arrays_in(now[index]), strict=True):
                 assert not np.shares_memory(last, reset), (
                     f"step {number}: infos['final_obs'][{index}] is a view of the reset observation"

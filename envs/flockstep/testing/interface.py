@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from traceback import walk_tb
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from flockstep.task import Task
 from flockstep.testing.runs import Actions, AnyVectorEnv, Setup
+from flockstep.viewer.top_view import TopView
 
 
 def check_spaces(setup: Setup) -> None:
@@ -63,7 +66,11 @@ def check_values(setup: Setup) -> None:
             assert reward.shape == (env.num_envs,), (
                 f"{place}: reward: expected shape ({env.num_envs},), got {reward.shape}"
             )
-            assert np.isfinite(reward).all(), f"{place}: reward: expected finite numbers, got {reward}"
+            bad = np.flatnonzero(~np.isfinite(reward))
+            assert not len(bad), (
+                f"{place}: reward: expected finite numbers, got {reward[bad[0]]} in env {bad[0]}; "
+                f"{len(bad)} of {len(reward)} are not"
+            )
             for name, flags in (("terminated", terminated), ("truncated", truncated)):
                 assert isinstance(flags, np.ndarray) and flags.dtype == np.bool_, (
                     f"{place}: {name}: expected a bool array, got {getattr(flags, 'dtype', type(flags))}"
@@ -81,7 +88,25 @@ def check_observation(env: AnyVectorEnv, observation: Any, place: str) -> None:
     """Check an observation against its space."""
     space = env.observation_space
     _check_arrays(space, observation, f"{place}: observation")
-    assert space.contains(observation), f"{place}: the observation is not in the observation space: {observation}"
+    check_contained(space, observation, f"{place}: observation", batched=True)
+
+
+def check_contained(space: spaces.Space[Any], observation: Any, place: str, batched: bool = False) -> None:
+    """Check that an observation is in a space, and say of the first number beyond its bounds where it is."""
+    if isinstance(space, spaces.Dict) and isinstance(observation, dict) and observation.keys() == space.keys():
+        for key, part in space.items():
+            check_contained(part, observation[key], f"{place}[{key!r}]", batched)
+    elif isinstance(space, spaces.Box) and isinstance(observation, np.ndarray) and observation.shape == space.shape:
+        beyond = np.argwhere(~((observation >= space.low) & (observation <= space.high)))  # NaN is, too
+        if len(beyond):
+            at = tuple(beyond[0].tolist())
+            env, index = (at[:1], at[1:]) if batched else ((), at)
+            where = [f" in env {i}" for i in env] + [f" at index {list(index)}" for _ in index[:1]]
+            raise AssertionError(
+                f"{place} is not in the observation space: expected numbers in [{space.low[at]}, {space.high[at]}], "
+                f"got {observation[at]}{''.join(where)}; {len(beyond)} of {observation.size} lie outside"
+            )
+    assert space.contains(observation), f"{place} is not in the observation space {space}"
 
 
 def _check_arrays(space: spaces.Space[Any], value: Any, place: str) -> None:
@@ -138,12 +163,20 @@ def _assert_raises(env: AnyVectorEnv, actions: Any, what: str) -> None:
 
 
 def check_render(setup: Setup) -> None:
-    """Check that there is a frame per env."""
+    """Check that there is a frame per env; without a render mode, that a task can draw into one."""
     with setup.env() as env:
-        if env.render_mode != "rgb_array":
+        task = getattr(env.unwrapped, "task", None)
+        draws = isinstance(task, Task) and type(task).draw is not Task.draw
+        if env.render_mode != "rgb_array" and not draws:
             return
         env.reset(seed=setup.seed)
-        frames = env.render()
+        try:
+            frames = env.render() if env.render_mode == "rgb_array" else _from_above(env)
+        except Exception as error:
+            code = getattr(type(task).draw, "__code__", None) if isinstance(task, Task) else None
+            lines = [line for frame, line in walk_tb(error.__traceback__) if frame.f_code is code]
+            what = f"{type(task).__name__}.draw, line {lines[0]}," if lines else "render"
+            raise AssertionError(f"{what} raised {error!r} after a reset") from error
         assert isinstance(frames, Sequence), f"render: expected a tuple or list of frames, got {type(frames).__name__}"
         assert len(frames) == env.num_envs, f"render: expected {env.num_envs} frames, got {len(frames)}"
         for frame in frames:
@@ -151,6 +184,12 @@ def check_render(setup: Setup) -> None:
                 f"render: expected uint8 frames (height, width, 3), got {getattr(frame, 'dtype', type(frame))} "
                 f"{getattr(frame, 'shape', '')}"
             )
+
+
+def _from_above(env: AnyVectorEnv) -> list[Any]:
+    inner: Any = env.unwrapped
+    view = TopView(inner.batch, task=inner.task)
+    return [view.frame(index) for index in range(env.num_envs)]
 
 
 def check_close(setup: Setup) -> None:

@@ -1,4 +1,4 @@
-"""Lines, dots and solids drawn into a camera's frame, each hidden by what is nearer. NumPy only."""
+"""What is drawn into a camera's frame: lines, dots, solids, each hidden by what is nearer. NumPy only."""
 
 from __future__ import annotations
 
@@ -16,8 +16,11 @@ Image: TypeAlias = npt.NDArray[np.uint8]
 Floats: TypeAlias = npt.NDArray[np.floating[Any]]
 Ints: TypeAlias = npt.NDArray[np.intp]
 Color: TypeAlias = tuple[int, int, int]
+Window: TypeAlias = tuple[slice, slice]
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+_SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+_CELL_OPACITY = 0.6  # what lies below a cell still shows
 _BIAS_M = 0.01  # what lies on a surface is seen
 _BIAS = 1e-3  # the same, of its distance
 
@@ -167,6 +170,45 @@ class DepthCanvas:
         self.rgb[window][seen] = self.shaded(normals, linear)
         self.depth[window][seen] = enter[seen]
 
+    def cells(self, centers: Floats, size_m: float, colors: Image) -> None:
+        """Tint level squares around points (K, 3), with sides along x and y, each in a colour (K, 3)."""
+        half, offsets = size_m / 2, centers - self._position
+        corners = self._to_camera(centers[:, None] + half * _SQUARE)
+        # Where the ray of a pixel is, at planar depth 1, beside the camera: along x, along y, above it.
+        height, width = self.depth.shape
+        left = (self._center[0] - np.arange(width) - 0.5) / self._focal[0]
+        up = (self._center[1] - np.arange(height) - 0.5)[:, None] / self._focal[1]
+        axes = rotate(self._quat_wxyz, np.eye(3), inverse=True)
+        rays = [axis[0] + axis[1] * left + axis[2] * up for axis in axes]
+        last = np.full((height, width), -1)  # of the cells there
+        for index, (x, y, z) in enumerate(offsets):
+            outline = _beyond(corners[index], self._near)
+            if not len(outline):
+                continue
+            pixels = self._project(outline)[:, :2]
+            first, end = np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0))
+            (c0, r0), (c1, r1) = np.clip([first, end], 0, (width, height)).astype(int)
+            window = np.s_[r0:r1, c0:c1]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                depth = z / rays[2][window]
+                along_x, along_y = depth * rays[0][window] - x, depth * rays[1][window] - y
+            seen = (-half <= along_x) & (along_x < half) & (-half <= along_y) & (along_y < half)
+            seen &= (depth >= self._near) & (depth <= self.depth[window] * (1 + _BIAS) + _BIAS_M)
+            last[window][seen] = index
+        tint(self.rgb, last, colors)
+
+    def stamp(self, place: Floats, picture: Image) -> None:
+        """Put a picture (h, w, 4), whose last channel is its opacity, before a place (3,): all of it at that depth."""
+        local = self._to_camera(place[None])
+        if local[0, 0] < self._near:
+            return
+        ((x, y, depth),) = self._project(local)
+        window, part = overlap(self.depth.shape, picture.shape, y, x)
+        seen = depth <= self.depth[window] * (1 + _BIAS) + _BIAS_M
+        opacity = seen * (picture[part][..., 3] / 255)
+        self.rgb[window] = blended(self.rgb[window], picture[part][..., :3], opacity)
+        self.depth[window][opacity > 0.5] = depth
+
     def shaded(self, normals: Floats, base_color: Floats) -> Image:
         """Return the colours (F, 3) of faces of one base colour (3,), linear RGB, lit as cameras see the world."""
         light = self._light
@@ -212,3 +254,36 @@ class DepthCanvas:
             return
         colors[at] = color
         np.minimum.at(flat, at, depth.astype(np.float32))
+
+
+def blended(below: Image, above: Image, opacity: Floats) -> Image:
+    """Return colours (..., 3) seen through others of an opacity (...) in [0, 1]."""
+    behind = below.astype(float)
+    image: Image = np.rint(behind + opacity[..., None] * (above - behind)).astype(np.uint8)
+    return image
+
+
+def tint(rgb: Image, cell: Ints, colors: Image) -> None:
+    """Tint the pixels of a picture (H, W, 3) in the colours (K, 3) of their cells (H, W), but for those of cell -1."""
+    at = cell >= 0
+    rgb[at] = blended(rgb[at], colors[cell[at]], np.array([_CELL_OPACITY]))
+
+
+def overlap(shape: tuple[int, ...], size: tuple[int, ...], row: float, column: float) -> tuple[Window, Window]:
+    """Return which pixels of a picture of some shape one of a size covers, with its middle there, and by which."""
+    covered, by = [], []
+    for whole, length, middle in zip(shape, size, (row, column), strict=False):
+        begin = round(middle - length / 2)
+        first, end = (min(max(edge, 0), whole) for edge in (begin, begin + length))
+        covered.append(slice(first, end))
+        by.append(slice(first - begin, end - begin))
+    return (covered[0], covered[1]), (by[0], by[1])
+
+
+def _beyond(corners: Floats, near: float) -> Floats:
+    """Return the corners (V, 3) of what of a polygon (K, 3), in the camera's frame, is this deep; in no order."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    ahead = corners[:, 0] >= near
+    cut = ahead != np.roll(ahead, -1)
+    crossings = corners[cut] + ((near - corners[cut, 0]) / sides[cut, 0])[:, None] * sides[cut]
+    return np.concatenate([corners[ahead], crossings])

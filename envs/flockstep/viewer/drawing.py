@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from flockstep.viewer.depth_canvas import Color, Floats
+from flockstep.viewer.depth_canvas import Color, Floats, Image
 
 COLORS: dict[str, Color] = {
     "black": (20, 20, 20),
@@ -22,6 +23,7 @@ COLORS: dict[str, Color] = {
 }
 
 _THIN_PX = 640
+_HALO = 1 / 8  # of the size of a text: how wide its edge is
 
 
 def line_px(width_px: int) -> int:
@@ -41,14 +43,21 @@ class Canvas(Protocol):
     def sphere(self, center: Floats, radius_m: float, color: Color) -> None:
         """Draw a sphere."""
 
+    def cells(self, centers: Floats, size_m: float, colors: Image) -> None:
+        """Tint level squares around points (K, 3), each in a colour (K, 3)."""
+
+    def stamp(self, place: Floats, picture: Image) -> None:
+        """Put a picture (h, w, 4), whose last channel is its opacity, with its middle on a place (3,)."""
+
 
 class Drawing:
-    """Points, lines and spheres in the picture of one env: what `Task.draw` gets.
+    """Points, lines, spheres, cells and text in the picture of one env: what `Task.draw` gets.
 
     Places are in metres of the world frame, one (3,) or several (K, 3); those that are not finite are left out. A
     colour is a name (``"black"``, ``"grey"``, ``"white"``, ``"red"``, ``"orange"``, ``"yellow"``, ``"green"``,
     ``"blue"``, ``"purple"``) or three integers from 0 to 255. Sizes and widths are in pixels of a picture 640 wide, and
-    grow with wider ones. In a view with depth, what is nearer hides what is drawn; from above nothing hides it.
+    grow with wider ones; what ends with ``_m`` is in metres. In a view with depth, what is nearer hides what is drawn;
+    from above nothing hides it, but cells lie below all the rest.
     """
 
     def __init__(self, canvas: Canvas, unit_px: int) -> None:
@@ -85,8 +94,67 @@ class Drawing:
         for center in places[_finite(places)]:
             self._canvas.sphere(center, radius, rgb)
 
+    def cells(self, centers: npt.ArrayLike, size_m: float, color: npt.ArrayLike = "orange") -> None:
+        """Tint flat squares, level and with sides along x and y, such as a map of what has been seen, or a heat map.
+
+        Parameters
+        ----------
+        centers
+            At their height: a little above the ground, or on it.
+        size_m
+            Length of a side.
+        color
+            One for all, or integers (K, 3), one for each; where cells overlap, that of the last.
+        """
+        places, size = _places("centers", centers), _positive("size_m", size_m)
+        colors = np.asarray(color)
+        if colors.ndim == 2 and len(colors) == len(places):
+            rgb = np.array([_color(row) for row in colors], np.uint8).reshape(-1, 3)
+        else:
+            rgb = np.tile(np.array(_color(color), np.uint8), (len(places), 1))
+        kept = _finite(places)
+        self._canvas.cells(places[kept], size, rgb[kept])
+
+    def text(
+        self,
+        position: npt.ArrayLike,
+        string: str,
+        color: str | tuple[int, int, int] = "black",
+        size: float = 14,
+    ) -> None:
+        """Write a text with its middle on a position (3,); ``size`` is the height of its lines. Needs Pillow."""
+        place = _places("position", position)
+        if len(place) != 1:
+            raise ValueError(f"position: expected shape (3,), got {np.shape(position)}")
+        if not isinstance(string, str):
+            raise TypeError(f"string: expected a str, got {string!r}")
+        rgb, height_px = _color(color), self._px("size", size)
+        if string.strip() and _finite(place)[0]:
+            self._canvas.stamp(place[0], _lettering(string, rgb, height_px))
+
     def _px(self, field: str, size: float) -> int:
         return max(round(_positive(field, size) * self._unit_px), 1)
+
+
+@lru_cache(maxsize=256)
+def _lettering(string: str, color: Color, height_px: int) -> Image:
+    """Return a text (h, w, 4) with an edge in black or white, so that it can be read on anything."""
+    try:
+        from PIL import Image as Pillow
+        from PIL import ImageDraw, ImageFont
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("Drawing.text needs Pillow, which is not installed: pip install pillow") from error
+    edge = COLORS["white" if sum(color) < 3 * 128 else "black"]
+    style: dict[str, Any] = {
+        "font": ImageFont.load_default(height_px),
+        "stroke_width": max(round(_HALO * height_px), 1),
+        "align": "center",
+    }
+    blank = Pillow.new("RGBA", (1, 1))
+    left, top, right, bottom = ImageDraw.Draw(blank).multiline_textbbox((0, 0), string, **style)
+    picture = Pillow.new("RGBA", (int(np.ceil(right - left)), int(np.ceil(bottom - top))), (*edge, 0))
+    ImageDraw.Draw(picture).multiline_text((-left, -top), string, fill=color, stroke_fill=edge, **style)
+    return np.asarray(picture)
 
 
 def _places(field: str, value: npt.ArrayLike) -> Floats:

@@ -99,9 +99,9 @@ class ThirdPersonView:
             self._draw_drone(canvas, position, quat_wxyz, _DRONE)
             self._draw_trail(canvas, env)
             self._draw_cameras(canvas, env, position, quat_wxyz)
-            self._draw_beams(canvas, env)
             if self._task is not None:
                 self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
+            self._draw_beams(canvas, env)  # last: they are glass
         if self._others:
             for other in np.flatnonzero(self._batch.active & (self._batch.world_index == index)):
                 if other != env:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from flockstep._core import Batch, World
 from flockstep.task import MARKERS, Task, rotate
 from flockstep.viewer.beams import beams_of
-from flockstep.viewer.depth_canvas import Color, Floats, Image
+from flockstep.viewer.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.viewer.drawing import Drawing, line_px
-from flockstep.viewer.relief import Relief
+from flockstep.viewer.relief import SOLID, Relief
 
 _START: Color = (214, 60, 50)
 _WAYPOINT: Color = (238, 190, 40)
@@ -108,6 +109,7 @@ class _Canvas:
         self._relief = Relief(world, "top", self._center - half, self._center + half, size_px)
         self._cut_m = np.nan  # of the relief that is kept
         self._background: Image
+        self._ground: npt.NDArray[np.bool_]  # (height, width), where nothing lies over the cells
         self.image: Image
 
     def clear(self, cut_m: float) -> None:
@@ -115,6 +117,7 @@ class _Canvas:
         if cut_m != self._cut_m:
             self._background, self._cut_m = self._relief.picture(cut_m), cut_m
         self.image = self._background.copy()
+        self._ground = (self.image != SOLID).any(axis=-1)
         for place, color in self._places:
             radius = self._world.marker_radius_m
             self.sphere(np.asarray(place, float), radius * self.enlarged(2 * radius), color)
@@ -134,6 +137,7 @@ class _Canvas:
             inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0
         if inside.any() and len(outline) > 2:
             self.image[top:bottom, left:right][inside] = color
+            self._ground[top:bottom, left:right][inside] = False
         else:  # a line, or finer than a pixel
             self.lines(points.mean(axis=0)[None], points, color)
 
@@ -155,6 +159,27 @@ class _Canvas:
     def dots(self, points: Floats, color: Color, *, size_px: int = 1) -> None:
         """Draw points (K, 3) as squares."""
         self._plot(self._pixels(points), color, size_px)
+
+    def cells(self, centers: Floats, size_m: float, colors: Image) -> None:
+        """Tint squares around points (K, 3), each in a colour (K, 3): over what the cut leaves, and below all else."""
+        middle, half = self._pixels(centers), size_m * self._px_per_m / 2
+        edges = np.clip([middle - half, middle + half], -1, self._size_px)
+        # From pixel to pixel, so that neighbours share none and leave none out; at least one, to be seen.
+        first, end = np.ceil(edges - 1e-6).astype(int)
+        first, end = np.clip([first, np.maximum(end, first + 1)], 0, self._size_px)
+        last = np.full(self._ground.shape, -1)  # of the cells there
+        for index, ((left, top), (right, bottom)) in enumerate(zip(first, end, strict=True)):
+            last[top:bottom, left:right] = index
+        last[~self._ground] = -1
+        tint(self.image, last, colors)
+
+    def stamp(self, place: Floats, picture: Image) -> None:
+        """Put a picture (h, w, 4), whose last channel is its opacity, with its middle on a place (3,)."""
+        ((column, row),) = self._pixels(place[None]) + 0.5
+        window, part = overlap(self.image.shape, picture.shape, row, column)
+        opacity = picture[part][..., 3] / 255
+        self.image[window] = blended(self.image[window], picture[part][..., :3], opacity)
+        self._ground[window] &= opacity == 0
 
     def _pixels(self, points: Floats) -> Floats:
         x, y = ((points[:, :2] - self._center) * self._px_per_m).T
@@ -180,6 +205,7 @@ class _Canvas:
         row = (row[:, None, None] + shifts[:, None]).repeat(size_px, axis=2).ravel()
         seen = (column >= 0) & (column < self._size_px[0]) & (row >= 0) & (row < self._size_px[1])
         self.image[row[seen], column[seen]] = color
+        self._ground[row[seen], column[seen]] = False
 
 
 def _convex_hull(points: Floats) -> Floats:

@@ -1,5 +1,7 @@
 """What `Task.draw` adds to pictures, and which markers they show."""
 
+import sys
+
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -122,6 +124,158 @@ def test_lines_and_spheres_from_above(room):
     assert (level & (x > 0.99)).sum() == pytest.approx(2 * px_per_m, abs=2)
 
 
+PLACE = ((2, 1, 2), (2, 5, 2))  # level, towards +y: +x is to the right
+VIEWS = pytest.mark.parametrize("view", ["top", "third_person", PLACE], ids=["top", "third_person", "place"])
+
+
+def drawn_by(call, world, view, **keywords):
+    """The picture of a task that draws this, with no beams or markers."""
+    task = type("Called", (Drawn,), {"markers": (), "draw": lambda self, batch, env, drawing: call(drawing)})
+    return frames(world, task, view, **keywords)[0].astype(int)
+
+
+def nothing(drawing):
+    pass
+
+
+def test_a_cell_is_where_it_projects_to_from_a_fixed_place(room):
+    """By the place on the floor that each pixel shows; what is there shines through."""
+    before = drawn_by(nothing, room, PLACE)
+    after = drawn_by(lambda d: d.cells([2, 4.5, 0], 2, INK), room, PLACE)
+    focal = 320 / np.tan(np.radians(37.5))
+    column, row = np.meshgrid(np.arange(640) + 0.5, np.arange(480) + 0.5)
+    ahead = 2 * focal / np.maximum(row - 240, 1e-3)
+    outside = np.maximum(np.abs((column - 320) / focal * ahead), np.abs(1 + ahead - 4.5)) - 1
+    border = ahead**2 / focal  # m: two pixels of the floor
+    assert (outside < -border).sum() > 5000
+    blended = before + 0.6 * (np.array(INK) - before)
+    assert np.abs(after - blended)[outside < -border].max() <= 1.5
+    np.testing.assert_array_equal(after[outside > border], before[outside > border])
+
+
+def test_what_is_nearer_hides_a_cell(room):
+    """The pillar at (4, 4.5), from (4, 1); what lies before it is seen."""
+    view = ((4, 1, 2), (4, 5, 2))
+    calls = (nothing, lambda d: d.cells([4, 7, 0], 2, INK), lambda d: d.cells([4, 3.4, 1], 1, INK))
+    before, behind, ahead = (drawn_by(call, room, view) for call in calls)
+    half_pillar = 320 / np.tan(np.radians(37.5)) * 0.25 / np.sqrt(3.5**2 - 0.25**2)
+    pillar = np.s_[:, int(320 - half_pillar) + 2 : int(320 + half_pillar) - 2]
+    np.testing.assert_array_equal(behind[pillar], before[pillar])
+    assert (behind != before).any(axis=2).sum() > 1000
+    assert (ahead != before).any(axis=2)[pillar].sum() > 1000
+
+
+def test_a_cell_is_where_it_is_from_above_and_below_all_else(room):
+    def cell_and_point(drawing):
+        drawing.points([3, 5, 0], "red")
+        drawing.cells([3, 5, 0], 4, INK)
+        drawing.points([2, 5, 0], "red")
+
+    before, after = (drawn_by(call, room, "top", render_size=(500, 500)) for call in (nothing, cell_and_point))
+    px_per_m = 500 * 0.96 / 8
+    column, row = np.meshgrid(np.arange(500), np.arange(500))
+    x, y = (column - 249.5) / px_per_m + 4, 4 - (row - 249.5) / px_per_m
+    points = (after == COLORS["red"]).all(axis=2)
+    assert points.sum() == 2 * 36
+    inside = (np.maximum(np.abs(x - 3), np.abs(y - 5)) < 2) & ~points
+    floor = (before == (252, 252, 250)).all(axis=2)  # and not the pillar at (4, 4.5), nor the drone at (2, 6)
+    assert (inside & ~floor).sum() > 500
+    np.testing.assert_array_equal(
+        after[inside & floor][0], np.rint(0.4 * np.array([252, 252, 250]) + 0.6 * np.array(INK))
+    )
+    assert np.unique(after[inside & floor], axis=0).shape == (1, 3)
+    same = ~(inside & floor | points)
+    np.testing.assert_array_equal(after[same], before[same])
+
+
+def test_beams_shine_over_cells(room):
+    """They are glass of opacity 0.6, so many a pixel of a cell is so much nearer to their colour than without them."""
+    bare = type("Bare", (Drawn,), {"markers": (), "draw": lambda self, batch, env, drawing: None})
+    cell = type("Cell", (bare,), {"draw": lambda self, batch, env, drawing: drawing.cells([4, 4, 0], 8, INK)})
+    scanned = type("Scanned", (cell,), {"lidar": flockstep.LidarConfig(beams=35, max_range_m=2)})
+    before, after, lit = (frames(room, task, "third_person")[0].astype(float) for task in (bare, cell, scanned))
+    full = np.array([250, 130, 70]) - after
+    share = ((lit - after) * full).sum(axis=2) / (full**2).sum(axis=2)
+    assert (share > 0.5)[(after != before).any(axis=2)].sum() > 20
+
+
+@VIEWS
+def test_cells_that_meet_leave_no_seam_and_the_last_wins(room, view):
+    grid = np.stack(np.meshgrid(np.arange(0.1, 7.9, 0.2), np.arange(0.1, 7.9, 0.2), [0]), axis=-1).reshape(-1, 3)
+    one = drawn_by(lambda d: d.cells([3.9, 3.9, 0], 7.8, INK), room, view)
+    many = drawn_by(lambda d: d.cells(grid, 0.2, INK), room, view)
+    over = drawn_by(lambda d: d.cells([[4, 4, 0], [3.9, 3.9, 0]], 7.8, [(0, 255, 0), INK]), room, view)
+    assert (one != drawn_by(nothing, room, view)).any(axis=2).mean() > 0.1
+    np.testing.assert_array_equal(one, many)
+    green = (one != over).any(axis=2)
+    assert (over[green][:, 1] > one[green][:, 1]).all()  # what the last leaves of the first
+    assert 0 < green.mean() < 0.1
+
+
+@VIEWS
+def test_a_text_has_its_middle_on_its_place_and_grows_with_the_picture(room, view):
+    place = [3.0, 6.3, 2.2]
+    sizes = []
+    for scale in (1, 2):
+        size = {"render_size": (640 * scale, 480 * scale)}
+        mark = drawn_by(lambda d: d.points(place, INK, size=4), room, view, **size)
+        both = drawn_by(lambda d: d.text(place, "HOH", (0, 0, 0), size=30), room, view, **size)
+        changed = (both != drawn_by(nothing, room, view, **size)).any(axis=2)
+        rows, columns = np.nonzero(changed)
+        middle = [edge.mean() for edge in inked(mark)]
+        assert (rows.min() + rows.max()) / 2 == pytest.approx(middle[0], abs=scale + 1)
+        assert (columns.min() + columns.max()) / 2 == pytest.approx(middle[1], abs=scale + 1)
+        sizes.append((np.ptp(rows) + 1, np.ptp(columns) + 1))
+        inside = both[changed]
+        assert (inside == 0).all(axis=1).any(), "letters"
+        assert (inside == 255).all(axis=1).any(), "and their edge"
+    np.testing.assert_allclose(sizes[1], 2 * np.array(sizes[0]), rtol=0.08)
+    assert 20 < sizes[0][0] < 38
+
+
+def test_a_text_without_pillow_says_what_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(ModuleNotFoundError, match=r"Drawing\.text needs Pillow, .* pip install pillow"):
+        Drawing(Sheet(), 1).text([0, 0, 0], "not written before")
+
+
+@VIEWS
+def test_what_is_beyond_the_picture_or_nowhere_is_left_out(room, view):
+    def far(drawing):
+        drawing.cells(np.zeros((0, 3)), 1)
+        drawing.cells([[1e6, 0, 0], [-1e300, 1e300, 0]], 1, INK)
+        drawing.text([1e6, 0, 2], "far")
+
+    np.testing.assert_array_equal(drawn_by(far, room, view), drawn_by(nothing, room, view))
+
+
+def test_what_is_nearer_hides_a_text_and_a_text_what_is_farther(room):
+    """The pillar at (4, 4.5) from (4, 1): the text behind it is wider than it is."""
+    view = ((4, 1, 2), (4, 5, 2))
+    before, after = (drawn_by(call, room, view) for call in (nothing, lambda d: d.text([4, 6, 2], "O" * 20)))
+    changed = (before != after).any(axis=2).any(axis=0)
+    half_pillar = 320 / np.tan(np.radians(37.5)) * 0.25 / np.sqrt(3.5**2 - 0.25**2)
+    assert not changed[int(320 - half_pillar) + 2 : int(320 + half_pillar) - 2].any()
+    assert changed[: int(320 - half_pillar)].sum() > 50
+    assert changed[int(320 + half_pillar) :].sum() > 50
+
+    def text(drawing):
+        drawing.text([4, 3, 2], "HHH", (0, 0, 0), size=60)
+
+    def point(drawing):
+        drawing.points([4, 4, 2], "red", size=40)
+
+    alone, covered, bare = (
+        drawn_by(call, room, view) for call in (text, lambda d: [text(d), point(d)], lambda d: point(d))
+    )
+    letters = (alone == 0).all(axis=2)
+    assert (letters & (bare == COLORS["red"]).all(axis=2)).sum() > 50
+    assert (covered[letters] == 0).all()
+    assert (covered != alone).any()
+    behind = drawn_by(lambda d: d.text([4, 0.5, 2], "behind the viewer"), room, view)
+    np.testing.assert_array_equal(behind, before)
+
+
 class Sheet:
     """A canvas that notes what is drawn."""
 
@@ -137,6 +291,12 @@ class Sheet:
     def sphere(self, center, radius_m, color):
         self.drawn.append((center.tolist(), radius_m, color))
 
+    def cells(self, centers, size_m, colors):
+        self.drawn.append((centers.tolist(), size_m, colors.tolist()))
+
+    def stamp(self, place, picture):
+        self.drawn.append((place.tolist(), picture.shape))
+
 
 def test_colours_sizes_and_places_that_are_not_finite():
     sheet = Sheet()
@@ -151,6 +311,15 @@ def test_colours_sizes_and_places_that_are_not_finite():
     ]
     drawing.points(np.zeros((0, 3)))
     assert len(sheet.drawn) == 4
+    sheet.drawn.clear()
+    drawing.cells([[1, 2, 0], [np.nan, 0, 0], [3, 4, 0]], 0.5, [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+    drawing.cells([1, 2, 0], 2, "red")
+    drawing.text([np.inf, 0, 0], "nowhere")
+    drawing.text([0, 0, 0], " ")
+    assert sheet.drawn == [
+        ([[1, 2, 0], [3, 4, 0]], 0.5, [[1, 2, 3], [7, 8, 9]]),
+        ([[1, 2, 0]], 2, [list(COLORS["red"])]),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -164,11 +333,18 @@ def test_colours_sizes_and_places_that_are_not_finite():
         (lambda d: d.lines(np.zeros((2, 3)), np.zeros((3, 3))), r"ends: expected as many as starts \(2\)"),
         (lambda d: d.lines([0, 0, 0], [1, 1, 1], width="wide"), "width: expected a finite number above 0, got 'wide'"),
         (lambda d: d.spheres([0, 0, 0], -1), "radius_m: expected a finite number above 0, got -1"),
+        (lambda d: d.cells([0, 0], 1), r"centers: expected shape \(3,\) or \(K, 3\), got \(2,\)"),
+        (lambda d: d.cells([0, 0, 0], np.inf), "size_m: expected a finite number above 0, got inf"),
+        (lambda d: d.cells(np.zeros((2, 3)), 1, [[0, 0, 0]]), "color: expected a name or three integers from 0 to 255"),
+        (lambda d: d.cells(np.zeros((1, 3)), 1, [[0, 0, 256]]), "color: expected a name or three integers from 0 to"),
+        (lambda d: d.text(np.zeros((2, 3)), "two"), r"position: expected shape \(3,\), got \(2, 3\)"),
+        (lambda d: d.text([0, 0, 0], "x", size=0), "size: expected a finite number above 0, got 0"),
+        (lambda d: d.text([0, 0, 0], 3), "string: expected a str, got 3"),
     ],
 )
 def test_mistakes_are_told_before_anything_is_drawn(call, said):
     sheet = Sheet()
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises((ValueError, TypeError), match=said):
         call(Drawing(sheet, 1))
     assert not sheet.drawn
 
