@@ -8,6 +8,7 @@
 #include <string>
 
 #include "arrays.hpp"
+#include "base/require.hpp"
 #include "camera.hpp"
 #include "convert.hpp"
 #include "lidar.hpp"
@@ -58,11 +59,13 @@ std::vector<CameraConfig> cameras_of(const py::object& given) {
 std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
                                             const py::object& pose_sensor, const py::object& task, const py::object& drone,
                                             const py::object& cameras, const py::object& backend, const py::object& episode,
-                                            const py::object& clock, const py::object& num_threads, const py::object& block_size,
-                                            const py::object& world_index, const py::kwargs& unknown) {
+                                            const py::object& clock, const py::object& dynamics, const py::object& num_threads,
+                                            const py::object& block_size, const py::object& world_index,
+                                            const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds",         "num_drones", "lidar", "pose_sensor", "task",       "drone",      "cameras",
-                                "camera_backend", "episode",    "clock", "num_threads", "block_size", "world_index"};
+    constexpr std::array kKnown{"worlds",   "num_drones",  "lidar",          "pose_sensor", "task",
+                                "drone",    "cameras",     "camera_backend", "episode",     "clock",
+                                "dynamics", "num_threads", "block_size",     "world_index"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
   }
   const Worlds worlds = worlds_of(given_worlds);
@@ -76,6 +79,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
   config.clock = optional_argument<ClockConfig>(clock, "clock").value_or(ClockConfig());
+  config.dynamics = optional_argument<DynamicsConfig>(dynamics, "dynamics").value_or(DynamicsConfig());
   const auto model = optional_argument<DroneModel>(drone, "drone");
   const auto index = integers<std::int32_t>(world_index, "world_index", {config.num_envs});
   std::unique_ptr<Task> own_task = make_task(task);
@@ -96,6 +100,17 @@ auto state_view(const Get& get, py::ssize_t columns = 0) {
     const auto& array = get(batch);
     const std::array shape{size_of(batch), columns};
     return view<T>(self, array.data(), std::span(shape).first(columns == 0 ? 1 : 2));
+  };
+}
+
+// Likewise, of drones that fly by their rotors.
+auto flight_view(std::vector<float> FlightState::* member, py::ssize_t columns) {
+  return [member, columns](const py::object& self) {
+    const auto& batch = self.cast<const Batch&>();
+    if (batch.config().dynamics.is_kinematic()) {
+      throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
+    }
+    return view<float>(self, (batch.state().flight.*member).data(), n_by(batch, columns));
   };
 }
 
@@ -238,7 +253,7 @@ void register_batch(py::module_& module) {
   py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
            py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
-           py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("num_threads") = 0,
+           py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
            py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
@@ -251,6 +266,11 @@ void register_batch(py::module_& module) {
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
       .def_property_readonly("position", state_view<float>([](const Batch& b) -> auto& { return b.state().position; }, 3))
       .def_property_readonly("quat_wxyz", state_view<float>([](const Batch& b) -> auto& { return b.state().quat_wxyz; }, 4))
+      .def_property_readonly("velocity", flight_view(&FlightState::velocity, 3))
+      .def_property_readonly("angular_velocity", flight_view(&FlightState::angular_velocity, 3))
+      .def_property_readonly("acceleration", flight_view(&FlightState::acceleration, 3))
+      .def_property_readonly("angular_acceleration", flight_view(&FlightState::angular_acceleration, 3))
+      .def_property_readonly("rotor_speed", flight_view(&FlightState::rotor_speed, kRotors))
       .def_property_readonly("active", state_view<bool>([](const Batch& b) -> auto& { return b.state().active; }))
       .def_property_readonly("world_index",
                              state_view<std::int32_t>([](const Batch& b) -> auto& { return b.state().world_index; }))
@@ -284,6 +304,27 @@ void register_batch(py::module_& module) {
             return contact_of(self);
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
+      .def(
+          "set_velocity",
+          [](Batch& batch, const py::object& velocity, const py::object& angular_velocity, const py::object& rotor_speed,
+             const py::object& mask) {
+            batch.set_velocity(floats(velocity, "velocity", n_by(batch, 3)),
+                               floats(angular_velocity, "angular_velocity", n_by(batch, 3)),
+                               floats(rotor_speed, "rotor_speed", n_by(batch, kRotors)), flags(mask, "mask", size_of(batch)));
+          },
+          py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none)
+      .def(
+          "fly",
+          [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask) {
+            auto& batch = self.cast<Batch&>();
+            const auto c = floats(command, "command", n_by(batch, 4));
+            const int count = ticks.is_none() ? 0 : from_python<int>(ticks, "ticks");
+            if (!ticks.is_none()) require(count >= 1, "ticks", "an integer >= 1", count);
+            const auto m = flags(mask, "mask", size_of(batch));
+            released(batch, [&] { batch.fly(c, count, m); });
+            return contact_of(self);
+          },
+          py::arg("command"), py::arg("ticks") = none, py::arg("mask") = none)
       .def(
           "sense",
           [](Batch& batch, const py::object& mask) {

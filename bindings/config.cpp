@@ -93,7 +93,8 @@ void register_config(py::module_& module) {
       .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; });
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "The exact pose, with optional Gaussian noise.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "When episodes begin and end; the same for every task.");
-  register_fields<ClockConfig>(module, "ClockConfig", "How time passes: ticks, and how many of them a flown step has.");
+  register_fields<ClockConfig>(module, "ClockConfig", "How time passes: the rates of policy, controller and physics.");
+  register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and what they are told.");
   register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
   register_fields<NavigationConfig>(module, "NavigationConfig", "Fly from the start over the waypoints to the goal.")
       .def_static(

@@ -19,13 +19,46 @@ py::array_t<float> hull_of(const py::object& self) {
   return view<float>(self, hull.front().data(), {static_cast<py::ssize_t>(hull.size()), 3});
 }
 
+const Airframe& airframe_of(const DroneModel& drone) {
+  if (!drone.airframe()) throw py::attribute_error("this DroneModel is a hull alone, without an airframe");
+  return *drone.airframe();
+}
+
+py::str path_of(const py::handle& name_or_path) {
+  const py::object path = py::module_::import("os").attr("fspath")(name_or_path);
+  return py::str(path);
+}
+
 }  // namespace
 
 void register_drone_model(py::module_& module) {
-  py::class_<DroneModel>(module, "DroneModel", "What a drone is made of: its convex hull is its collision body.")
+  const auto json = [](const char* function) { return py::module_::import("json").attr(function); };
+  py::class_<DroneModel>(module, "DroneModel", "What a drone is made of: its convex hull, and its airframe if it has one.")
       .def(py::init(&make_drone_model), py::arg("hull") = py::none())
+      .def_static(
+          "load", [](const py::object& name_or_path) { return DroneModel::load(path_of(name_or_path)); }, py::arg("name_or_path"))
+      .def_static("names", &DroneModel::names)
+      .def_static(
+          "from_dict", [json](const py::dict& data) { return DroneModel::from_json(py::str(json("dumps")(data))); },
+          py::arg("data"))
+      .def("to_dict", [json](const DroneModel& drone) { return json("loads")(drone.to_json()); })
+      .def("scaled", &DroneModel::scaled, py::kw_only(), py::arg("size") = 1.0, py::arg("mass") = 1.0)
+      .def_property_readonly("name", [](const DroneModel& drone) { return drone.name(); })
       .def_property_readonly("hull", &hull_of)
-      .def(py::pickle([](const py::object& self) { return hull_of(self).attr("tolist")(); }, &make_drone_model));
+      .def_property_readonly("mass_kg", [](const DroneModel& drone) { return airframe_of(drone).mass_kg; })
+      .def_property_readonly("thrust_to_weight", [](const DroneModel& drone) { return airframe_of(drone).thrust_to_weight(); })
+      .def_property_readonly("max_thrust_n", [](const DroneModel& drone) { return airframe_of(drone).max_thrust(); })
+      .def_property_readonly("hover_speed_radps", [](const DroneModel& drone) { return airframe_of(drone).hover_speed(); })
+      .def("__repr__",
+           [](const DroneModel& drone) {
+             std::string text = "<DroneModel";
+             if (!drone.name().empty()) text += " '" + drone.name() + '\'';
+             text += ", " + std::to_string(drone.hull().size()) + " hull points";
+             if (drone.airframe()) text += ", " + std::string(py::str("{:g} kg").format(drone.airframe()->mass_kg));
+             return text + '>';
+           })
+      .def(py::pickle([](const DroneModel& drone) { return drone.to_json(); },
+                      [](const std::string& text) { return DroneModel::from_json(text); }));
 }
 
 }  // namespace flockstep::bindings

@@ -31,6 +31,15 @@ def default_text(value: Any) -> str:
     )
 
 
+def folded(line: str) -> list[str]:
+    """Return a line as ruff formats it: a list that is too long has a line for each of its items."""
+    found = re.match(r"^( *)(.*Literal\[)(.*)(\].*)$", line)
+    if len(line) <= 120 or not found:
+        return [line]
+    indent, head, items, tail = found.groups()
+    return [indent + head, *(f"{indent}    {item}," for item in items.split(", ")), indent + tail]
+
+
 def class_body(indent: str, config: type[Any]) -> list[str]:
     """Return the attributes and the __init__ of a configuration."""
     types: dict[str, str] = config._field_types
@@ -40,13 +49,14 @@ def class_body(indent: str, config: type[Any]) -> list[str]:
     lines += [f"{indent}def __init__(", f"{indent}    self,", f"{indent}    *,"]
     for name, text in types.items():
         lines.append(f"{indent}    {name}: {text} = {default_text(getattr(defaults, name))},")
-    return [*lines, f"{indent}) -> None: ..."]
+    return [part for line in [*lines, f"{indent}) -> None: ..."] for part in folded(line)]
 
 
 def keywords(indent: str, configs: list[type[Any]]) -> list[str]:
     """Return the fields of several configurations, for a TypedDict."""
     types = {name: text for config in configs for name, text in config._field_types.items()}
-    return [f"{indent}{name}: {text}" for name, text in types.items() if name not in OWN_KEYWORDS]
+    lines = [f"{indent}{name}: {text}" for name, text in types.items() if name not in OWN_KEYWORDS]
+    return [part for line in lines for part in folded(line)]
 
 
 def renewed(path: Path) -> str:

@@ -246,25 +246,128 @@ class EpisodeConfig:
     # end of fields
 
 class ClockConfig:
-    """How time passes: a tick is one substep of the motion, and a flown step has ``substeps`` of them.
+    """How time passes: the rates of policy, controller and physics, per second of simulated time.
 
     Parameters
     ----------
-    dt_s
-        Seconds of a tick, from 1e-5 to 10.
-    substeps
-        Ticks in a flown step, from 1 to 1000.
+    policy_hz
+        Flown steps, for each of which the policy decides once; from 0.001 to 100000.
+    physics_hz
+        Ticks, in each of which the motion goes on; 1 to 1000 to a flown step. None: one; of drones that fly by rotors, as many
+        as make at least 500 a second. These need 50.
+    controller_hz
+        Calls of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides ``physics_hz``. None:
+        one in every tick.
     """
 
     # fields of ClockConfig
     __match_args__: ClassVar[tuple[str, ...]]
-    dt_s: float
-    substeps: int
+    policy_hz: float
+    physics_hz: float | None
+    controller_hz: float | None
     def __init__(
         self,
         *,
-        dt_s: float = 0.1,
-        substeps: int = 1,
+        policy_hz: float = 10.0,
+        physics_hz: float | None = None,
+        controller_hz: float | None = None,
+    ) -> None: ...
+    # end of fields
+
+@final
+class DynamicsConfig:
+    """How drones move, and what a task or a caller tells them.
+
+    With ``motion="rotors"`` the drone is a rigid body with four rotors (docs/dynamics.md has the equations). What it is told
+    are four numbers, whose meaning is ``control``:
+
+    - ``"rotor_speeds"``: rad/s of each rotor, in the order of the airframe.
+    - ``"rotor_thrusts"``: N of each rotor, in air at rest.
+    - ``"body_rates"``: thrust of all rotors over the mass, m/s^2; body rates about x, y, z, rad/s. Also called CTBR.
+    - ``"attitude"``: thrust m/s^2; roll, pitch, yaw, rad.
+    - ``"acceleration"``: m/s^2 in the world frame; yaw rad.
+    - ``"velocity"``: m/s in the world frame; yaw rate rad/s.
+    - ``"heading_velocity"``: m/s forward, left and up; yaw rate rad/s.
+    - ``"position"``: m in the world frame; yaw rad.
+    - ``"pose"``: what tasks for kinematic motion tell, a pose to be at by the end of the step: it is flown as a velocity and a
+      yaw rate.
+
+    Parameters
+    ----------
+    motion
+        ``"kinematic"``: straight to the setpoint. ``"rotors"``: by forces; the drone needs an airframe.
+    control
+        What commands mean; see above. Kinematic motion takes ``"pose"`` alone.
+    integrator
+        ``"midpoint"``: second order. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts, else midpoint.
+    on_contact
+        ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: it loses all speed, and
+        flies on. ``"bounce"``: it is thrown back, and flies on.
+    restitution, friction
+        Of a bounce: speed away from the surface over speed towards it, in [0, 1]; Coulomb's coefficient, in [0, 10].
+    rotor_lag, rotor_drag, body_drag, gyroscopic, ground_effect
+        What the equations of motion have, where the airframe has numbers for it.
+    max_speed_mps, max_acceleration_mps2, max_tilt_deg, max_rate_dps, max_yaw_rate_dps
+        What the controller keeps to: speed, acceleration, tilt (at most 89), rates about x and y, rate about z.
+    """
+
+    # fields of DynamicsConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    motion: Literal["kinematic", "rotors"]
+    control: Literal[
+        "pose",
+        "rotor_speeds",
+        "rotor_thrusts",
+        "body_rates",
+        "attitude",
+        "acceleration",
+        "velocity",
+        "heading_velocity",
+        "position",
+    ]
+    integrator: Literal["automatic", "midpoint", "rk4"]
+    on_contact: Literal["terminate", "stop", "bounce"]
+    restitution: float
+    friction: float
+    rotor_lag: bool
+    rotor_drag: bool
+    body_drag: bool
+    gyroscopic: bool
+    ground_effect: bool
+    max_speed_mps: float
+    max_acceleration_mps2: float
+    max_tilt_deg: float
+    max_rate_dps: float
+    max_yaw_rate_dps: float
+    def __init__(
+        self,
+        *,
+        motion: Literal["kinematic", "rotors"] = "kinematic",
+        control: Literal[
+            "pose",
+            "rotor_speeds",
+            "rotor_thrusts",
+            "body_rates",
+            "attitude",
+            "acceleration",
+            "velocity",
+            "heading_velocity",
+            "position",
+        ] = "pose",
+        integrator: Literal["automatic", "midpoint", "rk4"] = "automatic",
+        on_contact: Literal["terminate", "stop", "bounce"] = "terminate",
+        restitution: float = 0.3,
+        friction: float = 0.5,
+        rotor_lag: bool = True,
+        rotor_drag: bool = True,
+        body_drag: bool = True,
+        gyroscopic: bool = True,
+        ground_effect: bool = False,
+        max_speed_mps: float = 5.0,
+        max_acceleration_mps2: float = 8.0,
+        max_tilt_deg: float = 45.0,
+        max_rate_dps: float = 600.0,
+        max_yaw_rate_dps: float = 200.0,
     ) -> None: ...
     # end of fields
 
@@ -559,18 +662,61 @@ class World:
 
 @final
 class DroneModel:
-    """What a drone is made of: its convex hull is its collision body.
+    """What a drone is made of: its convex hull is its collision body; its airframe, if it has one, is what its flight is computed from.
 
     Parameters
     ----------
     hull
-        (V, 3) m in the body frame, 4 to 32 points with a volume. Default: a 650-class quadrotor, 0.93 x 0.59 x 0.20 m.
+        (V, 3) m in the body frame, 4 to 32 points with a volume: a drone without an airframe, for kinematic motion. Default: the
+        650-class quadrotor ``"t650"``, 0.93 x 0.59 x 0.20 m, with its airframe.
     """
 
     def __init__(self, hull: npt.ArrayLike | None = None) -> None: ...
     @property
     def hull(self) -> _F32:
         """(V, 3) m, body frame."""
+
+    @staticmethod
+    def load(name_or_path: str | PathLike[str]) -> DroneModel:
+        """Return a shipped frame by its name, or one from a JSON file, by a path that ends in ``.json``."""
+
+    @staticmethod
+    def names() -> list[str]:
+        """Return the names of the shipped frames."""
+
+    @staticmethod
+    def from_dict(data: dict[str, Any]) -> DroneModel:
+        """Make a drone from what its JSON file would hold; docs/add-a-drone.md has the format."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `from_dict` makes an equal drone of."""
+
+    def scaled(self, *, size: float = 1.0, mass: float = 1.0) -> DroneModel:
+        """Return the drone in another size and mass, both as factors, that flies alike.
+
+        Lengths grow by ``size``; inertia, thrust, drag and lags follow (Froude's law), so that speeds and times grow by the square
+        root of ``size``, and thrust-to-weight stays.
+        """
+
+    @property
+    def name(self) -> str:
+        """The name of the frame, empty where it has none."""
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass of the airframe."""
+
+    @property
+    def thrust_to_weight(self) -> float:
+        """Thrust of all rotors at full speed over the weight."""
+
+    @property
+    def max_thrust_n(self) -> float:
+        """Thrust of one rotor at full speed, N."""
+
+    @property
+    def hover_speed_radps(self) -> float:
+        """Speed of rotors that share the weight evenly, rad/s."""
 
 @final
 class Contact:
@@ -770,8 +916,8 @@ class Batch:
     camera_backend
         ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL. ``"auto"``: the
         faster of the two, timed on the batch's worlds. Without OpenGL, both are raycast with a `RuntimeWarning`.
-    episode, clock
-        Of the task's episodes, and of time.
+    episode, clock, dynamics
+        Of the task's episodes, of time, and of motion.
     num_threads
         0 means the physical cores this process may run on.
     block_size
@@ -793,6 +939,7 @@ class Batch:
         camera_backend: str = "raycast",
         episode: EpisodeConfig | None = None,
         clock: ClockConfig | None = None,
+        dynamics: DynamicsConfig | None = None,
         num_threads: int = 0,
         block_size: int = 64,
         world_index: npt.ArrayLike | None = None,
@@ -820,6 +967,26 @@ class Batch:
     @property
     def quat_wxyz(self) -> _F32:
         """(N, 4) unit, body to world."""
+
+    @property
+    def velocity(self) -> _F32:
+        """(N, 3) m/s, world frame. This and the next four: of drones that fly by rotors; others raise `AttributeError`."""
+
+    @property
+    def angular_velocity(self) -> _F32:
+        """(N, 3) rad/s, body frame."""
+
+    @property
+    def acceleration(self) -> _F32:
+        """(N, 3) m/s^2, world frame: mean of the last tick, 0 where it ended in a contact."""
+
+    @property
+    def angular_acceleration(self) -> _F32:
+        """(N, 3) rad/s^2, body frame: likewise."""
+
+    @property
+    def rotor_speed(self) -> _F32:
+        """(N, 4) rad/s, in the order of the airframe."""
 
     @property
     def active(self) -> _Bool:
@@ -854,7 +1021,7 @@ class Batch:
 
     @property
     def tick(self) -> _I64:
-        """(N,) substeps flown in the episode of each env."""
+        """(N,) ticks flown in the episode of each env."""
 
     def set_pose(
         self,
@@ -873,6 +1040,24 @@ class Batch:
         """Fly to positions (N, 3) m and quaternions (N, 4) on a straight line and the shortest arc; None keeps what is.
 
         A drone that touches something stops at its last free pose.
+        """
+
+    def set_velocity(
+        self,
+        velocity: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
+        rotor_speed: npt.ArrayLike | None = None,
+        mask: npt.ArrayLike | None = None,
+    ) -> None:
+        """Set velocities (N, 3) m/s, world frame, and rad/s, body frame, and rotor speeds (N, 4) rad/s; None keeps what is.
+
+        After `set_pose` a drone is at rest, its rotors hovering.
+        """
+
+    def fly(self, command: npt.ArrayLike, ticks: int | None = None, mask: npt.ArrayLike | None = None) -> Contact:
+        """Fly a command (N, 4), as `DynamicsConfig.control` says, for some ticks; None: those of a step.
+
+        What is in the way is hit; see `DynamicsConfig.on_contact`. Sensors are not read.
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:

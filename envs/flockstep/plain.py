@@ -37,7 +37,7 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, World):
         return _tagged("World", value.to_dict())
     if isinstance(value, DroneModel):
-        return _tagged("DroneModel", value.hull)
+        return _tagged("DroneModel", value.to_dict())
     if isinstance(value, NativeTask):
         return _tagged("NativeTask", value.path)
     if isinstance(value, type) and _found(value.__module__, value.__qualname__) is value:
@@ -85,7 +85,7 @@ def from_plain(value: Any) -> Any:
     if kind == "World":
         return World.from_dict(content)
     if kind == "DroneModel":
-        return DroneModel(content)
+        return DroneModel.from_dict(content)
     if kind == "NativeTask":
         return NativeTask(content)
     if kind == "Task":

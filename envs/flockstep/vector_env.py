@@ -20,6 +20,7 @@ from flockstep._core import (
     CameraConfig,
     ClockConfig,
     DroneModel,
+    DynamicsConfig,
     EpisodeConfig,
     LidarConfig,
     NativeTask,
@@ -43,12 +44,39 @@ if TYPE_CHECKING:
     class Fields(TypedDict, total=False):
         """Fields of `EpisodeConfig`, `ClockConfig` and `NavigationConfig`, each a keyword of the env."""
 
-        # fields of EpisodeConfig, ClockConfig, NavigationConfig
+        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig
         frame_skip: int
         stagger_first_episode: bool
         random_world: bool
-        dt_s: float
-        substeps: int
+        policy_hz: float
+        physics_hz: float | None
+        controller_hz: float | None
+        motion: Literal["kinematic", "rotors"]
+        control: Literal[
+            "pose",
+            "rotor_speeds",
+            "rotor_thrusts",
+            "body_rates",
+            "attitude",
+            "acceleration",
+            "velocity",
+            "heading_velocity",
+            "position",
+        ]
+        integrator: Literal["automatic", "midpoint", "rk4"]
+        on_contact: Literal["terminate", "stop", "bounce"]
+        restitution: float
+        friction: float
+        rotor_lag: bool
+        rotor_drag: bool
+        body_drag: bool
+        gyroscopic: bool
+        ground_effect: bool
+        max_speed_mps: float
+        max_acceleration_mps2: float
+        max_tilt_deg: float
+        max_rate_dps: float
+        max_yaw_rate_dps: float
         action: Literal["discrete", "displacement", "displacement_yaw", "discrete_forward"]
         step_m: float
         yaw_step_deg: float
@@ -131,8 +159,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     **fields
-        Fields of `EpisodeConfig` and `ClockConfig`, for every task: ``frame_skip``, ``stagger_first_episode``,
-        ``random_world``, ``dt_s``, ``substeps``. And of `NavigationConfig`: ``action`` (``"discrete"``,
+        Fields of `EpisodeConfig`, `ClockConfig` and `DynamicsConfig`, for every task: ``frame_skip``,
+        ``stagger_first_episode``, ``random_world``, ``policy_hz``, ``physics_hz``, ``controller_hz``, ``motion``,
+        ``control`` and so on. And of `NavigationConfig`: ``action`` (``"discrete"``,
         ``"displacement"``, ``"displacement_yaw"``, ``"discrete_forward"``, which is the default of camera tasks),
         ``reward`` (their default ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``,
         ``random_start``.
@@ -206,6 +235,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps, **chosen.pop(EpisodeConfig, {})}
         episode = EpisodeConfig(**episodes)
         clock = ClockConfig(**chosen.pop(ClockConfig, {}))
+        dynamics = DynamicsConfig(**chosen.pop(DynamicsConfig, {}))
         description: Any
         calls: TaskCalls | None = None
         if task is None:
@@ -242,6 +272,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             drone=drone,
             episode=episode,
             clock=clock,
+            dynamics=dynamics,
             num_threads=num_threads,
         )
         self._task_calls = calls
@@ -522,7 +553,7 @@ def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
     """Return the keywords by the configuration that has a field of their name."""
     chosen: dict[type, dict[str, Any]] = {}
     for name, value in fields.items():
-        configs = (EpisodeConfig, ClockConfig, NavigationConfig)
+        configs = (EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig)
         owner = next((config for config in configs if name in config.__match_args__), None)
         if owner is None or name in ("autoreset_mode", "max_episode_steps"):
             known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]

@@ -23,8 +23,14 @@ using testing::NavigationBatch;
 using testing::primitive;
 using testing::same_bits;
 
+// Ticks of dt_s, so many of them to a flown step.
+ClockConfig clock_of(float dt_s, int substeps) {
+  const float ticks_hz = 1.0F / dt_s;
+  return {.policy_hz = ticks_hz / static_cast<float>(substeps), .physics_hz = ticks_hz};
+}
+
 std::int64_t period(std::optional<float> rate_hz, float dt_s, int substeps = 1) {
-  return period_in_ticks(rate_hz, {.dt_s = dt_s, .substeps = substeps}, "lidar.rate_hz");
+  return period_in_ticks(rate_hz, clock_of(dt_s, substeps), "lidar.rate_hz");
 }
 
 TEST(Rate, ItsPeriodIsTheTicksInBetween) {
@@ -56,11 +62,33 @@ TEST(Rate, RefusesOneThatTheClockCannotKeep) {
   }
 }
 
+TEST(Clock, RefusesRatesThatDoNotDivide) {
+  const auto clock = [](float policy, std::optional<float> physics, std::optional<float> controller) {
+    return ClockConfig{.policy_hz = policy, .physics_hz = physics, .controller_hz = controller};
+  };
+  EXPECT_NO_THROW(clock(50.0F, 500.0F, 100.0F).validate());
+  EXPECT_NO_THROW(clock(1.0F / 3.0F, 1000.0F / 3.0F, std::nullopt).validate());
+  EXPECT_REFUSED(clock(60.0F, 500.0F, std::nullopt).validate(),
+                 "physics_hz: expected 1 to 1000 times the policy's 60 Hz, got 500 Hz");
+  EXPECT_REFUSED(clock(50.0F, 25.0F, std::nullopt).validate(), "physics_hz");
+  EXPECT_REFUSED(clock(1.0F, 1001.0F, std::nullopt).validate(), "physics_hz");
+  EXPECT_REFUSED(clock(50.0F, 500.0F, 200.0F).validate(),
+                 "controller_hz: expected a rate that divides the physics' 500 Hz, got 200 Hz");
+  EXPECT_REFUSED(clock(100.0F, 500.0F, 250.0F).validate(),
+                 "controller_hz: expected a multiple of the policy's 100 Hz, got 250 Hz");
+  EXPECT_REFUSED(clock(50.0F, 500.0F, 25.0F).validate(), "controller_hz");
+  for (const float nonsense : {0.0F, -5.0F, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN()}) {
+    EXPECT_REFUSED(clock(nonsense, std::nullopt, std::nullopt).validate(), "policy_hz");
+    EXPECT_REFUSED(clock(50.0F, nonsense, std::nullopt).validate(), "physics_hz");
+    EXPECT_REFUSED(clock(50.0F, 500.0F, nonsense).validate(), "controller_hz");
+  }
+}
+
 TEST(Rate, OfABatchIsCheckedForEverySensor) {
   const Batch::Worlds worlds{testing::closet()};
   BatchConfig config = testing::lidar_batch(1, {.rate_hz = 3.0F});
   EXPECT_REFUSED(Batch(config, worlds), "lidar.rate_hz");
-  config.clock.dt_s = 1.0F / 3.0F;
+  config.clock.policy_hz = 3.0F;
   EXPECT_NO_THROW(Batch(config, worlds));
   config = {};
   config.pose_sensor.rate_hz = 3.0F;
@@ -93,7 +121,7 @@ std::shared_ptr<const World> hall() {
 NavigationBatch flying() {
   NavigationBatch config = testing::navigation_batch(1, {.max_range_m = 30.0F});
   config.navigation.step_m = 0.5F;
-  config.clock.substeps = kSubsteps;
+  config.clock = clock_of(0.1F, kSubsteps);
   return config;
 }
 
@@ -222,7 +250,7 @@ TEST(Substeps, TakeADroneWhereTheStepDoes) {
     config.navigation.step_m = 0.3F;
     config.episode.autoreset_mode = AutoresetMode::disabled;
     Batch whole = config.make({hall()});
-    config.clock.substeps = substeps;
+    config.clock = clock_of(0.1F, substeps);
     Batch parts = config.make({hall()});
     for (Batch* batch : {&whole, &parts}) batch->reset({});
     for (int i = 0; i < 20; ++i) {
@@ -239,7 +267,7 @@ TEST(Substeps, WhatIsHitHoldsTheDroneUntilTheNextStep) {
   config.navigation.step_m = 0.5F;
   config.episode.autoreset_mode = AutoresetMode::disabled;
   Batch whole = config.make({hall()});
-  config.clock.substeps = kSubsteps;
+  config.clock = clock_of(0.1F, kSubsteps);
   Batch parts = config.make({hall()});
   for (Batch* batch : {&whole, &parts}) {
     batch->reset({});

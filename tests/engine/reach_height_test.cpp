@@ -170,7 +170,7 @@ TEST(ReachHeight, AnEnvOfManyIsTheEnvAlone) {
   config.block_size = 2;
   config.pose_sensor.position_noise_std_m = 0.01F;
   config.episode.frame_skip = 2;
-  config.clock.substeps = 3;
+  config.clock.physics_hz = 3.0F * config.clock.policy_hz;
   Batch many = make(config);
   std::vector<std::uint64_t> seeds(kEnvs);
   std::iota(seeds.begin(), seeds.end(), std::uint64_t{40});

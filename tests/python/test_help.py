@@ -89,7 +89,7 @@ def test_help_shows_what_a_newcomer_looks_for():
     assert "max_range_m=3.0" in text
     assert "Farther is a miss: inf." in text
     assert flockstep.LidarConfig.max_range_m.__doc__ == "Farther is a miss: inf."
-    assert str(inspect.signature(flockstep.ClockConfig)).startswith("(*, dt_s=")
+    assert str(inspect.signature(flockstep.ClockConfig)).startswith("(*, policy_hz=")
 
 
 def test_public_python_has_docstrings():

@@ -62,6 +62,48 @@ def test_a_task_of_ones_own(room):
     del gymnasium.registry["test/Still-v0"]
 
 
+def test_defaults_of_a_registered_task(room, closet):
+    lidar = flockstep.LidarConfig(beams=5)
+    place = np.array([[1, 1, 3], [4, 4, 1]])
+    defaults = {"max_episode_steps": 3, "frame_skip": 2, "lidar": lidar, "render_mode": "rgb_array"}
+    flockstep.register_task("test/Still-v1", Still, worlds=room, render_view=place, render_size=(40, 30), **defaults)
+    try:
+        plain = gymnasium.envs.registration.EnvSpec.from_json(gymnasium.spec("test/Still-v1").to_json())
+        for spec in ("test/Still-v1", plain):
+            envs = gymnasium.make_vec(spec, 2)
+            assert envs.num_envs == 2
+            assert (envs.batch.worlds[0].name, envs.lidar.beams) == ("room", 5)
+            envs.reset(seed=0)
+            assert envs.render()[0].shape == (30, 40, 3)
+            still = np.zeros((2, 3), np.float32)
+            assert [envs.step(still)[3].any() for _ in range(2)] == [False, True]  # of 2 and 1 flown steps
+        envs = gymnasium.make_vec("test/Still-v1", 1, worlds=closet, frame_skip=1)
+        envs.reset(seed=0)
+        assert envs.batch.worlds[0].name == "closet"
+        assert [envs.step(still[:1])[3].any() for _ in range(3)] == [False, False, True]
+        env = gymnasium.make("test/Still-v1", frame_skip=1)
+        env.reset(seed=0)
+        assert [env.step(still[0])[3] for _ in range(3)] == [False, False, True]
+        vec = pytest.importorskip("flockstep.sb3").make_vec("test/Still-v1", 3)
+        assert (vec.num_envs, vec.env.lidar.beams) == (3, 5)
+    finally:
+        del gymnasium.registry["test/Still-v1"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("num_envs", "expected no default of num_envs, autoreset_mode, copy, got num_envs$"),
+        ("copy", "expected no default of num_envs, autoreset_mode, copy, got copy$"),
+        ("wrlds", "unexpected keyword argument 'wrlds'.*worlds"),
+    ],
+)
+def test_what_is_no_default_is_refused(name, said):
+    with pytest.raises(TypeError, match=said):
+        flockstep.register_task("test/Still-v2", Still, **{name: 3})
+    assert "test/Still-v2" not in gymnasium.registry
+
+
 def test_a_class_that_cannot_be_found_stays_itself():
     local = type("Local", (Still,), {})
     assert to_plain(local) is local

@@ -76,6 +76,13 @@ class Batch {
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
   void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});  // no collision check
   void move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});      // swept; see state().contact
+  // Drones that fly by rotors: velocities (N, 3) m/s, world frame, and rad/s, body frame; rotor speeds (N, 4) rad/s. After
+  // set_pose() they are at rest, rotors hovering.
+  void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
+                    Mask mask = {});
+  // Flies a command (N, 4), as config().dynamics.control says, for some ticks; 0: those of a step. move() is for kinematic
+  // motion.
+  void fly(std::span<const float> command, int ticks = 0, Mask mask = {});
   void sense(Mask mask = {});
 
   // --- slots

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "flockstep/camera.hpp"
+#include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/lidar.hpp"
@@ -25,6 +26,7 @@ struct BatchConfig {
   PoseSensorConfig pose_sensor;
   EpisodeConfig episode;
   ClockConfig clock;
+  DynamicsConfig dynamics;
 
   static constexpr auto fields() {
     using C = BatchConfig;
@@ -32,7 +34,8 @@ struct BatchConfig {
                       field("num_threads", &C::num_threads, Decides::nothing),
                       field("block_size", &C::block_size, Decides::nothing), field("lidar", &C::lidar),
                       field("cameras", &C::cameras), field("camera_backend", &C::camera_backend, Decides::nothing),
-                      field("pose_sensor", &C::pose_sensor), field("episode", &C::episode), field("clock", &C::clock));
+                      field("pose_sensor", &C::pose_sensor), field("episode", &C::episode), field("clock", &C::clock),
+                      field("dynamics", &C::dynamics));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

@@ -1,9 +1,13 @@
-// DroneModel: what a drone is made of; its convex hull is its collision body.
+// DroneModel: what a drone is made of. Its convex hull is its collision body; its airframe, if it has one, is what its flight is
+// computed from.
 #pragma once
 
+#include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
+#include "flockstep/airframe.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {
@@ -12,17 +16,29 @@ inline constexpr int kMaxHullVertices = 32;
 
 class DroneModel {
  public:
-  // The default 650-class quadrotor, extents exactly 0.93 x 0.59 x 0.20 m, centred on the body origin.
+  // The default: the 650-class quadrotor "t650", extents exactly 0.93 x 0.59 x 0.20 m, centred on the body origin.
   static DroneModel quadrotor650();
+  // A shipped frame by its name, or a JSON file, by a path that ends in .json; docs/add-a-drone.md has the format.
+  static DroneModel load(const std::string& name_or_path);
+  static DroneModel from_json(const std::string& text);
+  static std::vector<std::string> names();  // of the shipped frames
 
   // hull: 4 to 32 points in the body frame (m); their convex hull is the body and must have a volume.
-  explicit DroneModel(std::vector<Vec3> hull);
+  explicit DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe = {}, std::string name = {});
 
+  const std::string& name() const { return name_; }  // empty where it was given none
+  const std::optional<Airframe>& airframe() const { return airframe_; }
   std::span<const Vec3> hull() const { return hull_; }
   float radius() const { return radius_; }          // m, of the smallest ball about the body origin that holds the hull
   const Aabb& extents() const { return extents_; }  // m, body frame
 
+  // Hull and airframe in another size and mass; see Airframe::scaled.
+  DroneModel scaled(double size, double mass) const;
+  std::string to_json() const;  // reads back equal
+
  private:
+  std::string name_;
+  std::optional<Airframe> airframe_;
   std::vector<Vec3> hull_;
   float radius_ = 0.0F;
   Aabb extents_;

@@ -39,18 +39,30 @@ struct EpisodeConfig {
   void validate() const;
 };
 
-// A tick is one substep of the motion; a flown step is `substeps` of them. Sensors with a rate are due every so many ticks.
+// The rates at which time passes, in steps per second of simulated time. A tick is one step of the motion; a flown step, for
+// which the policy decides once, is a whole number of ticks. Sensors with a rate are due every so many ticks.
 struct ClockConfig {
-  float dt_s = 0.1F;  // of a tick, in [1e-5, 10]
-  int substeps = 1;   // ticks in a flown step, in [1, 1000]
+  float policy_hz = 10.0F;             // flown steps, in [0.001, 100000]
+  std::optional<float> physics_hz;     // ticks: 1 to 1000 to a flown step; none: one, by rotors 500 Hz or a little more
+  std::optional<float> controller_hz;  // calls of the controller of drones that fly by rotors, between the two; none: every tick
 
   static constexpr auto fields() {
     using C = ClockConfig;
-    return field_list(field("dt_s", &C::dt_s), field("substeps", &C::substeps));
+    return field_list(field("policy_hz", &C::policy_hz), field("physics_hz", &C::physics_hz),
+                      field("controller_hz", &C::controller_hz));
   }
 
   void validate() const;
-  float step_s() const { return dt_s * static_cast<float>(substeps); }  // simulated time of a flown step
+  double ticks_hz() const { return static_cast<double>(physics_hz.value_or(policy_hz)); }
+  double dt_s() const { return 1.0 / ticks_hz(); }                           // of a tick
+  double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // of a flown step
+  int substeps() const { return ticks_in(static_cast<double>(policy_hz)); }  // ticks in a flown step
+  int control_ticks() const {                                                // ticks from one call of the controller to the next
+    return controller_hz ? ticks_in(static_cast<double>(*controller_hz)) : 1;
+  }
+
+ private:
+  int ticks_in(double hz) const { return static_cast<int>(ticks_hz() / hz + 0.5); }
 };
 
 }  // namespace flockstep

@@ -18,6 +18,11 @@ struct Pose {
   Quat rotation = Quat::Identity();  // unit, body to world
 };
 
+struct Velocity {
+  Vec3 linear = Vec3::Zero();   // m/s, world frame
+  Vec3 angular = Vec3::Zero();  // rad/s, body frame
+};
+
 // The world ends here: positions, ray origins and geometry lie within +-kMaxCoordinate along each axis. float32 resolves 6 cm
 // there, and squares of it are far from overflow.
 inline constexpr double kMaxCoordinate = 1e6;  // m

@@ -28,11 +28,31 @@ struct ContactState {           // of the last motion; written by collision, cle
   }
 };
 
+// Of drones that fly by their rotors; with kinematic motion all of these are empty. Written by flight, contacts and resets.
+struct FlightState {
+  std::vector<float> velocity;              // (N, 3) m/s, world frame
+  std::vector<float> angular_velocity;      // (N, 3) rad/s, body frame
+  std::vector<float> acceleration;          // (N, 3) m/s^2, world frame: mean of the last tick, 0 where it ended in a contact
+  std::vector<float> angular_acceleration;  // (N, 3) rad/s^2, body frame: likewise
+  std::vector<float> rotor_speed;           // (N, 4) rad/s
+  std::vector<float> rotor_command;         // (N, 4) rad/s: what the rotors were last told
+  std::vector<float> error_integral;        // (N, 3) m: of the velocity, for the controller
+
+  static constexpr auto fields() {
+    using C = FlightState;
+    return field_list(field("velocity", &C::velocity), field("angular_velocity", &C::angular_velocity),
+                      field("acceleration", &C::acceleration), field("angular_acceleration", &C::angular_acceleration),
+                      field("rotor_speed", &C::rotor_speed), field("rotor_command", &C::rotor_command),
+                      field("error_integral", &C::error_integral));
+  }
+};
+
 struct State {
   // of drones, hot: read and written every step
   std::vector<float> position;   // (N, 3) m, world frame; written by dynamics, collision, resets
   std::vector<float> quat_wxyz;  // (N, 4) unit, body to world; likewise
   ContactState contact;
+  FlightState flight;
   FlagArray active;  // (N,) 0: the slot is removed
   // of envs
   std::vector<std::int32_t> world_index;  // (E,) into the batch's worlds
@@ -44,8 +64,9 @@ struct State {
   static constexpr auto fields() {
     using C = State;
     return field_list(field("position", &C::position), field("quat_wxyz", &C::quat_wxyz), field("contact", &C::contact),
-                      field("active", &C::active), field("world_index", &C::world_index), field("seed", &C::seed),
-                      field("episode", &C::episode), field("tick", &C::tick), field("sensed", &C::sensed));
+                      field("flight", &C::flight), field("active", &C::active), field("world_index", &C::world_index),
+                      field("seed", &C::seed), field("episode", &C::episode), field("tick", &C::tick),
+                      field("sensed", &C::sensed));
   }
 };
 

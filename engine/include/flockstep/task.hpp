@@ -17,6 +17,8 @@
 #include "flockstep/buffer.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/drone_model.hpp"
+#include "flockstep/dynamics.hpp"
+#include "flockstep/episode.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/state.hpp"
@@ -74,9 +76,13 @@ class TaskContext {
   // Whether a drone of the env at this pose would touch nothing.
   virtual bool is_free(std::size_t env, const Pose& pose) const = 0;
 
+  // How drones move, and what Setpoints tell them.
+  virtual const DynamicsConfig& dynamics() const = 0;
+  virtual const ClockConfig& clock() const = 0;
+
   // Puts a drone somewhere, without a collision check: in Task::place(). What is no pose in the world is a bad state; see
-  // Outputs::bad_state.
-  virtual void place(std::size_t drone, const Pose& pose) = 0;
+  // Outputs::bad_state. Drones that fly by rotors begin with this velocity, and rotors at the speed of hovering.
+  virtual void place(std::size_t drone, const Pose& pose, const Velocity& velocity = {}) = 0;
 };
 
 // The envs that a call is about. Other calls may be about other envs at the same time, on other threads.
@@ -90,7 +96,8 @@ struct TaskBlock {
 // turn both ways are as short: it turns by the right hand about the vector part of conjugate(from) * to, so that a target of the
 // opposite sign turns the other way. Where the way matters, turn in two steps.
 struct Setpoints {
-  std::vector<Pose> target;  // (N,)
+  std::vector<Pose> target;    // (N,), where Control::pose tells the drones
+  std::vector<float> command;  // (N, 4), where another Control does: what its four numbers mean
 };
 
 // What one flown step earned.

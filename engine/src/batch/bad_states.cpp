@@ -24,6 +24,11 @@ bool mend(const Field& field, std::span<T> row) {
   return bad;
 }
 
+bool is_command(const Simulation& sim, std::size_t drone) {
+  const auto row = std::span(sim.run->setpoints.command).subspan(4 * drone, 4);
+  return std::all_of(row.begin(), row.end(), [](float value) { return std::isfinite(value); });
+}
+
 // The episode, which has been flown and settled, ends in this step after all.
 void end_now(Simulation& sim, std::size_t env) {
   Outputs& out = sim.outputs.now();
@@ -43,6 +48,10 @@ void check_setpoints(Simulation& sim, Block& block) {
   const std::size_t m = sim.drones_per_env();
   for (const std::uint32_t env : block.flying) {
     for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
+      if (sim.config.dynamics.control != Control::pose) {
+        if (!is_command(sim, drone)) mark_bad(sim, env);
+        continue;
+      }
       Pose& target = sim.run->setpoints.target[drone];
       if (is_valid(target)) continue;
       target = pose_of(sim.state, drone);

@@ -10,6 +10,7 @@
 #include "batch/checks.hpp"
 #include "batch/chosen.hpp"
 #include "batch/episodes.hpp"
+#include "batch/flying.hpp"
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
 #include "batch/step.hpp"
@@ -79,19 +80,58 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
     set_pose_of(sim_->state, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
     clear_contact(sim_->state, drone);
+    start_flight(*sim_, drone, {});
   });
 }
 
 void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
   const Use use(*sim_);
+  checks::is_kinematic(*sim_, "move");
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
     for (const std::uint32_t drone : sim_->drones_of(block.envs, scratch)) {
       if (!chosen(*sim_, mask, drone)) continue;
       sweep_to(*sim_, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
-      if (drone % sim_->drones_per_env() == 0) sim_->state.tick[sim_->env_of(drone)] += sim_->config.clock.substeps;
+      if (drone % sim_->drones_per_env() == 0) sim_->state.tick[sim_->env_of(drone)] += sim_->config.clock.substeps();
     }
+  });
+}
+
+void Batch::set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
+                         std::span<const float> rotor_speed, Mask mask) {
+  const Use use(*sim_);
+  checks::flies_by_rotors(*sim_, "set_velocity");
+  checks::mask(*sim_, mask);
+  checks::speeds(velocity, 3 * sim_->num_drones(), "velocity");
+  checks::speeds(angular_velocity, 3 * sim_->num_drones(), "angular_velocity");
+  checks::rotor_speeds(*sim_, rotor_speed);
+  const auto put = [](std::span<const float> from, std::vector<float>& to, std::size_t drone, std::size_t columns) {
+    if (!from.empty()) std::copy_n(from.data() + columns * drone, columns, to.data() + columns * drone);
+  };
+  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
+    FlightState& flight = sim_->state.flight;
+    put(velocity, flight.velocity, drone, 3);
+    put(angular_velocity, flight.angular_velocity, drone, 3);
+    put(rotor_speed, flight.rotor_speed, drone, kRotors);
+    put(rotor_speed, flight.rotor_command, drone, kRotors);
+  });
+}
+
+void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
+  const Use use(*sim_);
+  checks::not_stepping(*sim_, "fly");
+  checks::flies_by_rotors(*sim_, "fly");
+  checks::mask(*sim_, mask);
+  checks::command(*sim_, command);
+  require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
+  const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
+  list_chosen(*sim_, mask, &Block::chosen);
+  sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
+    const auto drones = sim_->drones_of(block.chosen, scratch);
+    for (const std::uint32_t drone : drones) clear_contact(sim_->state, drone);
+    fly_by_rotors(*sim_, drones, {.command = command}, 0, flown, scratch);
+    for (const std::uint32_t env : block.chosen) sim_->state.tick[env] += flown;
   });
 }
 
@@ -122,6 +162,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
     forget_readings(*sim_, env);
     set_pose_of(state, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
     clear_contact(state, drone);
+    start_flight(*sim_, drone, {});
     if (!sim_->run) continue;
     start_counts(*sim_, env);
     sim_->outputs.clear(env);

@@ -53,6 +53,43 @@ void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode) {
           "every_step or on_movement (the task observes this camera)", "on_demand");
 }
 
+void is_kinematic(const Simulation& sim, std::string_view call) {
+  if (sim.physics) throw std::logic_error(std::string(call) + "() is for kinematic motion; this Batch flies by rotors: fly()");
+}
+
+void flies_by_rotors(const Simulation& sim, std::string_view call) {
+  if (sim.physics) return;
+  throw std::logic_error(std::string(call) + "() is for drones that fly by rotors; this Batch has kinematic motion");
+}
+
+void speeds(std::span<const float> values, std::size_t expected, std::string_view field) {
+  if (values.empty()) return;
+  size(values.size(), expected, field);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    require(std::abs(values[i]) <= 1e4F, row_of(field, i / 3), "finite numbers within +-10000", values[i]);
+  }
+}
+
+void rotor_speeds(const Simulation& sim, std::span<const float> values) {
+  if (values.empty()) return;
+  size(values.size(), kRotors * sim.num_drones(), "rotor_speed");
+  const auto most = static_cast<float>(sim.drone_model.airframe()->max_speed_radps);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    require(values[i] >= 0.0F && values[i] <= most, row_of("rotor_speed", i / kRotors),
+            "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
+  }
+}
+
+void command(const Simulation& sim, std::span<const float> values) {
+  if (sim.config.dynamics.control == Control::pose) {
+    throw std::logic_error("fly() takes the commands of a control; this Batch has control=\"pose\", for tasks that give poses");
+  }
+  size(values.size(), 4 * sim.num_drones(), "command");
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    require(std::abs(values[i]) <= 2e6F, row_of("command", i / 4), "finite numbers within +-2e+06", values[i]);
+  }
+}
+
 void has_task(const Simulation& sim) {
   if (!sim.run) throw std::logic_error("this Batch has no task: give it one (task=...) to reset and step it");
 }

@@ -25,6 +25,11 @@ void not_stepping(const Simulation& sim, std::string_view call);  // a task call
 void has_lidar(const Simulation& sim);
 void has_camera(const Simulation& sim, std::size_t camera);
 void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode);
+void is_kinematic(const Simulation& sim, std::string_view call);
+void flies_by_rotors(const Simulation& sim, std::string_view call);
+void speeds(std::span<const float> values, std::size_t expected, std::string_view field);
+void rotor_speeds(const Simulation& sim, std::span<const float> values);
+void command(const Simulation& sim, std::span<const float> values);
 void has_task(const Simulation& sim);
 void spec(const TaskSpec& spec);    // what a task has declared
 void whole(const Simulation& sim);  // no step or reset has been cut short

@@ -1,12 +1,24 @@
 #include "flockstep/config.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <sstream>
 #include <string>
 
 #include "base/require.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep {
+namespace {
+
+constexpr double kLeastPhysicsHz = 50.0;
+constexpr double kRateTolerance = 1e-4;  // of the ratio of two rates, which are float32
+
+void require_share(float value, float high, const char* field, const char* expected) {
+  require(value >= 0.0F && value <= high, field, expected, value);
+}
+
+}  // namespace
 
 void EpisodeConfig::validate() const {
   require(!max_episode_steps || *max_episode_steps >= 0, "max_episode_steps", "an integer >= 0", max_episode_steps.value_or(0));
@@ -16,8 +28,35 @@ void EpisodeConfig::validate() const {
 }
 
 void ClockConfig::validate() const {
-  require(dt_s >= 1e-5F && dt_s <= 10.0F, "dt_s", "a number in [1e-05, 10]", dt_s);
-  require(substeps >= 1 && substeps <= 1000, "substeps", "an integer in [1, 1000]", substeps);
+  require(policy_hz >= 1e-3F && policy_hz <= 1e5F, "policy_hz", "a number in [0.001, 100000]", policy_hz);
+  const auto divides = [](double slow, double fast, double most) {
+    const double ratio = fast / slow;
+    return ratio >= 1.0 - kRateTolerance && ratio <= most && std::abs(ratio - std::round(ratio)) <= kRateTolerance * ratio;
+  };
+  const auto hz = [](double rate) {
+    std::ostringstream text;
+    text << rate << " Hz";
+    return text.str();
+  };
+  const double policy = static_cast<double>(policy_hz);
+  require(divides(policy, ticks_hz(), 1000.5), "physics_hz", "1 to 1000 times the policy's " + hz(policy), hz(ticks_hz()));
+  if (!controller_hz) return;
+  const double controller = static_cast<double>(*controller_hz);
+  require(controller > 0.0 && divides(controller, ticks_hz(), 1000.5), "controller_hz",
+          "a rate that divides the physics' " + hz(ticks_hz()), hz(controller));
+  require(divides(policy, controller, 1000.5), "controller_hz", "a multiple of the policy's " + hz(policy), hz(controller));
+}
+
+void DynamicsConfig::validate() const {
+  require(!is_kinematic() || control == Control::pose, "control", "\"pose\" (motion is \"kinematic\": give motion=\"rotors\")",
+          EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
+  require_share(restitution, 1.0F, "restitution", "a number in [0, 1]");
+  require_share(friction, 10.0F, "friction", "a number in [0, 10]");
+  require_positive(max_speed_mps, "max_speed_mps");
+  require_positive(max_acceleration_mps2, "max_acceleration_mps2");
+  require(max_tilt_deg > 0.0F && max_tilt_deg <= 89.0F, "max_tilt_deg", "a number in (0, 89]", max_tilt_deg);
+  require_positive(max_rate_dps, "max_rate_dps");
+  require_positive(max_yaw_rate_dps, "max_yaw_rate_dps");
 }
 
 void BatchConfig::validate() const {
@@ -28,6 +67,9 @@ void BatchConfig::validate() const {
   require(block_size >= 1, "block_size", "an integer >= 1", block_size);
   episode.validate();
   clock.validate();
+  dynamics.validate();
+  require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",
+          "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
   if (lidar) {
     lidar->validate();
     sensors::period_in_ticks(lidar->rate_hz, clock, "lidar.rate_hz");

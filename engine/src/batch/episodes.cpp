@@ -61,8 +61,10 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
   checks::memory(bytes * static_cast<double>(n));
   run.actions = run.actions_before = Buffer(spec.action, n);
-  run.setpoints.target.resize(sim.num_drones());
-  if (sim.config.clock.substeps > 1) run.step_start.resize(sim.num_drones());
+  const bool tells_poses = sim.config.dynamics.control == Control::pose;
+  if (tells_poses) run.setpoints.target.resize(sim.num_drones());
+  if (!tells_poses) run.setpoints.command.resize(4 * sim.num_drones());
+  if (tells_poses && sim.config.clock.substeps() > 1) run.step_start.resize(sim.num_drones());
   run.score.num_terms = spec.reward_terms.size();
   run.score.terms.resize(n * run.score.num_terms);
   sim.episodes.episode_terms.resize(n * run.score.num_terms);
@@ -155,6 +157,7 @@ void settle(Simulation& sim, Block& block) {
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = run.score.num_terms;
   const bool skips = !run.earned.empty();
+  const bool ends_on_contact = sim.physics && sim.config.dynamics.on_contact == OnContact::terminate;
   for (const std::uint32_t env : block.flying) {
     const double* terms = run.score.terms.data() + env * num_terms;
     bool good = true;
@@ -180,7 +183,7 @@ void settle(Simulation& sim, Block& block) {
     const std::int64_t steps = episodes.steps[env];
     const std::int64_t limit = episodes.time_limit[env];
     const bool bad = episodes.bad[env] != 0;
-    const bool terminated = bad || run.score.terminated[env] != 0;
+    const bool terminated = bad || run.score.terminated[env] != 0 || (ends_on_contact && touches(sim, env));
     const bool truncated = !terminated && (run.score.truncated[env] != 0 || (limit > 0 && steps >= limit));
     const bool ends = terminated || truncated;
     out.reward[env] = static_cast<float>(step_total);

@@ -1,6 +1,7 @@
 #include "batch/simulation.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <string>
 #include <type_traits>
@@ -11,6 +12,7 @@
 #include "base/require.hpp"
 #include "batch/checks.hpp"
 #include "batch/episodes.hpp"
+#include "batch/flying.hpp"
 #include "batch/task_context.hpp"
 #include "compiled/compiled_world.hpp"
 
@@ -29,7 +31,16 @@ double sensor_bytes(const BatchConfig& config) {
   return bytes * config.num_drones();
 }
 
+// Drones that fly by rotors have short ticks where the caller names none.
+void settle_rates(BatchConfig& config) {
+  constexpr float kUsualPhysicsHz = 500.0F;
+  ClockConfig& clock = config.clock;
+  if (config.dynamics.is_kinematic() || clock.physics_hz || !(clock.policy_hz > 0.0F)) return;
+  clock.physics_hz = clock.policy_hz * std::max(std::ceil(kUsualPhysicsHz / clock.policy_hz), 1.0F);
+}
+
 BatchConfig validated(BatchConfig config) {
+  settle_rates(config);
   config.validate();
   checks::memory(sensor_bytes(config));
   return config;
@@ -57,6 +68,20 @@ void allocate(State& state, std::size_t num_envs, std::size_t num_drones) {
   for (auto* counts : {&state.episode, &state.tick, &state.sensed}) counts->resize(num_envs);
 }
 
+std::optional<dynamics::Physics> physics_of(const BatchConfig& config, const DroneModel& drone) {
+  if (config.dynamics.is_kinematic()) return std::nullopt;
+  require(drone.airframe().has_value(), "drone", "one with an airframe, to fly by its rotors", "a hull alone");
+  return dynamics::Physics(*drone.airframe(), config.dynamics, config.clock.dt_s(), config.clock.control_ticks());
+}
+
+void allocate(FlightState& flight, std::size_t num_drones) {
+  for (auto* triples :
+       {&flight.velocity, &flight.angular_velocity, &flight.acceleration, &flight.angular_acceleration, &flight.error_integral}) {
+    triples->resize(3 * num_drones);
+  }
+  for (auto* speeds : {&flight.rotor_speed, &flight.rotor_command}) speeds->resize(kRotors * num_drones);
+}
+
 }  // namespace
 
 Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::unique_ptr<Task> task, DroneModel drone,
@@ -66,6 +91,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       world_pointers(pointers(worlds)),
       drone_model(std::move(drone)),
       hull(drone_model),
+      physics(physics_of(config, drone_model)),
       pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
       cameras(config.cameras, config.clock, world_pointers, state, drones_per_env(), num_drones()),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
@@ -88,6 +114,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones());
 
   allocate(state, num_envs(), num_drones());
+  if (physics) allocate(state.flight, num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
@@ -98,6 +125,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     const World& world = *world_pointers[world_index_of(env_of(i))];
     set_pose_of(state, i, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
     clear_contact(state, i);
+    start_flight(*this, i, {});
   }
   pose_sensor.assume_truth(state);
 

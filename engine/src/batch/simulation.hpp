@@ -18,6 +18,7 @@
 #include "batch/schedule.hpp"
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
+#include "dynamics/flight.hpp"
 #include "flockstep/batch.hpp"
 #include "sensors/camera_rig.hpp"
 #include "sensors/lidar.hpp"
@@ -28,6 +29,7 @@ namespace flockstep {
 // What one thread needs while it steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
+  dynamics::Flock flock;
   std::vector<std::uint32_t> drones;  // of some envs
   bool moved_world = false;           // an env has gone to another world
 };
@@ -38,7 +40,7 @@ struct TaskRun {
   Buffer actions;                // of the step under way, else of the last; a row per env
   Buffer actions_before;         // of the step before it
   Setpoints setpoints;           // written by task.command
-  std::vector<Pose> step_start;  // (N,) where the flown step began; empty where it has one substep
+  std::vector<Pose> step_start;  // (N,) where the flown step began; empty where poses are flown to in one tick, or not told
   Score score;                   // of the last flown step; written by task.score
   std::vector<double> earned;    // (E, terms) of the flown steps of this step() so far; empty where it flies one
   int max_episode_steps = 0;     // 0: no limit
@@ -85,6 +87,7 @@ struct Simulation {
   std::vector<const collision::Obstacles*> obstacles;
   const DroneModel drone_model;
   const collision::Hull hull;
+  const std::optional<dynamics::Physics> physics;  // of drones that fly by rotors
 
   State state;
   std::optional<sensors::Lidar> lidar;

@@ -17,7 +17,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 3;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 4;                     // of everything below; one more with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -165,6 +165,7 @@ void require_meaning(const Simulation& sim) {
   finite(state.contact.normal, "normal");
   require_all(state.contact.fraction, "fraction", "a number in [0, 1]",
               [](float value) { return value >= 0.0F && value <= 1.0F; });
+  for_each_field(state.flight, [&](const auto& field, const auto& values) { finite(values, field.name); });
   counts(state.episode, "episode");
   counts(state.tick, "tick");
   counts(state.sensed, "sensed", -1);
@@ -208,6 +209,7 @@ std::uint64_t config_hash(Simulation& sim) {
   }
   for (const auto& world : sim.worlds) hash.add(world->content_hash());
   for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
+  if (sim.physics) hash.add(*sim.drone_model.airframe());
   sim.known_hash = hash.value();
   return *sim.known_hash;
 }

@@ -7,7 +7,7 @@
 #include "base/pose_access.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
-#include "collision/sweep.hpp"
+#include "batch/flying.hpp"
 #include "dynamics/kinematic.hpp"
 #include "sensors/rate.hpp"
 
@@ -36,6 +36,8 @@ std::span<const std::uint32_t> readers(const Simulation& sim, std::span<const st
   return scratch.drones;
 }
 
+bool reads_between_ticks(const Simulation& sim) { return (sim.lidar && sim.lidar->period() > 0) || sim.pose_sensor.period() > 0; }
+
 // Every kind of sensor but the cameras, which render for all blocks at once.
 void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scratch& scratch) {
   if (sim.lidar) {
@@ -52,32 +54,42 @@ void count_step(Simulation& sim, Block& block, Scratch&) {
   }
 }
 
-// One flown step of the drones that fly: in each substep they move, hit what is in the way, and the sensors that are due then
-// read. What is due when the step is over is left to sense().
-void fly(Simulation& sim, Block& block, Scratch& scratch) {
-  const int substeps = sim.config.clock.substeps;
-  const std::size_t m = sim.drones_per_env();
-  if (substeps > 1) {
-    for (const std::uint32_t env : block.flying) {
-      for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
-        sim.run->step_start[drone] = pose_of(sim.state, drone);
-        sim.state.contact.hit[drone] = 0;
-      }
+// Kinematic drones are at their setpoint when the step is over.
+void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
+  const int substeps = sim.config.clock.substeps();
+  for (const std::uint32_t drone : drones) {
+    const Pose& target = sim.run->setpoints.target[drone];
+    if (substeps == 1) {
+      sweep_to(sim, drone, target);
+    } else if (!sim.state.contact.hit[drone]) {  // what has been hit in this step holds the drone until the next
+      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.run->step_start[drone], target, substep, substeps));
     }
   }
-  for (int substep = 1; substep <= substeps; ++substep) {
-    for (const std::uint32_t env : block.flying) {
-      for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
-        const Pose& target = sim.run->setpoints.target[drone];
-        if (substeps == 1) {
-          sweep_to(sim, drone, target);
-        } else if (!sim.state.contact.hit[drone]) {  // what has been hit in this step holds the drone until the next
-          sweep_to(sim, drone, dynamics::integrate_kinematic(sim.run->step_start[drone], target, substep, substeps));
-        }
-      }
-      ++sim.state.tick[env];
+}
+
+// One flown step of the drones that fly: they move, hit what is in the way, and between ticks the sensors that are due then read.
+// What is due when the step is over is left to sense().
+void fly(Simulation& sim, Block& block, Scratch& scratch) {
+  const int ticks = sim.config.clock.substeps();
+  for (const std::uint32_t drone : sim.drones_of(block.flying, scratch)) {
+    if (!sim.run->step_start.empty()) sim.run->step_start[drone] = pose_of(sim.state, drone);
+    if (sim.physics) {
+      clear_contact(sim.state, drone);
+    } else if (ticks > 1) {
+      sim.state.contact.hit[drone] = 0;
     }
-    if (substep < substeps) read(sim, block.flying, When::within_step, scratch);
+  }
+  const int leg = sim.physics && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
+  const Told told{sim.run->setpoints.command, sim.run->setpoints.target, sim.run->step_start};
+  for (int flown = leg; flown <= ticks; flown += leg) {
+    const auto drones = sim.drones_of(block.flying, scratch);
+    if (sim.physics) {
+      fly_by_rotors(sim, drones, told, flown - leg, leg, scratch);
+    } else {
+      move(sim, drones, flown);
+    }
+    for (const std::uint32_t env : block.flying) sim.state.tick[env] += leg;
+    if (flown < ticks) read(sim, block.flying, When::within_step, scratch);
   }
   for (const std::uint32_t env : block.flying) ++sim.state.sensed[env];
 }
@@ -262,21 +274,6 @@ void read_sensors(Simulation& sim) {
   run.start_frames(&Block::chosen);
   run.each(sense_all<&Block::chosen>);
   run.finish_frames();
-}
-
-void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
-  State& state = sim.state;
-  const Pose from = pose_of(state, drone);
-  const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(sim.env_of(drone))];
-  const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
-  set_pose_of(state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
-  state.contact.hit[drone] = contact.hit;
-  state.contact.inside[drone] = contact.inside;
-  state.contact.fraction[drone] = contact.fraction;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    state.contact.point[3 * drone + axis] = contact.point[static_cast<Eigen::Index>(axis)];
-    state.contact.normal[3 * drone + axis] = contact.normal[static_cast<Eigen::Index>(axis)];
-  }
 }
 
 }  // namespace flockstep

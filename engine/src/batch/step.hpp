@@ -18,7 +18,4 @@ void begin_episodes(Simulation& sim, bool place);
 // Reads all sensors of the envs that Block::chosen lists, at a new moment of their episodes.
 void read_sensors(Simulation& sim);
 
-// Flies one drone to a pose, or as far as nothing is in the way.
-void sweep_to(Simulation& sim, std::size_t drone, const Pose& target);
-
 }  // namespace flockstep

@@ -3,6 +3,7 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "batch/bad_states.hpp"
+#include "batch/flying.hpp"
 #include "batch/simulation.hpp"
 #include "collision/sweep.hpp"
 
@@ -40,9 +41,13 @@ class Context final : public TaskContext {
     return !collision::overlaps(*sim_.obstacles[sim_.world_index_of(env)], sim_.hull, pose);
   }
 
-  void place(std::size_t drone, const Pose& pose) override {
-    if (is_valid(pose)) {
+  const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
+  const ClockConfig& clock() const override { return sim_.config.clock; }
+
+  void place(std::size_t drone, const Pose& pose, const Velocity& velocity) override {
+    if (is_valid(pose) && is_speed(velocity.linear) && is_speed(velocity.angular)) {
       set_pose_of(sim_.state, drone, pose);
+      start_flight(sim_, drone, velocity);
     } else {
       mark_bad(sim_, sim_.env_of(drone));
     }

@@ -25,4 +25,14 @@ Convex Obstacles::convex(std::uint32_t element) const {
   return make_triangle(at(corners[0]), at(corners[1]), at(corners[2]));
 }
 
+bool Obstacles::is_clear(const Vec3& center, float radius) const {
+  for (const Room& room : rooms_) {
+    const bool is_in = ((center - room.inside.min).array() > radius).all() && ((room.inside.max - center).array() > radius).all();
+    if (!is_in) return false;
+  }
+  bool clear = true;
+  for_each_near(center, radius, [&](std::uint32_t) { clear = false; });
+  return clear;
+}
+
 }  // namespace flockstep::collision

@@ -26,6 +26,9 @@ class Obstacles {
   // The element (index into World::primitives(), then primitives().size() + triangle index), which is not a room.
   Convex convex(std::uint32_t element) const;
 
+  // Whether nothing comes within radius (m) of center; false may also be said of what comes near.
+  bool is_clear(const Vec3& center, float radius) const;
+
   // Calls visit(element) for each element but the rooms whose bounding box comes within radius (m) of center, and perhaps for
   // some more, in any order.
   template <class Visit>

@@ -15,10 +15,10 @@ namespace flockstep::sensors {
 inline std::int64_t period_in_ticks(const std::optional<float>& rate_hz, const ClockConfig& clock, const std::string& field) {
   if (!rate_hz) return 0;
   require_positive(*rate_hz, field);
-  const double ticks = 1.0 / (static_cast<double>(*rate_hz) * static_cast<double>(clock.dt_s));
+  const double ticks = clock.ticks_hz() / static_cast<double>(*rate_hz);
   const double whole = std::round(ticks);
   require(whole >= 1.0 && whole < 1e9 && std::abs(ticks - whole) <= 1e-4 * whole, field,
-          "a rate that divides the clock's " + std::to_string(1.0F / clock.dt_s) + " ticks per second", *rate_hz);
+          "a rate that divides the clock's " + std::to_string(clock.ticks_hz()) + " ticks per second", *rate_hz);
   return static_cast<std::int64_t>(whole);
 }
 

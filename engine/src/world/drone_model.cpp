@@ -4,9 +4,13 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <utility>
 
+#include "base/excerpt.hpp"
 #include "base/require.hpp"
+#include "world/drone_json.hpp"
+#include "world/text_file.hpp"
 
 namespace flockstep {
 
@@ -14,6 +18,14 @@ namespace {
 
 // Corners of a hull flatter than this (m, in any direction) are refused: its volume would drown in rounding.
 constexpr double kMinThickness = 1e-4;
+
+// The frames that ship with flockstep: name and text of each file of drones/, in the order of their names.
+struct Shipped {
+  std::string_view name, text;
+};
+constexpr Shipped kShipped[] = {
+#include "drones.inc"
+};
 
 constexpr float kMaxHullReach = 100.0F;  // m; float32 resolves 10 um at this distance
 
@@ -47,7 +59,9 @@ double thickness(std::span<const Vec3> points) {
 
 }  // namespace
 
-DroneModel::DroneModel(std::vector<Vec3> hull) : hull_(std::move(hull)) {
+DroneModel::DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe, std::string name)
+    : name_(std::move(name)), airframe_(std::move(airframe)), hull_(std::move(hull)) {
+  if (airframe_) airframe_->validate();
   require(hull_.size() >= 4 && hull_.size() <= static_cast<std::size_t>(kMaxHullVertices), "hull",
           "4 to " + std::to_string(kMaxHullVertices) + " points", hull_.size());
   for (std::size_t i = 0; i < hull_.size(); ++i) {
@@ -67,26 +81,33 @@ DroneModel::DroneModel(std::vector<Vec3> hull) : hull_(std::move(hull)) {
   }
 }
 
-// Frame arms and propeller guards form a belt with cut corners; battery plate below and electronics above are narrower.
-DroneModel DroneModel::quadrotor650() {
-  constexpr float kHalfLength = 0.465F;
-  constexpr float kHalfWidth = 0.295F;
-  constexpr float kHalfHeight = 0.1F;
-  constexpr float kCut = 0.13F;         // off each corner of the belt, along x and y
-  constexpr float kBeltHeight = 0.04F;  // half
-  constexpr float kPlateLength = 0.3F;  // half
-  constexpr float kPlateWidth = 0.15F;  // half
-  std::vector<Vec3> hull;
-  for (const float z : {-1.0F, 1.0F}) {
-    for (const float y : {-1.0F, 1.0F}) {
-      for (const float x : {-1.0F, 1.0F}) {
-        hull.emplace_back(x * kHalfLength, y * (kHalfWidth - kCut), z * kBeltHeight);
-        hull.emplace_back(x * (kHalfLength - kCut), y * kHalfWidth, z * kBeltHeight);
-        hull.emplace_back(x * kPlateLength, y * kPlateWidth, z * kHalfHeight);
-      }
-    }
+DroneModel DroneModel::quadrotor650() { return load("t650"); }
+
+DroneModel DroneModel::load(const std::string& name_or_path) {
+  if (name_or_path.ends_with(".json")) return read_drone(read_text_file(name_or_path, "a drone file"), name_or_path);
+  std::string names;
+  for (const auto& [name, text] : kShipped) {
+    if (name == name_or_path) return read_drone(std::string(text), "drone " + name_or_path);
+    names += (names.empty() ? "" : ", ") + std::string(name);
   }
-  return DroneModel(std::move(hull));
+  refuse("drone", "one of " + names + ", or the path of a file ending in .json", '"' + excerpt(name_or_path) + '"');
+}
+
+DroneModel DroneModel::from_json(const std::string& text) { return read_drone(text, "drone"); }
+
+std::vector<std::string> DroneModel::names() {
+  std::vector<std::string> names;
+  for (const auto& [name, text] : kShipped) names.emplace_back(name);
+  return names;
+}
+
+std::string DroneModel::to_json() const { return write_drone(*this); }
+
+DroneModel DroneModel::scaled(double size, double mass) const {
+  require(airframe_.has_value(), "drone", "one with an airframe, to be scaled", "a hull alone");
+  std::vector<Vec3> hull = hull_;
+  for (Vec3& vertex : hull) vertex = (vertex.cast<double>() * size).cast<float>();
+  return DroneModel(std::move(hull), airframe_->scaled(size, mass), name_);
 }
 
 }  // namespace flockstep

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -18,163 +17,22 @@
 #include <unordered_map>
 #include <utility>
 
-#include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "world/json_document.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
 
-using Json = nlohmann::json;                 // finds a key among many in no time, and forgets their order
-using OrderedJson = nlohmann::ordered_json;  // keeps their order, and searches them one by one
+using json::JsonField;
+using OrderedJson = nlohmann::ordered_json;  // keeps the order of keys, and searches them one by one
 using Vec3d = Eigen::Vector3d;               // numbers are rounded to float32 once, after all arithmetic
 
 constexpr int kVersion = 1;
-constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; a scene has 5
 
 // ---------------------------------------------------------------------------------------------------------------- reading
-
-// The way to a value of the document: what is named by a message, and only then written as text. Keys belong to the document or
-// to this file.
-class Path {
- public:
-  Path operator/(std::string_view key) const { return with({key, 0}); }
-  Path operator/(std::size_t index) const { return with({{}, index}); }
-
-  // RFC 6901.
-  std::string pointer() const {
-    std::string text;
-    for (std::size_t i = 0; i < depth_; ++i) {
-      text += '/';
-      text += steps_[i].key.data() == nullptr ? std::to_string(steps_[i].index) : escaped(steps_[i].key);
-    }
-    return text;
-  }
-
- private:
-  struct Step {
-    std::string_view key;  // without data where the step is an index
-    std::size_t index = 0;
-  };
-
-  Path with(Step step) const {
-    Path longer = *this;
-    longer.steps_.at(longer.depth_++) = step;
-    return longer;
-  }
-
-  static std::string escaped(std::string_view key) {
-    std::string token;
-    for (const char c : key) {
-      if (c == '~') {
-        token += "~0";
-      } else if (c == '/') {
-        token += "~1";
-      } else {
-        token += c;
-      }
-    }
-    return token;
-  }
-
-  static constexpr std::size_t kMaxSteps = 6;  // /meshes/0/vertices/0/0 has five
-  std::array<Step, kMaxSteps> steps_{};
-  std::size_t depth_ = 0;
-};
-
-// A value of the document and the place it has there.
-struct JsonField {
-  const Json& value;
-  Path path;
-  const std::string& source;
-};
-
-// Writes a value as JSON until the text is long enough for a message.
-void append(const Json& value, std::string& text) {
-  constexpr std::size_t kEnough = 200;
-  const auto list = [&](char open, char close, const auto& append_item) {
-    text += open;
-    for (auto item = value.begin(); item != value.end() && text.size() < kEnough; ++item) {
-      if (item != value.begin()) text += ',';
-      append_item(item);
-    }
-    text += close;
-  };
-  if (value.is_array()) {
-    list('[', ']', [&](const auto& item) { append(*item, text); });
-  } else if (value.is_object()) {
-    list('{', '}', [&](const auto& item) {
-      append(Json(excerpt(item.key(), kEnough)), text);
-      text += ':';
-      append(*item, text);
-    });
-  } else if (value.is_string()) {
-    text += Json(excerpt(value.get_ref<const std::string&>(), kEnough)).dump();
-  } else {
-    text += value.dump();
-  }
-}
-
-std::string excerpt_of(const Json& value) {
-  std::string text;
-  append(value, text);
-  return excerpt(text);
-}
-
-std::string name_of(const JsonField& field) {
-  constexpr std::size_t kMaxPointer = 200;
-  const std::string pointer = field.path.pointer();
-  return field.source + (pointer.empty() ? "" : ": " + excerpt(pointer, kMaxPointer));
-}
-
-[[noreturn]] void fail(const JsonField& field, const std::string& what) {
-  throw std::invalid_argument(name_of(field) + ": " + what);
-}
-
-template <class Got>
-[[noreturn]] void refuse(const JsonField& field, const std::string& expected, const Got& got) {
-  flockstep::refuse(name_of(field), expected, got);
-}
-
-[[noreturn]] void refuse(const JsonField& field, const std::string& expected) {
-  refuse(field, expected, excerpt_of(field.value));
-}
-
-JsonField child(const JsonField& parent, std::string_view key, const Json& value) {
-  return JsonField{value, parent.path / key, parent.source};
-}
-
-JsonField child(const JsonField& parent, std::size_t index) {
-  return JsonField{parent.value.at(index), parent.path / index, parent.source};
-}
-
-std::optional<JsonField> find(const JsonField& object, std::string_view key) {
-  const auto found = object.value.find(key);
-  return found != object.value.end() ? std::optional<JsonField>(child(object, key, *found)) : std::nullopt;
-}
-
-JsonField require(const JsonField& object, std::string_view key) {
-  const std::optional<JsonField> field = find(object, key);
-  if (!field) fail(object, "expected a field \"" + std::string(key) + "\", found none");
-  return *field;
-}
-
-void check_object(const JsonField& field, std::initializer_list<std::string_view> known) {
-  if (!field.value.is_object()) refuse(field, "an object");
-  for (const auto& [key, value] : field.value.items()) {
-    if (std::find(known.begin(), known.end(), key) != known.end()) continue;
-    std::string names;
-    for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
-    fail(child(field, key, value), "unknown field; expected one of " + names);
-  }
-}
-
-const Json& require_array(const JsonField& field, const char* expected) {
-  if (!field.value.is_array()) refuse(field, expected);
-  return field.value;
-}
 
 // limit: what is written may lie a float32 step beyond the largest coordinate, or be twice as large where it is a size.
 double number(const JsonField& field, double limit = kMaxCoordinate) {
@@ -516,7 +374,7 @@ class SceneReader {
     const std::filesystem::path path = base_dir_ / file.value.get<std::string>();
     if (files_ == MeshFiles::in_folder && !is_below(path, base_dir_)) {
       fail(file, "expected a file in the scene's folder or below it (load with meshes_anywhere=True to allow others), got " +
-                     excerpt_of(file.value));
+                     json::excerpt_of(file.value));
     }
     try {
       return load_obj(path);
@@ -624,147 +482,11 @@ class SceneReader {
   SceneDescription scene_;
 };
 
-[[noreturn]] void refuse_json(const std::string& source, const std::string& what) {
-  constexpr std::size_t kMaxReason = 300;
-  const std::size_t prefix_end = what.find("] ");  // "[json.exception.parse_error.101] parse error at line 3, column 7: ..."
-  throw std::invalid_argument(
-      source + ": not valid JSON: " + excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
-}
-
-// The characters of a text, for a parser that may take long over them.
-class Characters {
- public:
-  using iterator_category = std::input_iterator_tag;
-  using value_type = char;
-  using difference_type = std::ptrdiff_t;
-  using pointer = const char*;
-  using reference = const char&;
-
-  explicit Characters(const char* at) : at_(at) {}
-  reference operator*() const { return *at_; }
-  Characters& operator++() {
-    constexpr std::uintptr_t kBetweenPolls = 1U << 16U;
-    if (reinterpret_cast<std::uintptr_t>(++at_) % kBetweenPolls == 0) Interrupt::poll();
-    return *this;
-  }
-  Characters operator++(int) {
-    const Characters before = *this;
-    ++*this;
-    return before;
-  }
-  bool operator==(const Characters&) const = default;
-
- private:
-  const char* at_;
-};
-
-// Frees a value, the innermost first: Json's own destructor takes memory to do so, and ends the process where there is none.
-void take_apart(Json& value) noexcept {
-  if (auto* const array = value.get_ptr<Json::array_t*>()) {
-    for (Json& item : *array) take_apart(item);
-    array->clear();
-  } else if (auto* const object = value.get_ptr<Json::object_t*>()) {
-    for (auto& [key, item] : *object) take_apart(item);
-    object->clear();
-  }
-}
-
-struct Document {
-  Json root;
-  std::vector<std::string> material_names;  // the keys of /materials, in the order of the file
-
-  Document() = default;
-  ~Document() { take_apart(root); }
-  Document(const Document&) = delete;
-  Document& operator=(const Document&) = delete;
-};
-
-// Makes a document of what the parser reads. Unlike Json's own: no field is repeated, which JSON leaves open and is a mistake
-// here, and nothing is nested deeper than recursion can follow.
-class DocumentBuilder final : public nlohmann::json_sax<Json> {
- public:
-  DocumentBuilder(Document& document, const std::string& source) : document_(document), source_(source) {}
-
-  bool null() override { return add(nullptr); }
-  bool boolean(bool value) override { return add(value); }
-  bool number_integer(number_integer_t value) override { return add(value); }
-  bool number_unsigned(number_unsigned_t value) override { return add(value); }
-  bool number_float(number_float_t value, const string_t&) override { return add(value); }
-  bool string(string_t& value) override { return add(std::move(value)); }
-  bool binary(binary_t& value) override { return add(std::move(value)); }
-  bool start_object(std::size_t) override { return open(Json::value_t::object); }
-  bool end_object() override { return close(); }
-  bool start_array(std::size_t) override { return open(Json::value_t::array); }
-  bool end_array() override { return close(); }
-  bool key(string_t& name) override {
-    if (open_.size() == 1) is_in_materials_ = name == kMaterialsKey;
-    if (open_.size() == 2 && is_in_materials_) document_.material_names.push_back(name);
-    const auto [field, is_new] = open_.back()->get_ref<Json::object_t&>().try_emplace(std::move(name));
-    if (!is_new) flockstep::refuse(source_, "each field once", excerpt_of(Json(field->first)) + " twice in one object");
-    field_ = &field->second;
-    return true;
-  }
-  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
-    refuse_json(source_, error.what());
-  }
-
- private:
-  // Puts a value where the parser stands: at the end of an array, in a field of an object, or as the whole document.
-  template <class Value>
-  Json& place(Value&& value) {
-    if (open_.empty()) return document_.root = std::forward<Value>(value);
-    if (auto* const array = open_.back()->get_ptr<Json::array_t*>()) return array->emplace_back(std::forward<Value>(value));
-    return *field_ = std::forward<Value>(value);
-  }
-
-  template <class Value>
-  bool add(Value&& value) {
-    place(std::forward<Value>(value));
-    return true;
-  }
-
-  bool open(Json::value_t kind) {
-    if (open_.size() == kMaxDepth) {
-      flockstep::refuse(source_, "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
-    }
-    open_.push_back(&place(kind));
-    return true;
-  }
-
-  bool close() {
-    open_.pop_back();
-    return true;
-  }
-
-  Document& document_;
-  const std::string& source_;
-  std::vector<Json*> open_;  // the arrays and objects that the parser is in
-  Json* field_ = nullptr;    // of the innermost object, whose key has been read
-  bool is_in_materials_ = false;
-};
-
-std::unique_ptr<const Document> parse_json(const std::string& text, const std::string& source) {
-  auto document = std::make_unique<Document>();
-  DocumentBuilder builder(*document, source);
-  Json::sax_parse(Characters(text.data()), Characters(text.data() + text.size()), &builder);
-  return document;
-}
-
 // ---------------------------------------------------------------------------------------------------------------- writing
 
-// The double with the fewest digits that reads back as this value; a sum or difference of float32 may need more than float32
-// digits.
-double shortest(double value) {
-  const auto single = static_cast<float>(value);
-  if (static_cast<double>(single) != value) return value;
-  std::array<char, 32> digits{};
-  const auto written = std::to_chars(digits.data(), digits.data() + digits.size(), single);
-  double read = value;
-  std::from_chars(digits.data(), written.ptr, read);
-  return static_cast<float>(read) == single ? read : value;
+OrderedJson numbers(const Vec3d& v) {
+  return OrderedJson::array({json::shortest(v.x()), json::shortest(v.y()), json::shortest(v.z())});
 }
-
-OrderedJson numbers(const Vec3d& v) { return OrderedJson::array({shortest(v.x()), shortest(v.y()), shortest(v.z())}); }
 
 OrderedJson numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
 
@@ -791,8 +513,8 @@ OrderedJson write_room(const Primitive& room, const std::string& material) {
   for (int axis = 0; axis < 3; ++axis) {
     const double low = center[axis] - half[axis];
     const double high = center[axis] + half[axis];
-    const double short_low = shortest(low);
-    const double short_high = shortest(high);
+    const double short_low = json::shortest(low);
+    const double short_high = json::shortest(high);
     const bool same = static_cast<float>((short_low + short_high) / 2.0) == room.center[axis] &&
                       static_cast<float>((short_high - short_low) / 2.0) == room.half_extents[axis];
     min.push_back(same ? short_low : low);
@@ -803,7 +525,8 @@ OrderedJson write_room(const Primitive& room, const std::string& material) {
 
 void write_rotation(OrderedJson& object, const Quat& q) {
   if (q.w() == 1.0F && q.vec().isZero(0.0F)) return;
-  object["quat_wxyz"] = OrderedJson::array({shortest(q.w()), shortest(q.x()), shortest(q.y()), shortest(q.z())});
+  object["quat_wxyz"] =
+      OrderedJson::array({json::shortest(q.w()), json::shortest(q.x()), json::shortest(q.y()), json::shortest(q.z())});
 }
 
 void write_primitive(OrderedJson& document, const Primitive& primitive, const std::string& material) {
@@ -820,18 +543,18 @@ void write_primitive(OrderedJson& document, const Primitive& primitive, const st
       break;
     case PrimitiveKind::cylinder:
     case PrimitiveKind::capsule:
-      object = {{"center", numbers(center)}, {"radius", shortest(half.x())}, {"height", shortest(2.0 * half.z())}};
+      object = {{"center", numbers(center)}, {"radius", json::shortest(half.x())}, {"height", json::shortest(2.0 * half.z())}};
       write_rotation(object, primitive.rotation);
       break;
     case PrimitiveKind::sphere:
-      object = {{"center", numbers(center)}, {"radius", shortest(half.x())}};
+      object = {{"center", numbers(center)}, {"radius", json::shortest(half.x())}};
       break;
     case PrimitiveKind::plane:
-      object = {{"center", numbers(center)}, {"size", {shortest(2.0 * half.x()), shortest(2.0 * half.y())}}};
+      object = {{"center", numbers(center)}, {"size", {json::shortest(2.0 * half.x()), json::shortest(2.0 * half.y())}}};
       write_rotation(object, primitive.rotation);
       break;
     case PrimitiveKind::disc:
-      object = {{"center", numbers(center)}, {"radius", shortest(half.x())}};
+      object = {{"center", numbers(center)}, {"radius", json::shortest(half.x())}};
       write_rotation(object, primitive.rotation);
       break;
   }
@@ -882,7 +605,7 @@ OrderedJson write_meshes(const TriangleMesh& mesh, const std::vector<Material>& 
 }
 
 OrderedJson write_markers(const Markers& markers) {
-  OrderedJson object = {{"radius", shortest(markers.radius)}};
+  OrderedJson object = {{"radius", json::shortest(markers.radius)}};
   if (markers.start) object["start"] = numbers(*markers.start);
   if (!markers.waypoints.empty()) {
     OrderedJson& waypoints = object["waypoints"] = OrderedJson::array();
@@ -903,7 +626,7 @@ OrderedJson write_light(const Light& light) {
   for (const auto& [key, member] : kLightColors) {
     if (light.*member != usual.*member) object[key] = numbers(light.*member);
   }
-  if (light.gamma != usual.gamma) object["gamma"] = shortest(light.gamma);
+  if (light.gamma != usual.gamma) object["gamma"] = json::shortest(light.gamma);
   return object;
 }
 
@@ -936,8 +659,8 @@ std::string format(const OrderedJson& document, const std::vector<Material>& mat
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files) {
-  const std::unique_ptr<const Document> document = parse_json(text, source);
-  return SceneReader(JsonField{document->root, Path(), source}, document->material_names, base_dir, files).read();
+  const auto document = json::Document::parse(text, source, kMaterialsKey);
+  return SceneReader(document->root(), document->ordered_keys(), base_dir, files).read();
 }
 
 std::string write_scene(const SceneDescription& description) {

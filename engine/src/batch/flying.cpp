@@ -1,0 +1,263 @@
+#include "batch/flying.hpp"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+
+#include "base/pose_access.hpp"
+#include "batch/bad_states.hpp"
+#include "collision/sweep.hpp"
+#include "dynamics/impact.hpp"
+#include "dynamics/setpoint.hpp"
+
+namespace flockstep {
+namespace {
+
+using dynamics::Flock;
+using dynamics::kLanes;
+
+constexpr float kClearance = 1e-3F;      // m: more than the sweep keeps away from anything, float32's steps aside
+constexpr float kFloatSteps = 0x1p-18F;  // of a coordinate: some of these
+constexpr float kGroundRadii = 16.0F;    // of a rotor: farther below, the ground's effect is less than 0.03 %
+
+template <std::size_t kCount>
+void load(const std::vector<float>& values, std::size_t drone, dynamics::Lanes<kCount>& lanes, std::size_t lane) {
+  for (std::size_t k = 0; k < kCount; ++k) lanes[k][lane] = values[kCount * drone + k];
+}
+
+template <std::size_t kCount>
+void store(const dynamics::Lanes<kCount>& lanes, std::size_t lane, std::vector<float>& values, std::size_t drone) {
+  for (std::size_t k = 0; k < kCount; ++k) values[kCount * drone + k] = lanes[k][lane];
+}
+
+Vec3 vec3(const dynamics::Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
+
+void set(const Vec3& v, dynamics::Lanes<3>& lanes, std::size_t lane) {
+  for (int axis = 0; axis < 3; ++axis) lanes[static_cast<std::size_t>(axis)][lane] = v[axis];
+}
+
+void write_contact(State& state, std::size_t drone, const collision::Contact& contact) {
+  state.contact.hit[drone] = contact.hit;
+  state.contact.inside[drone] = contact.inside;
+  state.contact.fraction[drone] = contact.fraction;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    state.contact.point[3 * drone + axis] = contact.point[static_cast<Eigen::Index>(axis)];
+    state.contact.normal[3 * drone + axis] = contact.normal[static_cast<Eigen::Index>(axis)];
+  }
+}
+
+// Up to kLanes drones of one world, on their way through one leg.
+class Group {
+ public:
+  Group(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch)
+      : sim_(sim),
+        flock_(scratch.flock),
+        drones_(drones),
+        obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]) {}
+
+  void load(const Told& told, Scratch& scratch) {
+    const FlightState& flight = sim_.state.flight;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];  // those that are not there fly with the last
+      set(Vec3::Zero(), flock_.travelled, lane);
+      flockstep::load(flight.velocity, drone, flock_.velocity, lane);
+      flockstep::load(sim_.state.quat_wxyz, drone, flock_.rotation, lane);
+      flockstep::load(flight.angular_velocity, drone, flock_.turn, lane);
+      flockstep::load(flight.rotor_speed, drone, flock_.rotor, lane);
+      flockstep::load(flight.rotor_command, drone, flock_.rotor_told, lane);
+      flockstep::load(flight.error_integral, drone, flock_.error_integral, lane);
+      const auto setpoint = dynamics::setpoint_of(sim_.config.dynamics, *sim_.drone_model.airframe(), wish(told, drone));
+      for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
+      base_[lane] = position_of(sim_.state, drone);
+    }
+    find_ground(scratch);
+  }
+
+  // In the open, all ticks at once: nothing is within reach of where the drone has been. Others are left as they were.
+  void fly_free(int first_tick, int ticks) {
+    dynamics::fly(*sim_.physics, flock_, first_tick, ticks);
+    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+      is_done_[lane] = holds(lane) || (is_good(lane) && is_free(lane));
+      if (is_done_[lane] && !holds(lane)) keep(lane);
+    }
+  }
+
+  bool is_done() const {
+    return std::all_of(is_done_.begin(), is_done_.begin() + static_cast<std::ptrdiff_t>(drones_.size()),
+                       [](bool done) { return done; });
+  }
+
+  // The others, tick by tick, the hull swept along.
+  void fly_carefully(const Told& told, int first_tick, int ticks, Scratch& scratch) {
+    load(told, scratch);
+    for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
+      dynamics::fly(*sim_.physics, flock_, tick, 1);
+      for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+        if (is_done_[lane]) continue;
+        if (!is_good(lane)) {
+          give_up(lane);
+        } else {
+          sweep(lane);
+        }
+      }
+    }
+  }
+
+ private:
+  dynamics::Wish wish(const Told& told, std::size_t drone) const {
+    dynamics::Wish wish{.now = pose_of(sim_.state, drone), .step_s = static_cast<float>(sim_.config.clock.step_s())};
+    if (sim_.config.dynamics.control == Control::pose) {
+      wish.from = told.step_start[drone];
+      wish.target = told.target[drone];
+    } else {
+      std::copy_n(told.command.data() + 4 * drone, 4, wish.command.data());
+    }
+    return wish;
+  }
+
+  void find_ground(Scratch& scratch) {
+    flock_.height.fill(std::numeric_limits<float>::infinity());
+    if (!sim_.physics->ground_effect) return;
+    trace::RayBlock& rays = scratch.tracer.block();
+    rays.count = drones_.size();
+    rays.near = 0.0F;
+    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+      rays.org_x[lane] = base_[lane].x();
+      rays.org_y[lane] = base_[lane].y();
+      rays.org_z[lane] = base_[lane].z();
+      rays.dir_x[lane] = rays.dir_y[lane] = 0.0F;
+      rays.dir_z[lane] = -1.0F;
+      rays.range[lane] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
+    }
+    scratch.tracer.trace_block(*sim_.scenes[sim_.world_index_of(sim_.env_of(drones_[0]))]);
+    for (std::size_t lane = 0; lane < drones_.size(); ++lane) flock_.height[lane] = rays.t_hit[lane];
+  }
+
+  // Where contacts end the episode, a drone stays where it hit until its step is over.
+  bool holds(std::size_t lane) const {
+    const std::uint32_t drone = drones_[lane];
+    return (sim_.config.dynamics.on_contact == OnContact::terminate && sim_.state.contact.hit[drone]) ||
+           (sim_.run && sim_.episodes.bad[sim_.env_of(drone)]);
+  }
+
+  Vec3 position(std::size_t lane) const { return base_[lane] + vec3(flock_.travelled, lane); }
+
+  Pose pose(std::size_t lane) const {
+    const auto& q = flock_.rotation;
+    return {position(lane), Quat(q[0][lane], q[1][lane], q[2][lane], q[3][lane])};
+  }
+
+  bool is_good(std::size_t lane) const {
+    float sum = 0.0F;  // of anything that is not finite, it is neither
+    for (std::size_t k = 0; k < 3; ++k) sum += flock_.velocity[k][lane] * 0.0F + flock_.turn[k][lane] * 0.0F;
+    for (std::size_t k = 0; k < 4; ++k) sum += flock_.rotation[k][lane] * 0.0F + flock_.rotor[k][lane] * 0.0F;
+    return sum == 0.0F && is_in_world(position(lane)) && is_valid(pose(lane)) && is_speed(vec3(flock_.velocity, lane)) &&
+           is_speed(vec3(flock_.turn, lane));
+  }
+
+  bool is_free(std::size_t lane) const {
+    const Vec3& center = base_[lane];
+    const float margin = kClearance + kFloatSteps * center.cwiseAbs().maxCoeff();
+    return obstacles_.is_clear(center, std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin);
+  }
+
+  void keep(std::size_t lane) {
+    const std::uint32_t drone = drones_[lane];
+    FlightState& flight = sim_.state.flight;
+    set_pose_of(sim_.state, drone, pose(lane));
+    store(flock_.velocity, lane, flight.velocity, drone);
+    store(flock_.turn, lane, flight.angular_velocity, drone);
+    store(flock_.acceleration, lane, flight.acceleration, drone);
+    store(flock_.angular_acceleration, lane, flight.angular_acceleration, drone);
+    store(flock_.rotor, lane, flight.rotor_speed, drone);
+    store(flock_.rotor_told, lane, flight.rotor_command, drone);
+    store(flock_.error_integral, lane, flight.error_integral, drone);
+  }
+
+  // What is no state to fly on from: the drone stays where it was, at rest.
+  void give_up(std::size_t lane) {
+    start_flight(sim_, drones_[lane], {});
+    if (sim_.run) mark_bad(sim_, sim_.env_of(drones_[lane]));
+    is_done_[lane] = true;
+  }
+
+  void sweep(std::size_t lane) {
+    const std::uint32_t drone = drones_[lane];
+    const collision::Contact contact = collision::sweep(obstacles_, sim_.hull, pose_of(sim_.state, drone), pose(lane));
+    if (!contact.hit) return keep(lane);
+    const Pose at = collision::interpolate(pose_of(sim_.state, drone), pose(lane), contact.fraction);
+    keep(lane);
+    set_pose_of(sim_.state, drone, at);
+    write_contact(sim_.state, drone, contact);
+    FlightState& flight = sim_.state.flight;
+    for (std::size_t k = 3 * drone; k < 3 * drone + 3; ++k) flight.acceleration[k] = flight.angular_acceleration[k] = 0.0F;
+    const DynamicsConfig& config = sim_.config.dynamics;
+    if (config.on_contact == OnContact::terminate) {
+      is_done_[lane] = true;
+      return;
+    }
+    Velocity velocity;
+    if (config.on_contact == OnContact::bounce) {
+      velocity = dynamics::thrown_back({vec3(flock_.velocity, lane), vec3(flock_.turn, lane)}, at, contact.point, contact.normal,
+                                       *sim_.drone_model.airframe(), config);
+    }
+    set(velocity.linear, flock_.velocity, lane);
+    set(velocity.angular, flock_.turn, lane);
+    store(flock_.velocity, lane, flight.velocity, drone);
+    store(flock_.turn, lane, flight.angular_velocity, drone);
+    // It flies on from here.
+    const Vec3 moved = at.position - base_[lane];
+    base_[lane] = at.position;
+    set(Vec3::Zero(), flock_.travelled, lane);
+    const auto& q = at.rotation;
+    for (const auto& [k, value] : {std::pair(0, q.w()), {1, q.x()}, {2, q.y()}, {3, q.z()}}) {
+      flock_.rotation[static_cast<std::size_t>(k)][lane] = value;
+    }
+    flock_.height[lane] += moved.z();
+    if (sim_.physics->stage == dynamics::Stage::position) {
+      for (std::size_t k = 0; k < 3; ++k) flock_.setpoint[k][lane] -= moved[static_cast<Eigen::Index>(k)];
+    }
+  }
+
+  Simulation& sim_;
+  Flock& flock_;
+  std::span<const std::uint32_t> drones_;
+  const collision::Obstacles& obstacles_;
+  std::array<Vec3, kLanes> base_;  // m: where the leg began, or the last contact was
+  std::array<bool, kLanes> is_done_{};
+};
+
+}  // namespace
+
+void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity) {
+  if (!sim.physics) return;
+  FlightState& flight = sim.state.flight;
+  const float hovering = static_cast<float>(sim.drone_model.airframe()->hover_speed());
+  for (std::size_t k = 0; k < 3; ++k) {
+    flight.velocity[3 * drone + k] = velocity.linear[static_cast<Eigen::Index>(k)];
+    flight.angular_velocity[3 * drone + k] = velocity.angular[static_cast<Eigen::Index>(k)];
+    flight.acceleration[3 * drone + k] = flight.angular_acceleration[3 * drone + k] = flight.error_integral[3 * drone + k] = 0.0F;
+  }
+  for (std::size_t i = 0; i < kRotors; ++i)
+    flight.rotor_speed[kRotors * drone + i] = flight.rotor_command[kRotors * drone + i] = hovering;
+}
+
+void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
+  const Pose from = pose_of(sim.state, drone);
+  const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(sim.env_of(drone))];
+  const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
+  set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
+  write_contact(sim.state, drone, contact);
+}
+
+void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, const Told& told, int first_tick, int ticks,
+                   Scratch& scratch) {
+  for (std::size_t first = 0; first < drones.size(); first += kLanes) {
+    Group group(sim, drones.subspan(first, std::min(kLanes, drones.size() - first)), scratch);
+    group.load(told, scratch);
+    group.fly_free(first_tick, ticks);
+    if (!group.is_done()) group.fly_carefully(told, first_tick, ticks, scratch);
+  }
+}
+
+}  // namespace flockstep

@@ -1,0 +1,400 @@
+// Equations: P. Corke, R. Mahony et al., "Multirotor aerial vehicles", IEEE Robotics and Automation Magazine 19(3), 2012, with
+// the rotor drag of that paper; the controller's attitude error turns the thrust first and the heading after it, as in D.
+// Brescianini and R. D'Andrea, "Tilt-prioritized quadrocopter attitude control", IEEE Transactions on Control Systems Technology
+// 28(2), 2020.
+#include "dynamics/flight.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "dynamics/flight.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include "dynamics/wide-inl.hpp"
+
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::dynamics::HWY_NAMESPACE {
+
+constexpr float kG = static_cast<float>(kGravity);
+constexpr float kTiny = 1e-6F;
+
+// What changes as a drone flies, and its rates of change.
+struct State {
+  V3 travelled, velocity;
+  Q rotation;
+  V3 turn;
+  F rotor[kRotors];
+};
+
+struct Forces {
+  V3 acceleration;  // world frame
+  V3 turning;       // angular acceleration, body frame
+};
+
+HWY_INLINE F rotor_rate(const Physics& p, F speed, F told) {
+  const F difference = told - speed;
+  return difference * select(difference > F(0.0F), F(p.inverse_lag_up), F(p.inverse_lag_down));
+}
+
+// Where the rotors' speeds are after a tick, or half of one, in which they were told the same.
+HWY_INLINE F lagged(F speed, F told, float keep_up, float keep_down) {
+  const F behind = speed - told;
+  return told + behind * select(behind < F(0.0F), F(keep_up), F(keep_down));
+}
+
+// Rotors without a lag have the speed they are told at once.
+HWY_INLINE void respond(const Physics& p, const F* told, F* speed) {
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    if (p.inverse_lag_up == 0.0F) speed[i] = max(speed[i], told[i]);
+    if (p.inverse_lag_down == 0.0F) speed[i] = min(speed[i], told[i]);
+  }
+}
+
+// m dv/dt = R (T e3 + sum H_i + D) - m g e3,
+// J dw/dt = sum r_i x (F_i e3 + H_i) - sum s_i k F_i e3 - w x J w - w x h - dh/dt,  h = J_r sum s_i W_i e3,
+// with F_i = c0 + c1 W_i + c2 W_i^2 >= 0, H_i = -W_i diag(d) v_i, v_i = R^T (v - wind) + w x r_i, D = -diag(l) v - |v| diag(q) v.
+HWY_INLINE Forces forces(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
+  const M3 r = matrix(s.rotation);
+  const V3 w = s.turn;
+  const V3 air = transpose_times(r, s.velocity - wind);
+  V3 force{F(0.0F), F(0.0F), F(0.0F)};
+  V3 torque = force;
+  F momentum(0.0F);       // of the rotors about z
+  F momentum_rate(0.0F);  // of which
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    const F speed = s.rotor[i];
+    const auto& at = p.position[i];
+    const F x(at[0]), y(at[1]), z(at[2]);
+    F push = max(F(p.thrust[0]) + (F(p.thrust[1]) + F(p.thrust[2]) * speed) * speed, F(0.0F));
+    if (p.rotor_drag || p.rotor_lift) {
+      const V3 hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
+      if (p.rotor_lift) push = push + F(p.lift) * (hub.x * hub.x + hub.y * hub.y);
+      if (p.rotor_drag) {
+        const V3 drag{-(speed * (F(p.drag[0]) * hub.x)), -(speed * (F(p.drag[1]) * hub.y)), -(speed * (F(p.drag[2]) * hub.z))};
+        force = force + drag;
+        torque.x = torque.x + (y * drag.z - z * drag.y);
+        torque.y = torque.y + (z * drag.x - x * drag.z);
+        torque.z = torque.z + (x * drag.y - y * drag.x);
+      }
+    }
+    if (p.ground_effect) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), upright drones alone
+      const F hub_height = height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
+      const F near = F(p.ground_quarter) / max(hub_height, F(p.least_height));
+      const F gain = F(1.0F) / (F(1.0F) - near * near);
+      push = push * select(r.zz > F(0.0F), gain, F(1.0F));
+    }
+    force.z = force.z + push;
+    torque.x = torque.x + y * push;
+    torque.y = torque.y - x * push;
+    torque.z = torque.z + F(p.yaw_sign[i] * p.torque_ratio) * push;
+    if (p.gyroscopic) {
+      momentum = momentum - F(p.yaw_sign[i]) * speed;
+      momentum_rate = momentum_rate - F(p.yaw_sign[i]) * rotor_rate(p, speed, told[i]);
+    }
+  }
+  if (p.body_drag) {
+    const F fast = sqrt(dot(air, air));
+    force.x = force.x - (F(p.linear_drag[0]) + F(p.quadratic_drag[0]) * fast) * air.x;
+    force.y = force.y - (F(p.linear_drag[1]) + F(p.quadratic_drag[1]) * fast) * air.y;
+    force.z = force.z - (F(p.linear_drag[2]) + F(p.quadratic_drag[2]) * fast) * air.z;
+  }
+  const V3 spin{F(p.inertia[0]) * w.x, F(p.inertia[1]) * w.y, F(p.inertia[2]) * w.z};
+  torque = torque - cross(w, spin);
+  if (p.gyroscopic) {
+    const F h = F(p.rotor_inertia) * momentum;
+    torque.x = torque.x - w.y * h;
+    torque.y = torque.y + w.x * h;
+    torque.z = torque.z - F(p.rotor_inertia) * momentum_rate;
+  }
+  V3 acceleration = times(r, force * F(p.inverse_mass));
+  acceleration.z = acceleration.z - F(kG);
+  return {acceleration,
+          {F(p.inverse_inertia[0]) * torque.x, F(p.inverse_inertia[1]) * torque.y, F(p.inverse_inertia[2]) * torque.z}};
+}
+
+// Second order. The rotors' speeds, and the attitude at a constant angular velocity, are exact.
+HWY_INLINE void midpoint(const Physics& p, State& s, const F* told, const V3& wind, F height) {
+  const F half(0.5F * p.dt);
+  const F dt(p.dt);
+  const Forces first = forces(p, s, told, wind, height);
+  State middle;
+  middle.velocity = s.velocity + first.acceleration * half;
+  middle.turn = s.turn + first.turning * half;
+  middle.travelled = s.travelled + s.velocity * half;
+  middle.rotation = turned(s.rotation, s.turn, F(0.25F * p.dt));
+  for (std::size_t i = 0; i < kRotors; ++i) middle.rotor[i] = lagged(s.rotor[i], told[i], p.keep_half_up, p.keep_half_down);
+  const Forces mean = forces(p, middle, told, wind, height);
+  s.travelled = s.travelled + middle.velocity * dt;
+  s.velocity = s.velocity + mean.acceleration * dt;
+  s.rotation = normalised(turned(s.rotation, middle.turn, half));
+  s.turn = s.turn + mean.turning * dt;
+  for (std::size_t i = 0; i < kRotors; ++i) s.rotor[i] = lagged(s.rotor[i], told[i], p.keep_up, p.keep_down);
+}
+
+struct Rates {
+  V3 velocity, acceleration;
+  Q rotation;
+  V3 turning;
+  F rotor[kRotors];
+};
+
+HWY_INLINE Rates rates(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
+  const Forces f = forces(p, s, told, wind, height);
+  Rates r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
+  for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(p, s.rotor[i], told[i]);
+  return r;
+}
+
+HWY_INLINE State moved(const State& s, const Rates& r, F dt) {
+  State next{
+      s.travelled + r.velocity * dt, s.velocity + r.acceleration * dt, s.rotation + r.rotation * dt, s.turn + r.turning * dt, {}};
+  for (std::size_t i = 0; i < kRotors; ++i) next.rotor[i] = s.rotor[i] + r.rotor[i] * dt;
+  return next;
+}
+
+// The classical method of fourth order, the rotors part of the state.
+HWY_INLINE void runge_kutta(const Physics& p, State& s, const F* told, const V3& wind, F height) {
+  const F half(0.5F * p.dt);
+  const F dt(p.dt);
+  const Rates a = rates(p, s, told, wind, height);
+  const Rates b = rates(p, moved(s, a, half), told, wind, height);
+  const Rates c = rates(p, moved(s, b, half), told, wind, height);
+  const Rates d = rates(p, moved(s, c, dt), told, wind, height);
+  const F two(2.0F);
+  Rates sum{a.velocity + (b.velocity + c.velocity) * two + d.velocity,
+            a.acceleration + (b.acceleration + c.acceleration) * two + d.acceleration,
+            a.rotation + (b.rotation + c.rotation) * two + d.rotation,
+            a.turning + (b.turning + c.turning) * two + d.turning,
+            {}};
+  for (std::size_t i = 0; i < kRotors; ++i) sum.rotor[i] = a.rotor[i] + (b.rotor[i] + c.rotor[i]) * two + d.rotor[i];
+  s = moved(s, sum, F(p.dt / 6.0F));
+  s.rotation = normalised(s.rotation);
+}
+
+// --------------------------------------------------------------------------------------------------------- the controller
+
+// Twice the sine of half the angle between two directions whose cross and dot product these are: monotonic up to half a turn.
+HWY_INLINE F turn_gain(F cosine) { return F(2.0F) / sqrt(max(F(2.0F) * (F(1.0F) + cosine), F(kTiny))); }
+
+// No longer than a length.
+HWY_INLINE V3 shortened(const V3& v, float length) {
+  const F square = dot(v, v);
+  const F scale = F(length) / sqrt(max(square, F(kTiny)));
+  return v * select(square > F(length * length), scale, F(1.0F));
+}
+
+HWY_INLINE F clamp(F x, float limit) { return max(min(x, F(limit)), F(-limit)); }
+
+// What the outer loops ask of the attitude loop.
+struct Aim {
+  F thrust;    // m/s^2, along the body's z
+  V3 up;       // unit, world frame: where z is to point
+  F yaw_rate;  // rad/s
+};
+
+// Of an acceleration that is asked for, within the limits of tilt: the vertical part is kept.
+HWY_INLINE void push_along(const Physics& p, const M3& r, V3 wanted, Aim& aim) {
+  wanted.z = max(wanted.z + F(kG), F(0.3F * kG));
+  const F sideways = sqrt(wanted.x * wanted.x + wanted.y * wanted.y);
+  const F most = wanted.z * F(p.max_tilt_tan);
+  const F scale = select(sideways > most, most / max(sideways, F(kTiny)), F(1.0F));
+  wanted.x = wanted.x * scale;
+  wanted.y = wanted.y * scale;
+  const F length = sqrt(dot(wanted, wanted));
+  aim.up = wanted * (F(1.0F) / length);
+  aim.thrust = max(wanted.x * r.xz + wanted.y * r.yz + wanted.z * r.zz, F(0.0F));
+}
+
+// How fast to yaw so that the heading becomes the one asked for.
+HWY_INLINE F yaw_towards(const Physics& p, const M3& r, F cosine, F sine) {
+  const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
+  const F x = r.xx * scale, y = r.yx * scale;
+  const F across = x * sine - y * cosine;
+  return F(p.yaw_gain) * (across * turn_gain(x * cosine + y * sine));
+}
+
+// A velocity that is asked for, by proportion and integral.
+HWY_INLINE V3 accelerate(const Physics& p, const V3& velocity, const V3& wanted, V3& integral) {
+  const V3 error = shortened(wanted, p.max_speed_mps) - velocity;
+  integral = shortened(integral + error * F(p.control_dt), p.max_integral);
+  return shortened(error * F(p.velocity_gain) + integral * F(p.integral_gain), p.max_acceleration);
+}
+
+// Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
+// thrust moves to where roll and pitch have room, and only then are these made smaller.
+HWY_INLINE void mix(const Physics& p, const V3& turn, F thrust, V3 wanted, F* told) {
+  wanted = {clamp(wanted.x, p.max_rate), clamp(wanted.y, p.max_rate), clamp(wanted.z, p.max_yaw_rate)};
+  const V3 spin{F(p.inertia[0]) * turn.x, F(p.inertia[1]) * turn.y, F(p.inertia[2]) * turn.z};
+  const V3 gyro = cross(turn, spin);
+  const F x = F(p.inertia[0] * p.rate_gain) * (wanted.x - turn.x) + gyro.x;
+  const F y = F(p.inertia[1] * p.rate_gain) * (wanted.y - turn.y) + gyro.y;
+  const F z = F(p.inertia[2] * p.yaw_rate_gain) * (wanted.z - turn.z) + gyro.z;
+  const F push = F(p.mass) * thrust;
+  F tilt[kRotors], level[kRotors];
+  F low, high;
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    level[i] = F(p.mixer[i][0]) * push;
+    tilt[i] = F(p.mixer[i][1]) * x + F(p.mixer[i][2]) * y;
+    low = i == 0 ? tilt[i] : min(low, tilt[i]);
+    high = i == 0 ? tilt[i] : max(high, tilt[i]);
+  }
+  const F room(p.max_thrust - p.min_thrust);
+  const F scale = min(F(1.0F), room / max(high - low, F(kTiny * p.max_thrust)));
+  F below(0.0F), above(0.0F);  // how far the rotors would be out of their range
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    level[i] = level[i] + scale * tilt[i];
+    below = max(below, F(p.min_thrust) - level[i]);
+    above = max(above, level[i] - F(p.max_thrust));
+  }
+  F share(1.0F);  // of the yaw that is asked for
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    level[i] = level[i] + (below - above);
+    const F yaw = F(p.mixer[i][3]) * z;
+    const F left = select(yaw > F(0.0F), F(p.max_thrust) - level[i], level[i] - F(p.min_thrust));
+    share = min(share, max(left, F(0.0F)) / max(abs(yaw), F(kTiny * p.max_thrust)));
+  }
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    const F want = max(min(level[i] + share * (F(p.mixer[i][3]) * z), F(p.max_thrust)), F(p.min_thrust));
+    F speed;
+    if (p.thrust[2] > 0.0F) {
+      const float c1 = p.thrust[1];
+      speed = (sqrt(max(F(c1 * c1 - 4.0F * p.thrust[2] * p.thrust[0]) + F(4.0F * p.thrust[2]) * want, F(0.0F))) - F(c1)) *
+              F(0.5F / p.thrust[2]);
+    } else {
+      speed = (want - F(p.thrust[0])) * F(1.0F / p.thrust[1]);
+    }
+    told[i] = max(min(speed, F(p.max_speed)), F(p.min_speed));
+  }
+}
+
+template <Stage kStage>
+HWY_INLINE void control(const Physics& p, const State& s, const F* set, V3& integral, F* told) {
+  if constexpr (kStage == Stage::rotors) {
+    for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
+  } else if constexpr (kStage == Stage::rates) {
+    mix(p, s.turn, set[0], {set[1], set[2], set[3]}, told);
+  } else {
+    const M3 r = matrix(s.rotation);
+    Aim aim;
+    if constexpr (kStage == Stage::attitude) {
+      aim = {set[0], {set[1], set[2], set[3]}, yaw_towards(p, r, set[4], set[5])};
+    } else {
+      V3 wanted{set[0], set[1], set[2]};
+      if constexpr (kStage == Stage::position) {
+        const V3 error = wanted - s.travelled;
+        wanted = accelerate(p, s.velocity, error * F(p.position_gain), integral);
+      } else if constexpr (kStage == Stage::heading_velocity) {
+        const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
+        const F x = r.xx * scale, y = r.yx * scale;
+        wanted = accelerate(p, s.velocity, {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]}, integral);
+      } else if constexpr (kStage == Stage::velocity) {
+        wanted = accelerate(p, s.velocity, wanted, integral);
+      } else {
+        wanted = shortened(wanted, p.max_acceleration);
+      }
+      constexpr bool kHasRate = kStage == Stage::velocity || kStage == Stage::heading_velocity;
+      aim.yaw_rate = kHasRate ? set[3] : yaw_towards(p, r, set[3], set[4]);
+      push_along(p, r, wanted, aim);
+    }
+    // Thrust first: the body's z turns to `up` the shortest way. Then the rest of the yaw.
+    const V3 up = transpose_times(r, aim.up);
+    const F gain = F(p.attitude_gain) * turn_gain(up.z);
+    const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
+    mix(p, s.turn, aim.thrust, {-(up.y * gain) + r.zx * yaw, up.x * gain + r.zy * yaw, r.zz * yaw}, told);
+  }
+}
+
+// -------------------------------------------------------------------------------------------------------------- the flight
+
+template <Stage kStage, bool kRk4>
+void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
+  const D d;
+  for (std::size_t lane = 0; lane < kLanes; lane += hwy::HWY_NAMESPACE::Lanes(d)) {
+    State s{load3(flock.travelled, lane),
+            load3(flock.velocity, lane),
+            load_rotation(flock.rotation, lane),
+            load3(flock.turn, lane),
+            {}};
+    V3 integral = load3(flock.error_integral, lane);
+    F told[kRotors];
+    for (std::size_t i = 0; i < kRotors; ++i) {
+      s.rotor[i] = load(flock.rotor[i], lane);
+      told[i] = load(flock.rotor_told[i], lane);
+    }
+    const V3 wind = load3(flock.wind, lane);
+    const F height = load(flock.height, lane);
+    F set[7];
+    for (std::size_t i = 0; i < 7; ++i) set[i] = load(flock.setpoint[i], lane);
+    F reach2(0.0F);
+    V3 velocity_before = s.velocity;
+    V3 turn_before = s.turn;
+    for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
+      if (tick % p.control_ticks == 0) control<kStage>(p, s, set, integral, told);
+      respond(p, told, s.rotor);
+      velocity_before = s.velocity;
+      turn_before = s.turn;
+      if constexpr (kRk4) {
+        runge_kutta(p, s, told, wind, height);
+      } else {
+        midpoint(p, s, told, wind, height);
+      }
+      reach2 = max(reach2, dot(s.travelled, s.travelled));
+    }
+    const F per_second(1.0F / p.dt);
+    store3((s.velocity - velocity_before) * per_second, flock.acceleration, lane);
+    store3((s.turn - turn_before) * per_second, flock.angular_acceleration, lane);
+    store3(s.travelled, flock.travelled, lane);
+    store3(s.velocity, flock.velocity, lane);
+    store_rotation(s.rotation, flock.rotation, lane);
+    store3(s.turn, flock.turn, lane);
+    store3(integral, flock.error_integral, lane);
+    for (std::size_t i = 0; i < kRotors; ++i) {
+      store(s.rotor[i], flock.rotor[i], lane);
+      store(told[i], flock.rotor_told[i], lane);
+    }
+    store(reach2, flock.reach2, lane);
+  }
+}
+
+template <Stage kStage>
+void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
+  if (p.is_rk4) {
+    fly_stage<kStage, true>(p, flock, first_tick, ticks);
+  } else {
+    fly_stage<kStage, false>(p, flock, first_tick, ticks);
+  }
+}
+
+void fly(const Physics& p, Flock& flock, int first_tick, int ticks) {
+  switch (p.stage) {
+    case Stage::rotors:
+      return fly_stage<Stage::rotors>(p, flock, first_tick, ticks);
+    case Stage::rates:
+      return fly_stage<Stage::rates>(p, flock, first_tick, ticks);
+    case Stage::attitude:
+      return fly_stage<Stage::attitude>(p, flock, first_tick, ticks);
+    case Stage::acceleration:
+      return fly_stage<Stage::acceleration>(p, flock, first_tick, ticks);
+    case Stage::velocity:
+      return fly_stage<Stage::velocity>(p, flock, first_tick, ticks);
+    case Stage::heading_velocity:
+      return fly_stage<Stage::heading_velocity>(p, flock, first_tick, ticks);
+    case Stage::position:
+      return fly_stage<Stage::position>(p, flock, first_tick, ticks);
+  }
+}
+
+}  // namespace flockstep::dynamics::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace flockstep::dynamics {
+
+HWY_EXPORT(fly);
+
+void fly(const Physics& physics, Flock& flock, int first_tick, int ticks) {
+  HWY_DYNAMIC_DISPATCH(fly)(physics, flock, first_tick, ticks);
+}
+
+}  // namespace flockstep::dynamics
+#endif

@@ -1,0 +1,109 @@
+// Flight: the motion of drones by their rotors, sixteen side by side, and the controller that flies them.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "flockstep/airframe.hpp"
+#include "flockstep/dynamics.hpp"
+
+namespace flockstep::dynamics {
+
+inline constexpr std::size_t kLanes = 16;
+
+using Lane = std::array<float, kLanes>;  // one number of each of the drones
+template <std::size_t kCount>
+using Lanes = std::array<Lane, kCount>;
+
+// Drones in flight, structure of arrays. World frame but where it says body.
+struct alignas(64) Flock {
+  // The state.
+  Lanes<3> travelled{};         // m, since the leg began: small numbers, so that small motions far from the origin are kept
+  Lanes<3> velocity{};          // m/s
+  Lanes<4> rotation{};          // w, x, y, z: unit, body to world
+  Lanes<3> turn{};              // angular velocity, rad/s, body
+  Lanes<kRotors> rotor{};       // rad/s
+  Lanes<kRotors> rotor_told{};  // rad/s: what the rotors were last told
+  Lanes<3> error_integral{};    // m: of the velocity, for the controller
+  // What they meet and are told, the same for the whole leg.
+  Lanes<3> wind{};      // m/s
+  Lane height{};        // m, above the ground, of the leg's begin; infinite where there is none
+  Lanes<7> setpoint{};  // see Setpoint
+  // What the leg did.
+  Lanes<3> acceleration{};          // m/s^2, mean of the last tick
+  Lanes<3> angular_acceleration{};  // rad/s^2, body, likewise
+  Lane reach2{};                    // m^2: square of the farthest way from where the leg began
+};
+
+// Which of the cascade's stages a setpoint enters at, and what its numbers are then.
+enum class Stage : std::uint8_t {
+  rotors,            // rotor speeds rad/s
+  rates,             // thrust m/s^2, body rates rad/s
+  attitude,          // thrust m/s^2, unit vector to push along, cosine and sine of the heading
+  acceleration,      // m/s^2, cosine and sine of the heading
+  velocity,          // m/s, yaw rate rad/s
+  heading_velocity,  // likewise, forward, left, up
+  position,          // m from where the leg began, cosine and sine of the heading
+};
+Stage stage_of(Control control);
+
+// The controller's gains, and how they follow from the lag of the rotors: with a lag T, rates damped by 0.7 allow 0.5 / T; each
+// loop around has a third of the bandwidth of the one within, the position half of that.
+struct Gains {
+  double rate = 0.0;      // 1/s, about x and y
+  double yaw_rate = 0.0;  // 1/s, about z
+  double attitude = 0.0;  // 1/s
+  double yaw = 0.0;       // 1/s
+  double velocity = 0.0;  // 1/s
+  double integral = 0.0;  // 1/s^2, of the velocity
+  double position = 0.0;  // 1/s
+
+  static Gains of(const Airframe& frame, const DynamicsConfig& config, double control_dt_s);
+};
+
+// All numbers that the equations need, in the form in which they need them.
+struct Physics {
+  Physics() = default;
+  // dt_s: of a tick; control_ticks: ticks from one call of the controller to the next.
+  Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int control_ticks);
+
+  Stage stage = Stage::rotors;
+  bool is_rk4 = false;
+  bool rotor_drag = false, rotor_lift = false, body_drag = false, gyroscopic = false, ground_effect = false;
+  int control_ticks = 1;
+  float dt = 0.0F;
+  // the body
+  float inverse_mass = 0.0F;
+  std::array<float, 3> inertia{}, inverse_inertia{};
+  std::array<float, 3> linear_drag{}, quadratic_drag{};
+  // the rotors
+  std::array<std::array<float, 3>, kRotors> position{};
+  std::array<float, kRotors> yaw_sign{};  // of the torque about z: -1 for one that turns counter-clockwise
+  std::array<float, 3> thrust{};          // c0, c1, c2
+  float torque_ratio = 0.0F;
+  float min_speed = 0.0F, max_speed = 0.0F;
+  float min_thrust = 0.0F, max_thrust = 0.0F;
+  float keep_half_up = 0.0F, keep_up = 0.0F;  // what is left of a difference of speed after half a tick and a tick
+  float keep_half_down = 0.0F, keep_down = 0.0F;
+  float inverse_lag_up = 0.0F, inverse_lag_down = 0.0F;  // 1/s; 0 without a lag
+  float rotor_inertia = 0.0F;
+  std::array<float, 3> drag{};
+  float lift = 0.0F;
+  float ground_quarter = 0.0F;  // m: a quarter of the radius
+  float least_height = 0.0F;    // m: nearer to the ground the effect does not grow
+  // the controller
+  std::array<std::array<float, 4>, kRotors> mixer{};  // thrust of each rotor by thrust, and torque about x, y, z
+  float mass = 0.0F;
+  float rate_gain = 0.0F, yaw_rate_gain = 0.0F, attitude_gain = 0.0F, yaw_gain = 0.0F;
+  float velocity_gain = 0.0F, integral_gain = 0.0F, position_gain = 0.0F;
+  float control_dt = 0.0F;
+  float max_rate = 0.0F, max_yaw_rate = 0.0F;
+  float max_speed_mps = 0.0F, max_acceleration = 0.0F, max_tilt_tan = 0.0F, max_integral = 0.0F;
+};
+
+// Flies all lanes for some ticks, the first of which is the first_tick-th of its step, without a look at obstacles. What comes
+// out of a lane depends on what goes into that lane alone; every operation rounds correctly, so that all SIMD targets agree.
+void fly(const Physics& physics, Flock& flock, int first_tick, int ticks);
+
+}  // namespace flockstep::dynamics

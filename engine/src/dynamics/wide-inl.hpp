@@ -1,0 +1,130 @@
+// A small wide type: a number of several drones side by side, vectors and rotations of these. Written once for every SIMD target.
+// Only operations that round correctly: sums, products, quotients, square roots.
+
+#if defined(FLOCKSTEP_DYNAMICS_WIDE_INL_HPP) == defined(HWY_TARGET_TOGGLE)
+#ifdef FLOCKSTEP_DYNAMICS_WIDE_INL_HPP
+#undef FLOCKSTEP_DYNAMICS_WIDE_INL_HPP
+#else
+#define FLOCKSTEP_DYNAMICS_WIDE_INL_HPP
+#endif
+
+#include <hwy/highway.h>
+
+#include <cstddef>
+
+#include "dynamics/flight.hpp"
+
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::dynamics::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using D = hn::CappedTag<float, kLanes>;
+
+struct F {
+  hn::Vec<D> v;
+
+  F() = default;
+  HWY_INLINE explicit F(float x) : v(hn::Set(D(), x)) {}
+  HWY_INLINE explicit F(hn::Vec<D> x) : v(x) {}
+};
+
+HWY_INLINE F operator+(F a, F b) { return F(hn::Add(a.v, b.v)); }
+HWY_INLINE F operator-(F a, F b) { return F(hn::Sub(a.v, b.v)); }
+HWY_INLINE F operator*(F a, F b) { return F(hn::Mul(a.v, b.v)); }
+HWY_INLINE F operator/(F a, F b) { return F(hn::Div(a.v, b.v)); }
+HWY_INLINE F operator-(F a) { return F(hn::Neg(a.v)); }
+HWY_INLINE F min(F a, F b) { return F(hn::Min(a.v, b.v)); }
+HWY_INLINE F max(F a, F b) { return F(hn::Max(a.v, b.v)); }
+HWY_INLINE F abs(F a) { return F(hn::Abs(a.v)); }
+HWY_INLINE F sqrt(F a) { return F(hn::Sqrt(a.v)); }
+HWY_INLINE hn::Mask<D> operator>(F a, F b) { return hn::Gt(a.v, b.v); }
+HWY_INLINE hn::Mask<D> operator<(F a, F b) { return hn::Lt(a.v, b.v); }
+HWY_INLINE F select(hn::Mask<D> where, F yes, F no) { return F(hn::IfThenElse(where, yes.v, no.v)); }
+
+HWY_INLINE F load(const Lane& lane, std::size_t at) { return F(hn::Load(D(), lane.data() + at)); }
+HWY_INLINE void store(F value, Lane& lane, std::size_t at) { hn::Store(value.v, D(), lane.data() + at); }
+
+struct V3 {
+  F x, y, z;
+};
+
+HWY_INLINE V3 operator+(const V3& a, const V3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+HWY_INLINE V3 operator-(const V3& a, const V3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+HWY_INLINE V3 operator*(const V3& a, F s) { return {a.x * s, a.y * s, a.z * s}; }
+HWY_INLINE F dot(const V3& a, const V3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+HWY_INLINE V3 cross(const V3& a, const V3& b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+HWY_INLINE V3 load3(const Lanes<3>& lanes, std::size_t at) {
+  return {load(lanes[0], at), load(lanes[1], at), load(lanes[2], at)};
+}
+HWY_INLINE void store3(const V3& v, Lanes<3>& lanes, std::size_t at) {
+  store(v.x, lanes[0], at);
+  store(v.y, lanes[1], at);
+  store(v.z, lanes[2], at);
+}
+
+// A quaternion.
+struct Q {
+  F w, x, y, z;
+};
+
+HWY_INLINE Q operator+(const Q& a, const Q& b) { return {a.w + b.w, a.x + b.x, a.y + b.y, a.z + b.z}; }
+HWY_INLINE Q operator*(const Q& a, F s) { return {a.w * s, a.x * s, a.y * s, a.z * s}; }
+HWY_INLINE Q load_rotation(const Lanes<4>& lanes, std::size_t at) {
+  return {load(lanes[0], at), load(lanes[1], at), load(lanes[2], at), load(lanes[3], at)};
+}
+HWY_INLINE void store_rotation(const Q& q, Lanes<4>& lanes, std::size_t at) {
+  store(q.w, lanes[0], at);
+  store(q.x, lanes[1], at);
+  store(q.y, lanes[2], at);
+  store(q.z, lanes[3], at);
+}
+
+// q times (s, v).
+HWY_INLINE Q product(const Q& q, F s, const V3& v) {
+  return {q.w * s - q.x * v.x - q.y * v.y - q.z * v.z, q.w * v.x + q.x * s + q.y * v.z - q.z * v.y,
+          q.w * v.y - q.x * v.z + q.y * s + q.z * v.x, q.w * v.z + q.x * v.y - q.y * v.x + q.z * s};
+}
+
+// q turned for a time at an angular velocity of the body, by the closed form; half: half of the time, s. Sine and cosine are
+// their series: off by less than 1e-7 up to half a radian, and normalised() takes care of the length.
+HWY_INLINE Q turned(const Q& q, const V3& turn, F half) {
+  const V3 v = turn * half;
+  const F x = dot(v, v);
+  const F cosine = F(1.0F) - x * (F(1.0F / 2.0F) - x * (F(1.0F / 24.0F) - x * F(1.0F / 720.0F)));
+  const F sine = F(1.0F) - x * (F(1.0F / 6.0F) - x * (F(1.0F / 120.0F) - x * F(1.0F / 5040.0F)));
+  return product(q, cosine, v * sine);
+}
+
+// How fast q changes at an angular velocity of the body.
+HWY_INLINE Q rate_of(const Q& q, const V3& turn) { return product(q, F(0.0F), turn * F(0.5F)); }
+
+// One step of Newton's towards length 1, for what is almost unit.
+HWY_INLINE Q normalised(const Q& q) {
+  const F square = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
+  return q * (F(1.5F) - F(0.5F) * square);
+}
+
+// The rotation's matrix, body to world: zx is what the body's x adds to the world's z.
+struct M3 {
+  F xx, xy, xz, yx, yy, yz, zx, zy, zz;
+};
+
+HWY_INLINE M3 matrix(const Q& q) {
+  const F one(1.0F), two(2.0F);
+  const F x2 = q.x * two, y2 = q.y * two, z2 = q.z * two;
+  const F wx = q.w * x2, wy = q.w * y2, wz = q.w * z2;
+  const F xx = q.x * x2, xy = q.x * y2, xz = q.x * z2;
+  const F yy = q.y * y2, yz = q.y * z2, zz = q.z * z2;
+  return {one - (yy + zz), xy - wz, xz + wy, xy + wz, one - (xx + zz), yz - wx, xz - wy, yz + wx, one - (xx + yy)};
+}
+HWY_INLINE V3 times(const M3& m, const V3& v) {
+  return {m.xx * v.x + m.xy * v.y + m.xz * v.z, m.yx * v.x + m.yy * v.y + m.yz * v.z, m.zx * v.x + m.zy * v.y + m.zz * v.z};
+}
+HWY_INLINE V3 transpose_times(const M3& m, const V3& v) {
+  return {m.xx * v.x + m.yx * v.y + m.zx * v.z, m.xy * v.x + m.yy * v.y + m.zy * v.z, m.xz * v.x + m.yz * v.y + m.zz * v.z};
+}
+
+}  // namespace flockstep::dynamics::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif

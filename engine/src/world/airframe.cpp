@@ -1,0 +1,137 @@
+#include "flockstep/airframe.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "base/require.hpp"
+
+namespace flockstep {
+namespace {
+
+constexpr double kMinMass = 1e-4;  // kg: a tenth of a gram
+constexpr double kMaxMass = 1e4;
+constexpr double kMaxArm = 100.0;     // m
+constexpr double kMaxLag = 10.0;      // s
+constexpr double kMaxSpeed = 1e5;     // rad/s
+constexpr double kLeastLever = 0.01;  // of a rotor's arm: how far the rotors must be from turning the body about no axis
+
+using Triple = Airframe::Triple;
+
+std::string numbered(const char* field, std::size_t i) { return std::string(field) + '[' + std::to_string(i) + ']'; }
+
+void require_within(double value, double low, double high, std::string_view field, std::string_view expected) {
+  require(value >= low && value <= high, field, expected, value);
+}
+
+void require_drag(const Triple& drag, const char* field) {
+  for (std::size_t i = 0; i < 3; ++i) require_within(drag[i], 0.0, 1e6, numbered(field, i), "a finite number >= 0");
+}
+
+// How force and torque follow from the thrusts of the rotors: thrust, then torque about x, y, z.
+Eigen::Matrix4d allocation(const Airframe& frame) {
+  Eigen::Matrix4d map;
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    const double turn = frame.spin[i] == Spin::ccw ? -1.0 : 1.0;
+    map.col(static_cast<Eigen::Index>(i)) << 1.0, frame.position_m[i][1], -frame.position_m[i][0], turn * frame.torque_ratio_m;
+  }
+  return map;
+}
+
+}  // namespace
+
+double Airframe::thrust_at(double speed) const {
+  return std::max(thrust_n[0] + thrust_n[1] * speed + thrust_n[2] * speed * speed, 0.0);
+}
+
+double Airframe::speed_for(double thrust) const {
+  const auto [c0, c1, c2] = thrust_n;
+  double speed = max_speed_radps;
+  if (c2 > 0.0) {
+    speed = (-c1 + std::sqrt(std::max(c1 * c1 - 4.0 * c2 * (c0 - thrust), 0.0))) / (2.0 * c2);
+  } else if (c1 > 0.0) {
+    speed = (thrust - c0) / c1;
+  }
+  return std::clamp(speed, min_speed_radps, max_speed_radps);
+}
+
+double Airframe::thrust_to_weight() const { return static_cast<double>(kRotors) * max_thrust() / (mass_kg * kGravity); }
+
+double Airframe::hover_speed() const { return speed_for(mass_kg * kGravity / static_cast<double>(kRotors)); }
+
+void Airframe::validate() const {
+  require_within(mass_kg, kMinMass, kMaxMass, "mass_kg", "a mass in [0.0001, 10000] kg");
+  for (std::size_t i = 0; i < 3; ++i) {
+    require_within(inertia_kgm2[i], 1e-12, 1e9, numbered("inertia_kgm2", i), "a finite number > 0");
+  }
+  const auto [jx, jy, jz] = inertia_kgm2;
+  constexpr double kRounding = 1.0 + 1e-9;
+  require(jx <= (jy + jz) * kRounding && jy <= (jx + jz) * kRounding && jz <= (jx + jy) * kRounding, "inertia_kgm2",
+          "moments of a body, none larger than the sum of the other two",
+          std::to_string(jx) + ", " + std::to_string(jy) + ", " + std::to_string(jz));
+  for (std::size_t i = 0; i < kRotors; ++i) {
+    for (const double x : position_m[i]) {
+      require_within(x, -kMaxArm, kMaxArm, numbered("rotors position_m", i), "coordinates within +-100 m");
+    }
+  }
+  require_within(torque_ratio_m, 1e-6, 10.0, "rotors torque_ratio_m", "a number in [1e-6, 10] m");
+  require_within(max_speed_radps, 1e-3, kMaxSpeed, "rotors max_speed_radps", "a speed in (0, 100000] rad/s");
+  require(min_speed_radps >= 0.0 && min_speed_radps < max_speed_radps, "rotors min_speed_radps",
+          "a number >= 0 and below max_speed_radps", min_speed_radps);
+  for (std::size_t i = 0; i < 3; ++i) {
+    require(std::isfinite(thrust_n[i]), numbered("rotors thrust_n", i), "a finite number", thrust_n[i]);
+  }
+  require(thrust_n[2] >= 0.0, "rotors thrust_n[2]", "a number >= 0", thrust_n[2]);
+  require(max_thrust() > 0.0, "rotors thrust_n", "a thrust at full speed", max_thrust());
+  const double vertex = thrust_n[2] > 0.0 ? -thrust_n[1] / (2.0 * thrust_n[2]) : -1.0;  // where the parabola turns
+  require(vertex <= min_speed_radps || thrust_at(vertex) == 0.0, "rotors thrust_n", "a thrust that grows with the speed",
+          "one that is least at " + std::to_string(vertex) + " rad/s");
+  require(thrust_n[2] > 0.0 || thrust_n[1] > 0.0, "rotors thrust_n", "a thrust that grows with the speed", "one that does not");
+  for (const double lag : {lag_up_s, lag_down_s}) require_within(lag, 0.0, kMaxLag, "rotors lag", "a time in [0, 10] s");
+  require_within(radius_m, 0.0, kMaxArm, "rotors radius_m", "a number in [0, 100] m");
+  require_within(rotor_inertia_kgm2, 0.0, 1e6, "rotors inertia_kgm2", "a finite number >= 0");
+  require_drag(rotor_drag, "rotors drag");
+  require_within(rotor_lift, 0.0, 1e6, "rotors lift", "a finite number >= 0");
+  require_drag(linear_drag, "drag linear");
+  require_drag(quadratic_drag, "drag quadratic");
+
+  require(thrust_to_weight() > 1.0, "rotors thrust_n", "more thrust than weight, to hover", thrust_to_weight());
+  require(static_cast<double>(kRotors) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",
+          "a speed at which it sinks", min_speed_radps);
+  // Scaled by arm and torque ratio, the allocation of an X or plus frame has a determinant of 16; of one that cannot turn about
+  // some axis, 0.
+  double arm = 0.0;
+  for (const Triple& p : position_m) arm = std::max({arm, std::abs(p[0]), std::abs(p[1])});
+  const double scale = arm * arm * torque_ratio_m;
+  require(scale > 0.0 && std::abs(allocation(*this).determinant()) >= kLeastLever * scale, "rotors",
+          "positions and spins that can turn the body about each axis", "ones that cannot");
+}
+
+Airframe Airframe::scaled(double size, double mass) const {
+  require(std::isfinite(size) && size > 0.0, "size", "a finite number > 0", size);
+  require(std::isfinite(mass) && mass > 0.0, "mass", "a finite number > 0", mass);
+  const double time = std::sqrt(size);  // and velocities
+  Airframe other = *this;
+  other.mass_kg *= mass;
+  for (double& j : other.inertia_kgm2) j *= mass * size * size;
+  for (Triple& p : other.position_m) {
+    for (double& x : p) x *= size;
+  }
+  for (std::size_t power = 0; power < 3; ++power) other.thrust_n[power] *= mass * std::pow(time, static_cast<double>(power));
+  other.torque_ratio_m *= size;
+  other.min_speed_radps /= time;
+  other.max_speed_radps /= time;
+  other.lag_up_s *= time;
+  other.lag_down_s *= time;
+  other.radius_m *= size;
+  other.rotor_inertia_kgm2 *= mass * size * size;
+  for (double& k : other.rotor_drag) k *= mass;  // over a speed of a rotor and one of the air
+  other.rotor_lift *= mass / size;
+  for (double& k : other.linear_drag) k *= mass / time;
+  for (double& k : other.quadratic_drag) k *= mass / size;
+  other.validate();
+  return other;
+}
+
+}  // namespace flockstep

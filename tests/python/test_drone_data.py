@@ -1,0 +1,226 @@
+"""The data of the shipped frames: possible bodies, the numbers of their sources, and a table that agrees with them."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMES = ["crazyflie", "f450", "hummingbird", "kingfisher", "racer5", "t650", "x500"]
+GRAVITY = 9.81  # m/s^2
+RPM = 2 * math.pi / 60  # rad/s
+
+TEXTS = {"name", "description", "sources"}
+BODY = {"mass_kg", "inertia_kgm2"}
+ROTORS = {"position_m", "spin", "thrust_n", "max_speed_radps", "torque_ratio_m", "lag_up_s", "lag_down_s", "radius_m"}
+OPTIONAL_ROTORS = {"min_speed_radps", "inertia_kgm2", "drag_n_per_radps_mps", "lift_n_per_mps2"}
+DRAG = {"linear_n_per_mps", "quadratic_n_per_mps2"}
+PARTS = {f"rotors/{field}" for field in ROTORS | OPTIONAL_ROTORS} | {f"drag/{field}" for field in DRAG}
+
+
+def without_repetition(pairs):
+    assert len({key for key, _ in pairs}) == len(pairs), pairs
+    return dict(pairs)
+
+
+def load(name):
+    text = (ROOT / "drones" / f"{name}.json").read_text(encoding="utf-8")
+    return json.loads(text, object_pairs_hook=without_repetition)
+
+
+FRAMES = {name: load(name) for name in NAMES}
+
+
+@pytest.fixture(params=NAMES)
+def frame(request):
+    return FRAMES[request.param]
+
+
+def shape(frame):
+    """The field that says what its collision body is: a box for a prism, or the corners of its hull."""
+    (field,) = {"size_m", "hull_m"} & set(frame)
+    return field
+
+
+def size(frame):
+    if shape(frame) == "size_m":
+        return frame["size_m"]
+    return [max(corner[axis] for corner in frame["hull_m"]) * 2 for axis in range(3)]
+
+
+def thrust(frame, speed):
+    c0, c1, c2 = frame["rotors"]["thrust_n"]
+    return c0 + c1 * speed + c2 * speed**2
+
+
+def thrust_to_weight(frame):
+    return 4 * thrust(frame, frame["rotors"]["max_speed_radps"]) / (frame["mass_kg"] * GRAVITY)
+
+
+def hover_speed(frame):
+    c0, c1, c2 = frame["rotors"]["thrust_n"]
+    return (-c1 + math.sqrt(c1**2 - 4 * c2 * (c0 - frame["mass_kg"] * GRAVITY / 4))) / (2 * c2)
+
+
+def test_these_frames_are_shipped():
+    assert sorted(path.stem for path in (ROOT / "drones").iterdir() if path.suffix == ".json") == NAMES
+
+
+def test_fields(frame):
+    assert set(frame) - {"disputed", "drag"} == {"flockstep_drone", *TEXTS, *BODY, shape(frame), "rotors"}
+    assert frame["flockstep_drone"] == 1
+    assert FRAMES[frame["name"]] is frame
+    assert ROTORS <= set(frame["rotors"]) <= ROTORS | OPTIONAL_ROTORS
+    assert set(frame.get("drag", {})) <= DRAG
+
+
+def test_every_physical_field_has_one_source(frame):
+    physical = BODY | {shape(frame)} | PARTS
+    covered = [part for key in frame["sources"] for part in key.split(", ")]
+    assert set(covered) <= physical | {"drag"}
+    fields = [field for part in covered for field in physical if field == part or field.startswith(f"{part}/")]
+    assert sorted(fields) == sorted(physical)
+    assert all(text.endswith(".") for text in frame["sources"].values())
+
+
+def test_what_has_no_source_is_left_out(frame):
+    for key, text in frame["sources"].items():
+        if text.startswith(("None", "Unknown")):
+            for part in key.split(", "):
+                group, _, field = part.rpartition("/")
+                assert field not in (frame[group] if group else frame), part
+
+
+def test_numbers(frame):
+    rotors = frame["rotors"]
+    triples = [frame["inertia_kgm2"], size(frame), *frame.get("hull_m", []), rotors["thrust_n"], *rotors["position_m"]]
+    triples += [*frame.get("drag", {}).values(), rotors.get("drag_n_per_radps_mps", [0, 0, 0])]
+    assert all(len(triple) == 3 and all(math.isfinite(x) for x in triple) for triple in triples)
+    assert min(*size(frame), *frame["inertia_kgm2"], frame["mass_kg"]) > 0
+    assert all(x >= 0 for triple in frame.get("drag", {}).values() for x in triple)
+    assert all(x >= 0 for x in rotors.get("drag_n_per_radps_mps", []))
+    assert 0 < rotors["lag_up_s"] <= rotors["lag_down_s"] < 0.2
+    for field in ("min_speed_radps", "inertia_kgm2", "lift_n_per_mps2"):
+        assert rotors.get(field, 0) >= 0, field
+
+
+def test_rotors_are_in_our_order_and_balance(frame):
+    signs = [[math.copysign(1, x) for x in place[:2]] for place in frame["rotors"]["position_m"]]
+    assert signs == [[1, -1], [-1, 1], [1, 1], [-1, -1]]  # front right, rear left, front left, rear right
+    assert frame["rotors"]["spin"] == ["ccw", "ccw", "cw", "cw"]  # so that opposite rotors turn alike
+    for axis in range(2):
+        assert sum(place[axis] for place in frame["rotors"]["position_m"]) == 0  # about the centre of mass
+    assert len({place[2] for place in frame["rotors"]["position_m"]}) == 1
+
+
+def test_rotors_are_possible(frame):
+    """Rpm for rad/s, a diameter for a radius or a torque for its ratio would each be out of these ranges."""
+    (x, y, _), radius = frame["rotors"]["position_m"][2], frame["rotors"]["radius_m"]
+    assert radius < min(x, y)  # the propellers do not meet
+    speed = frame["rotors"]["max_speed_radps"]
+    tip = speed * radius  # m/s; sound has 340
+    assert 40 < tip < 250
+    disc = math.pi * radius**2
+    assert 0.005 < thrust(frame, speed) / (1.2 * disc * tip**2) < 0.035  # the thrust coefficient, in air of 1.2 kg/m^3
+    assert 0.1 < frame["rotors"]["torque_ratio_m"] / radius < 0.4
+
+
+def test_size_is_that_between_the_propellers_tips(frame):
+    if frame["name"] == "t650":  # its body is the thesis's, centred
+        assert size(frame) == [0.93, 0.59, 0.2]
+        corners = {tuple(corner) for corner in frame["hull_m"]}
+        assert corners == {tuple(-x for x in corner) for corner in corners}
+        return
+    (x, y, _), radius = frame["rotors"]["position_m"][2], frame["rotors"]["radius_m"]
+    assert size(frame)[:2] == pytest.approx([2 * (x + radius), 2 * (y + radius)], abs=1e-3)
+
+
+def test_inertia_is_that_of_a_body_of_its_size(frame):
+    moments = frame["inertia_kgm2"]
+    for axis in range(3):
+        others = [other for other in range(3) if other != axis]
+        assert moments[axis] < sum(moments[other] for other in others)
+        half = max(size(frame)[other] for other in others) / 2
+        assert 0.1 < math.sqrt(moments[axis] / frame["mass_kg"]) / half < 1
+
+
+def test_drag_at_5_mps_is_a_part_of_the_weight(frame):
+    drag = frame.get("drag", {})
+    for axis in range(2):
+        rotors = 4 * hover_speed(frame) * frame["rotors"].get("drag_n_per_radps_mps", [0, 0])[axis]
+        linear, quadratic = (drag.get(field, [0, 0])[axis] for field in ("linear_n_per_mps", "quadratic_n_per_mps2"))
+        force = (rotors + linear) * 5 + quadratic * 5**2
+        assert 0.05 < force / (frame["mass_kg"] * GRAVITY) < 0.25
+
+
+def test_thrust_grows_and_carries_the_drone(frame):
+    low, high = frame["rotors"].get("min_speed_radps", 0), frame["rotors"]["max_speed_radps"]
+    speeds = [low + (high - low) * part / 100 for part in range(101)]
+    thrusts = [thrust(frame, speed) for speed in speeds]
+    assert thrusts[0] >= 0
+    assert thrusts == sorted(thrusts)
+    assert thrust_to_weight(frame) > 1
+    assert low < hover_speed(frame) < high
+    assert 4 * thrust(frame, hover_speed(frame)) == pytest.approx(frame["mass_kg"] * GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("name", "speed", "expected"),
+    [
+        ("crazyflie", 15000 * RPM, -5.382196214637237e-7 * 15000 + 2.4582929831265485e-10 * 15000**2),
+        ("f450", 9068 * RPM, 1.2216e-7 * 9068**2),
+        ("t650", 5832 * RPM, 7.3385e-7 * 5832**2),
+        ("hummingbird", 838, 8.54858e-06 * 838**2),
+        ("x500", 1000, 8.54858),
+        ("kingfisher", 2800, 12.2502),
+    ],
+)
+def test_thrust_is_that_of_the_source_in_its_units(name, speed, expected):
+    assert thrust(FRAMES[name], speed) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [("crazyflie", 0.0128176, 0.12), ("f450", 1.2216e-7 * 1360**2, 10.04505), ("t650", 7.3385e-7 * 875**2, 24.95987)],
+)
+def test_speeds_end_where_the_source_has_these_thrusts(name, low, high):
+    rotors = FRAMES[name]["rotors"]
+    ends = [thrust(FRAMES[name], rotors[field]) for field in ("min_speed_radps", "max_speed_radps")]
+    assert ends == pytest.approx([low, high], rel=2e-3)
+
+
+def test_racer5_has_the_ratios_that_were_identified():
+    frame = FRAMES["racer5"]
+    rotors = frame["rotors"]
+    c2, (x, y, _) = rotors["thrust_n"][2], rotors["position_m"][2]
+    jx, jy, jz = frame["inertia_kgm2"]
+    assert c2 / frame["mass_kg"] == pytest.approx(2.49e-6)  # k_w
+    assert y * c2 / jx == pytest.approx((6.55 + 6.61 + 6.36 + 6.67) / 4 * 1e-5, rel=1e-4)  # k_p1 to k_p4
+    assert x * c2 / jy == pytest.approx((5.28 + 5.86 + 5.05 + 5.89) / 4 * 1e-5, rel=1e-4)  # k_q1 to k_q4
+    assert 2 * rotors["torque_ratio_m"] * c2 * hover_speed(frame) / jz == pytest.approx(1.07e-2, rel=1e-3)  # k_r1
+    assert rotors["inertia_kgm2"] / jz == pytest.approx(1.97e-3, rel=1e-3)  # k_r5
+    drag = [k / frame["mass_kg"] for k in rotors["drag_n_per_radps_mps"]]
+    assert drag == pytest.approx([4.85e-5, 7.28e-5, 0], rel=1e-4)  # k_x, k_y
+
+
+@pytest.fixture(scope="module")
+def table():
+    """The rows of the table of docs/drones.md by the name of the frame: the numbers of each cell."""
+    text = (ROOT / "docs" / "drones.md").read_text(encoding="utf-8")
+    rows = [line.strip("|").split("|") for line in text.splitlines() if line.startswith("| [")]
+    names = [re.search(r"drones/(\w+)\.json", row[0])[1] for row in rows]
+    assert sorted(names) == NAMES
+    return {name: [re.findall(r"[\d.]+", cell) for cell in row[1:6]] for name, row in zip(names, rows, strict=True)}
+
+
+def test_the_table_says_what_the_files_say(frame, table):
+    rotors = frame["rotors"]
+    mass, extents, _, speed, lag = ([float(number) for number in cell] for cell in table[frame["name"]])
+    lags = sorted({1000 * rotors[f"lag_{way}_s"] for way in ("up", "down")})
+    assert mass == pytest.approx([frame["mass_kg"]], rel=5e-3)
+    assert extents == pytest.approx(size(frame), abs=5.001e-3)
+    assert table[frame["name"]][2] == [f"{thrust_to_weight(frame):.2g}"]
+    assert speed == pytest.approx([hover_speed(frame)], abs=0.5)
+    assert lag == pytest.approx(lags)
