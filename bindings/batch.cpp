@@ -57,15 +57,15 @@ std::vector<CameraConfig> cameras_of(const py::object& given) {
 
 // Arguments are taken as they come: what pybind11 says of a wrong one names all but that.
 std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
-                                            const py::object& pose_sensor, const py::object& task, const py::object& drone,
-                                            const py::object& cameras, const py::object& backend, const py::object& episode,
-                                            const py::object& clock, const py::object& dynamics, const py::object& num_threads,
-                                            const py::object& block_size, const py::object& world_index,
-                                            const py::kwargs& unknown) {
+                                            const py::object& pose_sensor, const py::object& imu, const py::object& task,
+                                            const py::object& drone, const py::object& cameras, const py::object& backend,
+                                            const py::object& episode, const py::object& clock, const py::object& dynamics,
+                                            const py::object& num_threads, const py::object& block_size,
+                                            const py::object& world_index, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds",   "num_drones",  "lidar",          "pose_sensor", "task",
-                                "drone",    "cameras",     "camera_backend", "episode",     "clock",
-                                "dynamics", "num_threads", "block_size",     "world_index"};
+    constexpr std::array kKnown{"worlds", "num_drones", "lidar",       "pose_sensor",    "imu",
+                                "task",   "drone",      "cameras",     "camera_backend", "episode",
+                                "clock",  "dynamics",   "num_threads", "block_size",     "world_index"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
   }
   const Worlds worlds = worlds_of(given_worlds);
@@ -75,6 +75,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.block_size = from_python<int>(block_size, "block_size");
   config.lidar = optional_argument<LidarConfig>(lidar, "lidar");
   config.pose_sensor = optional_argument<PoseSensorConfig>(pose_sensor, "pose_sensor").value_or(PoseSensorConfig());
+  config.imu = optional_argument<ImuConfig>(imu, "imu");
   config.cameras = cameras_of(cameras);
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
@@ -111,6 +112,14 @@ auto flight_view(std::vector<float> FlightState::* member, py::ssize_t columns) 
       throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
     }
     return view<float>(self, (batch.state().flight.*member).data(), n_by(batch, columns));
+  };
+}
+
+auto imu_view(std::span<const float> (Batch::*readings)() const) {
+  return [readings](const py::object& self) {
+    const auto& batch = self.cast<const Batch&>();
+    if (!batch.config().imu) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
+    return view<float>(self, (batch.*readings)().data(), n_by(batch, 3));
   };
 }
 
@@ -252,7 +261,7 @@ void register_batch(py::module_& module) {
   const auto none = py::none();
   py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
-           py::arg("pose_sensor") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
+           py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
            py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
            py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
@@ -270,6 +279,7 @@ void register_batch(py::module_& module) {
       .def_property_readonly("angular_velocity", flight_view(&FlightState::angular_velocity, 3))
       .def_property_readonly("acceleration", flight_view(&FlightState::acceleration, 3))
       .def_property_readonly("angular_acceleration", flight_view(&FlightState::angular_acceleration, 3))
+      .def_property_readonly("wind", flight_view(&FlightState::wind, 3))
       .def_property_readonly("rotor_speed", flight_view(&FlightState::rotor_speed, kRotors))
       .def_property_readonly("active", state_view<bool>([](const Batch& b) -> auto& { return b.state().active; }))
       .def_property_readonly("world_index",
@@ -278,6 +288,8 @@ void register_batch(py::module_& module) {
       .def_property_readonly("sensed_position", state_view<float>([](const Batch& b) -> auto& { return b.sensed_position(); }, 3))
       .def_property_readonly("sensed_quat_wxyz",
                              state_view<float>([](const Batch& b) -> auto& { return b.sensed_quat_wxyz(); }, 4))
+      .def_property_readonly("accelerometer", imu_view(&Batch::accelerometer))
+      .def_property_readonly("gyroscope", imu_view(&Batch::gyroscope))
       .def_property_readonly("contact", &contact_of)
       .def_property_readonly("tick", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().tick; }))
       .def_property_readonly("lidar_name",

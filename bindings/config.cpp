@@ -92,8 +92,10 @@ void register_config(py::module_& module) {
       .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })
       .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; });
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "The exact pose, with optional Gaussian noise.");
+  register_fields<ImuConfig>(module, "ImuConfig", "An inertial measurement unit, for drones that fly by their rotors.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "When episodes begin and end; the same for every task.");
   register_fields<ClockConfig>(module, "ClockConfig", "How time passes: the rates of policy, controller and physics.");
+  register_fields<WindConfig>(module, "WindConfig", "The wind that drones fly in by their rotors.");
   register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and what they are told.");
   register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
   register_fields<NavigationConfig>(module, "NavigationConfig", "Fly from the start over the waypoints to the goal.")

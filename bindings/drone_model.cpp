@@ -49,6 +49,12 @@ void register_drone_model(py::module_& module) {
       .def_property_readonly("thrust_to_weight", [](const DroneModel& drone) { return airframe_of(drone).thrust_to_weight(); })
       .def_property_readonly("max_thrust_n", [](const DroneModel& drone) { return airframe_of(drone).max_thrust(); })
       .def_property_readonly("hover_speed_radps", [](const DroneModel& drone) { return airframe_of(drone).hover_speed(); })
+      .def("__eq__",
+           [](const DroneModel& drone, const py::object& other) -> py::object {
+             if (!py::isinstance<DroneModel>(other)) return py::reinterpret_borrow<py::object>(Py_NotImplemented);
+             return py::bool_(drone.to_json() == other.cast<const DroneModel&>().to_json());
+           })
+      .def("__hash__", [](const DroneModel& drone) { return std::hash<std::string>()(drone.to_json()); })
       .def("__repr__",
            [](const DroneModel& drone) {
              std::string text = "<DroneModel";

@@ -46,6 +46,7 @@ class PythonTask final : public Task {
   const TaskSpec& spec() const override { return spec_; }
   TaskDefaults defaults() const override { return {.max_episode_steps = max_episode_steps_}; }
   std::string identity() const override { return identity_; }
+  bool takes(Control) const override { return true; }  // what act() returns has to be what it means
   bool takes_all_envs_at_once() const override { return true; }
 
   void setup(const TaskContext&) override {}
@@ -60,6 +61,13 @@ class PythonTask final : public Task {
     const py::gil_scoped_acquire acquire;
     const auto n = static_cast<py::ssize_t>(block.context.num_envs());
     const py::tuple targets = calls_->attr("command")(copy_of(actions, n));
+    if (block.context.dynamics().control != Control::pose) {
+      require(targets[1].is_none(), "act", "commands (N, 4), as the control has them", "a pair of positions and quaternions");
+      const auto commands = floats(targets[0], "act: command", {n, 4});
+      const std::span<const float> rows = commands;
+      for (const std::uint32_t env : block.envs) std::copy_n(rows.data() + 4 * env, 4, setpoints.command.data() + 4 * env);
+      return;
+    }
     const auto position = floats(targets[0], "act: target position", {n, 3});
     const auto quat_wxyz = floats(targets[1], "act: target quat_wxyz", {n, 4});
     const std::span<const float> p = position, q = quat_wxyz;

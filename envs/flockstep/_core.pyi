@@ -275,6 +275,102 @@ class ClockConfig:
     # end of fields
 
 @final
+class ImuConfig:
+    """An inertial measurement unit, for drones that fly by their rotors.
+
+    The accelerometer reads all that accelerates the drone but gravity: +9.81 along the body's z at rest and in hovering, 0 in free
+    fall. The noise is that of Kalibr's model: white noise by its density, and a bias that walks from 0 in each episode.
+
+    Parameters
+    ----------
+    accelerometer_noise_density
+        m/s^2/sqrt(Hz).
+    accelerometer_random_walk
+        Of the bias, m/s^3/sqrt(Hz).
+    accelerometer_bias_time_s
+        In which the bias forgets; 0: never.
+    gyroscope_noise_density
+        rad/s/sqrt(Hz).
+    gyroscope_random_walk
+        Of the bias, rad/s^2/sqrt(Hz).
+    gyroscope_bias_time_s
+        In which the bias forgets; 0: never.
+    offset_m
+        Where the sensor sits, body frame.
+    quat_wxyz
+        How it is turned: sensor to body.
+    rate_hz
+        Readings per second of simulated time; None: one after every flown step.
+    """
+
+    # fields of ImuConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    accelerometer_noise_density: float
+    accelerometer_random_walk: float
+    accelerometer_bias_time_s: float
+    gyroscope_noise_density: float
+    gyroscope_random_walk: float
+    gyroscope_bias_time_s: float
+    offset_m: Sequence[float]
+    quat_wxyz: Sequence[float]
+    rate_hz: float | None
+    def __init__(
+        self,
+        *,
+        accelerometer_noise_density: float = 0.0,
+        accelerometer_random_walk: float = 0.0,
+        accelerometer_bias_time_s: float = 0.0,
+        gyroscope_noise_density: float = 0.0,
+        gyroscope_random_walk: float = 0.0,
+        gyroscope_bias_time_s: float = 0.0,
+        offset_m: Sequence[float] = (0.0, 0.0, 0.0),
+        quat_wxyz: Sequence[float] = (1.0, 0.0, 0.0, 0.0),
+        rate_hz: float | None = None,
+    ) -> None: ...
+    # end of fields
+
+@final
+class WindConfig:
+    """The wind that drones fly in by their rotors: a mean, and gusts of each drone's own, constant for a flown step.
+
+    Parameters
+    ----------
+    mean_mps
+        m/s, world frame.
+    gusts
+        ``"ornstein_uhlenbeck"``: noise that forgets, alike along each axis. ``"dryden"``: the turbulence of MIL-F-8785C at low
+        altitude, carried past by the mean wind, at 1 m/s where there is less.
+    gust_std_mps
+        Ornstein-Uhlenbeck: standard deviation along each axis.
+    gust_time_s
+        Ornstein-Uhlenbeck: the time in which a gust falls to 1/e of itself.
+    wind_at_6m_mps
+        Dryden: the wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation upwards.
+    height_m
+        Dryden: above the ground, from 3 to 300: it gives the scale lengths, and the strength along and across.
+    """
+
+    # fields of WindConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    mean_mps: Sequence[float]
+    gusts: Literal["none", "ornstein_uhlenbeck", "dryden"]
+    gust_std_mps: float
+    gust_time_s: float
+    wind_at_6m_mps: float
+    height_m: float
+    def __init__(
+        self,
+        *,
+        mean_mps: Sequence[float] = (0.0, 0.0, 0.0),
+        gusts: Literal["none", "ornstein_uhlenbeck", "dryden"] = "none",
+        gust_std_mps: float = 1.0,
+        gust_time_s: float = 2.0,
+        wind_at_6m_mps: float = 5.0,
+        height_m: float = 5.0,
+    ) -> None: ...
+    # end of fields
+
+@final
 class DynamicsConfig:
     """How drones move, and what a task or a caller tells them.
 
@@ -301,12 +397,14 @@ class DynamicsConfig:
     integrator
         ``"midpoint"``: second order. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts, else midpoint.
     on_contact
-        ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: it loses all speed, and
-        flies on. ``"bounce"``: it is thrown back, and flies on.
+        ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the point that
+        touches stops, and the drone flies on. ``"bounce"``: it is thrown back, and flies on.
     restitution, friction
         Of a bounce: speed away from the surface over speed towards it, in [0, 1]; Coulomb's coefficient, in [0, 10].
     rotor_lag, rotor_drag, body_drag, gyroscopic, ground_effect
         What the equations of motion have, where the airframe has numbers for it.
+    wind
+        What blows, by default nothing.
     max_speed_mps, max_acceleration_mps2, max_tilt_deg, max_rate_dps, max_yaw_rate_dps
         What the controller keeps to: speed, acceleration, tilt (at most 89), rates about x and y, rate about z.
     """
@@ -334,6 +432,7 @@ class DynamicsConfig:
     body_drag: bool
     gyroscopic: bool
     ground_effect: bool
+    wind: WindConfig
     max_speed_mps: float
     max_acceleration_mps2: float
     max_tilt_deg: float
@@ -363,6 +462,7 @@ class DynamicsConfig:
         body_drag: bool = True,
         gyroscopic: bool = True,
         ground_effect: bool = False,
+        wind: WindConfig = ...,
         max_speed_mps: float = 5.0,
         max_acceleration_mps2: float = 8.0,
         max_tilt_deg: float = 45.0,
@@ -904,8 +1004,8 @@ class Batch:
         At least one.
     num_drones
         N, from 1 to 2**20.
-    lidar, pose_sensor
-        Sensors: none and an exact pose by default.
+    lidar, pose_sensor, imu
+        Sensors: none, an exact pose, and none by default. An IMU needs drones that fly by their rotors.
     task
         What `reset` and `step` run. The navigation task needs a LiDAR, and a camera where it observes one.
     drone
@@ -933,6 +1033,7 @@ class Batch:
         *,
         lidar: LidarConfig | None = None,
         pose_sensor: PoseSensorConfig | None = None,
+        imu: ImuConfig | None = None,
         task: NavigationConfig | NativeTask | PythonTask | None = None,
         drone: DroneModel | None = None,
         cameras: Sequence[CameraConfig] = (),
@@ -970,7 +1071,7 @@ class Batch:
 
     @property
     def velocity(self) -> _F32:
-        """(N, 3) m/s, world frame. This and the next four: of drones that fly by rotors; others raise `AttributeError`."""
+        """(N, 3) m/s, world frame. This and the next five: of drones that fly by rotors; others raise `AttributeError`."""
 
     @property
     def angular_velocity(self) -> _F32:
@@ -983,6 +1084,10 @@ class Batch:
     @property
     def angular_acceleration(self) -> _F32:
         """(N, 3) rad/s^2, body frame: likewise."""
+
+    @property
+    def wind(self) -> _F32:
+        """(N, 3) m/s, world frame: of the last step, before the first one of an episode that at its begin."""
 
     @property
     def rotor_speed(self) -> _F32:
@@ -1018,6 +1123,14 @@ class Batch:
     @property
     def episode(self) -> _I64:
         """(N,) which episode of its seed each env is in, from 0."""
+
+    @property
+    def accelerometer(self) -> _F32:
+        """(N, 3) m/s^2, sensor frame: as the IMU read it last. This and the next: `AttributeError` without an IMU."""
+
+    @property
+    def gyroscope(self) -> _F32:
+        """(N, 3) rad/s, sensor frame: likewise."""
 
     @property
     def tick(self) -> _I64:

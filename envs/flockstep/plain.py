@@ -19,15 +19,17 @@ from gymnasium.envs.registration import EnvSpec
 from flockstep._core import (
     CameraConfig,
     DroneModel,
+    ImuConfig,
     LidarConfig,
     NativeTask,
     NavigationReward,
     PoseSensorConfig,
+    WindConfig,
     World,
 )
 
 _PREFIX = "flockstep."
-_CONFIGS = (CameraConfig, LidarConfig, NavigationReward, PoseSensorConfig)
+_CONFIGS = (CameraConfig, ImuConfig, LidarConfig, NavigationReward, PoseSensorConfig, WindConfig)
 
 
 def to_plain(value: Any) -> Any:

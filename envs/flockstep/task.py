@@ -147,7 +147,10 @@ class Task:
         batch.set_pose(batch.terms.start(), level, mask)
 
     def act(self, batch: Batch, actions: Array) -> Target:
-        """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4)."""
+        """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4).
+
+        Where the env's ``control`` is another than ``"pose"``: commands (N, 4), as `DynamicsConfig` describes them.
+        """
         displacement = np.float32(self.step_m) * np.clip(actions.astype(np.float32), -1, 1)
         return batch.position + rotate(batch.quat_wxyz, displacement)
 

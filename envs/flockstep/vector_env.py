@@ -22,6 +22,7 @@ from flockstep._core import (
     DroneModel,
     DynamicsConfig,
     EpisodeConfig,
+    ImuConfig,
     LidarConfig,
     NativeTask,
     NavigationConfig,
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
         body_drag: bool
         gyroscopic: bool
         ground_effect: bool
+        wind: WindConfig
         max_speed_mps: float
         max_acceleration_mps2: float
         max_tilt_deg: float
@@ -131,8 +133,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         over 90 degrees, facing forward, else none; with a `Task`, what it asks for.
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
-    pose_sensor, drone
-        Default: an exact pose; the 650-class quadrotor.
+    pose_sensor, imu, drone
+        Default: an exact pose; none; the 650-class quadrotor.
     max_episode_steps
         Truncate episodes after so many flown steps, 0 for never. Default: 3000; with a `Task`, what it says.
     autoreset_mode
@@ -201,6 +203,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
         camera_backend: str = "raycast",
         pose_sensor: PoseSensorConfig | None = None,
+        imu: ImuConfig | None = None,
         drone: DroneModel | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = "next_step",
@@ -215,8 +218,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
         self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
-        worlds, task, lidar, camera, pose_sensor, drone = (
-            plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, drone)
+        worlds, task, lidar, camera, pose_sensor, imu, drone = (
+            plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, imu, drone)
         )
         own_fields = {name: plain.from_plain(value) for name, value in fields.items()}
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -268,6 +271,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             cameras=self.cameras,
             camera_backend=camera_backend,
             pose_sensor=pose_sensor,
+            imu=imu,
             task=description,
             drone=drone,
             episode=episode,

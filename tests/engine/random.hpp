@@ -22,6 +22,7 @@ class Random {
     const Eigen::Vector4f v(normal_(generator_), normal_(generator_), normal_(generator_), normal_(generator_));
     return Quat(v.normalized());
   }
+  float normal() { return normal_(generator_); }
   std::mt19937& generator() { return generator_; }
 
  private:

@@ -96,6 +96,10 @@ class Batch {
   const std::vector<float>& sensed_position() const;   // (N, 3) m
   const std::vector<float>& sensed_quat_wxyz() const;  // (N, 4)
 
+  // --- the IMU; empty without one
+  std::span<const float> accelerometer() const;  // (N, 3) m/s^2, sensor frame
+  std::span<const float> gyroscope() const;      // (N, 3) rad/s, sensor frame
+
   // --- the LiDAR; std::invalid_argument without one, or where it has another name
   void require_lidar(std::string_view name) const;
   void set_lidar(const LidarChange& change, Mask mask = {});

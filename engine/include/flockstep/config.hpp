@@ -10,6 +10,7 @@
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/imu.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/pose_sensor.hpp"
 
@@ -24,6 +25,7 @@ struct BatchConfig {
   std::vector<CameraConfig> cameras;  // of different names; at most 2^32 pixels each, of all drones
   CameraBackend camera_backend = CameraBackend::raycast;
   PoseSensorConfig pose_sensor;
+  std::optional<ImuConfig> imu;
   EpisodeConfig episode;
   ClockConfig clock;
   DynamicsConfig dynamics;
@@ -34,8 +36,8 @@ struct BatchConfig {
                       field("num_threads", &C::num_threads, Decides::nothing),
                       field("block_size", &C::block_size, Decides::nothing), field("lidar", &C::lidar),
                       field("cameras", &C::cameras), field("camera_backend", &C::camera_backend, Decides::nothing),
-                      field("pose_sensor", &C::pose_sensor), field("episode", &C::episode), field("clock", &C::clock),
-                      field("dynamics", &C::dynamics));
+                      field("pose_sensor", &C::pose_sensor), field("imu", &C::imu), field("episode", &C::episode),
+                      field("clock", &C::clock), field("dynamics", &C::dynamics));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

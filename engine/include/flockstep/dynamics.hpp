@@ -6,6 +6,7 @@
 
 #include "flockstep/airframe.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/wind.hpp"
 
 namespace flockstep {
 
@@ -51,7 +52,7 @@ struct EnumNames<Integrator> {
 // What happens to a drone that flies by its rotors and hits something.
 enum class OnContact : std::uint8_t {
   terminate,  // it stays where it hit, and its episode ends with the step
-  stop,       // it loses all speed there, and flies on
+  stop,       // the point that touches stops, and the drone flies on
   bounce,     // it is thrown back, by restitution and friction, and flies on
 };
 template <>
@@ -72,6 +73,7 @@ struct DynamicsConfig {
   bool body_drag = true;
   bool gyroscopic = true;      // what turning rotors do to a turning body
   bool ground_effect = false;  // more thrust near what is below
+  WindConfig wind;
   // What the controller keeps to, and what an action of 1 means.
   float max_speed_mps = 5.0F;
   float max_acceleration_mps2 = 8.0F;
@@ -84,7 +86,7 @@ struct DynamicsConfig {
     return field_list(field("motion", &C::motion), field("control", &C::control), field("integrator", &C::integrator),
                       field("on_contact", &C::on_contact), field("restitution", &C::restitution), field("friction", &C::friction),
                       field("rotor_lag", &C::rotor_lag), field("rotor_drag", &C::rotor_drag), field("body_drag", &C::body_drag),
-                      field("gyroscopic", &C::gyroscopic), field("ground_effect", &C::ground_effect),
+                      field("gyroscopic", &C::gyroscopic), field("ground_effect", &C::ground_effect), field("wind", &C::wind),
                       field("max_speed_mps", &C::max_speed_mps), field("max_acceleration_mps2", &C::max_acceleration_mps2),
                       field("max_tilt_deg", &C::max_tilt_deg), field("max_rate_dps", &C::max_rate_dps),
                       field("max_yaw_rate_dps", &C::max_yaw_rate_dps));

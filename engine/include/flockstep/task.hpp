@@ -70,6 +70,8 @@ class TaskContext {
   virtual const std::vector<CameraConfig>& cameras() const = 0;
   virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
   virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the pose sensor
+  virtual std::span<const float> accelerometer() const = 0;          // (N, 3) m/s^2, by the IMU; empty without one
+  virtual std::span<const float> gyroscope() const = 0;              // (N, 3) rad/s, likewise
 
   // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index.
   virtual float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const = 0;
@@ -154,6 +156,8 @@ class Task {
     static_cast<void>(camera);
     return false;
   }
+  // Whether command() can tell drones by this control; others are refused. By poses, unless it says more.
+  virtual bool takes(Control control) const { return control == Control::pose; }
   // True: place, begin, command, score and observe are called once for all envs they are about, on the thread that called step(),
   // instead of block by block.
   virtual bool takes_all_envs_at_once() const { return false; }

@@ -18,6 +18,8 @@ enum class Stream : std::uint32_t {
   start,
   world,
   time_limit,
+  gust,
+  imu_noise,
 };
 
 inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index) {

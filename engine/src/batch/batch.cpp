@@ -130,6 +130,7 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
     const auto drones = sim_->drones_of(block.chosen, scratch);
     for (const std::uint32_t drone : drones) clear_contact(sim_->state, drone);
+    blow(*sim_, drones);
     fly_by_rotors(*sim_, drones, {.command = command}, 0, flown, scratch);
     for (const std::uint32_t env : block.chosen) sim_->state.tick[env] += flown;
   });

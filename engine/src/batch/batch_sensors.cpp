@@ -16,6 +16,14 @@ namespace flockstep {
 const std::vector<float>& Batch::sensed_position() const { return sim_->pose_sensor.position(); }
 const std::vector<float>& Batch::sensed_quat_wxyz() const { return sim_->pose_sensor.quat_wxyz(); }
 
+std::span<const float> Batch::accelerometer() const {
+  return sim_->imu ? std::span<const float>(sim_->imu->accelerometer()) : std::span<const float>();
+}
+
+std::span<const float> Batch::gyroscope() const {
+  return sim_->imu ? std::span<const float>(sim_->imu->gyroscope()) : std::span<const float>();
+}
+
 void Batch::require_lidar(std::string_view name) const {
   checks::has_lidar(*sim_);
   require(name.empty() || name == sim_->config.lidar->name, "lidar", '"' + sim_->config.lidar->name + '"',

@@ -42,9 +42,17 @@ void ClockConfig::validate() const {
   require(divides(policy, ticks_hz(), 1000.5), "physics_hz", "1 to 1000 times the policy's " + hz(policy), hz(ticks_hz()));
   if (!controller_hz) return;
   const double controller = static_cast<double>(*controller_hz);
-  require(controller > 0.0 && divides(controller, ticks_hz(), 1000.5), "controller_hz",
+  require(!physics_hz || (controller > 0.0 && divides(controller, ticks_hz(), 1000.5)), "controller_hz",
           "a rate that divides the physics' " + hz(ticks_hz()), hz(controller));
   require(divides(policy, controller, 1000.5), "controller_hz", "a multiple of the policy's " + hz(policy), hz(controller));
+}
+
+void WindConfig::validate() const {
+  for (const float value : mean_mps) require(std::abs(value) <= 1000.0F, "wind.mean_mps", "numbers within +-1000", value);
+  require_share(gust_std_mps, 1000.0F, "wind.gust_std_mps", "a number in [0, 1000]");
+  require_positive(gust_time_s, "wind.gust_time_s");
+  require_share(wind_at_6m_mps, 1000.0F, "wind.wind_at_6m_mps", "a number in [0, 1000]");
+  require(height_m >= 3.0F && height_m <= 300.0F, "wind.height_m", "a number in [3, 300]", height_m);
 }
 
 void DynamicsConfig::validate() const {
@@ -52,6 +60,7 @@ void DynamicsConfig::validate() const {
           EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
   require_share(restitution, 1.0F, "restitution", "a number in [0, 1]");
   require_share(friction, 10.0F, "friction", "a number in [0, 10]");
+  wind.validate();
   require_positive(max_speed_mps, "max_speed_mps");
   require_positive(max_acceleration_mps2, "max_acceleration_mps2");
   require(max_tilt_deg > 0.0F && max_tilt_deg <= 89.0F, "max_tilt_deg", "a number in (0, 89]", max_tilt_deg);
@@ -68,6 +77,8 @@ void BatchConfig::validate() const {
   episode.validate();
   clock.validate();
   dynamics.validate();
+  require(!dynamics.is_kinematic() || !clock.controller_hz, "controller_hz",
+          "None, where motion is kinematic (nothing is controlled)", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
   if (lidar) {
@@ -88,6 +99,11 @@ void BatchConfig::validate() const {
   }
   pose_sensor.validate();
   sensors::period_in_ticks(pose_sensor.rate_hz, clock, "pose_sensor.rate_hz");
+  if (imu) {
+    require(!dynamics.is_kinematic(), "imu", "None, where motion is kinematic (it has no accelerations)", "an ImuConfig");
+    imu->validate();
+    sensors::period_in_ticks(imu->rate_hz, clock, "imu.rate_hz");
+  }
 }
 
 }  // namespace flockstep

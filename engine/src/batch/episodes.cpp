@@ -54,6 +54,9 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   for_each_field(sim.episodes, [n](const auto&, auto& array) { array.resize(n); });
   sim.run.emplace(TaskRun{.task = std::move(task)});
   TaskRun& run = *sim.run;
+  const Control control = sim.config.dynamics.control;
+  require(run.task->takes(control), "control", "one that this task tells drones by (\"pose\", unless it says more)",
+          '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"');
   run.task->setup(*sim.context);
   const TaskSpec& spec = run.spec();
   checks::spec(spec);

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/pose_access.hpp"
+#include "base/random.hpp"
 #include "batch/bad_states.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/impact.hpp"
@@ -55,7 +56,7 @@ class Group {
         drones_(drones),
         obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]) {}
 
-  void load(const Told& told, Scratch& scratch) {
+  void load(Scratch& scratch) {
     const FlightState& flight = sim_.state.flight;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];  // those that are not there fly with the last
@@ -66,11 +67,30 @@ class Group {
       flockstep::load(flight.rotor_speed, drone, flock_.rotor, lane);
       flockstep::load(flight.rotor_command, drone, flock_.rotor_told, lane);
       flockstep::load(flight.error_integral, drone, flock_.error_integral, lane);
-      const auto setpoint = dynamics::setpoint_of(sim_.config.dynamics, *sim_.drone_model.airframe(), wish(told, drone));
-      for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
+      flockstep::load(flight.wind, drone, flock_.wind, lane);
       base_[lane] = position_of(sim_.state, drone);
     }
     find_ground(scratch);
+  }
+
+  void load_setpoints(const Told& told) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];
+      const auto setpoint = dynamics::setpoint_of(sim_.config.dynamics, *sim_.drone_model.airframe(), wish(told, drone));
+      for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
+    }
+  }
+
+  // The accelerations of a tick, which is thrown away.
+  void feel(const dynamics::Physics& coasting, Scratch& scratch) {
+    load(scratch);
+    for (std::size_t i = 0; i < kRotors; ++i) flock_.setpoint[i] = flock_.rotor[i];
+    dynamics::fly(coasting, flock_, 0, 1);
+    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+      if (!is_good(lane)) continue;
+      store(flock_.acceleration, lane, sim_.state.flight.acceleration, drones_[lane]);
+      store(flock_.angular_acceleration, lane, sim_.state.flight.angular_acceleration, drones_[lane]);
+    }
   }
 
   // In the open, all ticks at once: nothing is within reach of where the drone has been. Others are left as they were.
@@ -89,7 +109,8 @@ class Group {
 
   // The others, tick by tick, the hull swept along.
   void fly_carefully(const Told& told, int first_tick, int ticks, Scratch& scratch) {
-    load(told, scratch);
+    load(scratch);
+    load_setpoints(told);
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       dynamics::fly(*sim_.physics, flock_, tick, 1);
       for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
@@ -196,11 +217,12 @@ class Group {
       is_done_[lane] = true;
       return;
     }
-    Velocity velocity;
-    if (config.on_contact == OnContact::bounce) {
-      velocity = dynamics::thrown_back({vec3(flock_.velocity, lane), vec3(flock_.turn, lane)}, at, contact.point, contact.normal,
-                                       *sim_.drone_model.airframe(), config);
-    }
+    const dynamics::Surface surface =
+        config.on_contact == OnContact::stop
+            ? dynamics::Surface{0.0, 1e9}
+            : dynamics::Surface{static_cast<double>(config.restitution), static_cast<double>(config.friction)};
+    const Velocity velocity = dynamics::thrown_back({vec3(flock_.velocity, lane), vec3(flock_.turn, lane)}, at, contact.point,
+                                                    contact.normal, *sim_.drone_model.airframe(), surface);
     set(velocity.linear, flock_.velocity, lane);
     set(velocity.angular, flock_.turn, lane);
     store(flock_.velocity, lane, flight.velocity, drone);
@@ -227,10 +249,45 @@ class Group {
   std::array<bool, kLanes> is_done_{};
 };
 
+template <std::size_t kCount>
+std::array<float, kCount> row(const std::vector<float>& values, std::size_t drone) {
+  std::array<float, kCount> row;
+  std::copy_n(values.data() + kCount * drone, kCount, row.data());
+  return row;
+}
+
+// Of a drone at a time of its episode.
+dynamics::GustNoise gust_noise(const Simulation& sim, std::size_t drone, std::int64_t time) {
+  constexpr std::uint32_t kDraws = 3;  // of two numbers each
+  const std::size_t env = sim.env_of(drone);
+  const auto m = static_cast<std::uint32_t>(drone - env * sim.drones_per_env());
+  const std::uint32_t index = kDraws * (static_cast<std::uint32_t>(time) * static_cast<std::uint32_t>(sim.drones_per_env()) + m);
+  const auto [a, b] = normal_pair(draw(sim.state, env, Stream::gust, index));
+  const auto [c, d] = normal_pair(draw(sim.state, env, Stream::gust, index + 1));
+  const auto [e, unused] = normal_pair(draw(sim.state, env, Stream::gust, index + 2));
+  return {a, b, c, d, e};
+}
+
+void set_gust(Simulation& sim, std::size_t drone, const dynamics::GustState& gust) {
+  FlightState& flight = sim.state.flight;
+  std::copy(gust.begin(), gust.end(), flight.gust.data() + dynamics::kGustStates * drone);
+  const Vec3 wind = sim.wind.at(gust);
+  std::copy_n(wind.data(), 3, flight.wind.data() + 3 * drone);
+}
+
+template <class Function>
+void for_each_group(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch, const Function& function) {
+  for (std::size_t first = 0; first < drones.size(); first += kLanes) {
+    Group group(sim, drones.subspan(first, std::min(kLanes, drones.size() - first)), scratch);
+    function(group);
+  }
+}
+
 }  // namespace
 
 void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity) {
   if (!sim.physics) return;
+  set_gust(sim, drone, sim.wind.has_gusts() ? sim.wind.begin(gust_noise(sim, drone, 0)) : dynamics::GustState{});
   FlightState& flight = sim.state.flight;
   const float hovering = static_cast<float>(sim.drone_model.airframe()->hover_speed());
   for (std::size_t k = 0; k < 3; ++k) {
@@ -242,6 +299,15 @@ void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity) 
     flight.rotor_speed[kRotors * drone + i] = flight.rotor_command[kRotors * drone + i] = hovering;
 }
 
+void blow(Simulation& sim, std::span<const std::uint32_t> drones) {
+  if (!sim.wind.has_gusts()) return;
+  for (const std::uint32_t drone : drones) {
+    const auto gust = row<dynamics::kGustStates>(sim.state.flight.gust, drone);
+    // Ticks are counted, since a batch without a task has no steps.
+    set_gust(sim, drone, sim.wind.next(gust, gust_noise(sim, drone, sim.state.tick[sim.env_of(drone)] + 1)));
+  }
+}
+
 void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
   const Pose from = pose_of(sim.state, drone);
   const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(sim.env_of(drone))];
@@ -250,14 +316,20 @@ void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
   write_contact(sim.state, drone, contact);
 }
 
+void feel(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch) {
+  dynamics::Physics coasting = *sim.physics;
+  coasting.stage = dynamics::Stage::rotors;
+  for_each_group(sim, drones, scratch, [&](Group& group) { group.feel(coasting, scratch); });
+}
+
 void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, const Told& told, int first_tick, int ticks,
                    Scratch& scratch) {
-  for (std::size_t first = 0; first < drones.size(); first += kLanes) {
-    Group group(sim, drones.subspan(first, std::min(kLanes, drones.size() - first)), scratch);
-    group.load(told, scratch);
+  for_each_group(sim, drones, scratch, [&](Group& group) {
+    group.load(scratch);
+    group.load_setpoints(told);
     group.fly_free(first_tick, ticks);
     if (!group.is_done()) group.fly_carefully(told, first_tick, ticks, scratch);
-  }
+  });
 }
 
 }  // namespace flockstep

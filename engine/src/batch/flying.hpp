@@ -26,6 +26,12 @@ struct Told {
   std::span<const Pose> step_start;  // (N,) likewise: where the step began
 };
 
+// The gusts of the step that begins.
+void blow(Simulation& sim, std::span<const std::uint32_t> drones);
+
+// What accelerates drones where they are, if their rotors keep their speed: an episode begins with it.
+void feel(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch);
+
 // Flies drones of one world by their rotors for some ticks, the first of which is the first_tick-th of their step. What is in the
 // way is met in each tick. Those that have hit something in this step stay there where contacts end the episode.
 void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, const Told& told, int first_tick, int ticks,

@@ -35,8 +35,9 @@ double sensor_bytes(const BatchConfig& config) {
 void settle_rates(BatchConfig& config) {
   constexpr float kUsualPhysicsHz = 500.0F;
   ClockConfig& clock = config.clock;
-  if (config.dynamics.is_kinematic() || clock.physics_hz || !(clock.policy_hz > 0.0F)) return;
-  clock.physics_hz = clock.policy_hz * std::max(std::ceil(kUsualPhysicsHz / clock.policy_hz), 1.0F);
+  const float called_hz = clock.controller_hz.value_or(clock.policy_hz);
+  if (config.dynamics.is_kinematic() || clock.physics_hz || !(called_hz > 0.0F)) return;
+  clock.physics_hz = called_hz * std::max(std::ceil(kUsualPhysicsHz / called_hz), 1.0F);
 }
 
 BatchConfig validated(BatchConfig config) {
@@ -75,11 +76,12 @@ std::optional<dynamics::Physics> physics_of(const BatchConfig& config, const Dro
 }
 
 void allocate(FlightState& flight, std::size_t num_drones) {
-  for (auto* triples :
-       {&flight.velocity, &flight.angular_velocity, &flight.acceleration, &flight.angular_acceleration, &flight.error_integral}) {
+  for (auto* triples : {&flight.velocity, &flight.angular_velocity, &flight.acceleration, &flight.angular_acceleration,
+                        &flight.error_integral, &flight.wind}) {
     triples->resize(3 * num_drones);
   }
   for (auto* speeds : {&flight.rotor_speed, &flight.rotor_command}) speeds->resize(kRotors * num_drones);
+  flight.gust.resize(dynamics::kGustStates * num_drones);
 }
 
 }  // namespace
@@ -92,6 +94,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       drone_model(std::move(drone)),
       hull(drone_model),
       physics(physics_of(config, drone_model)),
+      wind(config.dynamics.wind, config.clock.step_s()),
       pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
       cameras(config.cameras, config.clock, world_pointers, state, drones_per_env(), num_drones()),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
@@ -112,6 +115,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   checks::world_index(*this, world_index, num_envs());
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones());
+  if (config.imu) imu.emplace(*config.imu, config.clock, drones_per_env(), num_drones());
 
   allocate(state, num_envs(), num_drones());
   if (physics) allocate(state.flight, num_drones());

@@ -19,8 +19,10 @@
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
 #include "dynamics/flight.hpp"
+#include "dynamics/wind.hpp"
 #include "flockstep/batch.hpp"
 #include "sensors/camera_rig.hpp"
+#include "sensors/imu.hpp"
 #include "sensors/lidar.hpp"
 #include "sensors/pose_sensor.hpp"
 
@@ -88,10 +90,12 @@ struct Simulation {
   const DroneModel drone_model;
   const collision::Hull hull;
   const std::optional<dynamics::Physics> physics;  // of drones that fly by rotors
+  const dynamics::Wind wind;
 
   State state;
   std::optional<sensors::Lidar> lidar;
   sensors::PoseSensor pose_sensor;
+  std::optional<sensors::Imu> imu;
   sensors::CameraRig cameras;
 
   EpisodeState episodes;       // sized where there is a task

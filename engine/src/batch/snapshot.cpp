@@ -17,7 +17,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 4;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 5;                     // of everything below; one more with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -35,6 +35,7 @@ std::uint64_t checksum_of(Header header, std::string_view body) {
 void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
   sim.pose_sensor.visit(visitor);
+  if (sim.imu) sim.imu->visit(visitor);
   if (sim.lidar) sim.lidar->visit(visitor);
   for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].visit(visitor);
   if (!sim.run) return;
@@ -158,6 +159,10 @@ void require_meaning(const Simulation& sim) {
   checks::poses(state.position, state.quat_wxyz, sim.num_drones());
   finite(sim.pose_sensor.position(), "sensed_position");
   finite(sim.pose_sensor.quat_wxyz(), "sensed_quat_wxyz");
+  if (sim.imu) {
+    finite(sim.imu->accelerometer(), "accelerometer");
+    finite(sim.imu->gyroscope(), "gyroscope");
+  }
   flags(state.active, "active");
   flags(state.contact.hit, "hit");
   flags(state.contact.inside, "inside");

@@ -36,7 +36,9 @@ std::span<const std::uint32_t> readers(const Simulation& sim, std::span<const st
   return scratch.drones;
 }
 
-bool reads_between_ticks(const Simulation& sim) { return (sim.lidar && sim.lidar->period() > 0) || sim.pose_sensor.period() > 0; }
+bool reads_between_ticks(const Simulation& sim) {
+  return (sim.lidar && sim.lidar->period() > 0) || sim.pose_sensor.period() > 0 || (sim.imu && sim.imu->period() > 0);
+}
 
 // Every kind of sensor but the cameras, which render for all blocks at once.
 void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scratch& scratch) {
@@ -45,6 +47,7 @@ void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scrat
     sim.lidar->scan(drones, sim.scenes, sim.drones_per_env(), sim.state, scratch.tracer);
   }
   sim.pose_sensor.read(readers(sim, envs, sim.pose_sensor.period(), when, scratch), sim.state);
+  if (sim.imu) sim.imu->read(readers(sim, envs, sim.imu->period(), when, scratch), sim.state);
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
@@ -79,6 +82,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       sim.state.contact.hit[drone] = 0;
     }
   }
+  if (sim.physics) blow(sim, sim.drones_of(block.flying, scratch));
   const int leg = sim.physics && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
   const Told told{sim.run->setpoints.command, sim.run->setpoints.target, sim.run->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
@@ -180,7 +184,10 @@ void begin_program(Simulation& sim, Run& run, bool place) {
   Task& task = *sim.run->task;
   if (place) run.task({&Block::opening}, [&](const TaskBlock& envs) { task.place(envs); });
   run.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
-  run.each([](Simulation& s, Block& block, Scratch&) { first_moment(s, block); });
+  run.each([](Simulation& s, Block& block, Scratch& scratch) {
+    first_moment(s, block);
+    if (s.physics) feel(s, s.drones_of(block.opening, scratch), scratch);
+  });
   run.start_frames(&Block::opening);
   run.each(sense_all<&Block::opening>);
   run.finish_frames();

@@ -33,6 +33,12 @@ class Context final : public TaskContext {
   const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
   const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
   Pose sensed_pose(std::size_t drone) const override { return sim_.pose_sensor.pose(drone); }
+  std::span<const float> accelerometer() const override {
+    return sim_.imu ? std::span<const float>(sim_.imu->accelerometer()) : std::span<const float>();
+  }
+  std::span<const float> gyroscope() const override {
+    return sim_.imu ? std::span<const float>(sim_.imu->gyroscope()) : std::span<const float>();
+  }
 
   float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const override {
     return draw_uniform(sim_.state, env, stream, index);

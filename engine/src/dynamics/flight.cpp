@@ -1,4 +1,4 @@
-// Equations: P. Corke, R. Mahony et al., "Multirotor aerial vehicles", IEEE Robotics and Automation Magazine 19(3), 2012, with
+// Equations: R. Mahony, V. Kumar, P. Corke, "Multirotor aerial vehicles", IEEE Robotics and Automation Magazine 19(3), 2012, with
 // the rotor drag of that paper; the controller's attitude error turns the thrust first and the heading after it, as in D.
 // Brescianini and R. D'Andrea, "Tilt-prioritized quadrocopter attitude control", IEEE Transactions on Control Systems Technology
 // 28(2), 2020.
@@ -222,7 +222,8 @@ HWY_INLINE V3 accelerate(const Physics& p, const V3& velocity, const V3& wanted,
 
 // Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
 // thrust moves to where roll and pitch have room, and only then are these made smaller.
-HWY_INLINE void mix(const Physics& p, const V3& turn, F thrust, V3 wanted, F* told) {
+HWY_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* told) {
+  const V3& turn = s.turn;
   wanted = {clamp(wanted.x, p.max_rate), clamp(wanted.y, p.max_rate), clamp(wanted.z, p.max_yaw_rate)};
   const V3 spin{F(p.inertia[0]) * turn.x, F(p.inertia[1]) * turn.y, F(p.inertia[2]) * turn.z};
   const V3 gyro = cross(turn, spin);
@@ -263,6 +264,7 @@ HWY_INLINE void mix(const Physics& p, const V3& turn, F thrust, V3 wanted, F* to
     } else {
       speed = (want - F(p.thrust[0])) * F(1.0F / p.thrust[1]);
     }
+    if (p.lead != 1.0F) speed = s.rotor[i] + F(p.lead) * (speed - s.rotor[i]);
     told[i] = max(min(speed, F(p.max_speed)), F(p.min_speed));
   }
 }
@@ -272,7 +274,7 @@ HWY_INLINE void control(const Physics& p, const State& s, const F* set, V3& inte
   if constexpr (kStage == Stage::rotors) {
     for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
   } else if constexpr (kStage == Stage::rates) {
-    mix(p, s.turn, set[0], {set[1], set[2], set[3]}, told);
+    mix(p, s, set[0], {set[1], set[2], set[3]}, told);
   } else {
     const M3 r = matrix(s.rotation);
     Aim aim;
@@ -300,7 +302,7 @@ HWY_INLINE void control(const Physics& p, const State& s, const F* set, V3& inte
     const V3 up = transpose_times(r, aim.up);
     const F gain = F(p.attitude_gain) * turn_gain(up.z);
     const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
-    mix(p, s.turn, aim.thrust, {-(up.y * gain) + r.zx * yaw, up.x * gain + r.zy * yaw, r.zz * yaw}, told);
+    mix(p, s, aim.thrust, {-(up.y * gain) + r.zx * yaw, up.x * gain + r.zy * yaw, r.zz * yaw}, told);
   }
 }
 

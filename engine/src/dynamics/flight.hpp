@@ -49,8 +49,10 @@ enum class Stage : std::uint8_t {
 Stage stage_of(Control control);
 
 // The controller's gains, and how they follow from the lag of the rotors: with a lag T, rates damped by 0.7 allow 0.5 / T; each
-// loop around has a third of the bandwidth of the one within, the position half of that.
+// loop around has a third of the bandwidth of the one within, the position half of that. Rotors slower than 35 ms are led: they
+// are told to go farther than they are wanted, so that they are as much faster, up to four times.
 struct Gains {
+  double lead = 1.0;
   double rate = 0.0;      // 1/s, about x and y
   double yaw_rate = 0.0;  // 1/s, about z
   double attitude = 0.0;  // 1/s
@@ -95,6 +97,7 @@ struct Physics {
   // the controller
   std::array<std::array<float, 4>, kRotors> mixer{};  // thrust of each rotor by thrust, and torque about x, y, z
   float mass = 0.0F;
+  float lead = 1.0F;
   float rate_gain = 0.0F, yaw_rate_gain = 0.0F, attitude_gain = 0.0F, yaw_gain = 0.0F;
   float velocity_gain = 0.0F, integral_gain = 0.0F, position_gain = 0.0F;
   float control_dt = 0.0F;

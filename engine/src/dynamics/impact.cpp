@@ -13,7 +13,7 @@ constexpr double kSlow = 0.05;  // m/s; what comes slower does not bounce, or a 
 }  // namespace
 
 Velocity thrown_back(const Velocity& before, const Pose& pose, const Vec3& point, const Vec3& normal, const Airframe& frame,
-                     const DynamicsConfig& config) {
+                     const Surface& surface) {
   const Mat3d rotation = pose.rotation.cast<double>().normalized().toRotationMatrix();
   const Vec3d inverse_inertia(1.0 / frame.inertia_kgm2[0], 1.0 / frame.inertia_kgm2[1], 1.0 / frame.inertia_kgm2[2]);
   const Vec3d arm = (point - pose.position).cast<double>();
@@ -29,9 +29,8 @@ Velocity thrown_back(const Velocity& before, const Pose& pose, const Vec3& point
   const Vec3d at_point = linear + turning.cross(arm);
   const double approach = at_point.dot(n);
   if (approach >= 0.0) return before;
-  const double restitution = approach < -kSlow ? static_cast<double>(config.restitution) : 0.0;
+  const double restitution = approach < -kSlow ? surface.restitution : 0.0;
   const double leave = -(1.0 + restitution) * approach;  // m/s, gained along the normal in each of the cases below
-  const double friction = config.friction;
 
   // The point sticks where that takes no more than friction has; else it slides on, friction against it; and where that would
   // give energy, as it can to what is hit aslant, it slides freely.
@@ -40,11 +39,11 @@ Velocity thrown_back(const Velocity& before, const Pose& pose, const Vec3& point
   const Vec3d sliding = at_point - approach * n;
   Vec3d impulse = gains.ldlt().solve(Vec3d(leave * n - sliding));
   const double push = impulse.dot(n);
-  if ((impulse - push * n).norm() > friction * push) {
+  if ((impulse - push * n).norm() > surface.friction * push) {
     const double free = leave / n.dot(gains * n);
     impulse = free * n;
     if (const double speed = sliding.norm(); speed > 1e-9) {
-      const Vec3d along = n - friction / speed * sliding;
+      const Vec3d along = n - surface.friction / speed * sliding;
       const double rubbed = leave / n.dot(gains * along);
       const Vec3d candidate = rubbed * along;
       // 2 (energy after - energy before) = J . (2 v + K J)

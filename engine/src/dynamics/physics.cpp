@@ -11,6 +11,8 @@ namespace {
 constexpr double kFastest = 0.25;      // of the controller's own rate: the fastest loop that it can close
 constexpr double kYawShare = 1.0 / 3;  // yaw torque is small, and what it takes is taken from the rest
 constexpr double kIntegralShare = 0.1;
+constexpr double kUsualLag = 0.035;  // s
+constexpr double kMostLead = 4.0;
 
 float narrow(double value) { return static_cast<float>(value); }
 
@@ -47,7 +49,8 @@ Stage stage_of(Control control) {
 Gains Gains::of(const Airframe& frame, const DynamicsConfig& config, double control_dt_s) {
   const double lag = config.rotor_lag ? 0.5 * (frame.lag_up_s + frame.lag_down_s) : 0.0;
   Gains gains;
-  gains.rate = std::min(lag > 0.0 ? 0.5 / lag : kFastest / control_dt_s, kFastest / control_dt_s);
+  gains.lead = std::clamp(lag / kUsualLag, 1.0, kMostLead);
+  gains.rate = std::min(lag > 0.0 ? 0.5 * gains.lead / lag : kFastest / control_dt_s, kFastest / control_dt_s);
   gains.yaw_rate = kYawShare * gains.rate;
   gains.attitude = gains.rate / 3.0;
   gains.yaw = kYawShare * gains.attitude;
@@ -110,6 +113,7 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
 
   control_dt = narrow(dt_s * ticks);
   const Gains gains = Gains::of(frame, config, dt_s * ticks);
+  lead = narrow(gains.lead);
   rate_gain = narrow(gains.rate);
   yaw_rate_gain = narrow(gains.yaw_rate);
   attitude_gain = narrow(gains.attitude);

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <string>
 
 #include "base/require.hpp"
@@ -20,6 +21,12 @@ constexpr double kLeastLever = 0.01;  // of a rotor's arm: how far the rotors mu
 using Triple = Airframe::Triple;
 
 std::string numbered(const char* field, std::size_t i) { return std::string(field) + '[' + std::to_string(i) + ']'; }
+
+std::string text_of(const Triple& values) {
+  std::ostringstream text;
+  text << values[0] << ", " << values[1] << ", " << values[2];
+  return text.str();
+}
 
 void require_within(double value, double low, double high, std::string_view field, std::string_view expected) {
   require(value >= low && value <= high, field, expected, value);
@@ -68,8 +75,7 @@ void Airframe::validate() const {
   const auto [jx, jy, jz] = inertia_kgm2;
   constexpr double kRounding = 1.0 + 1e-9;
   require(jx <= (jy + jz) * kRounding && jy <= (jx + jz) * kRounding && jz <= (jx + jy) * kRounding, "inertia_kgm2",
-          "moments of a body, none larger than the sum of the other two",
-          std::to_string(jx) + ", " + std::to_string(jy) + ", " + std::to_string(jz));
+          "moments of a body, none larger than the sum of the other two", text_of(inertia_kgm2));
   for (std::size_t i = 0; i < kRotors; ++i) {
     for (const double x : position_m[i]) {
       require_within(x, -kMaxArm, kMaxArm, numbered("rotors position_m", i), "coordinates within +-100 m");
@@ -88,15 +94,16 @@ void Airframe::validate() const {
   require(vertex <= min_speed_radps || thrust_at(vertex) == 0.0, "rotors thrust_n", "a thrust that grows with the speed",
           "one that is least at " + std::to_string(vertex) + " rad/s");
   require(thrust_n[2] > 0.0 || thrust_n[1] > 0.0, "rotors thrust_n", "a thrust that grows with the speed", "one that does not");
-  for (const double lag : {lag_up_s, lag_down_s}) require_within(lag, 0.0, kMaxLag, "rotors lag", "a time in [0, 10] s");
+  require_within(lag_up_s, 0.0, kMaxLag, "rotors lag_up_s", "a time in [0, 10] s");
+  require_within(lag_down_s, 0.0, kMaxLag, "rotors lag_down_s", "a time in [0, 10] s");
   require_within(radius_m, 0.0, kMaxArm, "rotors radius_m", "a number in [0, 100] m");
   require_within(rotor_inertia_kgm2, 0.0, 1e6, "rotors inertia_kgm2", "a finite number >= 0");
-  require_drag(rotor_drag, "rotors drag");
-  require_within(rotor_lift, 0.0, 1e6, "rotors lift", "a finite number >= 0");
-  require_drag(linear_drag, "drag linear");
-  require_drag(quadratic_drag, "drag quadratic");
+  require_drag(rotor_drag, "rotors drag_n_per_radps_mps");
+  require_within(rotor_lift, 0.0, 1e6, "rotors lift_n_per_mps2", "a finite number >= 0");
+  require_drag(linear_drag, "drag linear_n_per_mps");
+  require_drag(quadratic_drag, "drag quadratic_n_per_mps2");
 
-  require(thrust_to_weight() > 1.0, "rotors thrust_n", "more thrust than weight, to hover", thrust_to_weight());
+  require(thrust_to_weight() > 1.0, "rotors", "a thrust-to-weight above 1, to hover", thrust_to_weight());
   require(static_cast<double>(kRotors) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",
           "a speed at which it sinks", min_speed_radps);
   // Scaled by arm and torque ratio, the allocation of an X or plus frame has a determinant of 16; of one that cannot turn about

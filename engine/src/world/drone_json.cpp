@@ -150,7 +150,8 @@ std::optional<DroneModel> read_like(const JsonField& root) {
 
 std::optional<Airframe> read_airframe(const JsonField& root, const std::optional<DroneModel>& like) {
   const bool is_new = !like || !like->airframe();
-  if (is_new && !find(root, "mass_kg") && !find(root, "rotors")) return std::nullopt;  // a hull alone
+  const auto has = [&](const char* key) { return find(root, key).has_value(); };
+  if (is_new && !has("mass_kg") && !has("inertia_kgm2") && !has("rotors") && !has("drag")) return std::nullopt;  // a hull alone
   Airframe frame = is_new ? Airframe() : *like->airframe();
   if (is_new) require_all(root, {"mass_kg", "inertia_kgm2", "rotors"});
   read_to(frame.mass_kg, root, "mass_kg");

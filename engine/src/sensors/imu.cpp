@@ -1,0 +1,109 @@
+#include "sensors/imu.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "base/random.hpp"
+#include "base/require.hpp"
+#include "flockstep/airframe.hpp"
+#include "sensors/rate.hpp"
+
+namespace flockstep {
+
+void ImuConfig::validate() const {
+  require_not_negative(accelerometer_noise_density, "imu.accelerometer_noise_density");
+  require_not_negative(accelerometer_random_walk, "imu.accelerometer_random_walk");
+  require_not_negative(accelerometer_bias_time_s, "imu.accelerometer_bias_time_s");
+  require_not_negative(gyroscope_noise_density, "imu.gyroscope_noise_density");
+  require_not_negative(gyroscope_random_walk, "imu.gyroscope_random_walk");
+  require_not_negative(gyroscope_bias_time_s, "imu.gyroscope_bias_time_s");
+  for (const float value : offset_m) require(std::abs(value) <= 100.0F, "imu.offset_m", "numbers within +-100", value);
+  require_unit_quaternion(quat_wxyz, "imu.quat_wxyz");
+  if (rate_hz) require_positive(*rate_hz, "imu.rate_hz");
+}
+
+namespace sensors {
+namespace {
+
+Vec3 of_row(const std::vector<float>& values, std::size_t drone) {
+  return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
+}
+
+void put(const Vec3& value, std::vector<float>& values, std::size_t drone) {
+  std::copy_n(value.data(), 3, values.data() + 3 * drone);
+}
+
+double seconds_between(std::int64_t period, const ClockConfig& clock) {
+  return period == 0 ? clock.step_s() : static_cast<double>(period) * clock.dt_s();
+}
+
+}  // namespace
+
+// White noise of a density s has the standard deviation s / sqrt(d) in readings d apart. A bias whose rate is white noise of
+// density w gains w sqrt(d); one that forgets with the time T, w sqrt(T/2 (1 - e^(-2d/T))).
+Imu::Noise::Noise(float density, float walk, float time, double d)
+    : white(static_cast<float>(static_cast<double>(density) / std::sqrt(d))) {
+  const double t = static_cast<double>(time);
+  keep = t > 0.0 ? static_cast<float>(std::exp(-d / t)) : 1.0F;
+  const double gain = t > 0.0 ? std::sqrt(0.5 * t * -std::expm1(-2.0 * d / t)) : std::sqrt(d);
+  step = static_cast<float>(static_cast<double>(walk) * gain);
+}
+
+Imu::Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones)
+    : period_(period_in_ticks(config.rate_hz, clock, "imu.rate_hz")),
+      drones_per_env_(drones_per_env),
+      offset_(config.offset_m[0], config.offset_m[1], config.offset_m[2]),
+      to_sensor_(Quat(config.quat_wxyz[0], config.quat_wxyz[1], config.quat_wxyz[2], config.quat_wxyz[3])
+                     .normalized()
+                     .toRotationMatrix()
+                     .transpose()),
+      accelerometer_(config.accelerometer_noise_density, config.accelerometer_random_walk, config.accelerometer_bias_time_s,
+                     seconds_between(period_, clock)),
+      gyroscope_(config.gyroscope_noise_density, config.gyroscope_random_walk, config.gyroscope_bias_time_s,
+                 seconds_between(period_, clock)) {
+  for_each_field(readings_, [num_drones](const auto&, auto& values) { values.resize(3 * num_drones); });
+}
+
+void Imu::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
+
+// The accelerometer feels all forces but gravity: R^T (dv/dt + g e3), and where it sits besides dw/dt x r + w x (w x r).
+void Imu::read(std::span<const std::uint32_t> drones, const State& state) {
+  for (const std::uint32_t drone : drones) {
+    const Vec3 turn = of_row(state.flight.angular_velocity, drone);
+    const Vec3 turning = of_row(state.flight.angular_acceleration, drone);
+    const Vec3 felt = of_row(state.flight.acceleration, drone) + Vec3(0.0F, 0.0F, static_cast<float>(kGravity));
+    const Vec3 at_sensor =
+        pose_of(state, drone).rotation.conjugate() * felt + turning.cross(offset_) + turn.cross(turn.cross(offset_));
+    Vec3 acceleration = to_sensor_ * at_sensor;
+    Vec3 angular = to_sensor_ * turn;
+    if (!accelerometer_.is_none() || !gyroscope_.is_none()) {
+      const std::size_t env = drone / drones_per_env_;
+      const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
+      const auto m = static_cast<std::uint32_t>(drone % drones_per_env_);
+      constexpr std::uint32_t kDraws = 6;  // of two numbers each
+      const std::uint32_t index = kDraws * (reading * static_cast<std::uint32_t>(drones_per_env_) + m);
+      std::array<float, 2 * kDraws> n;
+      for (std::uint32_t k = 0; k < kDraws; ++k) {
+        const auto [first, second] = normal_pair(draw(state, env, Stream::imu_noise, index + k));
+        n[2 * k] = first;
+        n[2 * k + 1] = second;
+      }
+      const bool begins = state.sensed[env] == 0 && state.tick[env] == 0;
+      const auto disturb = [&](const Noise& noise, const float* numbers, std::vector<float>& biases, Vec3& value) {
+        const Vec3 bias = begins
+                              ? Vec3(Vec3::Zero())
+                              : Vec3(noise.keep * of_row(biases, drone) + noise.step * Vec3(numbers[3], numbers[4], numbers[5]));
+        put(bias, biases, drone);
+        value += bias + noise.white * Vec3(numbers[0], numbers[1], numbers[2]);
+      };
+      disturb(accelerometer_, n.data(), readings_.accelerometer_bias, acceleration);
+      disturb(gyroscope_, n.data() + 6, readings_.gyroscope_bias, angular);
+    }
+    put(acceleration, readings_.accelerometer, drone);
+    put(angular, readings_.gyroscope, drone);
+  }
+}
+
+}  // namespace sensors
+}  // namespace flockstep

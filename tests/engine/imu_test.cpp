@@ -1,0 +1,204 @@
+#include "sensors/imu.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "random.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::primitive;
+using testing::same_bits;
+
+constexpr float kG = 9.81F;
+
+BatchConfig with_imu(int num_drones, const ImuConfig& imu, Control control = Control::rotor_speeds) {
+  BatchConfig config;
+  config.num_envs = num_drones;
+  config.num_threads = 1;
+  config.clock = {.policy_hz = 100.0F, .physics_hz = 500.0F};
+  config.dynamics.motion = Motion::rotors;
+  config.dynamics.control = control;
+  config.dynamics.body_drag = config.dynamics.rotor_drag = false;
+  config.imu = imu;
+  return config;
+}
+
+Batch::Worlds open() { return {testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {5000, 5000, 5000})})}; }
+
+Batch make(const BatchConfig& config) { return Batch(config, open(), nullptr, DroneModel::load("kingfisher")); }
+
+Vec3 row(std::span<const float> values, std::size_t drone) {
+  return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
+}
+
+std::vector<float> all(int num_drones, float value) {
+  return std::vector<float>(4 * static_cast<std::size_t>(num_drones), value);
+}
+
+TEST(Imu, ReadsGravityUpwardsAtRestAndNothingInFreeFall) {
+  Batch batch = make(with_imu(1, {}));
+  const auto hovering = static_cast<float>(batch.drone().airframe()->hover_speed());
+  batch.sense();
+  EXPECT_TRUE(row(batch.accelerometer(), 0).isApprox(Vec3(0, 0, kG), 1e-5F)) << "before it flies";
+  batch.fly(all(1, hovering));
+  batch.sense();
+  EXPECT_TRUE(row(batch.accelerometer(), 0).isApprox(Vec3(0, 0, kG), 1e-4F)) << "hovering";
+  batch.set_velocity({}, {}, all(1, 0.0F));
+  batch.fly(all(1, 0.0F));
+  batch.sense();
+  EXPECT_LT(row(batch.accelerometer(), 0).norm(), 1e-4F) << "falling";
+  EXPECT_TRUE(row(batch.gyroscope(), 0).isZero(1e-6F));
+}
+
+TEST(Imu, FeelsTheFrameItIsIn) {
+  const Quat turned(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
+  const Quat mount(Eigen::AngleAxisf(-1.1F, Vec3(0, 1, 1).normalized()));
+  Batch batch = make(with_imu(1, {.quat_wxyz = {mount.w(), mount.x(), mount.y(), mount.z()}}));
+  batch.set_pose({}, std::vector<float>{turned.w(), turned.x(), turned.y(), turned.z()});
+  batch.set_velocity({}, std::vector<float>{0, 0, 2}, {});
+  batch.sense();  // not flown: nothing accelerates it but what holds it
+  EXPECT_TRUE(row(batch.accelerometer(), 0).isApprox((turned * mount).conjugate() * Vec3(0, 0, kG), 1e-5F));
+  EXPECT_TRUE(row(batch.gyroscope(), 0).isApprox(mount.conjugate() * Vec3(0, 0, 2), 1e-5F));
+}
+
+// Two sensors on one body differ by what turning adds: w' x r + w x (w x r), here from positions of the sensor itself.
+TEST(Imu, OffTheCentreFeelsTheTurning) {
+  const Vec3 offset(0.3F, -0.2F, 0.1F);
+  const BatchConfig config = with_imu(1, {.offset_m = {offset.x(), offset.y(), offset.z()}});
+  Batch batch = make(config);
+  batch.set_velocity(std::vector<float>{1, 2, 3}, std::vector<float>{1.0F, -2.0F, 3.0F}, {});
+  std::vector<float> told = all(1, static_cast<float>(batch.drone().airframe()->hover_speed()));
+  told[0] += 150.0F;
+  std::vector<Eigen::Vector3d> places;
+  Vec3 reading;
+  Quat rotation;
+  for (int tick = 0; tick < 41; ++tick) {
+    batch.fly(told, 1);
+    const Pose pose = pose_of(batch.state(), 0);
+    places.push_back((pose.position + pose.rotation * offset).cast<double>());
+    if (tick == 20) {
+      batch.sense();
+      reading = row(batch.accelerometer(), 0);
+      rotation = pose.rotation;
+    }
+  }
+  const double span = 20 * 0.002;
+  const Eigen::Vector3d acceleration = (places[40] - 2.0 * places[20] + places[0]) / (span * span);
+  const Vec3 expected = rotation.conjugate() * (acceleration.cast<float>() + Vec3(0, 0, kG));
+  EXPECT_LT((reading - expected).norm(), 0.03F * expected.norm()) << reading.transpose() << " / " << expected.transpose();
+}
+
+struct Moments {
+  double mean = 0.0, variance = 0.0;
+};
+
+Moments moments(const std::vector<double>& values) {
+  Moments m;
+  for (const double value : values) m.mean += value / static_cast<double>(values.size());
+  for (const double value : values) m.variance += (value - m.mean) * (value - m.mean) / static_cast<double>(values.size() - 1);
+  return m;
+}
+
+// The Allan variance of clusters of k readings.
+double allan_variance(const std::vector<double>& readings, std::size_t k) {
+  std::vector<double> means;
+  for (std::size_t i = 0; i + k <= readings.size(); i += k) {
+    double mean = 0.0;
+    for (std::size_t j = i; j < i + k; ++j) mean += readings[j] / static_cast<double>(k);
+    means.push_back(mean);
+  }
+  double sum = 0.0;
+  for (std::size_t i = 1; i < means.size(); ++i) sum += (means[i] - means[i - 1]) * (means[i] - means[i - 1]);
+  return sum / (2.0 * static_cast<double>(means.size() - 1));
+}
+
+// White noise of density s: s^2 / t. A walk of density w: w^2 t / 3.
+TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
+  constexpr int kDrones = 64;
+  constexpr int kReadings = 4096;
+  constexpr double kStep = 0.01;
+  const ImuConfig imu{.accelerometer_noise_density = 0.02F, .gyroscope_random_walk = 0.05F};
+  Batch batch = make(with_imu(kDrones, imu));
+  const std::vector<float> hover = all(kDrones, static_cast<float>(batch.drone().airframe()->hover_speed()));
+  std::vector<std::vector<double>> white(kDrones), walk(kDrones);
+  for (int i = 0; i < kReadings; ++i) {
+    batch.sense();
+    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+      white[drone].push_back(static_cast<double>(batch.accelerometer()[3 * drone]));
+      walk[drone].push_back(static_cast<double>(batch.gyroscope()[3 * drone + 1]));
+    }
+  }
+  for (const std::size_t k : {1U, 16U, 64U}) {
+    const double t = static_cast<double>(k) * kStep;
+    double of_white = 0.0, of_walk = 0.0;
+    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+      of_white += allan_variance(white[drone], k) / kDrones;
+      of_walk += allan_variance(walk[drone], k) / kDrones;
+    }
+    EXPECT_NEAR(of_white / (0.02 * 0.02 / t), 1.0, 0.06) << k;
+    // Of k averaged readings of a walk in steps: (2 k^2 + 1) / (2 k^2) of w^2 t / 3.
+    const double discrete = 1.0 + 0.5 / static_cast<double>(k * k);
+    EXPECT_NEAR(of_walk / (0.05 * 0.05 * t / 3.0 * discrete), 1.0, 0.06) << k;
+  }
+  std::vector<double> means;
+  for (const auto& readings : white) means.push_back(moments(readings).mean);
+  EXPECT_NEAR(moments(means).mean, 0.0, 5.0 * 0.02 / std::sqrt(kStep * kReadings * kDrones)) << "no bias of its own";
+}
+
+TEST(Imu, ABiasThatForgetsKeepsItsVariance) {
+  constexpr int kDrones = 2000;
+  const ImuConfig imu{.accelerometer_random_walk = 0.1F, .accelerometer_bias_time_s = 0.5F};
+  Batch batch = make(with_imu(kDrones, imu));
+  for (int i = 0; i < 400; ++i) batch.sense();  // 4 s: eight times its time
+  std::vector<double> biases;
+  for (std::size_t drone = 0; drone < kDrones; ++drone) biases.push_back(static_cast<double>(batch.accelerometer()[3 * drone]));
+  const double expected = 0.1 * 0.1 * 0.5 / 2.0;
+  EXPECT_NEAR(moments(biases).variance / expected, 1.0, 5.0 * std::sqrt(2.0 / kDrones));
+}
+
+TEST(Imu, OfAnEnvIsTheSameInAnyCompanyAndAfterARestore) {
+  const ImuConfig imu{.accelerometer_noise_density = 0.02F,
+                      .accelerometer_random_walk = 0.01F,
+                      .gyroscope_noise_density = 0.003F,
+                      .gyroscope_random_walk = 0.002F,
+                      .rate_hz = 250.0F};
+  BatchConfig config = with_imu(5, imu);
+  config.dynamics.wind = {.mean_mps = {1, 2, 0}, .gusts = Gusts::dryden};
+  config.dynamics.body_drag = true;
+  Batch many = make(config);
+  config.num_envs = 1;
+  Batch alone = make(config);
+  many.seed(std::vector<std::uint64_t>{7, 8, 9, 10, 11});
+  alone.seed(std::vector<std::uint64_t>{9});
+  const auto fly = [](Batch& batch) {
+    batch.fly(all(batch.config().num_drones(), static_cast<float>(batch.drone().airframe()->hover_speed())));
+    batch.sense();
+  };
+  for (int i = 0; i < 10; ++i) fly(many), fly(alone);
+  const std::string blob = alone.snapshot();
+  for (int i = 0; i < 10; ++i) fly(many), fly(alone);
+  EXPECT_TRUE(same_bits(alone.accelerometer(), many.accelerometer().subspan(6, 3)));
+  EXPECT_TRUE(same_bits(alone.gyroscope(), many.gyroscope().subspan(6, 3)));
+  EXPECT_TRUE(same_bits(alone.state().flight.wind, std::span(many.state().flight.wind).subspan(6, 3)));
+  const std::vector<float> reading(alone.accelerometer().begin(), alone.accelerometer().end());
+  alone.restore(blob);
+  for (int i = 0; i < 10; ++i) fly(alone);
+  EXPECT_TRUE(same_bits(alone.accelerometer(), reading));
+}
+
+TEST(Imu, IsRefusedWhereNothingAccelerates) {
+  BatchConfig config = with_imu(1, {});
+  config.dynamics = {};
+  EXPECT_REFUSED(config.validate(), "imu: expected None, where motion is kinematic");
+  EXPECT_REFUSED(ImuConfig{.gyroscope_noise_density = -1.0F}.validate(), "imu.gyroscope_noise_density");
+  EXPECT_REFUSED(with_imu(1, {.rate_hz = 333.0F}).validate(), "imu.rate_hz: expected a rate that divides");
+}
+
+}  // namespace
+}  // namespace flockstep
