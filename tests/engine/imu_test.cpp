@@ -31,7 +31,13 @@ BatchConfig with_imu(int num_drones, const ImuConfig& imu, Control control = Con
 
 Batch::Worlds open() { return {testing::make_world({primitive(PrimitiveKind::room, {0, 0, 0}, {5000, 5000, 5000})})}; }
 
-Batch make(const BatchConfig& config) { return Batch(config, open(), nullptr, DroneModel::load("kingfisher")); }
+// Whose rotors can stand still.
+Batch make(const BatchConfig& config) {
+  const DroneModel model = DroneModel::load("kingfisher");
+  Airframe frame = *model.airframe();
+  frame.min_speed_radps = 0.0;
+  return Batch(config, open(), nullptr, DroneModel({model.hull().begin(), model.hull().end()}, frame));
+}
 
 Vec3 row(std::span<const float> values, std::size_t drone) {
   return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
@@ -76,8 +82,8 @@ TEST(Imu, OffTheCentreFeelsTheTurning) {
   std::vector<float> told = all(1, static_cast<float>(batch.drone().airframe()->hover_speed()));
   told[0] += 150.0F;
   std::vector<Eigen::Vector3d> places;
-  Vec3 reading;
-  Quat rotation;
+  Vec3 reading = Vec3::Zero();
+  Quat rotation = Quat::Identity();
   for (int tick = 0; tick < 41; ++tick) {
     batch.fly(told, 1);
     const Pose pose = pose_of(batch.state(), 0);

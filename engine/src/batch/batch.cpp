@@ -212,6 +212,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
     sim_->state.seed[env] = seeds[env];
     sim_->state.episode[env] = 0;
     forget_readings(*sim_, env);
+    begin_gusts(*sim_, drone);
   });
 }
 
@@ -222,6 +223,7 @@ void Batch::begin_episode(Mask mask) {
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
     if (drone % sim_->drones_per_env() == 0) ++sim_->state.episode[sim_->env_of(drone)];
     forget_readings(*sim_, sim_->env_of(drone));
+    begin_gusts(*sim_, drone);
   });
 }
 

@@ -287,7 +287,7 @@ void for_each_group(Simulation& sim, std::span<const std::uint32_t> drones, Scra
 
 void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity) {
   if (!sim.physics) return;
-  set_gust(sim, drone, sim.wind.has_gusts() ? sim.wind.begin(gust_noise(sim, drone, 0)) : dynamics::GustState{});
+  begin_gusts(sim, drone);
   FlightState& flight = sim.state.flight;
   const float hovering = static_cast<float>(sim.drone_model.airframe()->hover_speed());
   for (std::size_t k = 0; k < 3; ++k) {
@@ -297,6 +297,11 @@ void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity) 
   }
   for (std::size_t i = 0; i < kRotors; ++i)
     flight.rotor_speed[kRotors * drone + i] = flight.rotor_command[kRotors * drone + i] = hovering;
+}
+
+void begin_gusts(Simulation& sim, std::size_t drone) {
+  if (!sim.physics) return;
+  set_gust(sim, drone, sim.wind.has_gusts() ? sim.wind.begin(gust_noise(sim, drone, 0)) : dynamics::GustState{});
 }
 
 void blow(Simulation& sim, std::span<const std::uint32_t> drones) {

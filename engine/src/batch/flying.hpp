@@ -26,7 +26,8 @@ struct Told {
   std::span<const Pose> step_start;  // (N,) likewise: where the step began
 };
 
-// The gusts of the step that begins.
+// The gusts that an episode begins with, and those of the step that begins.
+void begin_gusts(Simulation& sim, std::size_t drone);
 void blow(Simulation& sim, std::span<const std::uint32_t> drones);
 
 // What accelerates drones where they are, if their rotors keep their speed: an episode begins with it.
