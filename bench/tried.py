@@ -1,6 +1,7 @@
 """What `./dev try [NAME...]` runs: what the promises rest on, tried far more often than the tests do.
 
 moves    pushes and turns at rest against walls, 0 to 10 km from the origin: no gap is eaten
+pushes   ticks of drones that fly by rotors and push against walls and corners: none is ever inside
 motions  sweeps against fine stepping with an independent convex distance
 rays     rays traced directly, through Embree, and by closed forms in double precision
 scene, obj, snapshot, calls   the fuzzers, with address and undefined sanitizers
@@ -22,7 +23,12 @@ from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
 #: Tests of the C++ engine, and how many times as often as in the suite.
-TESTS = {"moves": ("*Creep*", 1000), "motions": ("SweepAgainstFineStepping*", 100), "rays": ("Agreement*", 1000)}
+TESTS = {
+    "moves": ("*Creep*", 1000),
+    "pushes": ("Contact.Pushed*", 300),
+    "motions": ("SweepAgainstFineStepping*", 100),
+    "rays": ("Agreement*", 1000),
+}
 FUZZERS = ("scene", "obj", "snapshot", "calls")
 RUNS, HOUR_S = 1_000_000, 3600  # of a fuzzer, whichever comes first
 

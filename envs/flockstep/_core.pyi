@@ -395,7 +395,8 @@ class DynamicsConfig:
     control
         What commands mean; see above. Kinematic motion takes ``"pose"`` alone.
     integrator
-        ``"midpoint"``: second order. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts, else midpoint.
+        ``"midpoint"``: second order. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts,
+        else midpoint. Ticks longer than twice the rotors' lag are for midpoint alone.
     on_contact
         ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the point that
         touches stops, and the drone flies on. ``"bounce"``: it is thrown back, and flies on.

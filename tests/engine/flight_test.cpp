@@ -289,11 +289,13 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
   dynamics::Surface surface{0.4, 0.0};
   const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
   // Straight under the centre: no turning.
-  const Velocity straight = dynamics::thrown_back({{1, 0, -2}, Vec3::Zero()}, pose, {1, 2, 2.9F}, Vec3::UnitZ(), frame, surface);
+  const Velocity straight = dynamics::thrown_back({{1, 0, -2}, Vec3::Zero()}, {{1, 0, -2}, Vec3::Zero()}, pose, {1, 2, 2.9F},
+                                                  Vec3::UnitZ(), frame, surface);
   EXPECT_TRUE(straight.linear.isApprox(Vec3(1, 0, 0.8F), 1e-6F));
   EXPECT_TRUE(straight.angular.isZero(1e-6F));
   // What moves away already is left alone.
-  const Velocity away = dynamics::thrown_back({{1, 0, 2}, Vec3::Zero()}, pose, {1, 2, 2.9F}, Vec3::UnitZ(), frame, surface);
+  const Velocity away = dynamics::thrown_back({{1, 0, 2}, Vec3::Zero()}, {{1, 0, 2}, Vec3::Zero()}, pose, {1, 2, 2.9F},
+                                              Vec3::UnitZ(), frame, surface);
   EXPECT_EQ(away.linear, Vec3(1, 0, 2));
   // Off centre: the point leaves at the share of its speed, and momentum about it is kept.
   surface.friction = 0.5;
@@ -303,7 +305,7 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
     const Vec3 normal = vector().normalized();
     const Vec3 arm = 0.2F * vector();
     const Velocity before{vector() * 5.0F, vector() * 5.0F};
-    const Velocity after = dynamics::thrown_back(before, pose, pose.position + arm, normal, frame, surface);
+    const Velocity after = dynamics::thrown_back(before, before, pose, pose.position + arm, normal, frame, surface);
     const auto at_point = [&](const Velocity& v) { return Vec3(v.linear + (pose.rotation * v.angular).cross(arm)); };
     const float approach = at_point(before).dot(normal);
     if (approach >= 0.0F) continue;

@@ -40,7 +40,7 @@ struct EnumNames<Control> {
 
 // How the equations of motion are solved in each tick.
 enum class Integrator : std::uint8_t {
-  automatic,  // rk4 for rotor speeds and thrusts, else midpoint
+  automatic,  // rk4 for rotor speeds and thrusts, where ticks are not longer than twice the lag; else midpoint
   midpoint,   // second order; rotor speeds and attitude by their closed forms
   rk4,        // fourth order
 };
@@ -96,10 +96,6 @@ struct DynamicsConfig {
 
   bool is_kinematic() const { return motion == Motion::kinematic; }
   bool tells_rotors() const { return control == Control::rotor_speeds || control == Control::rotor_thrusts; }
-  Integrator solver() const {
-    if (integrator != Integrator::automatic) return integrator;
-    return tells_rotors() ? Integrator::rk4 : Integrator::midpoint;
-  }
 };
 
 }  // namespace flockstep

@@ -37,6 +37,7 @@ struct FlightState {
   std::vector<float> rotor_speed;           // (N, 4) rad/s
   std::vector<float> rotor_command;         // (N, 4) rad/s: what the rotors were last told
   std::vector<float> error_integral;        // (N, 3) m: of the velocity, for the controller
+  std::vector<float> remainder;             // (N, 3) m: of the position, what float32 has rounded off
   std::vector<float> wind;                  // (N, 3) m/s, world frame: in the last step; written before each, and by resets
   std::vector<float> gust;                  // (N, 5) what it is made of; see dynamics::GustState
 
@@ -45,7 +46,8 @@ struct FlightState {
     return field_list(field("velocity", &C::velocity), field("angular_velocity", &C::angular_velocity),
                       field("acceleration", &C::acceleration), field("angular_acceleration", &C::angular_acceleration),
                       field("rotor_speed", &C::rotor_speed), field("rotor_command", &C::rotor_command),
-                      field("error_integral", &C::error_integral), field("wind", &C::wind), field("gust", &C::gust));
+                      field("error_integral", &C::error_integral), field("remainder", &C::remainder), field("wind", &C::wind),
+                      field("gust", &C::gust));
   }
 };
 

@@ -31,6 +31,10 @@ void store(const dynamics::Lanes<kCount>& lanes, std::size_t lane, std::vector<f
   for (std::size_t k = 0; k < kCount; ++k) values[kCount * drone + k] = lanes[k][lane];
 }
 
+Vec3 of_row(const std::vector<float>& values, std::size_t drone) {
+  return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
+}
+
 Vec3 vec3(const dynamics::Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
 
 void set(const Vec3& v, dynamics::Lanes<3>& lanes, std::size_t lane) {
@@ -60,7 +64,7 @@ class Group {
     const FlightState& flight = sim_.state.flight;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];  // those that are not there fly with the last
-      set(Vec3::Zero(), flock_.travelled, lane);
+      flockstep::load(flight.remainder, drone, flock_.travelled, lane);
       flockstep::load(flight.velocity, drone, flock_.velocity, lane);
       flockstep::load(sim_.state.quat_wxyz, drone, flock_.rotation, lane);
       flockstep::load(flight.angular_velocity, drone, flock_.turn, lane);
@@ -185,7 +189,13 @@ class Group {
   void keep(std::size_t lane) {
     const std::uint32_t drone = drones_[lane];
     FlightState& flight = sim_.state.flight;
-    set_pose_of(sim_.state, drone, pose(lane));
+    const Pose at = pose(lane);
+    set_pose_of(sim_.state, drone, at);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto axis = static_cast<Eigen::Index>(k);
+      const double exact = static_cast<double>(base_[lane][axis]) + static_cast<double>(flock_.travelled[k][lane]);
+      flight.remainder[3 * drone + k] = static_cast<float>(exact - static_cast<double>(at.position[axis]));
+    }
     store(flock_.velocity, lane, flight.velocity, drone);
     store(flock_.turn, lane, flight.angular_velocity, drone);
     store(flock_.acceleration, lane, flight.acceleration, drone);
@@ -202,32 +212,62 @@ class Group {
     is_done_[lane] = true;
   }
 
+  // The tick's motion, as far as nothing is in the way. What hits is thrown back, and flies the rest of the tick from there,
+  // until it hits again.
   void sweep(std::size_t lane) {
+    constexpr int kMostContacts = 3;  // of a tick: a wall, another, and where they meet
     const std::uint32_t drone = drones_[lane];
-    const collision::Contact contact = collision::sweep(obstacles_, sim_.hull, pose_of(sim_.state, drone), pose(lane));
-    if (!contact.hit) return keep(lane);
-    const Pose at = collision::interpolate(pose_of(sim_.state, drone), pose(lane), contact.fraction);
+    const Velocity began{of_row(sim_.state.flight.velocity, drone), of_row(sim_.state.flight.angular_velocity, drone)};
+    Velocity end{vec3(flock_.velocity, lane), vec3(flock_.turn, lane)};
+    Pose from = pose_of(sim_.state, drone);
+    Pose to = pose(lane);
     keep(lane);
-    set_pose_of(sim_.state, drone, at);
-    write_contact(sim_.state, drone, contact);
-    FlightState& flight = sim_.state.flight;
-    for (std::size_t k = 3 * drone; k < 3 * drone + 3; ++k) flight.acceleration[k] = flight.angular_acceleration[k] = 0.0F;
-    const DynamicsConfig& config = sim_.config.dynamics;
-    if (config.on_contact == OnContact::terminate) {
-      is_done_[lane] = true;
-      return;
+    Velocity hit = began;  // at the beginning of the motion that is swept, then where it hits
+    double left = sim_.config.clock.dt_s();
+    for (int contacts = 0; contacts < kMostContacts; ++contacts) {
+      const collision::Contact contact = collision::sweep(obstacles_, sim_.hull, from, to);
+      if (!contact.hit) {
+        if (contacts == 0) return;
+        from = to;
+        break;
+      }
+      from = collision::interpolate(from, to, contact.fraction);
+      write_contact(sim_.state, drone, contact);
+      if (sim_.config.dynamics.on_contact == OnContact::terminate) {
+        is_done_[lane] = true;
+        break;
+      }
+      const float share = contact.fraction;
+      hit = {hit.linear + share * (end.linear - hit.linear), hit.angular + share * (end.angular - hit.angular)};
+      end = dynamics::thrown_back(hit, end, from, contact.point, contact.normal, *sim_.drone_model.airframe(), surface());
+      hit = end;
+      left *= 1.0 - static_cast<double>(share);
+      const auto time = static_cast<float>(left);
+      const Vec3 turn = time * end.angular;
+      const float angle = turn.norm();
+      to = {from.position + time * end.linear,
+            angle > 0.0F ? (from.rotation * Quat(Eigen::AngleAxisf(angle, turn / angle))).normalized() : from.rotation};
     }
-    const dynamics::Surface surface =
-        config.on_contact == OnContact::stop
-            ? dynamics::Surface{0.0, 1e9}
-            : dynamics::Surface{static_cast<double>(config.restitution), static_cast<double>(config.friction)};
-    const Velocity velocity = dynamics::thrown_back({vec3(flock_.velocity, lane), vec3(flock_.turn, lane)}, at, contact.point,
-                                                    contact.normal, *sim_.drone_model.airframe(), surface);
-    set(velocity.linear, flock_.velocity, lane);
-    set(velocity.angular, flock_.turn, lane);
+    set_pose_of(sim_.state, drone, from);
+    FlightState& flight = sim_.state.flight;
+    for (std::size_t k = 3 * drone; k < 3 * drone + 3; ++k) {
+      flight.acceleration[k] = flight.angular_acceleration[k] = flight.remainder[k] = 0.0F;
+    }
+    if (is_done_[lane]) return;
+    set(end.linear, flock_.velocity, lane);
+    set(end.angular, flock_.turn, lane);
     store(flock_.velocity, lane, flight.velocity, drone);
     store(flock_.turn, lane, flight.angular_velocity, drone);
-    // It flies on from here.
+    fly_on_from(lane, from);
+  }
+
+  dynamics::Surface surface() const {
+    const DynamicsConfig& config = sim_.config.dynamics;
+    if (config.on_contact == OnContact::stop) return {0.0, 1e9};
+    return {static_cast<double>(config.restitution), static_cast<double>(config.friction)};
+  }
+
+  void fly_on_from(std::size_t lane, const Pose& at) {
     const Vec3 moved = at.position - base_[lane];
     base_[lane] = at.position;
     set(Vec3::Zero(), flock_.travelled, lane);
@@ -293,7 +333,8 @@ void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity) 
   for (std::size_t k = 0; k < 3; ++k) {
     flight.velocity[3 * drone + k] = velocity.linear[static_cast<Eigen::Index>(k)];
     flight.angular_velocity[3 * drone + k] = velocity.angular[static_cast<Eigen::Index>(k)];
-    flight.acceleration[3 * drone + k] = flight.angular_acceleration[3 * drone + k] = flight.error_integral[3 * drone + k] = 0.0F;
+    flight.acceleration[3 * drone + k] = flight.angular_acceleration[3 * drone + k] = flight.error_integral[3 * drone + k] =
+        flight.remainder[3 * drone + k] = 0.0F;
   }
   for (std::size_t i = 0; i < kRotors; ++i)
     flight.rotor_speed[kRotors * drone + i] = flight.rotor_command[kRotors * drone + i] = hovering;

@@ -72,12 +72,15 @@ void allocate(State& state, std::size_t num_envs, std::size_t num_drones) {
 std::optional<dynamics::Physics> physics_of(const BatchConfig& config, const DroneModel& drone) {
   if (config.dynamics.is_kinematic()) return std::nullopt;
   require(drone.airframe().has_value(), "drone", "one with an airframe, to fly by its rotors", "a hull alone");
+  require(
+      config.dynamics.integrator != Integrator::rk4 || dynamics::can_rk4(*drone.airframe(), config.dynamics, config.clock.dt_s()),
+      "integrator", "midpoint or automatic, where a tick is longer than twice the rotors' lag", "rk4");
   return dynamics::Physics(*drone.airframe(), config.dynamics, config.clock.dt_s(), config.clock.control_ticks());
 }
 
 void allocate(FlightState& flight, std::size_t num_drones) {
   for (auto* triples : {&flight.velocity, &flight.angular_velocity, &flight.acceleration, &flight.angular_acceleration,
-                        &flight.error_integral, &flight.wind}) {
+                        &flight.error_integral, &flight.remainder, &flight.wind}) {
     triples->resize(3 * num_drones);
   }
   for (auto* speeds : {&flight.rotor_speed, &flight.rotor_command}) speeds->resize(kRotors * num_drones);

@@ -64,6 +64,9 @@ struct Gains {
   static Gains of(const Airframe& frame, const DynamicsConfig& config, double control_dt_s);
 };
 
+// Whether rk4, for which the rotors are part of the state, can follow them: it takes ticks of at most twice their lag.
+bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
+
 // All numbers that the equations need, in the form in which they need them.
 struct Physics {
   Physics() = default;

@@ -60,9 +60,15 @@ Gains Gains::of(const Airframe& frame, const DynamicsConfig& config, double cont
   return gains;
 }
 
+bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s) {
+  const auto fits = [dt_s](double lag) { return lag == 0.0 || dt_s <= 2.0 * lag; };
+  return !config.rotor_lag || (fits(frame.lag_up_s) && fits(frame.lag_down_s));
+}
+
 Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int ticks)
     : stage(stage_of(config.control)),
-      is_rk4(config.solver() == Integrator::rk4),
+      is_rk4(config.integrator == Integrator::rk4 ||
+             (config.integrator == Integrator::automatic && config.tells_rotors() && can_rk4(frame, config, dt_s))),
       rotor_drag(config.rotor_drag && any(frame.rotor_drag)),
       rotor_lift(config.rotor_drag && frame.rotor_lift != 0.0),
       body_drag(config.body_drag && (any(frame.linear_drag) || any(frame.quadratic_drag))),
