@@ -224,11 +224,13 @@ class Group {
     keep(lane);
     Velocity hit = began;  // at the beginning of the motion that is swept, then where it hits
     double left = sim_.config.clock.dt_s();
+    bool is_held = true;
     for (int contacts = 0; contacts < kMostContacts; ++contacts) {
       const collision::Contact contact = collision::sweep(obstacles_, sim_.hull, from, to);
       if (!contact.hit) {
         if (contacts == 0) return;
         from = to;
+        is_held = false;
         break;
       }
       from = collision::interpolate(from, to, contact.fraction);
@@ -254,11 +256,21 @@ class Group {
       flight.acceleration[k] = flight.angular_acceleration[k] = flight.remainder[k] = 0.0F;
     }
     if (is_done_[lane]) return;
+    // What is held where it is falls no farther: it has no more energy than before.
+    if (const float share = is_held ? energy(began) / std::max(energy(end), 1e-12F) : 1.0F; share < 1.0F) {
+      end = {std::sqrt(share) * end.linear, std::sqrt(share) * end.angular};
+    }
     set(end.linear, flock_.velocity, lane);
     set(end.angular, flock_.turn, lane);
     store(flock_.velocity, lane, flight.velocity, drone);
     store(flock_.turn, lane, flight.angular_velocity, drone);
     fly_on_from(lane, from);
+  }
+
+  float energy(const Velocity& velocity) const {  // J, twice the kinetic energy
+    const auto& inertia = sim_.physics->inertia;
+    return sim_.physics->mass * velocity.linear.squaredNorm() +
+           velocity.angular.cwiseAbs2().dot(Vec3(inertia[0], inertia[1], inertia[2]));
   }
 
   dynamics::Surface surface() const {

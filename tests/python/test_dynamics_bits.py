@@ -1,0 +1,111 @@
+"""Flight by rotors gives the same bits, whatever flies beside it, and after a snapshot or a teleport."""
+
+import numpy as np
+import pytest
+from rigid_body import Start, batch_of, frame, rows_of
+
+import flockstep
+
+CONTROLS = {
+    "rotor_speeds": [1000, 1100, 1050, 1080],
+    "rotor_thrusts": [1.7, 1.9, 1.8, 1.85],
+    "body_rates": [10, 0.5, -0.3, 0.4],
+    "attitude": [10, 0.2, -0.1, 0.5],
+    "acceleration": [1, -2, 0.5, 0.3],
+    "velocity": [1, -2, 0.5, 0.3],
+    "heading_velocity": [1, -2, 0.5, 0.3],
+    "position": [1, -2, 0.5, 0.3],
+}
+FULL = frame(rotor_inertia_kgm2=5e-6, drag_n_per_radps_mps=[1e-4, 1.2e-4, 5e-5])
+
+
+def commands_of(control, count):
+    """(10, count, 4); row i does not depend on their number."""
+    rows = [np.random.default_rng([3, i]).uniform(0.8, 1.2, (10, 4)) for i in range(count)]
+    return np.stack(rows, axis=1) * CONTROLS[control]
+
+
+def begun(control, count, **arguments):
+    """A batch in flight; row i depends on i alone."""
+    batch = batch_of(FULL, count, control=control, ground_effect=True, **arguments)
+    starts = [Start.random(1, FULL, seed=i, speed_mps=1.0, rates_radps=1.0).rows()[0] for i in range(count)]
+    p, q, v, w, speed = np.split(np.array(starts), [3, 7, 10, 13], axis=1)
+    batch.set_pose(p, q)
+    batch.set_velocity(v, w, speed)
+    return batch
+
+
+def bits(batch):
+    return np.concatenate([rows_of(batch), batch.acceleration, batch.angular_acceleration], axis=1)
+
+
+@pytest.mark.parametrize("integrator", ["automatic", "rk4"])
+@pytest.mark.parametrize("control", CONTROLS)
+def test_same_bits(control, integrator):
+    """Of every drone alone, in a batch of another size, threads and blocks, and after a snapshot in the middle."""
+    wide = begun(control, 37, num_threads=3, block_size=1, integrator=integrator)
+    copy = begun(control, 37, integrator=integrator)
+    for step, told in enumerate(commands_of(control, 37)):
+        if step == 5:
+            copy.restore(wide.snapshot())
+        wide.fly(told)
+        if step >= 5:
+            copy.fly(told)
+    np.testing.assert_array_equal(bits(copy), bits(wide))
+    for drone in (0, 17, 36):
+        alone = begun(control, drone + 1, integrator=integrator)
+        only = np.arange(drone + 1) == drone
+        for told in commands_of(control, drone + 1):
+            alone.fly(told, mask=only)
+        np.testing.assert_array_equal(bits(alone)[drone], bits(wide)[drone])
+    small = begun(control, 20, block_size=7, integrator=integrator)
+    for told in commands_of(control, 20):
+        small.fly(told)
+    np.testing.assert_array_equal(bits(small), bits(wide)[:20])
+
+
+@pytest.mark.parametrize("mode", ["terminate", "stop", "bounce"])
+def test_same_bits_among_obstacles(mode):
+    """Some drones of a block hit walls, others do not: each flies as it would alone."""
+    room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-1.4] * 3, "max": [1.4] * 3}})
+    settings = {"worlds": [room], "on_contact": mode}
+    wide = begun("velocity", 37, num_threads=3, block_size=5, **settings)
+    copy = begun("velocity", 37, **settings)
+    alone = [begun("velocity", drone + 1, **settings) for drone in range(0, 37, 4)]
+    hit = np.zeros(37, bool)
+    for step, told in enumerate(np.tile(commands_of("velocity", 37), (5, 1, 1))):
+        if step == 20:
+            copy.restore(wide.snapshot())
+        hit |= wide.fly(told).hit
+        if step >= 20:
+            copy.fly(told)
+        for batch in alone:
+            batch.fly(told[: batch.num_drones], mask=np.arange(batch.num_drones) == batch.num_drones - 1)
+    assert 0.2 < hit.mean() < 0.9
+    np.testing.assert_array_equal(bits(copy), bits(wide))
+    for batch in alone:
+        np.testing.assert_array_equal(bits(batch)[-1], bits(wide)[batch.num_drones - 1])
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_nothing_is_left_over_after_set_pose(control):
+    used, fresh = begun(control, 3), batch_of(FULL, 3, control=control, ground_effect=True)
+    for told in commands_of(control, 3):
+        used.fly(told)
+    used.set_pose(np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)))
+    assert not used.contact.hit.any()
+    for told in commands_of(control, 3):
+        used.fly(told)
+        fresh.fly(told)
+    np.testing.assert_array_equal(bits(used), bits(fresh))
+
+
+def test_a_flight_in_parts_is_the_flight():
+    """Ticks one by one give what a step gives, but for where positions are rounded."""
+    whole, parts = begun("velocity", 5), begun("velocity", 5)
+    for told in commands_of("velocity", 5):
+        whole.fly(told)
+        for _ in range(5):
+            parts.fly(told, ticks=1)
+    np.testing.assert_allclose(rows_of(parts), rows_of(whole), rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(parts.tick, whole.tick)

@@ -1,0 +1,212 @@
+"""What each control makes of a command, on every shipped frame: where it settles, and the limits it keeps to."""
+
+import numpy as np
+import pytest
+from rigid_body import FRAMES, GRAVITY, angle_between, batch_of, fly_for, frame, rows_of
+from scipy.spatial.transform import Rotation
+
+import flockstep
+
+POLICY_HZ = 50
+NO_DRAG = {"rotor_drag": False, "body_drag": False}
+
+
+class Loops:
+    """How long the loops of the controller take, s, as they follow from the lag of the rotors.
+
+    A lag above 35 ms is made up to four times as short. With what is left, T, the rates close at 0.5 / T, each loop
+    around at a third of the one within, the position at half of that; the integral of the velocity's loop v, with the
+    drag d over the mass, follows at 0.1 v^2 / (v + d).
+    """
+
+    def __init__(self, data):
+        rotors, drag = data["rotors"], data["drag"]
+        hover = flockstep.DroneModel.from_dict(data).hover_speed_radps
+        lag = (rotors["lag_up_s"] + rotors["lag_down_s"]) / 2
+        rate = 0.5 / lag * np.clip(lag / 0.035, 1, 4)
+        velocity = rate / 9
+        linear = 4 * hover * max(rotors["drag_n_per_radps_mps"]) + max(drag["linear_n_per_mps"])
+        slowed = (linear + 4 * max(drag["quadratic_n_per_mps2"])) / data["mass_kg"]
+        self.yaw_rate = 3 / rate
+        self.attitude = 3 / rate
+        self.yaw = 9 / rate
+        self.velocity = 1 / velocity
+        self.integral = (velocity + slowed) / (0.1 * velocity**2)
+        self.position = 2 / velocity
+
+
+def flight(data, control, commands, seconds, **settings):
+    """Rows of states (T, K, 17) after every step of a command each, (K, 4), from a hover at the origin."""
+    batch = batch_of(data, len(commands), POLICY_HZ, control=control, **settings)
+    states = []
+    for _ in range(round(seconds * POLICY_HZ)):
+        batch.fly(commands)
+        states.append(rows_of(batch))
+    return np.array(states)
+
+
+def axes(states):
+    """The body's axes in the world, (..., 3) each: forward, left, up."""
+    quats = states[..., 3:7].reshape(-1, 4)
+    columns = Rotation.from_quat(quats, scalar_first=True).as_matrix().reshape(*states.shape[:-1], 3, 3)
+    return columns[..., 0], columns[..., 1], columns[..., 2]
+
+
+def heading(states):
+    forward, _, _ = axes(states)
+    return np.arctan2(forward[..., 1], forward[..., 0])
+
+
+def tilt_deg(states):
+    return np.degrees(np.arccos(np.clip(axes(states)[2][..., 2], -1, 1)))
+
+
+@pytest.fixture(params=FRAMES)
+def data(request):
+    return frame(request.param)
+
+
+def test_body_rates(data):
+    commands = [[GRAVITY, 1, 0, 0], [GRAVITY, 0, -0.5, 0], [GRAVITY, 0.3, 0.2, 0.4]]
+    loops = Loops(data)
+    states = flight(data, "body_rates", commands, 6 * loops.yaw_rate, gyroscopic=False, **NO_DRAG)
+    np.testing.assert_allclose(states[-1, :, 10:13], np.array(commands)[:, 1:], atol=0.01)
+
+
+def test_thrust_is_over_the_mass(data):
+    commands = [[GRAVITY, 0, 0, 0], [8.0, 0, 0, 0], [12.0, 0, 0, 0]]
+    for control in ("body_rates", "attitude"):
+        states = flight(data, control, commands, 2, **NO_DRAG)
+        gained = (states[-1, :, 9] - states[-11, :, 9]) * POLICY_HZ / 10
+        np.testing.assert_allclose(gained, np.array(commands)[:, 0] - GRAVITY, atol=2e-3)
+
+
+def test_attitude(data):
+    """Yaw, then pitch, then roll, each about the axis that the ones before it left."""
+    commands = np.array([[GRAVITY, 0.3, 0, 0], [GRAVITY, 0, -0.3, 0], [GRAVITY, 0, 0, 2.0], [GRAVITY, 0.2, -0.3, 1.0]])
+    states = flight(data, "attitude", commands, 12 * Loops(data).yaw, **NO_DRAG)
+    asked = Rotation.from_euler("ZYX", commands[:, [3, 2, 1]]).as_quat(scalar_first=True)
+    assert (angle_between(states[-1, :, 3:7], asked) < 0.2).all()
+
+
+def test_attitude_with_everything_on(data):
+    """Drag of rotors above or below the centre of mass turns the body as it gains speed: by 2 degrees at most."""
+    commands = np.array([[GRAVITY, 0.2, 0, 0], [GRAVITY, 0, -0.2, 1.0]])
+    states = flight(data, "attitude", commands, 12 * Loops(data).yaw)
+    asked = Rotation.from_euler("ZYX", commands[:, [3, 2, 1]]).as_quat(scalar_first=True)
+    assert (angle_between(states[-1, :, 3:7], asked) < 2).all()
+
+
+def test_acceleration(data):
+    commands = np.array([[1.0, 0, 0, 0], [0, -2.0, 0.5, 0.5], [-1, 1, -1, -2.0]])
+    states = flight(data, "acceleration", commands, 12 * Loops(data).yaw, **NO_DRAG)
+    gained = (states[-1, :, 7:10] - states[-11, :, 7:10]) * POLICY_HZ / 10
+    np.testing.assert_allclose(gained, commands[:, :3], atol=0.02)
+    np.testing.assert_allclose(heading(states[-1]), commands[:, 3], atol=0.01)
+
+
+@pytest.mark.parametrize("control", ["velocity", "heading_velocity"])
+def test_velocity(data, control):
+    commands = np.array([[2.0, -1.0, 0.5, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 1.0, 0.0, 0.0]])
+    loops = Loops(data)
+    batch = batch_of(data, 3, POLICY_HZ, control=control)
+    turned = 2.0
+    batch.set_pose(None, np.tile(Rotation.from_rotvec([0, 0, turned]).as_quat(scalar_first=True), (3, 1)))
+    fly_for(batch, commands, 4 * loops.velocity + 4 * loops.integral, POLICY_HZ)
+    asked = commands[:, :3]
+    if control == "heading_velocity":
+        asked = Rotation.from_rotvec([0, 0, turned]).apply(asked)
+    np.testing.assert_allclose(batch.velocity, asked, atol=0.05)
+    np.testing.assert_allclose(heading(rows_of(batch)), turned, atol=0.01)
+
+
+@pytest.mark.parametrize("control", ["velocity", "heading_velocity"])
+def test_yaw_rate(data, control):
+    """In yaw, what rotor drag takes off a rate that is controlled by proportion alone is up to an eighth."""
+    commands = np.array([[0, 0, 0, 0.4], [0, 0, 0, -1.0]])
+    states = flight(data, control, commands, 6 * Loops(data).yaw_rate)
+    share = states[-1, :, 12] / commands[:, 3]
+    assert ((share > 7 / 8) & (share < 1.01)).all()
+
+
+def test_position(data):
+    loops = Loops(data)
+    commands = np.array([[3.0, -2.0, 1.0, 1.0], [-1.0, 0.0, -2.0, -2.0], [0, 0, 0, 3.0]])
+    states = flight(data, "position", commands, 5 * loops.position + 6 * loops.integral)
+    np.testing.assert_allclose(states[-1, :, :3], commands[:, :3], atol=0.02)
+    np.testing.assert_allclose(heading(states[-1]), commands[:, 3], atol=0.01)
+    way = np.linalg.norm(commands[:2, :3], axis=1)
+    along = (states[:, :2, :3] * (commands[:2, :3] / way[:, None])).sum(-1)
+    assert (along.max(0) < 1.1 * way).all()  # an overshoot of a tenth
+
+
+def test_limits(data):
+    """But for an overshoot of an eighth of the rates, a sixth of the speed, and a degree of tilt."""
+    loops = Loops(data)
+    limits = {"max_tilt_deg": 30.0, "max_rate_dps": 300.0, "max_yaw_rate_dps": 100.0, "max_speed_mps": 4.0}
+    seconds = 8 * loops.velocity
+    far = flight(data, "position", np.array([[300.0, -200, 50, 3], [0, 90, -300, -3]]), seconds, **limits)
+    fast = flight(data, "velocity", np.array([[50.0, 0, 0, 9], [0, -30, -30, -9]]), seconds, **limits)
+    for states in (far, fast):
+        assert np.linalg.norm(states[..., 7:10], axis=-1).max() < 4.0 * 7 / 6
+        assert np.degrees(np.abs(states[..., 10:12])).max() < 300 * 9 / 8
+        assert np.degrees(np.abs(states[..., 12])).max() < 100 * 1.05
+        assert tilt_deg(states).max() < 31
+    pushed = flight(data, "acceleration", np.array([[50.0, 0, 0, 3], [0, -50, 3, -3]]), 12 * loops.attitude, **limits)
+    assert tilt_deg(pushed).max() < 31
+    assert tilt_deg(pushed)[-1].min() > 25
+    spun = flight(
+        data, "body_rates", np.array([[GRAVITY, 99, 0, 0], [GRAVITY, 0, -99, 0], [GRAVITY, 0, 0, 99]]), 3, **limits
+    )
+    assert np.degrees(np.abs(spun[..., 10:12])).max() < 300 * 9 / 8
+    assert np.degrees(np.abs(spun[..., 12])).max() < 100 * 1.05
+    assert np.degrees(np.abs(spun[-1, 0, 10])) > 250
+
+
+def test_acceleration_keeps_to_its_limit(data):
+    states = flight(
+        data, "acceleration", np.array([[50.0, 0, 0, 0]]), 10 * Loops(data).attitude, max_acceleration_mps2=2.0
+    )
+    gained = np.diff(states[:, 0, 7]) * POLICY_HZ
+    assert 1.0 < gained.max() < 2.2
+
+
+def test_rates_of_the_controller_are_those_of_the_clock():
+    """Called at every fifth tick, the controller keeps the rotors' commands between."""
+    batch = flockstep.Batch(
+        batch_of(frame()).worlds,
+        1,
+        drone=flockstep.DroneModel.load("kingfisher"),
+        dynamics=flockstep.DynamicsConfig(motion="rotors", control="body_rates"),
+        clock=flockstep.ClockConfig(policy_hz=100, physics_hz=500, controller_hz=100),
+    )
+    every = batch_of(frame(), control="body_rates", physics_hz=500)
+    for _ in range(50):
+        batch.fly([[GRAVITY, 1.0, 0, 0]])
+        every.fly([[GRAVITY, 1.0, 0, 0]])
+    assert batch.angular_velocity[0, 0] == pytest.approx(1, abs=0.02)
+    assert not np.array_equal(batch.rotor_speed, every.rotor_speed)
+
+
+FAR = np.array([[1000.3, 1000.1, 999.7]], np.float32)
+
+
+def hover_far_out(start, policy_hz=POLICY_HZ):
+    """Mean distance from a target 1 km out along each axis, m, in the last five seconds of a minute."""
+    batch = batch_of(frame(), 1, policy_hz, control="position")
+    batch.set_pose(start)
+    command = np.concatenate([FAR, [[0]]], axis=1)
+    places = []
+    for step in range(60 * policy_hz):
+        batch.fly(command)
+        if step >= 55 * policy_hz:
+            places.append(batch.position[0].astype(float))
+    return np.linalg.norm(np.mean(places, axis=0) - FAR[0])
+
+
+def test_hover_far_from_the_origin():
+    assert hover_far_out(FAR) < 1e-3
+
+
+def test_arrival_far_from_the_origin():
+    assert hover_far_out(FAR + np.float32([0.5, -0.3, 0.2])) < 1e-3

@@ -1,0 +1,263 @@
+"""Bad input to flight by rotors: refused with the field, what was expected and what came, before anything changes."""
+
+import math
+
+import pytest
+from rigid_body import OPEN, batch_of, frame
+
+import flockstep
+
+NAN, INF = math.nan, math.inf
+
+
+def refused(call, match, error=ValueError):
+    with pytest.raises(error, match=f"(?s){match}"):
+        call()
+
+
+def made(dynamics=None, clock=None, drone=None):
+    """A batch of one drone that flies by its rotors, with some settings changed."""
+    return flockstep.Batch(
+        [OPEN],
+        1,
+        drone=drone,
+        dynamics=flockstep.DynamicsConfig(**{"motion": "rotors", "control": "velocity", **(dynamics or {})}),
+        clock=flockstep.ClockConfig(**{"policy_hz": 50, **(clock or {})}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "match"),
+    [
+        ("motion", "hover", 'motion: expected "kinematic" or "rotors", got "hover"'),
+        ("control", "speed", 'control: expected "pose", "rotor_speeds".*got "speed"'),
+        ("integrator", "euler", 'integrator: expected "automatic", "midpoint" or "rk4", got "euler"'),
+        ("on_contact", "crash", 'on_contact: expected "terminate", "stop" or "bounce", got "crash"'),
+        *(("restitution", bad, r"restitution: expected a number in \[0, 1\], got") for bad in (-0.1, 1.1, NAN)),
+        *(("friction", bad, r"friction: expected a number in \[0, 10\], got") for bad in (-0.1, 11, NAN)),
+        *(("max_tilt_deg", bad, r"max_tilt_deg: expected a number in \(0, 89\], got") for bad in (0, 90, NAN)),
+        *(
+            (field, bad, f"{field}: expected a finite number > 0, got")
+            for field in ("max_speed_mps", "max_acceleration_mps2", "max_rate_dps", "max_yaw_rate_dps")
+            for bad in (0, -1, NAN, INF)
+        ),
+    ],
+)
+def test_dynamics_config(field, value, match):
+    refused(lambda: made({field: value}), match)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "match"),
+    [
+        ("rotor_lag", "yes", "rotor_lag: expected a bool, got 'yes'"),
+        ("max_speed_mps", "5", "max_speed_mps: expected a number, got '5'"),
+        ("speed", 3, "unexpected keyword argument 'speed'"),
+    ],
+)
+def test_dynamics_config_of_wrong_types(field, value, match):
+    refused(lambda: made({field: value}), match, TypeError)
+
+
+def test_kinematic_motion_takes_poses_alone():
+    refused(lambda: made({"motion": "kinematic"}), 'control: expected "pose" .*motion="rotors".*got velocity')
+
+
+@pytest.mark.parametrize(
+    ("rates", "match"),
+    [
+        *(({"policy_hz": bad}, r"policy_hz: expected a number in \[0.001, 100000\], got") for bad in (0, -1, NAN, INF)),
+        *(
+            ({"physics_hz": bad}, "physics_hz: expected 1 to 1000 times the policy's 50 Hz, got")
+            for bad in (0, 25, 75, 1e6, NAN)
+        ),
+        ({"policy_hz": 10, "physics_hz": 40}, "physics_hz: expected at least 50 Hz for motion by rotors.*got 40"),
+        *(
+            (
+                {"physics_hz": 500, "controller_hz": bad},
+                "controller_hz: expected a rate that divides the physics' 500 Hz",
+            )
+            for bad in (0, -50, 75, 200, 1000, NAN)
+        ),
+        (
+            {"physics_hz": 500, "controller_hz": 125},
+            "controller_hz: expected a multiple of the policy's 50 Hz, got 125 Hz",
+        ),
+    ],
+)
+def test_clock_config(rates, match):
+    refused(lambda: made(clock=rates), match)
+
+
+@pytest.fixture
+def batch():
+    batch = batch_of(frame(), 2, control="velocity")
+    batch.fly([[1, 0, 0, 0], [0, 1, 0, 0]])
+    return batch
+
+
+def rows(values):
+    """Two rows, the second of which is bad."""
+    return [[0.0] * len(values), values]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        *(
+            ({"command": rows([0, bad, 0, 0])}, r"command \(row 1\): expected finite")
+            for bad in (NAN, INF, -INF, 2.1e6)
+        ),
+        ({"command": [[0] * 4]}, r"command: expected shape \(2, 4\), got shape \(1, 4\)"),
+        ({"command": [[0] * 3] * 2}, r"command: expected shape \(2, 4\), got shape \(2, 3\)"),
+        ({"command": [["a"] * 4] * 2}, "command: expected an array of real numbers"),
+        ({"command": None}, "command"),
+        ({"command": [[0] * 4] * 2, "ticks": 0}, "ticks: expected an integer >= 1, got 0"),
+        ({"command": [[0] * 4] * 2, "ticks": -1}, "ticks: expected an integer >= 1, got -1"),
+        ({"command": [[0] * 4] * 2, "ticks": 10**7}, r"ticks: expected an integer in .*1000000\], got 10000000"),
+        ({"command": [[0] * 4] * 2, "mask": [1, 0]}, "mask: expected an array of bool"),
+        ({"command": [[0] * 4] * 2, "mask": [True]}, r"mask: expected shape \(2,\)"),
+    ],
+)
+def test_fly(batch, arguments, match):
+    before = batch.snapshot()
+    refused(lambda: batch.fly(**arguments), match)
+    assert batch.snapshot() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        *(
+            ({field: rows([0, 0, bad])}, rf"{field} \(row 1\): expected finite numbers within")
+            for field in ("velocity", "angular_velocity")
+            for bad in (NAN, INF, -1.1e4)
+        ),
+        *(
+            ({"rotor_speed": rows([0, 0, 0, bad])}, r"rotor_speed \(row 1\): expected numbers in \[0, 2332")
+            for bad in (NAN, -1, 2333)
+        ),
+        ({"velocity": [[0, 0]] * 2}, r"velocity: expected shape \(2, 3\), got shape \(2, 2\)"),
+        ({"rotor_speed": [[0, 0, 0]] * 2}, r"rotor_speed: expected shape \(2, 4\), got shape \(2, 3\)"),
+        # A good field before a bad one is not set either.
+        ({"velocity": [[1, 1, 1]] * 2, "rotor_speed": [[-1] * 4] * 2}, "rotor_speed"),
+    ],
+)
+def test_set_velocity(batch, arguments, match):
+    before = batch.snapshot()
+    refused(lambda: batch.set_velocity(**arguments), match)
+    assert batch.snapshot() == before
+
+
+def test_each_motion_has_its_calls(batch):
+    before = batch.snapshot()
+    refused(lambda: batch.move([[0, 0, 0]] * 2), r"move\(\) is for kinematic motion.*fly\(\)", RuntimeError)
+    assert batch.snapshot() == before
+    kinematic = flockstep.Batch([OPEN], 1)
+    before = kinematic.snapshot()
+    refused(lambda: kinematic.fly([[0] * 4]), r"fly\(\) is for drones that fly by rotors", RuntimeError)
+    refused(lambda: kinematic.set_velocity([[0] * 3]), r"set_velocity\(\) is for drones that fly", RuntimeError)
+    for name in ("velocity", "angular_velocity", "acceleration", "angular_acceleration", "rotor_speed"):
+        refused(lambda name=name: getattr(kinematic, name), 'motion="rotors"', AttributeError)
+    assert kinematic.snapshot() == before
+    refused(lambda: made({"control": "pose"}).fly([[0] * 4]), 'fly.*control="pose"', RuntimeError)
+
+
+def test_a_hull_alone_cannot_fly_by_rotors():
+    hull = flockstep.DroneModel(frame()["hull_m"])
+    refused(lambda: made(drone=hull), "drone: expected one with an airframe.*got a hull alone")
+    refused(lambda: hull.mass_kg, "hull alone", AttributeError)
+    refused(lambda: hull.scaled(size=2), "drone: expected one with an airframe.*got a hull alone")
+
+
+LEFT_OUT = object()
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "match"),
+    [
+        *(("mass_kg", bad, r"mass_kg: expected a mass in .* kg, got") for bad in (-1, 0, 1e5)),
+        ("mass_kg", "heavy", 'mass_kg: expected a number, got "heavy"'),
+        ("mass_kg", None, "mass_kg: expected a number, got null"),
+        ("mass_kg", NAN, "mass_kg"),
+        ("mass_kg", 4.0, "rotors: expected a thrust-to-weight above 1, to hover, got 0.866"),
+        ("inertia_kgm2", [-1, 1, 1], r"inertia_kgm2\[0\]: expected a finite number > 0, got -1"),
+        ("inertia_kgm2", [1, 1, 0], r"inertia_kgm2\[2\]: expected a finite number > 0, got 0"),
+        ("inertia_kgm2", [1, 1, 3], "inertia_kgm2: expected moments.*sum of the other two.*got 1.*3"),
+        ("inertia_kgm2", [1, 1], "inertia_kgm2: expected an array of 3 numbers"),
+        ("inertia_kgm2", 0.1, "inertia_kgm2: expected an array of 3 numbers"),
+        ("rotors", [], "rotors: expected an object"),
+        ("rotors/spin", ["ccw"] * 4, "rotors: expected positions and spins that can turn the body"),
+        ("rotors/spin", ["ccw", "left", "cw", "cw"], 'spin/1: expected "ccw" or "cw".*got "left"'),
+        ("rotors/spin", ["ccw"], 'spin: expected four of "ccw" and "cw"'),
+        ("rotors/position_m", [[0, 0, 0]] * 4, "rotors: expected positions and spins that can turn the body"),
+        ("rotors/position_m", [[0.1, 0.1, 0]] * 3, "position_m: expected four places"),
+        ("rotors/position_m", [[0.1, 0.1]] * 4, "position_m/0: expected an array of 3 numbers"),
+        ("rotors/position_m", [[1000, 0.1, 0]] * 4, r"position_m\[0\]: expected coordinates within .*100 m, got 1000"),
+        ("rotors/thrust_n", [0, 0, 1e-7], "rotors: expected a thrust-to-weight above 1"),
+        ("rotors/thrust_n", [0, 0, -1e-6], r"thrust_n\[2\]: expected a number >= 0"),
+        ("rotors/thrust_n", [0, 0, 0], "thrust_n: expected a thrust at full speed"),
+        ("rotors/thrust_n", [1.0, -0.001, 1.6e-6], "thrust_n: expected a thrust that grows with the speed"),
+        ("rotors/thrust_n", [0, 0], "thrust_n: expected an array of 3 numbers"),
+        ("rotors/max_thrust_n", 8.0, 'rotors: expected either "thrust_n" or "max_thrust_n", found both'),
+        ("rotors/max_speed_radps", 0, r"max_speed_radps: expected a speed in \(0, 100000\] rad/s, got 0"),
+        ("rotors/min_speed_radps", -1, "min_speed_radps: expected a number >= 0 and below max_speed_radps, got -1"),
+        ("rotors/min_speed_radps", 3000, "min_speed_radps: expected a number >= 0 and below max_speed_radps"),
+        ("rotors/min_speed_radps", 2000, "min_speed_radps: expected a speed at which it sinks, got 2000"),
+        ("rotors/torque_ratio_m", 0, "torque_ratio_m: expected a number in"),
+        ("rotors/lag_up_s", -0.1, r"lag_up_s: expected a time in \[0, 10\] s, got -0.1"),
+        ("rotors/lag_down_s", 11, r"lag_down_s: expected a time in \[0, 10\] s, got 11"),
+        ("rotors/radius_m", -1, "radius_m: expected a number in"),
+        ("rotors/inertia_kgm2", -1, "rotors inertia_kgm2: expected a finite number >= 0, got -1"),
+        (
+            "rotors/drag_n_per_radps_mps",
+            [0, -1, 0],
+            r"drag_n_per_radps_mps\[1\]: expected a finite number >= 0, got -1",
+        ),
+        ("rotors/lift_n_per_mps2", -1, "lift_n_per_mps2: expected a finite number >= 0, got -1"),
+        ("drag/linear_n_per_mps", [0, 0, -1], r"linear_n_per_mps\[2\]: expected a finite number >= 0, got -1"),
+        ("drag/quadratic_n_per_mps2", [0, 0], "quadratic_n_per_mps2: expected an array of 3 numbers"),
+        ("drag/cubic", [0, 0, 0], "drag/cubic: unknown field; expected one of linear_n_per_mps"),
+        ("rotors/colour", "red", "rotors/colour: unknown field"),
+        ("wings", 2, "wings: unknown field"),
+        ("name", 3, "name: expected a string, got 3"),
+        ("like", "x501", 'expected one of crazyflie.*got "x501"'),
+        ("scaled", {"size": 2}, 'scaled: expected beside "like"'),
+        ("flockstep_drone", 2, "flockstep_drone: expected version 1, got 2"),
+        *(
+            (field, LEFT_OUT, f'expected a field "{field.rpartition("/")[2]}".*found none')
+            for field in (
+                *("flockstep_drone", "mass_kg", "inertia_kgm2", "rotors", "rotors/position_m", "rotors/spin"),
+                *("rotors/thrust_n", "rotors/max_speed_radps", "rotors/torque_ratio_m"),
+            )
+        ),
+        ("hull_m", LEFT_OUT, 'expected a field "size_m", found none'),
+        ("hull_m", [[0, 0, 0]] * 5, "hull: expected a body with a volume"),
+    ],
+)
+def test_drone_data(place, value, match):
+    data = frame()
+    *groups, field = place.split("/")
+    home = data[groups[0]] if groups else data
+    if value is LEFT_OUT:
+        del home[field]
+    else:
+        home[field] = value
+    refused(lambda: flockstep.DroneModel.from_dict(data), match)
+
+
+@pytest.mark.parametrize("data", [None, [], "x"])
+def test_drone_data_of_wrong_types(data):
+    refused(lambda: flockstep.DroneModel.from_dict(data), "data: dict", TypeError)
+
+
+@pytest.mark.parametrize("factor", ["size", "mass"])
+@pytest.mark.parametrize("value", [0, -1, NAN, INF])
+def test_scaled(factor, value):
+    model = flockstep.DroneModel.load("x500")
+    refused(lambda: model.scaled(**{factor: value}), f"{factor}: expected a finite number > 0, got")
+
+
+def test_frames_that_are_not_there():
+    refused(lambda: flockstep.DroneModel.load("x501"), 'expected one of crazyflie.*path of a file.*got "x501"')
+    refused(lambda: flockstep.DroneModel.load("none.json"), "none.json: cannot read a drone file")
