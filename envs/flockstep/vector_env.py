@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypedDict, Unpack
 
-    from flockstep._core import NavigationReward
+    from flockstep._core import NavigationReward, WindConfig
     from flockstep.viewer.trail import Trail
 
     class Fields(TypedDict, total=False):
