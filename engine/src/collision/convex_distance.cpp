@@ -85,27 +85,21 @@ Plane supporting_plane(const Convex& obstacle, const Vec3d& normal) {
 }
 
 // About one search in a thousand ends early in a flat simplex, as those of other libraries do. The two bounds tell, and another
-// start helps. One in some ten million takes a gap for an overlap: that is believed where no other start finds a plane in
-// between, which would be a proof.
+// start helps.
 Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Vec3d& guess) {
   const Side a(hull);
   const Side b(obstacle, rotation, position);
   Separation best = search(hull, rotation, position, obstacle, a, b, guess);
-  for (int attempt = 0; attempt < kMaxRestarts && (best.overlapping || !is_certain(best)); ++attempt) {
-    const Vec3d start = attempt == 0 && !best.overlapping ? best.plane.normal
-                        : attempt <= 1                    ? Vec3d(position - obstacle.center + 1e-3 * Vec3d::Ones())
-                                                          : (attempt % 2 == 0 ? 1.0 : -1.0) * Vec3d::Unit(attempt / 2 - 1);
+  for (int attempt = 0; attempt < kMaxRestarts && !best.overlapping && !is_certain(best); ++attempt) {
+    const Vec3d start = attempt == 0   ? best.plane.normal
+                        : attempt == 1 ? Vec3d(position - obstacle.center + 1e-3 * Vec3d::Ones())
+                                       : (attempt % 2 == 0 ? 1.0 : -1.0) * Vec3d::Unit(attempt / 2 - 1);
     const Separation next = search(hull, rotation, position, obstacle, a, b, start);
-    if (next.overlapping) continue;
-    if (best.overlapping) {
-      if (next.gap > 0.0) best = next;
-      continue;
-    }
-    if (next.gap > best.gap) {
+    if (!next.overlapping && next.gap > best.gap) {
       best.plane = next.plane;
       best.gap = next.gap;
     }
-    if (next.distance < best.distance) {
+    if (!next.overlapping && next.distance < best.distance) {
       best.distance = next.distance;
       best.point = next.point;
     }
