@@ -145,6 +145,20 @@ TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
 
 INSTANTIATE_TEST_SUITE_P(FromTheOrigin, Creep, ::testing::Values(0.0F, 8.0F, 30.0F, 100.0F, 1000.0F, 10000.0F));
 
+// Found by some ten million moves: from no start does Bullet's search for the distance from one of these triangles end well.
+TEST(Creep, AHullBesideATriangleThatIsHardToMeasureIsNotInside) {
+  const std::vector<Obstacle> all = obstacles_at(30.0F * Vec3(0.6F, -0.48F, 0.64F));
+  const Obstacle& triangles = all.back();
+  ASSERT_EQ(triangles.name, "triangles");
+  const World world(triangles.scene);
+  const Pose from{{0x1.562df2p+4F, -0x1.cccccp+3F, 0x1.333338p+4F},
+                  {-0x1.f1cd68p-8F, 0x1.5196fp-2F, 0x1.d8238ap-1F, -0x1.9e30cp-3F}};
+  const Pose to{{0x1.562dfcp+4F, -0x1.cccc92p+3F, 0x1.33334ep+4F},
+                {-0x1.fc6122p-8F, 0x1.517424p-2F, 0x1.d82658p-1F, -0x1.9e6bdap-3F}};
+  EXPECT_NEAR(triangles.distance(hull_of(from)), 9.11e-5, 1e-6);
+  EXPECT_FALSE(sweep(compiled(world).obstacles(), Hull(drone()), from, to).inside);
+}
+
 // How far the hull reaches into what it is in.
 double depth_in_wall(const Pose& pose) { return hull_of(pose)(Vec3d::UnitX()).x() - 3.0; }
 double depth_in_sphere(const Pose& pose) {

@@ -4,7 +4,10 @@
 #define BT_USE_DOUBLE_PRECISION
 #include <BulletCollision/NarrowPhaseCollision/btGjkEpa3.h>
 
+#include <Eigen/Dense>
+#include <array>
 #include <cmath>
+#include <limits>
 
 namespace flockstep::collision {
 
@@ -16,7 +19,8 @@ constexpr double kUnitsPerMetre = 1000.0;
 constexpr double kRelativeError = 3e-4;
 constexpr double kAbsoluteError = 1e-6;  // m
 constexpr int kMaxRestarts = 8;
-constexpr double kZeroDistance = 1e-4;  // Bullet units; Bullet does not normalise the direction of shorter ones
+constexpr double kZeroDifference = 1e-9;  // m
+constexpr double kZeroDistance = 1e-4;    // Bullet units; Bullet does not normalise the direction of shorter ones
 
 btVector3 to_bullet(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
 Vec3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
@@ -84,8 +88,108 @@ Plane supporting_plane(const Convex& obstacle, const Vec3d& normal) {
   return {normal, normal.dot(obstacle.center) + local.dot(support(obstacle, local))};
 }
 
+namespace {
+
+// A point of the hull less one of the obstacle.
+struct Difference {
+  Vec3d value = Vec3d::Zero();
+  Vec3d on_obstacle = Vec3d::Zero();
+};
+
+Difference farthest_against(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle,
+                            const Vec3d& n) {
+  const Vec3d outer = obstacle.center + obstacle.rotation * support(obstacle, obstacle.rotation.transpose() * n);
+  const Vec3d inner = position + rotation * hull.vertex(hull.support(-(rotation.transpose() * n).cast<float>()));
+  return {inner - outer, outer};
+}
+
+// Up to four differences, and the point nearest to zero in what they span.
+struct Simplex {
+  std::array<Difference, 4> corners;
+  std::size_t count = 0;
+  Vec3d nearest = Vec3d::Zero();
+  Vec3d on_obstacle = Vec3d::Zero();
+
+  // Keeps the corners that carry the nearest point. All subsets are tried, so that no flat one misleads.
+  void reduce() {
+    double least = std::numeric_limits<double>::infinity();
+    std::array<Difference, 4> kept;
+    std::size_t num_kept = 0;
+    for (unsigned subset = 1; subset < (1U << count); ++subset) {
+      std::array<Difference, 4> chosen;
+      std::size_t k = 0;
+      for (std::size_t i = 0; i < count; ++i) {
+        if ((subset >> i & 1U) != 0) chosen[k++] = corners[i];
+      }
+      // The weights of the point whose differences to all corners are at right angles to it.
+      const auto size = static_cast<Eigen::Index>(k);
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 5, 5> system(size + 1, size + 1);
+      Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 5, 1> right(size + 1);
+      system.setOnes();
+      right.setZero();
+      system(size, size) = 0.0;
+      right[size] = 1.0;
+      for (Eigen::Index r = 0; r < size; ++r) {
+        for (Eigen::Index c = 0; c < size; ++c) {
+          system(r, c) = chosen[static_cast<std::size_t>(r)].value.dot(chosen[static_cast<std::size_t>(c)].value);
+        }
+      }
+      const Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 5, 1> weights = system.fullPivLu().solve(right);
+      Vec3d point = Vec3d::Zero();
+      Vec3d on = Vec3d::Zero();
+      double sum = 0.0;
+      bool is_within = true;
+      for (Eigen::Index r = 0; r < size; ++r) {
+        const Difference& corner = chosen[static_cast<std::size_t>(r)];
+        is_within &= weights[r] >= 0.0;  // false for NaN, too
+        point += weights[r] * corner.value;
+        on += weights[r] * corner.on_obstacle;
+        sum += weights[r];
+      }
+      if (!is_within || std::abs(sum - 1.0) > 1e-9 || point.norm() >= least) continue;
+      least = point.norm();
+      nearest = point;
+      on_obstacle = on;
+      kept = chosen;
+      num_kept = k;
+    }
+    corners = kept;
+    count = num_kept;
+  }
+};
+
+// The same search as Bullet's, slower and surer (E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast procedure for computing the
+// distance between complex objects in three-dimensional space", 1988).
+Separation search_surely(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, Vec3d normal) {
+  constexpr int kSteps = 100;
+  Separation best;
+  best.gap = -std::numeric_limits<double>::infinity();
+  best.distance = std::numeric_limits<double>::infinity();
+  Simplex simplex;
+  for (int step = 0; step < kSteps; ++step) {
+    const Difference corner = farthest_against(hull, rotation, position, obstacle, normal);
+    if (const double gap = normal.dot(corner.value); gap > best.gap) {
+      best.gap = gap;
+      best.plane = supporting_plane(obstacle, normal);
+    }
+    simplex.corners[simplex.count++] = corner;
+    simplex.reduce();
+    const double distance = simplex.nearest.norm();
+    if (simplex.count == 0 || simplex.count == 4 || distance < kZeroDifference) break;  // it reaches the other side
+    if (distance < best.distance) {
+      best.distance = distance;
+      best.point = simplex.on_obstacle;
+    }
+    if (is_certain(best)) break;
+    normal = simplex.nearest / distance;
+  }
+  return best;
+}
+
+}  // namespace
+
 // About one search in a thousand ends early in a flat simplex, as those of other libraries do. The two bounds tell, and another
-// start helps.
+// start helps; once in some ten million none does, and the surer search decides.
 Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Vec3d& guess) {
   const Side a(hull);
   const Side b(obstacle, rotation, position);
@@ -102,6 +206,17 @@ Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& positi
     if (!next.overlapping && next.distance < best.distance) {
       best.distance = next.distance;
       best.point = next.point;
+    }
+  }
+  if (!best.overlapping && !is_certain(best)) {
+    const Separation sure = search_surely(hull, rotation, position, obstacle, best.plane.normal);
+    if (sure.gap > best.gap) {
+      best.plane = sure.plane;
+      best.gap = sure.gap;
+    }
+    if (sure.distance < best.distance) {
+      best.distance = sure.distance;
+      best.point = sure.point;
     }
   }
   return best;
