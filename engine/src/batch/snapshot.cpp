@@ -73,7 +73,7 @@ class Reader final : public ArrayVisitor {
     const std::string_view from = next(name);
     require(from.size() == to.size(), "snapshot", std::to_string(to.size()) + " bytes of " + std::string(name), from.size());
     arrays_.push_back({name, from});
-    changes_.push_back([to, from] { std::memcpy(to.data(), from.data(), from.size()); });
+    changes_.push_back([to, from] { std::ranges::copy(std::as_bytes(std::span(from)), to.begin()); });
   }
   void blob(std::string_view name, std::string& to) override {
     const std::string_view from = next(name);
