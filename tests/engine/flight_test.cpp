@@ -224,7 +224,7 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
 #if defined(NDEBUG)
   constexpr long kSteps = 120;
 #else  // sanitizers and debug builds are slow
-  constexpr long kSteps = 30;
+  constexpr long kSteps = 60;
 #endif
   const long steps = testing::times_tried(kSteps);
   long ticks = 0;
