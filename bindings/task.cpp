@@ -11,6 +11,7 @@
 #include "arrays.hpp"
 #include "base/finite.hpp"
 #include "base/platform.hpp"
+#include "base/require.hpp"
 #include "batch/bad_states.hpp"
 #include "convert.hpp"
 #include "flockstep/navigation.hpp"

@@ -5,8 +5,11 @@
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -294,13 +297,14 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
   dynamics::Surface surface{0.4, 0.0};
   const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
   // Straight under the centre: no turning.
-  const Velocity straight = dynamics::thrown_back({{1, 0, -2}, Vec3::Zero()}, {{1, 0, -2}, Vec3::Zero()}, pose, {1, 2, 2.9F},
-                                                  Vec3::UnitZ(), frame, surface);
+  const std::array below{Vec3(1, 2, 2.9F)};
+  const Velocity straight =
+      dynamics::thrown_back({{1, 0, -2}, Vec3::Zero()}, {{1, 0, -2}, Vec3::Zero()}, pose, below, Vec3::UnitZ(), frame, surface);
   EXPECT_TRUE(straight.linear.isApprox(Vec3(1, 0, 0.8F), 1e-6F));
   EXPECT_TRUE(straight.angular.isZero(1e-6F));
   // What moves away already is left alone.
-  const Velocity away = dynamics::thrown_back({{1, 0, 2}, Vec3::Zero()}, {{1, 0, 2}, Vec3::Zero()}, pose, {1, 2, 2.9F},
-                                              Vec3::UnitZ(), frame, surface);
+  const Velocity away =
+      dynamics::thrown_back({{1, 0, 2}, Vec3::Zero()}, {{1, 0, 2}, Vec3::Zero()}, pose, below, Vec3::UnitZ(), frame, surface);
   EXPECT_EQ(away.linear, Vec3(1, 0, 2));
   // Off centre: the point leaves at the share of its speed, and momentum about it is kept.
   surface.friction = 0.5;
@@ -310,7 +314,8 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
     const Vec3 normal = vector().normalized();
     const Vec3 arm = 0.2F * vector();
     const Velocity before{vector() * 5.0F, vector() * 5.0F};
-    const Velocity after = dynamics::thrown_back(before, before, pose, pose.position + arm, normal, frame, surface);
+    const std::array<Vec3, 1> point{pose.position + arm};
+    const Velocity after = dynamics::thrown_back(before, before, pose, point, normal, frame, surface);
     const auto at_point = [&](const Velocity& v) { return Vec3(v.linear + (pose.rotation * v.angular).cross(arm)); };
     const float approach = at_point(before).dot(normal);
     if (approach >= 0.0F) continue;
@@ -329,6 +334,49 @@ TEST(Impact, ThrowsBackByRestitutionAndFriction) {
     };
     EXPECT_LE(energy(after), energy(before) * 1.0001F);
   }
+}
+
+// Of all motions in which no corner of a smooth face goes on into the floor, the one after is nearest to the one before, as the
+// body's mass and inertia measure it (Gauss); so whatever mixture of such motions is farther away.
+TEST(Impact, AFaceThatLandsOnASmoothFloorLosesTheLeastItCan) {
+  const Airframe frame = *DroneModel::load("kingfisher").airframe();
+  const Vec3 inertia(static_cast<float>(frame.inertia_kgm2[0]), static_cast<float>(frame.inertia_kgm2[1]),
+                     static_cast<float>(frame.inertia_kgm2[2]));
+  const auto mass = static_cast<float>(frame.mass_kg);
+  const Pose pose{{1, 2, 3}, Quat(Eigen::AngleAxisf(0.5F, Vec3::UnitZ()))};
+  Random random(2);
+  int pressed = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const auto vector = [&] { return Vec3(random.within(-1, 1), random.within(-1, 1), random.within(-1, 1)); };
+    std::vector<Vec3> corners;
+    for (int k = 0; k < 3 + i % 6; ++k) {
+      corners.emplace_back(pose.position + Vec3(random.within(-0.2F, 0.2F), random.within(-0.2F, 0.2F), -0.06F));
+    }
+    const auto slowest = [&](const Velocity& v) {
+      float least = std::numeric_limits<float>::infinity();
+      for (const Vec3& corner : corners) {
+        least = std::min(least, (v.linear + (pose.rotation * v.angular).cross(corner - pose.position)).z());
+      }
+      return least;
+    };
+    const Velocity before{vector() * 3.0F, vector() * 10.0F};
+    const auto lost = [&](const Velocity& v) {
+      return mass * (v.linear - before.linear).squaredNorm() + (v.angular - before.angular).cwiseAbs2().dot(inertia);
+    };
+    const Velocity after = dynamics::thrown_back(before, before, pose, corners, Vec3::UnitZ(), frame, {0.0, 0.0});
+    ASSERT_GE(slowest(after), -1e-4F);
+    if (slowest(before) >= 0.0F) {
+      EXPECT_LT(lost(after), 1e-9F);
+      continue;
+    }
+    ++pressed;
+    for (int k = 0; k < 100; ++k) {
+      Velocity other{after.linear + 0.1F * vector(), after.angular + vector()};
+      other.linear.z() -= std::min(slowest(other), 0.0F);  // lifted until no corner goes down
+      ASSERT_GE(lost(other), lost(after) - 1e-4F);
+    }
+  }
+  EXPECT_GT(pressed, 500);
 }
 
 }  // namespace

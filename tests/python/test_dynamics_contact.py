@@ -80,6 +80,14 @@ def speed_of_touching_point(batch):
     return batch.velocity[0] + np.cross(turn, batch.contact.point[0] - batch.position[0])
 
 
+def speeds_of_touching_corners(batch):
+    """(K, 3) m/s, of the corners of the hull that lie on the plane of contact."""
+    arms = to_world(np.repeat(batch.quat_wxyz, len(HULL), 0), HULL)
+    from_plane = (batch.position[0] + arms - batch.contact.point[0]) @ batch.contact.normal[0]
+    arms = arms[from_plane < 2 * GAP]
+    return batch.velocity[0] + np.cross(to_world(batch.quat_wxyz, batch.angular_velocity)[0], arms)
+
+
 @pytest.mark.parametrize("where", CENTRAL)
 @pytest.mark.parametrize("speed", [8.0, 100.0])
 @every_mode
@@ -95,7 +103,10 @@ def test_a_central_hit(where, speed, mode):
     assert way - GAP - rest <= (batch.position[0] - place) @ direction <= way
     assert not batch.contact.inside[0]
     if mode == "stop":
-        np.testing.assert_allclose(speed_of_touching_point(batch), 0, atol=1e-4 * speed)
+        at_corners = speeds_of_touching_corners(batch)
+        assert (at_corners @ direction < 1e-4 * speed).all()
+        # Where it also slides down, friction at the nose may tip it: then some corners leave the wall.
+        assert np.linalg.norm(at_corners, axis=1).min() < 1e-4 * speed
         return
     after = before if mode == "terminate" else before - 1.6 * (before @ direction) * direction
     since = 1.6 * GRAVITY / 500 if direction[2] else 0  # m/s: as fast as when it hits, not at the end of the tick
@@ -122,22 +133,36 @@ def test_a_pillar_throws_back_the_point_that_hits_it(speed):
     assert speed_of_touching_point(batch)[0] == pytest.approx(-0.6 * speed, rel=1e-3)
 
 
-# Points of a face that touches are met one after another, at most three in a tick: it turns where it should slide.
-FACES = pytest.mark.xfail(raises=AssertionError, reason="a face that touches is met by three of its points in a tick")
-
-
-@FACES
-def test_a_rough_wall_takes_speed_along_it_and_turns_the_body():
-    """Friction draws the nose, which touches, to the left, where the drone slid to the right."""
+def test_a_rough_wall_takes_speed_along_it():
+    """The flat face that hits presses more on one side, so that friction does not turn it."""
     batch = room_of(restitution=0.5, friction=0.05)
     launch(batch, [HALF - NOSE - 0.01, 3, 3], [2, -1.5, 0])
     fly_until_hit(batch)
     assert batch.velocity[0, :2] == pytest.approx([-1, -1.5 + 0.05 * 3], rel=1e-3)
-    arm = batch.contact.point[0] - batch.position[0]
-    push = BODY["mass_kg"] * np.array([-3, 0.15])
-    turn = (arm[0] * push[1] - arm[1] * push[0]) / BODY["inertia_kgm2"][2]
-    assert batch.angular_velocity[0, 2] == pytest.approx(turn, rel=0.01)
-    assert turn > 1
+    np.testing.assert_allclose(batch.angular_velocity[0], 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.05, 10.0])
+def test_an_edge_that_hits_a_wall_turns_the_body(friction):
+    """Upright and yawed, its edge touches from end to end: seen from above, one impulse on one point."""
+    batch, yaw = room_of(restitution=0.5, friction=friction), np.radians(15)
+    turned = [[np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]]
+    launch(batch, [HALF - 0.25, 3, 3], [2, -1.5, 0], turned)
+    fly_until_hit(batch)
+    mass, inertia = BODY["mass_kg"], BODY["inertia_kgm2"][2]
+    arms = to_world(np.repeat(turned, len(HULL), 0), HULL)
+    arm = arms[np.argmax(arms[:, 0]), :2]
+    # (2, 2) velocity gained at the edge by an impulse (x, y) on it
+    across = np.array([-arm[1], arm[0]])
+    gain = np.eye(2) / mass + np.outer(across, across) / inertia
+    start = np.array([2, -1.5])
+    impulse = np.linalg.solve(gain, [-1 - 2, 1.5])  # that lets the edge stick
+    if abs(impulse[1]) > friction * -impulse[0]:
+        slides = np.array([-1, friction])
+        impulse = slides * -3 / (gain @ slides)[0]
+    np.testing.assert_allclose(batch.velocity[0, :2], start + impulse / mass, atol=2e-3)
+    assert batch.angular_velocity[0, 2] == pytest.approx(across @ impulse / inertia, rel=2e-3)
+    assert abs(across @ impulse / inertia) > 1
 
 
 def test_a_wall_that_is_rough_enough_holds_the_point_that_hits_it():
@@ -154,7 +179,7 @@ def test_slow_hits_do_not_bounce():
     assert batch.velocity[0, 0] == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize("mode", ["terminate", "bounce", pytest.param("stop", marks=FACES)])
+@pytest.mark.parametrize("mode", ["terminate", "bounce", "stop"])
 def test_where_contacts_end_it_all_a_drone_stays(mode):
     """For the rest of the step; elsewhere it flies on."""
     batch = room_of(mode=mode)
@@ -224,7 +249,6 @@ def test_a_body_that_tumbles_on_the_floor_loses_energy(restitution):
         assert (energy(batch) < least + 0.02 * before).all()
 
 
-@FACES
 def test_a_body_that_slides_on_the_floor_is_slowed_by_friction():
     """By friction times gravity, and comes as far as that lets it."""
     batch = room_of(restitution=0.0, friction=0.2)

@@ -35,6 +35,8 @@ Vec3 of_row(const std::vector<float>& values, std::size_t drone) {
   return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
 }
 
+float margin(const Vec3& place) { return kClearance + kFloatSteps * place.cwiseAbs().maxCoeff(); }
+
 Vec3 vec3(const dynamics::Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
 
 void set(const Vec3& v, dynamics::Lanes<3>& lanes, std::size_t lane) {
@@ -182,8 +184,7 @@ class Group {
 
   bool is_free(std::size_t lane) const {
     const Vec3& center = base_[lane];
-    const float margin = kClearance + kFloatSteps * center.cwiseAbs().maxCoeff();
-    return obstacles_.is_clear(center, std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin);
+    return obstacles_.is_clear(center, std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center));
   }
 
   void keep(std::size_t lane) {
@@ -241,7 +242,9 @@ class Group {
       }
       const float share = contact.fraction;
       hit = {hit.linear + share * (end.linear - hit.linear), hit.angular + share * (end.angular - hit.angular)};
-      end = dynamics::thrown_back(hit, end, from, contact.point, contact.normal, *sim_.drone_model.airframe(), surface());
+      Touching touching;
+      find_touching(from, contact, touching);
+      end = dynamics::thrown_back(hit, end, from, touching.points(), contact.normal, *sim_.drone_model.airframe(), surface());
       hit = end;
       left *= 1.0 - static_cast<double>(share);
       const auto time = static_cast<float>(left);
@@ -265,6 +268,24 @@ class Group {
     store(flock_.velocity, lane, flight.velocity, drone);
     store(flock_.turn, lane, flight.angular_velocity, drone);
     fly_on_from(lane, from);
+  }
+
+  // The points of the hull, m, world frame, that touch what was hit: a face that lies flat does so at all its corners.
+  struct Touching {
+    std::array<Vec3, dynamics::kMostPoints> at;
+    std::size_t count = 0;
+
+    void add(const Vec3& point) { at[count++] = point; }
+    std::span<const Vec3> points() const { return std::span(at).first(count); }
+  };
+
+  void find_touching(const Pose& pose, const collision::Contact& contact, Touching& touching) const {
+    touching.add(contact.point);
+    const float near = margin(pose.position);
+    for (const Vec3& vertex : sim_.drone_model.hull()) {
+      const Vec3 point = pose.position + pose.rotation * vertex;
+      if (contact.normal.dot(point - contact.point) < near && obstacles_.touches(point, near)) touching.add(point);
+    }
   }
 
   float energy(const Velocity& velocity) const {  // J, twice the kinetic energy

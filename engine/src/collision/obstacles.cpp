@@ -35,4 +35,16 @@ bool Obstacles::is_clear(const Vec3& center, float radius) const {
   return clear;
 }
 
+bool Obstacles::touches(const Vec3& point, float reach) const {
+  for (const Room& room : rooms_) {
+    if (((point - room.inside.min).array() < reach).any() || ((room.inside.max - point).array() < reach).any()) return true;
+  }
+  bool touched = false;
+  for_each_near(point, reach, [&](std::uint32_t element) {
+    const Vec3d center = point.cast<double>();
+    touched = touched || (closest_point(convex(element), center) - center).norm() < static_cast<double>(reach);
+  });
+  return touched;
+}
+
 }  // namespace flockstep::collision

@@ -29,6 +29,9 @@ class Obstacles {
   // Whether nothing comes within radius (m) of center; false may also be said of what comes near.
   bool is_clear(const Vec3& center, float radius) const;
 
+  // Whether something comes within reach (m) of the point.
+  bool touches(const Vec3& point, float reach) const;
+
   // Calls visit(element) for each element but the rooms whose bounding box comes within radius (m) of center, and perhaps for
   // some more, in any order.
   template <class Visit>

@@ -2,6 +2,9 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
 
 namespace flockstep::dynamics {
 namespace {
@@ -10,51 +13,122 @@ using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
 constexpr double kSlow = 0.05;  // m/s; what comes slower does not bounce, or a body at rest would hop for ever
+constexpr int kMostRounds = 200;
+constexpr double kConverged = 1e-7;  // of the speed of impact: no point's changes by more in the last round
+
+// A body's motion about its centre of mass, world frame.
+struct Twist {
+  Vec3d linear;   // m/s
+  Vec3d angular;  // rad/s
+
+  Vec3d at(const Vec3d& arm) const { return linear + angular.cross(arm); }
+};
+
+// One point of the body that touches.
+struct Touching {
+  Vec3d arm;      // m, from the centre of mass
+  double leaves;  // m/s along the normal, at least
+  double across;  // m/s that the point gains along the normal by an impulse of 1 Ns there
+  double along;   // m/s, at most, likewise in the surface
+  Vec3d impulse;  // Ns
+};
+
+class Impact {
+ public:
+  Impact(const Twist& at_hit, const Twist& at_end, const Mat3d& rotation, const Airframe& frame, const Vec3d& normal)
+      : at_hit_(at_hit), at_end_(at_end), normal_(normal), inverse_mass_(1.0 / frame.mass_kg) {
+    const Vec3d inverse(1.0 / frame.inertia_kgm2[0], 1.0 / frame.inertia_kgm2[1], 1.0 / frame.inertia_kgm2[2]);
+    inverse_inertia_ = rotation * inverse.asDiagonal() * rotation.transpose();
+  }
+
+  void add(const Vec3d& arm) {
+    const Vec3d turn = arm.cross(normal_);
+    const double across = inverse_mass_ + turn.dot(inverse_inertia_ * turn);
+    Mat3d cross;
+    for (int axis = 0; axis < 3; ++axis) cross.col(axis) = arm.cross(Vec3d::Unit(axis));
+    const double all = 3.0 * inverse_mass_ + (cross.transpose() * inverse_inertia_ * cross).trace();
+    points_[count_++] = {arm, 0.0, across, all - across, Vec3d::Zero()};
+  }
+
+  // The motion after it. Aslant, restitution of each point's own can give energy, with friction or without; a surface that takes
+  // all speed from what comes cannot.
+  Twist after(const Surface& surface) {
+    for (const Surface& tried : {surface, Surface{surface.restitution, 0.0}}) {
+      const Twist motion = solve(tried);
+      if (!gives_energy(motion)) return motion;
+    }
+    return solve({0.0, 0.0});
+  }
+
+ private:
+  Twist solve(const Surface& surface) {
+    double fastest = kSlow;
+    for (Touching& point : std::span(points_).first(count_)) {
+      const double came = std::min(at_hit_.at(point.arm).dot(normal_), 0.0);
+      const double since = std::min((at_end_.at(point.arm) - at_hit_.at(point.arm)).dot(normal_), 0.0);
+      point.leaves = std::max((came < -kSlow ? -surface.restitution * came : 0.0) + since, 0.0);
+      point.impulse = Vec3d::Zero();
+      fastest = std::max(fastest, at_end_.at(point.arm).norm());
+    }
+    Twist motion = at_end_;
+    for (int round = 0; round < kMostRounds; ++round) {
+      double changed = 0.0;
+      for (Touching& point : std::span(points_).first(count_)) {
+        changed = std::max(changed, push(point, surface.friction, motion));
+      }
+      if (changed <= kConverged * fastest) break;
+    }
+    return motion;
+  }
+
+  // Mends one point's impulse; returns by how much its speed changes.
+  double push(Touching& point, double friction, Twist& motion) const {
+    const Vec3d velocity = motion.at(point.arm);
+    const double speed = velocity.dot(normal_);
+    const double before = point.impulse.dot(normal_);
+    const double pressed = std::max(before + (point.leaves - speed) / point.across, 0.0);
+    Vec3d rubbed = point.impulse - before * normal_ - (velocity - speed * normal_) / point.along;
+    if (const double most = friction * pressed, size = rubbed.norm(); size > most) rubbed *= most / size;
+    const Vec3d change = pressed * normal_ + rubbed - point.impulse;
+    point.impulse += change;
+    motion.linear += inverse_mass_ * change;
+    motion.angular += inverse_inertia_ * point.arm.cross(change);
+    return change.norm() * (point.across + point.along);
+  }
+
+  bool gives_energy(const Twist& after) const {
+    double gained = 0.0;
+    double exchanged = 0.0;
+    for (const Touching& point : std::span(points_).first(count_)) {
+      const double work = 0.5 * point.impulse.dot(at_end_.at(point.arm) + after.at(point.arm));
+      gained += work;
+      exchanged += std::abs(work);
+    }
+    return gained > 1e-6 * exchanged;
+  }
+
+  Twist at_hit_;
+  Twist at_end_;
+  Vec3d normal_;
+  double inverse_mass_;
+  Mat3d inverse_inertia_;  // world frame
+  std::array<Touching, kMostPoints> points_;
+  std::size_t count_ = 0;
+};
 
 }  // namespace
 
-Velocity thrown_back(const Velocity& at_hit, const Velocity& at_end, const Pose& pose, const Vec3& point, const Vec3& normal,
-                     const Airframe& frame, const Surface& surface) {
+Velocity thrown_back(const Velocity& at_hit, const Velocity& at_end, const Pose& pose, std::span<const Vec3> points,
+                     const Vec3& normal, const Airframe& frame, const Surface& surface) {
+  assert(points.size() <= kMostPoints);
   const Mat3d rotation = pose.rotation.cast<double>().normalized().toRotationMatrix();
-  const Vec3d inverse_inertia(1.0 / frame.inertia_kgm2[0], 1.0 / frame.inertia_kgm2[1], 1.0 / frame.inertia_kgm2[2]);
-  const Vec3d arm = (point - pose.position).cast<double>();
-  const Vec3d n = normal.cast<double>();
-  const auto at_point = [&](const Velocity& velocity) {
-    return Vec3d(velocity.linear.cast<double>() + (rotation * velocity.angular.cast<double>()).cross(arm));
+  const auto motion = [&](const Velocity& velocity) {
+    return Twist{velocity.linear.cast<double>(), rotation * velocity.angular.cast<double>()};
   };
-  const Vec3d velocity = at_point(at_end);
-  const double came = std::min(at_point(at_hit).dot(n), 0.0);
-  const double since = std::min((velocity - at_point(at_hit)).dot(n), 0.0);
-  const double goes = std::max((came < -kSlow ? -surface.restitution * came : 0.0) + since, 0.0);
-  const double leave = goes - velocity.dot(n);  // m/s, to be gained along the normal
-  if (leave <= 0.0) return at_end;
-
-  // The velocity that the point gains by an impulse on it.
-  const auto gain = [&](const Vec3d& impulse) {
-    const Vec3d turned = inverse_inertia.cwiseProduct(Vec3d(rotation.transpose() * arm.cross(impulse)));
-    return Vec3d(impulse / frame.mass_kg + (rotation * turned).cross(arm));
-  };
-  Mat3d gains;
-  for (int axis = 0; axis < 3; ++axis) gains.col(axis) = gain(Vec3d::Unit(axis));
-  // 2 (energy after - energy before) = J . (2 v + K J)
-  const auto gives_energy = [&](const Vec3d& impulse) { return impulse.dot(2.0 * velocity + gains * impulse) > 0.0; };
-
-  // The point sticks where that takes no more than friction has; else it slides on, friction against it; and where either would
-  // give energy, as it can to what is hit aslant, it slides freely.
-  const Vec3d sliding = velocity - velocity.dot(n) * n;
-  Vec3d impulse = gains.ldlt().solve(Vec3d(leave * n - sliding));
-  const double push = impulse.dot(n);
-  if ((impulse - push * n).norm() > surface.friction * push || gives_energy(impulse)) {
-    impulse = leave / n.dot(gains * n) * n;
-    if (const double speed = sliding.norm(); speed > 1e-9) {
-      const Vec3d along = n - surface.friction / speed * sliding;
-      const double rubbed = leave / n.dot(gains * along);
-      if (rubbed > 0.0 && !gives_energy(rubbed * along)) impulse = rubbed * along;
-    }
-  }
-  const Vec3d turned = inverse_inertia.cwiseProduct(Vec3d(rotation.transpose() * arm.cross(impulse)));
-  return {(at_end.linear.cast<double>() + impulse / frame.mass_kg).cast<float>(),
-          (at_end.angular.cast<double>() + turned).cast<float>()};
+  Impact impact(motion(at_hit), motion(at_end), rotation, frame, normal.cast<double>());
+  for (const Vec3& point : points) impact.add((point - pose.position).cast<double>());
+  const Twist after = impact.after(surface);
+  return {after.linear.cast<float>(), (rotation.transpose() * after.angular).cast<float>()};
 }
 
 }  // namespace flockstep::dynamics
