@@ -8,12 +8,16 @@ camera_train  the same of the camera task, by what is green in an image
 pixels_train  the same of the task that sees the image itself; half an hour
 camera_large  the camera task at 640 x 480; half an hour
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
+dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
+dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
+dynamics_peers  other simulators beside it, which pip downloads into out/peers/; only where it is named
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import itertools
 import json
 import os
 import platform
@@ -30,6 +34,8 @@ from typing import Any
 
 import numpy as np
 
+import dynamics_accuracy
+import dynamics_peers
 import flockstep
 from flockstep import _core
 
@@ -138,6 +144,14 @@ SMALL_CAMERA = """
     batch = flockstep.Batch(flockstep.scenes.load("camera-train"), n, cameras=[camera], num_threads=1)
     batch.sense(); return batch
 """
+#: With everything on that a drone can have to fly by its rotors.
+FLIGHT = """
+    wind = flockstep.WindConfig(gusts="dryden")
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="position", ground_effect=True, wind=wind)
+    settings = {"clock": flockstep.ClockConfig(policy_hz=100), "dynamics": dynamics, "imu": flockstep.ImuConfig()}
+    batch = flockstep.Batch([flockstep.World.load("playground/train-1")], n, num_threads=1, **settings)
+    batch.fly(np.ones((n, 4), np.float32)); batch.sense(); return batch
+"""
 
 
 def bench_camera() -> list[Figure]:
@@ -151,8 +165,9 @@ def bench_camera() -> list[Figure]:
 def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
     """Return the memory of one more drone of a batch; of the LiDAR task, with its observations in both output slots."""
     code = (
-        "import resource, sys, numpy as np, flockstep\n"
-        "def peak(): return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024\n"
+        "import re, sys, numpy as np, flockstep\n"
+        # getrusage would have what the process that started this one needed
+        "def peak(): return 1024 * int(re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])\n"
         "n = int(sys.argv[1])\n"
         f"def make(n):{make}"
         "small = make(1); before = peak(); large = make(n); print((peak() - before) / n)\n"
@@ -161,6 +176,54 @@ def bytes_per_drone(make: str = LIDAR_TASK, count: int = 1 << 17) -> float:
         [sys.executable, "-c", code, str(count)], check=True, stdout=subprocess.PIPE, text=True
     ).stdout
     return float(output)
+
+
+def bench_dynamics() -> list[Figure]:
+    """Flight in C++, whole steps of it from Python, and the memory of a drone with everything on."""
+    return [
+        *native("dynamics"),
+        *flown_steps(),
+        figure("dynamics/bytes_per_drone", bytes_per_drone(FLIGHT, 1 << 16), "B", 1),
+    ]
+
+
+def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
+    """Time steps of drones that are told body rates, over the kernel's time for their substeps, in processor's time."""
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="body_rates")
+    clock = flockstep.ClockConfig(policy_hz=dynamics_peers.POLICY_HZ, physics_hz=dynamics_peers.PHYSICS_HZ)
+    room = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-100] * 3, "max": [100] * 3}})
+    drone = flockstep.DroneModel.load("kingfisher")
+    batch = flockstep.Batch([room], n, drone=drone, dynamics=dynamics, clock=clock, num_threads=1)
+    command = np.tile(np.float32([9.81, 0, 0, 0]), (n, 1))
+    steps: dict[str, Callable[[], object]] = {"batch_fly": lambda: batch.fly(command)}
+    if envs := dynamics_peers.hovering(n):
+        actions = [envs.action_space.sample() / 10 for _ in range(64)]
+        for i in range(1000):  # until episodes end all the time
+            envs.step(actions[i % 64])
+        turns = itertools.cycle(actions)
+        steps["env_step"] = lambda: envs.step(next(turns))
+    rates: dict[str, list[float]] = {name: [] for name in steps}
+    ratios: dict[str, list[float]] = {name: [] for name in steps}
+    for _ in range(RUNS):
+        kernel = 1e6 * native("dynamics", "rates")[0]["value"]  # substeps per second
+        for name, step in steps.items():
+            rates[name].append(dynamics_peers.rate(step, n, runs=1))
+            ratios[name].append(kernel / (dynamics_peers.TICKS * rates[name][-1]))
+    figures = []
+    for name in steps:
+        figures += [
+            figure(f"dynamics/{name}/ratio_to_substeps", statistics.median(ratios[name]), "1", RUNS),
+            figure(f"dynamics/{name}/steps_per_second", statistics.median(rates[name]), "1/s", RUNS),
+        ]
+    return figures
+
+
+def bench_dynamics_accuracy() -> list[Figure]:
+    return [figure(*measured) for measured in dynamics_accuracy.measure()]
+
+
+def bench_dynamics_peers() -> list[Figure]:
+    return dynamics_peers.measure()
 
 
 def trained(name: str) -> list[Figure]:
@@ -266,6 +329,7 @@ def bench_trainers() -> list[Figure]:
     return figures
 
 
+#: All that there are; the last only where it is named.
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "lidar": bench_lidar,
     "step": bench_step,
@@ -277,6 +341,9 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "trainers": bench_trainers,
     "snippet": bench_snippet,
     "load": bench_load,
+    "dynamics": bench_dynamics,
+    "dynamics_accuracy": bench_dynamics_accuracy,
+    "dynamics_peers": bench_dynamics_peers,
 }
 
 
@@ -310,8 +377,10 @@ def commit() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHES)}; all without one")
-    names = parser.parse_args().names or list(BENCHES)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHES)}; without one, all but the last"
+    )
+    names = parser.parse_args().names or list(BENCHES)[:-1]
     for name in names:
         if name not in BENCHES:
             parser.error(f"no benchmark {name!r}: there are {', '.join(BENCHES)}")

@@ -37,10 +37,14 @@ NAMES = (
     "trainers",
     "snippet",
     "load",
+    "dynamics",
 )
+#: These have tables of their own only.
+APART = ("dynamics_accuracy", "dynamics_peers")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
+DYNAMICS = ROOT / "docs" / "dynamics.md"
 STAGE = "step/stage/"
 #: What the README shows: in words, the benchmark, and the figures of which the median stands there.
 HEADLINE = (
@@ -61,6 +65,7 @@ HEADLINE = (
 )
 #: Figures that have tables of their own.
 FRAMES, MODES = "camera_table/", "camera_modes/"
+COST, CONTACT = "dynamics/cost/", "dynamics/contact/"
 
 Result = dict[str, Any]
 
@@ -105,6 +110,8 @@ def table(results: dict[str, Result]) -> str:
         return "Not measured yet.\n"
     lines = []
     for name, result in results.items():
+        if name in APART:
+            continue
         lines += [f"**{name}**: {source(result)}", "", *benchmark(result["figures"]), *notes(result["figures"])]
     missing = [f"`{name}`" for name in NAMES if name not in results]
     if missing:
@@ -136,7 +143,7 @@ def benchmark(figures: list[dict[str, Any]]) -> list[str]:
     """
     subjects: dict[str, dict[str, str]] = {}
     for figure in figures:
-        if figure["name"].startswith((FRAMES, MODES, STAGE)):
+        if figure["name"].startswith((FRAMES, MODES, STAGE, COST, CONTACT)):
             continue
         subject, what = figure["name"].rsplit("/", 1)
         unit = "" if figure["unit"] in ("1", "1/s") else f" {figure['unit']}"  # rates say so by their name
@@ -238,6 +245,99 @@ def trainers(results: dict[str, Result]) -> str:
     return with_source(results, "trainers", pivot(cells, "program"))
 
 
+def named(results: dict[str, Result], name: str, pattern: str) -> list[tuple[tuple[str, ...], dict[str, Any]]]:
+    """Return the figures of a benchmark whose whole names match, each with the groups of its match."""
+    figures = results.get(name, {"figures": []})["figures"]
+    return [(match.groups(), f) for f in figures if (match := re.fullmatch(pattern, f["name"]))]
+
+
+def rough(figure: dict[str, Any]) -> str:
+    """Two digits and the unit: 0.012 mm, 0.0008°."""
+    value = float(f"{figure['value']:.2g}")
+    text = f"{value:,.0f}" if abs(value) >= 10 else f"{value:.10f}".rstrip("0").rstrip(".")
+    space = "" if figure["unit"] in ("°", "1") else " "
+    return text + space + figure["unit"].removeprefix("1")
+
+
+def accuracy(results: dict[str, Result]) -> str:
+    """Return the table of errors by frame, integrator and rate."""
+    cells: dict[tuple[str, str], str] = {}
+    for (frame, integrator, hz), f in named(results, "dynamics_accuracy", r"dynamics_accuracy/error/(.+)/(.+)/(.+)/.+"):
+        key = f"{frame}, {integrator}", f"{hz} Hz"
+        cells[key] = f"{cells[key]}, {rough(f)}" if key in cells else rough(f)
+    return with_source(results, "dynamics_accuracy", pivot(cells, "frame, integrator"))
+
+
+def other_accuracy(results: dict[str, Result]) -> str:
+    """Return the table of what else was flown beside something more exact."""
+    texts = {
+        r"way/(.+)/m": "how far {} flies in the table above",
+        r"way/(.+)/degrees": "how far {} turns there",
+        r"tour/(.+)/mm": "{} on a tour by its controller: midpoint from rk4",
+        r"ten_minutes_at_1_km/(mean|farthest)_mm": "a point 1 km out along each axis, held 10 minutes: {} distance",
+    }
+    rows = [
+        f"| {text.format(*groups)} | {rough(f)} |"
+        for pattern, text in texts.items()
+        for groups, f in named(results, "dynamics_accuracy", f"dynamics_accuracy/{pattern}")
+    ]
+    return with_source(results, "dynamics_accuracy", "\n".join(["| | |", "|---|---:|", *rows]) + "\n")
+
+
+def settling(results: dict[str, Result]) -> str:
+    """Return the table of how the controller arrives."""
+    columns = {
+        "seconds_to_90_percent": "90 % after",
+        "overshoot_percent": "overshoot",
+        "seconds_to_5_cm": "within 5 cm after",
+    }
+    found = named(results, "dynamics_accuracy", r"dynamics_accuracy/settling/(.+)/(.+)")
+    cells = {(frame, columns[what]): rough(f) for (frame, what), f in found}
+    return with_source(results, "dynamics_accuracy", pivot(cells, "frame"))
+
+
+def ten_steps(results: dict[str, Result]) -> str:
+    """Return the table of how far ten steps ahead take a drone."""
+    found = named(results, "dynamics_accuracy", r"dynamics_accuracy/ten_steps_ahead/(.+)/(.+)/m")
+    cells = {(frame, f"`policy_hz={hz}`"): rough(f) for (frame, hz), f in found}
+    return with_source(results, "dynamics_accuracy", pivot(cells, "frame"))
+
+
+def costs(results: dict[str, Result]) -> str:
+    """Return the tables of what each term of flight, and each way of touching something, costs."""
+    rows = []
+    for head, pattern in (
+        ("what it adds", f"{COST}(.+)/ns_per_(.+)"),
+        ("what flying costs in all", f"{CONTACT}(.+)/ns_per_(.+)"),
+    ):
+        rows += ["", f"| {head} | | |", "|---|---:|---|"]
+        for (what, per), f in named(results, "dynamics", pattern):
+            rows.append(f"| {what.replace('_', ' ')} | {rough(f)} | a {per} |")
+    return with_source(results, "dynamics", "\n".join(rows[1:]) + "\n")
+
+
+def peers(results: dict[str, Result]) -> str:
+    """Return the tables of other simulators: their speed, and how far from ours the same flights end."""
+    name = "dynamics_peers"
+    speeds: dict[tuple[str, str], str] = {}
+    for (peer, kind, mode, what), f in named(results, name, r"dynamics_peers/(.+?)/(simulator|environment)/(.+)/(\w+)"):
+        program = peer.removeprefix("flockstep_beside_")
+        is_ours = program != peer
+        row = f"{'flockstep' if is_ours else peer} {f['version']}, {kind}: {mode}" + f" (beside {program})" * is_ours
+        column = {"per_second": "a second", "ours_over_it": "flockstep over it"}[what]
+        speeds[row, column] = number(f["value"]) if what == "per_second" else rough(f)
+    for (peer,), f in named(results, name, r"dynamics_peers/(.+)/measured"):
+        speeds[peer, "a second"] = f"not measured: {f['error']}"
+    flights: dict[tuple[str, str], str] = {}
+    for (peer, kind, what), f in named(results, name, r"dynamics_peers/(.+?)/flight/(.+)/(\w+)"):
+        row = f"{peer}, {kind}"
+        flights[row, {"mm": "position", "degrees": "attitude"}[what]] = rough(f)
+        if what == "degrees":
+            flights[row, "because"] = f["reason"]
+    both = pivot(speeds, "drone-substeps of simulators, drone-steps of environments") + "\n" + pivot(flights, "flight")
+    return with_source(results, name, both)
+
+
 def with_content(text: str, name: str, content: str) -> str:
     """Return a document with the content between its markers of that name."""
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
@@ -295,8 +395,18 @@ def main() -> None:
         CAMERAS: with_content(
             with_content(CAMERAS.read_text(encoding="utf-8"), "frames", frames(results)), "modes", modes(results)
         ),
+        DYNAMICS: DYNAMICS.read_text(encoding="utf-8"),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
     }
+    for marker, write in {
+        "accuracy": accuracy,
+        "other accuracy": other_accuracy,
+        "settling": settling,
+        "ten steps ahead": ten_steps,
+        "costs": costs,
+    }.items():
+        documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
+    documents[BENCHMARKS] = with_content(documents[BENCHMARKS], "peers", peers(results))
     for path, text in documents.items():
         if text == path.read_text(encoding="utf-8"):
             continue

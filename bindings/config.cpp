@@ -6,7 +6,9 @@
 #include <pybind11/stl.h>
 
 #include "convert.hpp"
+#include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
+#include "flockstep/track.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -105,6 +107,8 @@ void register_config(py::module_& module) {
             return NavigationConfig::observing(enum_of<ObservationKind>(observation, "observation"));
           },
           py::arg("observation"));
+  register_fields<HoverConfig>(module, "HoverConfig", "Catch a drone that is thrown, and hold a point.");
+  register_fields<TrackConfig>(module, "TrackConfig", "Follow a point that moves along a smooth path.");
 }
 
 }  // namespace flockstep::bindings

@@ -14,7 +14,9 @@
 #include "base/require.hpp"
 #include "batch/bad_states.hpp"
 #include "convert.hpp"
+#include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
+#include "flockstep/track.hpp"
 
 namespace flockstep {
 
@@ -205,13 +207,16 @@ Field make_field(const std::string& name, const std::string& dtype, std::vector<
 }
 
 py::dict defaults_of(const py::object& description) {
-  if (description.is_none()) throw py::type_error("task: expected a NavigationConfig or a NativeTask, got None");
+  if (description.is_none()) throw py::type_error("task: expected a configuration of a task or a NativeTask, got None");
   const TaskDefaults defaults = make_task(description)->defaults();
   py::dict dict;
   dict["worlds"] = defaults.worlds;
   dict["lidar"] = defaults.lidar ? py::cast(*defaults.lidar) : py::none();
   dict["cameras"] = py::cast(defaults.cameras);
   dict["max_episode_steps"] = defaults.max_episode_steps;
+  dict["drone"] = defaults.drone.empty() ? py::none() : py::cast(defaults.drone);
+  dict["dynamics"] = py::cast(defaults.dynamics);
+  dict["clock"] = py::cast(defaults.clock);
   return dict;
 }
 
@@ -220,6 +225,8 @@ py::dict defaults_of(const py::object& description) {
 std::unique_ptr<Task> make_task(const py::object& description) {
   if (description.is_none()) return nullptr;
   if (py::isinstance<NavigationConfig>(description)) return make_navigation(description.cast<const NavigationConfig&>());
+  if (py::isinstance<HoverConfig>(description)) return make_hover(description.cast<const HoverConfig&>());
+  if (py::isinstance<TrackConfig>(description)) return make_track(description.cast<const TrackConfig&>());
   if (py::isinstance<NativeTask>(description)) {
     const auto& library = description.cast<const NativeTask&>();
     std::unique_ptr<Task> task(library.make());
@@ -230,7 +237,8 @@ std::unique_ptr<Task> make_task(const py::object& description) {
     const auto& maker = description.cast<const PythonTaskMaker&>();
     return std::make_unique<PythonTask>(maker.spec, maker.identity, maker.max_episode_steps, maker.calls);
   }
-  throw py::type_error("task: expected a NavigationConfig, a NativeTask or None, got " + std::string(py::repr(description)));
+  throw py::type_error("task: expected a NavigationConfig, HoverConfig or TrackConfig, a NativeTask or None, got " +
+                       std::string(py::repr(description)));
 }
 
 void register_task(py::module_& module) {

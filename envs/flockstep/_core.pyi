@@ -540,6 +540,163 @@ class NavigationReward:
     # end of fields
 
 @final
+class HoverConfig:
+    """Catch a drone that is thrown, and hold a point.
+
+    The point is the world's goal marker, or the centre of its bounds where it has none. Episodes begin near it, turned and
+    moving anyhow, rotors as in hovering. Actions are float32 (4,), clipped to [-1, 1]; 0 hovers and 1 is the most, by the
+    env's ``control``: of rotors, thrust and rates as far as they go, of tilt, acceleration and speed up to the limits of
+    `DynamicsConfig`, of position 1 m from where the drone is; yaw up to half a turn from the present heading.
+
+    Observed, float32 (16,), in the body frame, so that the heading does not matter: the way to the point, m (3); velocity,
+    m/s (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 in hovering, 1 fastest (4).
+
+    An episode ends as a crash on a contact, or farther than ``max_distance_m`` from the point. It is a success if it ends
+    with no step of the last ``hold_s`` farther than ``hold_m``. d is the distance to the point in metres.
+
+    Parameters
+    ----------
+    start_offset_m
+        From the point, along each axis; like the next three drawn evenly up to this.
+    start_tilt_deg
+        From level, in [0, 180].
+    start_speed_mps
+        In any direction.
+    start_rate_dps
+        About each axis of the body.
+    max_distance_m, hold_m, hold_s
+        Metres, metres and seconds, above 0.
+    near_weight
+        Of the reward's term exp(-2 d).
+    hold_weight
+        Of 1 / (1 + (d / 2 hold_m)^2).
+    speed_weight
+        Of minus the speed, m/s.
+    spin_weight
+        Of minus the length of the angular velocity, 10 rad/s.
+    change_weight
+        Of minus the mean square of what the action changed by; an episode's first changes from 0.
+    crash_weight
+        Of -1 on a crash.
+    """
+
+    # fields of HoverConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    start_offset_m: float
+    start_tilt_deg: float
+    start_speed_mps: float
+    start_rate_dps: float
+    max_distance_m: float
+    hold_m: float
+    hold_s: float
+    near_weight: float
+    hold_weight: float
+    speed_weight: float
+    spin_weight: float
+    change_weight: float
+    crash_weight: float
+    def __init__(
+        self,
+        *,
+        start_offset_m: float = 0.5,
+        start_tilt_deg: float = 90.0,
+        start_speed_mps: float = 2.0,
+        start_rate_dps: float = 0.0,
+        max_distance_m: float = 6.0,
+        hold_m: float = 0.05,
+        hold_s: float = 1.0,
+        near_weight: float = 1.0,
+        hold_weight: float = 2.0,
+        speed_weight: float = 0.1,
+        spin_weight: float = 0.1,
+        change_weight: float = 0.0,
+        crash_weight: float = 10.0,
+    ) -> None: ...
+    # end of fields
+
+@final
+class TrackConfig:
+    """Follow a point that moves along a smooth path.
+
+    Paths lie about the world's goal marker, or about the centre of its bounds where it has none. Each episode begins
+    somewhere on its path, with the path's velocity and yaw. Actions are those of `HoverConfig`.
+
+    Observed, float32 (15 + 3 ``points``,), in the body frame: the way to where the path is now, ``ahead_s`` later, and so
+    on, m (3 ``points``); velocity, m/s (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0
+    in hovering, 1 fastest (4); sine and cosine of the yaw that is missing (2).
+
+    An episode ends as a crash on a contact, or farther than ``max_distance_m`` from where the path is. It is a success if
+    it ends with a root mean square of d, over all its steps, of at most ``close_m``. d is the distance to where the path is
+    now in metres.
+
+    Parameters
+    ----------
+    path
+        ``"figure8"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``"random"``: three waves of random
+        phases along each axis, up to ``size_m`` in all and half of that in height.
+    yaw
+        ``"fixed"``: along the world's x axis. ``"along"``: the way the path goes.
+    size_m, speed_mps
+        Above 0. Speed: of a figure-8 the mean of a lap, of random paths the root mean square.
+    start_offset_m
+        Episodes begin off the path, evenly drawn up to this along each axis.
+    points, ahead_s
+        How many points of the path are observed, 1 to 20, and the seconds from one to the next.
+    max_distance_m, close_m
+        Metres, above 0.
+    near_weight
+        Of the reward's term exp(-2 d).
+    close_weight
+        Of 1 / (1 + (d / close_m)^2).
+    yaw_weight
+        Of minus the yaw that is missing, rad.
+    spin_weight
+        Of minus the length of the angular velocity, 10 rad/s.
+    change_weight
+        Of minus the mean square of what the action changed by; an episode's first changes from 0.
+    crash_weight
+        Of -1 on a crash.
+    """
+
+    # fields of TrackConfig
+    __match_args__: ClassVar[tuple[str, ...]]
+    path: Literal["figure8", "random"]
+    yaw: Literal["fixed", "along"]
+    size_m: float
+    speed_mps: float
+    start_offset_m: float
+    points: int
+    ahead_s: float
+    max_distance_m: float
+    close_m: float
+    near_weight: float
+    close_weight: float
+    yaw_weight: float
+    spin_weight: float
+    change_weight: float
+    crash_weight: float
+    def __init__(
+        self,
+        *,
+        path: Literal["figure8", "random"] = "figure8",
+        yaw: Literal["fixed", "along"] = "fixed",
+        size_m: float = 1.0,
+        speed_mps: float = 1.5,
+        start_offset_m: float = 0.1,
+        points: int = 5,
+        ahead_s: float = 0.1,
+        max_distance_m: float = 1.0,
+        close_m: float = 0.05,
+        near_weight: float = 1.0,
+        close_weight: float = 1.0,
+        yaw_weight: float = 0.2,
+        spin_weight: float = 0.02,
+        change_weight: float = 0.0,
+        crash_weight: float = 10.0,
+    ) -> None: ...
+    # end of fields
+
+@final
 class NavigationConfig:
     """Fly from the start over the waypoints to the goal.
 
@@ -653,8 +810,11 @@ class PythonTask:
     def __init__(self, spec: TaskSpec, identity: str, max_episode_steps: int, calls: object) -> None: ...
 
 def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
-def task_defaults(task: NavigationConfig | NativeTask | PythonTask) -> dict[str, Any]:
-    """Return the defaults of an environment with this task: ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``."""
+def task_defaults(task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask) -> dict[str, Any]:
+    """Return the defaults of an environment with this task.
+
+    ``worlds``, ``lidar``, ``cameras``, ``max_episode_steps``, ``drone`` (a name or None), ``dynamics``, ``clock``.
+    """
 
 @final
 class World:
@@ -1035,7 +1195,7 @@ class Batch:
         lidar: LidarConfig | None = None,
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | None = None,
-        task: NavigationConfig | NativeTask | PythonTask | None = None,
+        task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask | None = None,
         drone: DroneModel | None = None,
         cameras: Sequence[CameraConfig] = (),
         camera_backend: str = "raycast",
@@ -1049,6 +1209,14 @@ class Batch:
     @property
     def num_drones(self) -> int:
         """N."""
+
+    @property
+    def dynamics(self) -> DynamicsConfig:
+        """How drones move, and what they are told: a copy."""
+
+    @property
+    def clock(self) -> ClockConfig:
+        """The rates, those included that were left open: a copy."""
 
     @property
     def num_threads(self) -> int:

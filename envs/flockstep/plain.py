@@ -19,17 +19,28 @@ from gymnasium.envs.registration import EnvSpec
 from flockstep._core import (
     CameraConfig,
     DroneModel,
+    HoverConfig,
     ImuConfig,
     LidarConfig,
     NativeTask,
     NavigationReward,
     PoseSensorConfig,
+    TrackConfig,
     WindConfig,
     World,
 )
 
 _PREFIX = "flockstep."
-_CONFIGS = (CameraConfig, ImuConfig, LidarConfig, NavigationReward, PoseSensorConfig, WindConfig)
+_CONFIGS = (
+    CameraConfig,
+    HoverConfig,
+    ImuConfig,
+    LidarConfig,
+    NavigationReward,
+    PoseSensorConfig,
+    TrackConfig,
+    WindConfig,
+)
 
 
 def to_plain(value: Any) -> Any:

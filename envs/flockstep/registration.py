@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium
 
-from flockstep._core import NativeTask
+from flockstep._core import HoverConfig, NativeTask, TrackConfig
 from flockstep.plain import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, _by_config
@@ -22,13 +22,20 @@ def register() -> None:
     No ``max_episode_steps`` here: the engine counts the steps itself, so that the time limit is one keyword for
     `gymnasium.make_vec` and no `TimeLimit` wrapper is needed around a single environment.
     """
-    for task, observation in (("LidarNavigation", "goal"), ("CameraNavigation", "blob"), ("CameraPixels", "pixels")):
+    own: dict[str, dict[str, Any]] = {
+        "LidarNavigation": {"observation": "goal"},
+        "CameraNavigation": {"observation": "blob"},
+        "CameraPixels": {"observation": "pixels"},
+        "Hover": {"task": HoverConfig()},
+        "Track": {"task": TrackConfig()},
+    }
+    for task, keywords in own.items():
         if f"flockstep/{task}-v0" not in gymnasium.registry:
             gymnasium.register(
                 id=f"flockstep/{task}-v0",
                 entry_point="flockstep.env:DroneEnv",
                 vector_entry_point="flockstep.vector_env:DroneVectorEnv",
-                kwargs={"observation": observation},
+                kwargs=to_plain(keywords),
             )
 
 

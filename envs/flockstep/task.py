@@ -18,7 +18,18 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from flockstep._core import Batch, CameraConfig, Field, LidarConfig, PythonTask, TaskSpec, World
+from flockstep._core import (
+    Batch,
+    CameraConfig,
+    ClockConfig,
+    DroneModel,
+    DynamicsConfig,
+    Field,
+    LidarConfig,
+    PythonTask,
+    TaskSpec,
+    World,
+)
 
 if TYPE_CHECKING:
     from flockstep.scenes import WorldsLike
@@ -76,6 +87,9 @@ class Task:
         The LiDAR and the camera the task needs, if any; several cameras as a sequence.
     worlds
         Where it is flown unless the env is given others: as `DroneVectorEnv` takes them. Default: ``"train"``.
+    drone, dynamics, clock
+        What flies, how, and at which rates, unless the env is given others: a `DroneModel` or what `DroneModel.load`
+        takes, a `DynamicsConfig`, a `ClockConfig`. Default: the 650-class quadrotor, kinematic, at 10 Hz.
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never. A limit that the env is given takes its place.
     markers
@@ -107,6 +121,9 @@ class Task:
     lidar: LidarConfig | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     worlds: WorldsLike | None = None
+    drone: DroneModel | str | None = None
+    dynamics: DynamicsConfig | None = None
+    clock: ClockConfig | None = None
     max_episode_steps: int = 1000
     info_names: tuple[str, ...] = ()
     markers: tuple[str, ...] = MARKERS
@@ -206,7 +223,8 @@ class Task:
                 setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
 
 
-_NOT_STATE = ("_batch", "_constants", "success", "truncated", "info", "max_episode_steps")
+_SPACES = ("observation_space", "action_space")  # which sampling changes
+_NOT_STATE = ("_batch", "_constants", "success", "truncated", "info", "max_episode_steps", *_SPACES)
 _MISSING = object()
 #: What the infos of every task hold; also as Stable-Baselines3 has them.
 _INFOS_OF_ALL = (

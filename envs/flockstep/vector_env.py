@@ -22,11 +22,13 @@ from flockstep._core import (
     DroneModel,
     DynamicsConfig,
     EpisodeConfig,
+    HoverConfig,
     ImuConfig,
     LidarConfig,
     NativeTask,
     NavigationConfig,
     PoseSensorConfig,
+    TrackConfig,
     _unexpected_keyword,
     task_defaults,
 )
@@ -100,9 +102,11 @@ _MODES = {
 
 
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
-    """N drones, one call per step: a navigation task of the engine, or a `Task` of your own.
+    """N drones, one call per step: a task of the engine, or a `Task` of your own.
 
-    The navigation tasks differ in what they observe, and so in their defaults:
+    Tasks of the engine: navigation, where none is given; `HoverConfig` and `TrackConfig`, whose drones fly by their
+    rotors (``flockstep/Hover-v0`` and ``flockstep/Track-v0``). The navigation tasks differ in what they observe, and so
+    in their defaults:
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
@@ -122,7 +126,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
         these. Default: ``"train"``, for camera tasks ``"camera-train"``; with a `Task`, what it says.
     task
-        A `Task` (an object, or its class), or a `NativeTask` in C++, instead of the navigation task.
+        Instead of the navigation task: a `HoverConfig` or a `TrackConfig`; a `Task` of your own (an object, or its
+        class), or a `NativeTask` in C++.
     observation
         Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
@@ -134,7 +139,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
     pose_sensor, imu, drone
-        Default: an exact pose; none; the 650-class quadrotor.
+        Default: an exact pose; none; what the task says, for navigation the 650-class quadrotor. A drone is a
+        `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path.
     max_episode_steps
         Truncate episodes after so many flown steps, 0 for never. Default: 3000; with a `Task`, what it says.
     autoreset_mode
@@ -197,14 +203,14 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_envs: int = 1,
         *,
         worlds: scenes.WorldsLike | None = None,
-        task: Task | type[Task] | NativeTask | None = None,
+        task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | None = None,
         observation: str = "goal",
         lidar: LidarConfig | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
         camera_backend: str = "raycast",
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | None = None,
-        drone: DroneModel | None = None,
+        drone: DroneModel | str | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = "next_step",
         copy: bool = True,
@@ -237,8 +243,6 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps, **chosen.pop(EpisodeConfig, {})}
         episode = EpisodeConfig(**episodes)
-        clock = ClockConfig(**chosen.pop(ClockConfig, {}))
-        dynamics = DynamicsConfig(**chosen.pop(DynamicsConfig, {}))
         description: Any
         calls: TaskCalls | None = None
         if task is None:
@@ -248,19 +252,26 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         else:
             foreign = list(chosen.get(NavigationConfig, {})) + (["observation"] if observation != "goal" else [])
             if foreign:
-                raise TypeError(f"{', '.join(foreign)}: of the navigation task, but a task of your own is given")
+                raise TypeError(f"{', '.join(foreign)}: of the navigation task, but another task is given")
             if isinstance(task, Task):
                 if max_episode_steps is not None:
                     task.max_episode_steps = max_episode_steps
                 description, calls = native_task(task)
-            elif isinstance(task, NativeTask):
+            elif isinstance(task, (NativeTask, HoverConfig, TrackConfig)):
                 description = task
             else:
-                raise TypeError(f"task: expected a flockstep.Task or NativeTask object, got {task!r}")
+                expected = "a flockstep.Task, NativeTask, HoverConfig or TrackConfig"
+                raise TypeError(f"task: expected {expected}, got {task!r}")
         defaults = task_defaults(description)
         if isinstance(task, Task):
+            said = {name: getattr(task, name) for name in ("worlds", "drone", "dynamics", "clock")}
+            defaults |= {name: value for name, value in said.items() if value is not None}
             defaults |= {"lidar": task.lidar, "cameras": task.camera}
-            defaults["worlds"] = defaults["worlds"] if task.worlds is None else task.worlds
+        clock, dynamics = copied(defaults["clock"]), copied(defaults["dynamics"])
+        for config in (clock, dynamics):
+            for name, value in chosen.get(type(config), {}).items():
+                setattr(config, name, value)
+        drone = defaults["drone"] if drone is None else drone
         self.lidar = copied(defaults["lidar"] if lidar is None else lidar)
         self.cameras = _listed(defaults["cameras"] if camera is None else camera)
 
@@ -273,7 +284,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             pose_sensor=pose_sensor,
             imu=imu,
             task=description,
-            drone=drone,
+            drone=DroneModel.load(drone) if isinstance(drone, str) else drone,
             episode=episode,
             clock=clock,
             dynamics=dynamics,

@@ -105,7 +105,7 @@ def test_a_central_hit(where, speed, mode):
     if mode == "stop":
         at_corners = speeds_of_touching_corners(batch)
         assert (at_corners @ direction < 1e-4 * speed).all()
-        # Where it also slides down, friction at the nose may tip it: then some corners leave the wall.
+        # Where it also falls along a wall, it tips over the corners that it stands on: the others leave.
         assert np.linalg.norm(at_corners, axis=1).min() < 1e-4 * speed
         return
     after = before if mode == "terminate" else before - 1.6 * (before @ direction) * direction

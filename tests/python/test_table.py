@@ -70,3 +70,58 @@ def test_the_table_of_trainers_has_the_medians_of_its_seeds():
     assert "| `slow.py` | lib 1.0 | same_step | 2,000 | 5,000 (2 of 3 seeds) |" in written
     assert "| `never.py` | lib 1.0 | same_step | 2,000 | more than 9,000 (1 of 3 seeds) |" in written
     assert table.trainers({}) == "Not measured yet.\n"
+
+
+def of_flight(name, *figures):
+    """Results of a benchmark that has the figures (name, value, unit, more)."""
+    return {
+        name: result(
+            figures=[
+                {"name": f"{name}/{what}", "value": value, "unit": unit, "runs": 1, **more}
+                for what, value, unit, more in figures
+            ]
+        )
+    }
+
+
+def test_the_tables_of_flight():
+    results = of_flight(
+        "dynamics_accuracy",
+        ("error/x500/rk4/200/mm", 0.02573, "mm", {}),
+        ("error/x500/rk4/200/degrees", 0.00004178, "°", {}),
+        ("tour/x500/mm", 12.34, "mm", {}),
+        ("settling/x500/seconds_to_90_percent", 1.106, "s", {}),
+        ("settling/x500/overshoot_percent", 0.0, "%", {}),
+        ("ten_steps_ahead/x500/10/m", 0.6811, "m", {}),
+    )
+    assert "| x500, rk4 | 0.026 mm, 0.000042° |" in table.accuracy(results)
+    assert "| x500 on a tour by its controller: midpoint from rk4 | 12 mm |" in table.other_accuracy(results)
+    assert "| x500 | 1.1 s | 0 % |" in table.settling(results)
+    assert "| x500 | 0.68 m |" in table.ten_steps(results)
+    assert table.table(results).startswith("Not measured yet: ")  # they are nowhere else
+    results = of_flight(
+        "dynamics", ("cost/body_drag/ns_per_substep", 1.5, "ns", {}), ("contact/open/ns_per_substep", 1234.0, "ns", {})
+    )
+    added, in_all = table.costs(results).split("| what flying costs in all")
+    assert "| body drag | 1.5 ns | a substep |" in added and "| open | 1,200 ns | a substep |" in in_all
+    for write in (table.accuracy, table.other_accuracy, table.settling, table.ten_steps, table.costs, table.peers):
+        assert write({}) == "Not measured yet.\n"
+
+
+def test_the_table_of_peers_has_what_could_not_be_measured():
+    about = {"version": "1.2", "mode": "euler"}
+    written = table.peers(
+        of_flight(
+            "dynamics_peers",
+            ("slow/simulator/euler/per_second", 12345.0, "1/s", about),
+            ("slow/simulator/euler/ours_over_it", 98.76, "1", about),
+            ("flockstep_beside_slow/simulator/rk4/per_second", 1219190.0, "1/s", about),
+            ("slow/flight/lag: euler/mm", 4.729, "mm", {**about, "reason": "of first order"}),
+            ("slow/flight/lag: euler/degrees", 0.1077, "°", {**about, "reason": "of first order"}),
+            ("gone/measured", 0.0, "1", {"error": "no such package"}),
+        )
+    )
+    assert "| slow 1.2, simulator: euler | 12,345 | 99 |" in written
+    assert "| flockstep 1.2, simulator: rk4 (beside slow) | 1,219,190 |" in written
+    assert "| gone | not measured: no such package |  |" in written
+    assert "| slow, lag: euler | 4.7 mm | 0.11° | of first order |" in written

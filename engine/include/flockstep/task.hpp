@@ -46,6 +46,9 @@ struct TaskDefaults {
   std::optional<LidarConfig> lidar;   // none: no LiDAR
   std::vector<CameraConfig> cameras;  // likewise
   int max_episode_steps = 3000;       // 0: no limit
+  std::string drone;                  // a shipped frame; empty: DroneModel::quadrotor650()
+  DynamicsConfig dynamics;
+  ClockConfig clock;
 };
 
 // The batch as a task sees it. Everything but place() only reads. Indices are not checked.

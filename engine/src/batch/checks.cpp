@@ -66,7 +66,7 @@ void speeds(std::span<const float> values, std::size_t expected, std::string_vie
   if (values.empty()) return;
   size(values.size(), expected, field);
   for (std::size_t i = 0; i < values.size(); ++i) {
-    require(std::abs(values[i]) <= 1e4F, row_of(field, i / 3), "finite numbers within +-10000", values[i]);
+    if (!(std::abs(values[i]) <= 1e4F)) refuse(row_of(field, i / 3), "finite numbers within +-10000", values[i]);
   }
 }
 
@@ -75,8 +75,8 @@ void rotor_speeds(const Simulation& sim, std::span<const float> values) {
   size(values.size(), kRotors * sim.num_drones(), "rotor_speed");
   const auto most = static_cast<float>(sim.drone_model.airframe()->max_speed_radps);
   for (std::size_t i = 0; i < values.size(); ++i) {
-    require(values[i] >= 0.0F && values[i] <= most, row_of("rotor_speed", i / kRotors),
-            "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
+    if (values[i] >= 0.0F && values[i] <= most) continue;
+    refuse(row_of("rotor_speed", i / kRotors), "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
   }
 }
 
@@ -86,7 +86,7 @@ void command(const Simulation& sim, std::span<const float> values) {
   }
   size(values.size(), 4 * sim.num_drones(), "command");
   for (std::size_t i = 0; i < values.size(); ++i) {
-    require(std::abs(values[i]) <= 2e6F, row_of("command", i / 4), "finite numbers within +-2e+06", values[i]);
+    if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of("command", i / 4), "finite numbers within +-2e+06", values[i]);
   }
 }
 

@@ -55,7 +55,8 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   sim.run.emplace(TaskRun{.task = std::move(task)});
   TaskRun& run = *sim.run;
   const Control control = sim.config.dynamics.control;
-  require(run.task->takes(control), "control", "one that this task tells drones by (\"pose\", unless it says more)",
+  require(run.task->takes(control), "control",
+          "one that this task tells drones by (those of most tasks are told poses, those of flight anything else)",
           '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"');
   run.task->setup(*sim.context);
   const TaskSpec& spec = run.spec();

@@ -9,6 +9,7 @@
 #include "batch/bad_states.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/impact.hpp"
+#include "dynamics/rows.hpp"
 #include "dynamics/setpoint.hpp"
 
 namespace flockstep {
@@ -18,6 +19,7 @@ using dynamics::Flock;
 using dynamics::kLanes;
 
 constexpr float kClearance = 1e-3F;      // m: more than the sweep keeps away from anything, float32's steps aside
+constexpr float kOpenBeyond = 0.5F;      // m: how much farther than it has to a look for obstacles goes, to last for some steps
 constexpr float kFloatSteps = 0x1p-18F;  // of a coordinate: some of these
 constexpr float kGroundRadii = 16.0F;    // of a rotor: farther below, the ground's effect is less than 0.03 %
 
@@ -60,10 +62,23 @@ class Group {
       : sim_(sim),
         flock_(scratch.flock),
         drones_(drones),
-        obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]) {}
+        obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]),
+        is_row_(drones.size() == kLanes && drones.back() - drones.front() == kLanes - 1 && std::ranges::is_sorted(drones)) {}
 
   void load(Scratch& scratch) {
     const FlightState& flight = sim_.state.flight;
+    if (is_row_) {
+      load_row(flight.remainder, flock_.travelled);
+      load_row(flight.velocity, flock_.velocity);
+      load_row(sim_.state.quat_wxyz, flock_.rotation);
+      load_row(flight.angular_velocity, flock_.turn);
+      load_row(flight.rotor_speed, flock_.rotor);
+      load_row(flight.rotor_command, flock_.rotor_told);
+      load_row(flight.error_integral, flock_.error_integral);
+      load_row(flight.wind, flock_.wind);
+      load_row(sim_.state.position, base_);
+      return find_ground(scratch);
+    }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];  // those that are not there fly with the last
       flockstep::load(flight.remainder, drone, flock_.travelled, lane);
@@ -74,12 +89,18 @@ class Group {
       flockstep::load(flight.rotor_command, drone, flock_.rotor_told, lane);
       flockstep::load(flight.error_integral, drone, flock_.error_integral, lane);
       flockstep::load(flight.wind, drone, flock_.wind, lane);
-      base_[lane] = position_of(sim_.state, drone);
+      flockstep::load(sim_.state.position, drone, base_, lane);
     }
     find_ground(scratch);
   }
 
   void load_setpoints(const Told& told) {
+    const Control control = sim_.config.dynamics.control;
+    if (is_row_ && (control == Control::body_rates || control == Control::velocity || control == Control::heading_velocity)) {
+      alignas(64) dynamics::Lanes<4> numbers;
+      dynamics::load_rows(told.command.data() + 4 * std::size_t{drones_[0]}, numbers);
+      return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
+    }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];
       const auto setpoint = dynamics::setpoint_of(sim_.config.dynamics, *sim_.drone_model.airframe(), wish(told, drone));
@@ -102,9 +123,16 @@ class Group {
   // In the open, all ticks at once: nothing is within reach of where the drone has been. Others are left as they were.
   void fly_free(int first_tick, int ticks) {
     dynamics::fly(*sim_.physics, flock_, first_tick, ticks);
+    bool all_fly = is_row_;
+    std::array<bool, kLanes> flies{};
     for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
-      is_done_[lane] = holds(lane) || (is_good(lane) && is_free(lane));
-      if (is_done_[lane] && !holds(lane)) keep(lane);
+      flies[lane] = !holds(lane) && is_good(lane) && is_free(lane);
+      all_fly &= flies[lane];
+      is_done_[lane] = flies[lane] || holds(lane);
+    }
+    if (all_fly) return keep_row();
+    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+      if (flies[lane]) keep(lane);
     }
   }
 
@@ -132,8 +160,10 @@ class Group {
 
  private:
   dynamics::Wish wish(const Told& told, std::size_t drone) const {
-    dynamics::Wish wish{.now = pose_of(sim_.state, drone), .step_s = static_cast<float>(sim_.config.clock.step_s())};
-    if (sim_.config.dynamics.control == Control::pose) {
+    const Control control = sim_.config.dynamics.control;
+    dynamics::Wish wish{.step_s = static_cast<float>(sim_.config.clock.step_s())};
+    if (control == Control::position) wish.now = pose_of(sim_.state, drone);
+    if (control == Control::pose) {
       wish.from = told.step_start[drone];
       wish.target = told.target[drone];
     } else {
@@ -149,9 +179,9 @@ class Group {
     rays.count = drones_.size();
     rays.near = 0.0F;
     for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
-      rays.org_x[lane] = base_[lane].x();
-      rays.org_y[lane] = base_[lane].y();
-      rays.org_z[lane] = base_[lane].z();
+      rays.org_x[lane] = base_[0][lane];
+      rays.org_y[lane] = base_[1][lane];
+      rays.org_z[lane] = base_[2][lane];
       rays.dir_x[lane] = rays.dir_y[lane] = 0.0F;
       rays.dir_z[lane] = -1.0F;
       rays.range[lane] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
@@ -167,24 +197,27 @@ class Group {
            (sim_.run && sim_.episodes.bad[sim_.env_of(drone)]);
   }
 
-  Vec3 position(std::size_t lane) const { return base_[lane] + vec3(flock_.travelled, lane); }
+  Vec3 position(std::size_t lane) const { return vec3(base_, lane) + vec3(flock_.travelled, lane); }
 
   Pose pose(std::size_t lane) const {
     const auto& q = flock_.rotation;
     return {position(lane), Quat(q[0][lane], q[1][lane], q[2][lane], q[3][lane])};
   }
 
-  bool is_good(std::size_t lane) const {
-    float sum = 0.0F;  // of anything that is not finite, it is neither
-    for (std::size_t k = 0; k < 3; ++k) sum += flock_.velocity[k][lane] * 0.0F + flock_.turn[k][lane] * 0.0F;
-    for (std::size_t k = 0; k < 4; ++k) sum += flock_.rotation[k][lane] * 0.0F + flock_.rotor[k][lane] * 0.0F;
-    return sum == 0.0F && is_in_world(position(lane)) && is_valid(pose(lane)) && is_speed(vec3(flock_.velocity, lane)) &&
-           is_speed(vec3(flock_.turn, lane));
-  }
+  bool is_good(std::size_t lane) const { return flock_.is_good[lane] != 0.0F && is_in_world(position(lane)); }
 
-  bool is_free(std::size_t lane) const {
-    const Vec3& center = base_[lane];
-    return obstacles_.is_clear(center, std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center));
+  bool is_free(std::size_t lane) {
+    const Vec3 center = vec3(base_, lane);
+    const float radius = std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center);
+    const std::size_t world = sim_.world_index_of(sim_.env_of(drones_[lane]));
+    OpenBall& open = sim_.open[drones_[lane]];
+    if (open.world == world && (center - open.center).norm() + radius <= open.radius) return true;
+    for (const float beyond : {kOpenBeyond, 0.0F}) {
+      if (!obstacles_.is_clear(center, radius + beyond)) continue;
+      open = {center, radius + beyond, world};
+      return true;
+    }
+    return false;
   }
 
   void keep(std::size_t lane) {
@@ -194,7 +227,7 @@ class Group {
     set_pose_of(sim_.state, drone, at);
     for (std::size_t k = 0; k < 3; ++k) {
       const auto axis = static_cast<Eigen::Index>(k);
-      const double exact = static_cast<double>(base_[lane][axis]) + static_cast<double>(flock_.travelled[k][lane]);
+      const double exact = static_cast<double>(base_[k][lane]) + static_cast<double>(flock_.travelled[k][lane]);
       flight.remainder[3 * drone + k] = static_cast<float>(exact - static_cast<double>(at.position[axis]));
     }
     store(flock_.velocity, lane, flight.velocity, drone);
@@ -204,6 +237,32 @@ class Group {
     store(flock_.rotor, lane, flight.rotor_speed, drone);
     store(flock_.rotor_told, lane, flight.rotor_command, drone);
     store(flock_.error_integral, lane, flight.error_integral, drone);
+  }
+
+  // All lanes, of drones that follow each other.
+  void keep_row() {
+    FlightState& flight = sim_.state.flight;
+    alignas(64) dynamics::Lanes<3> position, remainder;
+    dynamics::add(base_, flock_.travelled, position, remainder);
+    store_row(position, sim_.state.position);
+    store_row(remainder, flight.remainder);
+    store_row(flock_.rotation, sim_.state.quat_wxyz);
+    store_row(flock_.velocity, flight.velocity);
+    store_row(flock_.turn, flight.angular_velocity);
+    store_row(flock_.acceleration, flight.acceleration);
+    store_row(flock_.angular_acceleration, flight.angular_acceleration);
+    store_row(flock_.rotor, flight.rotor_speed);
+    store_row(flock_.rotor_told, flight.rotor_command);
+    store_row(flock_.error_integral, flight.error_integral);
+  }
+
+  template <std::size_t kCount>
+  void load_row(const std::vector<float>& values, dynamics::Lanes<kCount>& lanes) const {
+    dynamics::load_rows(values.data() + kCount * drones_[0], lanes);
+  }
+  template <std::size_t kCount>
+  void store_row(const dynamics::Lanes<kCount>& lanes, std::vector<float>& values) const {
+    dynamics::store_rows(lanes, values.data() + kCount * drones_[0]);
   }
 
   // What is no state to fly on from: the drone stays where it was, at rest.
@@ -296,13 +355,13 @@ class Group {
 
   dynamics::Surface surface() const {
     const DynamicsConfig& config = sim_.config.dynamics;
-    if (config.on_contact == OnContact::stop) return {0.0, 1e9};
+    if (config.on_contact == OnContact::stop) return {0.0, std::numeric_limits<double>::infinity()};
     return {static_cast<double>(config.restitution), static_cast<double>(config.friction)};
   }
 
   void fly_on_from(std::size_t lane, const Pose& at) {
-    const Vec3 moved = at.position - base_[lane];
-    base_[lane] = at.position;
+    const Vec3 moved = at.position - vec3(base_, lane);
+    set(at.position, base_, lane);
     set(Vec3::Zero(), flock_.travelled, lane);
     const auto& q = at.rotation;
     for (const auto& [k, value] : {std::pair(0, q.w()), {1, q.x()}, {2, q.y()}, {3, q.z()}}) {
@@ -318,7 +377,8 @@ class Group {
   Flock& flock_;
   std::span<const std::uint32_t> drones_;
   const collision::Obstacles& obstacles_;
-  std::array<Vec3, kLanes> base_;  // m: where the leg began, or the last contact was
+  bool is_row_;                            // kLanes drones that follow each other: their arrays are read as a piece
+  alignas(64) dynamics::Lanes<3> base_{};  // m: where the leg began, or the last contact was
   std::array<bool, kLanes> is_done_{};
 };
 

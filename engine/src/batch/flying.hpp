@@ -11,7 +11,9 @@
 namespace flockstep {
 
 // A velocity that a drone may begin with: finite, and not so fast that float32 loses it.
-inline bool is_speed(const Vec3& velocity) { return velocity.allFinite() && velocity.cwiseAbs().maxCoeff() <= 1e4F; }
+inline bool is_speed(const Vec3& velocity) {
+  return velocity.allFinite() && velocity.cwiseAbs().maxCoeff() <= dynamics::kMaxSpeed;
+}
 
 // A drone that flies by its rotors begins anew: at this velocity, its rotors as in hovering. With kinematic motion, nothing.
 void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity);

@@ -139,6 +139,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   rebuild_schedule();
   listed.reserve(num_envs());
   captured.reserve(num_drones());
+  if (physics) open.resize(num_drones());
   for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
   cameras.choose_backend(config.camera_backend, drones_of(listed, *scratches[0]), workers);
 

@@ -56,6 +56,13 @@ struct TaskRun {
   }
 };
 
+// A ball about where a drone was that nothing of its world reaches into: while it stays inside, nobody has to look.
+struct OpenBall {
+  Vec3 center = Vec3::Zero();  // m
+  float radius = -1.0F;        // m; negative: not known
+  std::size_t world = 0;
+};
+
 struct Simulation {
   Simulation(BatchConfig config, Batch::Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
              std::span<const std::int32_t> world_index);
@@ -108,6 +115,7 @@ struct Simulation {
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
   std::vector<std::uint32_t> listed;                // (E,) capacity: envs of all blocks, for a task that takes them at once
   std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
+  std::vector<OpenBall> open;                       // (N,) of drones that fly by rotors; nothing in a result depends on it
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
   bool is_cut_short = false;                        // an exception ended a step or reset half-way

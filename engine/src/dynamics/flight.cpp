@@ -12,6 +12,14 @@
 
 #include "dynamics/wide-inl.hpp"
 
+// Forty copies of these take sanitizers ten minutes to compile.
+#undef FLOCKSTEP_BIG_INLINE
+#if defined(NDEBUG)
+#define FLOCKSTEP_BIG_INLINE HWY_INLINE
+#else
+#define FLOCKSTEP_BIG_INLINE HWY_NOINLINE
+#endif
+
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::dynamics::HWY_NAMESPACE {
 
@@ -53,7 +61,7 @@ HWY_INLINE void respond(const Physics& p, const F* told, F* speed) {
 // m dv/dt = R (T e3 + sum H_i + D) - m g e3,
 // J dw/dt = sum r_i x (F_i e3 + H_i) - sum s_i k F_i e3 - w x J w - w x h - dh/dt,  h = J_r sum s_i W_i e3,
 // with F_i = c0 + c1 W_i + c2 W_i^2 >= 0, H_i = -W_i diag(d) v_i, v_i = R^T (v - wind) + w x r_i, D = -diag(l) v - |v| diag(q) v.
-HWY_INLINE Forces forces(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
+FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
   const M3 r = matrix(s.rotation);
   const V3 w = s.turn;
   const V3 air = transpose_times(r, s.velocity - wind);
@@ -113,7 +121,7 @@ HWY_INLINE Forces forces(const Physics& p, const State& s, const F* told, const 
 }
 
 // Second order. The rotors' speeds, and the attitude at a constant angular velocity, are exact.
-HWY_INLINE void midpoint(const Physics& p, State& s, const F* told, const V3& wind, F height) {
+FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, State& s, const F* told, const V3& wind, F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const Forces first = forces(p, s, told, wind, height);
@@ -152,21 +160,28 @@ HWY_INLINE State moved(const State& s, const Rates& r, F dt) {
   return next;
 }
 
-// The classical method of fourth order, the rotors part of the state.
-HWY_INLINE void runge_kutta(const Physics& p, State& s, const F* told, const V3& wind, F height) {
+HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
+  sum.velocity = sum.velocity + r.velocity * weight;
+  sum.acceleration = sum.acceleration + r.acceleration * weight;
+  sum.rotation = sum.rotation + r.rotation * weight;
+  sum.turning = sum.turning + r.turning * weight;
+  for (std::size_t i = 0; i < kRotors; ++i) sum.rotor[i] = sum.rotor[i] + r.rotor[i] * weight;
+}
+
+// The classical method of fourth order, the rotors part of the state. The sum grows as it goes: four rates at once are more than
+// there are registers for.
+FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, State& s, const F* told, const V3& wind, F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
-  const Rates a = rates(p, s, told, wind, height);
-  const Rates b = rates(p, moved(s, a, half), told, wind, height);
-  const Rates c = rates(p, moved(s, b, half), told, wind, height);
-  const Rates d = rates(p, moved(s, c, dt), told, wind, height);
   const F two(2.0F);
-  Rates sum{a.velocity + (b.velocity + c.velocity) * two + d.velocity,
-            a.acceleration + (b.acceleration + c.acceleration) * two + d.acceleration,
-            a.rotation + (b.rotation + c.rotation) * two + d.rotation,
-            a.turning + (b.turning + c.turning) * two + d.turning,
-            {}};
-  for (std::size_t i = 0; i < kRotors; ++i) sum.rotor[i] = a.rotor[i] + (b.rotor[i] + c.rotor[i]) * two + d.rotor[i];
+  Rates r = rates(p, s, told, wind, height);
+  Rates sum = r;
+  r = rates(p, moved(s, r, half), told, wind, height);
+  add(sum, r, two);
+  r = rates(p, moved(s, r, half), told, wind, height);
+  add(sum, r, two);
+  r = rates(p, moved(s, r, dt), told, wind, height);
+  add(sum, r, F(1.0F));
   s = moved(s, sum, F(p.dt / 6.0F));
   s.rotation = normalised(s.rotation);
 }
@@ -222,7 +237,7 @@ HWY_INLINE V3 accelerate(const Physics& p, const V3& velocity, const V3& wanted,
 
 // Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
 // thrust moves to where roll and pitch have room, and only then are these made smaller.
-HWY_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* told) {
+FLOCKSTEP_BIG_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* told) {
   const V3& turn = s.turn;
   wanted = {clamp(wanted.x, p.max_rate), clamp(wanted.y, p.max_rate), clamp(wanted.z, p.max_yaw_rate)};
   const V3 spin{F(p.inertia[0]) * turn.x, F(p.inertia[1]) * turn.y, F(p.inertia[2]) * turn.z};
@@ -270,7 +285,7 @@ HWY_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* to
 }
 
 template <Stage kStage>
-HWY_INLINE void control(const Physics& p, const State& s, const F* set, V3& integral, F* told) {
+FLOCKSTEP_BIG_INLINE void control(const Physics& p, const State& s, const F* set, V3& integral, F* told) {
   if constexpr (kStage == Stage::rotors) {
     for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
   } else if constexpr (kStage == Stage::rates) {
@@ -308,10 +323,23 @@ HWY_INLINE void control(const Physics& p, const State& s, const F* set, V3& inte
 
 // -------------------------------------------------------------------------------------------------------------- the flight
 
+// 1 or 0, as Flock::is_good has it. Comparisons with what is no number do not hold.
+HWY_INLINE F goodness(const State& s) {
+  const F fastest = max(max(max(abs(s.velocity.x), abs(s.velocity.y)), abs(s.velocity.z)),
+                        max(max(abs(s.turn.x), abs(s.turn.y)), abs(s.turn.z)));
+  const F square =
+      s.rotation.w * s.rotation.w + s.rotation.x * s.rotation.x + s.rotation.y * s.rotation.y + s.rotation.z * s.rotation.z;
+  // Of anything that is not finite, 0 times it is no number.
+  F nothing = (dot(s.velocity, s.velocity) + dot(s.turn, s.turn) + dot(s.travelled, s.travelled) + square) * F(0.0F);
+  for (std::size_t i = 0; i < kRotors; ++i) nothing = nothing + s.rotor[i] * F(0.0F);
+  const F yes = select(nothing < F(1.0F), F(1.0F), F(0.0F));
+  return select(fastest > F(kMaxSpeed), F(0.0F), select(abs(square - F(1.0F)) < F(1e-2F), yes, F(0.0F)));
+}
+
 template <Stage kStage, bool kRk4>
 void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
   const D d;
-  for (std::size_t lane = 0; lane < kLanes; lane += hwy::HWY_NAMESPACE::Lanes(d)) {
+  for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
     State s{load3(flock.travelled, lane),
             load3(flock.velocity, lane),
             load_rotation(flock.rotation, lane),
@@ -355,6 +383,7 @@ void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
       store(told[i], flock.rotor_told[i], lane);
     }
     store(reach2, flock.reach2, lane);
+    store(goodness(s), flock.is_good, lane);
   }
 }
 

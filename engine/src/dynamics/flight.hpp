@@ -11,6 +11,7 @@
 namespace flockstep::dynamics {
 
 inline constexpr std::size_t kLanes = 16;
+inline constexpr float kMaxSpeed = 1e4F;  // m/s and rad/s, along each axis
 
 using Lane = std::array<float, kLanes>;  // one number of each of the drones
 template <std::size_t kCount>
@@ -34,6 +35,7 @@ struct alignas(64) Flock {
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
   Lanes<3> angular_acceleration{};  // rad/s^2, body, likewise
   Lane reach2{};                    // m^2: square of the farthest way from where the leg began
+  Lane is_good{};                   // 1 where the state is one to fly on from: finite, unit, no faster than kMaxSpeed; else 0
 };
 
 // Which of the cascade's stages a setpoint enters at, and what its numbers are then.

@@ -10,7 +10,7 @@
 namespace flockstep::dynamics {
 
 struct Wish {
-  Pose now;                        // where the drone is
+  Pose now;                        // for Control::position: where the drone is
   float step_s = 0.0F;             // how long a step is
   std::array<float, 4> command{};  // as Control says
   Pose from, target;               // instead of it, for Control::pose: where the step began, and where it is to end

@@ -1,0 +1,414 @@
+// What flight by rotors costs on one thread, and how near the engine's kernel is to the least code that solves the same equations
+// (bare_flight-inl.hpp). Variants take turns within one run; a drone-substep is one tick of one drone. Prints a JSON list of
+// figures.
+//
+// With "rates" only the controller of body rates, quickly: what bench/run.py divides by while it times steps of an environment.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "dynamics.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include "bare_flight-inl.hpp"
+
+#if HWY_ONCE
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/flush_denormals.hpp"
+#include "bench.hpp"
+#include "dynamics/flight.hpp"
+#include "flockstep/batch.hpp"
+#include "on_target.hpp"
+
+namespace bench {
+HWY_EXPORT(fly_bare);
+
+void fly_bare(const Quadrotor& quadrotor, const Flight& flight, flockstep::dynamics::Flock& flock) {
+  HWY_DYNAMIC_DISPATCH(fly_bare)(quadrotor, flight, flock);
+}
+}  // namespace bench
+
+namespace {
+
+using flockstep::Airframe, flockstep::Batch, flockstep::BatchConfig, flockstep::Control, flockstep::DroneModel,
+    flockstep::DynamicsConfig, flockstep::Gusts, flockstep::ImuConfig, flockstep::Integrator, flockstep::Motion,
+    flockstep::OnContact, flockstep::Vec3;
+using flockstep::dynamics::Flock, flockstep::dynamics::kLanes, flockstep::dynamics::Physics;
+
+constexpr int kRuns = 51;
+constexpr double kSlice = 1e-3;  // s, of a run: short, so that on a busy machine most of them are not interrupted
+constexpr double kDt = 0.002;    // s
+constexpr int kTicks = 5;        // of a step of the policy, at 100 Hz
+constexpr int kSteps = 20;       // of a flight, which begins anew then
+constexpr double kSubsteps = static_cast<double>(kLanes) * kTicks * kSteps;
+
+Airframe kingfisher() { return *DroneModel::load("kingfisher").airframe(); }
+
+// The kingfisher with numbers for what its file has none for, those of the hummingbird.
+Airframe with_every_term() {
+  Airframe frame = kingfisher();
+  const Airframe other = *DroneModel::load("hummingbird").airframe();
+  frame.rotor_drag = other.rotor_drag;
+  frame.rotor_inertia_kgm2 = other.rotor_inertia_kgm2;
+  return frame;
+}
+
+DynamicsConfig by_rotors(Control control, Integrator integrator = Integrator::midpoint) {
+  DynamicsConfig config;
+  config.motion = Motion::rotors;
+  config.control = control;
+  config.integrator = integrator;
+  return config;
+}
+
+// Nothing but gravity, thrust and lag.
+DynamicsConfig without_terms(Integrator integrator = Integrator::midpoint) {
+  DynamicsConfig config = by_rotors(Control::rotor_speeds, integrator);
+  config.rotor_drag = config.body_drag = config.gyroscopic = false;
+  return config;
+}
+
+// Hovering, each a little differently, and told something near: rotor speeds, or numbers of a controller.
+Flock begin(const Airframe& frame, Control control, const Vec3& wind) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> little(-0.005F, 0.005F);
+  const auto hover = static_cast<float>(frame.hover_speed());
+  Flock flock;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    flock.rotation[0][lane] = 1.0F;
+    flock.height[lane] = 0.5F;
+    for (std::size_t i = 0; i < 3; ++i) {
+      flock.velocity[i][lane] = 100.0F * little(random);
+      flock.wind[i][lane] = wind[static_cast<Eigen::Index>(i)];
+    }
+    for (std::size_t i = 0; i < flockstep::kRotors; ++i) {
+      flock.rotor[i][lane] = flock.rotor_told[i][lane] = hover * (1.0F + little(random));
+      if (control == Control::rotor_speeds) flock.setpoint[i][lane] = hover * (1.0F + little(random));
+    }
+    const float small = 20.0F * little(random);
+    const bool has_thrust = control == Control::body_rates || control == Control::attitude;
+    if (has_thrust) flock.setpoint[0][lane] = static_cast<float>(flockstep::kGravity);
+    if (control == Control::body_rates) flock.setpoint[1][lane] = small;
+    if (control == Control::attitude) {
+      flock.setpoint[1][lane] = small;
+      flock.setpoint[3][lane] = std::sqrt(1.0F - small * small);
+      flock.setpoint[4][lane] = 1.0F;
+    }
+    if (control == Control::velocity || control == Control::position) flock.setpoint[0][lane] = 10.0F * small;
+    if (control == Control::position || control == Control::acceleration) flock.setpoint[3][lane] = 1.0F;
+  }
+  return flock;
+}
+
+// A fifth of a second of flight over and over, by the engine's kernel.
+class Flying {
+ public:
+  Flying(const Airframe& frame, const DynamicsConfig& config, const Vec3& wind = Vec3::Zero())
+      : physics_(frame, config, kDt, 1), begin_(begin(frame, config.control, wind)) {}
+
+  void operator()() {
+    flock = begin_;
+    for (int step = 0; step < kSteps; ++step) flockstep::dynamics::fly(physics_, flock, 0, kTicks);
+  }
+
+  Flock flock;
+
+ private:
+  Physics physics_;
+  Flock begin_;
+};
+
+bench::Variant variant(const std::string& label, const Airframe& frame, const DynamicsConfig& config,
+                       const Vec3& wind = Vec3::Zero()) {
+  return {label, [flying = std::make_shared<Flying>(frame, config, wind)] { (*flying)(); }};
+}
+
+double million_per_second(const std::vector<double>& times) { return kSubsteps / bench::median(times) / 1e6; }
+
+// ------------------------------------------------------------------------------------------------ beside the bare kernel
+
+bench::Quadrotor numbers_of(const Airframe& frame) {
+  bench::Quadrotor q{};
+  q.mass = static_cast<float>(frame.mass_kg);
+  for (std::size_t i = 0; i < 3; ++i) {
+    q.inertia[i] = static_cast<float>(frame.inertia_kgm2[i]);
+    q.thrust[i] = static_cast<float>(frame.thrust_n[i]);
+    q.linear_drag[i] = static_cast<float>(frame.linear_drag[i]);
+    q.quadratic_drag[i] = static_cast<float>(frame.quadratic_drag[i]);
+  }
+  for (std::size_t i = 0; i < 4; ++i) {
+    q.x[i] = static_cast<float>(frame.position_m[i][0]);
+    q.y[i] = static_cast<float>(frame.position_m[i][1]);
+    q.yaw[i] = static_cast<float>(frame.spin[i] == flockstep::Spin::ccw ? -frame.torque_ratio_m : frame.torque_ratio_m);
+  }
+  q.lag_up = static_cast<float>(frame.lag_up_s);
+  q.lag_down = static_cast<float>(frame.lag_down_s);
+  return q;
+}
+
+// Kernels that fly to different places are not to be compared.
+void require_same_flight(const Flock& a, const Flock& b) {
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const float away = std::abs(a.travelled[i][lane] - b.travelled[i][lane]);
+      if (away < 1e-3F && std::abs(a.turn[i][lane] - b.turn[i][lane]) < 1e-3F) continue;
+      std::fprintf(stderr, "the bare kernel flies elsewhere: by %g m\n", static_cast<double>(away));
+      std::exit(1);
+    }
+  }
+}
+
+void beside_bare(const std::string& name, Integrator integrator, bool and_fused, bench::Figures& figures) {
+  const Airframe frame = kingfisher();
+  const bench::Quadrotor numbers = numbers_of(frame);
+  DynamicsConfig config = without_terms(integrator);
+  config.body_drag = true;
+  Flying engine(frame, config);
+  const Flock start = begin(frame, Control::rotor_speeds, Vec3::Zero());
+  Flock flock;
+  const auto bare = [&](bool fused) {
+    flock = start;
+    const bench::Flight flight{static_cast<float>(kDt), kTicks, integrator == Integrator::rk4, fused};
+    for (int step = 0; step < kSteps; ++step) bench::fly_bare(numbers, flight, flock);
+  };
+  engine();
+  for (const bool fused : {false, true}) {
+    bare(fused);
+    require_same_flight(engine.flock, flock);
+  }
+  const bench::Times times = bench::interleave(
+      {{"engine", [&] { engine(); }}, {"bare", [&] { bare(false); }}, {"bare fused", [&] { bare(true); }}}, kRuns, kSlice);
+  const std::string at = "dynamics/" + name;
+  figures.add(at + "/ratio_to_bare", bench::median_ratio(times[1], times[0]), "1", kRuns);
+  if (and_fused) figures.add(at + "/ratio_to_bare_fused", bench::median_ratio(times[2], times[0]), "1", kRuns);
+  figures.add(at + "/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
+}
+
+// ------------------------------------------------------------------------------------------------- controllers and terms
+
+void controllers(bench::Figures& figures) {
+  const std::pair<const char*, Control> stages[] = {{"rates", Control::body_rates},
+                                                    {"attitude", Control::attitude},
+                                                    {"acceleration", Control::acceleration},
+                                                    {"velocity", Control::velocity},
+                                                    {"position", Control::position}};
+  const Vec3 wind(3.0F, 1.0F, 0.0F);
+  std::vector<bench::Variant> variants;
+  for (const auto& [name, control] : stages) variants.push_back(variant(name, kingfisher(), by_rotors(control), wind));
+  DynamicsConfig all = by_rotors(Control::position);
+  all.ground_effect = true;
+  variants.push_back(variant("everything", with_every_term(), all, wind));
+  const bench::Times times = bench::interleave(variants, kRuns, kSlice);
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    figures.add("dynamics/" + variants[v].label + "/million_substeps_per_second", million_per_second(times[v]), "1/s", kRuns);
+  }
+}
+
+// Jobs that take turns, by their names: how long one takes, and how much longer than another, in ns for each of `count` parts.
+class Beside {
+ public:
+  explicit Beside(double count) : count_(count) {}
+
+  void add(const std::string& name, const std::function<void()>& run) { variants_.push_back({name, run}); }
+  void measure() { times_ = bench::interleave(variants_, kRuns, kSlice); }
+
+  double ns(const std::string& name) const { return 1e9 * bench::median(times_[index(name)]) / count_; }
+  double more(const std::string& name, const std::string& than) const {
+    const auto &a = times_[index(name)], &b = times_[index(than)];
+    std::vector<double> more;
+    for (std::size_t run = 0; run < a.size(); ++run) more.push_back(1e9 * (a[run] - b[run]) / count_);
+    return bench::median(more);
+  }
+
+ private:
+  std::size_t index(const std::string& name) const {
+    const auto at = std::find_if(variants_.begin(), variants_.end(), [&](const bench::Variant& v) { return v.label == name; });
+    return static_cast<std::size_t>(at - variants_.begin());
+  }
+
+  double count_;
+  std::vector<bench::Variant> variants_;
+  bench::Times times_;
+};
+
+// What each term adds to a flight without any, by the kernel.
+void terms(bench::Figures& figures) {
+  struct Term {
+    std::string name;
+    Airframe frame = kingfisher();
+    DynamicsConfig config = without_terms();
+  };
+  std::vector<Term> terms;
+  const auto add = [&](const std::string& name) -> Term& { return terms.emplace_back(Term{.name = name}); };
+  add("body_drag").config.body_drag = true;
+  Term& drag = add("rotor_drag");
+  drag.config.rotor_drag = true;
+  drag.frame = with_every_term();
+  drag.frame.rotor_lift = 0.0;
+  add("rotor_lift").config.rotor_drag = true;  // all that this switches in a kingfisher
+  Term& gyroscopic = add("gyroscopic");
+  gyroscopic.config.gyroscopic = true;
+  gyroscopic.frame = with_every_term();
+  add("controller_of_rates").config.control = Control::body_rates;
+  add("controller_of_positions").config.control = Control::position;
+
+  const std::string none = "gravity,_thrust_and_lag_alone";
+  Beside flights(kSubsteps);
+  flights.add(none, variant(none, kingfisher(), without_terms()).run);
+  for (const Term& term : terms) flights.add(term.name, variant(term.name, term.frame, term.config).run);
+  flights.measure();
+  figures.add("dynamics/cost/" + none + "/ns_per_substep", flights.ns(none), "ns", kRuns);
+  for (const Term& term : terms) {
+    figures.add("dynamics/cost/" + term.name + "/ns_per_substep", flights.more(term.name, none), "ns", kRuns);
+  }
+}
+
+// ------------------------------------------------------------------------------------------------------- through a batch
+
+constexpr int kDrones = 256;        // a step of theirs is shorter than a slice
+constexpr float kHalfRoom = 50.0F;  // m
+
+// All drones in a room, at a height above its floor, told a position.
+class Fleet {
+ public:
+  Fleet(const DynamicsConfig& dynamics, const Vec3& at, const Vec3& told, const std::optional<ImuConfig>& imu = {}) {
+    BatchConfig config;
+    config.num_envs = kDrones;
+    config.num_threads = 1;
+    config.dynamics = dynamics;
+    config.clock.policy_hz = 100.0F;
+    config.clock.physics_hz = 500.0F;
+    config.imu = imu;
+    flockstep::SceneDescription room;
+    room.primitives.push_back({.kind = flockstep::PrimitiveKind::room, .half_extents = {kHalfRoom, kHalfRoom, kHalfRoom}});
+    batch_ = std::make_unique<Batch>(config, Batch::Worlds{std::make_shared<const flockstep::World>(std::move(room))}, nullptr,
+                                     DroneModel::load("kingfisher"));
+    std::vector<float> places;
+    std::mt19937 random(1);
+    std::uniform_real_distribution<float> aside(-5.0F, 5.0F);
+    for (int i = 0; i < kDrones; ++i) {
+      const float x = aside(random), y = aside(random);
+      places.insert(places.end(), {at.x() + x, at.y() + y, at.z()});
+      command_.insert(command_.end(), {told.x() + x, told.y() + y, told.z(), 0.0F});
+    }
+    batch_->set_pose(places, {});
+    for (int step = 0; step < 200; ++step) batch_->fly(command_);  // until they are there, or have hit what they hit
+  }
+
+  void fly() { batch_->fly(command_); }
+  void sense() { batch_->sense(); }
+  bool is_in_contact() const {
+    const auto& hit = batch_->state().contact.hit;
+    return std::any_of(hit.begin(), hit.end(), [](auto flag) { return flag != 0; });
+  }
+
+ private:
+  std::unique_ptr<Batch> batch_;
+  std::vector<float> command_;
+};
+
+// Told a height above the floor, from a height: below 0 they press on it.
+std::shared_ptr<Fleet> fleet(const DynamicsConfig& config, float from, float told, const std::optional<ImuConfig>& imu = {}) {
+  const float floor = -kHalfRoom + DroneModel::load("kingfisher").extents().max.z();
+  auto made = std::make_shared<Fleet>(config, Vec3(0.0F, 0.0F, floor + from), Vec3(0.0F, 0.0F, floor + told), imu);
+  if (made->is_in_contact() != (told < 0.0F)) {
+    std::fprintf(stderr, "expected contacts of drones that are told a height below the floor, and no others\n");
+    std::exit(1);
+  }
+  return made;
+}
+
+constexpr float kOpen = 50.0F;  // m above the floor
+
+// What they take with gusts, an IMU, the ground's effect.
+void settings(bench::Figures& figures) {
+  constexpr float kLow = 0.5F;
+  const DynamicsConfig plain = by_rotors(Control::position);
+  DynamicsConfig ground = plain, ornstein_uhlenbeck = plain, dryden = plain;
+  ground.ground_effect = true;
+  ornstein_uhlenbeck.wind.gusts = Gusts::ornstein_uhlenbeck;
+  dryden.wind.gusts = Gusts::dryden;
+  ImuConfig imu;  // the MPU-6000 of docs/dynamics.md
+  imu.accelerometer_noise_density = 2.35e-3F;
+  imu.accelerometer_random_walk = 3.5e-4F;
+  imu.gyroscope_noise_density = 8.7e-5F;
+  imu.gyroscope_random_walk = 2.2e-5F;
+  Beside fleets(kDrones);
+  const auto fly = [&](const std::string& name, const DynamicsConfig& config, float height) {
+    fleets.add(name, [flown = fleet(config, height, height)] { flown->fly(); });
+  };
+  fly("open", plain, kOpen);
+  fly("open, ground", ground, kOpen);
+  fly("open, ornstein_uhlenbeck", ornstein_uhlenbeck, kOpen);
+  fly("open, dryden", dryden, kOpen);
+  fly("low", plain, kLow);
+  fly("low, ground", ground, kLow);
+  fleets.add("sense", [flown = fleet(plain, kOpen, kOpen)] { flown->sense(); });
+  fleets.add("sense, imu", [flown = fleet(plain, kOpen, kOpen, imu)] { flown->sense(); });
+  fleets.measure();
+  const auto cost = [&](const std::string& name, double ns) { figures.add("dynamics/cost/" + name, ns, "ns", kRuns); };
+  cost("ground_effect_far_above_ground/ns_per_substep", fleets.more("open, ground", "open") / kTicks);
+  cost("ground_effect_near_ground/ns_per_substep", fleets.more("low, ground", "low") / kTicks);
+  cost("gusts_Ornstein-Uhlenbeck/ns_per_step", fleets.more("open, ornstein_uhlenbeck", "open"));
+  cost("gusts_Dryden/ns_per_step", fleets.more("open, dryden", "open"));
+  cost("IMU/ns_per_reading", fleets.more("sense, imu", "sense"));
+}
+
+// What they take in the open, near a floor, and on it.
+void contacts(bench::Figures& figures) {
+  DynamicsConfig stop = by_rotors(Control::position), bounce = stop;
+  stop.on_contact = OnContact::stop;
+  bounce.on_contact = OnContact::bounce;
+  const std::vector<std::pair<std::string, std::shared_ptr<Fleet>>> flown{
+      {"in_the_open", fleet(stop, kOpen, kOpen)},
+      {"5_cm_above_a_floor", fleet(stop, 0.05F, 0.05F)},
+      {"pressed_to_a_floor,_terminate", fleet(by_rotors(Control::position), 0.01F, -0.2F)},
+      {"pressed_to_a_floor,_stop", fleet(stop, 0.01F, -0.2F)},
+      {"pressed_to_a_floor,_bounce", fleet(bounce, 0.01F, -0.2F)}};
+  for (const auto& [name, drones] : flown) {  // one by one: a long one would have the next interrupted
+    Beside alone(kDrones * kTicks);
+    alone.add(name, [&] { drones->fly(); });
+    alone.measure();
+    figures.add("dynamics/contact/" + name + "/ns_per_substep", alone.ns(name), "ns", kRuns);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const flockstep::FlushDenormals flush;
+  bench::Figures figures;
+  if (argc > 1 && std::string(argv[1]) == "rates") {
+    const bench::Times times = bench::interleave({variant("rates", kingfisher(), by_rotors(Control::body_rates))}, kRuns, kSlice);
+    figures.add("dynamics/rates_alone/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
+    figures.print();
+    return 0;
+  }
+  // The best target first, which is what a batch flies by, then all that there are.
+  const auto targets = hwy::SupportedAndGeneratedTargets();
+  const std::pair<std::string, Integrator> integrators[] = {{"midpoint", Integrator::midpoint}, {"rk4", Integrator::rk4}};
+  for (const auto& [name, integrator] : integrators) beside_bare(name, integrator, true, figures);
+  for (const std::int64_t target : targets) {
+    const flockstep::testing::OnTarget on(target);
+    for (const auto& [name, integrator] : integrators) {
+      beside_bare(name + "/" + hwy::TargetName(target), integrator, false, figures);
+    }
+  }
+  controllers(figures);
+  terms(figures);
+  settings(figures);
+  contacts(figures);
+  figures.print();
+}
+#endif  // HWY_ONCE

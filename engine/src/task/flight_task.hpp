@@ -1,0 +1,140 @@
+// FlightTask: what the tasks of drones that fly by their rotors share: actions, and what a drone knows of its own flight.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/require.hpp"
+#include "flockstep/task.hpp"
+#include "task/flight_action.hpp"
+
+namespace flockstep::task {
+
+inline constexpr std::size_t kActions = 4;
+inline constexpr std::size_t kOwnFlight = 13;
+inline constexpr float kSpinUnit = 10.0F;  // rad/s: what angular velocities are observed and scored in
+inline constexpr std::uint32_t kStartStream = 0;
+
+inline Vec3 velocity_of(const State& state, std::size_t drone) {
+  const float* const v = state.flight.velocity.data() + 3 * drone;
+  return {v[0], v[1], v[2]};
+}
+inline Vec3 angular_velocity_of(const State& state, std::size_t drone) {
+  const float* const w = state.flight.angular_velocity.data() + 3 * drone;
+  return {w[0], w[1], w[2]};
+}
+
+inline Field flight_field(std::size_t size) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  return {.name = "observation", .shape = {static_cast<std::int64_t>(size)}, .low = {-kInfinity}, .high = {kInfinity}};
+}
+
+class FlightTask : public Task {
+ public:
+  const TaskSpec& spec() const override { return spec_; }
+  bool takes(Control control) const override { return control != Control::pose; }
+
+  void setup(const TaskContext& context) override {
+    action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
+    rotor_ = rotor_speed_range(*context.drone_model().airframe());
+    step_s_ = context.clock().step_s();
+    for (const auto& world : context.worlds()) {
+      middles_.push_back(world->markers().goal.value_or((world->bounds().min + world->bounds().max) / 2.0F));
+    }
+    action_before_.resize(kActions * context.num_envs());
+    action_now_.resize(kActions * context.num_envs());
+  }
+
+  void begin(const TaskBlock& block) override {
+    for (const std::uint32_t env : block.envs) {
+      std::fill_n(action_before_.begin() + static_cast<std::ptrdiff_t>(kActions * env), kActions, 0.0F);
+      std::fill_n(action_now_.begin() + static_cast<std::ptrdiff_t>(kActions * env), kActions, 0.0F);
+    }
+  }
+
+  void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
+    const State& state = block.context.state();
+    for (const std::uint32_t env : block.envs) {
+      const std::span<const float> action = actions.row<float>(env);
+      const auto command = action_.command(action, pose_of(state, env));
+      std::copy(command.begin(), command.end(), setpoints.command.begin() + static_cast<std::ptrdiff_t>(kActions * env));
+      for (std::size_t k = kActions * env; k < kActions * (env + 1); ++k) {
+        action_before_[k] = action_now_[k];
+        action_now_[k] = std::clamp(action[k - kActions * env], -1.0F, 1.0F);
+      }
+    }
+  }
+
+  void visit(ArrayVisitor& visitor) override {
+    visitor.array("action_before", action_before_);
+    visitor.array("action_now", action_now_);
+  }
+
+  void check() const override {
+    for (const auto* actions : {&action_before_, &action_now_}) {
+      for (const float action : *actions) require(std::abs(action) <= 1.0F, "snapshot: action", "numbers in [-1, 1]", action);
+    }
+  }
+
+ protected:
+  explicit FlightTask(std::vector<std::string> reward_terms) {
+    spec_.action = {.name = "action", .shape = {kActions}};
+    spec_.reward_terms = std::move(reward_terms);
+  }
+
+  // The goal marker of an env's world, or the middle of it.
+  const Vec3& middle_of(const State& state, std::size_t env) const {
+    return middles_[static_cast<std::size_t>(state.world_index[env])];
+  }
+
+  // Velocity, up, angular velocity, rotor speeds.
+  void observe_flight(const State& state, std::size_t drone, const Mat3& to_body, std::span<float> row) const {
+    const Vec3 velocity = to_body * velocity_of(state, drone);
+    const Vec3 up = to_body.col(2);
+    const Vec3 spin = angular_velocity_of(state, drone) * (1.0F / kSpinUnit);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto axis = static_cast<Eigen::Index>(k);
+      row[k] = velocity[axis];
+      row[3 + k] = up[axis];
+      row[6 + k] = spin[axis];
+    }
+    for (std::size_t i = 0; i < kRotors; ++i) {
+      row[9 + i] = rotor_.action_for(state.flight.rotor_speed[kRotors * drone + i]);
+    }
+  }
+
+  // Mean square of what the action changed by.
+  double change(std::size_t env) const {
+    float sum = 0.0F;
+    for (std::size_t k = kActions * env; k < kActions * (env + 1); ++k) {
+      const float change = action_now_[k] - action_before_[k];
+      sum += change * change;
+    }
+    return static_cast<double>(sum / kActions);
+  }
+
+  static double spin(const State& state, std::size_t drone) {
+    return static_cast<double>(angular_velocity_of(state, drone).norm() / kSpinUnit);
+  }
+
+  double step_s() const { return step_s_; }
+
+  TaskSpec spec_;
+
+ private:
+  FlightAction action_;
+  ActionRange rotor_;
+  double step_s_ = 0.0;
+  std::vector<Vec3> middles_;         // m, of each world
+  std::vector<float> action_before_;  // (E, 4) in [-1, 1], of the step before; 0 in the first
+  std::vector<float> action_now_;     // (E, 4) likewise, of the present or last step
+};
+
+}  // namespace flockstep::task

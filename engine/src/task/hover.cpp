@@ -1,0 +1,162 @@
+#include "flockstep/hover.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/hash.hpp"
+#include "base/require.hpp"
+#include "task/flight_task.hpp"
+#include "task/terms.hpp"
+
+namespace flockstep {
+namespace task {
+namespace {
+
+class Hover final : public FlightTask {
+ public:
+  explicit Hover(const HoverConfig& config) : FlightTask({"near", "hold", "speed", "spin", "change", "crash"}), config_(config) {
+    config.validate();
+    spec_.observation = {flight_field(3 + kOwnFlight)};
+  }
+
+  TaskDefaults defaults() const override {
+    return {.worlds = "arena/hall",
+            .max_episode_steps = 600,
+            .drone = "crazyflie",
+            .dynamics = {.motion = Motion::rotors, .control = Control::rotor_thrusts},
+            .clock = {.policy_hz = 100.0F}};
+  }
+
+  std::string identity() const override {
+    Hash hash;
+    hash.add(config_);
+    return "hover " + std::to_string(hash.value());
+  }
+
+  void setup(const TaskContext& context) override {
+    FlightTask::setup(context);
+    held_.resize(context.num_envs());
+    hold_steps_ = std::max(std::llround(static_cast<double>(config_.hold_s) / step_s()), 1LL);
+  }
+
+  void place(const TaskBlock& block) override {
+    for (const std::uint32_t env : block.envs) {
+      Pose pose{middle_of(block.context.state(), env), Quat::Identity()};
+      Velocity velocity;
+      for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
+        const auto [thrown_pose, thrown_velocity] = thrown(block.context, env, attempt);
+        if (!block.context.is_free(env, thrown_pose)) continue;
+        pose = thrown_pose;
+        velocity = thrown_velocity;
+        break;
+      }
+      block.context.place(env, pose, velocity);
+    }
+  }
+
+  void begin(const TaskBlock& block) override {
+    FlightTask::begin(block);
+    for (const std::uint32_t env : block.envs) held_[env] = 0;
+  }
+
+  void score(const TaskBlock& block, Score& score) override {
+    const State& state = block.context.state();
+    for (const std::uint32_t env : block.envs) {
+      const double distance = distance_m(middle_of(block.context.state(), env), position_of(state, env));
+      const auto hold = static_cast<double>(config_.hold_m);
+      const bool crashed = state.contact.hit[env] != 0 || distance > static_cast<double>(config_.max_distance_m);
+      held_[env] = distance <= hold ? held_[env] + 1 : 0;
+      const std::span<double> terms = score.terms_of(env);
+      terms[kNear] = static_cast<double>(config_.near_weight * std::exp(-2.0F * static_cast<float>(distance)));
+      terms[kHold] = static_cast<double>(config_.hold_weight) / (1.0 + distance * distance / (4.0 * hold * hold));
+      terms[kSpeed] = -static_cast<double>(config_.speed_weight * velocity_of(state, env).norm());
+      terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, env);
+      terms[kChange] = -static_cast<double>(config_.change_weight) * change(env);
+      terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
+      score.terminated[env] = crashed;
+      score.success[env] = !crashed && held_[env] >= hold_steps_;
+    }
+  }
+
+  void observe(const TaskBlock& block, std::span<Buffer> observation) override {
+    const State& state = block.context.state();
+    for (const std::uint32_t env : block.envs) {
+      const Pose pose = block.context.sensed_pose(env);
+      const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
+      const Vec3 way = to_body * (middle_of(block.context.state(), env) - pose.position);
+      const std::span<float> row = observation[0].row<float>(env);
+      std::copy_n(way.data(), 3, row.data());
+      observe_flight(state, env, to_body, row.subspan(3));
+    }
+  }
+
+  void visit(ArrayVisitor& visitor) override {
+    FlightTask::visit(visitor);
+    visitor.array("held", held_);
+  }
+
+  void check() const override {
+    FlightTask::check();
+    for (const std::int64_t held : held_) require(held >= 0, "snapshot: held", "numbers >= 0", held);
+  }
+
+ private:
+  enum Term : std::size_t { kNear, kHold, kSpeed, kSpin, kChange, kCrash };
+  static constexpr std::uint32_t kTries = 64;  // starts drawn before the point itself is taken
+
+  std::pair<Pose, Velocity> thrown(const TaskContext& context, std::uint32_t env, std::uint32_t attempt) const {
+    constexpr std::uint32_t kDraws = 12;
+    constexpr float kPi = std::numbers::pi_v<float>;
+    std::array<float, kDraws> unit;
+    for (std::uint32_t k = 0; k < kDraws; ++k) unit[k] = context.random(env, kStartStream, kDraws * attempt + k);
+    const auto around = [&](std::size_t k) {
+      return Vec3(2.0F * unit[k] - 1.0F, 2.0F * unit[k + 1] - 1.0F, 2.0F * unit[k + 2] - 1.0F);
+    };
+    // Turned about a level axis by the tilt, then about the vertical.
+    const float tilt = unit[3] * config_.start_tilt_deg * kPi / 180.0F;
+    const float axis = 2.0F * kPi * unit[4];
+    const float yaw = 2.0F * kPi * unit[5];
+    const Quat tilted(std::cos(tilt / 2), std::sin(tilt / 2) * std::cos(axis), std::sin(tilt / 2) * std::sin(axis), 0.0F);
+    const Quat headed(std::cos(yaw / 2), 0.0F, 0.0F, std::sin(yaw / 2));
+    const float upward = 2.0F * unit[7] - 1.0F;
+    const float level = std::sqrt(1.0F - upward * upward);
+    const float heading = 2.0F * kPi * unit[8];
+    const Vec3 direction(level * std::cos(heading), level * std::sin(heading), upward);
+    return {{middle_of(context.state(), env) + config_.start_offset_m * around(0), (tilted * headed).normalized()},
+            {config_.start_speed_mps * unit[6] * direction, config_.start_rate_dps * kPi / 180.0F * around(9)}};
+  }
+
+  HoverConfig config_;
+  std::int64_t hold_steps_ = 1;
+  std::vector<std::int64_t> held_;  // (E,) steps in a row within hold_m
+};
+
+}  // namespace
+}  // namespace task
+
+void HoverConfig::validate() const {
+  require_not_negative(start_offset_m, "task.start_offset_m");
+  require(start_tilt_deg >= 0.0F && start_tilt_deg <= 180.0F, "task.start_tilt_deg", "a number in [0, 180]", start_tilt_deg);
+  require(start_speed_mps >= 0.0F && start_speed_mps <= 1000.0F, "task.start_speed_mps", "a number in [0, 1000]",
+          start_speed_mps);
+  require(start_rate_dps >= 0.0F && start_rate_dps <= 1e5F, "task.start_rate_dps", "a number in [0, 100000]", start_rate_dps);
+  require_positive(max_distance_m, "task.max_distance_m");
+  require_positive(hold_m, "task.hold_m");
+  require(hold_s > 0.0F && hold_s <= 1e6F, "task.hold_s", "a number in (0, 1000000]", hold_s);
+  require_finite(near_weight, "task.near_weight");
+  require_finite(hold_weight, "task.hold_weight");
+  require_finite(speed_weight, "task.speed_weight");
+  require_finite(spin_weight, "task.spin_weight");
+  require_finite(change_weight, "task.change_weight");
+  require_finite(crash_weight, "task.crash_weight");
+}
+
+std::unique_ptr<Task> make_hover(const HoverConfig& config) { return std::make_unique<task::Hover>(config); }
+
+}  // namespace flockstep

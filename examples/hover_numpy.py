@@ -1,0 +1,202 @@
+"""The hover task of the engine written in NumPy: a template for tasks of your own about flight, and its test oracle.
+
+python examples/hover_numpy.py flies both side by side with the same actions and prints how far apart they are.
+"""
+
+# ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium import spaces
+
+import flockstep
+from flockstep.task import Array, BoolArray, rotate
+
+GRAVITY = 9.81  # m/s^2
+SPIN_UNIT = 10.0  # rad/s: what angular velocities are observed and scored in
+
+
+def yaw_of(quat_wxyz: Array) -> Array:
+    """Return the heading of the body's x axis, (N,) rad."""
+    w, x, y, z = quat_wxyz.astype(float).T
+    yaw: Array = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return yaw
+
+
+class FlightTask(flockstep.Task):
+    """What hovering and tracking share: actions, what a drone knows of its own flight, and the middle of its world.
+
+    The levels of the actions and the length of a step follow from `dynamics` and `clock`: set these here or in a
+    subclass, and give the env no keywords of theirs.
+    """
+
+    action_space = spaces.Box(-1, 1, (4,), np.float32)
+    worlds = "arena/hall"
+    drone = "crazyflie"
+    dynamics: flockstep.DynamicsConfig
+    clock: flockstep.ClockConfig = flockstep.ClockConfig(policy_hz=100)
+
+    def setup(self, batch: flockstep.Batch) -> None:
+        middle = [world.bounds.mean(axis=0) if world.goal is None else world.goal for world in batch.worlds]
+        self.middles = np.array(middle, float)  # (W, 3) m
+        frame = batch.drone.to_dict()
+        rotors, mass = frame["rotors"], frame["mass_kg"]
+        slowest, fastest = rotors["min_speed_radps"], rotors["max_speed_radps"]
+        self.rotor_speeds = np.array([slowest, batch.drone.hover_speed_radps, fastest])
+        c0, c1, c2 = rotors["thrust_n"]
+        least = max(c0 + c1 * slowest + c2 * slowest**2, 0)
+        self.levels = self.action_levels(np.array([least, mass * GRAVITY / 4, batch.drone.max_thrust_n]), mass)
+        self.action = np.zeros((batch.num_drones, 4))
+        self.last_action = self.action
+
+    def action_levels(self, rotor_n: Array, mass_kg: float) -> Array:
+        """Return what actions of -1, 0 and 1 tell, (3, 4): least thrust, hovering, most thrust of a rotor are given."""
+        limits = self.dynamics
+
+        def even(most: float) -> Array:
+            return np.array([-most, 0, most])
+
+        thrust = 4 * rotor_n / mass_kg
+        rate, yaw_rate = even(np.radians(limits.max_rate_dps)), even(np.radians(limits.max_yaw_rate_dps))
+        tilt, yaw = even(np.radians(limits.max_tilt_deg)), even(np.pi)
+        speed, acceleration = even(limits.max_speed_mps), even(limits.max_acceleration_mps2)
+        columns = {
+            "rotor_speeds": [self.rotor_speeds] * 4,
+            "rotor_thrusts": [rotor_n] * 4,
+            "body_rates": [thrust, rate, rate, yaw_rate],
+            "attitude": [thrust, tilt, tilt, yaw],
+            "acceleration": [acceleration] * 3 + [yaw],
+            "velocity": [speed] * 3 + [yaw_rate],
+            "heading_velocity": [speed] * 3 + [yaw_rate],
+            "position": [even(1.0)] * 3 + [yaw],
+        }
+        levels: Array = np.stack(columns[limits.control], axis=1)
+        return levels
+
+    def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
+        self.action[mask] = 0  # what the first action changes from
+
+    def act(self, batch: flockstep.Batch, actions: Array) -> Array:
+        self.last_action, self.action = self.action, np.clip(actions, -1.0, 1.0).astype(float)
+        low, middle, high = self.levels
+        command: Array = middle + self.action * np.where(self.action < 0, middle - low, high - middle)
+        if self.dynamics.control == "position":
+            command[:, :3] += batch.position
+        if self.dynamics.control in ("attitude", "acceleration", "position"):
+            command[:, 3] += yaw_of(batch.quat_wxyz)
+        return command
+
+    def own_flight(self, batch: flockstep.Batch) -> Array:
+        """Return velocity, the world's up, angular velocity, all in the body frame, and rotor speeds, (N, 13)."""
+        slowest, hovering, fastest = self.rotor_speeds
+        faster = batch.rotor_speed - hovering
+        rotors = faster / np.where(faster < 0, hovering - slowest, fastest - hovering)
+        quat = batch.sensed_quat_wxyz.astype(float)
+        velocity, up = rotate(quat, batch.velocity, inverse=True), rotate(quat, np.array([0.0, 0, 1]), inverse=True)
+        return np.concatenate([velocity, up, batch.angular_velocity / SPIN_UNIT, rotors], axis=1)
+
+    def middle(self, batch: flockstep.Batch) -> Array:
+        """Return the goal marker of each drone's world, or the centre of its bounds, (N, 3) m."""
+        middle: Array = self.middles[batch.world_index]
+        return middle
+
+    def spin(self, batch: flockstep.Batch) -> Array:
+        """Return the length of the angular velocity, (N,) 10 rad/s."""
+        spin: Array = np.linalg.norm(batch.angular_velocity, axis=1) / SPIN_UNIT
+        return spin
+
+    def change(self) -> Array:
+        """Return the mean square of what the action changed by, (N,)."""
+        change: Array = np.mean((self.action - self.last_action) ** 2, axis=1)
+        return change
+
+
+class Hover(FlightTask):
+    """Catch a drone that is thrown, and hold a point; see `flockstep.HoverConfig` for the fields.
+
+    Left out: the engine draws a start again that would touch something.
+    """
+
+    observation_space = spaces.Box(-np.inf, np.inf, (16,), np.float32)
+    reward_terms = ("near", "hold", "speed", "spin", "change", "crash")
+    max_episode_steps = 600
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts")
+
+    def __init__(self, config: flockstep.HoverConfig) -> None:
+        self.config = config
+
+    def setup(self, batch: flockstep.Batch) -> None:
+        super().setup(batch)
+        self.held = np.zeros(batch.num_drones, int)  # steps in a row within hold_m
+
+    def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
+        super().reset(batch, mask)
+        self.held[mask] = 0
+        c = self.config
+        random = batch.random(stream=0, count=12).astype(float)
+        even = 2 * random - 1
+        tilt = random[:, 3] * np.radians(c.start_tilt_deg) / 2  # halves of angles, as quaternions have them
+        axis, yaw = 2 * np.pi * random[:, 4], np.pi * random[:, 5]
+        quat = [  # turned about the vertical, and then about a level axis by the tilt
+            np.cos(tilt) * np.cos(yaw),
+            np.sin(tilt) * np.cos(axis - yaw),
+            np.sin(tilt) * np.sin(axis - yaw),
+            np.cos(tilt) * np.sin(yaw),
+        ]
+        batch.set_pose(self.middle(batch) + c.start_offset_m * even[:, :3], np.stack(quat, axis=1), mask)
+        speed, upward, heading = c.start_speed_mps * random[:, 6], even[:, 7], 2 * np.pi * random[:, 8]
+        level = np.sqrt(1 - upward**2)
+        direction = np.stack([level * np.cos(heading), level * np.sin(heading), upward], axis=1)
+        rates = np.radians(c.start_rate_dps) * even[:, 9:]
+        batch.set_velocity(speed[:, None] * direction, rates, None, mask)
+
+    def step(self, batch: flockstep.Batch) -> tuple[dict[str, Array], BoolArray]:
+        c = self.config
+        distance = np.linalg.norm(self.middle(batch) - batch.position, axis=1)
+        crashed = batch.contact.hit | (distance > c.max_distance_m)
+        self.held = np.where(distance <= c.hold_m, self.held + 1, 0)
+        self.success[:] = ~crashed & (self.held >= max(round(c.hold_s * self.clock.policy_hz), 1))
+        terms = {
+            "near": c.near_weight * np.exp(-2 * distance),
+            "hold": c.hold_weight / (1 + (distance / c.hold_m / 2) ** 2),
+            "speed": -c.speed_weight * np.linalg.norm(batch.velocity, axis=1),
+            "spin": -c.spin_weight * self.spin(batch),
+            "change": -c.change_weight * self.change(),
+            "crash": -c.crash_weight * crashed,
+        }
+        return terms, crashed
+
+    def observe(self, batch: flockstep.Batch) -> Array:
+        way = self.middle(batch) - batch.sensed_position
+        way = rotate(batch.sensed_quat_wxyz.astype(float), way, inverse=True)
+        return np.concatenate([way, self.own_flight(batch)], axis=1)
+
+
+def fly_both(config: flockstep.HoverConfig | flockstep.TrackConfig, twin_task: FlightTask) -> None:
+    """Fly the engine's task and its twin with the same random actions, and print how far apart they get."""
+    engine, twin = (flockstep.DroneVectorEnv(64, task=task) for task in (config, twin_task))
+    engine.reset(seed=0)
+    twin.reset(seed=0)
+    engine.action_space.seed(0)
+    worst_observation = worst_reward = 0.0
+    episodes = 0
+    for _ in range(1000):
+        actions = engine.action_space.sample()
+        engine.step(actions)
+        twin.step(actions)
+        a, b = engine.batch, twin.batch
+        worst_observation = max(worst_observation, float(np.abs(a.observation - b.observation).max()))
+        worst_reward = max(worst_reward, float(np.abs(a.reward - b.reward).max()))
+        ended = a.terminated | a.truncated
+        assert (ended == (b.terminated | b.truncated)).all()
+        episodes += int(ended.sum())
+    print(
+        f"{type(twin_task).__name__}: 64,000 steps, {episodes} episodes that end alike: observations within "
+        f"{worst_observation:.1e}, rewards {worst_reward:.1e}"
+    )
+
+
+if __name__ == "__main__":
+    hover = flockstep.HoverConfig()
+    fly_both(hover, Hover(hover))

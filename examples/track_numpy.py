@@ -1,0 +1,118 @@
+"""The track task of the engine written in NumPy: a template for tasks of your own about flight, and its test oracle.
+
+hover_numpy.py beside it has what both share. python examples/track_numpy.py flies the engine's task and this one side
+by side with the same actions and prints how far apart they are.
+"""
+
+# ruff: noqa: D102 - the methods are those of flockstep.Task, documented there
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium import spaces
+
+import flockstep
+from flockstep.task import Array, BoolArray, rotate
+from hover_numpy import FlightTask, fly_both, yaw_of
+
+# Random paths are the sum of three waves along each axis.
+SHARES = np.array([[1.0], [1.0], [0.5]])  # of size_m, by axis
+SIZES = np.array([0.6, 0.25, 0.15])  # of which, by wave
+RATES = np.array([1, 1.618034, 2.414214])  # over that of the first wave; they never come round together
+
+
+class Track(FlightTask):
+    """Follow a point that moves along a smooth path; see `flockstep.TrackConfig` for the fields."""
+
+    reward_terms = ("near", "close", "yaw", "spin", "change", "crash")
+    max_episode_steps = 1000
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="body_rates")
+
+    def __init__(self, config: flockstep.TrackConfig) -> None:
+        self.config = config
+        self.observation_space = spaces.Box(-np.inf, np.inf, (15 + 3 * config.points,), np.float32)
+        if config.path == "figure8":
+            angle = 2 * np.pi * (np.arange(1000) + 0.5) / 1000
+            speed = np.hypot(np.sin(angle), np.cos(2 * angle)).mean()  # of size 1 at 1 rad/s
+        else:
+            speed = np.sqrt(np.sum((SHARES * SIZES * RATES) ** 2) / 2)
+        self.rate = config.speed_mps / (config.size_m * speed)  # rad/s
+
+    def setup(self, batch: flockstep.Batch) -> None:
+        super().setup(batch)
+        self.phase = np.zeros((batch.num_drones, 9))  # turns: three waves along three axes; a figure-8 has one
+        self.squares = np.zeros(batch.num_drones)  # m^2: sum over the steps of the episode
+
+    def reset(self, batch: flockstep.Batch, mask: BoolArray) -> None:
+        super().reset(batch, mask)
+        self.squares[mask] = 0
+        self.phase[mask] = batch.random(stream=1, count=9)[mask]
+        position, velocity = self.path(batch)
+        half = self.path_yaw(velocity) / 2
+        offset = self.config.start_offset_m * (2.0 * batch.random(stream=0, count=3) - 1)
+        batch.set_pose(position + offset, np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=1), mask)
+        batch.set_velocity(velocity, None, None, mask)
+
+    def step(self, batch: flockstep.Batch) -> tuple[dict[str, Array], BoolArray]:
+        c = self.config
+        position, velocity = self.path(batch)
+        distance = np.linalg.norm(position - batch.position, axis=1)
+        crashed = batch.contact.hit | (distance > c.max_distance_m)
+        self.squares += distance**2
+        self.success[:] = ~crashed & (self.squares <= c.close_m**2 * self.steps)
+        terms = {
+            "near": c.near_weight * np.exp(-2 * distance),
+            "close": c.close_weight / (1 + (distance / c.close_m) ** 2),
+            "yaw": -c.yaw_weight * np.abs(self.missing_yaw(velocity, batch.quat_wxyz)),
+            "spin": -c.spin_weight * self.spin(batch),
+            "change": -c.change_weight * self.change(),
+            "crash": -c.crash_weight * crashed,
+        }
+        return terms, crashed
+
+    def observe(self, batch: flockstep.Batch) -> Array:
+        quat = batch.sensed_quat_wxyz.astype(float)
+        ways = [self.path(batch, i * self.config.ahead_s)[0] - batch.sensed_position for i in range(self.config.points)]
+        missing = self.missing_yaw(self.path(batch)[1], quat)
+        return np.concatenate(
+            [
+                *(rotate(quat, way, inverse=True) for way in ways),
+                self.own_flight(batch),
+                np.sin(missing)[:, None],
+                np.cos(missing)[:, None],
+            ],
+            axis=1,
+        )
+
+    def path(self, batch: flockstep.Batch, ahead_s: float = 0.0) -> tuple[Array, Array]:
+        """Return where the path of each drone is, (N, 3) m, and its velocity, (N, 3) m/s, so much later than now."""
+        size, rate = self.config.size_m, self.rate
+        time = self.steps / self.clock.policy_hz + ahead_s
+        phase = 2 * np.pi * self.phase
+        if self.config.path == "figure8":
+            a = rate * time + phase[:, 0]
+            position = size * np.stack([np.cos(a), np.sin(2 * a) / 2, 0 * a], axis=1)
+            velocity = size * rate * np.stack([-np.sin(a), np.cos(2 * a), 0 * a], axis=1)
+        else:
+            angle = rate * RATES * time[:, None, None] + phase.reshape(-1, 3, 3)  # (N, axes, waves)
+            waves = size * SHARES * SIZES
+            position = np.sum(waves * np.sin(angle), axis=2)
+            velocity = np.sum(waves * rate * RATES * np.cos(angle), axis=2)
+        return self.middle(batch) + position, velocity
+
+    def path_yaw(self, velocity: Array) -> Array:
+        """Return the yaw that is asked for where the path has this velocity, (N,) rad."""
+        if self.config.yaw == "fixed":
+            return np.zeros(len(velocity))
+        yaw: Array = np.arctan2(velocity[:, 1], velocity[:, 0])
+        return yaw
+
+    def missing_yaw(self, velocity: Array, quat_wxyz: Array) -> Array:
+        """Return the yaw that is asked for, over that of the drone, in [-pi, pi), (N,) rad."""
+        missing: Array = (self.path_yaw(velocity) - yaw_of(quat_wxyz) + np.pi) % (2 * np.pi) - np.pi
+        return missing
+
+
+if __name__ == "__main__":
+    track = flockstep.TrackConfig()
+    fly_both(track, Track(track))

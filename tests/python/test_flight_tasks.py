@@ -1,0 +1,635 @@
+"""Hover and track: the engine's tasks against their NumPy twins, closed forms, and numbers worked out by hand."""
+
+import copy
+import math
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+from rigid_body import OPEN
+from scipy.spatial.transform import Rotation
+
+import flockstep
+from flockstep.task import rotate
+from flockstep.testing import check_vector_env
+
+ROOM = flockstep.World.from_dict(
+    {"flockstep_scene": 1, "room": {"min": [10, -6, 0], "max": [22, 6, 8]}, "markers": {"goal": [15, 0.5, 4]}}
+)
+GOAL = ROOM.goal  # where the tasks are about: neither the origin nor the middle of the room
+NO_GOAL = flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-3, -2, 1], "max": [4, 6, 6]}})
+WORLDS = [ROOM, NO_GOAL, flockstep.World.load("arena/hall")]
+
+CONTROLS = (
+    "rotor_speeds",
+    "rotor_thrusts",
+    "body_rates",
+    "attitude",
+    "acceleration",
+    "velocity",
+    "heading_velocity",
+    "position",
+)
+WEIGHTS = {"near_weight": 1.5, "spin_weight": 0.7, "change_weight": 0.3, "crash_weight": 4.0}
+HOVER = flockstep.HoverConfig(
+    start_rate_dps=90.0, max_distance_m=1.2, hold_m=0.6, hold_s=0.07, hold_weight=0.9, speed_weight=0.2, **WEIGHTS
+)
+TRACK = {"start_offset_m": 0.3, "points": 3, "close_m": 0.4, "close_weight": 0.9, "yaw_weight": 0.4, **WEIGHTS}
+STILL = flockstep.HoverConfig(  # begins at the point, level and at rest, and goes on wherever it flies
+    start_offset_m=0.0, start_tilt_deg=0.0, start_speed_mps=0.0, start_rate_dps=0.0, max_distance_m=1e4
+)
+BOTH = pytest.mark.parametrize("config", [flockstep.HoverConfig(), flockstep.TrackConfig()], ids=["hover", "track"])
+POLICY_HZ = 100  # of both, unless they are told
+ROUNDING = 5e-6  # of float32, in what is computed from the same state
+DRIFT = 1e-2  # of flights of a second whose commands differ by rounding; yaw from the present heading drifts most
+
+
+def tracking(path, yaw):
+    return flockstep.TrackConfig(path=path, yaw=yaw, **TRACK)
+
+
+def make(config, num_envs=1, **keywords):
+    envs = flockstep.DroneVectorEnv(num_envs, task=config, **{"worlds": ROOM, **keywords})
+    envs.reset(seed=0)
+    return envs
+
+
+def fields_of(config):
+    return {name: getattr(config, name) for name in config.__match_args__}
+
+
+def level(batch, position):
+    """Put the drones there, level, facing along x, at rest."""
+    batch.set_pose(np.broadcast_to(position, (batch.num_drones, 3)), np.tile([1, 0, 0, 0], (batch.num_drones, 1)))
+
+
+def path_of(batch, steps=0):
+    """Where the figure-8 of each drone is after so many more steps, (N, 3) m: a lap takes its length over the speed."""
+    config = flockstep.TrackConfig()
+    turn = np.linspace(0, 2 * np.pi, 10_001)
+    lap = config.size_m * np.stack([np.cos(turn), np.sin(2 * turn) / 2], axis=1)
+    lap_s = np.linalg.norm(np.diff(lap, axis=0), axis=1).sum() / config.speed_mps
+    a = 2 * np.pi * (batch.task_state["phase"].reshape(-1, 9)[:, 0] + (batch.steps + steps) / POLICY_HZ / lap_s)
+    return GOAL + config.size_m * np.stack([np.cos(a), np.sin(2 * a) / 2, 0 * a], axis=1)
+
+
+@pytest.fixture
+def twin_of(example):
+    hover, track = example("hover_numpy"), example("track_numpy")  # in this order: the latter imports the former
+
+    def make_twin(config, **dynamics):
+        twin = hover.Hover(config) if isinstance(config, flockstep.HoverConfig) else track.Track(config)
+        twin.dynamics = flockstep.DynamicsConfig(motion="rotors", **dynamics)
+        return twin
+
+    return make_twin
+
+
+class TestTwins:
+    CASES = (
+        *((HOVER, {"control": control}) for control in CONTROLS),
+        (tracking("figure8", "fixed"), {"control": "body_rates"}),
+        (tracking("figure8", "along"), {"control": "rotor_thrusts"}),
+        (tracking("random", "fixed"), {"control": "attitude"}),
+        (tracking("random", "along"), {"control": "position"}),
+    )
+
+    @pytest.mark.parametrize("case", range(len(CASES)))
+    def test_agree(self, twin_of, case):
+        """With noise in the poses observed, limits that are not the defaults, and episodes that end in every way."""
+        config, dynamics = self.CASES[case]
+        mode = ("next_step", "same_step", "disabled")[case % 3]
+        dynamics = {**dynamics, "max_speed_mps": 3.0, "max_tilt_deg": 60.0, "max_rate_dps": 400.0}
+        arguments = {
+            "worlds": WORLDS,
+            "drone": ("crazyflie", "kingfisher", "x500")[case % 3],
+            "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=2.0),
+            "autoreset_mode": mode,
+            "max_episode_steps": 60,
+            "stagger_first_episode": True,
+            "random_world": True,
+            "frame_skip": 1 + case % 2,
+            "num_threads": 1,
+        }
+        engine = flockstep.DroneVectorEnv(24, task=config, **dynamics, **arguments)
+        twin_task = twin_of(config, **dynamics)
+        twin = flockstep.DroneVectorEnv(24, task=twin_task, **arguments)
+        np.testing.assert_allclose(engine.reset(seed=0)[0], twin.reset(seed=0)[0], rtol=ROUNDING, atol=ROUNDING)
+        rng, ways = np.random.default_rng(case), np.zeros(3, int)
+        actions = np.zeros((24, 4))
+        for _ in range(100):
+            actions = 0.9 * actions + rng.normal(0, 0.2, (24, 4))  # beyond 1 now and then
+            ours, theirs = engine.step(actions.astype(np.float32)), twin.step(actions.astype(np.float32))
+            ended = ours[2] | ours[3]
+            np.testing.assert_array_equal(ours[2], theirs[2])
+            np.testing.assert_array_equal(ours[3], theirs[3])
+            seen = twin_task.observe(engine.batch)
+            np.testing.assert_allclose(engine.batch.observation, seen, rtol=ROUNDING, atol=ROUNDING)
+            np.testing.assert_allclose(ours[0], theirs[0], atol=DRIFT)
+            np.testing.assert_allclose(ours[1], theirs[1], atol=DRIFT)
+            np.testing.assert_allclose(engine.batch.reward_terms, twin.batch.reward_terms, atol=DRIFT)
+            assert ours[4].keys() == theirs[4].keys()
+            if not ended.any():
+                continue
+            infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
+            for key in ("episode_length", "success", "crashed", "bad_state"):
+                np.testing.assert_array_equal(infos[key], expected[key])
+            np.testing.assert_allclose(infos["episode_return"], expected["episode_return"], atol=10 * DRIFT)
+            if mode == "same_step":
+                for a, b in zip(ours[4]["final_obs"][ended], theirs[4]["final_obs"][ended], strict=True):
+                    np.testing.assert_allclose(a, b, atol=DRIFT)
+            if mode == "disabled":
+                options = {"reset_mask": ended}
+                np.testing.assert_allclose(engine.reset(options=options)[0], twin.reset(options=options)[0], atol=DRIFT)
+            ways += [infos["success"].sum(), (ours[3] & ~infos["success"]).sum(), ours[2].sum()]
+        assert (ways[:2] > 0).all(), ways
+        assert ways[2] > 0 or dynamics["control"] == "position", ways
+
+
+@BOTH
+def test_the_checker(config):
+    check_vector_env(lambda n: flockstep.DroneVectorEnv(n, task=config, max_episode_steps=20), steps=50)
+
+
+def looks_even(values, low, high):
+    """Evenly drawn between the two, which are reached: 20,000 times, by Kolmogorov's distance."""
+    shares = np.sort((np.asarray(values, float) - low) / (high - low))
+    even = (np.arange(len(shares)) + 0.5) / len(shares)
+    return shares[0] > -1e-5 and shares[-1] < 1 + 1e-5 and np.abs(shares - even).max() < 0.014
+
+
+class TestHover:
+    def test_starts(self):
+        config = flockstep.HoverConfig(
+            start_offset_m=0.7, start_tilt_deg=120.0, start_speed_mps=3.0, start_rate_dps=200.0
+        )
+        batch = make(config, 20_000).batch
+        turn = Rotation.from_quat(batch.quat_wxyz, scalar_first=True)
+        for axis in range(3):
+            assert looks_even(batch.position[:, axis] - GOAL[axis], -0.7, 0.7)
+            assert looks_even(np.degrees(batch.angular_velocity[:, axis]), -200, 200)
+        up, ahead = turn.as_matrix()[:, :, 2], turn.as_matrix()[:, :, 0]
+        assert looks_even(np.degrees(np.arccos(np.clip(up[:, 2], -1, 1))), 0, 120)
+        assert looks_even(np.arctan2(up[:, 1], up[:, 0]), -np.pi, np.pi)
+        assert looks_even(np.arctan2(ahead[:, 1], ahead[:, 0]), -np.pi, np.pi)
+        speed = np.linalg.norm(batch.velocity, axis=1)
+        assert looks_even(speed, 0, 3)
+        assert looks_even(batch.velocity[:, 2] / speed, -1, 1)  # as on a ball
+        assert looks_even(np.arctan2(batch.velocity[:, 1], batch.velocity[:, 0]), -np.pi, np.pi)
+        np.testing.assert_allclose(batch.rotor_speed, batch.drone.hover_speed_radps, rtol=1e-6)
+
+    def test_starts_touch_nothing(self):
+        box = {"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [0.5, 0.5, 0.3]}}
+        config = flockstep.HoverConfig(start_offset_m=0.3, start_tilt_deg=30.0, start_speed_mps=0.0)
+        batch = make(config, 1000, worlds=flockstep.World.from_dict(box)).batch
+        assert np.ptp(batch.position, axis=0) == pytest.approx([0.4, 0.4, 0.25], abs=0.05)
+        assert len(np.unique(batch.position, axis=0)) == 1000
+        batch.step(np.zeros((1000, 4), np.float32))
+        assert not batch.contact.inside.any()
+
+    def test_the_observation_does_not_depend_on_the_heading(self):
+        """Two drones in the open, the one turned about the point by any angle, told the same."""
+        n = 16
+        envs = make(flockstep.HoverConfig(max_distance_m=1e4), 2 * n, worlds=OPEN)
+        batch, rng = envs.batch, np.random.default_rng(0)
+        yaw = Rotation.from_rotvec(rng.uniform(-np.pi, np.pi, (n, 1)) * [0, 0, 1])
+        turn = Rotation.from_quat(batch.quat_wxyz[:n], scalar_first=True)
+        place, velocity = batch.position[:n].astype(float), batch.velocity[:n].copy()
+        quats = np.concatenate([turn.as_quat(scalar_first=True), (yaw * turn).as_quat(scalar_first=True)])
+        batch.set_pose(np.concatenate([place, yaw.apply(place)]), quats)
+        rates = np.tile(rng.uniform(-3, 3, (n, 3)), (2, 1))
+        batch.set_velocity(np.concatenate([velocity, yaw.apply(velocity)]), rates)
+        for _ in range(50):
+            observation, *_ = envs.step(np.tile(rng.uniform(-1, 1, (n, 4)).astype(np.float32), (2, 1)))
+            np.testing.assert_allclose(observation[:n], observation[n:], atol=1e-3)
+        assert np.ptp(observation[:n], axis=0).min() > 0.05  # of different flights
+
+    def test_success_is_to_have_held_the_point_to_the_end(self):
+        config = flockstep.HoverConfig(hold_m=0.1, hold_s=0.05, max_distance_m=1.0)  # 5 steps
+        at = 0.5 * np.ones((20, 6))  # m from the point in each step, by drone
+        at[15:, 0] = 0.099  # just long enough
+        at[14:, 1] = 0.101  # never near enough
+        at[16:, 2] = 0.0  # a step too short
+        at[:19, 3] = 0.0  # not at the end
+        at[:, 4] = 0.0
+        at[19, 4] = 1.1  # a crash in the last step
+        at[:, 5] = 0.0
+        envs = make(config, 6, max_episode_steps=20, autoreset_mode="disabled")
+        for distances in at:
+            level(envs.batch, GOAL + distances[:, None] * [0.6, 0, -0.8])
+            _, _, terminated, truncated, infos = envs.step(np.zeros((6, 4), np.float32))
+        assert infos["success"].tolist() == [True, False, False, False, False, True]
+        assert terminated.tolist() == [False] * 4 + [True, False]
+        assert truncated.tolist() == [True] * 4 + [False, True]
+
+    @pytest.mark.parametrize(
+        ("hold_s", "policy_hz", "steps"), [(0.3, 100, 30), (0.09, 100, 9), (1.0, 240, 240), (1e-4, 50, 1)]
+    )
+    def test_hold_s_is_counted_in_steps(self, hold_s, policy_hz, steps):
+        config = flockstep.HoverConfig(**{**fields_of(STILL), "hold_s": hold_s})
+        for limit in (steps, steps - 1):
+            if limit > 0:
+                envs = make(config, policy_hz=policy_hz, max_episode_steps=limit)
+                for _ in range(limit):
+                    *_, truncated, infos = envs.step(np.zeros((1, 4), np.float32))
+                assert truncated[0]
+                assert infos["success"][0] == (limit == steps)
+
+    def test_terms_by_hand(self):
+        config = flockstep.HoverConfig(
+            hold_m=0.1,
+            near_weight=2.0,
+            hold_weight=3.0,
+            speed_weight=5.0,
+            spin_weight=7.0,
+            change_weight=11.0,
+            crash_weight=13.0,
+        )
+        batch = make(config).batch
+        assert batch.spec.reward_terms == ["near", "hold", "speed", "spin", "change", "crash"]
+        level(batch, np.add(GOAL, [0.12, 0, 0.16]))  # 0.2 m off
+        batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
+        near, hold, speed, spin, change, crash = batch.reward_terms[0]
+        assert near == pytest.approx(2 * math.exp(-0.4), rel=1e-3)
+        assert hold == pytest.approx(3 / 2, rel=1e-2)
+        assert speed == pytest.approx(-5 * np.linalg.norm(batch.velocity), rel=1e-5) != 0
+        assert spin == pytest.approx(-0.7 * np.linalg.norm(batch.angular_velocity), rel=1e-5) != 0
+        assert change == pytest.approx(-11 * (0.25 + 0.25 + 1) / 4)
+        assert crash == 0
+        assert batch.reward[0] == pytest.approx(batch.reward_terms[0].sum(), rel=1e-6)
+        batch.step(np.float32([[0.5, -0.5, 1.0, 0]]))
+        assert batch.reward_terms[0, 4] == 0  # 3 was clipped to 1
+
+
+class TestTrack:
+    def paths(self, batch, points, observation):
+        """Where the observed points are, relative to the middle, (N, points, 3) m."""
+        ways = observation[:, : 3 * points].reshape(-1, points, 3).astype(float)
+        return batch.position[:, None] + rotate(batch.quat_wxyz[:, None].astype(float), ways) - GOAL
+
+    def begun(self, num_envs, **fields):
+        config = flockstep.TrackConfig(**fields)
+        batch = make(config, num_envs).batch
+        return batch, self.paths(batch, config.points, batch.observation)
+
+    @pytest.mark.parametrize("yaw", ["fixed", "along"])
+    def test_figure_8(self, yaw):
+        """x = s cos a, y = s sin a cos a, so x^4 = s^2 (x^2 - y^2); a lap takes its length over the mean speed."""
+        size, speed = 1.7, 2.3
+        turn = np.linspace(0, 2 * np.pi, 10_001)
+        lap = size * np.stack([np.cos(turn), np.sin(turn) * np.cos(turn)], axis=1)
+        length = np.linalg.norm(np.diff(lap, axis=0), axis=1).sum()
+        batch, seen = self.begun(
+            200, size_m=size, speed_mps=speed, yaw=yaw, points=20, ahead_s=length / speed / 19, start_offset_m=0.0
+        )
+        x, y, z = np.moveaxis(seen, 2, 0)
+        np.testing.assert_allclose(x**4, size**2 * (x**2 - y**2), atol=1e-4)
+        np.testing.assert_allclose(z, 0, atol=1e-5)
+        np.testing.assert_allclose(seen[:, 0], seen[:, 19], atol=1e-4)  # a lap later
+        chords = np.linalg.norm(np.diff(seen, axis=1), axis=2).sum(axis=1)
+        assert ((chords > 0.95 * length) & (chords < length)).all()  # and not two laps
+        np.testing.assert_allclose(seen[:, 0], batch.position - GOAL, atol=1e-5)
+        farthest = seen[:, 0, 0].argmax()  # where a is nearly 0
+        assert batch.velocity[farthest, 1] > 0
+
+    @pytest.mark.parametrize("path", ["figure8", "random"])
+    def test_velocity_is_that_of_the_path(self, path):
+        batch, seen = self.begun(500, path=path, points=2, ahead_s=0.01, start_offset_m=0.0)
+        flown = (seen[:, 1] - seen[:, 0]) / 0.01
+        np.testing.assert_allclose(flown, batch.velocity, atol=0.15)  # by acceleration times 5 ms
+        np.testing.assert_allclose(flown.mean(axis=0), batch.velocity.mean(axis=0), atol=0.01)
+
+    def test_random_paths(self):
+        batch, seen = self.begun(20_000, path="random", size_m=1.3, speed_mps=2.0, points=2, ahead_s=50.0)
+        for moment in range(2):
+            assert np.abs(seen[:, moment]).max(axis=0) == pytest.approx([1.3, 1.3, 0.65], rel=0.05)
+            assert (np.abs(seen[:, moment]).max(axis=0) < [1.3001, 1.3001, 0.6501]).all()
+            np.testing.assert_allclose(seen[:, moment].mean(axis=0), 0, atol=0.02)
+        # Each of nine waves has a mean square speed of half its fastest's; so has a long time as have many phases.
+        assert np.sqrt((batch.velocity.astype(float) ** 2).sum(axis=1).mean()) == pytest.approx(2.0, rel=0.01)
+
+    @pytest.mark.parametrize("yaw", ["fixed", "along"])
+    def test_starts(self, yaw):
+        batch = make(flockstep.TrackConfig(yaw=yaw, start_offset_m=0.2), 20_000).batch
+        off = batch.position - path_of(batch)
+        for axis in range(3):
+            assert looks_even(off[:, axis], -0.2, 0.2)
+        assert looks_even(batch.task_state["phase"].reshape(-1, 9)[:, 0], 0, 1)
+        heading = np.arctan2(batch.velocity[:, 1], batch.velocity[:, 0]) if yaw == "along" else np.zeros(20_000)
+        quat = np.stack([np.cos(heading / 2), 0 * heading, 0 * heading, np.sin(heading / 2)], axis=1)
+        np.testing.assert_allclose(batch.quat_wxyz, quat, atol=1e-5)
+        np.testing.assert_allclose(batch.observation[:, -2:], np.tile([0, 1], (20_000, 1)), atol=1e-5)
+        np.testing.assert_array_equal(batch.angular_velocity, 0)
+
+    def test_missing_yaw_is_how_far_to_turn_left(self):
+        envs = make(flockstep.TrackConfig(yaw="fixed", yaw_weight=1.0), 3)
+        turned = np.radians([40.0, -100.0, 175.0])
+        quat = np.stack([np.cos(turned / 2), 0 * turned, 0 * turned, np.sin(turned / 2)], axis=1)
+        envs.batch.set_pose(path_of(envs.batch), quat)
+        observation, *_ = envs.step(np.zeros((3, 4), np.float32))
+        np.testing.assert_allclose(np.arctan2(observation[:, -2], observation[:, -1]), -turned, atol=0.01)
+        np.testing.assert_allclose(envs.batch.reward_terms[:, 2], -np.abs(turned), atol=0.01)
+
+    def test_terms_by_hand(self):
+        config = flockstep.TrackConfig(
+            close_m=0.1,
+            near_weight=2.0,
+            close_weight=3.0,
+            yaw_weight=5.0,
+            spin_weight=7.0,
+            change_weight=11.0,
+            crash_weight=13.0,
+        )
+        batch = make(config).batch
+        assert batch.spec.reward_terms == ["near", "close", "yaw", "spin", "change", "crash"]
+        batch.set_pose(np.add(path_of(batch, 1), [0.12, 0, 0.16]), [[math.cos(0.2), 0, 0, math.sin(0.2)]])  # 0.2 m off
+        batch.step(np.float32([[0.5, -0.5, 3.0, 0]]))
+        near, close, yaw, spin, change, crash = batch.reward_terms[0]
+        assert near == pytest.approx(2 * math.exp(-0.4), rel=1e-3)
+        assert close == pytest.approx(3 / 5, rel=1e-2)
+        assert yaw == pytest.approx(-5 * 0.4, rel=1e-2)
+        assert spin == pytest.approx(-0.7 * np.linalg.norm(batch.angular_velocity), rel=1e-5) != 0
+        assert change == pytest.approx(-11 * (0.25 + 0.25 + 1) / 4)
+        assert crash == 0
+        assert batch.reward[0] == pytest.approx(batch.reward_terms[0].sum(), rel=1e-6)
+
+    def test_success_is_a_small_root_mean_square(self):
+        """0 m and d by turns, of which the root mean square is d over the root of 2."""
+        config = flockstep.TrackConfig()
+        d = np.sqrt(2) * config.close_m * np.array([0.99, 1.01, 0.0, 0.5])
+        envs = make(config, 4, max_episode_steps=20, autoreset_mode="disabled")
+        for step in range(20):
+            off = (step % 2) * d
+            off[3] += 2 * config.max_distance_m * (step == 19)  # a crash in the last step
+            level(envs.batch, path_of(envs.batch, 1) + off[:, None] * [0, 0, 1])
+            _, _, terminated, _, infos = envs.step(np.zeros((4, 4), np.float32))
+        assert infos["success"].tolist() == [True, False, True, False]
+        assert terminated.tolist() == [False, False, False, True]
+
+
+@BOTH
+def test_an_episode_ends_as_a_crash_too_far_off_and_on_a_contact(config):
+    config = copy.copy(config)
+    config.max_distance_m, config.crash_weight = 2.0, 3.0
+    envs = make(config, 3, autoreset_mode="disabled")
+    middle = GOAL if isinstance(config, flockstep.HoverConfig) else path_of(envs.batch, 1)
+    place = middle + np.array([[0, 0, 1.9], [0, 0, 2.1], [0, 0, 0]])
+    place[2] = [21.9, 0, 4]  # a step before a wall
+    level(envs.batch, place)
+    envs.batch.set_velocity([[0, 0, 0], [0, 0, 0], [20, 0, 0]])
+    _, _, terminated, truncated, infos = envs.step(np.zeros((3, 4), np.float32))
+    assert terminated.tolist() == [False, True, True]
+    assert not truncated.any()
+    assert not infos["success"].any()
+    assert infos["crashed"].tolist() == [False, False, True]  # those that touched something
+    np.testing.assert_array_equal(envs.batch.reward_terms[:, -1], [0, -3, -3])
+
+
+class TestActions:
+    def env(self, control, num_envs=1, **keywords):
+        return make(STILL, num_envs, worlds=OPEN, control=control, **keywords)
+
+    @pytest.mark.parametrize("control", CONTROLS)
+    @pytest.mark.parametrize("drone", ["crazyflie", "t650"])
+    def test_zero_hovers(self, control, drone):
+        envs = self.env(control, drone=drone)
+        for _ in range(100):  # 1 s
+            observation, *_ = envs.step(np.zeros((1, 4), np.float32))
+        np.testing.assert_allclose(observation[0, :6], [0, 0, 0, 0, 0, 0], atol=0.01)
+        np.testing.assert_allclose(observation[0, 6:], [0, 0, 1, *[0] * 7], atol=0.01)
+
+    def commands(self, control, frame, limits, yaw, place):
+        """What -1, 0 and 1 tell, (3, 4)."""
+        mass, rotors = frame.mass_kg, frame.to_dict()["rotors"]
+        slowest, fastest = rotors["min_speed_radps"], rotors["max_speed_radps"]
+        idle_n = np.polyval(rotors["thrust_n"][::-1], slowest)
+        thrust = [4 * idle_n / mass, 9.81, 4 * frame.max_thrust_n / mass]
+        rate, yaw_rate = np.radians(limits["max_rate_dps"]), np.radians(limits["max_yaw_rate_dps"])
+        tilt = np.radians(limits["max_tilt_deg"])
+        a, v = limits["max_acceleration_mps2"], limits["max_speed_mps"]
+
+        def about(middle, most):
+            return [middle - most, middle, middle + most]
+
+        columns = {
+            "rotor_speeds": [[slowest, frame.hover_speed_radps, fastest]] * 4,
+            "rotor_thrusts": [[idle_n, mass * 9.81 / 4, frame.max_thrust_n]] * 4,
+            "body_rates": [thrust, about(0, rate), about(0, rate), about(0, yaw_rate)],
+            "attitude": [thrust, about(0, tilt), about(0, tilt), about(yaw, np.pi)],
+            "acceleration": [about(0, a)] * 3 + [about(yaw, np.pi)],
+            "velocity": [about(0, v)] * 3 + [about(0, yaw_rate)],
+            "heading_velocity": [about(0, v)] * 3 + [about(0, yaw_rate)],
+            "position": [*(about(x, 1) for x in place), about(yaw, np.pi)],
+        }
+        return np.array(columns[control]).T
+
+    @pytest.mark.parametrize("control", CONTROLS)
+    def test_one_is_the_limit(self, control):
+        """A step of the task flies as the commands do that the limits make by hand."""
+        limits = {
+            "max_speed_mps": 3.0,
+            "max_acceleration_mps2": 5.0,
+            "max_tilt_deg": 30.0,
+            "max_rate_dps": 300.0,
+            "max_yaw_rate_dps": 100.0,
+        }
+        envs = self.env(control, 60, drone="kingfisher", **limits)
+        batch = flockstep.Batch(
+            [OPEN],
+            60,
+            drone=flockstep.DroneModel.load("kingfisher"),
+            dynamics=flockstep.DynamicsConfig(motion="rotors", control=control, **limits),
+            clock=flockstep.ClockConfig(policy_hz=100),
+        )
+        yaw, place = 0.7, np.array([2.0, -1.0, 5.0])
+        for each in (envs.batch, batch):
+            each.set_pose(np.tile(place, (60, 1)), np.tile([math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)], (60, 1)))
+        low, middle, high = self.commands(control, batch.drone, limits, yaw, place)
+        rng = np.random.default_rng(0)
+        levels = rng.choice([-1.0, 0.0, 1.0], (60, 4))  # every one of them in every place, together with others
+        levels[30:] = rng.uniform(-1, 1, (30, 4))
+        if control in ("attitude", "acceleration", "position"):
+            levels[:, 3] = rng.uniform(-0.99, 0.99, 60)  # half a turn to the left is one to the right
+        command = middle + levels * np.where(levels < 0, middle - low, high - middle)
+        actions = np.where(np.abs(levels) == 1, 3 * levels, levels)  # what is beyond 1 is 1
+        envs.step(actions.astype(np.float32))
+        batch.fly(command)
+        for name in ("position", "quat_wxyz", "velocity", "angular_velocity", "rotor_speed"):
+            np.testing.assert_allclose(getattr(envs.batch, name), getattr(batch, name), rtol=1e-4, atol=1e-5)
+        assert np.ptp(batch.rotor_speed, axis=0).min() > 10
+
+    @pytest.mark.parametrize("control", ["rotor_speeds", "rotor_thrusts"])
+    def test_rotors_reach_their_limits(self, control):
+        envs = self.env(control, 2)
+        for _ in range(150):  # ten times their lag
+            observation, *_ = envs.step(np.float32([[1] * 4, [-1] * 4]))
+        rotors = envs.batch.drone.to_dict()["rotors"]
+        np.testing.assert_allclose(envs.batch.rotor_speed[0], rotors["max_speed_radps"], rtol=1e-3)
+        np.testing.assert_allclose(envs.batch.rotor_speed[1], rotors["min_speed_radps"], rtol=1e-3)
+        np.testing.assert_allclose(observation[:, -4:], [[1] * 4, [-1] * 4], atol=1e-3)
+
+    def test_speed_reaches_its_limit(self):
+        envs = self.env("velocity", 2, drone="x500", max_speed_mps=2.0)
+        for _ in range(1000):
+            envs.step(np.float32([[1, 0, 0, 0], [0, 0, -1, 0]]))
+        np.testing.assert_allclose(envs.batch.velocity, [[2, 0, 0], [0, 0, -2]], atol=0.1)
+
+    def test_rates_and_tilt_reach_their_limits(self):
+        envs = self.env("body_rates", 3, drone="x500", max_rate_dps=120.0, max_yaw_rate_dps=60.0)
+        for _ in range(100):
+            envs.step(np.float32([[0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]))
+        rates = np.degrees(np.diag(envs.batch.angular_velocity))
+        np.testing.assert_allclose(rates, [120, -120, 60], rtol=0.1)
+        envs = self.env("attitude", 2, drone="x500", max_tilt_deg=25.0)
+        for _ in range(150):
+            observation, *_ = envs.step(np.float32([[0, 1, 0, 0], [0, 0, -1, 0]]))
+        np.testing.assert_allclose(np.degrees(np.arccos(observation[:, 8])), 25, atol=1)
+        assert observation[0, 7] > 0.4  # rolled to the right: up is to the left
+        assert observation[1, 6] > 0.4  # nose up: up is ahead
+
+    @pytest.mark.parametrize("control", ["attitude", "acceleration", "position"])
+    def test_yaw_is_from_the_present_heading(self, control):
+        envs = self.env(control, 2, drone="x500")
+        for _ in range(20):
+            envs.step(np.float32([[0, 0, 0, 0.5], [0, 0, 0, -0.5]]))
+        rates = envs.batch.angular_velocity[:, 2]
+        assert rates[0] > 0.3  # left
+        assert rates[1] < -0.3
+
+    @BOTH
+    def test_bad_actions(self, config):
+        envs = make(config, 2)
+        before = envs.snapshot()
+        for bad, expected in [(np.zeros((2, 3)), "shape"), (np.full((2, 4), np.nan), "finite")]:
+            with pytest.raises(ValueError, match=f"actions.*{expected}"):
+                envs.step(bad.astype(np.float32))
+        assert envs.snapshot() == before
+
+
+class TestBadInput:
+    @BOTH
+    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e39])
+    def test_no_field_takes_what_is_not_finite(self, config, bad):
+        for name, value in fields_of(config).items():
+            if isinstance(value, float):
+                broken = copy.copy(config)
+                setattr(broken, name, bad)
+                with pytest.raises(ValueError, match=rf"task\.{name}: expected .*number.*, got"):
+                    flockstep.DroneVectorEnv(1, task=broken)
+
+    @pytest.mark.parametrize(
+        ("kind", "field", "bad"),
+        [
+            *((flockstep.HoverConfig, name, -0.1) for name in ("start_offset_m", "start_speed_mps", "start_rate_dps")),
+            *((flockstep.HoverConfig, "start_tilt_deg", bad) for bad in (-0.1, 180.1)),
+            *((flockstep.HoverConfig, name, bad) for name in ("max_distance_m", "hold_m", "hold_s") for bad in (0, -1)),
+            *((flockstep.TrackConfig, name, -0.1) for name in ("start_offset_m", "ahead_s")),
+            *((flockstep.TrackConfig, "points", bad) for bad in (0, 21)),
+            *(
+                (flockstep.TrackConfig, name, bad)
+                for name in ("size_m", "speed_mps", "max_distance_m", "close_m")
+                for bad in (0, -1)
+            ),
+        ],
+    )
+    def test_out_of_range(self, kind, field, bad):
+        with pytest.raises(ValueError, match=rf"task\.{field}: expected a .*number.*, got {bad}"):
+            flockstep.DroneVectorEnv(1, task=kind(**{field: bad}))
+
+    @pytest.mark.parametrize(("field", "known"), [("path", "figure8.*random"), ("yaw", "fixed.*along")])
+    def test_names(self, field, known):
+        with pytest.raises(ValueError, match=f'{field}: expected .*{known}.*, got "straight"'):
+            flockstep.TrackConfig(**{field: "straight"})
+
+    @BOTH
+    def test_drones_must_fly(self, config):
+        with pytest.raises(ValueError, match=r"motion.*rotors"):
+            flockstep.DroneVectorEnv(1, task=config, motion="kinematic")
+        with pytest.raises(ValueError, match=r'control: .*got "pose"'):
+            flockstep.DroneVectorEnv(1, task=config, control="pose")
+        with pytest.raises(ValueError, match=r"drone: .*airframe"):
+            flockstep.DroneVectorEnv(1, task=config, drone=flockstep.DroneModel(flockstep.DroneModel().hull))
+        with pytest.raises(TypeError, match="random_start"):
+            flockstep.DroneVectorEnv(1, task=config, random_start=True)
+
+
+def flown(envs, steps, first=0):
+    """What `steps` steps return, with actions that depend on env and step alone."""
+    rows = []
+    for step in range(first, first + steps):
+        actions = [np.random.default_rng([i, step]).uniform(-1, 1, 4) for i in range(envs.num_envs)]
+        observation, reward, terminated, truncated, _ = envs.step(np.array(actions, np.float32))
+        flags = np.stack([terminated, truncated, envs.batch.success], axis=1)
+        rows.append(np.concatenate([observation, reward[:, None], envs.batch.reward_terms, flags], axis=1))
+    return np.array(rows)
+
+
+def shaken(config, num_envs=6, **keywords):
+    arguments = {"max_episode_steps": 15, "worlds": WORLDS, "random_world": True, **keywords}
+    envs = flockstep.DroneVectorEnv(num_envs, task=config, **arguments)
+    envs.reset(seed=4)
+    return envs
+
+
+class TestRepeats:
+    @BOTH
+    def test_from_a_snapshot(self, config):
+        envs = shaken(config)
+        flown(envs, 20)
+        blob = envs.snapshot()
+        expected = flown(envs, 30, 20)
+        envs.restore(blob)
+        np.testing.assert_array_equal(flown(envs, 30, 20), expected)
+        other = shaken(config)
+        other.restore(blob)
+        np.testing.assert_array_equal(flown(other, 30, 20), expected)
+
+    @BOTH
+    def test_a_snapshot_of_another_configuration_is_refused(self, config):
+        for name, value in fields_of(config).items():
+            changed = copy.copy(config)
+            other = {"figure8": "random", "fixed": "along"}.get(value) if isinstance(value, str) else value + 1
+            setattr(changed, name, other)
+            with pytest.raises(ValueError, match="snapshot"):
+                shaken(config, 1).restore(shaken(changed, 1).snapshot())
+
+    @BOTH
+    @pytest.mark.parametrize("keywords", [{"num_threads": 2}, {"num_envs": 70}])
+    def test_whatever_the_threads_and_the_number_of_envs(self, config, keywords):
+        one = flown(shaken(config, num_threads=1), 40)
+        other = flown(shaken(config, **{"num_threads": 1, **keywords}), 40)
+        np.testing.assert_array_equal(one, other[:, :6])
+
+    @pytest.mark.parametrize("config", [HOVER, tracking("random", "along")], ids=["hover", "track"])
+    def test_after_pickling(self, config):
+        assert pickle.loads(pickle.dumps(config)) == config
+        envs = shaken(config, drone="x500", control="velocity")
+        flown(envs, 20)
+        other = pickle.loads(pickle.dumps(envs))
+        np.testing.assert_array_equal(flown(other, 20, 20), flown(envs, 20, 20))
+
+    @pytest.mark.parametrize(
+        ("name", "config"), [("Hover", HOVER), ("Track", tracking("random", "along"))], ids=["hover", "track"]
+    )
+    def test_after_a_spec_in_json(self, name, config):
+        env = gymnasium.make(f"flockstep/{name}-v0", task=config, drone="x500", policy_hz=50)
+        assert env.observation_space.shape == ((16,) if name == "Hover" else (15 + 3 * config.points,))
+        text = env.unwrapped.spec.to_json()
+        again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(text))
+        assert again.unwrapped.spec.to_json() == text
+        for each in (env, again):
+            each.reset(seed=3)
+        for _ in range(10):
+            action = env.action_space.sample()
+            np.testing.assert_array_equal(env.step(action)[0], again.step(action)[0])
+
+
+@pytest.mark.parametrize(("name", "control"), [("Hover", "rotor_thrusts"), ("Track", "body_rates")])
+def test_ids(name, control):
+    envs = gymnasium.make_vec(f"flockstep/{name}-v0", num_envs=3)
+    config = getattr(flockstep, f"{name}Config")()
+    by_config = flockstep.DroneVectorEnv(3, task=config, worlds="arena/hall", drone="crazyflie", control=control)
+    np.testing.assert_array_equal(envs.reset(seed=0)[0], by_config.reset(seed=0)[0])
+    assert envs.unwrapped.batch.drone.name == "crazyflie"
+    np.testing.assert_array_equal(flown(envs.unwrapped, 10), flown(by_config, 10))

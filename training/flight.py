@@ -1,0 +1,114 @@
+"""Flights of the tasks Hover and Track: how far from their point drones are, by a policy or by the controller alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+import flockstep
+from flockstep.task import rotate
+
+Array = npt.NDArray[Any]
+Name = Literal["hover", "track"]
+#: From observations (N, ...) and the envs to actions (N, 4).
+Pilot = Callable[[Array, flockstep.DroneVectorEnv], Array]
+
+POLICY_HZ = 100.0
+LASTS_S: dict[Name, int] = {"hover": 6, "track": 10}
+CLOSE_M = 0.05
+
+
+def make(task: Name, num_envs: int, **keywords: Any) -> flockstep.DroneVectorEnv:
+    """Return the envs of a task, which keywords may change."""
+    config = flockstep.HoverConfig() if task == "hover" else flockstep.TrackConfig()
+    return flockstep.DroneVectorEnv(num_envs, **{"task": config, "policy_hz": POLICY_HZ, **keywords})
+
+
+@dataclass(frozen=True)
+class Flights:
+    """Some flights of a task, all as long."""
+
+    task: Name
+    distance_m: Array
+    """(T, N) to the point, after each step; NaN from where a flight ended as a crash."""
+
+    @property
+    def crashed(self) -> Array:
+        """(N,) bool."""
+        return np.isnan(self.distance_m[-1])
+
+    @property
+    def error_m(self) -> Array:
+        """(N,) NaN of a crash. Hover: mean distance of the last second. Track: root mean square of all."""
+        if self.task == "hover":
+            return np.asarray(self.distance_m[-round(POLICY_HZ) :].mean(0))
+        return np.asarray(np.sqrt((self.distance_m**2).mean(0)))
+
+    @property
+    def close_rate(self) -> float:
+        """Return the share of flights whose error is at most 5 cm; a crash is none of them."""
+        return float((self.error_m <= CLOSE_M).mean())
+
+    @property
+    def median_error_m(self) -> float:
+        """Return that of the flights that did not crash; infinite if all did."""
+        return float("inf") if self.crashed.all() else float(np.nanmedian(self.error_m))
+
+    def summary(self) -> str:
+        """Say it in one line."""
+        return (
+            f"{self.close_rate:.1%} within {100 * CLOSE_M:g} cm, {self.crashed.mean():.1%} crashed, "
+            f"error of the others {100 * self.median_error_m:.1f} cm (median)"
+        )
+
+
+def fly(task: Name, pilot: Pilot, num_flights: int, seed: int, **keywords: Any) -> Flights:
+    """Fly from the seeds that begin with this one, one flight each.
+
+    Parameters
+    ----------
+    task, pilot, num_flights, seed
+        What, by whom, how many at once, and the first seed.
+    **keywords
+        Of `DroneVectorEnv`, such as ``drone``.
+    """
+    steps = round(LASTS_S[task] * POLICY_HZ)
+    # The last step's observation is looked at, too: no episode ends before it but by a crash.
+    envs = make(task, num_flights, max_episode_steps=steps + 1, copy=False, **keywords)
+    observation, _ = envs.reset(seed=seed)
+    distance = np.full((steps, num_flights), np.nan)
+    flying = np.ones(num_flights, bool)
+    for step in range(steps):
+        observation, _, terminated, _, _ = envs.step(pilot(np.asarray(observation), envs))
+        flying &= ~terminated
+        distance[step, flying] = np.linalg.norm(np.asarray(observation)[flying, :3], axis=1)
+    return Flights(task, distance)
+
+
+def greedy(model: BaseAlgorithm) -> Pilot:
+    """Return a model's policy without exploration."""
+
+    def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:
+        del envs
+        with torch.no_grad():
+            return np.asarray(model.predict(observation, deterministic=True)[0])
+
+    return act
+
+
+def position_control(point: int = 0) -> Pilot:
+    """Return the cascade itself, told the position of one of the observed points; the env's control is "position"."""
+
+    def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:
+        actions = np.zeros((len(observation), 4), np.float32)
+        way = observation[:, 3 * point : 3 * point + 3]
+        actions[:, :3] = np.clip(rotate(envs.batch.quat_wxyz, way), -1, 1)
+        return actions
+
+    return act

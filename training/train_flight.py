@@ -1,0 +1,222 @@
+"""Train a quadrotor to catch itself and hold a point, or to follow a path, with Stable-Baselines3 PPO.
+
+.venv/bin/python training/train_flight.py                     # Hover: a Crazyflie by rotor thrusts, thrown
+.venv/bin/python training/train_flight.py --task track        # Track: a figure-8 at 1.5 m/s by thrust and body rates
+.venv/bin/python training/train_flight.py --drone x500 --seed 1 --out out/train/x500
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from flight import LASTS_S, POLICY_HZ, Flights, Name, fly, greedy, make, position_control
+from flockstep.sb3 import DroneVecEnv
+from tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
+
+
+@dataclass
+class Args:
+    """Train a policy; the figures of docs/flight-tasks.md were made with each task's defaults."""
+
+    task: Name = "hover"
+    """What to train."""
+    drone: str = "crazyflie"
+    """A frame's name, or a path."""
+    control: str | None = None
+    """What the policy tells; default: rotor_thrusts to hover, body_rates to track."""
+    seed: int = 0
+    """Of the environments, the network and the sampling of actions."""
+    out: Path | None = None
+    """Where policy.zip and result.json go; default: out/train/TASK."""
+    total_steps: int | None = None
+    """Step budget, with which the learning rate falls to zero; default: that of the task."""
+    evaluations: int = 12
+    """How often the policy is tried on the way; the best is kept."""
+    evaluation_flights: int = 200
+    """Of which so many flights each."""
+    num_envs: int = 512
+    """Drones flying at once."""
+    steps_per_update: int = 32
+    """Steps of each env between updates."""
+    batch_size: int = 4096
+    """Minibatch size."""
+    epochs: int = 4
+    """Passes over the steps of an update."""
+    learning_rate: float = 3e-3
+    """At the start; falls to zero linearly."""
+    gamma: float = 0.98
+    """Discount."""
+    log_std: float = -1.5
+    """Logarithm of the standard deviation of actions at the start."""
+    net: tuple[int, ...] = (64, 64)
+    """Hidden layers of actor and critic."""
+    reward_scale: float = 0.1
+    """Training sees the reward times this."""
+    learner_threads: int = 1
+    """Of PyTorch."""
+    progress: bool = True
+    """Show the progress bar."""
+
+
+STEPS: dict[Name, int] = {"hover": 4_000_000, "track": 6_000_000}
+REPORTED_FLIGHTS = 1000
+
+
+@dataclass
+class Outcome:
+    """What a training came to."""
+
+    steps: int
+    seconds: float
+    """Of learning and flying; what the evaluations took is not in it."""
+    evaluation_seconds: float
+    curve: list[dict[str, float]] = field(default_factory=list)
+    """Of each evaluation: steps, seconds, close_rate, median_error_m."""
+
+
+def keywords(args: Args) -> dict[str, Any]:
+    """Return what the envs are made with beside the task."""
+    return {"drone": args.drone, **({} if args.control is None else {"control": args.control})}
+
+
+class Chooser(BaseCallback):
+    """Tries the policy now and then, and keeps the best."""
+
+    def __init__(self, args: Args, total_steps: int) -> None:
+        super().__init__()
+        self.args, self.total = args, total_steps
+        self.best: tuple[float, float] = (-1.0, 0.0)
+        self.state: dict[str, Any] = {}
+        self.outcome = Outcome(0, 0.0, 0.0)
+        self.bar = tqdm(total=total_steps, disable=not args.progress, unit=" steps", unit_scale=True, mininterval=1)
+
+    def _on_training_start(self) -> None:
+        self.begun = time.perf_counter()
+        self.next_at = self.total // self.args.evaluations
+
+    def _on_step(self) -> bool:
+        self.bar.update(self.training_env.num_envs)
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps >= self.next_at:
+            self.try_out()
+            self.next_at += self.total // self.args.evaluations
+
+    def _on_training_end(self) -> None:
+        self.try_out()
+        self.bar.close()
+        now = time.perf_counter()
+        self.outcome.steps = self.num_timesteps
+        self.outcome.seconds = now - self.begun - self.outcome.evaluation_seconds
+
+    def try_out(self) -> None:
+        """Fly the choosing seeds, and keep the policy if none was better."""
+        before = time.perf_counter()
+        args = self.args
+        flights = fly(args.task, greedy(self.model), args.evaluation_flights, CHOOSING_SEEDS.start, **keywords(args))
+        error = flights.median_error_m
+        if (flights.close_rate, -error) > self.best:
+            self.best = (flights.close_rate, -error)
+            self.state = copy.deepcopy(self.model.policy.state_dict())
+        after = time.perf_counter()
+        learned = before - self.begun - self.outcome.evaluation_seconds
+        self.outcome.evaluation_seconds += after - before
+        self.outcome.curve.append(
+            {
+                "steps": self.num_timesteps,
+                "seconds": learned,
+                "close_rate": flights.close_rate,
+                "median_error_m": error,
+            }
+        )
+        self.bar.set_postfix_str(f"{flights.close_rate:.0%} within 5 cm")
+
+
+def train(args: Args) -> tuple[PPO, Outcome]:
+    """Return the best model by the choosing seeds, and how it came to be."""
+    torch.set_num_threads(args.learner_threads)
+    total = STEPS[args.task] if args.total_steps is None else args.total_steps
+    envs = make(
+        args.task,
+        args.num_envs,
+        reward_scale=args.reward_scale,
+        stagger_first_episode=True,
+        autoreset_mode="same_step",
+        copy=False,
+        **keywords(args),
+    )
+    venv = DroneVecEnv(envs)
+    model = PPO(
+        "MlpPolicy",
+        venv,
+        n_steps=args.steps_per_update,
+        batch_size=args.batch_size,
+        n_epochs=args.epochs,
+        learning_rate=lambda left: args.learning_rate * max(left, 0.02),
+        gamma=args.gamma,
+        policy_kwargs={"net_arch": list(args.net), "log_std_init": args.log_std},
+        seed=args.seed,
+        device="cpu",
+    )
+    venv.seed(first_env_seed(args.seed, args.num_envs))  # PPO has given it seeds that other trainings share
+    chooser = Chooser(args, total)
+    model.learn(total, callback=chooser)
+    model.policy.load_state_dict(chooser.state)
+    return model, chooser.outcome
+
+
+def baseline(args: Args) -> Flights:
+    """Fly the unseen seeds by the cascade's position control, which knows the same point and no more.
+
+    Of a path it is told the observed point by which it is nearest on the choosing seeds, since it lags behind.
+    """
+    own = {**keywords(args), "control": "position"}
+    points = range(5 if args.task == "track" else 1)
+    errors = [
+        fly(args.task, position_control(point), 200, CHOOSING_SEEDS.start, **own).median_error_m for point in points
+    ]
+    return fly(args.task, position_control(int(np.argmin(errors))), REPORTED_FLIGHTS, UNSEEN_SEEDS.start, **own)
+
+
+def main(args: Args) -> None:
+    """Train, fly what is reported once, write and tell."""
+    out = args.out or Path("out/train") / args.task
+    out.mkdir(parents=True, exist_ok=True)
+    model, outcome = train(args)
+    model.save(out / "policy.zip")
+    flown = fly(args.task, greedy(model), REPORTED_FLIGHTS, UNSEEN_SEEDS.start, **keywords(args))
+    by_controller = baseline(args)
+    result = {
+        "args": {**asdict(replace(args, out=None)), "out": str(out)},
+        "outcome": asdict(outcome),
+        "close_rate": flown.close_rate,
+        "crash_rate": float(flown.crashed.mean()),
+        "median_error_m": flown.median_error_m,
+        "controller_close_rate": by_controller.close_rate,
+        "controller_median_error_m": by_controller.median_error_m,
+    }
+    (out / "result.json").write_text(json.dumps(result, indent=1) + "\n")
+    seconds = LASTS_S[args.task]
+    print(f"""
+{outcome.steps:,} steps in {outcome.seconds:.0f} s, and {outcome.evaluation_seconds:.0f} s of evaluations, by which the
+policy was chosen. {REPORTED_FLIGHTS:,} flights of {seconds} s that nothing else has flown, at {POLICY_HZ:g} Hz:
+  policy             {flown.summary()}
+  position control   {by_controller.summary()}
+{out}/policy.zip, {out}/result.json""")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
