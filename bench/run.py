@@ -7,6 +7,7 @@ train   PPO from scratch, several seeds: speed, and how much of what it has neve
 camera_train  the same of the camera task, by what is green in an image
 pixels_train  the same of the task that sees the image itself; half an hour
 camera_large  the camera task at 640 x 480; half an hour
+flight_train  Hover and Track by five seeds each, beside the controller alone; the LiDAR task's policy flown by rotors
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
 dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
@@ -226,12 +227,12 @@ def bench_dynamics_peers() -> list[Figure]:
     return dynamics_peers.measure()
 
 
-def trained(name: str) -> list[Figure]:
-    """Run a benchmark of training/benchmark.py and return its figures."""
-    OUT.mkdir(parents=True, exist_ok=True)
+def trained(name: str, script: str = "benchmark.py", *args: str) -> list[Figure]:
+    """Run a benchmark of training/ and return its figures."""
+    (OUT / "train").mkdir(parents=True, exist_ok=True)
     path = OUT / "train" / f"{name}.figures"
-    script = ROOT / "training" / "benchmark.py"
-    subprocess.run([sys.executable, script, name, "--out", OUT / "train", "--figures", path], check=True)
+    program = [sys.executable, ROOT / "training" / script, *(args or [name])]
+    subprocess.run([*program, "--out", OUT / "train", "--figures", path], check=True)
     figures: list[Figure] = json.loads(path.read_text())
     return figures
 
@@ -250,6 +251,10 @@ def bench_pixels_train() -> list[Figure]:
 
 def bench_camera_large() -> list[Figure]:
     return trained("camera_large")
+
+
+def bench_flight_train() -> list[Figure]:
+    return trained("flight_train", "benchmark_flight.py", "--seeds", "0", "1", "2", "3", "4")
 
 
 def bench_load() -> list[Figure]:
@@ -338,6 +343,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "camera_train": bench_camera_train,
     "pixels_train": bench_pixels_train,
     "camera_large": bench_camera_large,
+    "flight_train": bench_flight_train,
     "trainers": bench_trainers,
     "snippet": bench_snippet,
     "load": bench_load,

@@ -17,6 +17,7 @@ import re
 import shutil
 import statistics
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,12 @@ NAMES = (
     "dynamics",
 )
 #: These have tables of their own only.
-APART = ("dynamics_accuracy", "dynamics_peers")
+APART = ("dynamics_accuracy", "dynamics_peers", "flight_train")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
+FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 STAGE = "step/stage/"
 #: What the README shows: in words, the benchmark, and the figures of which the median stands there.
 HEADLINE = (
@@ -245,6 +247,47 @@ def trainers(results: dict[str, Result]) -> str:
     return with_source(results, "trainers", pivot(cells, "program"))
 
 
+def flight_training(results: dict[str, Result]) -> str:
+    """Return the table of trainings of flight: of each task the median of its seeds, the worst of them in brackets."""
+    figures = results.get("flight_train", {"figures": []})["figures"]
+    cells: dict[tuple[str, str], str] = {}
+    for task, what in (("hover", "Hover, by rotor thrusts"), ("track", "Track, by thrust and body rates")):
+        for by, who in ((r"seed\d", "policy"), ("controller", "controller alone")):
+            found: dict[str, list[float]] = {}
+            for figure in figures:
+                if match := re.fullmatch(rf"train/{task}/{by}/(\w+)", figure["name"]):
+                    found.setdefault(match[1], []).append(figure["value"])
+            if not found:
+                continue
+            row = f"{what}: {who}"
+            rate, error, crash = (found[name] for name in ("close_rate", "median_error_cm", "crash_rate"))
+            cells[row, "within 5 cm"] = spread(rate, min, lambda x: f"{100 * x:.1f} %")
+            cells[row, "median error"] = spread(error, max, lambda x: f"{x:.1f} cm")
+            cells[row, "crashed"] = spread(crash, max, lambda x: f"{100 * x:.1f} %")
+            if "seconds" in found:
+                cells[row, "training"] = spread(found["seconds"], max, lambda x: f"{x:.0f} s")
+                cells[row, "steps"] = f"{statistics.median(found['steps']):,.0f}"
+            else:
+                cells[row, "training"] = cells[row, "steps"] = "none"
+    return with_source(results, "flight_train", pivot(cells, "1,000 flights"))
+
+
+def spread(values: list[float], worst: Callable[[list[float]], float], told: Callable[[float], str]) -> str:
+    """Return the median, and of several the worst in brackets."""
+    return told(statistics.median(values)) + (f" ({told(worst(values))})" if len(values) > 1 else "")
+
+
+def thesis_by_rotors(results: dict[str, Result]) -> str:
+    """Return the table of the LiDAR task's policy, trained with kinematic motion, and how it flies by rotors."""
+    cells = {}
+    for (motion, _, group), figure in named(
+        results, "flight_train", r"train/lidar_by_(\w+)/(seed\d)/(\w+)_success_rate"
+    ):
+        column = "playgrounds that ship" if group == "playgrounds" else f"{figure['runs']} generated ones, unseen"
+        cells[f'motion="{motion}"', column] = f"{100 * figure['value']:.0f} %"
+    return with_source(results, "flight_train", pivot(cells, "flown with"))
+
+
 def named(results: dict[str, Result], name: str, pattern: str) -> list[tuple[tuple[str, ...], dict[str, Any]]]:
     """Return the figures of a benchmark whose whole names match, each with the groups of its match."""
     figures = results.get(name, {"figures": []})["figures"]
@@ -397,6 +440,11 @@ def main() -> None:
         ),
         DYNAMICS: DYNAMICS.read_text(encoding="utf-8"),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
+        FLIGHT_TASKS: with_content(
+            with_content(FLIGHT_TASKS.read_text(encoding="utf-8"), "flight training", flight_training(results)),
+            "by rotors",
+            thesis_by_rotors(results),
+        ),
     }
     for marker, write in {
         "accuracy": accuracy,

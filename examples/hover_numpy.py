@@ -35,7 +35,7 @@ class FlightTask(flockstep.Task):
     worlds = "arena/hall"
     drone = "crazyflie"
     dynamics: flockstep.DynamicsConfig
-    clock: flockstep.ClockConfig = flockstep.ClockConfig(policy_hz=100)
+    clock: flockstep.ClockConfig = flockstep.ClockConfig(policy_hz=50)
 
     def setup(self, batch: flockstep.Batch) -> None:
         middle = [world.bounds.mean(axis=0) if world.goal is None else world.goal for world in batch.worlds]
@@ -120,7 +120,7 @@ class Hover(FlightTask):
 
     observation_space = spaces.Box(-np.inf, np.inf, (16,), np.float32)
     reward_terms = ("near", "hold", "speed", "spin", "change", "crash")
-    max_episode_steps = 600
+    max_episode_steps = 300
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts")
 
     def __init__(self, config: flockstep.HoverConfig) -> None:

@@ -69,6 +69,7 @@ def fly(
     setup: Setup | None = None,
     random_start: bool = False,
     seed: int = 0,
+    motion: str = "kinematic",
 ) -> list[Flight]:
     """Fly one episode in each world, all at once; of the LiDAR task unless a setup says another."""
     setup = setup or Setup()
@@ -78,6 +79,7 @@ def fly(
         worlds=list(worlds),
         autoreset_mode="disabled",
         **({"random_start": True} if random_start else {}),
+        **({"motion": motion} if motion != "kinematic" else {}),  # else as the task has it
     )
     observation, _ = envs.reset(seed=seed)
     positions = [envs.batch.position.copy()]

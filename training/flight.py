@@ -19,15 +19,15 @@ Name = Literal["hover", "track"]
 #: From observations (N, ...) and the envs to actions (N, 4).
 Pilot = Callable[[Array, flockstep.DroneVectorEnv], Array]
 
-POLICY_HZ = 100.0
+POLICY_HZ: dict[Name, float] = {"hover": 50.0, "track": 100.0}
 LASTS_S: dict[Name, int] = {"hover": 6, "track": 10}
 CLOSE_M = 0.05
 
 
-def make(task: Name, num_envs: int, **keywords: Any) -> flockstep.DroneVectorEnv:
-    """Return the envs of a task, which keywords may change."""
+def make(task: Name, num_envs: int, /, **keywords: Any) -> flockstep.DroneVectorEnv:
+    """Return the envs of a task as it is reported; keywords may change it."""
     config = flockstep.HoverConfig() if task == "hover" else flockstep.TrackConfig()
-    return flockstep.DroneVectorEnv(num_envs, **{"task": config, "policy_hz": POLICY_HZ, **keywords})
+    return flockstep.DroneVectorEnv(num_envs, **{"task": config, "policy_hz": POLICY_HZ[task], **keywords})
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Flights:
     def error_m(self) -> Array:
         """(N,) NaN of a crash. Hover: mean distance of the last second. Track: root mean square of all."""
         if self.task == "hover":
-            return np.asarray(self.distance_m[-round(POLICY_HZ) :].mean(0))
+            return np.asarray(self.distance_m[-round(POLICY_HZ[self.task]) :].mean(0))
         return np.asarray(np.sqrt((self.distance_m**2).mean(0)))
 
     @property
@@ -68,19 +68,19 @@ class Flights:
         )
 
 
-def fly(task: Name, pilot: Pilot, num_flights: int, seed: int, **keywords: Any) -> Flights:
+def fly(name: Name, pilot: Pilot, num_flights: int, seed: int, **keywords: Any) -> Flights:
     """Fly from the seeds that begin with this one, one flight each.
 
     Parameters
     ----------
-    task, pilot, num_flights, seed
+    name, pilot, num_flights, seed
         What, by whom, how many at once, and the first seed.
     **keywords
-        Of `DroneVectorEnv`, such as ``drone``.
+        Of `DroneVectorEnv`, such as ``drone``, or ``task`` for another configuration.
     """
-    steps = round(LASTS_S[task] * POLICY_HZ)
+    steps = round(LASTS_S[name] * POLICY_HZ[name])
     # The last step's observation is looked at, too: no episode ends before it but by a crash.
-    envs = make(task, num_flights, max_episode_steps=steps + 1, copy=False, **keywords)
+    envs = make(name, num_flights, max_episode_steps=steps + 1, copy=False, **keywords)
     observation, _ = envs.reset(seed=seed)
     distance = np.full((steps, num_flights), np.nan)
     flying = np.ones(num_flights, bool)
@@ -88,7 +88,7 @@ def fly(task: Name, pilot: Pilot, num_flights: int, seed: int, **keywords: Any) 
         observation, _, terminated, _, _ = envs.step(pilot(np.asarray(observation), envs))
         flying &= ~terminated
         distance[step, flying] = np.linalg.norm(np.asarray(observation)[flying, :3], axis=1)
-    return Flights(task, distance)
+    return Flights(name, distance)
 
 
 def greedy(model: BaseAlgorithm) -> Pilot:
@@ -102,13 +102,29 @@ def greedy(model: BaseAlgorithm) -> Pilot:
     return act
 
 
-def position_control(point: int = 0) -> Pilot:
-    """Return the cascade itself, told the position of one of the observed points; the env's control is "position"."""
+def position_control() -> Pilot:
+    """Return the cascade itself, told the point's position; the env's control is "position"."""
 
     def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:
         actions = np.zeros((len(observation), 4), np.float32)
-        way = observation[:, 3 * point : 3 * point + 3]
-        actions[:, :3] = np.clip(rotate(envs.batch.quat_wxyz, way), -1, 1)
+        actions[:, :3] = np.clip(rotate(envs.batch.quat_wxyz, observation[:, :3]), -1, 1)
         return actions
+
+    return act
+
+
+def velocity_control(task: flockstep.TrackConfig, point: int, gain: float) -> Pilot:
+    """Return the cascade itself, told a path's velocity at one of the observed points; the env's control is "velocity".
+
+    To that comes the way to the point times a gain, 1/s.
+    """
+
+    def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:
+        here, next_one = (observation[:, 3 * i : 3 * i + 3] for i in (point, point + 1))
+        velocity = rotate(envs.batch.quat_wxyz, (next_one - here) / task.ahead_s + gain * here)
+        missing_yaw = np.arctan2(observation[:, -2], observation[:, -1])
+        dynamics = envs.batch.dynamics
+        yaw_rate = 2 * missing_yaw / np.radians(dynamics.max_yaw_rate_dps)
+        return np.clip(np.column_stack([velocity / dynamics.max_speed_mps, yaw_rate]), -1, 1).astype(np.float32)
 
     return act

@@ -221,8 +221,9 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
         "camera = flockstep.CameraConfig(width_px=32, height_px=24)\n"
         "def make(backend): return flockstep.Batch([world], 4, cameras=[camera], camera_backend=backend)\n"
     )
+    forks = "ignore:This process:DeprecationWarning"  # from Python 3.12 on, one beside other threads warns
     return subprocess.run(
-        [sys.executable, "-c", program + code],
+        [sys.executable, "-W", forks, "-c", program + code],
         env={**os.environ, **environment},
         check=False,
         capture_output=True,

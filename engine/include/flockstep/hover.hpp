@@ -47,7 +47,7 @@ struct HoverConfig {
   void validate() const;
 };
 
-// By default in "arena/hall", a crazyflie by rotor thrusts at 100 Hz, for 6 s. Throws std::invalid_argument on a bad config.
+// By default in "arena/hall", a crazyflie by rotor thrusts at 50 Hz, for 6 s. Throws std::invalid_argument on a bad config.
 std::unique_ptr<Task> make_hover(const HoverConfig& config);
 
 }  // namespace flockstep

@@ -19,8 +19,9 @@ namespace flockstep::render {
 // The environment variable FLOCKSTEP_EGL says which devices may be used; see EglDevices.
 class GlRenderer {
  public:
-  // Drivers compile shaders at the first picture, and a big world takes a software device seconds.
-  static constexpr std::chrono::milliseconds kPatience{30'000};
+  // Drivers compile shaders at the first picture: those with shadows take Mesa 25 six seconds of a processor, of which a busy
+  // machine gives it a part.
+  static constexpr std::chrono::milliseconds kPatience{120'000};
 
   // patience: how long the device may give no sign of life while it draws. Throws GlUnavailable.
   explicit GlRenderer(std::chrono::milliseconds patience = kPatience);

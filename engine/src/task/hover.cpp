@@ -27,10 +27,10 @@ class Hover final : public FlightTask {
 
   TaskDefaults defaults() const override {
     return {.worlds = "arena/hall",
-            .max_episode_steps = 600,
+            .max_episode_steps = 300,
             .drone = "crazyflie",
             .dynamics = {.motion = Motion::rotors, .control = Control::rotor_thrusts},
-            .clock = {.policy_hz = 100.0F}};
+            .clock = {.policy_hz = 50.0F}};
   }
 
   std::string identity() const override {

@@ -5,12 +5,13 @@ trained.
 >>> envs = flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", num_envs=256)
 >>> model = PPO("MlpPolicy", envs, policy_kwargs={"features_extractor_class": flockstep.sb3.GoalFeatures})
 
-`GoalFeatures`, `BlobFeatures` and `PixelFeatures` are what a network sees of the built-in observations; `ImageFeatures`
-is a small network for any observation with images. `LogTerms` logs what the reward is made of.
+`GoalFeatures`, `BlobFeatures`, `PixelFeatures` and `PointFeatures` are what a network sees of the built-in
+observations; `ImageFeatures` is a small network for any observation with images. `LogTerms` logs what the reward is made
+of.
 """
 
 from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates
-from flockstep.sb3.features import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures
+from flockstep.sb3.features import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures, PointFeatures
 from flockstep.sb3.log_terms import LogTerms
 from flockstep.sb3.vec_env import DroneVecEnv, make_vec
 
@@ -22,6 +23,7 @@ __all__ = [
     "ImageFeatures",
     "LogTerms",
     "PixelFeatures",
+    "PointFeatures",
     "evaluate",
     "make_vec",
     "success_rates",

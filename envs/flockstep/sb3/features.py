@@ -21,6 +21,8 @@ WIDTH_GAIN = 5.0  # of the blob: its area's root is a hundredth or two across th
 
 COLOR_GAIN = 4.0
 
+NEAR_POINT_M = 0.1
+
 SMALLEST_IMAGE_PX = 8
 
 
@@ -52,6 +54,21 @@ class BlobFeatures(BaseFeaturesExtractor):
         offset, area = observations[:, :1], observations[:, 1:BLOB_SIZE]
         blob = [OFFSET_GAIN * offset, WIDTH_GAIN * area.sqrt(), (area > 0).float()]
         return torch.cat([*blob, nearness(observations[:, BLOB_SIZE:])], dim=1)
+
+
+class PointFeatures(BaseFeaturesExtractor):
+    """Of Hover and Track: the way to the point once more, with the last centimetres drawn out, and all as it is.
+
+    The way is divided by its own length and 10 cm: far off it is a direction, near the point ten times itself.
+    """
+
+    def __init__(self, observation_space: spaces.Box) -> None:
+        super().__init__(observation_space, features_dim=observation_space.shape[0] + DIRECTION_SIZE)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Turn observations (N, k) into features (N, 3 + k)."""
+        way = observations[:, :DIRECTION_SIZE]
+        return torch.cat([way / (way.norm(dim=1, keepdim=True) + NEAR_POINT_M), observations], dim=1)
 
 
 class PixelFeatures(BaseFeaturesExtractor):
