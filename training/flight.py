@@ -113,15 +113,15 @@ def position_control() -> Pilot:
     return act
 
 
-def velocity_control(task: flockstep.TrackConfig, point: int, gain: float) -> Pilot:
+def velocity_control(task: flockstep.TrackConfig, point: int, gain: float, towards: int = 0) -> Pilot:
     """Return the cascade itself, told a path's velocity at one of the observed points; the env's control is "velocity".
 
-    To that comes the way to the point times a gain, 1/s.
+    To that comes the way to another of them times a gain, 1/s; the first is where the path is now.
     """
 
     def act(observation: Array, envs: flockstep.DroneVectorEnv) -> Array:
-        here, next_one = (observation[:, 3 * i : 3 * i + 3] for i in (point, point + 1))
-        velocity = rotate(envs.batch.quat_wxyz, (next_one - here) / task.ahead_s + gain * here)
+        here, next_one, aim = (observation[:, 3 * i : 3 * i + 3] for i in (point, point + 1, towards))
+        velocity = rotate(envs.batch.quat_wxyz, (next_one - here) / task.ahead_s + gain * aim)
         missing_yaw = np.arctan2(observation[:, -2], observation[:, -1])
         dynamics = envs.batch.dynamics
         yaw_rate = 2 * missing_yaw / np.radians(dynamics.max_yaw_rate_dps)

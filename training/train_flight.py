@@ -202,15 +202,20 @@ def train(args: Args) -> tuple[PPO, Outcome]:
 def baseline(args: Args) -> Flights:
     """Fly the unseen seeds by the engine's own cascade, which knows what the policy is shown of its point or path.
 
-    Of a path it is told the velocity and the way at the observed point, and by the gain, with which it comes nearest on
-    the choosing seeds: it lags, so it has to look ahead.
+    Of a path it is told the velocity at one of the observed points, and flies towards one of them by a gain, all as
+    they bring it nearest on the choosing seeds: it lags, so it has to look ahead.
     """
     if args.task == "hover":
         own = {**keywords(args), "control": "position"}
         return fly(args.task, position_control(), REPORTED_FLIGHTS, UNSEEN_SEEDS.start, **own)
     own = {**keywords(args), "control": "velocity"}
     task = flockstep.TrackConfig(points=10)
-    pilots = [velocity_control(task, point, gain) for point in range(9) for gain in (0.5, 1.0, 2.0)]
+    pilots = [
+        velocity_control(task, point, gain, towards)
+        for point in range(9)
+        for towards in (0, point)
+        for gain in (0.25, 0.5, 1.0, 2.0)
+    ]
     errors = [
         fly(args.task, pilot, args.evaluation_flights, CHOOSING_SEEDS.start, task=task, **own).median_error_m
         for pilot in pilots
