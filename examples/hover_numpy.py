@@ -35,7 +35,7 @@ class FlightTask(flockstep.Task):
     worlds = "arena/hall"
     drone = "crazyflie"
     dynamics: flockstep.DynamicsConfig
-    clock: flockstep.ClockConfig = flockstep.ClockConfig(policy_hz=50)
+    clock: flockstep.ClockConfig
 
     def setup(self, batch: flockstep.Batch) -> None:
         middle = [world.bounds.mean(axis=0) if world.goal is None else world.goal for world in batch.worlds]
@@ -122,6 +122,7 @@ class Hover(FlightTask):
     reward_terms = ("near", "hold", "speed", "spin", "change", "crash")
     max_episode_steps = 300
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts")
+    clock = flockstep.ClockConfig(policy_hz=50)
 
     def __init__(self, config: flockstep.HoverConfig) -> None:
         self.config = config

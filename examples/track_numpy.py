@@ -27,6 +27,7 @@ class Track(FlightTask):
     reward_terms = ("near", "close", "yaw", "spin", "change", "crash")
     max_episode_steps = 1000
     dynamics = flockstep.DynamicsConfig(motion="rotors", control="body_rates")
+    clock = flockstep.ClockConfig(policy_hz=100)
 
     def __init__(self, config: flockstep.TrackConfig) -> None:
         self.config = config

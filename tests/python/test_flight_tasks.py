@@ -50,7 +50,7 @@ def tracking(path, yaw):
 
 
 def make(config, num_envs=1, **keywords):
-    envs = flockstep.DroneVectorEnv(num_envs, task=config, **{"worlds": ROOM, **keywords})
+    envs = flockstep.DroneVectorEnv(num_envs, task=config, **{"worlds": ROOM, "policy_hz": POLICY_HZ, **keywords})
     envs.reset(seed=0)
     return envs
 
