@@ -71,7 +71,7 @@ class Args:
     """Hidden layers of actor and critic."""
     reward_scale: float = 0.1
     """Training sees the reward times this."""
-    learner_threads: int = 2
+    learner_threads: int = 1
     """Of PyTorch."""
     progress: bool = True
     """Show the progress bar."""
