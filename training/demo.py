@@ -1,4 +1,4 @@
-"""What `./dev demo` runs: train the LiDAR task, fly the result through every playground, leave pictures."""
+"""What `./dev demo` runs: train a quadrotor to catch itself, then a policy to fly by LiDAR; leave what they do."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import tyro
 
+import catch_film
 import flockstep
 from camera_pictures import draw_sheet
 from evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
@@ -34,11 +35,13 @@ class Args:
     out: Path = Path("out/demo")
     """Folder for the pictures and the policy."""
     seed: int = 0
-    """Of the training."""
+    """Of the trainings."""
+    catch_max_minutes: float = catch_film.Args.max_minutes
+    """Time budget of the training to catch itself; what is reached by then is shown."""
     total_steps: int = TrainingArgs.total_steps
-    """Step budget; training stops where the policy flies almost everything, training/train_ppo.py uses it up."""
+    """Step budget by LiDAR; training stops where the policy flies almost all, training/train_ppo.py uses it up."""
     max_minutes: float = 2.0
-    """Time budget of the training; what is reached by then is shown."""
+    """Time budget of the training by LiDAR; what is reached by then is shown."""
 
 
 def plot_reward(progress: Path, path: Path) -> None:
@@ -109,8 +112,8 @@ Next: .venv/bin/python training/train_ppo.py --help""")
 
 def main(args: Args) -> None:
     """Train, fly, draw and tell."""
-    args.out.mkdir(parents=True, exist_ok=True)
-    print("Training a policy that flies by LiDAR through playgrounds full of pillars ...")
+    catch_film.main(catch_film.Args(out=args.out, seed=args.seed, max_minutes=args.catch_max_minutes))
+    print("\nTraining a policy that flies by LiDAR through playgrounds full of pillars ...")
     model, outcome = train(
         TrainingArgs(
             out=args.out,

@@ -6,8 +6,8 @@ trained.
 >>> model = PPO("MlpPolicy", envs, policy_kwargs={"features_extractor_class": flockstep.sb3.GoalFeatures})
 
 `GoalFeatures`, `BlobFeatures`, `PixelFeatures` and `PointFeatures` are what a network sees of the built-in
-observations; `ImageFeatures` is a small network for any observation with images. `LogTerms` logs what the reward is made
-of.
+observations; `ImageFeatures` is a small network for any observation with images. `LogTerms` logs what the reward is
+made of.
 """
 
 from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates

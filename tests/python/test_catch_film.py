@@ -1,0 +1,83 @@
+"""The film of a quadrotor that learns to catch itself."""
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import torch
+
+import catch_film
+import flockstep
+import train_flight
+from flockstep.task import rotate
+from tasks import UNSEEN_SEEDS
+
+
+def nothing(observation, envs):
+    """Hover as if all were well."""
+    return np.zeros((len(observation), 4), np.float32)
+
+
+def learn(max_minutes=1.0):
+    """Train for four updates."""
+    small = {"num_envs": 8, "steps_per_update": 8, "batch_size": 64, "epochs": 1, "learner_threads": 1}
+    args = train_flight.Args(**small, total_steps=256, evaluations=1, evaluation_flights=2, progress=False)
+    return catch_film.learn(args, max_minutes)
+
+
+def weights(state):
+    return torch.cat([values.reshape(-1) for values in state.values()])
+
+
+def test_the_policies_of_a_training_are_filmed(tmp_path):
+    model, moments = learn()
+    assert [moment.steps for moment in moments] == [0, 64, 128, 256]
+    assert all(np.diff([moment.seconds for moment in moments]) > 0)
+    assert not torch.equal(weights(moments[0].state), weights(moments[3].state))
+    chosen = weights(model.policy.state_dict())
+    assert torch.equal(weights(moments[3].state), chosen)
+
+    rates = catch_film.draw(catch_film.Args(out=tmp_path, flights=2, width_px=128, film_s=0.2), model, moments)
+    assert rates[0] == 0
+    assert len(rates) == 4
+    assert torch.equal(weights(model.policy.state_dict()), chosen)
+    assert (tmp_path / "catch.mp4").stat().st_size > 1000
+    assert imageio.imread(tmp_path / "catch.gif").shape == (2, 288, 512, 3)
+    assert imageio.imread(tmp_path / "catch.png").shape == (900, 2000, 3)
+
+
+def test_training_ends_when_its_time_is_up():
+    _, moments = learn(max_minutes=0)
+    assert [moment.steps for moment in moments] == [0, 0, 0, 8]
+
+
+def test_the_throw_is_the_most_tilted_one():
+    seeds = range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + 20)
+    throws = [catch_film.thrown(nothing, seed) for seed in seeds]
+    up = [rotate(throw.quat_wxyz[0], np.array([0.0, 0.0, 1.0]))[2] for throw in throws]
+    assert catch_film.most_tilted(seeds) == seeds[int(np.argmin(up))]
+
+
+def test_a_throw_lasts_until_it_is_lost():
+    """Whoever only hovers leaves to the side; it is lost 6 m from the point or at the floor below it."""
+    throw = catch_film.thrown(nothing, UNSEEN_SEEDS.start)
+    point = catch_film.Scene((32, 18)).point
+    distance = np.linalg.norm(throw.position - point, axis=1)
+    assert throw.lost
+    assert 10 < len(throw.position) == len(throw.quat_wxyz) < 301
+    assert (distance[:-1] < 6).all()
+    assert distance[-1] > 5.8
+
+
+@pytest.mark.parametrize("name", ["crazyflie", "x500"])
+def test_a_drone_is_drawn_as_large_as_it_is(name):
+    drone = flockstep.DroneModel.load(name)
+    rotors = drone.to_dict()["rotors"]
+    parts = catch_film.airframe(drone)
+    for (normals, offsets, corners), _ in parts:
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
+        beyond = normals @ corners.T - offsets[:, None]
+        assert beyond.max() < 1e-12
+        np.testing.assert_allclose(beyond.max(axis=1), 0, atol=1e-12)  # each face touches the body
+    tips = np.abs(rotors["position_m"])[:, :2].max(axis=0) + rotors["radius_m"]
+    corners = np.concatenate([corners for (_, _, corners), _ in parts])
+    np.testing.assert_allclose(np.abs(corners[:, :2]).max(axis=0), tips)

@@ -1,0 +1,330 @@
+"""Watch a quadrotor learn to catch itself: train Hover, and film one throw by the policy as it was on the way.
+
+.venv/bin/python training/catch_film.py                # catch.mp4, catch.gif and catch.png in out/catch/
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import imageio.v2 as imageio
+import numpy as np
+import numpy.typing as npt
+import tyro
+from PIL import Image, ImageDraw, ImageFont
+from stable_baselines3 import PPO
+from tqdm import tqdm
+
+import flockstep
+import train_flight
+from flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
+from flockstep.task import rotate
+from flockstep.viewer.drawing import Drawing
+from flockstep.viewer.stage import Stage, with_markers
+from plot_paths import write_gif
+from tasks import UNSEEN_SEEDS
+
+Array = npt.NDArray[Any]
+Color = tuple[float, float, float]
+Solid = tuple[Array, Array, Array]  # normals (F, 3), offsets (F,), corners (V, 3) of a convex body
+
+HZ = POLICY_HZ["hover"]
+SHOWN = (0.0, 1 / 6, 1 / 2)  # of the steps of a training; the fourth policy is the one that it chose
+THROWS = 100  # of which the most tilted one is filmed, whoever catches it
+
+FILM_FPS = 25
+GIF_FPS, GIF_WIDTH_PX, GIF_COLORS = 6.25, 512, 48  # small enough for a page
+FINER = 2  # drawn so many times larger, then averaged: smooth edges
+FROM = np.array([-0.71, -0.41, 0.57])  # unit vector: from where the viewer looks
+NEAR_M, APART_M = 0.42, 0.9  # how near it comes, and up to how far from the drone it keeps the point in view, too
+SMOOTH_S = 0.1  # of the viewer's motion
+SHEET_S, SHEET_WIDTH_PX = (0.0, 0.3, 0.8, 2.0, 6.0), 2000  # of catch.png: when in the flight
+
+BODY, ARM, FRONT, REAR = (0.05, 0.06, 0.08), (0.12, 0.13, 0.16), (0.85, 0.22, 0.05), (0.08, 0.18, 0.5)  # linear
+PATH, POINT, INK, ALARM = (35, 90, 210), (20, 140, 60), (20, 20, 20), (200, 40, 20)
+
+
+@dataclass
+class Args:
+    """Train, fly, film."""
+
+    out: Path = Path("out/catch")
+    """Folder for the films, the picture and the policy."""
+    seed: int = 0
+    """Of the training."""
+    total_steps: int | None = None
+    """Step budget of the training; default: that of training/train_flight.py."""
+    max_minutes: float = 1.5
+    """Time budget of the training; what is reached by then is shown."""
+    flights: int = 1000
+    """By so many other throws each policy is judged."""
+    width_px: int = 1280
+    """Of the film; its height is 9/16 of that."""
+    film_s: float = LASTS_S["hover"]
+    """How much of the flight is filmed."""
+
+
+@dataclass
+class Moment:
+    """The policy at one moment of a training."""
+
+    steps: int
+    seconds: float
+    """Of training, without the evaluations on the way."""
+    state: dict[str, Any]
+    """Of its network."""
+
+
+@dataclass
+class Throw:
+    """One flight, step by step, the start first."""
+
+    position: Array
+    """(T, 3) m."""
+    quat_wxyz: Array
+    """(T, 4)."""
+    lost: bool
+    """It ended as a crash: on a contact, or too far from the point."""
+
+
+class Keeper(train_flight.Chooser):
+    """Also keeps what the policy was before each update, and ends the training when its time is up."""
+
+    def __init__(self, args: train_flight.Args, total_steps: int, max_seconds: float) -> None:
+        super().__init__(args, total_steps)
+        self.max_seconds = max_seconds
+        self.moments: list[Moment] = []
+
+    def _on_step(self) -> bool:
+        return super()._on_step() and self._seconds() < self.max_seconds
+
+    def _on_rollout_start(self) -> None:
+        super()._on_rollout_start()
+        self.moments.append(Moment(self.num_timesteps, self._seconds(), copy.deepcopy(self.model.policy.state_dict())))
+
+    def _seconds(self) -> float:
+        return time.perf_counter() - self.begun - self.outcome.evaluation_seconds
+
+
+def learn(args: train_flight.Args, max_minutes: float) -> tuple[PPO, list[Moment]]:
+    """Train; return the model that was chosen, and the policies to be shown, of which it is the last."""
+    keepers: list[Keeper] = []
+
+    def keeper(of: train_flight.Args, total_steps: int) -> Keeper:
+        keepers.append(Keeper(of, total_steps, 60 * max_minutes))
+        return keepers[0]
+
+    with mock.patch.object(train_flight, "Chooser", keeper):
+        model, outcome = train_flight.train(args)
+    moments = keepers[0].moments
+    steps = np.array([moment.steps for moment in moments])
+    shown = [moments[int(np.abs(steps - share * outcome.steps).argmin())] for share in SHOWN]
+    return model, [*shown, Moment(outcome.steps, outcome.seconds, copy.deepcopy(model.policy.state_dict()))]
+
+
+def most_tilted(seeds: range) -> int:
+    """Return the seed whose throw begins with the most tilt."""
+    envs = make("hover", len(seeds))
+    envs.reset(seed=seeds.start)
+    up = rotate(envs.batch.quat_wxyz, np.array([0.0, 0.0, 1.0]))
+    return seeds[int(up[:, 2].argmin())]
+
+
+def thrown(pilot: Pilot, seed: int) -> Throw:
+    """Fly one throw."""
+    steps = round(LASTS_S["hover"] * HZ)
+    envs = make("hover", 1, max_episode_steps=steps + 1, autoreset_mode="disabled")
+    batch = envs.batch
+    observation, _ = envs.reset(seed=seed)
+    positions, quats = [batch.position[0].copy()], [batch.quat_wxyz[0].copy()]
+    lost = False
+    while len(positions) <= steps and not lost:
+        observation, _, terminated, _, _ = envs.step(pilot(np.asarray(observation), envs))
+        positions.append(batch.position[0].copy())
+        quats.append(batch.quat_wxyz[0].copy())
+        lost = bool(terminated[0])
+    return Throw(np.array(positions, float), np.array(quats, float), lost)
+
+
+def slab(outline: Array, low: float, high: float) -> Solid:
+    """Return the upright prism over a convex polygon (K, 2), whose corners come counterclockwise."""
+    sides = np.roll(outline, -1, axis=0) - outline
+    normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.linalg.norm(sides, axis=1, keepdims=True)
+    offsets = (normals * outline).sum(axis=1)
+    corners = np.concatenate([np.insert(outline, 2, z, axis=1) for z in (low, high)])
+    normals = np.concatenate([np.insert(normals, 2, 0, axis=1), [[0, 0, 1], [0, 0, -1]]])
+    return normals, np.concatenate([offsets, [high, -low]]), corners
+
+
+def airframe(drone: flockstep.DroneModel) -> list[tuple[Solid, Color]]:
+    """Return what a drone with rotors looks like, in its body frame: a middle, arms, and discs where rotors turn."""
+    rotors = drone.to_dict()["rotors"]
+    radius = float(rotors["radius_m"])
+    angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+    disc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    square = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    parts = [(slab(0.6 * square, -0.3 * radius, 0.3 * radius), BODY)]
+    for x, y, z in rotors["position_m"]:
+        hub = np.array([x, y])
+        across = 0.12 * radius * np.array([-y, x]) / np.hypot(x, y)
+        arm = np.array([-across, hub - across, hub + across, across])
+        parts += [
+            (slab(arm, z - 0.15 * radius, z + 0.1 * radius), ARM),
+            (slab(hub + 0.1 * square, z - 0.25 * radius, z + 0.4 * radius), ARM),
+            (slab(hub + disc, z + 0.3 * radius, z + 0.36 * radius), FRONT if x > 0 else REAR),
+        ]
+    return parts
+
+
+class Scene:
+    """The hall, the point and the drone, as they are drawn in pictures of a size."""
+
+    def __init__(self, size_px: tuple[int, int]) -> None:
+        batch, (width, height) = make("hover", 1).batch, size_px
+        world = batch.worlds[0]
+        self.point = np.asarray(world.goal, float)
+        self._parts = airframe(batch.drone)
+        self._stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
+
+    def picture(self, viewer: Array, target: Array, throw: Throw, step: int) -> Image.Image:
+        """Return the drone after so many steps, and its path until then."""
+        canvas = self._stage.seen_from(viewer, target)
+        drawing = Drawing(canvas, FINER)
+        angle = np.linspace(0, 2 * np.pi, 49)
+        ring = CLOSE_M * np.stack([np.cos(angle), np.sin(angle), np.zeros(49)], axis=1)
+        for order in ([0, 1, 2], [0, 2, 1], [2, 0, 1]):
+            circle = self.point + ring[:, order]
+            drawing.lines(circle[:-1], circle[1:], POINT, 1)
+        drawing.spheres(self.point, 0.006, POINT)
+        path = throw.position[: step + 1]
+        if step > 0:
+            drawing.lines(path[:-1], path[1:], PATH, 2)
+        position, axes = path[-1], rotate(throw.quat_wxyz[step], np.eye(3))
+        for (normals, offsets, corners), color in self._parts:
+            turned = normals @ axes
+            shades = canvas.shaded(turned, np.array(color))
+            canvas.solid(turned, offsets + turned @ position, position + corners @ axes, shades)
+        return Image.fromarray(canvas.rgb).reduce(FINER)
+
+
+class Panel:
+    """The pictures of one throw, with captions."""
+
+    def __init__(self, scene: Scene, throw: Throw, title: str, below: str) -> None:
+        self._scene, self._throw, self._title, self._below = scene, throw, title, below
+        self._last = len(throw.position) - 1
+        gap = throw.position - scene.point
+        self._distance_m = np.linalg.norm(gap, axis=1)
+        kept = np.minimum(self._distance_m, APART_M)[:, None]
+        # Between drone and point while both fit, and so far off that they do; else with the drone.
+        self._target = smooth(throw.position - 0.35 * kept * gap / np.maximum(self._distance_m, 1e-9)[:, None])
+        self._viewer = self._target + smooth(NEAR_M + 1.2 * kept) * FROM
+
+    def frame(self, step: int) -> Image.Image:
+        """Return the picture after so many steps, or of the last one."""
+        if step >= self._last:
+            return self._end
+        return self._captioned(step, f"{100 * self._distance_m[step]:.0f} cm from the point")
+
+    @cached_property
+    def _end(self) -> Image.Image:
+        if self._throw.lost:
+            return self._captioned(self._last, "lost", ALARM)
+        return self._captioned(self._last, f"{100 * self._distance_m[-1]:.0f} cm from the point")
+
+    def _captioned(self, step: int, status: str, color: tuple[int, int, int] = INK) -> Image.Image:
+        picture = self._scene.picture(self._viewer[step], self._target[step], self._throw, step)
+        pen, unit = ImageDraw.Draw(picture), picture.width / 640
+        edge: dict[str, Any] = {"stroke_width": max(round(3 * unit), 1), "stroke_fill": "white"}
+        captions = [
+            (6, 34, self._title, INK),
+            (46, 25, self._below, INK),
+            (318, 26, f"{step / HZ:.1f} s: {status}", color),
+        ]
+        for top, size, text, fill in captions:
+            font = ImageFont.load_default(max(round(size * unit), 1))
+            pen.text((14 * unit, top * unit), text, font=font, fill=fill, **edge)
+        return picture
+
+
+def smooth(rows: Array) -> Array:
+    """Return steps (T, K) averaged over time."""
+    half = round(3 * SMOOTH_S * HZ)
+    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / (SMOOTH_S * HZ)) ** 2)
+    padded = np.pad(rows, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")  # the trend goes on
+    return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
+
+
+def tiled(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
+    """Return pictures as one, with white lines between."""
+    width, height = rows[0][0].size
+    whole = Image.new("RGB", (width * len(rows[0]), height * len(rows)))
+    pen, line = ImageDraw.Draw(whole), max(width // 160, 1)
+    for row, pictures in enumerate(rows):
+        for column, picture in enumerate(pictures):
+            whole.paste(picture, (column * width, row * height))
+            pen.rectangle([column * width, row * height, (column + 1) * width, (row + 1) * height], None, "white", line)
+    return whole
+
+
+def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
+    """Film one throw by the policies of some moments; return the share of others that each holds within 5 cm."""
+    width = args.width_px // 4 * 2  # of a panel; codecs want even sizes
+    scene = Scene((width, width * 9 // 32 * 2))
+    seed = most_tilted(range(UNSEEN_SEEDS.start, UNSEEN_SEEDS.start + THROWS))
+    panels, rates = [], []
+    for moment in moments:
+        model.policy.load_state_dict(moment.state)
+        rates.append(fly("hover", greedy(model), args.flights, UNSEEN_SEEDS.start).close_rate)
+        title = f"after {moment.steps:,} steps" if moment.steps else "untrained"
+        below = f"holds {rates[-1]:.0%} of {args.flights:,} throws"
+        panels.append(Panel(scene, thrown(greedy(model), seed), title, below))
+    sheet = tiled([[panel.frame(round(s * HZ)) for s in SHEET_S] for panel in panels])
+    sheet.resize((SHEET_WIDTH_PX, SHEET_WIDTH_PX * sheet.height // sheet.width)).save(args.out / "catch.png")
+    steps = range(0, round(args.film_s * HZ) + 1, round(HZ / FILM_FPS))
+    small: list[Array] = []
+    film: Any  # as imageio types its writers, they cannot append
+    with imageio.get_writer(args.out / "catch.mp4", fps=FILM_FPS, quality=8, macro_block_size=2) as film:
+        for step in tqdm(steps, "filming", unit=" pictures"):
+            pictures = [panel.frame(step) for panel in panels]
+            frame = tiled([pictures[:2], pictures[2:]])
+            film.append_data(np.asarray(frame))
+            small.append(np.asarray(frame.resize((GIF_WIDTH_PX, GIF_WIDTH_PX * 9 // 16))))
+    small = small[:: round(FILM_FPS / GIF_FPS)]
+    palette = Image.fromarray(np.concatenate(small[::8])).quantize(GIF_COLORS)
+    plain = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in small]
+    write_gif(args.out / "catch.gif", [np.asarray(frame.convert("RGB")) for frame in plain], round(1000 / GIF_FPS))
+    return rates
+
+
+def main(args: Args) -> None:
+    """Train, fly, film and tell."""
+    args.out.mkdir(parents=True, exist_ok=True)
+    print("Training a quadrotor to catch itself by the thrusts of its rotors ...")
+    model, moments = learn(train_flight.Args(seed=args.seed, total_steps=args.total_steps), args.max_minutes)
+    model.save(args.out / "catch.zip")
+    rates = draw(args, model, moments)
+    chosen = moments[-1]
+    lines = [f"  {m.steps:>9,} steps {m.seconds:>5.0f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
+    print(f"""
+A policy learned from scratch to catch a quadrotor by the thrusts of its rotors: {chosen.steps:,} steps in
+{chosen.seconds:.0f} seconds. Of {args.flights:,} throws that it has never seen, it brought to the point and held there,
+within {100 * CLOSE_M:g} cm:
+{chr(10).join(lines)}
+
+In {args.out}/
+  catch.mp4            a film of one throw, caught by the policy at four moments of its training
+  catch.gif            the same, smaller
+  catch.png            the same at a glance: a row for each moment
+  catch.zip            the policy""")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
