@@ -40,7 +40,7 @@ SHOWN = (0.0, 1 / 6, 1 / 2)  # of the steps of a training; the fourth policy is 
 THROWS = 100  # of which the most tilted one is filmed, whoever catches it
 
 FILM_FPS = 25
-GIF_FPS, GIF_WIDTH_PX, GIF_COLORS = 6.25, 512, 48  # small enough for a page
+GIF_FPS, GIF_WIDTH_PX, GIF_COLORS = 6.25, 512, 64  # small enough for a page
 FINER = 2  # drawn so many times larger, then averaged: smooth edges
 FROM = np.array([-0.71, -0.41, 0.57])  # unit vector: from where the viewer looks
 NEAR_M, APART_M = 0.42, 0.9  # how near it comes, and up to how far from the drone it keeps the point in view, too
@@ -298,7 +298,8 @@ def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
             film.append_data(np.asarray(frame))
             small.append(np.asarray(frame.resize((GIF_WIDTH_PX, GIF_WIDTH_PX * 9 // 16))))
     small = small[:: round(FILM_FPS / GIF_FPS)]
-    palette = Image.fromarray(np.concatenate(small[::8])).quantize(GIF_COLORS)
+    colors = np.unique(np.reshape(small[::8], (-1, 3)), axis=0)  # once each: the rare ones are the drone's
+    palette = Image.fromarray(colors[None]).quantize(GIF_COLORS)
     plain = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in small]
     write_gif(args.out / "catch.gif", [np.asarray(frame.convert("RGB")) for frame in plain], round(1000 / GIF_FPS))
     return rates
