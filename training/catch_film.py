@@ -284,7 +284,7 @@ def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
         model.policy.load_state_dict(moment.state)
         rates.append(fly("hover", greedy(model), args.flights, UNSEEN_SEEDS.start).close_rate)
         title = f"after {moment.steps:,} steps" if moment.steps else "untrained"
-        below = f"holds {rates[-1]:.0%} of {args.flights:,} throws"
+        below = f"holds {rates[-1]:.1%} of {args.flights:,} throws"
         panels.append(Panel(scene, thrown(greedy(model), seed), title, below))
     sheet = tiled([[panel.frame(round(s * HZ)) for s in SHEET_S] for panel in panels])
     sheet.resize((SHEET_WIDTH_PX, SHEET_WIDTH_PX * sheet.height // sheet.width)).save(args.out / "catch.png")
