@@ -40,7 +40,7 @@ SHOWN = (0.0, 1 / 6, 1 / 2)  # of the steps of a training; the fourth policy is 
 THROWS = 100  # of which the most tilted one is filmed, whoever catches it
 
 FILM_FPS = 25
-GIF_FPS, GIF_WIDTH_PX, GIF_COLORS = 6.25, 512, 64  # small enough for a page
+GIF_FPS, GIF_WIDTH_PX, GIF_COLORS = 6.25, 560, 64  # small enough for a page
 FINER = 2  # drawn so many times larger, then averaged: smooth edges
 FROM = np.array([-0.71, -0.41, 0.57])  # unit vector: from where the viewer looks
 NEAR_M, APART_M = 0.42, 0.9  # how near it comes, and up to how far from the drone it keeps the point in view, too
@@ -283,8 +283,8 @@ def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
     for moment in moments:
         model.policy.load_state_dict(moment.state)
         rates.append(fly("hover", greedy(model), args.flights, UNSEEN_SEEDS.start).close_rate)
-        title = f"after {moment.steps:,} steps" if moment.steps else "untrained"
-        below = f"holds {rates[-1]:.1%} of {args.flights:,} throws"
+        title = f"after {moment.seconds:.0f} s of training" if moment.steps else "untrained"
+        below = f"{moment.steps:,} steps: holds {rates[-1]:.1%} of {args.flights:,} throws"
         panels.append(Panel(scene, thrown(greedy(model), seed), title, below))
     sheet = tiled([[panel.frame(round(s * HZ)) for s in SHEET_S] for panel in panels])
     sheet.resize((SHEET_WIDTH_PX, SHEET_WIDTH_PX * sheet.height // sheet.width)).save(args.out / "catch.png")
@@ -316,8 +316,8 @@ def main(args: Args) -> None:
     lines = [f"  {m.steps:>9,} steps {m.seconds:>5.0f} s {rate:>8.1%}" for m, rate in zip(moments, rates, strict=True)]
     print(f"""
 A policy learned from scratch to catch a quadrotor by the thrusts of its rotors: {chosen.steps:,} steps in
-{chosen.seconds:.0f} seconds. Of {args.flights:,} throws that it has never seen, it brought to the point and held there,
-within {100 * CLOSE_M:g} cm:
+{chosen.seconds:.0f} seconds. Of {args.flights:,} throws that it has never seen it brings so many to the point and
+holds them there, within {100 * CLOSE_M:g} cm:
 {chr(10).join(lines)}
 
 In {args.out}/

@@ -41,7 +41,7 @@ def test_the_policies_of_a_training_are_filmed(tmp_path):
     assert len(rates) == 4
     assert torch.equal(weights(model.policy.state_dict()), chosen)
     assert (tmp_path / "catch.mp4").stat().st_size > 1000
-    assert imageio.imread(tmp_path / "catch.gif").shape == (2, 288, 512, 3)
+    assert imageio.imread(tmp_path / "catch.gif").shape == (2, 315, 560, 3)
     assert imageio.imread(tmp_path / "catch.png").shape == (900, 2000, 3)
 
 
