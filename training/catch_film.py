@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import imageio.v2 as imageio
 import numpy as np
@@ -121,8 +120,7 @@ def learn(args: train_flight.Args, max_minutes: float) -> tuple[PPO, list[Moment
         keepers.append(Keeper(of, total_steps, 60 * max_minutes))
         return keepers[0]
 
-    with mock.patch.object(train_flight, "Chooser", keeper):
-        model, outcome = train_flight.train(args)
+    model, outcome = train_flight.train(args, keeper)
     moments = keepers[0].moments
     steps = np.array([moment.steps for moment in moments])
     shown = [moments[int(np.abs(steps - share * outcome.steps).argmin())] for share in SHOWN]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 import json
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -161,8 +162,16 @@ class Chooser(BaseCallback):
         self.bar.set_postfix_str(f"{flights.close_rate:.0%} within 5 cm")
 
 
-def train(args: Args) -> tuple[PPO, Outcome]:
-    """Return the best model by the choosing seeds, and how it came to be."""
+def train(args: Args, make_chooser: Callable[[Args, int], Chooser] = Chooser) -> tuple[PPO, Outcome]:
+    """Return the best model by the choosing seeds, and how it came to be.
+
+    Parameters
+    ----------
+    args
+        What is trained, and how.
+    make_chooser
+        From these and the step budget to what watches the training.
+    """
     torch.set_num_threads(args.learner_threads)
     total = STEPS[args.task] if args.total_steps is None else args.total_steps
     envs = make(
@@ -193,7 +202,7 @@ def train(args: Args) -> tuple[PPO, Outcome]:
         device="cpu",
     )
     venv.seed(first_env_seed(args.seed, args.num_envs))  # PPO has given it seeds that other trainings share
-    chooser = Chooser(args, total)
+    chooser = make_chooser(args, total)
     model.learn(total, callback=chooser)
     model.policy.load_state_dict(chooser.state)
     return model, chooser.outcome

@@ -557,7 +557,7 @@ class HoverConfig:
     Parameters
     ----------
     start_offset_m
-        From the point, along each axis; like the next three drawn evenly up to this.
+        From the point, along each axis, in [0, 1000]; like the next three drawn evenly up to this.
     start_tilt_deg
         From level, in [0, 180].
     start_speed_mps
@@ -637,9 +637,9 @@ class TrackConfig:
     yaw
         ``"fixed"``: along the world's x axis. ``"along"``: the way the path goes.
     size_m, speed_mps
-        Above 0. Speed: of a figure-8 the mean of a lap, of random paths the root mean square.
+        In (0, 1000]. Speed: of a figure-8 the mean of a lap, of random paths the root mean square.
     start_offset_m
-        Episodes begin off the path, evenly drawn up to this along each axis.
+        Episodes begin off the path, evenly drawn up to this along each axis, in [0, 1000].
     points, ahead_s
         How many points of the path are observed, 1 to 20, and the seconds from one to the next.
     max_distance_m, close_m

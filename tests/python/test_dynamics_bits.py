@@ -109,3 +109,18 @@ def test_a_flight_in_parts_is_the_flight():
             parts.fly(told, ticks=1)
     np.testing.assert_allclose(rows_of(parts), rows_of(whole), rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(parts.tick, whole.tick)
+
+
+def test_motions_too_small_for_a_position_keep_their_bits():
+    """What float32 rounds off a position is kept; alone and in rows of sixteen the same, down to the last bit of it."""
+
+    def flown(block_size):
+        batch = batch_of(FULL, 32, control="rotor_thrusts", block_size=block_size)
+        rng = np.random.default_rng(0)
+        batch.set_pose(rng.uniform([-500, -500, 100], [500, 500, 1100], (32, 3)))
+        batch.set_velocity(1e-8 * rng.normal(size=(32, 3)))
+        for _ in range(20):
+            batch.fly(np.full((32, 4), FULL["mass_kg"] * 9.81 / 4))
+        return batch.snapshot()
+
+    assert flown(1) == flown(64)

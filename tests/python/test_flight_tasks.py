@@ -525,6 +525,8 @@ class TestBadInput:
             *((flockstep.HoverConfig, "start_tilt_deg", bad) for bad in (-0.1, 180.1)),
             *((flockstep.HoverConfig, name, bad) for name in ("max_distance_m", "hold_m", "hold_s") for bad in (0, -1)),
             *((flockstep.TrackConfig, name, -0.1) for name in ("start_offset_m", "ahead_s")),
+            *((kind, "start_offset_m", 1001) for kind in (flockstep.HoverConfig, flockstep.TrackConfig)),
+            *((flockstep.TrackConfig, name, 1001) for name in ("size_m", "speed_mps")),
             *((flockstep.TrackConfig, "points", bad) for bad in (0, 21)),
             *(
                 (flockstep.TrackConfig, name, bad)

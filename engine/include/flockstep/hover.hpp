@@ -19,7 +19,7 @@ namespace flockstep {
 // ends with d <= hold_m in each step of the last hold_s.
 struct HoverConfig {
   // How it begins: drawn evenly up to these.
-  float start_offset_m = 0.5F;   // from the point, along each axis
+  float start_offset_m = 0.5F;   // from the point, along each axis, in [0, 1000]
   float start_tilt_deg = 90.0F;  // from level, in [0, 180]
   float start_speed_mps = 2.0F;  // in any direction
   float start_rate_dps = 0.0F;   // about each axis of the body

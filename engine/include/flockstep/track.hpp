@@ -40,9 +40,9 @@ struct EnumNames<TrackYaw> {
 struct TrackConfig {
   TrackPath path = TrackPath::figure8;
   TrackYaw yaw = TrackYaw::fixed;
-  float size_m = 1.0F;          // > 0
+  float size_m = 1.0F;          // in (0, 1000]
   float speed_mps = 1.5F;       // > 0; of a figure-8 the mean of a lap, of random paths the root mean square
-  float start_offset_m = 0.1F;  // episodes begin off the path, evenly drawn up to this along each axis
+  float start_offset_m = 0.1F;  // episodes begin off the path, evenly drawn up to this along each axis, in [0, 1000]
   int points = 5;               // observed, in [1, 20]
   float ahead_s = 0.1F;         // >= 0, from one to the next
   float max_distance_m = 1.0F;  // > 0

@@ -225,10 +225,11 @@ class Group {
     FlightState& flight = sim_.state.flight;
     const Pose at = pose(lane);
     set_pose_of(sim_.state, drone, at);
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto axis = static_cast<Eigen::Index>(k);
-      const double exact = static_cast<double>(base_[k][lane]) + static_cast<double>(flock_.travelled[k][lane]);
-      flight.remainder[3 * drone + k] = static_cast<float>(exact - static_cast<double>(at.position[axis]));
+    for (std::size_t k = 0; k < 3; ++k) {  // as dynamics::add() has it, to the bit
+      const float from = base_[k][lane], way = flock_.travelled[k][lane];
+      const float sum = at.position[static_cast<Eigen::Index>(k)];
+      const float part = sum - from;
+      flight.remainder[3 * drone + k] = (from - (sum - part)) + (way - part);
     }
     store(flock_.velocity, lane, flight.velocity, drone);
     store(flock_.turn, lane, flight.angular_velocity, drone);
@@ -328,6 +329,8 @@ class Group {
     store(flock_.turn, lane, flight.angular_velocity, drone);
     fly_on_from(lane, from);
   }
+
+  static_assert(dynamics::kMostPoints == kMaxHullVertices + 1);
 
   // The points of the hull, m, world frame, that touch what was hit: a face that lies flat does so at all its corners.
   struct Touching {

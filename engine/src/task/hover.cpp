@@ -141,7 +141,7 @@ class Hover final : public FlightTask {
 }  // namespace task
 
 void HoverConfig::validate() const {
-  require_not_negative(start_offset_m, "task.start_offset_m");
+  require(start_offset_m >= 0.0F && start_offset_m <= 1000.0F, "task.start_offset_m", "a number in [0, 1000]", start_offset_m);
   require(start_tilt_deg >= 0.0F && start_tilt_deg <= 180.0F, "task.start_tilt_deg", "a number in [0, 180]", start_tilt_deg);
   require(start_speed_mps >= 0.0F && start_speed_mps <= 1000.0F, "task.start_speed_mps", "a number in [0, 1000]",
           start_speed_mps);

@@ -105,7 +105,8 @@ class Path {
 class Track final : public FlightTask {
  public:
   explicit Track(const TrackConfig& config)
-      : FlightTask({"near", "close", "yaw", "spin", "change", "crash"}), config_((config.validate(), config)), path_(config) {
+      : FlightTask({"near", "close", "yaw", "spin", "change", "crash"}), config_(config), path_(config) {
+    config.validate();
     ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
     spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};
   }
@@ -233,9 +234,9 @@ class Track final : public FlightTask {
 }  // namespace task
 
 void TrackConfig::validate() const {
-  require_positive(size_m, "task.size_m");
+  require(size_m > 0.0F && size_m <= 1000.0F, "task.size_m", "a number in (0, 1000]", size_m);
   require(speed_mps > 0.0F && speed_mps <= 1000.0F, "task.speed_mps", "a number in (0, 1000]", speed_mps);
-  require_not_negative(start_offset_m, "task.start_offset_m");
+  require(start_offset_m >= 0.0F && start_offset_m <= 1000.0F, "task.start_offset_m", "a number in [0, 1000]", start_offset_m);
   require(points >= 1 && points <= 20, "task.points", "a number in [1, 20]", points);
   require_not_negative(ahead_s, "task.ahead_s");
   require_positive(max_distance_m, "task.max_distance_m");
