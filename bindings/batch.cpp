@@ -331,6 +331,7 @@ void register_batch(py::module_& module) {
           "fly",
           [](const py::object& self, const py::object& command, const py::object& ticks, const py::object& mask) {
             auto& batch = self.cast<Batch&>();
+            if (command.is_none()) throw py::value_error("command: expected an array (N, 4), got None");
             const auto c = floats(command, "command", n_by(batch, 4));
             const int count = ticks.is_none() ? 0 : from_python<int>(ticks, "ticks");
             if (!ticks.is_none()) require(count >= 1, "ticks", "an integer >= 1", count);

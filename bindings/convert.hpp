@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <optional>
 #include <string>
 #include <type_traits>
@@ -139,7 +140,13 @@ T from_python(const py::handle& value, const std::string& field) {
     return enum_of<T>(from_python<std::string>(value, field), field);
   } else {
     try {
-      return value.cast<T>();
+      if constexpr (std::is_same_v<T, bool>) {  // cast() would ask anything whether it is true
+        py::detail::make_caster<bool> flag;
+        if (!flag.load(value, false)) throw py::cast_error();
+        return flag;
+      } else {
+        return value.cast<T>();
+      }
     } catch (const py::cast_error&) {
       const std::string expected = HasFields<T> ? std::string("another config") : PythonName<T>::of();
       throw py::type_error(field + ": expected " + expected + ", got " + std::string(py::repr(value)));
@@ -160,6 +167,36 @@ std::optional<T> optional_argument(const py::handle& value, const char* name) {
   if (value.is_none()) return std::nullopt;
   const std::string type = py::str(py::type::of<T>().attr("__name__"));
   return argument<T>(value, name, "a flockstep." + type + " or None");
+}
+
+// Where in dicts and lists a number is that JSON has no word for, such as "data['drag'][0]"; empty where none is.
+inline std::string not_finite(const py::handle& value, const std::string& name, int levels = 32) {
+  if (levels == 0) return "";  // a dict may be within itself
+  if (py::isinstance<py::float_>(value)) return std::isfinite(value.cast<double>()) ? "" : name;
+  std::string found;
+  if (py::isinstance<py::dict>(value)) {
+    for (const auto& [key, item] : py::reinterpret_borrow<py::dict>(value)) {
+      if (found.empty()) found = not_finite(item, name + "[" + std::string(py::repr(key)) + "]", levels - 1);
+    }
+  } else if (py::isinstance<py::list>(value) || py::isinstance<py::tuple>(value)) {
+    std::size_t index = 0;
+    for (const py::handle item : value) {
+      if (found.empty()) found = not_finite(item, name + "[" + std::to_string(index++) + "]", levels - 1);
+    }
+  }
+  return found;
+}
+
+// A dict as JSON. Throws ValueError where it holds what JSON has no word for, such as NaN.
+inline std::string json_text(const py::handle& data, const std::string& name) {
+  try {
+    return py::str(py::module_::import("json").attr("dumps")(data, py::arg("allow_nan") = false));
+  } catch (py::error_already_set& error) {
+    if (!error.matches(PyExc_ValueError)) throw;
+    const std::string where = not_finite(data, name);
+    if (where.empty()) throw;
+    throw py::value_error(where + ": expected a finite number");
+  }
 }
 
 // What Python itself says of a keyword that does not exist, and the one that may be meant.

@@ -4,6 +4,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include "arrays.hpp"
+#include "convert.hpp"
 #include "flockstep/raycast.hpp"
 #include "flockstep/scenario.hpp"
 #include "released.hpp"
@@ -112,7 +113,7 @@ void register_world(py::module_& module) {
       .def_static(
           "from_dict",
           [](const py::object& scene, const std::filesystem::path& base_dir, bool meshes_anywhere) {
-            const auto text = py::module_::import("json").attr("dumps")(scene).cast<std::string>();
+            const std::string text = json_text(scene, "scene");
             const auto files = meshes_anywhere ? MeshFiles::anywhere : MeshFiles::in_folder;
             return std::const_pointer_cast<World>(released([&] { return World::from_json(text, base_dir, files); }));
           },

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping, Sequence
 from copy import copy as copied
+from copy import deepcopy
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -93,6 +94,9 @@ Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 #: An array, or a dict of arrays where a task observes several fields.
 Observation: TypeAlias = Array | dict[str, Array]
+
+#: What a batch reports of episodes, beside their reward terms.
+_OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_state")
 
 _MODES = {
     "next_step": AutoresetMode.NEXT_STEP,
@@ -424,18 +428,17 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         reward: npt.NDArray[np.float32] = self.batch.reward
         return reward if self.reward_scale == 1 else np.multiply(reward, self.reward_scale, dtype=np.float32)
 
-    def episode_infos(self) -> dict[str, Any]:
-        """Return what is reported of the episodes that ended (N,), by name; of the others, what there is so far."""
-        batch = self.batch
-        return {
-            "episode_return": batch.episode_return.copy(),
-            "episode_length": batch.episode_length.copy(),
-            "success": batch.success.copy(),
-            "crashed": batch.crashed.copy(),
-            "bad_state": batch.bad_state.copy(),
-            "episode_terms": dict(zip(self._reward_terms, batch.episode_terms.T.copy(), strict=True)),
-            **({} if self._task_calls is None else self._task_calls.infos()),
-        }
+    def episode_infos(self, indices: npt.NDArray[np.intp] | None = None) -> dict[str, Any]:
+        """Return what is reported of the episodes of the envs ``indices``, by default all, by name, as new arrays.
+
+        Of episodes that have not ended it is what there is so far.
+        """
+        batch, rows = self.batch, slice(None) if indices is None else indices
+        report = {name: getattr(batch, name)[rows] for name in _OF_EPISODES}
+        report["episode_terms"] = dict(zip(self._reward_terms, batch.episode_terms[rows].T, strict=True))
+        if self._task_calls is not None:
+            report.update((name, values[rows]) for name, values in self._task_calls.infos().items())
+        return deepcopy(report) if indices is None else report
 
     def final_observations(self, indices: npt.NDArray[np.intp]) -> list[Observation]:
         """Return the last observation of the episode that ended in each of the envs ``indices``, as new arrays."""
@@ -490,16 +493,23 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.__dict__.pop("batch", None)
 
     def _infos(self, ended: BoolArray) -> dict[str, Any]:
-        report, goes_on = self.episode_infos(), ~ended
-        for terms in (report, report["episode_terms"]):
-            for name, values in terms.items():
-                if name != "episode_terms":
-                    values[goes_on] = 0  # for whoever forgets the mask
-        infos = _masked({**report, "episode_terms": _masked(report["episode_terms"], ended)}, ended)
+        indices = np.flatnonzero(ended)
+
+        def spread(report: dict[str, Any]) -> dict[str, Any]:
+            """Return the values in rows of all envs, 0 for whoever forgets the mask."""
+            arrays: dict[str, Any] = {}
+            for name, values in report.items():
+                if isinstance(values, dict):
+                    arrays[name] = _masked(spread(values), ended)
+                else:
+                    arrays[name] = np.zeros(self.num_envs, values.dtype)
+                    arrays[name][indices] = values
+            return arrays
+
+        infos = _masked(spread(self.episode_infos(indices)), ended)
         if not self._same_step:
             return infos
         final_obs = np.full(self.num_envs, None, dtype=object)
-        indices = np.flatnonzero(ended)
         for index, row in zip(indices.tolist(), self.final_observations(indices), strict=True):
             final_obs[index] = row
         return {"final_obs": final_obs, "_final_obs": ended, "final_info": infos, "_final_info": ended}

@@ -53,6 +53,7 @@ def test_dynamics_config(field, value, match):
         ("rotor_lag", "yes", "rotor_lag: expected a bool, got 'yes'"),
         ("max_speed_mps", "5", "max_speed_mps: expected a number, got '5'"),
         ("speed", 3, "unexpected keyword argument 'speed'"),
+        *(("rotor_lag", bad, "rotor_lag: expected a bool, got") for bad in (None, 2, "no", 1.0, [])),
     ],
 )
 def test_dynamics_config_of_wrong_types(field, value, match):
@@ -79,6 +80,7 @@ def test_kinematic_motion_takes_poses_alone():
             )
             for bad in (0, -50, 75, 200, 1000, NAN)
         ),
+        ({"policy_hz": 0.1}, "policy_hz: expected at least 0.5 Hz for motion by rotors.*got 0.1"),
         (
             {"physics_hz": 500, "controller_hz": 125},
             "controller_hz: expected a multiple of the policy's 50 Hz, got 125 Hz",
@@ -111,7 +113,7 @@ def rows(values):
         ({"command": [[0] * 4]}, r"command: expected shape \(2, 4\), got shape \(1, 4\)"),
         ({"command": [[0] * 3] * 2}, r"command: expected shape \(2, 4\), got shape \(2, 3\)"),
         ({"command": [["a"] * 4] * 2}, "command: expected an array of real numbers"),
-        ({"command": None}, "command"),
+        ({"command": None}, r"command: expected an array \(N, 4\), got None"),
         ({"command": [[0] * 4] * 2, "ticks": 0}, "ticks: expected an integer >= 1, got 0"),
         ({"command": [[0] * 4] * 2, "ticks": -1}, "ticks: expected an integer >= 1, got -1"),
         ({"command": [[0] * 4] * 2, "ticks": 10**7}, r"ticks: expected an integer in .*1000000\], got 10000000"),

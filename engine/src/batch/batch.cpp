@@ -127,13 +127,19 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
   list_chosen(*sim_, mask, &Block::chosen);
-  sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
-    const auto drones = sim_->drones_of(block.chosen, scratch);
-    for (const std::uint32_t drone : drones) clear_contact(sim_->state, drone);
-    blow(*sim_, drones);
-    fly_by_rotors(*sim_, drones, {.command = command}, 0, flown, scratch);
-    for (const std::uint32_t env : block.chosen) sim_->state.tick[env] += flown;
-  });
+  constexpr int kLeg = 1000;  // ticks: long flights are interrupted between two
+  for (int first = 0; first < flown; first += kLeg) {
+    const int leg = std::min(kLeg, flown - first);
+    sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
+      const auto drones = sim_->drones_of(block.chosen, scratch);
+      if (first == 0) {
+        for (const std::uint32_t drone : drones) clear_contact(sim_->state, drone);
+        blow(*sim_, drones);
+      }
+      fly_by_rotors(*sim_, drones, {.command = command}, first, leg, scratch);
+      for (const std::uint32_t env : block.chosen) sim_->state.tick[env] += leg;
+    });
+  }
 }
 
 void Batch::sense(Mask mask) {

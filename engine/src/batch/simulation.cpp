@@ -37,6 +37,9 @@ void settle_rates(BatchConfig& config) {
   ClockConfig& clock = config.clock;
   const float called_hz = clock.controller_hz.value_or(clock.policy_hz);
   if (config.dynamics.is_kinematic() || clock.physics_hz || !(called_hz > 0.0F)) return;
+  require(clock.policy_hz >= kUsualPhysicsHz / 1000.0F, "policy_hz",
+          "at least 0.5 Hz for motion by rotors whose physics_hz is not given (500 Hz then, at most 1000 ticks to a step)",
+          clock.policy_hz);
   clock.physics_hz = called_hz * std::max(std::ceil(kUsualPhysicsHz / called_hz), 1.0F);
 }
 

@@ -12,7 +12,7 @@
 
 #include "dynamics/wide-inl.hpp"
 
-// Forty copies of these take sanitizers ten minutes to compile.
+// Many copies of these take sanitizers minutes to compile.
 #undef FLOCKSTEP_BIG_INLINE
 #if defined(NDEBUG)
 #define FLOCKSTEP_BIG_INLINE HWY_INLINE
@@ -52,6 +52,7 @@ HWY_INLINE F lagged(F speed, F told, float keep_up, float keep_down) {
 
 // Rotors without a lag have the speed they are told at once.
 HWY_INLINE void respond(const Physics& p, const F* told, F* speed) {
+  if (p.inverse_lag_up != 0.0F && p.inverse_lag_down != 0.0F) return;
   for (std::size_t i = 0; i < kRotors; ++i) {
     if (p.inverse_lag_up == 0.0F) speed[i] = max(speed[i], told[i]);
     if (p.inverse_lag_down == 0.0F) speed[i] = min(speed[i], told[i]);
@@ -61,7 +62,13 @@ HWY_INLINE void respond(const Physics& p, const F* told, F* speed) {
 // m dv/dt = R (T e3 + sum H_i + D) - m g e3,
 // J dw/dt = sum r_i x (F_i e3 + H_i) - sum s_i k F_i e3 - w x J w - w x h - dh/dt,  h = J_r sum s_i W_i e3,
 // with F_i = c0 + c1 W_i + c2 W_i^2 >= 0, H_i = -W_i diag(d) v_i, v_i = R^T (v - wind) + w x r_i, D = -diag(l) v - |v| diag(q) v.
+//
+// The terms that not every frame has numbers for are switched by Physics, or not there at all where it has none of them: a branch
+// for each rotor, not taken, costs a quarter of the time.
+template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
+  const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
+  const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
   const M3 r = matrix(s.rotation);
   const V3 w = s.turn;
   const V3 air = transpose_times(r, s.velocity - wind);
@@ -74,10 +81,10 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
     const auto& at = p.position[i];
     const F x(at[0]), y(at[1]), z(at[2]);
     F push = max(F(p.thrust[0]) + (F(p.thrust[1]) + F(p.thrust[2]) * speed) * speed, F(0.0F));
-    if (p.rotor_drag || p.rotor_lift) {
+    if (has_drag || has_lift) {
       const V3 hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
-      if (p.rotor_lift) push = push + F(p.lift) * (hub.x * hub.x + hub.y * hub.y);
-      if (p.rotor_drag) {
+      if (has_lift) push = push + F(p.lift) * (hub.x * hub.x + hub.y * hub.y);
+      if (has_drag) {
         const V3 drag{-(speed * (F(p.drag[0]) * hub.x)), -(speed * (F(p.drag[1]) * hub.y)), -(speed * (F(p.drag[2]) * hub.z))};
         force = force + drag;
         torque.x = torque.x + (y * drag.z - z * drag.y);
@@ -85,7 +92,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
         torque.z = torque.z + (x * drag.y - y * drag.x);
       }
     }
-    if (p.ground_effect) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), upright drones alone
+    if (has_ground) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), upright drones alone
       const F hub_height = height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
       const F near = F(p.ground_quarter) / max(hub_height, F(p.least_height));
       const F gain = F(1.0F) / (F(1.0F) - near * near);
@@ -95,7 +102,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
     torque.x = torque.x + y * push;
     torque.y = torque.y - x * push;
     torque.z = torque.z + F(p.yaw_sign[i] * p.torque_ratio) * push;
-    if (p.gyroscopic) {
+    if (has_momentum) {
       momentum = momentum - F(p.yaw_sign[i]) * speed;
       momentum_rate = momentum_rate - F(p.yaw_sign[i]) * rotor_rate(p, speed, told[i]);
     }
@@ -108,7 +115,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
   }
   const V3 spin{F(p.inertia[0]) * w.x, F(p.inertia[1]) * w.y, F(p.inertia[2]) * w.z};
   torque = torque - cross(w, spin);
-  if (p.gyroscopic) {
+  if (has_momentum) {
     const F h = F(p.rotor_inertia) * momentum;
     torque.x = torque.x - w.y * h;
     torque.y = torque.y + w.x * h;
@@ -121,17 +128,18 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
 }
 
 // Second order. The rotors' speeds, and the attitude at a constant angular velocity, are exact.
+template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, State& s, const F* told, const V3& wind, F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
-  const Forces first = forces(p, s, told, wind, height);
+  const Forces first = forces<kHasRotorTerms>(p, s, told, wind, height);
   State middle;
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
   middle.travelled = s.travelled + s.velocity * half;
   middle.rotation = turned(s.rotation, s.turn, F(0.25F * p.dt));
   for (std::size_t i = 0; i < kRotors; ++i) middle.rotor[i] = lagged(s.rotor[i], told[i], p.keep_half_up, p.keep_half_down);
-  const Forces mean = forces(p, middle, told, wind, height);
+  const Forces mean = forces<kHasRotorTerms>(p, middle, told, wind, height);
   s.travelled = s.travelled + middle.velocity * dt;
   s.velocity = s.velocity + mean.acceleration * dt;
   s.rotation = normalised(turned(s.rotation, middle.turn, half));
@@ -146,8 +154,9 @@ struct Rates {
   F rotor[kRotors];
 };
 
+template <bool kHasRotorTerms>
 HWY_INLINE Rates rates(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
-  const Forces f = forces(p, s, told, wind, height);
+  const Forces f = forces<kHasRotorTerms>(p, s, told, wind, height);
   Rates r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
   for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(p, s.rotor[i], told[i]);
   return r;
@@ -170,17 +179,18 @@ HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
 
 // The classical method of fourth order, the rotors part of the state. The sum grows as it goes: four rates at once are more than
 // there are registers for.
+template <bool kHasRotorTerms>
 FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, State& s, const F* told, const V3& wind, F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const F two(2.0F);
-  Rates r = rates(p, s, told, wind, height);
+  Rates r = rates<kHasRotorTerms>(p, s, told, wind, height);
   Rates sum = r;
-  r = rates(p, moved(s, r, half), told, wind, height);
+  r = rates<kHasRotorTerms>(p, moved(s, r, half), told, wind, height);
   add(sum, r, two);
-  r = rates(p, moved(s, r, half), told, wind, height);
+  r = rates<kHasRotorTerms>(p, moved(s, r, half), told, wind, height);
   add(sum, r, two);
-  r = rates(p, moved(s, r, dt), told, wind, height);
+  r = rates<kHasRotorTerms>(p, moved(s, r, dt), told, wind, height);
   add(sum, r, F(1.0F));
   s = moved(s, sum, F(p.dt / 6.0F));
   s.rotation = normalised(s.rotation);
@@ -208,7 +218,7 @@ struct Aim {
 };
 
 // Of an acceleration that is asked for, within the limits of tilt: the vertical part is kept.
-HWY_INLINE void push_along(const Physics& p, const M3& r, V3 wanted, Aim& aim) {
+HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 wanted) {
   wanted.z = max(wanted.z + F(kG), F(0.3F * kG));
   const F sideways = sqrt(wanted.x * wanted.x + wanted.y * wanted.y);
   const F most = wanted.z * F(p.max_tilt_tan);
@@ -216,8 +226,8 @@ HWY_INLINE void push_along(const Physics& p, const M3& r, V3 wanted, Aim& aim) {
   wanted.x = wanted.x * scale;
   wanted.y = wanted.y * scale;
   const F length = sqrt(dot(wanted, wanted));
-  aim.up = wanted * (F(1.0F) / length);
-  aim.thrust = max(wanted.x * r.xz + wanted.y * r.yz + wanted.z * r.zz, F(0.0F));
+  const F thrust = max(wanted.x * r.xz + wanted.y * r.yz + wanted.z * r.zz, F(0.0F));
+  return {thrust, wanted * (F(1.0F) / length), F(0.0F)};
 }
 
 // How fast to yaw so that the heading becomes the one asked for.
@@ -237,7 +247,7 @@ HWY_INLINE V3 accelerate(const Physics& p, const V3& velocity, const V3& wanted,
 
 // Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
 // thrust moves to where roll and pitch have room, and only then are these made smaller.
-FLOCKSTEP_BIG_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* told) {
+HWY_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* told) {
   const V3& turn = s.turn;
   wanted = {clamp(wanted.x, p.max_rate), clamp(wanted.y, p.max_rate), clamp(wanted.z, p.max_yaw_rate)};
   const V3 spin{F(p.inertia[0]) * turn.x, F(p.inertia[1]) * turn.y, F(p.inertia[2]) * turn.z};
@@ -284,41 +294,51 @@ FLOCKSTEP_BIG_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wan
   }
 }
 
-template <Stage kStage>
-FLOCKSTEP_BIG_INLINE void control(const Physics& p, const State& s, const F* set, V3& integral, F* told) {
-  if constexpr (kStage == Stage::rotors) {
-    for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
-  } else if constexpr (kStage == Stage::rates) {
-    mix(p, s, set[0], {set[1], set[2], set[3]}, told);
+// What the outer loops ask for, from the stage at which the setpoint enters them.
+HWY_INLINE Aim aim_of(const Physics& p, const State& s, const M3& r, const F* set, V3& integral) {
+  if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(p, r, set[4], set[5])};
+  V3 wanted{set[0], set[1], set[2]};
+  if (p.stage == Stage::acceleration) {
+    wanted = shortened(wanted, p.max_acceleration);
   } else {
-    const M3 r = matrix(s.rotation);
-    Aim aim;
-    if constexpr (kStage == Stage::attitude) {
-      aim = {set[0], {set[1], set[2], set[3]}, yaw_towards(p, r, set[4], set[5])};
-    } else {
-      V3 wanted{set[0], set[1], set[2]};
-      if constexpr (kStage == Stage::position) {
-        const V3 error = wanted - s.travelled;
-        wanted = accelerate(p, s.velocity, error * F(p.position_gain), integral);
-      } else if constexpr (kStage == Stage::heading_velocity) {
-        const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
-        const F x = r.xx * scale, y = r.yx * scale;
-        wanted = accelerate(p, s.velocity, {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]}, integral);
-      } else if constexpr (kStage == Stage::velocity) {
-        wanted = accelerate(p, s.velocity, wanted, integral);
-      } else {
-        wanted = shortened(wanted, p.max_acceleration);
-      }
-      constexpr bool kHasRate = kStage == Stage::velocity || kStage == Stage::heading_velocity;
-      aim.yaw_rate = kHasRate ? set[3] : yaw_towards(p, r, set[3], set[4]);
-      push_along(p, r, wanted, aim);
+    if (p.stage == Stage::position) {
+      wanted = (wanted - s.travelled) * F(p.position_gain);
+    } else if (p.stage == Stage::heading_velocity) {
+      const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
+      const F x = r.xx * scale, y = r.yx * scale;
+      wanted = {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]};
     }
-    // Thrust first: the body's z turns to `up` the shortest way. Then the rest of the yaw.
-    const V3 up = transpose_times(r, aim.up);
-    const F gain = F(p.attitude_gain) * turn_gain(up.z);
-    const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
-    mix(p, s, aim.thrust, {-(up.y * gain) + r.zx * yaw, up.x * gain + r.zy * yaw, r.zz * yaw}, told);
+    wanted = accelerate(p, s.velocity, wanted, integral);
   }
+  const bool has_rate = p.stage == Stage::velocity || p.stage == Stage::heading_velocity;
+  Aim aim = push_along(p, r, wanted);
+  aim.yaw_rate = has_rate ? set[3] : yaw_towards(p, r, set[3], set[4]);
+  return aim;
+}
+
+// Body rates for that: the body's z turns to `up` the shortest way, and about `up` it yaws.
+HWY_INLINE V3 rates_towards(const Physics& p, const M3& r, const Aim& aim) {
+  const V3 up = transpose_times(r, aim.up);
+  const F gain = F(p.attitude_gain) * turn_gain(up.z);
+  const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
+  return {-(up.y * gain) + r.zx * yaw, up.x * gain + r.zy * yaw, r.zz * yaw};
+}
+
+// The cascade. A call of its own, so that the loops over ticks are compiled once and not once for every stage.
+HWY_NOINLINE void control(const Physics& p, const State& s, const F* set, V3& integral, F* told) {
+  if (p.stage == Stage::rotors) {
+    for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
+    return;
+  }
+  F thrust = set[0];
+  V3 turn{set[1], set[2], set[3]};
+  if (p.stage != Stage::rates) {
+    const M3 r = matrix(s.rotation);
+    const Aim aim = aim_of(p, s, r, set, integral);
+    thrust = aim.thrust;
+    turn = rates_towards(p, r, aim);
+  }
+  mix(p, s, thrust, turn, told);
 }
 
 // -------------------------------------------------------------------------------------------------------------- the flight
@@ -336,8 +356,8 @@ HWY_INLINE F goodness(const State& s) {
   return select(fastest > F(kMaxSpeed), F(0.0F), select(abs(square - F(1.0F)) < F(1e-2F), yes, F(0.0F)));
 }
 
-template <Stage kStage, bool kRk4>
-void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
+template <bool kRk4, bool kHasRotorTerms>
+void fly_all(const Physics& p, Flock& flock, int first_tick, int ticks) {
   const D d;
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
     State s{load3(flock.travelled, lane),
@@ -359,14 +379,17 @@ void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
     V3 velocity_before = s.velocity;
     V3 turn_before = s.turn;
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
-      if (tick % p.control_ticks == 0) control<kStage>(p, s, set, integral, told);
+      if (tick % p.control_ticks == 0) {
+        const State seen = s;  // a copy, so that the state itself can stay in registers
+        control(p, seen, set, integral, told);
+      }
       respond(p, told, s.rotor);
       velocity_before = s.velocity;
       turn_before = s.turn;
       if constexpr (kRk4) {
-        runge_kutta(p, s, told, wind, height);
+        runge_kutta<kHasRotorTerms>(p, s, told, wind, height);
       } else {
-        midpoint(p, s, told, wind, height);
+        midpoint<kHasRotorTerms>(p, s, told, wind, height);
       }
       reach2 = max(reach2, dot(s.travelled, s.travelled));
     }
@@ -387,31 +410,12 @@ void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
   }
 }
 
-template <Stage kStage>
-void fly_stage(const Physics& p, Flock& flock, int first_tick, int ticks) {
-  if (p.is_rk4) {
-    fly_stage<kStage, true>(p, flock, first_tick, ticks);
-  } else {
-    fly_stage<kStage, false>(p, flock, first_tick, ticks);
-  }
-}
-
 void fly(const Physics& p, Flock& flock, int first_tick, int ticks) {
-  switch (p.stage) {
-    case Stage::rotors:
-      return fly_stage<Stage::rotors>(p, flock, first_tick, ticks);
-    case Stage::rates:
-      return fly_stage<Stage::rates>(p, flock, first_tick, ticks);
-    case Stage::attitude:
-      return fly_stage<Stage::attitude>(p, flock, first_tick, ticks);
-    case Stage::acceleration:
-      return fly_stage<Stage::acceleration>(p, flock, first_tick, ticks);
-    case Stage::velocity:
-      return fly_stage<Stage::velocity>(p, flock, first_tick, ticks);
-    case Stage::heading_velocity:
-      return fly_stage<Stage::heading_velocity>(p, flock, first_tick, ticks);
-    case Stage::position:
-      return fly_stage<Stage::position>(p, flock, first_tick, ticks);
+  const bool has_rotor_terms = p.rotor_drag || p.rotor_lift || p.gyroscopic || p.ground_effect;
+  if (p.is_rk4) {
+    has_rotor_terms ? fly_all<true, true>(p, flock, first_tick, ticks) : fly_all<true, false>(p, flock, first_tick, ticks);
+  } else {
+    has_rotor_terms ? fly_all<false, true>(p, flock, first_tick, ticks) : fly_all<false, false>(p, flock, first_tick, ticks);
   }
 }
 

@@ -1,44 +1,57 @@
 // FlightAction: what actions in [-1, 1] tell drones that fly by their rotors.
 #pragma once
 
-#include <algorithm>
+#include <Eigen/Core>
 #include <array>
 #include <cstddef>
 #include <numbers>
-#include <span>
 
 #include "dynamics/setpoint.hpp"
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
-#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
 
 namespace flockstep::task {
 
-// A number that an action goes through from low over middle to high, in two straight lines: at -1, 0 and 1.
-class ActionRange {
- public:
-  ActionRange() = default;
-  ActionRange(double low, double middle, double high)
-      : middle_(static_cast<float>(middle)),
-        down_(static_cast<float>(middle - low)),
-        up_(static_cast<float>(high - middle)),
-        inverse_down_(static_cast<float>(1.0 / (middle - low))),
-        inverse_up_(static_cast<float>(1.0 / (high - middle))) {}
+using Four = Eigen::Array4f;  // numbers side by side, without branches: which way actions go is as good as random
 
-  float at(float action) const {
-    const float a = std::clamp(action, -1.0F, 1.0F);
-    return middle_ + a * (a < 0.0F ? down_ : up_);
-  }
-  // The action that tells this; beyond the range it is beyond [-1, 1].
-  float action_for(float value) const { return (value - middle_) * (value < middle_ ? inverse_down_ : inverse_up_); }
-
- private:
-  float middle_ = 0.0F, down_ = 1.0F, up_ = 1.0F, inverse_down_ = 1.0F, inverse_up_ = 1.0F;
+// What a number of an action goes through, from low at -1 over middle at 0 to high at 1, in two straight lines.
+struct ActionRange {
+  double low = -1.0, middle = 0.0, high = 1.0;
 };
 
-// A rotor's speed, rad/s: at 0 as in hovering.
-inline ActionRange rotor_speed_range(const Airframe& frame) {
-  return {frame.min_speed_radps, frame.hover_speed(), frame.max_speed_radps};
+class ActionRanges {
+ public:
+  ActionRanges() : ActionRanges(ActionRange(), ActionRange(), ActionRange(), ActionRange()) {}
+  ActionRanges(const ActionRange& a, const ActionRange& b, const ActionRange& c, const ActionRange& d) {
+    const std::array ranges{a, b, c, d};
+    for (std::size_t k = 0; k < ranges.size(); ++k) {
+      const auto [low, middle, high] = ranges[k];
+      const auto at = static_cast<Eigen::Index>(k);
+      middle_[at] = static_cast<float>(middle);
+      down_[at] = static_cast<float>(middle - low);
+      up_[at] = static_cast<float>(high - middle);
+      inverse_down_[at] = static_cast<float>(1.0 / (middle - low));
+      inverse_up_[at] = static_cast<float>(1.0 / (high - middle));
+    }
+  }
+
+  // Of an action within [-1, 1].
+  Four at(const Four& action) const { return middle_ + (action.min(0.0F) * down_ + action.max(0.0F) * up_); }
+  // The action that tells this; beyond the range it is beyond [-1, 1].
+  Four action_for(const Four& value) const {
+    const Four away = value - middle_;
+    return away.min(0.0F) * inverse_down_ + away.max(0.0F) * inverse_up_;
+  }
+
+ private:
+  Four middle_, down_, up_, inverse_down_, inverse_up_;
+};
+
+// Rotors' speeds, rad/s: at 0 as in hovering.
+inline ActionRanges rotor_speed_ranges(const Airframe& frame) {
+  const ActionRange range{frame.min_speed_radps, frame.hover_speed(), frame.max_speed_radps};
+  return {range, range, range, range};
 }
 
 // By control, 0 hovers and 1 is the most:
@@ -52,7 +65,7 @@ class FlightAction {
  public:
   FlightAction() = default;
   FlightAction(const DynamicsConfig& config, const Airframe& frame) : control_(config.control) {
-    const auto even = [](double most) { return ActionRange(-most, 0.0, most); };
+    const auto even = [](double most) { return ActionRange{-most, 0.0, most}; };
     const auto radians = [](float degrees) { return static_cast<double>(degrees) * std::numbers::pi / 180.0; };
     const double half_turn = std::numbers::pi;
     const double max_speed = static_cast<double>(config.max_speed_mps);
@@ -60,14 +73,15 @@ class FlightAction {
     const double to_acceleration = static_cast<double>(kRotors) / frame.mass_kg;
     const double least = frame.thrust_at(frame.min_speed_radps);
     const ActionRange thrust{to_acceleration * least, kGravity, to_acceleration * frame.max_thrust()};
+    const ActionRange rotor{least, frame.mass_kg * kGravity / static_cast<double>(kRotors), frame.max_thrust()};
     const ActionRange rate = even(radians(config.max_rate_dps)), yaw_rate = even(radians(config.max_yaw_rate_dps));
     const ActionRange tilt = even(radians(config.max_tilt_deg)), yaw = even(half_turn);
     switch (control_) {
       case Control::rotor_speeds:
-        ranges_.fill(rotor_speed_range(frame));
+        ranges_ = rotor_speed_ranges(frame);
         break;
       case Control::rotor_thrusts:
-        ranges_.fill({least, frame.mass_kg * kGravity / static_cast<double>(kRotors), frame.max_thrust()});
+        ranges_ = {rotor, rotor, rotor, rotor};
         break;
       case Control::body_rates:
         ranges_ = {thrust, rate, rate, yaw_rate};
@@ -90,21 +104,19 @@ class FlightAction {
     }
   }
 
-  std::array<float, 4> command(std::span<const float> action, const Pose& now) const {
-    std::array<float, 4> command;
-    for (std::size_t k = 0; k < 4; ++k) command[k] = ranges_[k].at(action[k]);
-    if (control_ == Control::position) {
-      for (std::size_t k = 0; k < 3; ++k) command[k] += now.position[static_cast<Eigen::Index>(k)];
-    }
+  // action: within [-1, 1].
+  Four command(const Four& action, const State& state, std::size_t drone) const {
+    Four command = ranges_.at(action);
+    if (control_ == Control::position) command.head<3>() += position_of(state, drone).array();
     if (control_ == Control::attitude || control_ == Control::acceleration || control_ == Control::position) {
-      command[3] += dynamics::yaw_of(now.rotation);
+      command[3] += dynamics::yaw_of(pose_of(state, drone).rotation);
     }
     return command;
   }
 
  private:
   Control control_ = Control::pose;
-  std::array<ActionRange, 4> ranges_{};
+  ActionRanges ranges_;
 };
 
 }  // namespace flockstep::task

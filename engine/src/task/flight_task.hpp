@@ -43,7 +43,7 @@ class FlightTask : public Task {
 
   void setup(const TaskContext& context) override {
     action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
-    rotor_ = rotor_speed_range(*context.drone_model().airframe());
+    rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
     step_s_ = context.clock().step_s();
     for (const auto& world : context.worlds()) {
       middles_.push_back(world->markers().goal.value_or((world->bounds().min + world->bounds().max) / 2.0F));
@@ -62,13 +62,11 @@ class FlightTask : public Task {
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     const State& state = block.context.state();
     for (const std::uint32_t env : block.envs) {
-      const std::span<const float> action = actions.row<float>(env);
-      const auto command = action_.command(action, pose_of(state, env));
-      std::copy(command.begin(), command.end(), setpoints.command.begin() + static_cast<std::ptrdiff_t>(kActions * env));
-      for (std::size_t k = kActions * env; k < kActions * (env + 1); ++k) {
-        action_before_[k] = action_now_[k];
-        action_now_[k] = std::clamp(action[k - kActions * env], -1.0F, 1.0F);
-      }
+      const Four action = Four(actions.row<float>(env).data()).max(-1.0F).min(1.0F);
+      Eigen::Map<Four>(setpoints.command.data() + kActions * env) = action_.command(action, state, env);
+      Eigen::Map<Four> now(action_now_.data() + kActions * env);
+      Eigen::Map<Four>(action_before_.data() + kActions * env) = now;
+      now = action;
     }
   }
 
@@ -105,19 +103,13 @@ class FlightTask : public Task {
       row[3 + k] = up[axis];
       row[6 + k] = spin[axis];
     }
-    for (std::size_t i = 0; i < kRotors; ++i) {
-      row[9 + i] = rotor_.action_for(state.flight.rotor_speed[kRotors * drone + i]);
-    }
+    Eigen::Map<Four>(row.data() + 9) = rotor_.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
   }
 
   // Mean square of what the action changed by.
   double change(std::size_t env) const {
-    float sum = 0.0F;
-    for (std::size_t k = kActions * env; k < kActions * (env + 1); ++k) {
-      const float change = action_now_[k] - action_before_[k];
-      sum += change * change;
-    }
-    return static_cast<double>(sum / kActions);
+    const Four change = Four(action_now_.data() + kActions * env) - Four(action_before_.data() + kActions * env);
+    return static_cast<double>(change.square().mean());
   }
 
   static double spin(const State& state, std::size_t drone) {
@@ -130,7 +122,7 @@ class FlightTask : public Task {
 
  private:
   FlightAction action_;
-  ActionRange rotor_;
+  ActionRanges rotor_;
   double step_s_ = 0.0;
   std::vector<Vec3> middles_;         // m, of each world
   std::vector<float> action_before_;  // (E, 4) in [-1, 1], of the step before; 0 in the first

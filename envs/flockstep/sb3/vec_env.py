@@ -104,7 +104,7 @@ class DroneVecEnv(VecEnv):
         self, infos: list[dict[str, Any]], ended: npt.NDArray[np.intp], truncated: npt.NDArray[np.bool_]
     ) -> None:
         seconds = round(time.perf_counter() - self._created, 6)
-        report = {name: _rows(value, ended) for name, value in self.env.episode_infos().items()}
+        report = _lists(self.env.episode_infos(ended))
         total, length, success = (report.pop(name) for name in ("episode_return", "episode_length", "success"))
         final = self.env.final_observations(ended)
         for k, index in enumerate(ended.tolist()):
@@ -149,11 +149,9 @@ class DroneVecEnv(VecEnv):
         return self.env.render() or [None] * self.num_envs
 
 
-def _rows(value: Any, ended: npt.NDArray[np.intp]) -> Any:
-    """Return the rows of an info, or of a dict of them, as lists."""
-    if isinstance(value, dict):
-        return {name: _rows(part, ended) for name, part in value.items()}
-    return value[ended].tolist()
+def _lists(report: dict[str, Any]) -> dict[str, Any]:
+    """Return infos as lists."""
+    return {name: _lists(part) if isinstance(part, dict) else part.tolist() for name, part in report.items()}
 
 
 def _nth(value: Any, k: int) -> Any:
