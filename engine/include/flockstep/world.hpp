@@ -31,10 +31,24 @@ struct Primitive {
   std::uint16_t material = 0;                // index into World::materials()
 };
 
+// What a texture shows beyond its borders: itself again, itself mirrored, or its border.
+enum class TextureWrap : std::uint8_t { repeat, mirror, clamp };
+
+// An image for surfaces.
+struct Texture {
+  std::string name;
+  int width_px = 0, height_px = 0;  // 1 to 16384
+  // Red, green, blue in sRGB and a byte that nothing reads, row by row from the top: 4 width_px height_px bytes.
+  std::vector<std::uint8_t> rgba;
+  std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};  // across, down
+};
+
 struct Material {
   std::string name;
   std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB in [0, 1]
   std::uint16_t semantic = 0;                         // class that cameras report, at most 65532; 0: the material's index plus 1
+  // Index into World::textures(): its colours, as linear RGB, are multiplied by base_color. On triangles alone.
+  std::optional<std::uint16_t> texture;
 };
 
 // What cameras see things by. Colours are linear RGB in [0, 100]. A surface of unit normal n and base colour c shows
@@ -55,6 +69,8 @@ struct TriangleMesh {
   std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
   std::vector<std::uint16_t> materials;                // one per triangle, index into World::materials(); none: all 0
   std::vector<std::uint16_t> objects;                  // one per triangle, which mesh of the scene it is of; none: all 0
+  // One per vertex, where in a texture: (0, 0) its upper left corner, (1, 1) its lower right one; none: all (0, 0).
+  std::vector<std::array<float, 2>> uv;
 };
 
 // Named places. A task reads them; nothing collides with them and no LiDAR sees them. Cameras see them as spheres, from outside
@@ -76,6 +92,7 @@ inline constexpr std::uint16_t kSemanticGoal = 65535;
 struct SceneDescription {
   std::string name = "unnamed";
   std::vector<Material> materials{Material{"default", {0.8F, 0.8F, 0.8F}}};  // 1 to 65532
+  std::vector<Texture> textures;                                             // at most 65536
   std::vector<Primitive> primitives;
   TriangleMesh mesh;  // all triangle meshes of the scene, merged
   Markers markers;
@@ -98,13 +115,14 @@ class World {
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
   // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
-  // direction unit.
+  // direction unit; uv where a material has a texture, and not elsewhere.
   explicit World(SceneDescription description);
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
   const std::string& name() const { return description_.name; }
   std::span<const Material> materials() const { return description_.materials; }
+  std::span<const Texture> textures() const { return description_.textures; }
   std::uint16_t semantic(std::size_t material) const;  // the class that cameras report of a material, in [1, 65532]
   std::span<const Primitive> primitives() const { return description_.primitives; }
   const TriangleMesh& triangles() const { return description_.mesh; }

@@ -25,10 +25,22 @@ void add(Hash& hash, const std::optional<Vec3>& point) {
 }
 
 void add(Hash& hash, const Material& material) {
-  const auto& [name, base_color, semantic] = material;
+  const auto& [name, base_color, semantic, texture] = material;
   hash.add(name);
   hash.add(std::span<const float>(base_color));
   hash.add(semantic);
+  hash.add(texture.has_value());
+  if (texture) hash.add(*texture);
+}
+
+void add(Hash& hash, const Texture& texture) {
+  const auto& [name, width_px, height_px, rgba, wrap] = texture;
+  hash.add(name);
+  hash.add(width_px);
+  hash.add(height_px);
+  hash.add(std::as_bytes(std::span(rgba)));
+  hash.add(wrap[0]);
+  hash.add(wrap[1]);
 }
 
 void add(Hash& hash, const Primitive& primitive) {
@@ -41,12 +53,14 @@ void add(Hash& hash, const Primitive& primitive) {
 }
 
 void add(Hash& hash, const TriangleMesh& mesh) {
-  const auto& [vertices, triangles, materials, objects] = mesh;
+  const auto& [vertices, triangles, materials, objects, uv] = mesh;
   static_assert(sizeof(triangles[0]) == 3 * sizeof(std::int32_t));
   add(hash, vertices);
   hash.add(std::as_bytes(std::span(triangles)));
   hash.add(std::span<const std::uint16_t>(materials));
   hash.add(std::span<const std::uint16_t>(objects));
+  static_assert(sizeof(uv[0]) == 2 * sizeof(float));
+  hash.add(std::as_bytes(std::span(uv)));
 }
 
 void add(Hash& hash, const Markers& markers) {
@@ -74,11 +88,13 @@ void add(Hash& hash, const Light& light) {
 }  // namespace
 
 std::uint64_t content_hash(const SceneDescription& description) {
-  const auto& [name, materials, primitives, mesh, markers, light] = description;
+  const auto& [name, materials, textures, primitives, mesh, markers, light] = description;
   static_cast<void>(name);
   Hash hash;
   hash.add(materials.size());
   for (const Material& material : materials) add(hash, material);
+  hash.add(textures.size());
+  for (const Texture& texture : textures) add(hash, texture);
   hash.add(primitives.size());
   for (const Primitive& primitive : primitives) add(hash, primitive);
   add(hash, mesh);

@@ -86,6 +86,19 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
 
 constexpr std::size_t kBetweenPolls = 1024;  // vertices or triangles
 
+void check_uv(TriangleMesh& mesh, bool is_textured) {
+  if (!is_textured) mesh.uv.clear();
+  if (is_textured && mesh.uv.empty()) mesh.uv.assign(mesh.vertices.size(), {});
+  if (is_textured && mesh.uv.size() != mesh.vertices.size()) {
+    refuse("mesh.uv", "one per vertex (" + std::to_string(mesh.vertices.size()) + ')', std::to_string(mesh.uv.size()));
+  }
+  for (std::size_t i = 0; i < mesh.uv.size(); ++i) {
+    for (const float value : mesh.uv[i]) {
+      if (!is_in_world(value)) refuse("mesh." + element("uv", i), "finite numbers within +-1e+06", std::to_string(value));
+    }
+  }
+}
+
 void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
     if (i % kBetweenPolls == 0) Interrupt::poll();
@@ -140,6 +153,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
     for (const std::int32_t index : used) {
       moved[static_cast<std::size_t>(index)] = static_cast<std::int32_t>(ordered.vertices.size());
       ordered.vertices.push_back(mesh.vertices[static_cast<std::size_t>(index)]);
+      if (!mesh.uv.empty()) ordered.uv.push_back(mesh.uv[static_cast<std::size_t>(index)]);
     }
     for (; first != last; ++first) {
       std::array<std::int32_t, 3> triangle = mesh.triangles[*first];
@@ -152,7 +166,22 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   return ordered;
 }
 
-void check_materials(const std::vector<Material>& materials) {
+void check_textures(const std::vector<Texture>& textures) {
+  if (textures.size() > kMaxTextures) refuse("textures", "at most 65536 of them", std::to_string(textures.size()));
+  for (std::size_t i = 0; i < textures.size(); ++i) {
+    const auto& [name, width, height, rgba, wrap] = textures[i];
+    for (const int side : {width, height}) {
+      if (side < 1 || side > kMaxTexturePx) {
+        refuse(element("textures", i), "1 to " + std::to_string(kMaxTexturePx) + " pixels to a side", std::to_string(side));
+      }
+    }
+    const std::size_t size = std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+    if (rgba.size() != size)
+      refuse(element("textures", i) + ".rgba", std::to_string(size) + " bytes", std::to_string(rgba.size()));
+  }
+}
+
+void check_materials(const std::vector<Material>& materials, std::size_t num_textures) {
   if (materials.empty() || materials.size() > kMaxMaterials) {
     refuse("materials", "1 to " + std::to_string(kMaxMaterials) + " of them", std::to_string(materials.size()));
   }
@@ -166,6 +195,10 @@ void check_materials(const std::vector<Material>& materials) {
     if (materials[i].semantic >= kSemanticStart) {
       refuse(element("materials", i) + ".semantic", "a number below " + std::to_string(kSemanticStart),
              std::to_string(materials[i].semantic));
+    }
+    if (materials[i].texture && *materials[i].texture >= num_textures) {
+      refuse(element("materials", i) + ".texture", "an index below " + std::to_string(num_textures),
+             std::to_string(*materials[i].texture));
     }
     if (!names.insert(materials[i].name).second) {
       refuse(element("materials", i) + ".name", "a name of its own", '"' + materials[i].name + '"');
@@ -243,7 +276,8 @@ Vec3 unit_direction(const Eigen::Vector3d& direction) {
 }
 
 SceneDescription canonical(SceneDescription description) {
-  check_materials(description.materials);
+  check_textures(description.textures);
+  check_materials(description.materials, description.textures.size());
   auto& primitives = description.primitives;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     Interrupt::poll();
@@ -252,6 +286,9 @@ SceneDescription canonical(SceneDescription description) {
   std::stable_sort(primitives.begin(), primitives.end(), [](const Primitive& a, const Primitive& b) { return a.kind < b.kind; });
   if (primitives.size() > 1 && primitives[1].kind == PrimitiveKind::room) refuse("primitives", "at most one room", "several");
   check_mesh(description.mesh, description.materials.size());
+  const auto& materials = description.materials;
+  check_uv(description.mesh,
+           std::any_of(materials.begin(), materials.end(), [](const Material& m) { return m.texture.has_value(); }));
   description.mesh = ordered_by_object(description.mesh);
   if (primitives.empty() && description.mesh.triangles.empty()) {
     refuse("scene", "at least one primitive or triangle", "an empty scene");

@@ -19,6 +19,8 @@ inline constexpr double kDegenerateRatio = 1e-7;
 inline constexpr std::size_t kMaxMaterials = kSemanticStart - 1;
 // Their numbers are 16 bits wide.
 inline constexpr std::size_t kMaxObjects = 65536;
+inline constexpr std::size_t kMaxTextures = 65536;
+inline constexpr int kMaxTexturePx = 16384;
 
 // Colours of the light are refused beyond this: brighter than any picture shows, and far from overflow.
 inline constexpr double kMaxLightColor = 100.0;
@@ -37,7 +39,7 @@ Vec3 unit_direction(const Eigen::Vector3d& direction);
 
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions and the sun's
 // direction unit, one material index and one object number per triangle, and the triangles of each object together, in the order
-// of the objects, with vertices that are theirs alone and all used. Descriptions in that form come out as they are. Throws
+// of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form come out as they are. Throws
 // std::invalid_argument naming the field, what was expected and what came.
 SceneDescription canonical(SceneDescription description);
 
