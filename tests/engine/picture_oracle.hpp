@@ -175,6 +175,126 @@ inline Surface surface_of(const World& world, int element) {
   return {{0.85, 0.6, 0.02}, kSemanticWaypoint, instance};
 }
 
+// -- What a texture shows, by the rules above struct Textures.
+
+struct TexelGrid {
+  int width, height;
+  std::vector<Vec3d> linear;  // row by row
+
+  const Vec3d& at(int row, int column) const {
+    return linear[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
+  }
+};
+
+inline double linear_of(double byte) {
+  const double value = byte / 255.0;
+  return value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
+}
+
+inline double rounded_to_byte(double linear) {
+  return std::round(255.0 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1.0 / 2.4) - 0.055));
+}
+
+// The mean over a rectangle, given in texels.
+inline Vec3d mean_over(const TexelGrid& grid, double left, double right, double top, double bottom) {
+  Vec3d sum = Vec3d::Zero();
+  for (int row = 0; row < grid.height; ++row) {
+    for (int column = 0; column < grid.width; ++column) {
+      const double across = std::min(right, column + 1.0) - std::max(left, 1.0 * column);
+      const double down = std::min(bottom, row + 1.0) - std::max(top, 1.0 * row);
+      if (across > 0.0 && down > 0.0) sum += across * down * grid.at(row, column);
+    }
+  }
+  return sum / ((right - left) * (bottom - top));
+}
+
+// The mip levels of an image, each kept in bytes of sRGB.
+inline std::vector<TexelGrid> mip_levels(const Texture& image) {
+  std::vector<TexelGrid> levels{{image.width_px, image.height_px, {}}};
+  for (std::size_t i = 0; i < image.rgba.size(); i += 4) {
+    levels[0].linear.emplace_back(linear_of(image.rgba[i]), linear_of(image.rgba[i + 1]), linear_of(image.rgba[i + 2]));
+  }
+  while (levels.back().width > 1 || levels.back().height > 1) {
+    const TexelGrid before = levels.back();
+    TexelGrid next{std::max(before.width / 2, 1), std::max(before.height / 2, 1), {}};
+    const double x = static_cast<double>(before.width) / next.width;
+    const double y = static_cast<double>(before.height) / next.height;
+    for (int row = 0; row < next.height; ++row) {
+      for (int column = 0; column < next.width; ++column) {
+        Vec3d mean = mean_over(before, column * x, (column + 1) * x, row * y, (row + 1) * y);
+        for (double& value : mean) value = linear_of(rounded_to_byte(value));
+        next.linear.push_back(mean);
+      }
+    }
+    levels.push_back(next);
+  }
+  return levels;
+}
+
+inline double wrapped(double x, TextureWrap wrap) {
+  if (wrap == TextureWrap::clamp) return std::clamp(x, 0.0, 1.0);
+  if (wrap == TextureWrap::repeat) return x - std::floor(x);
+  const double there_and_back = std::fmod(std::abs(x), 2.0);
+  return there_and_back > 1.0 ? 2.0 - there_and_back : there_and_back;
+}
+
+inline Vec3d between_texels(const TexelGrid& grid, double s, double t, const std::array<TextureWrap, 2>& wrap) {
+  const double x = wrapped(s, wrap[0]) * grid.width - 0.5;
+  const double y = wrapped(t, wrap[1]) * grid.height - 0.5;
+  const auto texel = [](int index, int size, TextureWrap how) {
+    if (how == TextureWrap::repeat) return (index + size) % size;
+    return std::clamp(index, 0, size - 1);
+  };
+  Vec3d color = Vec3d::Zero();
+  for (int j = 0; j < 2; ++j) {
+    for (int i = 0; i < 2; ++i) {
+      const double across = x - std::floor(x);
+      const double down = y - std::floor(y);
+      const int column = texel(static_cast<int>(std::floor(x)) + i, grid.width, wrap[0]);
+      const int row = texel(static_cast<int>(std::floor(y)) + j, grid.height, wrap[1]);
+      color += (i == 0 ? 1.0 - across : across) * (j == 0 ? 1.0 - down : down) * grid.at(row, column);
+    }
+  }
+  return color;
+}
+
+// What a triangle's texture shows at a point of it; white where it has none. pixel: width of one at planar depth 1.
+inline Vec3d texture_color(const World& world, const std::vector<std::vector<TexelGrid>>& images, std::size_t triangle,
+                           const Vec3d& point, const Vec3d& normal, const Vec3d& direction, double depth, double pixel) {
+  const TriangleMesh& mesh = world.triangles();
+  const auto& texture = world.materials()[mesh.materials[triangle]].texture;
+  if (!texture) return Vec3d::Ones();
+  const Texture& image = world.textures()[*texture];
+  std::array<Vec3d, 3> at;
+  std::array<Eigen::Vector2d, 3> uv;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto vertex = static_cast<std::size_t>(mesh.triangles[triangle][k]);
+    at[k] = mesh.vertices[vertex].cast<double>();
+    uv[k] = {static_cast<double>(mesh.uv[vertex][0]), static_cast<double>(mesh.uv[vertex][1])};
+  }
+  Eigen::Matrix<double, 3, 2> edges;
+  edges << at[1] - at[0], at[2] - at[0];
+  const Eigen::Vector2d weights = edges.colPivHouseholderQr().solve(point - at[0]);
+  const Eigen::Vector2d place = uv[0] + weights[0] * (uv[1] - uv[0]) + weights[1] * (uv[2] - uv[0]);
+  Eigen::Matrix2d shown;
+  shown << uv[1] - uv[0], uv[2] - uv[0];
+  const double texels =
+      std::abs(shown.determinant()) * image.width_px * image.height_px / edges.col(0).cross(edges.col(1)).norm();
+  const double covered = texels * std::pow(pixel * depth * direction.norm() / std::abs(normal.dot(direction)), 2);
+  int exponent = 0;
+  const double mantissa = 2.0 * std::frexp(covered, &exponent);
+  const std::vector<TexelGrid>& levels = images[*texture];
+  const double last = static_cast<double>(levels.size()) - 1.0;
+  const double detail = covered > 0.0 ? std::clamp(0.5 * (exponent - 1 + mantissa - 1.0), 0.0, last) : 0.0;
+  const auto color = [&](double level) {
+    return between_texels(levels[static_cast<std::size_t>(level)], place.x(), place.y(), image.wrap);
+  };
+  const double fine = std::floor(detail);
+  return color(fine) + (detail - fine) * (color(std::min(fine + 1.0, last)) - color(fine));
+}
+
+// -- How it is written.
+
 inline int level(const World& world, double value) {
   return static_cast<int>(std::lround(255.0 * std::pow(std::min(value, 1.0), 1.0 / static_cast<double>(world.light().gamma))));
 }
@@ -290,6 +410,8 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
   const CameraOutputs& outputs = config.outputs;
   const auto width = static_cast<std::size_t>(config.width_px);
   const auto height = static_cast<std::size_t>(config.height_px);
+  std::vector<std::vector<oracle::TexelGrid>> images;
+  for (const Texture& image : world.textures()) images.push_back(oracle::mip_levels(image));
   Compared compared;
   std::size_t wrong = 0;
   for (std::size_t place = 0; place < width * height; place += stride) {
@@ -308,6 +430,14 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
       rgb = oracle::sky_levels(world, direction);
     } else {
       surface = oracle::surface_of(world, seen.element);
+      const Vec3d point = eye.origin + seen.depth * direction;
+      const auto primitives = static_cast<int>(world.primitives().size());
+      if (seen.element >= primitives && seen.element < oracle::first_marker(world)) {
+        const auto triangle = static_cast<std::size_t>(seen.element - primitives);
+        const double width_of_pixel = 1.0 / oracle::focal_lengths(config)[0];
+        surface.color = surface.color.cwiseProduct(
+            oracle::texture_color(world, images, triangle, point, seen.normal, direction, seen.depth, width_of_pixel));
+      }
       auto shade = oracle::Shade::lit;
       if (config.shadows) shade = oracle::shade_at(world, eye.origin + seen.depth * direction, seen.normal);
       colors_are_clear &= shade != oracle::Shade::unclear;

@@ -6,7 +6,9 @@ namespace flockstep::render {
 
 Appearance::Appearance(const World& world) : marker_radius(world.markers().radius), light(world.light()) {
   for (std::size_t i = 0; i < world.materials().size(); ++i) {
-    materials.push_back({world.materials()[i].base_color, world.semantic(i), 0});
+    const Material& material = world.materials()[i];
+    const std::int32_t texture = material.texture ? std::int32_t{*material.texture} : -1;
+    materials.push_back({material.base_color, world.semantic(i), 0, texture});
   }
   std::uint16_t instance = 0;
   for (const Primitive& primitive : world.primitives()) {

@@ -14,6 +14,7 @@ struct Surface {
   std::array<float, 3> color{};  // linear RGB
   std::uint16_t semantic = 0;
   std::uint16_t instance = 0;
+  std::int32_t texture = -1;  // of triangles: index into World::textures(), or none
 };
 
 // The colours of markers, linear RGB. The blob task tells the goal by its green; see task/green_blob.cpp.

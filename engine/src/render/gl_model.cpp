@@ -46,12 +46,14 @@ struct Triangle {
   std::array<std::uint32_t, 3> corners;  // into Soup::positions
   Vec3 normal;                           // unit
   Surface surface;
+  float density;     // texels to a square metre
   Vec3 middle;       // m, of its bounding box
   float size = 0.0;  // m, longest side of that
 };
 
 struct Soup {
   std::vector<Vec3> positions;
+  std::vector<std::array<float, 2>> uv;  // one for each of these, or none where no triangle has a texture
   std::vector<Triangle> triangles;
 
   std::uint32_t add(const Vec3& position) {
@@ -59,13 +61,13 @@ struct Soup {
     return static_cast<std::uint32_t>(positions.size() - 1);
   }
 
-  void add(const std::array<std::uint32_t, 3>& corners, const Vec3d& normal, const Surface& surface) {
+  void add(const std::array<std::uint32_t, 3>& corners, const Vec3d& normal, const Surface& surface, float density = 0.0F) {
     const Vec3& a = positions[corners[0]];
     const Vec3& b = positions[corners[1]];
     const Vec3& c = positions[corners[2]];
     const Vec3 low = a.cwiseMin(b).cwiseMin(c);
     const Vec3 high = a.cwiseMax(b).cwiseMax(c);
-    triangles.push_back({corners, normal.cast<float>(), surface, 0.5F * (low + high), (high - low).maxCoeff()});
+    triangles.push_back({corners, normal.cast<float>(), surface, density, 0.5F * (low + high), (high - low).maxCoeff()});
   }
 };
 
@@ -96,9 +98,15 @@ void add_flat(const Primitive& primitive, const Surface& surface, Soup& soup) {
   }
 }
 
-void add_mesh(const TriangleMesh& mesh, const Appearance& appearance, Soup& soup) {
+void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
+  const TriangleMesh& mesh = world.triangles();
+  const std::vector<float> densities = texels_per_square_metre(world);
   const auto base = static_cast<std::uint32_t>(soup.positions.size());
   soup.positions.insert(soup.positions.end(), mesh.vertices.begin(), mesh.vertices.end());
+  if (!mesh.uv.empty()) {
+    soup.uv.resize(base);
+    soup.uv.insert(soup.uv.end(), mesh.uv.begin(), mesh.uv.end());
+  }
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
     std::array<std::uint32_t, 3> corners{};
     std::array<Vec3d, 3> at;
@@ -110,7 +118,7 @@ void add_mesh(const TriangleMesh& mesh, const Appearance& appearance, Soup& soup
     if (!(normal.norm() > 0.0)) continue;  // without an area it is never seen
     Surface surface = appearance.materials[mesh.materials[i]];
     surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
-    soup.add(corners, normal.normalized(), surface);
+    soup.add(corners, normal.normalized(), surface, densities.empty() ? 0.0F : densities[i]);
   }
 }
 
@@ -151,7 +159,8 @@ void sort_for_chunks(std::vector<Triangle>& triangles) {
 // Corners of one chunk, each the last one of a triangle at most.
 class Corners {
  public:
-  Corners(const Soup& soup, std::vector<FlatVertex>& vertices) : soup_(soup), vertices_(vertices) {}
+  Corners(const Soup& soup, std::vector<FlatVertex>& vertices, std::vector<TexturedVertex>& textured)
+      : soup_(soup), vertices_(vertices), textured_(textured) {}
 
   void start_chunk() { copies_.clear(); }
 
@@ -179,6 +188,12 @@ class Corners {
     last.sunlit = both_sides(true);
     last.shadowy = both_sides(false);
     last.ids = pack(triangle.surface);
+    if (!soup_.uv.empty()) {
+      TexturedVertex& shown = textured_[indices[2]];
+      shown.density = triangle.density;
+      shown.texture = static_cast<std::uint32_t>(triangle.surface.texture + 1);
+      shown.base_color = triangle.surface.color;
+    }
     return indices;
   }
 
@@ -197,16 +212,18 @@ class Corners {
   std::uint32_t append(std::uint32_t corner) {
     vertices_.push_back({});
     vertices_.back().position = array_of(soup_.positions[corner]);
+    if (!soup_.uv.empty()) textured_.push_back({.uv = soup_.uv[corner]});
     return static_cast<std::uint32_t>(vertices_.size() - 1);
   }
 
   const Soup& soup_;
   std::vector<FlatVertex>& vertices_;
+  std::vector<TexturedVertex>& textured_;
   std::unordered_map<std::uint32_t, Copy> copies_;
 };
 
 void make_chunks(const Soup& soup, const Light& light, GlModel& model) {
-  Corners corners(soup, model.vertices);
+  Corners corners(soup, model.vertices, model.textured);
   for (std::size_t first = 0; first < soup.triangles.size(); first += kChunkTriangles) {
     const auto chunk = std::span(soup.triangles).subspan(first, std::min(kChunkTriangles, soup.triangles.size() - first));
     const auto first_index = static_cast<std::uint32_t>(model.indices.size());
@@ -247,7 +264,7 @@ void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const V
 
 }  // namespace
 
-GlModel::GlModel(const World& world) {
+GlModel::GlModel(const World& world) : textures(world.textures()) {
   const Appearance appearance(world);
   light = appearance.light;
   Soup soup;
@@ -280,7 +297,7 @@ GlModel::GlModel(const World& world) {
         break;
     }
   }
-  add_mesh(world.triangles(), appearance, soup);
+  add_mesh(world, appearance, soup);
   for (const MarkerSphere& marker : appearance.markers) {
     add_round(RoundKind::sphere, marker.center, Mat3::Identity(), Vec3::Constant(appearance.marker_radius), marker.surface, true,
               *this);

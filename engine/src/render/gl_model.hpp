@@ -8,6 +8,7 @@
 
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
+#include "render/textures.hpp"
 
 namespace flockstep::render {
 
@@ -21,6 +22,16 @@ struct FlatVertex {
   std::array<std::uint32_t, 2> shadowy;  // the same without the sun
   std::uint32_t ids;                     // semantic, and instance in the upper half
 };
+
+// What a corner has besides, where a world has textures. All but uv describes a triangle, as in FlatVertex.
+struct TexturedVertex {
+  std::array<float, 2> uv;
+  float density;                    // texels to a square metre
+  std::uint32_t texture;            // its number plus 1; 0: none
+  std::array<float, 3> base_color;  // linear RGB
+  float unused;
+};
+static_assert(sizeof(TexturedVertex) == 2 * 16);
 
 // Flat geometry that is drawn or left out as a whole.
 struct FlatChunk {
@@ -64,6 +75,8 @@ struct GlModel {
   explicit GlModel(const World& world);
 
   std::vector<FlatVertex> vertices;
+  std::vector<TexturedVertex> textured;  // one for each of these, or none where no triangle has a texture
+  Textures textures;
   std::vector<std::uint32_t> indices;  // three a triangle
   std::vector<FlatChunk> chunks;       // in the order of their indices, without gaps
   std::array<std::vector<RoundShape>, kNumRoundKinds> shapes;

@@ -1,6 +1,7 @@
 #include "render/gl_painter.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace flockstep::render {
@@ -94,6 +95,12 @@ GlPainter::GlPainter()
     at(5 + i, kCameras);
   }
   glVertexArrayBindingDivisor(array, kCameras, 1);
+  constexpr GLuint kTextured = 2;
+  glVertexArrayAttribFormat(array, 12, 2, GL_FLOAT, GL_FALSE, offsetof(TexturedVertex, uv));
+  glVertexArrayAttribFormat(array, 13, 1, GL_FLOAT, GL_FALSE, offsetof(TexturedVertex, density));
+  glVertexArrayAttribIFormat(array, 14, 1, GL_UNSIGNED_INT, offsetof(TexturedVertex, texture));
+  glVertexArrayAttribFormat(array, 15, 3, GL_FLOAT, GL_FALSE, offsetof(TexturedVertex, base_color));
+  for (GLuint location = 12; location < 16; ++location) glVertexArrayAttribBinding(array, location, kTextured);
 
   glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
   glFrontFace(GL_CW);  // pictures are upside down: row 0, the top, is what OpenGL calls the lowest
@@ -103,7 +110,14 @@ GlPainter::GlPainter()
 
 void GlPainter::add(const GlModel& model) {
   UploadedModel uploaded;
-  uploaded.first_vertex = static_cast<GLint>(vertices_.append(std::span(model.vertices)));
+  const std::size_t first_vertex = vertices_.append(std::span(model.vertices));
+  uploaded.first_vertex = static_cast<GLint>(first_vertex);
+  uploaded.has_textures = !model.textured.empty();
+  if (uploaded.has_textures) add_textures(model, first_vertex);
+  const Light& light = model.light;
+  const LightRecord record{row(light.sun_direction, 0.0F), row(light.sun_color, 0.0F), row(light.sky_ambient, 0.0F),
+                           row(light.ground_ambient, 1.0F / light.gamma)};
+  lights_.append(std::span<const LightRecord>(&record, 1));
   const std::size_t first_index = indices_.append(std::span(model.indices));
   uploaded.chunks = model.chunks;
   for (FlatChunk& chunk : uploaded.chunks) chunk.first_index += static_cast<std::uint32_t>(first_index);
@@ -114,6 +128,36 @@ void GlPainter::add(const GlModel& model) {
   uploaded.rooms = model.rooms;
   uploaded.light = model.light;
   models_.push_back(std::move(uploaded));
+}
+
+void GlPainter::add_textures(const GlModel& model, std::size_t first_vertex) {
+  const Textures& textures = model.textures;
+  if (texels_.size() == 0) {
+    const auto& linear = srgb_to_linear();
+    std::vector<std::uint32_t> bits;
+    for (const float value : linear) bits.push_back(std::bit_cast<std::uint32_t>(value));
+    texels_.append(std::span<const std::uint32_t>(bits));
+  }
+  const std::size_t first_texel = texels_.append(std::span(textures.texels));
+  const std::size_t first_texture = textures_.size();
+  const std::size_t first_level = first_texture + textures.first_level.size();
+  std::vector<std::array<std::uint32_t, 4>> records;
+  const auto number = [](std::int32_t value) { return static_cast<std::uint32_t>(value); };
+  for (std::size_t i = 0; i < textures.first_level.size(); ++i) {
+    records.push_back({static_cast<std::uint32_t>(first_level) + number(textures.first_level[i]), number(textures.num_levels[i]),
+                       number(textures.wrap_across[i]), number(textures.wrap_down[i])});
+  }
+  for (std::size_t i = 0; i < textures.offset.size(); ++i) {
+    records.push_back({static_cast<std::uint32_t>(first_texel) + number(textures.offset[i]), number(textures.width[i]),
+                       number(textures.height[i]), 0});
+  }
+  textures_.append(std::span<const std::array<std::uint32_t, 4>>(records));
+  std::vector<TexturedVertex> vertices(first_vertex - textured_.size());  // of models without textures, added before
+  for (TexturedVertex vertex : model.textured) {
+    if (vertex.texture != 0) vertex.texture += static_cast<std::uint32_t>(first_texture);
+    vertices.push_back(vertex);
+  }
+  textured_.append(std::span<const TexturedVertex>(vertices));
 }
 
 void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
@@ -168,8 +212,11 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
   };
   if (!flat_commands_.empty()) {
-    use(shaders_.flat(pass.traits));
-    draw_flat();
+    ShaderTraits traits = pass.traits;
+    traits.textures =
+        std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].has_textures; });
+    use(shaders_.flat(traits));
+    draw_flat(traits.textures);
   }
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     for (const bool boxes : {false, true}) {
@@ -205,8 +252,8 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   const double middle = (2.0 * number + 1.0) / size.tiles - 1.0;
   const float gamma_exponent = 1.0F / model.light.gamma;
   const Vec3d eye = camera.position.cast<double>();
-  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy), row(-left / fx),
-                      row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
+  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy),
+                      row(-left / fx, camera.model), row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
                       row(model.light.zenith_color, 0.0F)});
 
   const double near = static_cast<double>(pass.near_m);
@@ -274,12 +321,25 @@ void GlPainter::cull_round(const UploadedModel& model, const Frustum& frustum, c
   }
 }
 
-void GlPainter::draw_flat() {
+void GlPainter::draw_flat(bool textures) {
   glDisable(GL_CULL_FACE);
   glBindVertexArray(flat_array_.name());
   glVertexArrayVertexBuffer(flat_array_.name(), 0, vertices_.name(), 0, sizeof(FlatVertex));
   glVertexArrayVertexBuffer(flat_array_.name(), 1, cameras_.name(), 0, sizeof(CameraRecord));
   glVertexArrayElementBuffer(flat_array_.name(), indices_.name());
+  if (textures) {
+    // Vertices of models that were added after the last one with textures have none.
+    if (textured_.size() < vertices_.size()) {
+      textured_.append(std::span<const TexturedVertex>(std::vector<TexturedVertex>(vertices_.size() - textured_.size())));
+    }
+    glVertexArrayVertexBuffer(flat_array_.name(), 2, textured_.name(), 0, sizeof(TexturedVertex));
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kTexelsBinding, texels_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kTexturesBinding, textures_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kLightsBinding, lights_.name());
+  }
+  for (GLuint location = 12; location < 16; ++location) {
+    (textures ? glEnableVertexArrayAttrib : glDisableVertexArrayAttrib)(flat_array_.name(), location);
+  }
   upload(commands_, std::span<const DrawCommand>(flat_commands_));
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, commands_.name());
   glMultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT, nullptr, static_cast<GLsizei>(flat_commands_.size()), 0);

@@ -118,6 +118,36 @@ layout(location = 1) flat out uvec3 tints_ids;  // in the sun, in shadow
 #ifdef NORMAL
 layout(location = 2) flat out vec3 facing;
 #endif
+#ifdef TEXTURES
+layout(location = 12) in vec2 uv;
+layout(location = 13) in float density;
+layout(location = 14) in uint texture_number;
+layout(location = 15) in vec3 base_color;
+
+struct Light {
+  vec4 sun_direction;
+  vec4 sun;
+  vec4 sky;
+  vec4 ground_gamma;
+};
+layout(std430, binding = 7) readonly buffer Lights { Light lights[]; };
+
+layout(location = 3) out vec2 texture_at;
+layout(location = 4) flat out vec4 lens;
+layout(location = 5) flat out vec4 in_sun_height;
+layout(location = 6) flat out vec4 in_shadow_gamma;
+layout(location = 7) flat out vec2 texture_density;  // its number plus 1
+
+void light_texture(vec3 n, float height, uint model) {
+  Light light = lights[model];
+  vec3 ambient = mix(light.ground_gamma.xyz, light.sky.xyz, 0.5 + 0.5 * n.z);
+  texture_at = uv;
+  lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
+  in_sun_height = vec4(base_color * (ambient + light.sun.xyz * max(0.0, dot(n, light.sun_direction.xyz))), height);
+  in_shadow_gamma = vec4(base_color * ambient, light.ground_gamma.w);
+  texture_density = vec2(float(texture_number), density);
+}
+#endif
 
 void main() {
   vec3 at = position - eye_offset.xyz;
@@ -128,6 +158,9 @@ void main() {
   nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v_grid.xyz)) / height;
   bool front = height < 0.0;
   tints_ids = uvec3(front ? sunlit.x : sunlit.y, front ? shadowy.x : shadowy.y, ids);
+#ifdef TEXTURES
+  light_texture(front ? normal : -normal, height, uint(ray_u.w));
+#endif
 #ifdef NORMAL
   facing = front ? normal : -normal;
 #endif
@@ -143,15 +176,82 @@ layout(location = 1) flat in uvec3 tints_ids;
 #ifdef NORMAL
 layout(location = 2) flat in vec3 facing;
 #endif
+#ifdef TEXTURES
+layout(location = 3) in vec2 texture_at;
+layout(location = 4) flat in vec4 lens;
+layout(location = 5) flat in vec4 in_sun_height;
+layout(location = 6) flat in vec4 in_shadow_gamma;
+layout(location = 7) flat in vec2 texture_density;
+
+layout(std430, binding = 1) readonly buffer Texels { uint texels[]; };  // before them the linear values of bytes, as floats
+// Of a texture: its first level, their number, how it wraps; of a level: its first texel, width and height.
+layout(std430, binding = 2) readonly buffer Textures { uvec4 textures[]; };
+
+float wrapped(float x, uint wrap) {
+  float there_and_back = x - 2.0 * floor(0.5 * x);
+  float mirrored = there_and_back > 1.0 ? 2.0 - there_and_back : there_and_back;
+  return clamp(wrap == 0u ? x - floor(x) : wrap == 1u ? mirrored : x, 0.0, 1.0);
+}
+
+// Two neighbouring texels along an axis.
+ivec2 neighbours(float below, int size, uint wrap) {
+  int first = int(below);
+  int second = first + 1;
+  if (first < 0) first = wrap == 0u ? size - 1 : 0;
+  if (second >= size) second = wrap == 0u ? 0 : size - 1;
+  return ivec2(first, second);
+}
+
+vec3 linear_texel(uint offset, int row, int column, int width) {
+  uint texel = texels[offset + uint(row * width + column)];
+  return vec3(uintBitsToFloat(texels[texel & 0xFFu]), uintBitsToFloat(texels[texel >> 8u & 0xFFu]),
+              uintBitsToFloat(texels[texel >> 16u & 0xFFu]));
+}
+
+vec3 level_color(uint level, vec2 at, uvec2 wrap) {
+  uvec4 place = textures[level];
+  ivec2 size = ivec2(place.yz);
+  vec2 texel = at * vec2(size) - 0.5;
+  vec2 below = floor(texel);
+  vec2 towards = texel - below;
+  ivec2 x = neighbours(below.x, size.x, wrap.x);
+  ivec2 y = neighbours(below.y, size.y, wrap.y);
+  vec3 upper = mix(linear_texel(place.x, y.x, x.x, size.x), linear_texel(place.x, y.x, x.y, size.x), towards.x);
+  vec3 lower = mix(linear_texel(place.x, y.y, x.x, size.x), linear_texel(place.x, y.y, x.y, size.x), towards.x);
+  return mix(upper, lower, towards.y);
+}
+
+// As textures.hpp says.
+vec3 texture_color(float depth, vec3 at) {
+  uvec4 image = textures[uint(texture_density.x) - 1u];
+  vec2 ray = (lens.xy - at.yz) * lens.zw;
+  float square = depth * depth / in_sun_height.w;
+  float covered = texture_density.y * lens.z * lens.w * (1.0 + dot(ray, ray)) * square * square;
+  float detail = 0.5 * (float(floatBitsToInt(covered)) * exp2(-23.0) - 127.0);
+  detail = clamp(detail, 0.0, float(image.y - 1u));
+  uint fine = uint(detail);
+  vec2 place = vec2(wrapped(texture_at.x, image.z), wrapped(texture_at.y, image.w));
+  return mix(level_color(image.x + fine, place, image.zw),
+             level_color(image.x + min(fine + 1u, image.y - 1u), place, image.zw), detail - float(fine));
+}
+#endif
 
 void main() {
 #ifdef COLOR
-  uint tint = tints_ids.x;
-#ifdef SHADOWS
+  bool sun = true;
+#if defined(SHADOWS) || defined(TEXTURES)
   vec3 at = pixel();
-  if (in_shadow(1.0 / dot(nearness, at), at, tints_ids.x != tints_ids.y)) tint = tints_ids.y;
+  float depth = 1.0 / dot(nearness, at);
 #endif
-  out_color = unpackUnorm4x8(tint);
+#ifdef SHADOWS
+  sun = !in_shadow(depth, at, tints_ids.x != tints_ids.y);
+#endif
+  out_color = unpackUnorm4x8(sun ? tints_ids.x : tints_ids.y);
+#ifdef TEXTURES
+  if (texture_density.x > 0.0) {
+    out_color = encode((sun ? in_sun_height.xyz : in_shadow_gamma.xyz) * texture_color(depth, at), in_shadow_gamma.w);
+  }
+#endif
 #endif
 #ifdef DEPTH
   gl_FragDepth = (dot(nearness, pixel()) - farness) * nearness_scale;
@@ -566,9 +666,10 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
                                        ""};
-  const std::array flags{traits.writes.color, traits.writes.depth, traits.writes.ids, traits.writes.normal, traits.shadows};
-  static constexpr std::array kFlagDefines{"#define COLOR\n", "#define DEPTH\n", "#define IDS\n", "#define NORMAL\n",
-                                           "#define SHADOWS\n"};
+  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
+                         traits.writes.normal, traits.shadows,      traits.textures && traits.writes.color};
+  static constexpr std::array kFlagDefines{"#define COLOR\n",  "#define DEPTH\n",   "#define IDS\n",
+                                           "#define NORMAL\n", "#define SHADOWS\n", "#define TEXTURES\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -600,7 +701,9 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
 
 GLuint GlShaders::flat(const ShaderTraits& traits) { return get(Role::flat, traits); }
 
-GLuint GlShaders::round(RoundKind kind, const ShaderTraits& traits) {
+GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
+  ShaderTraits traits = all_traits;
+  traits.textures = false;
   switch (kind) {
     case RoundKind::cylinder:
       return get(Role::cylinder, traits);

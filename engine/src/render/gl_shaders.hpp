@@ -23,6 +23,7 @@ struct Attachments {
 struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // of the sun
+  bool textures = false;
 };
 
 // Numbers in the shaders' layout qualifiers.
@@ -33,6 +34,9 @@ inline constexpr GLint kBoxesUniform = 3;    // 1: a box is drawn round each sha
 inline constexpr GLuint kCamerasBinding = 0;
 inline constexpr GLuint kVisibleBinding = 1;
 inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
+inline constexpr GLuint kTexelsBinding = 1;  // flat geometry has no use for the two before
+inline constexpr GLuint kTexturesBinding = 2;
+inline constexpr GLuint kLightsBinding = 7;
 inline constexpr GLuint kGridsBinding = 3;
 inline constexpr GLuint kStartsBinding = 4;
 inline constexpr GLuint kEntriesBinding = 5;

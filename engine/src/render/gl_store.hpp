@@ -24,6 +24,7 @@ class GlStore {
     return first;
   }
 
+  std::size_t size() const { return size_; }
   GLuint name() const { return buffer_.name(); }  // changes when it grows; 0 while it is empty
 
  private:

@@ -54,7 +54,10 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
   const bool shadows = request.camera->shadows && wanted.any_color();
   if (shadows) find_shadows(request, rays, scratch);
   const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
-  request.shading->shade(rays, scratch.tracer.details(), shaded, wanted, request.camera->depth_kind, scratch.pixels);
+  const PinholeCamera& pinhole = *request.pinhole;
+  const auto samples = static_cast<float>(std::max(pinhole.grids.size() - 1, std::size_t{1}));
+  request.shading->shade(rays, scratch.tracer.details(), shaded, 1.0F / (pinhole.fx * pinhole.fy * samples), wanted,
+                         request.camera->depth_kind, scratch.pixels);
 }
 
 // The mean of all samples' colours.

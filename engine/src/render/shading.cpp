@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <type_traits>
 
 #include "trace/intersect-inl.hpp"
 
@@ -229,11 +230,126 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
   return pixels;
 }
 
+// A texture coordinate within [0, 1]: repeated, mirrored or clamped.
+HWY_INLINE V wrapped(Floats d, V x, I wrap) {
+  const Ints di;
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.0F), two = hn::Set(d, 2.0F);
+  const auto is = [&](TextureWrap which)
+                      HWY_ATTR { return hn::RebindMask(d, hn::Eq(wrap, hn::Set(di, static_cast<std::int32_t>(which)))); };
+  const V repeated = hn::Sub(x, hn::Floor(x));
+  const V there_and_back = hn::Sub(x, hn::Mul(two, hn::Floor(hn::Mul(x, hn::Set(d, 0.5F)))));
+  const V mirrored = hn::IfThenElse(hn::Gt(there_and_back, one), hn::Sub(two, there_and_back), there_and_back);
+  const V inside = hn::IfThenElse(is(TextureWrap::repeat), repeated, hn::IfThenElse(is(TextureWrap::mirror), mirrored, x));
+  return hn::Min(hn::Max(inside, zero), one);
+}
+
+// Two neighbouring texels along an axis, and how far towards the second.
+struct Neighbours {
+  I first, second;
+  V towards;
+};
+
+HWY_INLINE Neighbours neighbours(Floats d, Ints di, V x, I size, I wrap) {
+  const V at = hn::Sub(hn::Mul(x, hn::ConvertTo(d, size)), hn::Set(d, 0.5F));
+  const V below = hn::Floor(at);
+  const I zero = hn::Zero(di), one = hn::Set(di, 1);
+  const I last = hn::Sub(size, one);
+  const I first = hn::ConvertTo(di, below);
+  const I second = hn::Add(first, one);
+  const auto repeats = hn::Eq(wrap, hn::Set(di, static_cast<std::int32_t>(TextureWrap::repeat)));
+  const I before = hn::IfThenElse(repeats, last, zero);
+  const I after = hn::IfThenElse(repeats, zero, last);
+  return {hn::IfThenElse(hn::Lt(first, zero), before, first), hn::IfThenElse(hn::Gt(second, last), after, second),
+          hn::Sub(at, below)};
+}
+
+// The linear colours at (s, t) in levels of textures; all lanes must have one.
+HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Textures& textures, I level, V s, V t, I across, I down) {
+  const I width = hn::GatherIndex(di, textures.width.data(), level);
+  const Neighbours x = neighbours(d, di, s, width, across);
+  const Neighbours y = neighbours(d, di, t, hn::GatherIndex(di, textures.height.data(), level), down);
+  const I offset = hn::GatherIndex(di, textures.offset.data(), level);
+  const auto texel = [&](I row, I column) HWY_ATTR {
+    const auto* const texels = reinterpret_cast<const std::int32_t*>(textures.texels.data());
+    return hn::GatherIndex(di, texels, hn::Add(offset, hn::Add(hn::Mul(row, width), column)));
+  };
+  const I a = texel(y.first, x.first), b = texel(y.first, x.second);
+  const I c = texel(y.second, x.first), e = texel(y.second, x.second);
+  const float* const linear = srgb_to_linear().data();
+  const auto mix = [&](V from, V to, V share) HWY_ATTR { return hn::Add(from, hn::Mul(hn::Sub(to, from), share)); };
+  const auto channel = [&](auto shift) HWY_ATTR {
+    const auto value = [&](I packed_texel) HWY_ATTR {
+      return hn::GatherIndex(d, linear, hn::And(hn::ShiftRight<shift.value>(packed_texel), hn::Set(di, 0xFF)));
+    };
+    return mix(mix(value(a), value(b), x.towards), mix(value(c), value(e), x.towards), y.towards);
+  };
+  return {channel(std::integral_constant<int, 0>()), channel(std::integral_constant<int, 8>()),
+          channel(std::integral_constant<int, 16>())};
+}
+
+// The square of how much of a surface a pixel covers along the longer side, m^2.
+template <bool kShadows>
+HWY_INLINE V footprint(Floats d, const Rays<kShadows>& rays, const Vec3V<V>& normal, float pixel_area) {
+  const V across = dot(normal, rays.direction);
+  const V square = hn::Mul(hn::Mul(rays.t, rays.t), hn::Set(d, pixel_area));
+  return hn::Div(hn::Mul(square, dot(rays.direction, rays.direction)), hn::Mul(across, across));
+}
+
+// Multiplies the colours of triangles that have textures by these.
+HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements, std::uint64_t which,
+                     const std::int32_t* material, const trace::HitDetails& details, std::size_t first, V covered,
+                     std::array<V, 3>& colors) {
+  alignas(64) std::int32_t texture[PixelTile::kSide] = {};
+  alignas(64) std::int32_t has_one[PixelTile::kSide] = {};
+  alignas(64) float across[PixelTile::kSide] = {}, down[PixelTile::kSide] = {}, density[PixelTile::kSide] = {};
+  bool any = false;
+  for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+    const std::int32_t number = tables.texture[static_cast<std::size_t>(material[lane])];
+    if (number < 0) continue;
+    any = true;
+    const auto triangle = static_cast<std::size_t>(elements[lane] - tables.first_triangle);
+    const auto& corners = tables.triangles[triangle];
+    const float u = details.u[first + lane], v = details.v[first + lane], w = 1.0F - u - v;
+    const auto& a = tables.uv[static_cast<std::size_t>(corners[0])];
+    const auto& b = tables.uv[static_cast<std::size_t>(corners[1])];
+    const auto& c = tables.uv[static_cast<std::size_t>(corners[2])];
+    texture[lane] = number;
+    has_one[lane] = -1;
+    across[lane] = w * a[0] + u * b[0] + v * c[0];
+    down[lane] = w * a[1] + u * b[1] + v * c[1];
+    density[lane] = tables.texels_per_square_metre[triangle];
+  }
+  if (!any) return;
+  const Textures& textures = tables.textures;
+  const I number = hn::Load(di, texture);
+  const I wrap_across = hn::GatherIndex(di, textures.wrap_across.data(), number);
+  const I wrap_down = hn::GatherIndex(di, textures.wrap_down.data(), number);
+  const V s = wrapped(d, hn::Load(d, across), wrap_across);
+  const V t = wrapped(d, hn::Load(d, down), wrap_down);
+  // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
+  const V texels = hn::Max(hn::Mul(hn::Load(d, density), covered), hn::Zero(d));
+  const V log2 = hn::Sub(hn::Mul(hn::ConvertTo(d, hn::BitCast(di, texels)), hn::Set(d, 0x1p-23F)), hn::Set(d, 127.0F));
+  const I last = hn::Sub(hn::GatherIndex(di, textures.num_levels.data(), number), hn::Set(di, 1));
+  const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), hn::ConvertTo(d, last));
+  const I fine = hn::ConvertTo(di, detail);
+  const V towards = hn::Sub(detail, hn::ConvertTo(d, fine));
+  const I first_level = hn::GatherIndex(di, textures.first_level.data(), number);
+  const auto of_fine = level_colors(d, di, textures, hn::Add(first_level, fine), s, t, wrap_across, wrap_down);
+  const auto of_coarse = level_colors(d, di, textures, hn::Add(first_level, hn::Min(hn::Add(fine, hn::Set(di, 1)), last)), s, t,
+                                      wrap_across, wrap_down);
+  const Mask textured = hn::RebindMask(d, hn::Lt(hn::Load(di, has_one), hn::Zero(di)));
+  for (std::size_t c = 0; c < 3; ++c) {
+    const V texel = hn::Add(of_fine[c], hn::Mul(hn::Sub(of_coarse[c], of_fine[c]), towards));
+    colors[c] = hn::IfThenElse(textured, hn::Mul(colors[c], texel), colors[c]);
+  }
+}
+
 // Triangles: element by element from tables.
 template <bool kShadows>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
-                                  std::uint64_t which, const Vec3V<V>& geometric_normal, const Rays<kShadows>& rays,
-                                  const CameraOutputs& wanted) {
+                                  std::uint64_t which, const trace::HitDetails& details, std::size_t first,
+                                  const Rays<kShadows>& rays, float pixel_area, const CameraOutputs& wanted) {
   alignas(64) std::int32_t material[PixelTile::kSide] = {};
   alignas(64) std::int32_t object[PixelTile::kSide] = {};
   for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
@@ -243,12 +359,20 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
     object[lane] = tables.triangle_object[triangle];
   }
   const I materials = hn::Load(di, material);
+  const Vec3V<V> geometric_normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
+                                  hn::Load(d, details.normal_z + first)};
   const Vec3V<V> normal = towards_camera(d, normalised(geometric_normal), rays.direction);
   Pixels pixels{hn::Zero(di), hn::GatherIndex(di, tables.semantic.data(), materials),
                 hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object)), normal};
   if (wanted.any_color()) {
     const std::array<const float*, 3> channels{tables.red.data(), tables.green.data(), tables.blue.data()};
-    const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, channels[c], materials); };
+    std::array<V, 3> colors;
+    for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::GatherIndex(d, channels[c], materials);
+    if (!tables.uv.empty()) {
+      const V texels = footprint(d, rays, normal, pixel_area);
+      tint(d, di, tables, elements, which, material, details, first, texels, colors);
+    }
+    const auto base = [&](std::size_t c) HWY_ATTR { return colors[c]; };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
     pixels.color = lit(d, di, tables, base, sunward, normal.z, rays);
@@ -311,7 +435,8 @@ bool all_equal(const std::int32_t* values, std::size_t count) {
 
 template <bool kShadows>
 HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
-                           const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
+                           const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
+                           TilePixels& out) {
   const Floats d;
   const Ints di;
   const hn::Rebind<std::uint8_t, Floats> du8;
@@ -342,9 +467,7 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
         mask = hn::RebindMask(d, hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)),
                                          hn::Lt(element, hn::Set(di, tables.first_marker))));
-        const Vec3V<V> geometric_normal{hn::Load(d, details.normal_x + i), hn::Load(d, details.normal_y + i),
-                                        hn::Load(d, details.normal_z + i)};
-        shown = triangle_pixels(d, di, tables, elements, bits_of(d, mask), geometric_normal, rays, wanted);
+        shown = triangle_pixels(d, di, tables, elements, bits_of(d, mask), details, i, rays, pixel_area, wanted);
       } else {
         mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
         const ShadedSolid& solid = number < tables.first_triangle
@@ -372,7 +495,7 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
 }
 
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
-           const std::uint8_t* shaded, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
+           const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) {
   if (shaded == nullptr) {
     const std::int32_t element = bundle.element[0];
     if (element >= 0 && element < tables.first_triangle && all_equal(bundle.element, bundle.count)) {
@@ -384,9 +507,9 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
         return;
       }
     }
-    shade_tile<false>(tables, bundle, details, shaded, wanted, depth_kind, out);
+    shade_tile<false>(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
   } else {
-    shade_tile<true>(tables, bundle, details, shaded, wanted, depth_kind, out);
+    shade_tile<true>(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
   }
 }
 
@@ -441,7 +564,7 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 }  // namespace
 
-Shading::Shading(const World& world, const trace::Scene& scene) {
+Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world) {
   const Appearance appearance(world);
   tables_.light = appearance.light;
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
@@ -476,13 +599,18 @@ Shading::Shading(const World& world, const trace::Scene& scene) {
     tables_.green.push_back(material.color[1]);
     tables_.blue.push_back(material.color[2]);
     tables_.semantic.push_back(material.semantic);
+    tables_.texture.push_back(material.texture);
   }
+  tables_.triangles = world.triangles().triangles;
+  tables_.uv = world.triangles().uv;
+  tables_.texels_per_square_metre = texels_per_square_metre(world);
   tables_.first_object = appearance.first_object;
 }
 
 void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
-                    const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const {
-  HWY_DYNAMIC_DISPATCH(shade)(tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), wanted, depth_kind, out);
+                    float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const {
+  HWY_DYNAMIC_DISPATCH(shade)
+  (tables_, rays, details, shaded.empty() ? nullptr : shaded.data(), pixel_area, wanted, depth_kind, out);
 }
 
 }  // namespace flockstep::render

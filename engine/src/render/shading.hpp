@@ -9,6 +9,7 @@
 #include "flockstep/config.hpp"
 #include "render/appearance.hpp"
 #include "render/pinhole_camera.hpp"
+#include "render/textures.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
@@ -42,9 +43,10 @@ class Shading {
   Shading(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
 
   // Writes what is wanted of the traced tile. details: of the triangles that were hit. shaded: empty, or a value for each ray, 1
-  // if its hit lies in the shadow of something else, otherwise 0.
+  // if its hit lies in the shadow of something else, otherwise 0. pixel_area: of a pixel, or a sample of one, at planar depth 1,
+  // m^2.
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
-             const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
+             float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
   // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.
   static constexpr int kLevels = 1023;
@@ -57,10 +59,16 @@ class Shading {
     std::span<const std::uint16_t> triangle_material, triangle_object;
     std::vector<float> red, green, blue;  // of each material
     std::vector<std::int32_t> semantic;   // likewise
+    std::vector<std::int32_t> texture;    // likewise; -1: none
+    Textures textures;
+    std::span<const std::array<std::int32_t, 3>> triangles;
+    std::span<const std::array<float, 2>> uv;    // of their vertices; empty where no material has a texture
+    std::vector<float> texels_per_square_metre;  // of triangles
     std::int32_t first_object = 0;
     Light light;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
+    explicit Tables(const World& world) : textures(world.textures()) {}
   };
 
  private:

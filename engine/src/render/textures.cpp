@@ -1,0 +1,147 @@
+#include "render/textures.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "base/require.hpp"
+
+namespace flockstep::render {
+namespace {
+
+// IEC 61966-2-1
+float decoded(double value) {
+  return static_cast<float>(value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4));
+}
+
+// The nearest byte.
+std::uint32_t to_srgb(float linear) {
+  static const std::array<float, 255> ends = [] {  // of the values that a byte stands for
+    std::array<float, 255> table;
+    for (std::size_t i = 0; i < table.size(); ++i) table[i] = decoded((static_cast<double>(i) + 0.5) / 255.0);
+    return table;
+  }();
+  return static_cast<std::uint32_t>(std::upper_bound(ends.begin(), ends.end(), linear) - ends.begin());
+}
+
+// What a texel of a row half as long covers of the longer one: up to three texels, each by its share.
+struct Cover {
+  int first = 0;
+  std::array<float, 3> shares{};
+};
+
+std::vector<Cover> covers(int size, int half) {
+  std::vector<Cover> covers(static_cast<std::size_t>(half));
+  const double ratio = static_cast<double>(size) / half;
+  for (int i = 0; i < half; ++i) {
+    Cover& cover = covers[static_cast<std::size_t>(i)];
+    const double begin = i * ratio;
+    const double end = begin + ratio;
+    cover.first = static_cast<int>(begin);
+    for (int k = 0; k < 3; ++k) {
+      const double low = std::max(begin, static_cast<double>(cover.first + k));
+      const double high = std::min(end, static_cast<double>(cover.first + k + 1));
+      cover.shares[static_cast<std::size_t>(k)] = static_cast<float>(std::max(high - low, 0.0) / ratio);
+    }
+  }
+  return covers;
+}
+
+struct Level {
+  std::vector<std::uint32_t> texels;
+  int width, height;
+};
+
+Level largest(const Texture& texture) {
+  Level level{{}, texture.width_px, texture.height_px};
+  level.texels.resize(texture.rgba.size() / 4);
+  for (std::size_t i = 0; i < level.texels.size(); ++i) {
+    const std::uint8_t* const rgba = texture.rgba.data() + 4 * i;
+    level.texels[i] = rgba[0] | static_cast<std::uint32_t>(rgba[1]) << 8U | static_cast<std::uint32_t>(rgba[2]) << 16U;
+  }
+  return level;
+}
+
+// Half as wide and high, but a texel at least: means of linear values.
+Level halved(const Level& from) {
+  const std::array<float, 256>& linear = srgb_to_linear();
+  Level half{{}, std::max(from.width / 2, 1), std::max(from.height / 2, 1)};
+  const std::vector<Cover> across = covers(from.width, half.width);
+  const std::vector<Cover> down = covers(from.height, half.height);
+  for (const Cover& rows : down) {
+    for (const Cover& columns : across) {
+      std::array<float, 3> sum{};
+      for (int j = 0; j < 3; ++j) {
+        for (int i = 0; i < 3; ++i) {
+          const float share = rows.shares[static_cast<std::size_t>(j)] * columns.shares[static_cast<std::size_t>(i)];
+          if (share == 0.0F) continue;
+          const int row = std::min(rows.first + j, from.height - 1);
+          const int column = std::min(columns.first + i, from.width - 1);
+          const std::uint32_t texel = from.texels[static_cast<std::size_t>(row) * static_cast<std::size_t>(from.width) +
+                                                  static_cast<std::size_t>(column)];
+          for (std::size_t c = 0; c < 3; ++c) sum[c] += share * linear[texel >> 8U * c & 0xFFU];
+        }
+      }
+      half.texels.push_back(to_srgb(sum[0]) | to_srgb(sum[1]) << 8U | to_srgb(sum[2]) << 16U);
+    }
+  }
+  return half;
+}
+
+}  // namespace
+
+const std::array<float, 256>& srgb_to_linear() {
+  static const std::array<float, 256> levels = [] {
+    std::array<float, 256> table;
+    for (std::size_t i = 0; i < table.size(); ++i) table[i] = decoded(static_cast<double>(i) / 255.0);
+    return table;
+  }();
+  return levels;
+}
+
+Textures::Textures(std::span<const Texture> textures) {
+  constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
+  for (const Texture& texture : textures) {
+    first_level.push_back(static_cast<std::int32_t>(offset.size()));
+    wrap_across.push_back(static_cast<std::int32_t>(texture.wrap[0]));
+    wrap_down.push_back(static_cast<std::int32_t>(texture.wrap[1]));
+    for (Level level = largest(texture);; level = halved(level)) {
+      require(texels.size() + level.texels.size() < kMost, "textures", "less than 2^31 texels, mip levels included",
+              texture.name);
+      offset.push_back(static_cast<std::int32_t>(texels.size()));
+      width.push_back(level.width);
+      height.push_back(level.height);
+      texels.insert(texels.end(), level.texels.begin(), level.texels.end());
+      if (level.width == 1 && level.height == 1) break;
+    }
+    num_levels.push_back(static_cast<std::int32_t>(offset.size()) - first_level.back());
+  }
+}
+
+std::vector<float> texels_per_square_metre(const World& world) {
+  const TriangleMesh& mesh = world.triangles();
+  std::vector<float> density;
+  if (mesh.uv.empty()) return density;
+  density.reserve(mesh.triangles.size());
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto& texture = world.materials()[mesh.materials[i]].texture;
+    density.push_back(0.0F);
+    if (!texture) continue;
+    std::array<Eigen::Vector3d, 3> at;
+    std::array<Eigen::Vector2d, 3> shown;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto vertex = static_cast<std::size_t>(mesh.triangles[i][k]);
+      at[k] = mesh.vertices[vertex].cast<double>();
+      shown[k] = Eigen::Vector2d(static_cast<double>(mesh.uv[vertex][0]), static_cast<double>(mesh.uv[vertex][1]));
+    }
+    const double area = (at[1] - at[0]).cross(at[2] - at[0]).norm();
+    const Eigen::Vector2d a = shown[1] - shown[0];
+    const Eigen::Vector2d b = shown[2] - shown[0];
+    const Texture& image = world.textures()[*texture];
+    const double texels = std::abs(a.x() * b.y() - a.y() * b.x()) * image.width_px * image.height_px;
+    density.back() = static_cast<float>(std::min(texels / area, 1e30));  // no triangle is without an area
+  }
+  return density;
+}
+
+}  // namespace flockstep::render

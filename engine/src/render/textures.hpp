@@ -1,0 +1,39 @@
+// Textures: the images of a world with their mip levels, as both backends read them.
+//
+// A backend looks a texture up at (s, t) by the mean of the two levels nearest to the level of detail, each by the mean of the
+// four texels around. With t4 = the texels that a square metre of the surface shows, a pixel of width p at planar depth 1, a ray
+// d of length 1 along the optical axis that meets the surface, whose unit normal is n, at planar depth z, the level of detail is
+// log2(sqrt(t4) p z |d| / |n . d|): one texel a pixel, along the longer side of what the pixel covers. log2 is a straight line
+// between powers of two, off by 0.09 at most, so that every processor computes the same.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "flockstep/world.hpp"
+
+namespace flockstep::render {
+
+struct Textures {
+  // Throws std::invalid_argument where they have too many texels to be numbered.
+  explicit Textures(std::span<const Texture> textures);
+
+  bool empty() const { return first_level.empty(); }
+
+  std::vector<std::uint32_t> texels;  // red, green, blue from the lowest byte on, sRGB; level by level, row by row
+  // Of each texture.
+  std::vector<std::int32_t> first_level, num_levels;
+  std::vector<std::int32_t> wrap_across, wrap_down;  // TextureWrap
+  // Of each level, the largest first: its first texel, and its size. The last one is a single texel.
+  std::vector<std::int32_t> offset, width, height;
+};
+
+// A byte of sRGB as a linear value in [0, 1].
+const std::array<float, 256>& srgb_to_linear();
+
+// Texels to a square metre of each triangle, squared texels a metre; 0 where its material has no texture. Empty where none has.
+std::vector<float> texels_per_square_metre(const World& world);
+
+}  // namespace flockstep::render

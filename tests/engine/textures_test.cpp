@@ -1,0 +1,193 @@
+#include "render/textures.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "picture_oracle.hpp"
+#include "random.hpp"
+
+namespace flockstep::render {
+namespace {
+
+using flockstep::testing::Compared;
+using flockstep::testing::expect_picture;
+using flockstep::testing::kAllOutputs;
+using flockstep::testing::Random;
+using enum PrimitiveKind;
+
+// Patches of colours, so that a wrong texel shows.
+Texture patches(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap) {
+  Random random(seed);
+  Texture texture{"patches", width, height, {}, wrap};
+  std::vector<std::array<std::uint8_t, 3>> colors;
+  for (int i = 0; i < 64; ++i) {
+    const auto byte = [&] { return static_cast<std::uint8_t>(random.within(0.0F, 255.0F)); };
+    colors.push_back({byte(), byte(), byte()});
+  }
+  for (int row = 0; row < height; ++row) {
+    for (int column = 0; column < width; ++column) {
+      const auto& color = colors[static_cast<std::size_t>((7 * (row / patch) + 3 * (column / patch)) % 64)];
+      texture.rgba.insert(texture.rgba.end(), {color[0], color[1], color[2], 255});
+    }
+  }
+  return texture;
+}
+
+// Adds a parallelogram of two triangles; uv as given at its corners.
+void add_quad(SceneDescription& scene, const Vec3& at, const Vec3& u, const Vec3& v, std::uint16_t material,
+              const std::array<std::array<float, 2>, 4>& uv) {
+  TriangleMesh& mesh = scene.mesh;
+  const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+  for (const Vec3& corner : {at, Vec3(at + u), Vec3(at + u + v), Vec3(at + v)}) mesh.vertices.push_back(corner);
+  mesh.uv.insert(mesh.uv.end(), uv.begin(), uv.end());
+  mesh.triangles.push_back({first, first + 1, first + 2});
+  mesh.triangles.push_back({first, first + 2, first + 3});
+  mesh.materials.insert(mesh.materials.end(), 2, material);
+  const auto object = static_cast<std::uint16_t>(mesh.objects.empty() ? 0 : mesh.objects.back() + 1);
+  mesh.objects.insert(mesh.objects.end(), 2, object);
+}
+
+// A floor that repeats its texture, a wall that mirrors and clamps one, a slanted one whose uv turn and shear, a plain one.
+std::shared_ptr<const World> place() {
+  SceneDescription scene;
+  scene.textures = {patches(64, 64, 8, 1, {TextureWrap::repeat, TextureWrap::repeat}),
+                    patches(48, 20, 5, 2, {TextureWrap::mirror, TextureWrap::clamp})};
+  scene.materials = {Material{"plain", {0.3F, 0.5F, 0.7F}}, Material{"floor", {0.9F, 0.8F, 0.7F}, 0, std::uint16_t{0}},
+                     Material{"wall", {0.7F, 0.9F, 0.8F}, 0, std::uint16_t{1}}};
+  add_quad(scene, {-10, -10, 0}, {20, 0, 0}, {0, 20, 0}, 1, {{{0, 0}, {7.5F, 0}, {7.5F, 7.5F}, {0, 7.5F}}});
+  add_quad(scene, {8, -6, 0}, {0, 9, 0}, {0, 0, 5}, 2, {{{-1.3F, 1.4F}, {2.2F, 1.4F}, {2.2F, -0.5F}, {-1.3F, -0.5F}}});
+  add_quad(scene, {2, 2, 0.3F}, {2, 1, 1}, {-1, 2, 1}, 1, {{{0.1F, 0.2F}, {1.3F, 0.7F}, {0.9F, 1.9F}, {-0.3F, 1.4F}}});
+  add_quad(scene, {2, -5, 0.5F}, {1, 1, 0}, {0, 0, 2}, 0, {});
+  scene.primitives.push_back(testing::primitive(box, {4, -1, 0.5F}, {0.4F, 0.4F, 0.5F}));
+  return std::make_shared<const World>(std::move(scene));
+}
+
+CameraConfig camera_of(bool shadows) {
+  CameraConfig camera;
+  camera.width_px = 160;
+  camera.height_px = 120;
+  camera.outputs = kAllOutputs;
+  camera.shadows = shadows;
+  return camera;
+}
+
+class TexturedPictures : public ::testing::TestWithParam<CameraBackend> {};
+
+TEST_P(TexturedPictures, ShowWhatTheOracleSees) {
+  const auto world = place();
+  Compared all;
+  for (const bool shadows : {false, true}) {
+    BatchConfig config = testing::camera_batch(camera_of(shadows), 3);
+    config.camera_backend = GetParam();
+    std::unique_ptr<Batch> batch;
+    try {
+      batch = std::make_unique<Batch>(config, Batch::Worlds{world});
+    } catch (const std::exception& error) {
+      if (std::string(error.what()).find("not installed") == std::string::npos) throw;
+      GTEST_SKIP() << error.what();
+    }
+    const Quat down(Eigen::AngleAxisf(0.5F, Vec3::UnitY()));
+    const Quat aside(Eigen::AngleAxisf(-0.6F, Vec3::UnitZ()));
+    std::vector<float> turns;
+    for (const Quat& q : {Quat::Identity(), down, Quat(aside * down)}) turns.insert(turns.end(), {q.w(), q.x(), q.y(), q.z()});
+    batch->set_pose(std::vector<float>{-4, 0, 1.5F, -1, 1, 3, 0, 0, 0.4F}, turns);
+    batch->sense();
+    for (std::size_t drone = 0; drone < 3; ++drone) all += expect_picture(*batch, drone, 0, 7);
+  }
+  EXPECT_GT(all.clear, 10000U);
+  for (const int element : {0, 1, 2, 3, 4, 5, 6, 7, 8}) EXPECT_TRUE(all.elements.contains(element)) << element;
+}
+
+// Whatever stands before and after them in a backend's arrays.
+TEST_P(TexturedPictures, OfSeveralWorlds) {
+  const auto textured = place();
+  SceneDescription other;
+  other.textures = {patches(5, 9, 1, 4, {TextureWrap::clamp, TextureWrap::mirror})};
+  other.materials[0].texture = 0;
+  add_quad(other, {3, -4, -2}, {0, 8, 1}, {0, -1, 6}, 0, {{{0, 0}, {1, 0}, {1, 1}, {0, 1}}});
+  SceneDescription plain;
+  add_quad(plain, {3, -4, -2}, {0, 8, 1}, {0, -1, 6}, 0, {});
+  const auto plain_world = std::make_shared<const World>(plain);
+  BatchConfig config = testing::camera_batch(camera_of(false), 4);
+  config.camera_backend = GetParam();
+  std::unique_ptr<Batch> batch;
+  try {
+    batch = std::make_unique<Batch>(
+        config, Batch::Worlds{plain_world, textured, testing::closet(), std::make_shared<const World>(other)});
+  } catch (const std::exception& error) {
+    if (std::string(error.what()).find("not installed") == std::string::npos) throw;
+    GTEST_SKIP() << error.what();
+  }
+  batch->set_pose(std::vector<float>{0, 0, 1, 0, 0, 1, 1, 1, 1, 0, 0, 1}, {});
+  batch->sense();
+  for (std::size_t drone = 0; drone < 4; ++drone) {
+    EXPECT_EQ(batch->state().world_index[drone], static_cast<std::int32_t>(drone));
+    EXPECT_GT(expect_picture(*batch, drone, 0, 7).clear, 2000U);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, TexturedPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
+                         [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
+
+TEST(Textures, LevelsAreMeansOfLinearValues) {
+  const Texture image = patches(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
+  const Textures textures(std::vector<Texture>{image});
+  const auto levels = oracle::mip_levels(image);
+  ASSERT_EQ(textures.num_levels, std::vector<std::int32_t>{static_cast<std::int32_t>(levels.size())});
+  EXPECT_EQ(textures.width, (std::vector<std::int32_t>{13, 6, 3, 1}));
+  EXPECT_EQ(textures.height, (std::vector<std::int32_t>{6, 3, 1, 1}));
+  for (std::size_t level = 0; level < levels.size(); ++level) {
+    for (int row = 0; row < levels[level].height; ++row) {
+      for (int column = 0; column < levels[level].width; ++column) {
+        const std::uint32_t texel =
+            textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.width[level] + column)];
+        for (Eigen::Index c = 0; c < 3; ++c) {
+          const int byte = static_cast<int>(texel >> (8 * c) & 0xFF);
+          EXPECT_NEAR(byte, oracle::rounded_to_byte(levels[level].at(row, column)[c]), level == 0 ? 0 : 1) << level;
+        }
+      }
+    }
+  }
+}
+
+TEST(Textures, CoordinatesAreKeptOnlyWhereAMaterialHasATexture) {
+  SceneDescription scene;
+  add_quad(scene, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, 0, {{{0, 0}, {1, 0}, {1, 1}, {0, 1}}});
+  EXPECT_TRUE(World(scene).triangles().uv.empty());
+  scene.textures = {patches(2, 2, 1, 1, {})};
+  scene.materials[0].texture = 0;
+  EXPECT_EQ(World(scene).triangles().uv, scene.mesh.uv);
+  scene.mesh.uv.clear();
+  EXPECT_EQ(World(scene).triangles().uv, (std::vector<std::array<float, 2>>(4)));
+}
+
+TEST(Textures, BadOnesAreRefused) {
+  SceneDescription good;
+  good.textures = {patches(2, 3, 1, 1, {})};
+  good.materials[0].texture = 0;
+  add_quad(good, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, 0, {});
+  const auto refusal = [&](const auto& spoil) {
+    SceneDescription scene = good;
+    spoil(scene);
+    return testing::message_of([&] { World world(std::move(scene)); });
+  };
+  EXPECT_EQ(refusal([](auto&) {}), "nothing was thrown");
+  EXPECT_EQ(refusal([](auto& s) { s.materials[0].texture = 1; }), "materials[0].texture: expected an index below 1, got 1");
+  EXPECT_EQ(refusal([](auto& s) { s.textures[0].width_px = 0; }), "textures[0]: expected 1 to 16384 pixels to a side, got 0");
+  EXPECT_EQ(refusal([](auto& s) { s.textures[0].height_px = 16385; }),
+            "textures[0]: expected 1 to 16384 pixels to a side, got 16385");
+  EXPECT_EQ(refusal([](auto& s) { s.textures[0].rgba.pop_back(); }), "textures[0].rgba: expected 24 bytes, got 23");
+  EXPECT_EQ(refusal([](auto& s) { s.mesh.uv.pop_back(); }), "mesh.uv: expected one per vertex (4), got 3");
+  EXPECT_EQ(refusal([](auto& s) { s.mesh.uv[2][1] = std::nanf(""); }),
+            "mesh.uv[2]: expected finite numbers within +-1e+06, got nan");
+}
+
+}  // namespace
+}  // namespace flockstep::render
