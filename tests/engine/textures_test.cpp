@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "on_target.hpp"
 #include "picture_oracle.hpp"
 #include "random.hpp"
 
@@ -135,6 +136,18 @@ TEST_P(TexturedPictures, OfSeveralWorlds) {
 
 INSTANTIATE_TEST_SUITE_P(Backends, TexturedPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
                          [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
+
+TEST(Textures, EverySimdTargetShowsTheSameBits) {
+  const auto world = place();
+  std::vector<std::vector<std::uint8_t>> pictures;
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    const testing::OnTarget on(target);
+    const auto batch = testing::look(world, camera_of(true), {-4, 0, 1.5F});
+    const auto& rgb = batch->images(0).rgb;
+    pictures.emplace_back(rgb.begin(), rgb.end());
+    EXPECT_EQ(pictures.back(), pictures.front()) << hwy::TargetName(target);
+  }
+}
 
 TEST(Textures, LevelsAreMeansOfLinearValues) {
   const Texture image = patches(13, 6, 1, 3, {TextureWrap::repeat, TextureWrap::repeat});
