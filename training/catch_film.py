@@ -25,14 +25,13 @@ import flockstep
 import train_flight
 from flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
 from flockstep.task import rotate
+from flockstep.viewer.body import Body
 from flockstep.viewer.drawing import Drawing
 from flockstep.viewer.stage import Stage, with_markers
 from plot_paths import write_gif
 from tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
-Color = tuple[float, float, float]
-Solid = tuple[Array, Array, Array]  # normals (F, 3), offsets (F,), corners (V, 3) of a convex body
 
 HZ = POLICY_HZ["hover"]
 SHOWN = (0.0, 1 / 6, 1 / 2)  # of the steps of a training; the fourth policy is the one that it chose
@@ -46,7 +45,6 @@ NEAR_M, APART_M = 0.42, 0.9  # how near it comes, and up to how far from the dro
 SMOOTH_S = 0.1  # of the viewer's motion
 SHEET_S, SHEET_WIDTH_PX = (0.0, 0.3, 0.8, 2.0, 6.0), 2000  # of catch.png: when in the flight
 
-BODY, ARM, FRONT, REAR = (0.05, 0.06, 0.08), (0.12, 0.13, 0.16), (0.85, 0.22, 0.05), (0.08, 0.18, 0.5)  # linear
 PATH, POINT, INK, ALARM = (35, 90, 210), (20, 140, 60), (20, 20, 20), (200, 40, 20)
 
 
@@ -151,36 +149,6 @@ def thrown(pilot: Pilot, seed: int) -> Throw:
     return Throw(np.array(positions, float), np.array(quats, float), lost)
 
 
-def slab(outline: Array, low: float, high: float) -> Solid:
-    """Return the upright prism over a convex polygon (K, 2), whose corners come counterclockwise."""
-    sides = np.roll(outline, -1, axis=0) - outline
-    normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / np.linalg.norm(sides, axis=1, keepdims=True)
-    offsets = (normals * outline).sum(axis=1)
-    corners = np.concatenate([np.insert(outline, 2, z, axis=1) for z in (low, high)])
-    normals = np.concatenate([np.insert(normals, 2, 0, axis=1), [[0, 0, 1], [0, 0, -1]]])
-    return normals, np.concatenate([offsets, [high, -low]]), corners
-
-
-def airframe(drone: flockstep.DroneModel) -> list[tuple[Solid, Color]]:
-    """Return what a drone with rotors looks like, in its body frame: a middle, arms, and discs where rotors turn."""
-    rotors = drone.to_dict()["rotors"]
-    radius = float(rotors["radius_m"])
-    angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-    disc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    square = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    parts = [(slab(0.6 * square, -0.3 * radius, 0.3 * radius), BODY)]
-    for x, y, z in rotors["position_m"]:
-        hub = np.array([x, y])
-        across = 0.12 * radius * np.array([-y, x]) / np.hypot(x, y)
-        arm = np.array([-across, hub - across, hub + across, across])
-        parts += [
-            (slab(arm, z - 0.15 * radius, z + 0.1 * radius), ARM),
-            (slab(hub + 0.1 * square, z - 0.25 * radius, z + 0.4 * radius), ARM),
-            (slab(hub + disc, z + 0.3 * radius, z + 0.36 * radius), FRONT if x > 0 else REAR),
-        ]
-    return parts
-
-
 class Scene:
     """The hall, the point and the drone, as they are drawn in pictures of a size."""
 
@@ -188,7 +156,7 @@ class Scene:
         batch, (width, height) = make("hover", 1).batch, size_px
         world = batch.worlds[0]
         self.point = np.asarray(world.goal, float)
-        self._parts = airframe(batch.drone)
+        self._body = Body(batch.drone)
         self._stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
 
     def picture(self, viewer: Array, target: Array, throw: Throw, step: int) -> Image.Image:
@@ -204,11 +172,7 @@ class Scene:
         path = throw.position[: step + 1]
         if step > 0:
             drawing.lines(path[:-1], path[1:], PATH, 2)
-        position, axes = path[-1], rotate(throw.quat_wxyz[step], np.eye(3))
-        for (normals, offsets, corners), color in self._parts:
-            turned = normals @ axes
-            shades = canvas.shaded(turned, np.array(color))
-            canvas.solid(turned, offsets + turned @ position, position + corners @ axes, shades)
+        self._body.draw(canvas, path[-1], throw.quat_wxyz[step])
         return Image.fromarray(canvas.rgb).reduce(FINER)
 
 

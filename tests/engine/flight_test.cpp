@@ -13,11 +13,13 @@
 #include <memory>
 #include <vector>
 
+#include "allocation_counter.hpp"
 #include "batch_helpers.hpp"
 #include "collide.hpp"
 #include "collision/sweep.hpp"
 #include "compiled/compiled_world.hpp"
 #include "dynamics/impact.hpp"
+#include "flockstep/hover.hpp"
 #include "on_target.hpp"
 #include "random.hpp"
 #include "tried.hpp"
@@ -222,6 +224,41 @@ std::shared_ptr<const World> clutter(const Vec3& at) {
 }
 
 // Drones that push against walls and corners for ever are never inside of anything: `./dev try pushes` tries it 10^8 times.
+// Contacts that bounce, gusts, an IMU, a LiDAR between ticks, resets included.
+TEST(Flight, AStepAllocatesNothing) {
+  constexpr std::size_t kDrones = 64;
+  const auto room = testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.5F}),
+                                         primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.2F, 0.2F, 1.5F})},
+                                        {.goal = Vec3::Zero()});
+  BatchConfig config = batch_of(kDrones, Control::body_rates);
+  config.dynamics.on_contact = OnContact::bounce;
+  config.dynamics.wind.gusts = Gusts::dryden;
+  config.imu = ImuConfig{};
+  config.lidar = LidarConfig{.rate_hz = 100.0F};
+  config.episode.max_episode_steps = 150;
+  HoverConfig hover;
+  hover.start_offset_m = 0.5F;
+  Batch batch(config, Batch::Worlds{room}, make_hover(hover), DroneModel::load("crazyflie"));
+  batch.reset({});
+  Random random(5);
+  std::vector<std::vector<float>> actions(200);
+  for (auto& step : actions) {
+    for (std::size_t i = 0; i < 4 * kDrones; ++i) step.push_back(random.within(-0.3F, 0.3F));
+  }
+  for (std::size_t i = 0; i < 2 * actions.size(); ++i) batch.step(std::span<const float>(actions[i % actions.size()]));
+  std::size_t hits = 0, ends = 0;
+  const std::uint64_t before = testing::allocations();
+  for (const auto& step : actions) {
+    batch.step(std::span<const float>(step));
+    for (const auto hit : batch.state().contact.hit) hits += hit;
+    for (const auto ended : batch.outputs().truncated) ends += ended;
+    for (const auto ended : batch.outputs().terminated) ends += ended;
+  }
+  EXPECT_EQ(testing::allocations() - before, 0U);
+  EXPECT_GT(hits, 10U);
+  EXPECT_GT(ends, 10U);
+}
+
 TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
   constexpr std::size_t kDrones = 24;
 #if defined(NDEBUG)

@@ -2,11 +2,9 @@
 
 import imageio.v3 as imageio
 import numpy as np
-import pytest
 import torch
 
 import catch_film
-import flockstep
 import train_flight
 from flockstep.task import rotate
 from tasks import UNSEEN_SEEDS
@@ -66,18 +64,3 @@ def test_a_throw_lasts_until_it_is_lost():
     assert 10 < len(throw.position) == len(throw.quat_wxyz) < 301
     assert (distance[:-1] < 6).all()
     assert distance[-1] > 5.8
-
-
-@pytest.mark.parametrize("name", ["crazyflie", "x500"])
-def test_a_drone_is_drawn_as_large_as_it_is(name):
-    drone = flockstep.DroneModel.load(name)
-    rotors = drone.to_dict()["rotors"]
-    parts = catch_film.airframe(drone)
-    for (normals, offsets, corners), _ in parts:
-        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
-        beyond = normals @ corners.T - offsets[:, None]
-        assert beyond.max() < 1e-12
-        np.testing.assert_allclose(beyond.max(axis=1), 0, atol=1e-12)  # each face touches the body
-    tips = np.abs(rotors["position_m"])[:, :2].max(axis=0) + rotors["radius_m"]
-    corners = np.concatenate([corners for (_, _, corners), _ in parts])
-    np.testing.assert_allclose(np.abs(corners[:, :2]).max(axis=0), tips)

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.task import MARKERS, Task, rotate
 from flockstep.viewer.beams import beams_of
+from flockstep.viewer.body import Body
 from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats, Image
 from flockstep.viewer.drawing import Drawing, line_px
 from flockstep.viewer.stage import Obstacles, Stage, with_markers
 from flockstep.viewer.trail import Trail
 
-_DRONE = (0.03, 0.09, 0.42)  # linear, as materials are
-_OTHER = (0.35, 0.45, 0.6)
-_EDGE: Color = (20, 40, 110)
 _TRAIL: Color = (35, 90, 210)
 _BEAM: Color = (250, 130, 70)
 _HIT: Color = (200, 50, 20)
@@ -73,10 +69,8 @@ class ThirdPersonView:
         self._trail = trail
         self._beams = beams
         self._others = others
-        self._corners = np.asarray(batch.drone.hull, float)
-        self._normals, self._offsets = _faces(self._corners)
-        self._edges = _edges(self._corners, self._normals, self._offsets)
-        self._length = float(np.ptp(self._corners, axis=0).max())
+        self._body = Body(batch.drone)
+        self._length = float(np.ptp(np.asarray(batch.drone.hull, float), axis=0).max())
         width, height = size_px or (640, 480)
         self._size_px = (width * _FINER, height * _FINER)
         self._line_px = _FINER * line_px(width)
@@ -96,7 +90,7 @@ class ThirdPersonView:
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
         canvas, obstacles = self._canvas(index, env, position, quat_wxyz)
         if self._batch.active[env]:
-            self._draw_drone(canvas, position, quat_wxyz, _DRONE)
+            self._body.draw(canvas, position, quat_wxyz, line_px=self._line_px)
             self._draw_trail(canvas, env)
             self._draw_cameras(canvas, env, position, quat_wxyz)
             if self._task is not None:
@@ -106,7 +100,7 @@ class ThirdPersonView:
             for other in np.flatnonzero(self._batch.active & (self._batch.world_index == index)):
                 if other != env:
                     pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
-                    self._draw_drone(canvas, *pose, _OTHER)
+                    self._body.draw(canvas, *pose, pale=True, line_px=self._line_px)
         if obstacles is not None:
             obstacles.draw(canvas)
         return _averaged(canvas.rgb)
@@ -128,14 +122,6 @@ class ThirdPersonView:
             return position
         lag: Floats = path.mean(axis=0, dtype=float) - position
         return position + lag * min(1.0, _LAG * self._length / max(float(np.linalg.norm(lag)), 1e-9))
-
-    def _draw_drone(
-        self, canvas: DepthCanvas, position: Floats, quat_wxyz: Floats, color: tuple[float, float, float]
-    ) -> None:
-        normals = rotate(quat_wxyz, self._normals)
-        corners = position + rotate(quat_wxyz, self._corners)
-        canvas.solid(normals, self._offsets + normals @ position, corners, canvas.shaded(normals, np.array(color)))
-        canvas.lines(corners[self._edges[:, 0]], corners[self._edges[:, 1]], _EDGE, width_px=self._line_px)
 
     def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
         if self._trail is None:
@@ -179,31 +165,3 @@ def _averaged(fine: Image) -> Image:
     for j in range(1, _FINER):
         total += rows[:, j::_FINER]
     return ((total + _FINER * _FINER // 2) // (_FINER * _FINER)).astype(np.uint8)
-
-
-def _faces(corners: Floats) -> tuple[Floats, Floats]:
-    """Return the half spaces normals (F, 3) . p <= offsets (F,) that make the convex hull of points (V, 3)."""
-    a, b, c = corners[np.array(list(combinations(range(len(corners)), 3))).T]
-    normals = np.cross(b - a, c - a)
-    sizes = np.linalg.norm(normals, axis=1)
-    scale = float(np.ptp(corners, axis=0).max())
-    kept = sizes > 1e-6 * scale**2
-    normals, a = normals[kept] / sizes[kept, None], a[kept]
-    offsets = np.einsum("ij,ij->i", normals, a)
-    beyond = normals @ corners.T - offsets[:, None]
-    outer = beyond.max(axis=1) <= 1e-5 * scale
-    inner = beyond.min(axis=1) >= -1e-5 * scale  # the plane of a face, seen from within
-    planes = np.concatenate(
-        [
-            np.insert(normals[outer], 3, offsets[outer], axis=1),
-            np.insert(-normals[inner], 3, -offsets[inner], axis=1),
-        ]
-    )
-    _, first = np.unique(np.round(planes, 4) + 0.0, axis=0, return_index=True)
-    return planes[first, :3], planes[first, 3]
-
-
-def _edges(corners: Floats, normals: Floats, offsets: Floats) -> npt.NDArray[np.intp]:
-    """Return the edges of a convex body as pairs (E, 2) of its corners."""
-    on_face = (np.abs(corners @ normals.T - offsets) <= 1e-4 * np.ptp(corners, axis=0).max()).astype(int)
-    return np.argwhere(np.triu(on_face @ on_face.T >= 2, 1))

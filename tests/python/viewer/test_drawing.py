@@ -350,8 +350,9 @@ def test_mistakes_are_told_before_anything_is_drawn(call, said):
 
 
 def marker_colors(world, task, view):
-    """Which of the world's markers have pixels: red, yellow and green things."""
-    r, g, b = frames(world, task, view)[0].astype(int).transpose(2, 0, 1)
+    """Which of the world's markers have pixels: red, yellow and green things, of which a hull alone is none."""
+    drone = flockstep.DroneModel(flockstep.DroneModel().hull)
+    r, g, b = frames(world, task, view, drone=drone)[0].astype(int).transpose(2, 0, 1)
     masks = {
         "start": (r > 1.8 * g) & (r > 1.8 * b) & (r > 80),
         "waypoints": (r > 1.8 * b) & (g > 1.5 * b) & (r > 90),

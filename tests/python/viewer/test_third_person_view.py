@@ -11,13 +11,15 @@ from flockstep.viewer.third_person_view import ThirdPersonView, frustum
 from flockstep.viewer.trail import Trail
 
 LENGTH = 0.93  # of the default drone
+HULL = flockstep.DroneModel(flockstep.DroneModel().hull)  # as large, and drawn in one colour
+DRONES = pytest.mark.parametrize("drone", [flockstep.DroneModel(), HULL], ids=["rotors", "hull"])
 
 
 def mask_of(image, kind):
     """Pixels of a kind of thing; walls and pillars here are grey or bluish grey."""
     r, g, b = image.astype(int).transpose(2, 0, 1)
     return {
-        "drone": (b > 100) & (b > 1.6 * r) & (b > 1.5 * g),
+        "hull": (b > 100) & (b > 1.6 * r) & (b > 1.5 * g),
         "beam": (r > 200) & (r - b > 40) & (g > 100) & (g < r - 15),
         "frustum": (r > g + 40) & (b > g + 40) & (b > r),
         "hit": (r > 150) & (g < 110) & (b < 110),
@@ -33,23 +35,37 @@ def changed(after, before):
     return (after != before).any(axis=-1)
 
 
-def test_the_drone_is_where_it_projects_to(room):
-    batch = flockstep.Batch([room])
-    view = ThirdPersonView(batch)
+@DRONES
+def test_the_drone_is_where_it_projects_to(room, drone):
     for position in [(2, 2.5, 2), (5, 6, 1), (7.4, 7.5, 3.7), (0.6, 0.5, 0.3)]:
+        batch = flockstep.Batch([room], drone=drone)
+        view = ThirdPersonView(batch)
         batch.set_pose(np.float32([position]))
         image = view.frame(0)
         assert (image.shape, image.dtype) == ((480, 640, 3), np.uint8)
-        rows, columns = np.nonzero(mask_of(image, "drone"))
+        batch.remove([0])
+        seen = changed(image, view.frame(0))
+        if drone is HULL:
+            assert mask_of(image, "hull")[seen].mean() > 0.9  # the rest are edges that are averaged
+        rows, columns = np.nonzero(seen)
         ((x, y, _),) = viewed(room, position).project(np.array([position], float))
         assert len(rows) > 500
         assert (rows == int(y))[columns == int(x)].any()
         assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.2 * np.ptp(columns)
 
 
-def test_it_is_as_large_as_its_hull(room):
+def tips(drone):
+    """Points around the rotors, at their height: a third of their radius above the hubs."""
+    rotors = drone.to_dict()["rotors"]
+    angle = np.linspace(0, 2 * np.pi, 72)
+    circle = rotors["radius_m"] * np.stack([np.cos(angle), np.sin(angle), np.full(72, 1 / 3)], axis=1)
+    return (np.array(rotors["position_m"])[:, None] + circle).reshape(-1, 3)
+
+
+@DRONES
+def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
     """Every pixel of the drone is inside the rectangle around its projected corners, which it fills to its borders."""
-    batch = flockstep.Batch([room])
+    batch = flockstep.Batch([room], drone=drone)
     quat_wxyz = np.float32([0.9, 0.1, -0.2, 0.37])
     quat_wxyz /= np.linalg.norm(quat_wxyz)
     batch.set_pose(np.float32([[5, 6, 2]]), quat_wxyz[None])
@@ -57,8 +73,8 @@ def test_it_is_as_large_as_its_hull(room):
     with_drone = view.frame(0)
     batch.remove([0])
     rows, columns = np.nonzero(changed(with_drone, view.frame(0)))
-    hull = np.array([5, 6, 2]) + rotate(quat_wxyz.astype(float), np.asarray(flockstep.DroneModel().hull, float))
-    corners = viewed(room, (5, 6, 2), quat_wxyz).project(hull)[:, :2]
+    outermost = np.asarray(drone.hull, float) if drone is HULL else tips(drone)
+    corners = viewed(room, (5, 6, 2), quat_wxyz).project(np.array([5, 6, 2]) + rotate(quat_wxyz, outermost))[:, :2]
     low, high = corners.min(axis=0), corners.max(axis=0)
     np.testing.assert_allclose([columns.min(), rows.min()], low, atol=2)
     np.testing.assert_allclose([columns.max(), rows.max()], high, atol=2)
@@ -85,7 +101,7 @@ def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
 
 def test_a_pillar_between_viewer_and_drone_dissolves(room):
     """The drone is seen through it; the pillar stays to be seen, too."""
-    batch = flockstep.Batch([room])
+    batch = flockstep.Batch([room], drone=HULL)
     view = ThirdPersonView(batch)
     # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it: the pillar at (4, 4.5) is half way.
     batch.set_pose(np.float32([[5.2, 3.9, 2]]))
@@ -105,9 +121,9 @@ def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
         "meshes": [{"vertices": wall, "triangles": [[0, 1, 2], [0, 2, 3]]}],
     }
     world = flockstep.World.from_dict(scene)
-    batch = flockstep.Batch([world])
+    batch = flockstep.Batch([world], drone=HULL)
     batch.set_pose(np.float32([[4.5, 0, 0]]))
-    assert mask_of(ThirdPersonView(batch).frame(0), "drone").sum() > 2000
+    assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 2000
     canvas = viewed(world, (4.5, 0, 0))
     assert canvas.project(np.array([[4.5, 0, 0.0]]))[0, 2] < 2.5
 
@@ -128,8 +144,8 @@ def test_beams_and_hits(room):
     distance = np.linalg.norm(np.stack([columns, rows], 1) + 0.5 - begin - along[:, None] * (end - begin), axis=1)
     assert distance.max() < 4
     column, row = end.astype(int)
-    assert mask_of(drawn, "hit")[row - 2 : row + 3, column - 2 : column + 3].any()
-    assert mask_of(drawn, "beam").sum() > 50
+    assert (mask_of(drawn, "hit") & difference)[row - 2 : row + 3, column - 2 : column + 3].any()
+    assert (mask_of(drawn, "beam") & difference).sum() > 50
 
 
 def test_a_beam_that_misses_ends_without_a_dot(room):
@@ -180,20 +196,22 @@ def test_each_drones_own_camera_is_drawn(room):
         ThirdPersonView(batch, cameras=["front"])
 
 
-def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet):
-    batch = flockstep.Batch([room, closet], 4, world_index=[0, 0, 1, 0])
+@DRONES
+def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet, drone):
+    batch = flockstep.Batch([room, closet], 4, world_index=[0, 0, 1, 0], drone=drone)
     batch.set_pose(
         np.float32([[2, 6, 2], [3.5, 6.9, 2], [3.5, 6.9, 2], [2, 6, 2]])
     )  # the last one is where the first is
     alone, fleet = ThirdPersonView(batch), ThirdPersonView(batch, others=True)
     own, all_of_them = alone.frame(0), fleet.frame(0)
-    np.testing.assert_array_equal(mask_of(own, "drone") & ~changed(all_of_them, own), mask_of(own, "drone"))
     rows, columns = np.nonzero(changed(all_of_them, own))
     ((x, y, _),) = viewed(room, (2, 6, 2)).project(np.array([[3.5, 6.9, 2]]))
     assert len(rows) > 200
     assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.3 * np.ptp(columns)
     batch.remove([1, 3])
     np.testing.assert_array_equal(fleet.frame(0), own)
+    batch.remove([0])
+    assert not changed(all_of_them, own)[changed(own, alone.frame(0))].any()  # it stays as it is where it is
 
 
 def test_the_trail_is_where_the_drone_was(room):
@@ -256,8 +274,9 @@ def test_a_removed_drone_is_not_drawn(room):
     batch = flockstep.Batch([room], lidar=flockstep.LidarConfig())
     batch.sense()
     batch.remove([0])
-    image = ThirdPersonView(batch).frame(0)
-    assert not mask_of(image, "drone").any()
+    canvas = Stage(room, LENGTH, (1280, 960)).set(batch.position[0].astype(float), batch.quat_wxyz[0].astype(float))[0]
+    bare = canvas.rgb.reshape(480, 2, 640, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(ThirdPersonView(batch).frame(0), bare, atol=0.5)
 
 
 def test_a_picture_depends_on_its_env_alone(room, closet):
@@ -277,7 +296,7 @@ def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
     drone = flockstep.DroneModel(np.float32(hull))
     batch = flockstep.Batch([room], drone=drone)
     batch.set_pose(np.float32([[5, 6, 2]]))
-    assert mask_of(ThirdPersonView(batch).frame(0), "drone").sum() > 500
+    assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 500
 
 
 def test_render_view_chooses(room):
