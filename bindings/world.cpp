@@ -12,10 +12,8 @@
 namespace flockstep::bindings {
 namespace {
 
-// Scene names are resolved in Python, which knows where the package keeps its files.
-std::filesystem::path resolve(const py::object& source) {
-  return py::module_::import("flockstep.scenes").attr("resolve")(source).cast<std::filesystem::path>();
-}
+// Scene names are resolved in Python, which knows where the package keeps its files, and which scenes it makes.
+py::object found(const py::object& source) { return py::module_::import("flockstep.scenes").attr("find")(source); }
 
 py::object row(const std::optional<Vec3>& point) {
   if (!point) return py::none();
@@ -105,7 +103,9 @@ void register_world(py::module_& module) {
       .def_static(
           "load",
           [](const py::object& source, bool meshes_anywhere) {
-            const std::filesystem::path path = resolve(source);
+            const py::object scene = found(source);
+            if (py::isinstance<World>(scene)) return scene.cast<std::shared_ptr<World>>();
+            const auto path = scene.cast<std::filesystem::path>();
             const auto files = meshes_anywhere ? MeshFiles::anywhere : MeshFiles::in_folder;
             return std::const_pointer_cast<World>(released([&] { return World::load(path, files); }));
           },
@@ -125,6 +125,13 @@ void register_world(py::module_& module) {
           },
           py::arg("seed"), py::arg("pillars") = PlaygroundConfig().pillars, py::arg("size_m") = PlaygroundConfig().size_m,
           py::arg("pillar_radius_m") = PlaygroundConfig().pillar_radius_m)
+      .def_static(
+          "forest",
+          [](std::uint64_t seed, int trees, const std::array<float, 2>& size_m, float relief_m) {
+            return std::const_pointer_cast<World>(released([&] { return forest({seed, trees, size_m, relief_m}); }));
+          },
+          py::arg("seed"), py::arg("trees") = ForestConfig().trees, py::arg("size_m") = ForestConfig().size_m,
+          py::arg("relief_m") = ForestConfig().relief_m)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
       .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })

@@ -842,6 +842,14 @@ class World:
         The default drone can fly from the start over the waypoints to the goal. The same arguments make the same world.
         """
 
+    @staticmethod
+    def forest(seed: int, trees: int = 150, size_m: Sequence[float] = (60.0, 40.0), relief_m: float = 4.0) -> World:
+        """Generate a forest on rolling terrain, of textured meshes: trees, rocks, a start and a goal at opposite ends.
+
+        ``size_m`` is along x, from start to goal, and y; ``relief_m`` from the lowest possible ground to the highest. The
+        default drone can fly from the start to the goal. The same arguments make the same world.
+        """
+
     def __copy__(self) -> World: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @property

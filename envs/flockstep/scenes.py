@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from flockstep._core import World
 
@@ -18,6 +18,9 @@ SETS: dict[str, tuple[str, ...]] = {
     "camera-train": ("playground/camera-train-1", "playground/camera-train-2"),
     "camera-validation": ("playground/camera-validation-1", "playground/camera-validation-2"),
 }
+
+#: Scenes that are no files: what makes them.
+GENERATED: dict[str, Callable[[], World]] = {"outdoor/forest": lambda: World.forest(seed=1)}
 
 _SUFFIXES = (".json", ".obj")
 
@@ -32,11 +35,11 @@ def directory() -> Path:
 def names() -> list[str]:
     """Return the names of the shipped scenes, sorted, such as ``"playground/train-1"``."""
     root = directory()
-    return sorted(p.relative_to(root).with_suffix("").as_posix() for p in root.glob("*/*.json"))
+    return sorted([*(p.relative_to(root).with_suffix("").as_posix() for p in root.glob("*/*.json")), *GENERATED])
 
 
-def resolve(source: str | PathLike[str]) -> Path:
-    """Return the file of a scene.
+def find(source: str | PathLike[str]) -> Path | World:
+    """Return the file of a scene, or the world itself where it is generated.
 
     Parameters
     ----------
@@ -50,6 +53,8 @@ def resolve(source: str | PathLike[str]) -> Path:
     ValueError
         Neither a shipped name nor a path; the message lists the names that exist.
     """
+    if isinstance(source, str) and source in GENERATED:
+        return GENERATED[source]()
     path = Path(source)
     if path.suffix.lower() in _SUFFIXES:
         if not path.is_file():
@@ -81,7 +86,7 @@ def load(worlds: WorldsLike) -> list[World]:
     sources = [worlds] if isinstance(worlds, (str, PathLike, World)) else list(worlds)
     if not sources:
         raise ValueError("worlds: expected at least one, got an empty sequence")
-    loaded: dict[Path, World] = {}
+    loaded: dict[Any, World] = {}
     result = []
     for source in sources:
         if isinstance(source, World):
@@ -92,10 +97,10 @@ def load(worlds: WorldsLike) -> list[World]:
         members = SETS.get(source, (source,)) if isinstance(source, str) else (source,)
         for member in members:
             try:
-                path = resolve(member)
+                key = member if member in GENERATED else find(member)
             except ValueError as error:
                 raise ValueError(f"{error}; or one of the sets {', '.join(SETS)}") from None
-            if path not in loaded:
-                loaded[path] = World.load(path)
-            result.append(loaded[path])
+            if key not in loaded:
+                loaded[key] = World.load(key)
+            result.append(loaded[key])
     return result

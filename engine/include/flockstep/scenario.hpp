@@ -27,6 +27,20 @@ struct PlaygroundConfig {
 // is found in many layouts because of too many pillars.
 std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
+// A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, and a start and a goal at
+// opposite ends of it.
+struct ForestConfig {
+  std::uint64_t seed = 0;
+  int trees = 150;                            // how many, in [0, 5000]
+  std::array<float, 2> size_m{60.0F, 40.0F};  // along x, from start to goal, and y; in [12, 500]
+  float relief_m = 4.0F;                      // from the lowest possible ground to the highest, in [0, 50]
+};
+
+// A generated forest, the same on every machine. The default drone can fly from start to goal along a winding way below the
+// branches, which is tried in the world itself. Throws std::invalid_argument on a bad config, or where no such way is found in
+// many layouts because of too many trees.
+std::shared_ptr<const World> forest(const ForestConfig& config);
+
 // The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and
 // facing +x, touches nothing; nullopt if there is none on a grid of cell_m spacing. The path is close to the shortest: cell_m
 // matters for which gaps are found, hardly for the length.

@@ -4,6 +4,8 @@
 #include <bit>
 #include <cmath>
 
+#include "base/srgb.hpp"
+
 namespace flockstep::render {
 namespace {
 

@@ -13,6 +13,7 @@
 #include <cstring>
 #include <type_traits>
 
+#include "base/srgb.hpp"
 #include "trace/intersect-inl.hpp"
 
 #ifndef FLOCKSTEP_RENDER_COMMON_FACE

@@ -5,23 +5,13 @@
 #include <limits>
 
 #include "base/require.hpp"
+#include "base/srgb.hpp"
 
 namespace flockstep::render {
 namespace {
 
-// IEC 61966-2-1
-float decoded(double value) {
-  return static_cast<float>(value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4));
-}
-
-// The nearest byte.
-std::uint32_t to_srgb(float linear) {
-  static const std::array<float, 255> ends = [] {  // of the values that a byte stands for
-    std::array<float, 255> table;
-    for (std::size_t i = 0; i < table.size(); ++i) table[i] = decoded((static_cast<double>(i) + 0.5) / 255.0);
-    return table;
-  }();
-  return static_cast<std::uint32_t>(std::upper_bound(ends.begin(), ends.end(), linear) - ends.begin());
+std::uint32_t packed(std::uint8_t red, std::uint8_t green, std::uint8_t blue) {
+  return red | static_cast<std::uint32_t>(green) << 8U | static_cast<std::uint32_t>(blue) << 16U;
 }
 
 // What a texel of a row half as long covers of the longer one: up to three texels, each by its share.
@@ -57,7 +47,7 @@ Level largest(const Texture& texture) {
   level.texels.resize(texture.rgba.size() / 4);
   for (std::size_t i = 0; i < level.texels.size(); ++i) {
     const std::uint8_t* const rgba = texture.rgba.data() + 4 * i;
-    level.texels[i] = rgba[0] | static_cast<std::uint32_t>(rgba[1]) << 8U | static_cast<std::uint32_t>(rgba[2]) << 16U;
+    level.texels[i] = packed(rgba[0], rgba[1], rgba[2]);
   }
   return level;
 }
@@ -82,22 +72,13 @@ Level halved(const Level& from) {
           for (std::size_t c = 0; c < 3; ++c) sum[c] += share * linear[texel >> 8U * c & 0xFFU];
         }
       }
-      half.texels.push_back(to_srgb(sum[0]) | to_srgb(sum[1]) << 8U | to_srgb(sum[2]) << 16U);
+      half.texels.push_back(packed(linear_to_srgb(sum[0]), linear_to_srgb(sum[1]), linear_to_srgb(sum[2])));
     }
   }
   return half;
 }
 
 }  // namespace
-
-const std::array<float, 256>& srgb_to_linear() {
-  static const std::array<float, 256> levels = [] {
-    std::array<float, 256> table;
-    for (std::size_t i = 0; i < table.size(); ++i) table[i] = decoded(static_cast<double>(i) / 255.0);
-    return table;
-  }();
-  return levels;
-}
 
 Textures::Textures(std::span<const Texture> textures) {
   constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());

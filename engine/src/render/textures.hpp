@@ -30,9 +30,6 @@ struct Textures {
   std::vector<std::int32_t> offset, width, height;
 };
 
-// A byte of sRGB as a linear value in [0, 1].
-const std::array<float, 256>& srgb_to_linear();
-
 // Texels to a square metre of each triangle, squared texels a metre; 0 where its material has no texture. Empty where none has.
 std::vector<float> texels_per_square_metre(const World& world);
 

@@ -9,11 +9,11 @@
 #include <vector>
 
 #include "base/interrupt.hpp"
-#include "base/philox.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
 #include "compiled/compiled_world.hpp"
 #include "flockstep/scenario.hpp"
+#include "scenario/draws.hpp"
 
 namespace flockstep {
 namespace {
@@ -38,37 +38,6 @@ constexpr double kXSpread = 0.4;  // of every marker, to both sides
 constexpr double kYRange[2] = {2.7, 11.3};
 constexpr double kYStep = 3.2;  // most that y changes from marker to marker
 constexpr double kZRange[2] = {1.0, 4.0};
-
-// Uniform numbers keyed by (seed, attempt).
-class Draws {
- public:
-  Draws(std::uint64_t seed, std::uint32_t attempt) : seed_(seed), attempt_(attempt) {}
-
-  double uniform(double low, double high) { return low + (high - low) * static_cast<double>(uniform01(bits())); }
-  int below(int count) { return static_cast<int>(uniform(0.0, count)); }
-  // y is drawn first; two calls as arguments of one would come in the order of the compiler's choice.
-  Vec2d point(const Vec2d& low, const Vec2d& high) {
-    const double y = uniform(low.y(), high.y());
-    return {uniform(low.x(), high.x()), y};
-  }
-
- private:
-  std::uint32_t bits() {
-    constexpr std::uint32_t kPlaygrounds = 0x706C6179;  // keeps these apart from other users of the same seed
-    const std::uint32_t lane = count_ % 4;
-    if (lane == 0) {
-      words_ = philox4x32({count_ / 4, attempt_, kPlaygrounds, 0},
-                          {static_cast<std::uint32_t>(seed_), static_cast<std::uint32_t>(seed_ >> 32U)});
-    }
-    ++count_;
-    return words_[lane];
-  }
-
-  std::uint64_t seed_;
-  std::uint32_t attempt_;
-  std::uint32_t count_ = 0;
-  std::array<std::uint32_t, 4> words_{};
-};
 
 double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
 
@@ -269,7 +238,7 @@ std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
   const DroneModel drone = DroneModel::quadrotor650();
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
     Interrupt::poll();
-    Draws draws(config.seed, attempt);
+    Draws draws(Draws::kPlayground, config.seed, attempt);
     const std::optional<Route> route = draw_route(draws, config);
     if (!route) continue;
     PillarField field(config, *route);

@@ -1,0 +1,72 @@
+// WorldBuilder: makes a world by code.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "flockstep/world.hpp"
+
+namespace flockstep {
+
+// Triangles of one object. uv: one per vertex, or none.
+struct MeshPart {
+  std::vector<Vec3> vertices;                          // m, world frame
+  std::vector<std::array<std::int32_t, 3>> triangles;  // counter-clockwise seen from outside
+  std::vector<std::array<float, 2>> uv;                // as in TriangleMesh
+};
+
+// Heights over a grid of points, m. The point (column, row) lies at corner + cell_m * (column, row).
+struct Heightfield {
+  Eigen::Vector2f corner = Eigen::Vector2f::Zero();  // m
+  float cell_m = 1.0F;
+  int columns = 0, rows = 0;   // points, at least 2 each
+  std::vector<float> heights;  // (rows, columns) m, world frame
+  float texture_m = 4.0F;      // how large one repetition of a texture is
+};
+
+class WorldBuilder {
+ public:
+  // A colour, linear RGB in [0, 1], of a texture at (s, t) in [0, 1).
+  using ColorAt = std::function<std::array<float, 3>(float s, float t)>;
+
+  explicit WorldBuilder(std::string name = "unnamed");
+
+  // Each returns its number. Names of materials must differ.
+  std::uint16_t texture(Texture texture);
+  std::uint16_t texture(const std::string& name, int width_px, int height_px, const ColorAt& color);
+  std::uint16_t material(Material material);
+
+  // Lengths are m. material: a number that material() has returned.
+  void room(const Vec3& min, const Vec3& max, std::uint16_t material);
+  void box(const Vec3& center, const Vec3& size, std::uint16_t material, const Quat& rotation = Quat::Identity());
+  void cylinder(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation = Quat::Identity());
+  void capsule(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation = Quat::Identity());
+  void sphere(const Vec3& center, float radius, std::uint16_t material);
+  void plane(const Vec3& center, const Eigen::Vector2f& size, std::uint16_t material, const Quat& rotation = Quat::Identity());
+  void disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation = Quat::Identity());
+  // An object of its own.
+  void mesh(const MeshPart& part, std::uint16_t material);
+  void heightfield(const Heightfield& field, std::uint16_t material);
+
+  void light(const Light& light) { scene_.light = light; }
+  void start(const Vec3& place) { scene_.markers.start = place; }
+  void waypoint(const Vec3& place) { scene_.markers.waypoints.push_back(place); }
+  void goal(const Vec3& place) { scene_.markers.goal = place; }
+  void spawn_box(const Aabb& box) { scene_.markers.spawn_box = box; }
+
+  // The world so far. Throws std::invalid_argument as World does.
+  std::shared_ptr<const World> build() const;
+
+ private:
+  void add(PrimitiveKind kind, const Vec3& center, const Vec3& half, std::uint16_t material, const Quat& rotation);
+
+  SceneDescription scene_;
+  std::uint16_t objects_ = 0;  // meshes so far
+};
+
+}  // namespace flockstep

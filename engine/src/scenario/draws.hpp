@@ -1,0 +1,46 @@
+// Draws: the random numbers that a world is made of.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "base/philox.hpp"
+#include "flockstep/pose.hpp"
+
+namespace flockstep {
+
+// Uniform numbers keyed by (purpose, seed, attempt).
+class Draws {
+ public:
+  // Keep these apart from other users of the same seed.
+  static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265;
+
+  Draws(std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt) : purpose_(purpose), seed_(seed), attempt_(attempt) {}
+
+  double uniform(double low, double high) { return low + (high - low) * static_cast<double>(uniform01(bits())); }
+  int below(int count) { return static_cast<int>(uniform(0.0, count)); }
+  // y is drawn first; two calls as arguments of one would come in the order of the compiler's choice.
+  Eigen::Vector2d point(const Eigen::Vector2d& low, const Eigen::Vector2d& high) {
+    const double y = uniform(low.y(), high.y());
+    return {uniform(low.x(), high.x()), y};
+  }
+
+ private:
+  std::uint32_t bits() {
+    const std::uint32_t lane = count_ % 4;
+    if (lane == 0) {
+      words_ = philox4x32({count_ / 4, attempt_, purpose_, 0},
+                          {static_cast<std::uint32_t>(seed_), static_cast<std::uint32_t>(seed_ >> 32U)});
+    }
+    ++count_;
+    return words_[lane];
+  }
+
+  std::uint32_t purpose_;
+  std::uint64_t seed_;
+  std::uint32_t attempt_;
+  std::uint32_t count_ = 0;
+  std::array<std::uint32_t, 4> words_{};
+};
+
+}  // namespace flockstep

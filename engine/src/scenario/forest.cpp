@@ -1,0 +1,412 @@
+// Generated forests: trees and rocks on rolling terrain, all of it meshes. Of arithmetic only the operations that IEEE 754 rounds
+// correctly are used, so that a seed means the same world on every machine.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/interrupt.hpp"
+#include "base/require.hpp"
+#include "collision/sweep.hpp"
+#include "compiled/compiled_world.hpp"
+#include "flockstep/scenario.hpp"
+#include "flockstep/world_builder.hpp"
+#include "scenario/draws.hpp"
+
+namespace flockstep {
+namespace {
+
+using Vec2d = Eigen::Vector2d;
+using Vec3d = Eigen::Vector3d;
+using Color = std::array<float, 3>;
+
+double mixed(double a, double b, double share) { return a + (b - a) * share; }
+
+Color mixed(const Color& a, const Color& b, double share) {
+  const auto f = static_cast<float>(share);
+  return {a[0] + (b[0] - a[0]) * f, a[1] + (b[1] - a[1]) * f, a[2] + (b[2] - a[2]) * f};
+}
+
+// Random values in [0, 1) at whole numbers, smooth in between.
+class Noise {
+ public:
+  Noise(std::uint64_t seed, std::uint32_t number) : seed_(seed), number_(number) {}
+
+  // Repeats itself after so many whole numbers along each axis.
+  double at(double x, double y, int period = 1 << 20) const {
+    const double left = std::floor(x), low = std::floor(y);
+    const auto column = static_cast<int>(left), row = static_cast<int>(low);
+    const auto wrapped = [&](int i) { return ((i % period) + period) % period; };
+    const auto value = [&](int i, int j) { return lattice(wrapped(column + i), wrapped(row + j)); };
+    const double u = smooth(x - left), v = smooth(y - low);
+    return mixed(mixed(value(0, 0), value(1, 0), u), mixed(value(0, 1), value(1, 1), u), v);
+  }
+
+  // Finer and finer, each half as strong.
+  double octaves(double x, double y, int count, int period = 1 << 20) const {
+    double sum = 0.0, weight = 1.0, total = 0.0;
+    for (int i = 0; i < count; ++i) {
+      sum += weight * at(x, y, period);
+      total += weight;
+      weight *= 0.5;
+      x *= 2.0;
+      y *= 2.0;
+      period *= 2;
+    }
+    return sum / total;
+  }
+
+ private:
+  static double smooth(double t) { return t * t * (3.0 - 2.0 * t); }
+  double lattice(int column, int row) const {
+    const auto words = philox4x32({static_cast<std::uint32_t>(column), static_cast<std::uint32_t>(row), number_, Draws::kForest},
+                                  {static_cast<std::uint32_t>(seed_), static_cast<std::uint32_t>(seed_ >> 32U)});
+    return static_cast<double>(uniform01(words[0]));
+  }
+
+  std::uint64_t seed_;
+  std::uint32_t number_;
+};
+
+// ----------------------------------------------------------------------------------------------------------------- shapes
+
+void add_triangle(MeshPart& part, std::int32_t a, std::int32_t b, std::int32_t c) { part.triangles.push_back({a, b, c}); }
+
+std::int32_t add_vertex(MeshPart& part, const Vec3d& at, double s, double t) {
+  part.vertices.push_back(at.cast<float>());
+  part.uv.push_back({static_cast<float>(s), static_cast<float>(t)});
+  return static_cast<std::int32_t>(part.vertices.size()) - 1;
+}
+
+// Corners of a regular hexagon and octagon, turned so that the first lies along `first`, a unit vector.
+std::vector<Vec2d> polygon(int sides, const Vec2d& first) {
+  const double h = std::sqrt(0.75), d = std::sqrt(0.5);
+  const std::vector<Vec2d> hexagon{{1, 0}, {0.5, h}, {-0.5, h}, {-1, 0}, {-0.5, -h}, {0.5, -h}};
+  const std::vector<Vec2d> octagon{{1, 0}, {d, d}, {0, 1}, {-d, d}, {-1, 0}, {-d, -d}, {0, -1}, {d, -d}};
+  std::vector<Vec2d> corners = sides == 6 ? hexagon : octagon;
+  for (Vec2d& corner : corners) {
+    corner = {first.x() * corner.x() - first.y() * corner.y(), first.y() * corner.x() + first.x() * corner.y()};
+  }
+  return corners;
+}
+
+// The side of a trunk from one height to another; no caps: they lie in the ground and in the crown.
+void add_trunk(MeshPart& part, const Vec2d& at, double low, double high, double low_radius, double high_radius,
+               const Vec2d& turn) {
+  const std::vector<Vec2d> ring = polygon(6, turn);
+  std::vector<std::int32_t> bottom, top;
+  for (std::size_t i = 0; i <= ring.size(); ++i) {
+    const Vec2d& way = ring[i % ring.size()];
+    const Vec2d below = at + low_radius * way, above = at + high_radius * way;
+    const double s = static_cast<double>(i) / 3.0;
+    bottom.push_back(add_vertex(part, {below.x(), below.y(), low}, s, 0.0));
+    top.push_back(add_vertex(part, {above.x(), above.y(), high}, s, high - low));
+  }
+  for (std::size_t i = 0; i + 1 < bottom.size(); ++i) {
+    add_triangle(part, bottom[i], bottom[i + 1], top[i + 1]);
+    add_triangle(part, bottom[i], top[i + 1], top[i]);
+  }
+}
+
+// A cone of branches, closed below.
+void add_cone(MeshPart& part, const Vec2d& at, double low, double high, double radius, const Vec2d& turn) {
+  const std::vector<Vec2d> ring = polygon(8, turn);
+  const std::int32_t middle = add_vertex(part, {at.x(), at.y(), low + 0.25 * radius}, 0.5, 0.0);
+  std::vector<std::int32_t> rim;
+  for (std::size_t i = 0; i <= ring.size(); ++i) {
+    const Vec2d edge = at + radius * ring[i % ring.size()];
+    rim.push_back(add_vertex(part, {edge.x(), edge.y(), low}, static_cast<double>(i) / 4.0, 0.0));
+  }
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const std::int32_t tip = add_vertex(part, {at.x(), at.y(), high}, (static_cast<double>(i) + 0.5) / 4.0, high - low);
+    add_triangle(part, rim[i], rim[i + 1], tip);
+    add_triangle(part, rim[i + 1], rim[i], middle);
+  }
+}
+
+// A ball of so many steps from pole to equator, squeezed to half sizes, its surface rough by a share.
+void add_ball(MeshPart& part, const Vec3d& center, const Vec3d& half, int steps, double rough, Draws& draws) {
+  std::map<std::array<int, 3>, std::int32_t> corners;
+  const auto corner = [&](int i, int j, int k) {
+    const auto [found, is_new] = corners.try_emplace({i, j, k});
+    if (is_new) {
+      const Vec3d way = Vec3d(i, j, k).normalized() * (1.0 + rough * draws.uniform(-1.0, 1.0));
+      const Vec3d at = center + half.cwiseProduct(way);
+      found->second = add_vertex(part, at, at.x() + 0.3 * at.z(), at.y() + 0.7 * at.z());
+    }
+    return found->second;
+  };
+  for (const int x : {1, -1}) {
+    for (const int y : {1, -1}) {
+      for (const int z : {1, -1}) {
+        const auto add = [&](const std::array<int, 3>& a, const std::array<int, 3>& b, const std::array<int, 3>& c) {
+          const std::int32_t p = corner(x * a[0], y * a[1], z * a[2]);
+          const std::int32_t q = corner(x * b[0], y * b[1], z * b[2]);
+          const std::int32_t r = corner(x * c[0], y * c[1], z * c[2]);
+          x * y * z > 0 ? add_triangle(part, p, q, r) : add_triangle(part, p, r, q);
+        };
+        for (int i = 0; i < steps; ++i) {
+          for (int j = 0; i + j < steps; ++j) {
+            const int k = steps - i - j;
+            add({i, j, k}, {i + 1, j, k - 1}, {i, j + 1, k - 1});
+            if (k > 1) add({i + 1, j, k - 1}, {i + 1, j + 1, k - 2}, {i, j + 1, k - 1});
+          }
+        }
+      }
+    }
+  }
+}
+
+// ----------------------------------------------------------------------------------------------------------------- the place
+
+class Forest {
+  static constexpr double kFromBorder = 3.0;       // m: of start and goal
+  static constexpr double kMarkerClearance = 1.8;  // m, level: of trunks and rocks from start and goal
+  static constexpr double kMarkerHeight = 1.5;     // m above the ground
+  static constexpr double kSpawnReach = 0.25;      // m: half size of the spawn box
+  static constexpr double kTreeGap = 2.4;          // m between trunks, where there is room for it
+  static constexpr double kHill = 18.0;            // m from hill to hill
+  static constexpr int kTexturePx = 128;
+  // The lane, m: trunks keep away from it, branches stay above it; it swings aside so far, in bends so long.
+  static constexpr double kLaneHalfWidth = 0.9, kLaneHeadroom = 0.5, kLaneStep = 0.5, kLaneSwing = 6.0, kLaneBend = 12.0;
+
+ public:
+  Forest(const ForestConfig& config, std::uint32_t attempt)
+      : config_(config),
+        draws_(Draws::kForest, config.seed, attempt),
+        hills_(config.seed, 16 * attempt),
+        size_(static_cast<double>(config.size_m[0]), static_cast<double>(config.size_m[1])) {
+    start_ = marker(kFromBorder);
+    goal_ = marker(size_.x() - kFromBorder);
+    lay_lane();
+  }
+
+  const std::vector<Vec3d>& lane() const { return lane_; }
+
+  // Nullopt where trees find no place.
+  std::optional<WorldBuilder> grown() {
+    WorldBuilder builder("forest/seed-" + std::to_string(config_.seed));
+    const std::uint16_t ground = ground_material(builder);
+    builder.heightfield(terrain(), ground);
+    const std::uint16_t bark = textured(builder, "bark", {0.16F, 0.10F, 0.06F}, {0.32F, 0.22F, 0.14F}, 8.0, 2.0, 1);
+    const std::uint16_t needles = textured(builder, "needles", {0.015F, 0.05F, 0.02F}, {0.06F, 0.16F, 0.05F}, 12.0, 12.0, 2);
+    const std::uint16_t leaves = textured(builder, "leaves", {0.05F, 0.12F, 0.02F}, {0.22F, 0.34F, 0.08F}, 10.0, 10.0, 3);
+    const std::uint16_t stone = textured(builder, "rock", {0.16F, 0.16F, 0.15F}, {0.42F, 0.41F, 0.38F}, 5.0, 5.0, 4);
+    for (int i = 0; i < config_.trees; ++i) {
+      Interrupt::poll();
+      const std::optional<Vec2d> at = free_place(kTreeGap);
+      if (!at) return std::nullopt;
+      draws_.uniform(0.0, 1.0) < 0.7 ? add_conifer(builder, *at, bark, needles) : add_broadleaf(builder, *at, bark, leaves);
+    }
+    for (int i = 0; i < config_.trees / 6; ++i) {
+      const std::optional<Vec2d> at = free_place(1.2);
+      if (!at) break;  // rocks are welcome, but not promised
+      const double size = draws_.uniform(0.25, 0.8);
+      MeshPart part;
+      add_ball(part, {at->x(), at->y(), height(*at) + 0.1 * size}, {size, draws_.uniform(0.7, 1.0) * size, 0.7 * size}, 3, 0.12,
+               draws_);
+      builder.mesh(part, stone);
+    }
+    Light light;  // late in the morning
+    light.sun_direction = {-0.5F, -0.45F, 0.74F};
+    light.sun_color = {1.5F, 1.35F, 1.1F};
+    light.sky_ambient = {0.55F, 0.65F, 0.8F};
+    light.ground_ambient = {0.22F, 0.2F, 0.16F};
+    builder.light(light);
+    builder.start(start_.cast<float>());
+    builder.goal(goal_.cast<float>());
+    const Vec3d reach = Vec3d::Constant(kSpawnReach);
+    builder.spawn_box({(start_ - reach).cast<float>(), (start_ + reach).cast<float>()});
+    return builder;
+  }
+
+ private:
+  double height(const Vec2d& at) const {
+    return static_cast<double>(config_.relief_m) * hills_.octaves(at.x() / kHill, at.y() / kHill, 3);
+  }
+
+  Vec3d marker(double x) {
+    const double y = draws_.uniform(0.25 * size_.y(), 0.75 * size_.y());
+    return {x, y, height({x, y}) + kMarkerHeight};
+  }
+
+  // A winding way from start to goal, at their height above the ground.
+  void lay_lane() {
+    const Noise sideways(config_.seed, 7 + static_cast<std::uint32_t>(draws_.below(1 << 20)));
+    const Vec2d from = start_.head<2>(), way = goal_.head<2>() - from;
+    const int steps = static_cast<int>(std::ceil(way.norm() / kLaneStep));
+    for (int i = 0; i <= steps; ++i) {
+      const double share = static_cast<double>(i) / steps;
+      Vec2d at = from + share * way;
+      const double room = std::min(1.0, 4.0 * std::min(share, 1.0 - share));  // none at its ends
+      at.y() += kLaneSwing * room * (2.0 * sideways.at(at.x() / kLaneBend, 0.5) - 1.0);
+      at.y() = std::clamp(at.y(), kFromBorder, size_.y() - kFromBorder);
+      lane_.emplace_back(at.x(), at.y(), height(at) + kMarkerHeight);
+    }
+  }
+
+  double from_lane(const Vec2d& at) const {
+    double least = 1e9;
+    for (const Vec3d& point : lane_) least = std::min(least, (point.head<2>() - at).norm());
+    return least;
+  }
+
+  // How high branches begin at least: a drone in the lane passes below.
+  double above_lane(const Vec2d& at, double reach) const {
+    double most = -1e9;
+    for (const Vec3d& point : lane_) {
+      if ((point.head<2>() - at).norm() < reach + kLaneHalfWidth) most = std::max(most, point.z() + kLaneHeadroom);
+    }
+    return most;
+  }
+
+  Heightfield terrain() const {
+    Heightfield field;
+    field.columns = static_cast<int>(size_.x()) + 1;
+    field.rows = static_cast<int>(size_.y()) + 1;
+    for (int row = 0; row < field.rows; ++row) {
+      for (int column = 0; column < field.columns; ++column) {
+        field.heights.push_back(static_cast<float>(height({static_cast<double>(column), static_cast<double>(row)})));
+      }
+    }
+    return field;
+  }
+
+  // Grass with bare patches.
+  std::uint16_t ground_material(WorldBuilder& builder) const {
+    const Noise fine(config_.seed, 5), coarse(config_.seed, 6);
+    const auto color = [&](float s, float t) {
+      const double blades = fine.octaves(32.0 * static_cast<double>(s), 32.0 * static_cast<double>(t), 2, 32);
+      const double bare = coarse.octaves(4.0 * static_cast<double>(s), 4.0 * static_cast<double>(t), 3, 4);
+      const Color grass = mixed(Color{0.05F, 0.10F, 0.02F}, Color{0.20F, 0.27F, 0.07F}, blades);
+      return mixed(grass, Color{0.20F, 0.15F, 0.09F}, std::clamp(4.0 * bare - 2.1, 0.0, 0.8));
+    };
+    const std::uint16_t texture = builder.texture("ground", 2 * kTexturePx, 2 * kTexturePx, color);
+    return builder.material({"ground", {1.0F, 1.0F, 1.0F}, 0, texture});
+  }
+
+  // A material between two colours; so many spots across and down.
+  std::uint16_t textured(WorldBuilder& builder, const std::string& name, const Color& dark, const Color& bright, double across,
+                         double down, std::uint32_t number) const {
+    const Noise noise(config_.seed, number);
+    const int columns = static_cast<int>(across), rows = static_cast<int>(down);
+    const auto color = [&](float s, float t) {
+      const double period = std::max(columns, rows);
+      const double value = 0.5 * (noise.octaves(across * static_cast<double>(s), down * static_cast<double>(t), 1, columns) +
+                                  noise.octaves(2.0 * period * static_cast<double>(s), period * static_cast<double>(t), 3,
+                                                static_cast<int>(2.0 * period)));
+      return mixed(dark, bright, std::clamp(2.0 * value - 0.5, 0.0, 1.0));
+    };
+    const std::uint16_t texture = builder.texture(name, kTexturePx, kTexturePx, color);
+    return builder.material({name, {1.0F, 1.0F, 1.0F}, 0, texture});
+  }
+
+  // Throws darts; where they keep missing, the gap shrinks.
+  std::optional<Vec2d> free_place(double gap) {
+    for (; gap > 0.9; gap *= 0.9) {
+      for (int i = 0; i < 60; ++i) {
+        const Vec2d at = draws_.point(Vec2d::Constant(0.8), size_ - Vec2d::Constant(0.8));
+        const bool is_in_the_way = from_lane(at) < kLaneHalfWidth || (at - start_.head<2>()).norm() < kMarkerClearance ||
+                                   (at - goal_.head<2>()).norm() < kMarkerClearance;
+        const auto is_near = [&](const Vec2d& other) { return (at - other).norm() < gap; };
+        if (is_in_the_way || std::any_of(taken_.begin(), taken_.end(), is_near)) continue;
+        taken_.push_back(at);
+        return at;
+      }
+    }
+    return std::nullopt;
+  }
+
+  Vec2d turn() {
+    for (;;) {
+      const Vec2d way = draws_.point(Vec2d::Constant(-1.0), Vec2d::Constant(1.0));
+      if (way.norm() > 0.1) return way.normalized();
+    }
+  }
+
+  void add_conifer(WorldBuilder& builder, const Vec2d& at, std::uint16_t bark, std::uint16_t needles) {
+    const double ground = height(at);
+    const double tall = draws_.uniform(6.0, 11.0);
+    const double radius = 0.014 * tall + draws_.uniform(0.04, 0.1);
+    const double reach = std::min(draws_.uniform(0.16, 0.22) * tall, 1.7);
+    const double crown = std::max(draws_.uniform(1.6, 2.6), above_lane(at, reach) - ground);  // above the ground
+    MeshPart trunk, branches;
+    add_trunk(trunk, at, ground - 0.5, ground + 0.8 * tall, radius, 0.4 * radius, turn());
+    builder.mesh(trunk, bark);
+    constexpr int kTiers = 4;
+    for (int i = 0; i < kTiers; ++i) {
+      const double share = static_cast<double>(i) / kTiers;
+      const double low = ground + mixed(crown, tall, share);
+      const double high = i + 1 == kTiers ? ground + tall : low + 1.6 * (tall - crown) / kTiers;
+      add_cone(branches, at, low, high, reach * (1.0 - 0.75 * share), turn());
+    }
+    builder.mesh(branches, needles);
+  }
+
+  void add_broadleaf(WorldBuilder& builder, const Vec2d& at, std::uint16_t bark, std::uint16_t leaves) {
+    const double ground = height(at);
+    const double tall = draws_.uniform(5.0, 8.0);
+    const double radius = 0.018 * tall + draws_.uniform(0.03, 0.1);
+    const Vec2d reach = draws_.point(Vec2d::Constant(1.1), Vec2d::Constant(1.7));
+    const double fork = std::max(draws_.uniform(2.0, 2.8), above_lane(at, 1.2 * reach.maxCoeff()) - ground);
+    MeshPart trunk, crown;
+    add_trunk(trunk, at, ground - 0.5, ground + fork + 1.0, radius, 0.7 * radius, turn());
+    builder.mesh(trunk, bark);
+    const Vec3d half(reach.x(), reach.y(), std::max(0.5 * (tall - fork), 0.8));
+    add_ball(crown, {at.x(), at.y(), ground + fork + 1.1 * half.z()}, half, 4, 0.13, draws_);
+    builder.mesh(crown, leaves);
+  }
+
+  const ForestConfig& config_;
+  Draws draws_;
+  Noise hills_;
+  Vec2d size_;
+  Vec3d start_, goal_;
+  std::vector<Vec3d> lane_;
+  std::vector<Vec2d> taken_;
+};
+
+void check(const ForestConfig& config) {
+  require(config.trees >= 0 && config.trees <= 5000, "forest: trees", "an integer in [0, 5000]", config.trees);
+  for (std::size_t i = 0; i < 2; ++i) {
+    require(config.size_m[i] >= 12.0F && config.size_m[i] <= 500.0F, "forest: size_m[" + std::to_string(i) + ']',
+            "metres in [12, 500]", config.size_m[i]);
+  }
+  require(config.relief_m >= 0.0F && config.relief_m <= 50.0F, "forest: relief_m", "metres in [0, 50]", config.relief_m);
+}
+
+// Whether a drone can fly from point to point.
+bool is_free(const World& world, const collision::Hull& hull, const std::vector<Vec3d>& points) {
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const Pose from{.position = points[i].cast<float>()}, to{.position = points[i + 1].cast<float>()};
+    if (collision::sweep(compiled(world).obstacles(), hull, from, to).hit) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::shared_ptr<const World> forest(const ForestConfig& config) {
+  constexpr std::uint32_t kAttempts = 16;
+  check(config);
+  const collision::Hull hull(DroneModel::quadrotor650());
+  for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
+    Interrupt::poll();
+    Forest forest(config, attempt);
+    const std::optional<WorldBuilder> grown = forest.grown();
+    if (!grown) continue;
+    auto world = grown->build();
+    if (is_free(*world, hull, forest.lane())) return world;
+  }
+  std::ostringstream expected;
+  expected << "few enough for a free path through " << config.size_m[0] << " x " << config.size_m[1] << " m";
+  refuse("forest: trees", expected.str(), config.trees);
+}
+
+}  // namespace flockstep
