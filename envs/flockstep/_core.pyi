@@ -930,6 +930,144 @@ class World:
         """
 
 @final
+class WorldBuilder:
+    """Makes a world by code, piece by piece; `build` returns it.
+
+    Lengths and places are metres in the world frame, quaternions (w, x, y, z) from the piece's own frame to the world.
+    Materials and textures are given by the numbers that `material` and `texture` return. What does not fit together is
+    refused by `build`, or before.
+
+    Parameters
+    ----------
+    name
+        Of the world.
+    """
+
+    def __init__(self, name: str = "unnamed") -> None: ...
+    def texture(
+        self,
+        name: str,
+        pixels: npt.NDArray[np.uint8],
+        wrap: Sequence[Literal["repeat", "mirror", "clamp"]] = ("repeat", "repeat"),
+    ) -> int:
+        """Add an image (height, width, 3 or 4) in sRGB, row 0 at the top; return its number. A fourth channel is not read.
+
+        ``wrap`` says what it shows beyond its borders, across and down.
+        """
+
+    def material(
+        self, name: str, base_color: Sequence[float] = (1.0, 1.0, 1.0), *, semantic: int = 0, texture: int | None = None
+    ) -> int:
+        """Add a material and return its number.
+
+        ``base_color`` is linear RGB in [0, 1]; a texture's colours are multiplied by it, on meshes and height fields.
+        ``semantic`` is the class that cameras report; 0: the material's number plus 1.
+        """
+
+    def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
+        """Add the room: the inside of a box, given by two corners."""
+
+    def box(
+        self,
+        center: Sequence[float],
+        size: Sequence[float],
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+    ) -> None:
+        """Add a box of a size along its own x, y, z."""
+
+    def cylinder(
+        self,
+        center: Sequence[float],
+        radius: float,
+        height: float,
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+    ) -> None:
+        """Add a cylinder with flat caps along its own z."""
+
+    def capsule(
+        self,
+        center: Sequence[float],
+        radius: float,
+        height: float,
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+    ) -> None:
+        """Add a capsule along its own z; its height includes the round caps."""
+
+    def sphere(self, center: Sequence[float], radius: float, material: int) -> None:
+        """Add a sphere."""
+
+    def plane(
+        self,
+        center: Sequence[float],
+        size: Sequence[float],
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+    ) -> None:
+        """Add a rectangle of a size along its own x and y, seen and hit from both sides."""
+
+    def disc(
+        self, center: Sequence[float], radius: float, material: int, quat_wxyz: Sequence[float] | None = None
+    ) -> None:
+        """Add a disc across its own z, seen and hit from both sides."""
+
+    def mesh(
+        self,
+        vertices: npt.ArrayLike,
+        triangles: npt.ArrayLike,
+        material: int,
+        uv: npt.ArrayLike | None = None,
+    ) -> None:
+        """Add triangles (T, 3) of vertices (V, 3), an object of their own.
+
+        ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one.
+        """
+
+    def heightfield(
+        self,
+        heights: npt.ArrayLike,
+        material: int,
+        *,
+        corner: Sequence[float] = (0.0, 0.0),
+        cell_m: float = 1.0,
+        texture_m: float = 4.0,
+    ) -> None:
+        """Add ground of heights (rows, columns), as triangles: that of row r, column c at ``corner + cell_m * (c, r)``.
+
+        A texture repeats every ``texture_m``.
+        """
+
+    def light(
+        self,
+        *,
+        sun_direction: Sequence[float] = ...,
+        sun_color: Sequence[float] = ...,
+        sky_ambient: Sequence[float] = ...,
+        ground_ambient: Sequence[float] = ...,
+        zenith_color: Sequence[float] = ...,
+        horizon_color: Sequence[float] = ...,
+        gamma: float = ...,
+    ) -> None:
+        """Set the light, as `World.light` has it; what is left out is as in a world without."""
+
+    def start(self, place: Sequence[float]) -> None:
+        """Set where drones start."""
+
+    def waypoint(self, place: Sequence[float]) -> None:
+        """Add a waypoint, after those there are."""
+
+    def goal(self, place: Sequence[float]) -> None:
+        """Set the goal."""
+
+    def spawn_box(self, min: Sequence[float], max: Sequence[float]) -> None:
+        """Set the box within which drones start with ``random_start``, by two corners."""
+
+    def build(self) -> World:
+        """Return the world so far. More may be added afterwards, for another one."""
+
+@final
 class DroneModel:
     """What a drone is made of: its convex hull is its collision body; its airframe, if it has one, is what its flight is computed from.
 

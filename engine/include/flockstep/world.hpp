@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "flockstep/attachment.hpp"
+#include "flockstep/fields.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {
@@ -33,6 +34,10 @@ struct Primitive {
 
 // What a texture shows beyond its borders: itself again, itself mirrored, or its border.
 enum class TextureWrap : std::uint8_t { repeat, mirror, clamp };
+template <>
+struct EnumNames<TextureWrap> {
+  static constexpr std::array kNames{"repeat", "mirror", "clamp"};
+};
 
 // An image for surfaces.
 struct Texture {

@@ -1,0 +1,174 @@
+#include "flockstep/world_builder.hpp"
+
+#include "arrays.hpp"
+#include "convert.hpp"
+#include "released.hpp"
+
+namespace flockstep::bindings {
+namespace {
+
+Vec3 point(const py::object& value, const char* field) {
+  const std::span<const float> v = floats(value, field, {3});
+  if (v.empty()) throw py::value_error(std::string(field) + ": expected 3 numbers, got None");
+  return {v[0], v[1], v[2]};
+}
+
+Eigen::Vector2f pair(const py::object& value, const char* field) {
+  const std::span<const float> v = floats(value, field, {2});
+  if (v.empty()) throw py::value_error(std::string(field) + ": expected 2 numbers, got None");
+  return {v[0], v[1]};
+}
+
+Quat rotation(const py::object& value) {
+  if (value.is_none()) return Quat::Identity();
+  const std::span<const float> q = floats(value, "quat_wxyz", {4});
+  return {q[0], q[1], q[2], q[3]};
+}
+
+Texture texture(const std::string& name, const py::object& pixels, const std::array<std::string, 2>& wrap) {
+  const py::array image = py::array::ensure(pixels);
+  const bool is_image = image && image.ndim() == 3 && (image.shape(2) == 3 || image.shape(2) == 4) &&
+                        image.dtype().is(py::dtype::of<std::uint8_t>());
+  if (!is_image)
+    throw py::value_error("pixels: expected an array (height, width, 3 or 4) of uint8, got " +
+                          std::string(py::repr(py::type::of(pixels))));
+  const py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> bytes(image);
+  Texture made{.name = name, .width_px = static_cast<int>(image.shape(1)), .height_px = static_cast<int>(image.shape(0))};
+  const auto channels = static_cast<std::size_t>(image.shape(2));
+  const std::size_t count = static_cast<std::size_t>(image.shape(0)) * static_cast<std::size_t>(image.shape(1));
+  made.rgba.reserve(4 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::uint8_t* const rgb = bytes.data() + channels * i;
+    made.rgba.insert(made.rgba.end(), {rgb[0], rgb[1], rgb[2], std::uint8_t{255}});
+  }
+  made.wrap = {enum_of<TextureWrap>(wrap[0], "wrap"), enum_of<TextureWrap>(wrap[1], "wrap")};
+  return made;
+}
+
+MeshPart part_of(const py::object& vertices, const py::object& triangles, const py::object& uv) {
+  const Input<float> places = floats(vertices, "vertices", {-1, 3});
+  const Input<std::int32_t> corners = integers<std::int32_t>(triangles, "triangles", {-1, 3});
+  const Input<float> coordinates = floats(uv, "uv", {-1, 2});
+  MeshPart part;
+  const std::span<const float> v = places, t = coordinates;
+  const std::span<const std::int32_t> i = corners;
+  for (std::size_t k = 0; k + 2 < v.size(); k += 3) part.vertices.emplace_back(v[k], v[k + 1], v[k + 2]);
+  for (std::size_t k = 0; k + 2 < i.size(); k += 3) part.triangles.push_back({i[k], i[k + 1], i[k + 2]});
+  for (std::size_t k = 0; k + 1 < t.size(); k += 2) part.uv.push_back({t[k], t[k + 1]});
+  return part;
+}
+
+Heightfield field_of(const py::object& heights, const py::object& corner, float cell_m, float texture_m) {
+  const Input<float> rows = floats(heights, "heights", {-1, -1});
+  const std::span<const float> values = rows;
+  Heightfield field{.corner = pair(corner, "corner"), .cell_m = cell_m, .heights = {}, .texture_m = texture_m};
+  if (!rows.given()) throw py::value_error("heights: expected an array (rows, columns), got None");
+  field.rows = static_cast<int>(rows.rows());
+  field.columns = field.rows == 0 ? 0 : static_cast<int>(values.size() / rows.rows());
+  field.heights.assign(values.begin(), values.end());
+  return field;
+}
+
+}  // namespace
+
+void register_world_builder(py::module_& module) {
+  const py::object none = py::none();
+  const auto wall = py::arg("material");
+  const auto turned = py::arg("quat_wxyz") = none;
+  py::class_<WorldBuilder>(module, "WorldBuilder")
+      .def(py::init<std::string>(), py::arg("name") = "unnamed")
+      .def(
+          "texture",
+          [](WorldBuilder& b, const std::string& name, const py::object& pixels, const std::array<std::string, 2>& wrap) {
+            return b.texture(texture(name, pixels, wrap));
+          },
+          py::arg("name"), py::arg("pixels"), py::arg("wrap") = std::array<std::string, 2>{"repeat", "repeat"})
+      .def(
+          "material",
+          [](WorldBuilder& b, const std::string& name, const py::object& base_color, std::uint16_t semantic,
+             const std::optional<std::uint16_t>& texture) {
+            const Vec3 color = point(base_color, "base_color");
+            return b.material({name, {color.x(), color.y(), color.z()}, semantic, texture});
+          },
+          py::arg("name"), py::arg("base_color") = py::make_tuple(1.0, 1.0, 1.0), py::kw_only(), py::arg("semantic") = 0,
+          py::arg("texture") = none)
+      .def(
+          "room",
+          [](WorldBuilder& b, const py::object& min, const py::object& max, std::uint16_t material) {
+            b.room(point(min, "min"), point(max, "max"), material);
+          },
+          py::arg("min"), py::arg("max"), wall)
+      .def(
+          "box",
+          [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q) {
+            b.box(point(center, "center"), point(size, "size"), material, rotation(q));
+          },
+          py::arg("center"), py::arg("size"), wall, turned)
+      .def(
+          "cylinder",
+          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q) {
+            b.cylinder(point(center, "center"), radius, height, material, rotation(q));
+          },
+          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned)
+      .def(
+          "capsule",
+          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q) {
+            b.capsule(point(center, "center"), radius, height, material, rotation(q));
+          },
+          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned)
+      .def(
+          "sphere",
+          [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material) {
+            b.sphere(point(center, "center"), radius, material);
+          },
+          py::arg("center"), py::arg("radius"), wall)
+      .def(
+          "plane",
+          [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q) {
+            b.plane(point(center, "center"), pair(size, "size"), material, rotation(q));
+          },
+          py::arg("center"), py::arg("size"), wall, turned)
+      .def(
+          "disc",
+          [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, const py::object& q) {
+            b.disc(point(center, "center"), radius, material, rotation(q));
+          },
+          py::arg("center"), py::arg("radius"), wall, turned)
+      .def(
+          "mesh",
+          [](WorldBuilder& b, const py::object& vertices, const py::object& triangles, std::uint16_t material,
+             const py::object& uv) { b.mesh(part_of(vertices, triangles, uv), material); },
+          py::arg("vertices"), py::arg("triangles"), wall, py::arg("uv") = none)
+      .def(
+          "heightfield",
+          [](WorldBuilder& b, const py::object& heights, std::uint16_t material, const py::object& corner, float cell_m,
+             float texture_m) { b.heightfield(field_of(heights, corner, cell_m, texture_m), material); },
+          py::arg("heights"), wall, py::kw_only(), py::arg("corner") = py::make_tuple(0.0, 0.0), py::arg("cell_m") = 1.0F,
+          py::arg("texture_m") = Heightfield().texture_m)
+      .def(
+          "light",
+          [](WorldBuilder& b, const std::array<float, 3>& sun_direction, const std::array<float, 3>& sun_color,
+             const std::array<float, 3>& sky_ambient, const std::array<float, 3>& ground_ambient,
+             const std::array<float, 3>& zenith_color, const std::array<float, 3>& horizon_color, float gamma) {
+            b.light({sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma});
+          },
+          py::kw_only(), py::arg("sun_direction") = Light().sun_direction, py::arg("sun_color") = Light().sun_color,
+          py::arg("sky_ambient") = Light().sky_ambient, py::arg("ground_ambient") = Light().ground_ambient,
+          py::arg("zenith_color") = Light().zenith_color, py::arg("horizon_color") = Light().horizon_color,
+          py::arg("gamma") = Light().gamma)
+      .def(
+          "start", [](WorldBuilder& b, const py::object& place) { b.start(point(place, "place")); }, py::arg("place"))
+      .def(
+          "waypoint", [](WorldBuilder& b, const py::object& place) { b.waypoint(point(place, "place")); }, py::arg("place"))
+      .def(
+          "goal", [](WorldBuilder& b, const py::object& place) { b.goal(point(place, "place")); }, py::arg("place"))
+      .def(
+          "spawn_box",
+          [](WorldBuilder& b, const py::object& min, const py::object& max) {
+            b.spawn_box({point(min, "min"), point(max, "max")});
+          },
+          py::arg("min"), py::arg("max"))
+      .def("build", [](const WorldBuilder& b) { return std::const_pointer_cast<World>(released([&] { return b.build(); })); });
+}
+
+}  // namespace flockstep::bindings

@@ -1,0 +1,106 @@
+"""Worlds made by code."""
+
+import numpy as np
+import pytest
+
+import flockstep
+
+RED = np.full((2, 2, 3), (255, 0, 0), np.uint8)
+
+
+def test_it_makes_what_a_scene_file_says():
+    scene = {
+        "flockstep_scene": 1,
+        "name": "hall",
+        "materials": {"wall": {"base_color": [0.8, 0.7, 0.6]}, "thing": {"base_color": [0.1, 0.2, 0.3], "semantic": 7}},
+        "room": {"min": [-5, -4, 0], "max": [5, 4, 3], "material": "wall"},
+        "boxes": [{"center": [1, 0, 1], "size": [1, 2, 0.5], "quat_wxyz": [0.6, 0, 0, 0.8], "material": "thing"}],
+        "cylinders": [{"center": [2, 1, 1], "radius": 0.5, "height": 2, "material": "thing"}],
+        "spheres": [{"center": [-2, 1, 1], "radius": 0.5, "material": "thing"}],
+        "capsules": [{"center": [-3, 1, 1], "radius": 0.25, "height": 1.5, "material": "wall"}],
+        "planes": [{"center": [0, 2, 1], "size": [1, 2], "material": "wall"}],
+        "discs": [{"center": [0, -2, 1], "radius": 0.75, "quat_wxyz": [0.6, 0.8, 0, 0], "material": "wall"}],
+        "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]], "triangles": [[0, 1, 2]], "material": "thing"}],
+        "markers": {
+            "start": [-4, 0, 1],
+            "waypoints": [[0, 3, 1], [1, 3, 1]],
+            "goal": [4, 0, 1],
+            "spawn_box": {"min": [-4.5, -0.5, 1], "max": [-4, 0.5, 1.5]},
+        },
+        "light": {"sun_direction": [0, 0.6, 0.8], "sun_color": [1, 0.9, 0.8], "gamma": 2},
+    }
+    builder = flockstep.WorldBuilder("hall")
+    wall = builder.material("wall", [0.8, 0.7, 0.6])
+    thing = builder.material("thing", [0.1, 0.2, 0.3], semantic=7)
+    builder.room([-5, -4, 0], [5, 4, 3], wall)
+    builder.box([1, 0, 1], [1, 2, 0.5], thing, [0.6, 0, 0, 0.8])
+    builder.cylinder([2, 1, 1], 0.5, 2, thing)
+    builder.sphere([-2, 1, 1], 0.5, thing)
+    builder.capsule([-3, 1, 1], 0.25, 1.5, wall)
+    builder.plane([0, 2, 1], [1, 2], wall)
+    builder.disc([0, -2, 1], 0.75, wall, [0.6, 0.8, 0, 0])
+    builder.mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]], [[0, 1, 2]], thing)
+    builder.start([-4, 0, 1])
+    builder.waypoint([0, 3, 1])
+    builder.waypoint(np.array([1, 3, 1]))
+    builder.goal([4, 0, 1])
+    builder.spawn_box([-4.5, -0.5, 1], [-4, 0.5, 1.5])
+    builder.light(sun_direction=[0, 0.6, 0.8], sun_color=[1, 0.9, 0.8], gamma=2)
+    assert builder.build().to_dict() == flockstep.World.from_dict(scene).to_dict()
+
+
+def test_a_height_field_has_its_heights():
+    heights = np.random.default_rng(0).uniform(-1, 1, (4, 6)).astype(np.float32)
+    builder = flockstep.WorldBuilder()
+    builder.heightfield(heights, builder.material("ground"), corner=(-2, 3), cell_m=0.5)
+    world = builder.build()
+    np.testing.assert_allclose(world.bounds[:, :2], [[-2, 3], [0.5, 4.5]])
+    rows, columns = np.mgrid[0:4, 0:6]
+    inner = np.s_[1:-1, 1:-1]  # a ray through a corner at the border may miss
+    places = np.stack([-2 + 0.5 * columns, 3 + 0.5 * rows, np.full(rows.shape, 5.0)], axis=-1)[inner].reshape(-1, 3)
+    hits = world.raycast(places, np.tile([0, 0, -1], (len(places), 1)), 10)
+    np.testing.assert_allclose(5 - hits["t_hit"], heights[inner].ravel(), atol=1e-5)
+    assert (hits["normal"][:, 2] > 0).all()  # seen from above, the outside
+
+
+def test_textures_show_on_meshes():
+    builder = flockstep.WorldBuilder()
+    painted = builder.material("painted", texture=builder.texture("red", RED))
+    builder.mesh([[2, -5, -5], [2, 5, -5], [2, 5, 5], [2, -5, 5]], [[0, 2, 1], [0, 3, 2]], painted)
+    camera = flockstep.CameraConfig(width_px=8, height_px=6)
+    red, green, blue = np.moveaxis(flockstep.render(builder.build(), [0, 0, 0], camera=camera)["rgb"], -1, 0)
+    assert (red > 100).all()
+    assert not green.any()
+    assert not blue.any()
+
+
+def test_what_is_built_is_left_alone_by_what_follows():
+    builder = flockstep.WorldBuilder()
+    builder.sphere([0, 0, 0], 1, builder.material("a"))
+    first = builder.build()
+    builder.sphere([3, 0, 0], 1, 0)
+    assert len(first.primitives) == 1
+    assert len(builder.build().primitives) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "match"),
+    [
+        (lambda b: b.box([0, 0], [1, 1, 1], 0), r"center: expected shape \(3,\), got shape \(2,\)"),
+        (lambda b: b.start(None), "place: expected 3 numbers, got None"),
+        (lambda b: b.texture("t", RED.astype(float)), r"pixels: expected an array \(height, width, 3 or 4\) of uint8"),
+        (lambda b: b.texture("t", RED, ("repeat", "tile")), 'wrap: expected "repeat", "mirror" or "clamp", got "tile"'),
+        (lambda b: b.mesh([[0, 0, 0]], [[0, 0, 1]], 0), r"triangles: expected vertex indices in \[0, 1\), got 1"),
+        (lambda b: b.mesh([[0, 0, 0]], [[0, 0, -1]], 0), "triangles: expected vertex indices"),
+        (lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, [[0, 0]]), r"uv: expected one per vertex \(3\), or none, got 1"),
+        (lambda b: b.heightfield([[0.0]], 0), r"heightfield: columns: expected an integer in \[2, 32768\], got 1"),
+        (lambda b: b.heightfield([[0, 0], [0, 0]], 0, cell_m=0), "heightfield: cell_m: expected a number > 0, got 0"),
+        (lambda b: b.build(), "scene: expected at least one primitive or triangle, got an empty scene"),
+        (lambda b: (b.sphere([0, 0, 0], 1, 3), b.build()), r"primitives\[0\].material: expected an index below 1, got 3"),
+        (lambda b: (b.sphere([0, 0, 0], -1, 0), b.build()), r"primitives\[0\].half_extents: expected sizes >= 1e-06"),
+        (lambda b: (b.material("a"), b.material("a"), b.sphere([0, 0, 0], 1, 0), b.build()), r"materials\[1\].name"),
+    ],
+)
+def test_mistakes(call, match):
+    with pytest.raises(ValueError, match=match):
+        call(flockstep.WorldBuilder())
