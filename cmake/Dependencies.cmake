@@ -61,7 +61,10 @@ endif()
 target_compile_definitions(flockstep_dependencies INTERFACE HWY_DISABLED_TARGETS=${disabled_targets})
 
 find_either(TURBOJPEG libturbojpeg libjpeg-turbo libjpeg-turbo::turbojpeg)
-need(TURBOJPEG_FOUND "libjpeg-turbo (JPEG files of camera frames)" libturbojpeg0-dev libjpeg-turbo)
+need(TURBOJPEG_FOUND "libjpeg-turbo (JPEG files of camera frames and textures)" libturbojpeg0-dev libjpeg-turbo)
+find_package(PNG QUIET)
+need(PNG_FOUND "libpng (textures)" libpng-dev libpng)
+target_link_libraries(flockstep_dependencies INTERFACE PNG::PNG)
 
 # OpenGL and EGL, whose functions it finds at run time: neither is linked, and a machine without them has one camera backend less.
 if(PkgConfig_FOUND)
