@@ -15,6 +15,18 @@ namespace {
 // Scene names are resolved in Python, which knows where the package keeps its files, and which scenes it makes.
 py::object found(const py::object& source) { return py::module_::import("flockstep.scenes").attr("find")(source); }
 
+UpAxis up_axis(const std::string& name) {
+  if (name != "y" && name != "z") throw py::value_error("up: expected \"y\" or \"z\", got \"" + name + '"');
+  return name == "y" ? UpAxis::y : UpAxis::z;
+}
+
+void warn_of_ignored(const World& world, const std::filesystem::path& path) {
+  if (world.ignored().empty()) return;
+  std::string warning = path.string() + ": not read: ";
+  for (const std::string& what : world.ignored()) warning += (&what == world.ignored().data() ? "" : ", ") + what;
+  if (PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) throw py::error_already_set();
+}
+
 py::object row(const std::optional<Vec3>& point) {
   if (!point) return py::none();
   return rows({&*point, 1}).attr("reshape")(3);
@@ -102,14 +114,24 @@ void register_world(py::module_& module) {
   py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
       .def_static(
           "load",
-          [](const py::object& source, bool meshes_anywhere) {
+          [](const py::object& source, bool meshes_anywhere, double scale, const std::array<float, 3>& origin,
+             const std::optional<std::string>& up) {
+            LoadOptions options{.scale = scale, .origin = Vec3(origin.data())};
+            if (meshes_anywhere) options.files = MeshFiles::anywhere;
+            if (up) options.up = up_axis(*up);
             const py::object scene = found(source);
-            if (py::isinstance<World>(scene)) return scene.cast<std::shared_ptr<World>>();
+            if (py::isinstance<World>(scene)) {
+              const bool is_placed = scale != 1.0 || !options.origin.isZero(0.0F) || options.up == UpAxis::y;
+              if (is_placed) throw py::value_error("scale, origin, up: expected none for a scene that is generated");
+              return scene.cast<std::shared_ptr<World>>();
+            }
             const auto path = scene.cast<std::filesystem::path>();
-            const auto files = meshes_anywhere ? MeshFiles::anywhere : MeshFiles::in_folder;
-            return std::const_pointer_cast<World>(released([&] { return World::load(path, files); }));
+            const auto world = released([&] { return World::load(path, options); });
+            warn_of_ignored(*world, path);
+            return std::const_pointer_cast<World>(world);
           },
-          py::arg("source"), py::kw_only(), py::arg("meshes_anywhere") = false)
+          py::arg("source"), py::kw_only(), py::arg("meshes_anywhere") = false, py::arg("scale") = 1.0,
+          py::arg("origin") = std::array<float, 3>{}, py::arg("up") = py::none())
       .def_static(
           "from_dict",
           [](const py::object& scene, const std::filesystem::path& base_dir, bool meshes_anywhere) {

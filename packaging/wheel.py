@@ -33,7 +33,7 @@ BUILD_PACKAGES = (
     "typing-extensions",
 )
 #: Header-only libraries: compiled in, so no file of theirs tells.
-HEADERS = ("libeigen3-dev", "nlohmann-json3-dev", "libbullet-dev", "libhwy-dev")
+HEADERS = ("libeigen3-dev", "nlohmann-json3-dev", "libtinygltf-dev", "libbullet-dev", "libhwy-dev")
 
 
 def output_of(*command: str | Path) -> str:

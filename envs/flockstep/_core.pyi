@@ -821,10 +821,19 @@ class World:
     """Immutable geometry, materials and named markers, shared by any number of drones and batches."""
 
     @staticmethod
-    def load(source: str | PathLike[str], *, meshes_anywhere: bool = False) -> World:
-        """Load a shipped scene by its name, or a ``.json`` or ``.obj`` file by its path; see `flockstep.scenes`.
+    def load(
+        source: str | PathLike[str],
+        *,
+        meshes_anywhere: bool = False,
+        scale: float = 1.0,
+        origin: Sequence[float] = (0.0, 0.0, 0.0),
+        up: Literal["y", "z"] | None = None,
+    ) -> World:
+        """Load a shipped scene by its name, or a ``.json``, ``.gltf``, ``.glb`` or ``.obj`` file by its path.
 
-        Mesh files that a scene file names have to lie in its folder or below it, unless ``meshes_anywhere`` is set.
+        Files that it names have to lie in its folder or below it, unless ``meshes_anywhere`` is set. Its points are turned so that
+        the axis ``up`` points up (``"y"`` is usual for glTF and ``"z"`` for others), multiplied by ``scale``, and moved so that
+        the file's origin comes to ``origin`` (m). A `UserWarning` names what the file has and is not read. See `flockstep.scenes`.
         """
 
     @staticmethod

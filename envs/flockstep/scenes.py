@@ -22,7 +22,7 @@ SETS: dict[str, tuple[str, ...]] = {
 #: Scenes that are no files: what makes them.
 GENERATED: dict[str, Callable[[], World]] = {"outdoor/forest": lambda: World.forest(seed=1)}
 
-_SUFFIXES = (".json", ".obj")
+_SUFFIXES = (".json", ".gltf", ".glb", ".obj")
 
 
 def directory() -> Path:
@@ -44,7 +44,8 @@ def find(source: str | PathLike[str]) -> Path | World:
     Parameters
     ----------
     source
-        A shipped name such as ``"playground/train-1"``, or the path of a ``.json`` or ``.obj`` file.
+        A shipped name such as ``"playground/train-1"``, or the path of a ``.json``, ``.gltf``, ``.glb`` or ``.obj``
+        file.
 
     Raises
     ------
@@ -63,7 +64,8 @@ def find(source: str | PathLike[str]) -> Path | World:
     if isinstance(source, str) and source in names():
         return directory() / f"{source}.json"
     raise ValueError(
-        f"unknown scene {str(source)!r}: expected the path of a .json or .obj file, or one of {', '.join(names())}"
+        f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb or .obj file, "
+        f"or one of {', '.join(names())}"
     )
 
 

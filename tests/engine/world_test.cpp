@@ -257,7 +257,7 @@ std::string load_message(const std::filesystem::path& path) {
 TEST(World, LoadNamesTheFileThatIsWrong) {
   EXPECT_EQ(load_message("no-such.json"), "no-such.json: cannot read a scene file: No such file or directory");
   EXPECT_EQ(load_message("no-such.obj"), "no-such.obj: cannot read an OBJ file: No such file or directory");
-  EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json or .obj, got \".stl\"");
+  EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json, .gltf, .glb or .obj, got \".stl\"");
   EXPECT_EQ(load_message(testing::TempDir()).rfind(testing::TempDir(), 0), 0U);
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_folder.json";
   std::filesystem::create_directories(folder);

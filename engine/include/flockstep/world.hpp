@@ -108,11 +108,23 @@ struct SceneDescription {
 // nothing else, or anywhere.
 enum class MeshFiles : std::uint8_t { in_folder, anywhere };
 
+// Which axis of a file points up: y for glTF and z for all others, or the one that is given. The other two follow: what a file
+// with y up has at (x, y, z) comes to (x, -z, y).
+enum class UpAxis : std::uint8_t { of_format, y, z };
+
+// How a world lies in its file: points are turned upright, scaled, then moved.
+struct LoadOptions {
+  MeshFiles files = MeshFiles::in_folder;
+  double scale = 1.0;          // m per unit of the file, in [1e-6, 1e6]
+  Vec3 origin = Vec3::Zero();  // m, where the file's origin comes to
+  UpAxis up = UpAxis::of_format;
+};
+
 class World {
  public:
-  // Reads a scene file (.json as scenes/schema.json describes) or a bare mesh (.obj).
+  // Reads a scene file (.json as scenes/schema.json describes), a glTF 2.0 file (.gltf, .glb) or a bare mesh (.obj).
   // Throws std::invalid_argument naming the file and the offending field.
-  static std::shared_ptr<const World> load(const std::filesystem::path& path, MeshFiles files = MeshFiles::in_folder);
+  static std::shared_ptr<const World> load(const std::filesystem::path& path, const LoadOptions& options = {});
   // The same from JSON text; base_dir is the scene's folder, the current one if empty.
   static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {},
                                                 MeshFiles files = MeshFiles::in_folder);
@@ -121,7 +133,8 @@ class World {
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
   // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
   // direction unit; uv where a material has a texture, and not elsewhere.
-  explicit World(SceneDescription description);
+  // ignored: what ignored() returns.
+  explicit World(SceneDescription description, std::vector<std::string> ignored = {});
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
@@ -134,6 +147,9 @@ class World {
   const Markers& markers() const { return description_.markers; }
   const Light& light() const { return description_.light; }
   const Aabb& bounds() const { return bounds_; }  // m, of all geometry
+
+  // What the file that this world was loaded from has and flockstep does not read, in words ("2 animations").
+  std::span<const std::string> ignored() const { return ignored_; }
 
   std::string to_json() const;  // what save() writes; triangle meshes are written inline
   void save(const std::filesystem::path& path) const;
@@ -152,6 +168,7 @@ class World {
 
  private:
   SceneDescription description_;
+  std::vector<std::string> ignored_;
   Aabb bounds_;
   mutable std::once_flag hashed_;
   mutable std::uint64_t content_hash_ = 0;

@@ -38,7 +38,7 @@ class Path {
     return longer;
   }
 
-  static constexpr std::size_t kMaxSteps = 6;  // /meshes/0/vertices/0/0 has five
+  static constexpr std::size_t kMaxSteps = 8;  // as a texture's offset in glTF has
   std::array<Step, kMaxSteps> steps_{};
   std::size_t depth_ = 0;
 };

@@ -22,6 +22,7 @@
 #include "world/json_document.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
+#include "world/text_file.hpp"
 
 namespace flockstep {
 namespace {
@@ -381,19 +382,6 @@ class SceneReader {
     } catch (const std::invalid_argument& error) {
       fail(file, error.what());
     }
-  }
-
-  // With links followed. What does not exist is taken by its name.
-  static bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder) {
-    std::error_code error;
-    const auto resolved = [&error](const std::filesystem::path& p) {
-      if (error) return std::filesystem::path();
-      const std::filesystem::path absolute = std::filesystem::absolute(p.empty() ? std::filesystem::path(".") : p, error);
-      return error ? std::filesystem::path() : std::filesystem::weakly_canonical(absolute, error);
-    };
-    const std::filesystem::path inner = resolved(path);
-    const std::filesystem::path outer = resolved(folder);
-    return !error && std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end()).first == outer.end();
   }
 
   static TriangleMesh read_inline_mesh(const JsonField& field) {

@@ -1,5 +1,6 @@
 #include "world/text_file.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <cstring>
@@ -63,6 +64,18 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
     std::filesystem::remove(beside, error);
     throw;
   }
+}
+
+bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder) {
+  std::error_code error;
+  const auto resolved = [&error](const std::filesystem::path& p) {
+    if (error) return std::filesystem::path();
+    const std::filesystem::path absolute = std::filesystem::absolute(p.empty() ? std::filesystem::path(".") : p, error);
+    return error ? std::filesystem::path() : std::filesystem::weakly_canonical(absolute, error);
+  };
+  const std::filesystem::path inner = resolved(path);
+  const std::filesystem::path outer = resolved(folder);
+  return !error && std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end()).first == outer.end();
 }
 
 }  // namespace flockstep

@@ -15,4 +15,7 @@ inline constexpr std::streamoff kMaxFileBytes = std::streamoff{1} << 30;  // lar
 std::string read_text_file(const std::filesystem::path& path, const std::string& kind);
 void write_text_file(const std::filesystem::path& path, const std::string& kind, const std::string& text);
 
+// Whether a path is that of a folder or of what is in it, links followed. What does not exist is taken by its name.
+bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder);
+
 }  // namespace flockstep

@@ -7,7 +7,9 @@
 
 #include "base/require.hpp"
 #include "world/content_hash.hpp"
+#include "world/gltf.hpp"
 #include "world/obj.hpp"
+#include "world/placement.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
 #include "world/tessellate.hpp"
@@ -29,9 +31,10 @@ Aabb bounds_of(const SceneDescription& description) {
 }
 
 // Refusals name the file.
-std::shared_ptr<const World> made_from(SceneDescription description, const std::filesystem::path& path) {
+std::shared_ptr<const World> made_from(SceneDescription description, const std::filesystem::path& path,
+                                       std::vector<std::string> ignored = {}) {
   try {
-    return std::make_shared<const World>(std::move(description));
+    return std::make_shared<const World>(std::move(description), std::move(ignored));
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(path.string() + ": " + error.what());
   }
@@ -39,26 +42,35 @@ std::shared_ptr<const World> made_from(SceneDescription description, const std::
 
 }  // namespace
 
-std::shared_ptr<const World> World::load(const std::filesystem::path& path, MeshFiles files) {
+std::shared_ptr<const World> World::load(const std::filesystem::path& path, const LoadOptions& options) {
+  check_placement(options);
   std::string extension = path.extension().string();
   for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
   if (extension == ".json") {
-    return std::make_shared<const World>(parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), files));
+    SceneDescription scene = parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), options.files);
+    if (moves(options)) return made_from(placed(std::move(scene), options), path);
+    return std::make_shared<const World>(std::move(scene));
+  }
+  if (extension == ".gltf" || extension == ".glb") {
+    GltfFile file = load_gltf(path, options);
+    return made_from(std::move(file.scene), path, std::move(file.ignored));
   }
   if (extension == ".obj") {
     SceneDescription description;
     description.name = path.stem().string();
     description.mesh = load_obj(path);
+    if (moves(options)) description = placed(std::move(description), options);
     return made_from(std::move(description), path);
   }
-  refuse(path.string(), "a file ending in .json or .obj", '"' + extension + '"');
+  refuse(path.string(), "a file ending in .json, .gltf, .glb or .obj", '"' + extension + '"');
 }
 
 std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir, MeshFiles files) {
   return std::make_shared<const World>(parse_scene(text, "scene", base_dir, files));
 }
 
-World::World(SceneDescription description) : description_(canonical(std::move(description))), bounds_(bounds_of(description_)) {}
+World::World(SceneDescription description, std::vector<std::string> ignored)
+    : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {}
 
 std::uint16_t World::semantic(std::size_t material) const {
   const std::uint16_t given = materials()[material].semantic;
