@@ -68,6 +68,20 @@ TEST_F(Obj, KeepsTheOrderOfFacesOverGroupsAndMaterials) {
   EXPECT_EQ(mesh.triangles, (std::vector<std::array<std::int32_t, 3>>{{0, 1, 2}, {0, 2, 3}, {1, 2, 3}}));
 }
 
+TEST_F(Obj, KeepsPlacesInTexturesWhereTheyAreWanted) {
+  const std::string text = kSquare + "vt 0.25 0.75\nvt 0.5\nvt x 1\nvt 0 1 9\nf 1/1 2/2 3/4\nf 1/-3 3/4 4\nf 2/2 3/9 4/3\n";
+  const TriangleMesh plain = load(text);
+  EXPECT_TRUE(plain.uv.empty());
+  EXPECT_EQ(plain.vertices.size(), 4U);
+  const TriangleMesh mesh = parse_obj(text, "x", true);
+  // Vertices 0 and 2 get a copy for their second place, and 3 for that which is no number, which is another than none.
+  EXPECT_EQ(mesh.triangles, (std::vector<std::array<std::int32_t, 3>>{{0, 1, 2}, {4, 2, 3}, {1, 5, 6}}));
+  EXPECT_EQ(mesh.uv, (std::vector<std::array<float, 2>>{{0.25F, 0.25F}, {0.5F, 1}, {0, 0}, {0, 0}, {0.5F, 1}, {0, 0}, {0, 0}}));
+  EXPECT_EQ(mesh.vertices[4], mesh.vertices[0]);
+  EXPECT_EQ(mesh.vertices[6], mesh.vertices[3]);
+  EXPECT_TRUE(parse_obj(kSquare + "f 1/1 2/2 3/3\n", "x", true).uv.empty());
+}
+
 TEST_F(Obj, BadFilesAreRefusedWithTheLine) {
   EXPECT_EQ(message_of("v 0 0 zero\n"), ":1: expected three finite coordinates after v, got \"v 0 0 zero\"");
   EXPECT_EQ(message_of("v 0 0\n"), ":1: expected three finite coordinates after v, got \"v 0 0\"");

@@ -243,7 +243,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
        "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
-       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, materials, room, pillars, cylinders, "
+       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, cylinders, "
        "boxes, "
        "spheres, capsules, planes, discs, meshes, markers, light"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
@@ -316,7 +316,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
        "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
       {"unknown field of a material", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"),
-       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic"},
+       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture"},
       {"semantic below the least", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
        "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 0"},
       {"negative semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),

@@ -166,7 +166,9 @@ const Json& require_array(const JsonField& field, const char* expected) {
 // here, and nothing is nested deeper than recursion can follow.
 class DocumentBuilder final : public nlohmann::json_sax<Json> {
  public:
-  DocumentBuilder(Document& document, std::string_view ordered) : document_(document), ordered_(ordered) {}
+  DocumentBuilder(Document& document, std::initializer_list<std::string_view> ordered) : document_(document) {
+    for (const std::string_view key : ordered) document_.ordered_keys_[std::string(key)];
+  }
 
   bool null() override { return add(nullptr); }
   bool boolean(bool value) override { return add(value); }
@@ -180,8 +182,11 @@ class DocumentBuilder final : public nlohmann::json_sax<Json> {
   bool start_array(std::size_t) override { return open(Json::value_t::array); }
   bool end_array() override { return close(); }
   bool key(string_t& name) override {
-    if (open_.size() == 1) is_in_ordered_ = !ordered_.empty() && name == ordered_;
-    if (open_.size() == 2 && is_in_ordered_) document_.ordered_keys_.push_back(name);
+    if (open_.size() == 1) {
+      const auto found = document_.ordered_keys_.find(name);
+      ordered_ = found == document_.ordered_keys_.end() ? nullptr : &found->second;
+    }
+    if (open_.size() == 2 && ordered_ != nullptr) ordered_->push_back(name);
     const auto [field, is_new] = open_.back()->get_ref<Json::object_t&>().try_emplace(std::move(name));
     if (!is_new) flockstep::refuse(document_.source_, "each field once", excerpt_of(Json(field->first)) + " twice in one object");
     field_ = &field->second;
@@ -220,13 +225,13 @@ class DocumentBuilder final : public nlohmann::json_sax<Json> {
   }
 
   Document& document_;
-  std::string_view ordered_;
-  std::vector<Json*> open_;  // the arrays and objects that the parser is in
-  Json* field_ = nullptr;    // of the innermost object, whose key has been read
-  bool is_in_ordered_ = false;
+  std::vector<Json*> open_;                      // the arrays and objects that the parser is in
+  Json* field_ = nullptr;                        // of the innermost object, whose key has been read
+  std::vector<std::string>* ordered_ = nullptr;  // where the keys of the outermost field's object are kept, if they are
 };
 
-std::unique_ptr<const Document> Document::parse(const std::string& text, std::string source, std::string_view ordered) {
+std::unique_ptr<const Document> Document::parse(const std::string& text, std::string source,
+                                                std::initializer_list<std::string_view> ordered) {
   auto document = std::make_unique<Document>(std::move(source));
   DocumentBuilder builder(*document, ordered);
   Json::sax_parse(Characters(text.data()), Characters(text.data() + text.size()), &builder);
@@ -241,6 +246,11 @@ double shortest(double value) {
   double read = value;
   std::from_chars(digits.data(), written.ptr, read);
   return static_cast<float>(read) == single ? read : value;
+}
+
+std::span<const std::string> Document::ordered_keys(std::string_view of) const {
+  const auto found = ordered_keys_.find(of);
+  return found == ordered_keys_.end() ? std::span<const std::string>() : std::span<const std::string>(found->second);
 }
 
 Document::~Document() { take_apart(root_); }

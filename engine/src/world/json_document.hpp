@@ -3,10 +3,13 @@
 
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <initializer_list>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -79,22 +82,23 @@ double shortest(double value);
 
 class Document {
  public:
-  // source names the text in messages. Of the object under the key `ordered`, the order of keys is kept.
-  static std::unique_ptr<const Document> parse(const std::string& text, std::string source, std::string_view ordered = {});
+  // source names the text in messages. Of the objects under the keys `ordered`, the order of keys is kept.
+  static std::unique_ptr<const Document> parse(const std::string& text, std::string source,
+                                               std::initializer_list<std::string_view> ordered = {});
   explicit Document(std::string source) : source_(std::move(source)) {}  // an empty one
   ~Document();
   Document(const Document&) = delete;
   Document& operator=(const Document&) = delete;
 
   JsonField root() const { return {root_, Path(), source_}; }
-  const std::vector<std::string>& ordered_keys() const { return ordered_keys_; }
+  std::span<const std::string> ordered_keys(std::string_view of) const;
 
  private:
   friend class DocumentBuilder;
 
   Json root_;
   std::string source_;
-  std::vector<std::string> ordered_keys_;
+  std::map<std::string, std::vector<std::string>, std::less<>> ordered_keys_;
 };
 
 }  // namespace flockstep::json

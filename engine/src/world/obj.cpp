@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <istream>
 #include <limits>
+#include <map>
+#include <optional>
 #include <stdexcept>
 #include <streambuf>
 #include <string>
@@ -55,12 +57,27 @@ bool parse(std::string_view word, Number& value) {
   return error == std::errc() && end == word.data() + word.size();
 }
 
+// The numbers of a vt line, of which the second may be missing.
+std::string checked_uv(std::string_view line) {
+  std::string kept;
+  for (int axis = 0; axis < 2; ++axis) {
+    const std::string_view word = next_word(line);
+    double value = 0.0;
+    if (!word.empty() && !(parse(word, value) && std::abs(value) <= kMaxCoordinate)) return "0 1";  // (0, 0), from above
+    if (axis == 0 && word.empty()) return "0 1";
+    kept += word.empty() ? "0" : word;
+    kept += ' ';
+  }
+  return kept;
+}
+
 // tinyobjloader reads a malformed number as 0, lets indices run out of range, and believes any size that a line states. So it is
-// given a text that has been checked and has nothing but vertices and faces, of vertex indices alone; and now and then a new
-// object, at which it cuts the faces so far into triangles, so that it never does so for long.
-std::string checked(std::string_view text, const std::string& source) {
+// given a text that has been checked and has nothing but vertices, places in textures where these are wanted, and faces; and now
+// and then a new object, at which it cuts the faces so far into triangles, so that it never does so for long.
+std::string checked(std::string_view text, const std::string& source, bool with_uv) {
   std::string kept;
   long num_vertices = 0;
+  long num_uv = 0;
   long work = 0;  // for tinyobjloader, since the last part began
   for (std::size_t number = 1; !text.empty(); ++number) {
     if (work > kWorkOfPart) {
@@ -85,6 +102,9 @@ std::string checked(std::string_view text, const std::string& source) {
         kept += word;
       }
       kept += '\n';
+    } else if (keyword == "vt" && with_uv && num_uv < kMaxIndex) {
+      ++num_uv;
+      kept += "vt " + checked_uv(rest) + '\n';
     } else if (keyword == "f") {
       int corners = 0;
       kept += 'f';
@@ -98,6 +118,12 @@ std::string checked(std::string_view text, const std::string& source) {
         if (corners == kMaxCorners) refuse_line(source, number, "at most 1000 corners after f", line);
         kept += ' ';
         kept += std::to_string(index > 0 ? index : num_vertices + 1 + index);
+        if (!with_uv || vertex.size() == word.size()) continue;
+        const std::string_view rest_of_word = word.substr(vertex.size() + 1);
+        long uv = 0;
+        if (!parse(rest_of_word.substr(0, rest_of_word.find('/')), uv)) continue;
+        if (uv < 0) uv += num_uv + 1;
+        if (uv >= 1 && uv <= num_uv) kept += '/' + std::to_string(uv);
       }
       work += corners * corners;
       if (corners < 3) refuse_line(source, number, "at least three corners after f", line);
@@ -129,10 +155,51 @@ class PolledText final : public std::streambuf {
   std::size_t taken_ = 0;
 };
 
+// Gives each corner a vertex with its place in a texture: the first of a vertex gets that one, others get copies of it.
+class UvVertices {
+ public:
+  UvVertices(TriangleMesh& mesh, const std::vector<tinyobj::real_t>& places)
+      : mesh_(mesh), places_(places), first_(mesh.vertices.size(), kNone) {
+    mesh_.uv.resize(mesh_.vertices.size());
+  }
+
+  std::int32_t operator()(const tinyobj::index_t& corner) {
+    const auto vertex = static_cast<std::size_t>(corner.vertex_index);
+    const int place = corner.texcoord_index;
+    if (first_[vertex] == kNone) {
+      first_[vertex] = place;
+      mesh_.uv[vertex] = uv(place);
+    }
+    if (first_[vertex] == place) return corner.vertex_index;
+    const auto [copy, is_new] =
+        copies_.try_emplace({corner.vertex_index, place}, static_cast<std::int32_t>(mesh_.vertices.size()));
+    if (is_new) {
+      mesh_.vertices.push_back(Vec3(mesh_.vertices[vertex]));
+      mesh_.uv.push_back(uv(place));
+    }
+    return copy->second;
+  }
+
+ private:
+  static constexpr int kNone = -2;  // -1 is the place of corners that have none
+
+  // The file counts upwards.
+  std::array<float, 2> uv(int place) const {
+    if (place < 0) return {};
+    const std::size_t at = 2 * static_cast<std::size_t>(place);
+    return {static_cast<float>(places_[at]), static_cast<float>(1.0 - static_cast<double>(places_[at + 1]))};
+  }
+
+  TriangleMesh& mesh_;
+  const std::vector<tinyobj::real_t>& places_;
+  std::vector<int> first_;  // place of each vertex
+  std::map<std::pair<int, int>, std::int32_t> copies_;
+};
+
 }  // namespace
 
-TriangleMesh parse_obj(std::string_view text, const std::string& source) {
-  PolledText polled(checked(text, source));
+TriangleMesh parse_obj(std::string_view text, const std::string& source, bool with_uv) {
+  PolledText polled(checked(text, source, with_uv));
   std::istream stream(&polled);
   stream.exceptions(std::ios::badbit);  // passes on what poll() throws
   tinyobj::attrib_t attributes;
@@ -148,16 +215,21 @@ TriangleMesh parse_obj(std::string_view text, const std::string& source) {
     mesh.vertices.emplace_back(static_cast<float>(coordinates[i]), static_cast<float>(coordinates[i + 1]),
                                static_cast<float>(coordinates[i + 2]));
   }
+  std::optional<UvVertices> uv_vertices;
+  if (with_uv && !attributes.texcoords.empty()) uv_vertices.emplace(mesh, attributes.texcoords);
+  const auto vertex = [&](const tinyobj::index_t& corner) { return uv_vertices ? (*uv_vertices)(corner) : corner.vertex_index; };
   for (const tinyobj::shape_t& shape : shapes) {
     const std::vector<tinyobj::index_t>& corners = shape.mesh.indices;
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
-      mesh.triangles.push_back({corners[i].vertex_index, corners[i + 1].vertex_index, corners[i + 2].vertex_index});
+      mesh.triangles.push_back({vertex(corners[i]), vertex(corners[i + 1]), vertex(corners[i + 2])});
     }
   }
   require(!mesh.triangles.empty(), source, "at least one face", "none");
   return mesh;
 }
 
-TriangleMesh load_obj(const std::filesystem::path& path) { return parse_obj(read_text_file(path, "an OBJ file"), path.string()); }
+TriangleMesh load_obj(const std::filesystem::path& path, bool with_uv) {
+  return parse_obj(read_text_file(path, "an OBJ file"), path.string(), with_uv);
+}
 
 }  // namespace flockstep

@@ -168,8 +168,10 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
 
 void check_textures(const std::vector<Texture>& textures) {
   if (textures.size() > kMaxTextures) refuse("textures", "at most 65536 of them", std::to_string(textures.size()));
+  std::set<std::string_view> names;
   for (std::size_t i = 0; i < textures.size(); ++i) {
     const auto& [name, width, height, rgba, wrap] = textures[i];
+    if (!names.insert(name).second) refuse(element("textures", i) + ".name", "a name of its own", '"' + name + '"');
     for (const int side : {width, height}) {
       if (side < 1 || side > kMaxTexturePx) {
         refuse(element("textures", i), "1 to " + std::to_string(kMaxTexturePx) + " pixels to a side", std::to_string(side));

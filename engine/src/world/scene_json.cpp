@@ -19,6 +19,8 @@
 
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "world/base64.hpp"
+#include "world/image.hpp"
 #include "world/json_document.hpp"
 #include "world/obj.hpp"
 #include "world/scene_description.hpp"
@@ -117,24 +119,31 @@ constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_colo
 // The key that says what the file is, and its version.
 constexpr const char* kVersionKey = "flockstep_scene";
 constexpr const char* kMaterialsKey = "materials";
+constexpr const char* kTexturesKey = "textures";
+constexpr std::array<const char*, 3> kWraps{"repeat", "mirror", "clamp"};  // as TextureWrap counts
 
 class SceneReader {
  public:
-  SceneReader(JsonField root, std::span<const std::string> material_names, std::filesystem::path base_dir, MeshFiles files)
-      : root_(std::move(root)), material_names_(material_names), base_dir_(std::move(base_dir)), files_(files) {
+  SceneReader(const json::Document& document, std::filesystem::path base_dir, MeshFiles files)
+      : root_(document.root()),
+        material_names_(document.ordered_keys(kMaterialsKey)),
+        texture_names_(document.ordered_keys(kTexturesKey)),
+        base_dir_(std::move(base_dir)),
+        files_(files) {
     scene_.materials.clear();
   }
 
   SceneDescription read() {
     refuse_older_name();
-    check_object(root_, {kVersionKey, "$schema", "name", "materials", "room", "pillars", "cylinders", "boxes", "spheres",
-                         "capsules", "planes", "discs", "meshes", "markers", "light"});
+    check_object(root_, {kVersionKey, "$schema", "name", kTexturesKey, kMaterialsKey, "room", "pillars", "cylinders", "boxes",
+                         "spheres", "capsules", "planes", "discs", "meshes", "markers", "light"});
     const JsonField version = require(root_, kVersionKey);
     if (version.value != kVersion) refuse(version, "version 1");
     if (const auto name = find(root_, "name")) {
       if (!name->value.is_string()) refuse(*name, "a string");
       scene_.name = name->value.get<std::string>();
     }
+    read_textures();
     read_materials();
     if (const auto room = find(root_, "room")) read_room(*room);
     for_each("pillars", [this](const JsonField& field) { read_pillar(field); });
@@ -177,6 +186,66 @@ class SceneReader {
     }
   }
 
+  void read_textures() {
+    const std::optional<JsonField> textures = find(root_, kTexturesKey);
+    if (!textures) return;
+    if (!textures->value.is_object()) refuse(*textures, "an object");
+    if (textures->value.size() > kMaxTextures) refuse(*textures, "at most 65536 textures", textures->value.size());
+    for (const std::string& name : texture_names_) {
+      const JsonField field = require(*textures, name);
+      check_object(field, {"file", "png_base64", "wrap"});
+      if (field.value.contains("file") == field.value.contains("png_base64")) {
+        fail(field, "expected either \"file\" or \"png_base64\"");
+      }
+      Image image =
+          field.value.contains("file") ? read_image_file(require(field, "file")) : read_image(require(field, "png_base64"));
+      pixels_left_ -= image.rgba.size() / 4;
+      Texture texture{name, image.width_px, image.height_px, std::move(image.rgba)};
+      if (const auto wrap = find(field, "wrap")) texture.wrap = read_wrap(*wrap);
+      texture_index_.emplace(name, static_cast<std::uint16_t>(scene_.textures.size()));
+      scene_.textures.push_back(std::move(texture));
+    }
+  }
+
+  Image read_image(const JsonField& field) const {
+    if (!field.value.is_string()) refuse(field, "a PNG file in base64");
+    const std::string bytes = bytes_of_base64(field.value.get_ref<const std::string&>(), json::name_of(field));
+    return decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, json::name_of(field), pixels_left_);
+  }
+
+  Image read_image_file(const JsonField& file) const {
+    const std::filesystem::path path = path_of(file, "the path of a PNG or JPEG file");
+    try {
+      const std::string bytes = read_text_file(path, "an image");
+      return decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, path.string(), pixels_left_);
+    } catch (const std::invalid_argument& error) {
+      fail(file, error.what());
+    }
+  }
+
+  static std::array<TextureWrap, 2> read_wrap(const JsonField& field) {
+    if (!field.value.is_array() || field.value.size() != 2) refuse(field, "an array of 2 names (across, down)");
+    std::array<TextureWrap, 2> wrap{};
+    for (std::size_t i = 0; i < 2; ++i) {
+      const JsonField name = child(field, i);
+      const auto found = std::find_if(kWraps.begin(), kWraps.end(), [&](const char* known) { return name.value == known; });
+      if (found == kWraps.end()) refuse(name, "\"repeat\", \"mirror\" or \"clamp\"");
+      wrap[i] = static_cast<TextureWrap>(found - kWraps.begin());
+    }
+    return wrap;
+  }
+
+  // Of a file that the scene names.
+  std::filesystem::path path_of(const JsonField& file, const char* expected) const {
+    if (!file.value.is_string()) refuse(file, expected);
+    std::filesystem::path path = base_dir_ / file.value.get<std::string>();
+    if (files_ == MeshFiles::in_folder && !is_below(path, base_dir_)) {
+      fail(file, "expected a file in the scene's folder or below it (load with meshes_anywhere=True to allow others), got " +
+                     json::excerpt_of(file.value));
+    }
+    return path;
+  }
+
   void read_materials() {
     const std::optional<JsonField> materials = find(root_, "materials");
     if (!materials) return;
@@ -184,12 +253,21 @@ class SceneReader {
     if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
     for (const std::string& name : material_names_) {
       const JsonField field = require(*materials, name);
-      check_object(field, {"base_color", "semantic"});
+      check_object(field, {"base_color", "semantic", "texture"});
       Material material{name};
       material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
       if (const auto semantic = find(field, "semantic")) material.semantic = semantic_id(*semantic);
+      if (const auto texture = find(field, "texture")) material.texture = named_texture(*texture);
       add_material(std::move(material));
     }
+  }
+
+  std::uint16_t named_texture(const JsonField& field) {
+    if (!field.value.is_string()) refuse(field, "the name of a texture");
+    const auto found = texture_index_.find(field.value.get_ref<const std::string&>());
+    if (found == texture_index_.end()) refuse(field, "a name listed in /textures");
+    has_textured_material_ = true;
+    return found->second;
   }
 
   std::uint16_t add_material(Material material) {
@@ -334,9 +412,9 @@ class SceneReader {
 
   // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
   void read_mesh(const JsonField& field, std::uint16_t object) {
-    check_object(field, {"file", "vertices", "triangles", "position", "quat_wxyz", "scale", "material"});
+    check_object(field, {"file", "vertices", "triangles", "uv", "position", "quat_wxyz", "scale", "material"});
     const bool has_file = field.value.contains("file");
-    if (has_file == (field.value.contains("vertices") || field.value.contains("triangles"))) {
+    if (has_file == (field.value.contains("vertices") || field.value.contains("triangles") || field.value.contains("uv"))) {
       fail(field, "expected either \"file\" or \"vertices\" and \"triangles\"");
     }
     const TriangleMesh part = has_file ? read_mesh_file(require(field, "file")) : read_inline_mesh(field);
@@ -366,19 +444,20 @@ class SceneReader {
       }
       mesh.triangles.push_back(triangle);
     }
+    if (!part.uv.empty()) {  // which begin with this part, or go on with it: parts before it may have had none
+      mesh.uv.resize(static_cast<std::size_t>(first_vertex));
+      mesh.uv.insert(mesh.uv.end(), part.uv.begin(), part.uv.end());
+    } else if (!mesh.uv.empty()) {
+      mesh.uv.resize(mesh.vertices.size());
+    }
     mesh.objects.insert(mesh.objects.end(), part.triangles.size(), object);
     read_mesh_materials(field, part.triangles.size());
   }
 
   TriangleMesh read_mesh_file(const JsonField& file) const {
-    if (!file.value.is_string()) refuse(file, "the path of an OBJ file");
-    const std::filesystem::path path = base_dir_ / file.value.get<std::string>();
-    if (files_ == MeshFiles::in_folder && !is_below(path, base_dir_)) {
-      fail(file, "expected a file in the scene's folder or below it (load with meshes_anywhere=True to allow others), got " +
-                     json::excerpt_of(file.value));
-    }
+    const std::filesystem::path path = path_of(file, "the path of an OBJ file");
     try {
-      return load_obj(path);
+      return load_obj(path, has_textured_material_);
     } catch (const std::invalid_argument& error) {
       fail(file, error.what());
     }
@@ -406,6 +485,16 @@ class SceneReader {
         indices[k] = index.value.get<std::int32_t>();
       }
       mesh.triangles.push_back(indices);
+    }
+    if (const auto uv = find(field, "uv")) {
+      const std::size_t count = require_array(*uv, "an array of (u, v)").size();
+      if (count != num_vertices) refuse(*uv, "one per vertex (" + std::to_string(num_vertices) + ')', count);
+      for (std::size_t i = 0; i < count; ++i) {
+        Interrupt::poll();
+        const JsonField pair = child(*uv, i);
+        if (!pair.value.is_array() || pair.value.size() != 2) refuse(pair, "an array of 2 numbers (u, v)");
+        mesh.uv.push_back({static_cast<float>(number(child(pair, 0))), static_cast<float>(number(child(pair, 1)))});
+      }
     }
     return mesh;
   }
@@ -462,10 +551,13 @@ class SceneReader {
   }
 
   JsonField root_;
-  std::span<const std::string> material_names_;  // in the order of the file
+  std::span<const std::string> material_names_, texture_names_;  // in the order of the file
   std::filesystem::path base_dir_;
   MeshFiles files_;
   std::unordered_map<std::string, std::uint16_t> material_index_;
+  std::unordered_map<std::string, std::uint16_t> texture_index_;
+  bool has_textured_material_ = false;
+  std::size_t pixels_left_ = kMaxScenePixels;
   std::optional<Box3d> room_;
   SceneDescription scene_;
 };
@@ -481,12 +573,25 @@ OrderedJson numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
 OrderedJson numbers(const std::array<float, 3>& v) { return numbers(Vec3(v[0], v[1], v[2])); }
 
 // As text, since an object of OrderedJson with many keys takes their number squared to build.
-std::string write_materials(const std::vector<Material>& materials) {
+std::string write_materials(const SceneDescription& description) {
   std::string text = "{";
-  for (const Material& material : materials) {
+  for (const Material& material : description.materials) {
     OrderedJson object = {{"base_color", numbers(material.base_color)}};
     if (material.semantic != 0) object["semantic"] = material.semantic;
+    if (material.texture) object["texture"] = description.textures[*material.texture].name;
     text += (text.size() > 1 ? "," : "") + OrderedJson(material.name).dump() + ':' + object.dump();
+  }
+  return text + '}';
+}
+
+std::string write_textures(const std::vector<Texture>& textures) {
+  std::string text = "{";
+  for (const Texture& texture : textures) {
+    OrderedJson object = {{"png_base64", base64_of(encode_png(texture.width_px, texture.height_px, texture.rgba))}};
+    if (texture.wrap != Texture().wrap) {
+      object["wrap"] = {kWraps[static_cast<std::size_t>(texture.wrap[0])], kWraps[static_cast<std::size_t>(texture.wrap[1])]};
+    }
+    text += (text.size() > 1 ? "," : "") + OrderedJson(texture.name).dump() + ':' + object.dump();
   }
   return text + '}';
 }
@@ -557,6 +662,12 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
   OrderedJson object = {
       {"vertices", OrderedJson::array()}, {"triangles", OrderedJson::array()}, {"material", OrderedJson::array()}};
   for (std::size_t i = first_vertex; i < last_vertex; ++i) object["vertices"].push_back(numbers(mesh.vertices[i]));
+  if (!mesh.uv.empty() && first != last) {
+    OrderedJson& uv = object["uv"] = OrderedJson::array();
+    for (std::size_t i = first_vertex; i < last_vertex; ++i) {
+      uv.push_back(OrderedJson::array({json::shortest(mesh.uv[i][0]), json::shortest(mesh.uv[i][1])}));
+    }
+  }
   bool is_of_one_material = first != last;
   for (std::size_t i = first; i < last; ++i) {
     std::array<std::int32_t, 3> triangle = mesh.triangles[i];
@@ -619,14 +730,14 @@ OrderedJson write_light(const Light& light) {
 }
 
 // One line per top-level field, and per element where a field is a list of objects.
-std::string format(const OrderedJson& document, const std::vector<Material>& materials) {
+std::string format(const OrderedJson& document, const SceneDescription& description) {
   std::string text = "{";
   const char* separator = "\n";
   for (const auto& [key, value] : document.items()) {
     text += separator + ("  " + OrderedJson(key).dump() + ": ");
     separator = ",\n";
-    if (key == kMaterialsKey) {
-      text += write_materials(materials);
+    if (key == kMaterialsKey || key == kTexturesKey) {
+      text += key == kMaterialsKey ? write_materials(description) : write_textures(description.textures);
       continue;
     }
     if (!value.is_array()) {
@@ -647,19 +758,21 @@ std::string format(const OrderedJson& document, const std::vector<Material>& mat
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files) {
-  const auto document = json::Document::parse(text, source, kMaterialsKey);
-  return SceneReader(document->root(), document->ordered_keys(), base_dir, files).read();
+  const auto document = json::Document::parse(text, source, {kMaterialsKey, kTexturesKey});
+  return SceneReader(*document, base_dir, files).read();
 }
 
 std::string write_scene(const SceneDescription& description) {
-  OrderedJson document = {{kVersionKey, kVersion}, {"name", description.name}, {kMaterialsKey, nullptr}};
+  OrderedJson document = {{kVersionKey, kVersion}, {"name", description.name}};
+  if (!description.textures.empty()) document[kTexturesKey] = nullptr;
+  document[kMaterialsKey] = nullptr;
   for (const Primitive& primitive : description.primitives) {
     write_primitive(document, primitive, description.materials[primitive.material].name);
   }
   if (!description.mesh.triangles.empty()) document["meshes"] = write_meshes(description.mesh, description.materials);
   document["markers"] = write_markers(description.markers);
   if (OrderedJson light = write_light(description.light); !light.empty()) document["light"] = std::move(light);
-  return format(document, description.materials);
+  return format(document, description);
 }
 
 }  // namespace flockstep
