@@ -4,7 +4,7 @@ moves    pushes and turns at rest against walls, 0 to 10 km from the origin: no 
 pushes   ticks of drones that fly by rotors and push against walls and corners: none is ever inside
 motions  sweeps against fine stepping with an independent convex distance
 rays     rays traced directly, through Embree, and by closed forms in double precision
-scene, obj, snapshot, calls   the fuzzers, with address and undefined sanitizers
+scene, obj, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
 
 Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there.
 """
@@ -29,7 +29,7 @@ TESTS = {
     "motions": ("SweepAgainstFineStepping*", 100),
     "rays": ("Agreement*", 1000),
 }
-FUZZERS = ("scene", "obj", "snapshot", "calls")
+FUZZERS = ("scene", "obj", "gltf", "snapshot", "calls")
 RUNS, HOUR_S = 1_000_000, 3600  # of a fuzzer, whichever comes first
 
 

@@ -12,6 +12,7 @@ using Bytes = std::span<const std::uint8_t>;
 
 void scene(Bytes input);     // a scene file
 void obj(Bytes input);       // an OBJ file
+void gltf(Bytes input);      // a glTF file, text or binary
 void snapshot(Bytes input);  // a snapshot with bytes changed and its checksum mended
 void calls(Bytes input);     // calls on a batch, one after another
 
@@ -20,7 +21,7 @@ struct Target {
   void (*run)(Bytes input);
 };
 inline const std::vector<Target>& targets() {
-  static const std::vector<Target> all{{"scene", scene}, {"obj", obj}, {"snapshot", snapshot}, {"calls", calls}};
+  static const std::vector<Target> all{{"scene", scene}, {"obj", obj}, {"gltf", gltf}, {"snapshot", snapshot}, {"calls", calls}};
   return all;
 }
 

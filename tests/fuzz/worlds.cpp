@@ -5,6 +5,7 @@
 
 #include "flockstep/world.hpp"
 #include "fuzz/targets.hpp"
+#include "world/gltf.hpp"
 #include "world/obj.hpp"
 #include "world/scene_json.hpp"
 
@@ -38,6 +39,17 @@ void obj(Bytes input) {
   } catch (const std::invalid_argument&) {
     return;
   }
+}
+
+// What is read comes back equal from a scene file.
+void gltf(Bytes input) {
+  std::shared_ptr<const World> world;
+  try {
+    world = std::make_shared<const World>(parse_gltf(text_of(input), "gltf", "/nowhere").scene);
+  } catch (const std::invalid_argument&) {
+    return;
+  }
+  if (World::from_json(world->to_json())->content_hash() != world->content_hash()) std::abort();
 }
 
 }  // namespace flockstep::fuzz
