@@ -120,7 +120,7 @@ constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_colo
 constexpr const char* kVersionKey = "flockstep_scene";
 constexpr const char* kMaterialsKey = "materials";
 constexpr const char* kTexturesKey = "textures";
-constexpr std::array<const char*, 3> kWraps{"repeat", "mirror", "clamp"};  // as TextureWrap counts
+constexpr const auto& kWraps = EnumNames<TextureWrap>::kNames;
 
 class SceneReader {
  public:
