@@ -138,6 +138,31 @@ TEST(ContentHash, IsOfTheContentNotOfTheNameOrTheFile) {
   EXPECT_EQ(World(scene).content_hash(), world.content_hash()) << "in canonical order boxes come before spheres";
 }
 
+TEST(ContentHash, TellsTexturesApart) {
+  SceneDescription scene;
+  scene.textures = {Texture{"a", 1, 2, std::vector<std::uint8_t>(8, 7)}, Texture{"b", 2, 1, std::vector<std::uint8_t>(8, 7)}};
+  scene.materials[0].texture = 0;
+  scene.mesh.vertices = {Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0)};
+  scene.mesh.triangles = {{0, 1, 2}};
+  scene.mesh.uv.resize(3);
+  std::set<std::uint64_t> seen{World(scene).content_hash()};
+  const auto expect_other = [&](const auto& change) {
+    SceneDescription other = scene;
+    change(other);
+    EXPECT_TRUE(seen.insert(World(other).content_hash()).second) << seen.size();
+  };
+  expect_other([](auto& s) { s.materials[0].texture = 1; });
+  expect_other([](auto& s) { s.materials[0].texture.reset(); });
+  expect_other([](auto& s) { s.textures[0].rgba[5] = 8; });
+  expect_other([](auto& s) { s.textures[0].wrap[0] = TextureWrap::clamp; });
+  expect_other([](auto& s) { s.textures[0].wrap[1] = TextureWrap::clamp; });
+  expect_other([](auto& s) { s.textures[0].name = "c"; });
+  expect_other([](auto& s) { std::swap(s.textures[0].width_px, s.textures[0].height_px); });
+  expect_other([](auto& s) { s.mesh.uv[1][0] = 0.5F; });
+  expect_other([](auto& s) { s.mesh.uv[1][1] = 0.5F; });
+  expect_other([](auto& s) { s.textures.pop_back(); });
+}
+
 TEST(ContentHash, IsTheSameFromAnyThreadAndOnAnyDay) {
   const auto world = testing::closet();
   std::vector<std::uint64_t> seen(8);

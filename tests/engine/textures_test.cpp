@@ -26,7 +26,7 @@ using enum PrimitiveKind;
 // Patches of colours, so that a wrong texel shows.
 Texture patches(int width, int height, int patch, unsigned seed, std::array<TextureWrap, 2> wrap) {
   Random random(seed);
-  Texture texture{"patches", width, height, {}, wrap};
+  Texture texture{"patches " + std::to_string(seed), width, height, {}, wrap};
   std::vector<std::array<std::uint8_t, 3>> colors;
   for (int i = 0; i < 64; ++i) {
     const auto byte = [&] { return static_cast<std::uint8_t>(random.within(0.0F, 255.0F)); };

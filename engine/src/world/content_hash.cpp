@@ -29,8 +29,7 @@ void add(Hash& hash, const Material& material) {
   hash.add(name);
   hash.add(std::span<const float>(base_color));
   hash.add(semantic);
-  hash.add(texture.has_value());
-  if (texture) hash.add(*texture);
+  if (texture) hash.add(*texture);  // worlds without textures keep the hash that snapshots of theirs hold
 }
 
 void add(Hash& hash, const Texture& texture) {
@@ -60,7 +59,7 @@ void add(Hash& hash, const TriangleMesh& mesh) {
   hash.add(std::span<const std::uint16_t>(materials));
   hash.add(std::span<const std::uint16_t>(objects));
   static_assert(sizeof(uv[0]) == 2 * sizeof(float));
-  hash.add(std::as_bytes(std::span(uv)));
+  if (!uv.empty()) hash.add(std::as_bytes(std::span(uv)));
 }
 
 void add(Hash& hash, const Markers& markers) {
@@ -93,7 +92,7 @@ std::uint64_t content_hash(const SceneDescription& description) {
   Hash hash;
   hash.add(materials.size());
   for (const Material& material : materials) add(hash, material);
-  hash.add(textures.size());
+  if (!textures.empty()) hash.add(textures.size());
   for (const Texture& texture : textures) add(hash, texture);
   hash.add(primitives.size());
   for (const Primitive& primitive : primitives) add(hash, primitive);
