@@ -1,6 +1,8 @@
 """Scene files: the shipped ones, and how names and paths are resolved."""
 
+import base64
 import json
+import struct
 from pathlib import Path
 
 import jsonschema
@@ -345,3 +347,98 @@ def test_an_obj_file_is_a_world(tmp_path, name):
     vertices, triangles = flockstep.World.load(path).mesh()
     assert triangles.shape == (1, 3)
     np.testing.assert_array_equal(vertices[triangles[0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+PNG = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAABCAIAAAB7QOjdAAAADUlEQVR4nGP4zwAE/wEHAAH/4iOeWQAAAABJRU5ErkJggg=="
+
+
+def textured(texture, **mesh):
+    corners = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]], "material": "wood"}
+    materials = {"wood": {"base_color": [1, 1, 1], "texture": "planks"}}
+    return {
+        "flockstep_scene": 1,
+        "textures": {"planks": texture},
+        "materials": materials,
+        "meshes": [{**corners, **mesh}],
+    }
+
+
+class TestTextures:
+    """Of textures, the schema accepts what the loader accepts."""
+
+    @pytest.mark.parametrize(
+        ("texture", "mesh"),
+        [
+            ({"png_base64": PNG}, {}),
+            ({"png_base64": PNG, "wrap": ["mirror", "clamp"]}, {"uv": [[0, 0], [1.5, 0], [0, -1]]}),
+        ],
+    )
+    def test_accepted(self, texture, mesh):
+        scene = textured(texture, **mesh)
+        jsonschema.validate(scene, SCHEMA)
+        world = flockstep.World.from_dict(scene)
+        saved = world.to_dict()
+        jsonschema.validate(saved, SCHEMA)
+        assert saved["materials"]["wood"]["texture"] == "planks"
+        assert saved["textures"]["planks"].get("wrap", ["repeat", "repeat"]) == texture.get(
+            "wrap", ["repeat", "repeat"]
+        )
+        assert saved["meshes"][0]["uv"] == mesh.get("uv", [[0, 0]] * 3)
+        assert flockstep.World.from_dict(saved).to_dict() == saved
+
+    @pytest.mark.parametrize(
+        ("texture", "mesh", "place"),
+        [
+            ({}, {}, "/textures/planks"),
+            ({"png_base64": PNG, "file": "planks.png"}, {}, "/textures/planks"),
+            ({"png_base64": 3}, {}, "/textures/planks/png_base64"),
+            ({"png_base64": PNG, "wrap": ["clamp"]}, {}, "/textures/planks/wrap"),
+            ({"png_base64": PNG, "wrap": ["clamp", "tile"]}, {}, "/textures/planks/wrap"),
+            ({"png_base64": PNG, "size": 2}, {}, "/textures/planks/size"),
+            ({"png_base64": PNG}, {"uv": [[0, 0], [0, 0, 0], [0, 0]]}, "/meshes/0/uv"),
+            ({"png_base64": PNG}, {"uv": [[0, 0], [0, 1e7], [0, 0]]}, "/meshes/0/uv"),
+        ],
+    )
+    def test_refused(self, texture, mesh, place):
+        scene = textured(texture, **mesh)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, SCHEMA)
+        with pytest.raises(ValueError, match=place):
+            flockstep.World.from_dict(scene)
+
+
+def a_gltf_file(path, **more):
+    corners = base64.b64encode(struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)).decode()
+    gltf = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 36, "uri": f"data:application/octet-stream;base64,{corners}"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0}, {"name": "start", "translation": [1, 2, 3]}],
+    }
+    path.write_text(json.dumps({**gltf, **more}))
+    return path
+
+
+class TestGltf:
+    def test_y_is_up(self, tmp_path):
+        path = a_gltf_file(tmp_path / "corner.gltf")
+        world = flockstep.World.load(path)
+        assert world.name == "corner"
+        assert world.bounds.tolist() == [[0, 0, 0], [1, 0, 1]]
+        assert world.start.tolist() == [1, -3, 2]
+        assert flockstep.World.load(path, up="z").bounds.tolist() == [[0, 0, 0], [1, 1, 0]]
+        placed = flockstep.World.load(path, scale=2, origin=(1, 2, 3))
+        assert placed.bounds.tolist() == [[1, 2, 3], [3, 2, 5]]
+
+    def test_what_is_not_read_is_named(self, tmp_path):
+        path = a_gltf_file(tmp_path / "corner.gltf", animations=[{}], skins=[{}, {}])
+        with pytest.warns(UserWarning, match=r"corner\.gltf: not read: 1 animation, 2 skins"):
+            flockstep.World.load(path)
+
+    @pytest.mark.parametrize("wrong", [{"up": "x"}, {"scale": 0}, {"origin": (0, 0, float("nan"))}])
+    def test_refused(self, tmp_path, wrong):
+        path = a_gltf_file(tmp_path / "corner.gltf")
+        with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: expected"):
+            flockstep.World.load(path, **wrong)

@@ -96,7 +96,7 @@ class Checker {
     each("accessors", [this](const JsonField& field, Json& kept) { check_accessor(field, kept); });
     each("images", [this](const JsonField& field, Json&) { check_image(field); });
     kept_.erase("images");
-    each("samplers", [this](const JsonField& field, Json& kept) { check_sampler(field, kept); });
+    each("samplers", [](const JsonField& field, Json& kept) { check_sampler(field, kept); });
     each("textures", [this](const JsonField& field, Json& kept) { check_texture(field, kept); });
     each("materials", [this](const JsonField& field, Json& kept) { check_material(field, kept); });
     each("meshes", [this](const JsonField& field, Json& kept) { check_mesh(field, kept); });
