@@ -243,9 +243,8 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
        "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
-       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, cylinders, "
-       "boxes, "
-       "spheres, capsules, planes, discs, meshes, markers, light"},
+       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
+       "cylinders, boxes, spheres, capsules, planes, discs, meshes, markers, light"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
        "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material"},
       {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),

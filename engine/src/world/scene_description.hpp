@@ -39,8 +39,8 @@ Vec3 unit_direction(const Eigen::Vector3d& direction);
 
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions and the sun's
 // direction unit, one material index and one object number per triangle, and the triangles of each object together, in the order
-// of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form come out as they are. Throws
-// std::invalid_argument naming the field, what was expected and what came.
+// of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form
+// come out as they are. Throws std::invalid_argument naming the field, what was expected and what came.
 SceneDescription canonical(SceneDescription description);
 
 // The smallest axis-aligned box around a primitive.
