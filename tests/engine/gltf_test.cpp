@@ -397,12 +397,17 @@ TEST(Gltf, WhatIsNotReadIsNamed) {
   file.json["animations"] = {Json::object(), Json::object()};
   file.json["skins"] = {Json::object()};
   file.json["cameras"] = {Json::object()};
-  file.json["materials"] = {{{"alphaMode", "BLEND"}}};
+  file.json["materials"] = {{{"alphaMode", "BLEND"},
+                             {"normalTexture", {{"index", 0}}},
+                             {"occlusionTexture", {{"index", 0}}},
+                             {"emissiveFactor", {0, 0, 0}}},
+                            {{"emissiveFactor", {0, 0.5, 0}}}};
   file.json["meshes"][0]["primitives"][0]["targets"] = {{{"POSITION", 0}}};
   file.json["extensionsUsed"] = {"KHR_materials_unlit", "KHR_materials_clearcoat"};
   EXPECT_EQ(parse(file).ignored,
             (std::vector<std::string>{"extension KHR_materials_clearcoat", "2 animations", "1 skin", "1 camera",
-                                      "1 mesh primitive's morph targets", "1 material's transparency",
+                                      "1 mesh primitive's morph targets", "1 material's transparency", "1 material's normal map",
+                                      "1 material's occlusion", "1 material's emission",
                                       "1 node's extras visual_only or collision_only"}));
   file.json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
   EXPECT_EQ(message_of(file),

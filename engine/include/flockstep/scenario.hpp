@@ -27,8 +27,8 @@ struct PlaygroundConfig {
 // is found in many layouts because of too many pillars.
 std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
-// A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, and a start and a goal at
-// opposite ends of it.
+// A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, and a start and a goal
+// at opposite ends of it.
 struct ForestConfig {
   std::uint64_t seed = 0;
   int trees = 150;                            // how many, in [0, 5000]

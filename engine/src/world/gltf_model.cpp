@@ -306,6 +306,10 @@ class Checker {
     keep_name(field, kept);
     keep_semantic(field, kept);
     if (const auto alpha = find(field, "alphaMode"); alpha && text(*alpha) != "OPAQUE") ++transparent_;
+    normal_maps_ += find(field, "normalTexture") ? 1U : 0U;
+    occluded_ += find(field, "occlusionTexture") ? 1U : 0U;
+    const auto glow = find(field, "emissiveFactor");
+    glowing_ += find(field, "emissiveTexture") || (glow && glow->value != Json::array({0, 0, 0})) ? 1U : 0U;
     const auto surface = find_object(field, "pbrMetallicRoughness");
     if (!surface) return;
     Json& kept_surface = kept["pbrMetallicRoughness"] = Json::object();
@@ -423,6 +427,9 @@ class Checker {
     note(lines_, "mesh primitive of points or lines", "mesh primitives of points or lines");
     note(lamps_, "light that is not directional", "lights that are not directional");
     note(transparent_, "material's transparency", "materials' transparency");
+    note(normal_maps_, "material's normal map", "materials' normal maps");
+    note(occluded_, "material's occlusion", "materials' occlusion");
+    note(glowing_, "material's emission", "materials' emission");
     note(textures_without_image_, "texture without a PNG or JPEG image", "textures without a PNG or JPEG image");
     note(one_sided_, "node's extras visual_only or collision_only", "nodes' extras visual_only or collision_only");
   }
@@ -442,6 +449,7 @@ class Checker {
   std::vector<View> views_;
   std::vector<bool> is_sun_;
   std::size_t morphed_ = 0, lines_ = 0, lamps_ = 0, transparent_ = 0, textures_without_image_ = 0, one_sided_ = 0;
+  std::size_t normal_maps_ = 0, occluded_ = 0, glowing_ = 0;
 };
 
 // -------------------------------------------------------------------------------------------------------------- files
