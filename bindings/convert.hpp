@@ -131,6 +131,16 @@ struct StubType<std::array<T, kSize>> {
   static std::string of() { return "Sequence[" + StubType<T>::of() + "]"; }
 };
 
+// The class of a configuration, or else what is given.
+template <class T>
+std::string config_name(const std::string& otherwise) {
+  if constexpr (HasFields<T>) {
+    return "a flockstep." + std::string(py::str(py::type::of<T>().attr("__name__")));
+  } else {
+    return otherwise;
+  }
+}
+
 // Throws TypeError or ValueError naming the field.
 template <class T>
 T from_python(const py::handle& value, const std::string& field) {
@@ -148,7 +158,7 @@ T from_python(const py::handle& value, const std::string& field) {
         return value.cast<T>();
       }
     } catch (const py::cast_error&) {
-      const std::string expected = HasFields<T> ? std::string("another config") : PythonName<T>::of();
+      const std::string expected = config_name<T>(PythonName<T>::of());
       throw py::type_error(field + ": expected " + expected + ", got " + std::string(py::repr(value)));
     }
   }
@@ -168,6 +178,8 @@ std::optional<T> optional_argument(const py::handle& value, const char* name) {
   const std::string type = py::str(py::type::of<T>().attr("__name__"));
   return argument<T>(value, name, "a flockstep." + type + " or None");
 }
+
+inline std::string type_name(const py::handle& value) { return py::str(py::type::of(value).attr("__name__")); }
 
 // Where in dicts and lists a number is that JSON has no word for, such as "data['drag'][0]"; empty where none is.
 inline std::string not_finite(const py::handle& value, const std::string& name, int levels = 32) {
@@ -190,7 +202,11 @@ inline std::string not_finite(const py::handle& value, const std::string& name, 
 // A dict as JSON. Throws ValueError where it holds what JSON has no word for, such as NaN.
 inline std::string json_text(const py::handle& data, const std::string& name) {
   try {
-    return py::str(py::module_::import("json").attr("dumps")(data, py::arg("allow_nan") = false));
+    const auto of_array = py::cpp_function([](const py::object& value) {  // NumPy's arrays and numbers
+      if (!py::hasattr(value, "tolist")) throw py::type_error("a " + type_name(value) + " is nothing that JSON knows");
+      return value.attr("tolist")();
+    });
+    return py::str(py::module_::import("json").attr("dumps")(data, py::arg("allow_nan") = false, py::arg("default") = of_array));
   } catch (py::error_already_set& error) {
     if (!error.matches(PyExc_ValueError)) throw;
     const std::string where = not_finite(data, name);

@@ -40,7 +40,7 @@ void register_drone_model(py::module_& module) {
           "load", [](const py::object& name_or_path) { return DroneModel::load(path_of(name_or_path)); }, py::arg("name_or_path"))
       .def_static("names", &DroneModel::names)
       .def_static(
-          "from_dict", [json](const py::dict& data) { return DroneModel::from_json(json_text(data, "data")); }, py::arg("data"))
+          "from_dict", [](const py::dict& data) { return DroneModel::from_json(json_text(data, "data")); }, py::arg("data"))
       .def("to_dict", [json](const DroneModel& drone) { return json("loads")(drone.to_json()); })
       .def("scaled", &DroneModel::scaled, py::kw_only(), py::arg("size") = 1.0, py::arg("mass") = 1.0)
       .def_property_readonly("name", [](const DroneModel& drone) { return drone.name(); })

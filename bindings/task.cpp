@@ -64,6 +64,7 @@ class PythonTask final : public Task {
     const py::gil_scoped_acquire acquire;
     const auto n = static_cast<py::ssize_t>(block.context.num_envs());
     const py::tuple targets = calls_->attr("command")(copy_of(actions, n));
+    require(!targets[0].is_none(), "act", "an array of positions or commands", "None");
     if (block.context.dynamics().control != Control::pose) {
       require(targets[1].is_none(), "act", "commands (N, 4), as the control has them", "a pair of positions and quaternions");
       const auto commands = floats(targets[0], "act: command", {n, 4});

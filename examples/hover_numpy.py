@@ -11,17 +11,10 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import Array, BoolArray, rotate
+from flockstep.task import Array, BoolArray, rotate, yaw_of
 
 GRAVITY = 9.81  # m/s^2
 SPIN_UNIT = 10.0  # rad/s: what angular velocities are observed and scored in
-
-
-def yaw_of(quat_wxyz: Array) -> Array:
-    """Return the heading of the body's x axis, (N,) rad."""
-    w, x, y, z = quat_wxyz.astype(float).T
-    yaw: Array = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-    return yaw
 
 
 class FlightTask(flockstep.Task):

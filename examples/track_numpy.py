@@ -12,8 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import Array, BoolArray, rotate
-from hover_numpy import FlightTask, fly_both, yaw_of
+from flockstep.task import Array, BoolArray, rotate, yaw_of
+from hover_numpy import FlightTask, fly_both
 
 # Random paths are the sum of three waves along each axis.
 SHARES = np.array([[1.0], [1.0], [0.5]])  # of size_m, by axis

@@ -13,12 +13,13 @@ import flockstep
 from flockstep.task import Array, BoolArray
 from flockstep.viewer.drawing import Drawing
 
-ROOM = {"flockstep_scene": 1, "name": "empty", "room": {"min": [0, 0, 0], "max": [8, 8, 4]}}
+ROOM = flockstep.World.from_dict({"flockstep_scene": 1, "name": "empty", "room": {"min": [0, 0, 0], "max": [8, 8, 4]}})
 
 
 class FlyToPoint(flockstep.Task):
     """Observe where the target lies; earn the metres gained; 1 at the target, -1 for touching a wall."""
 
+    worlds = ROOM
     observation_space = spaces.Box(-8.0, 8.0, (3,), np.float32)
     max_episode_steps = 150
 
@@ -53,14 +54,13 @@ class FlyToPoint(flockstep.Task):
 def main(total_timesteps: int = 150_000, film: str | None = None) -> float:
     """Train, write a film if asked to, then return the share of episodes that reached the target."""
     torch.set_num_threads(1)  # the network is small
-    room = flockstep.World.from_dict(ROOM)
-    envs = flockstep.sb3.make_vec(FlyToPoint(), num_envs=64, worlds=room, num_threads=1)
+    envs = flockstep.sb3.make_vec(FlyToPoint, num_envs=64, num_threads=1)
     model = PPO("MlpPolicy", envs, n_steps=128, batch_size=1024, learning_rate=1e-3, device="cpu", seed=0)
     model.learn(total_timesteps)
     if film:
-        flockstep.record(film, model, FlyToPoint, worlds=room)
-    rates = flockstep.sb3.success_rates(model, FlyToPoint(), worlds=room, episodes=200, seed=1_000)  # other targets
-    return rates[room.name]
+        flockstep.record(film, model, FlyToPoint)
+    rates = flockstep.sb3.success_rates(model, FlyToPoint, episodes=200, seed=1_000)  # other targets
+    return rates[ROOM.name]
 
 
 if __name__ == "__main__":

@@ -85,12 +85,14 @@ def env_keywords(task: str) -> dict[str, Any]:
 def own_defaults(task: str) -> dict[str, Any]:
     """Return what a task of one's own, as `env_keywords` takes it, says of its training unless it is told otherwise.
 
-    That is ``frame_skip`` and ``max_episode_steps`` as it was registered, and ``worlds``, as it was registered or as
-    its class has them, where these are names.
+    That is ``max_episode_steps`` as it was registered, and ``frame_skip`` and ``worlds``, as they were registered or as
+    its class has them; worlds where these are names.
     """
     keywords = env_keywords(task)
+    own = from_plain(keywords.get("task"))
+    keywords = {name: getattr(own, name) for name in ("frame_skip", "worlds") if hasattr(own, name)} | keywords
     found = {name: keywords[name] for name in ("frame_skip", "max_episode_steps") if name in keywords}
-    worlds = keywords.get("worlds", getattr(from_plain(keywords.get("task")), "worlds", None))
+    worlds = keywords.get("worlds")
     names = (worlds,) if isinstance(worlds, str) else tuple(worlds) if isinstance(worlds, (list, tuple)) else ()
     return {**found, "worlds": names} if names and all(isinstance(name, str) for name in names) else found
 

@@ -30,6 +30,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
         self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": self.envs.metadata["render_fps"]}
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
 

@@ -26,7 +26,7 @@ def record(
     seed: int = 0,
     until_success: int | None = None,
     render_view: str | npt.ArrayLike = "third_person",
-    fps: int = 20,
+    fps: float | None = None,
     **kwargs: Any,
 ) -> int:
     """Fly one drone and write a film of one episode: its first, or the first that succeeds.
@@ -53,8 +53,8 @@ def record(
     render_view
         As `DroneVectorEnv` takes it; so are ``render_size`` and ``render_camera``.
     fps
-        Pictures per second of the film; there is one of each step, and one before. With ``frame_skip=k`` a step flies k
-        times as far: 20 / k shows it at the usual speed.
+        Pictures per second of the film; there is one of each step, and one before. None: as fast as it is flown,
+        ``policy_hz / frame_skip``, rounded, at least 1. Browsers show no more than 50 pictures of a GIF in a second.
     **kwargs
         Further keywords of `DroneVectorEnv`, such as ``worlds``.
 
@@ -86,13 +86,15 @@ def record(
     envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else gymnasium.make_vec(env, 1, **kwargs)
     if not isinstance(envs, DroneVectorEnv):
         raise TypeError(f"env: expected an id of this package, {env!r} is a {type(envs).__name__}")
-    act = actions_of(policy, envs.action_space, seed)
+    act = actions_of(policy, envs, "record", seed)
     if until_success is not None:
         seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success))
         act = _replaying(actions)
     observation, _ = envs.reset(seed=seed)
+    fps = envs.metadata["render_fps"] if fps is None else fps
     is_gif = Path(path).suffix.lower() == ".gif"
     # By default imageio makes the sides multiples of 16; the codec needs even ones.
+    settings: dict[str, Any]
     settings = {"duration": 1000 / fps, "loop": 0} if is_gif else {"fps": fps, "quality": 8, "macro_block_size": 2}
     pictures = 0
     film: Any  # as imageio types its writers, they cannot append
@@ -142,14 +144,53 @@ def _replaying(actions: list[Any]) -> Callable[[Any], Any]:
     return lambda observation: next(following)
 
 
-def actions_of(policy: Any, action_space: spaces.Space[Any], seed: int) -> Callable[[Any], Any]:
-    """Return the function from observations to actions that a policy is: a model, a function, None for random ones."""
+def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Callable[[Any], Any]:
+    """Return the function from observations to actions that a policy is: a model, a function, None for random ones.
+
+    Raises
+    ------
+    ValueError
+        The model was trained with other observations or actions than those of the envs.
+    """
     if policy is None:
+        action_space = envs.action_space
         action_space.seed(seed)
         return lambda observation: action_space.sample()
     if hasattr(policy, "predict"):
+        _require_spaces_of(policy, envs, caller)
         return lambda observation: policy.predict(observation, deterministic=True)[0]
     if not callable(policy):
         raise TypeError(f"policy: expected a model with predict, a function or None, got {policy!r}")
     function: Callable[[Any], Any] = policy
     return function
+
+
+def _require_spaces_of(model: Any, envs: DroneVectorEnv, caller: str) -> None:
+    """Raise ValueError where a model of Stable-Baselines3 was trained in another env; other models have no spaces."""
+    for what in ("observation", "action"):
+        trained, flown = getattr(model, f"{what}_space", None), getattr(envs, f"single_{what}_space")
+        if isinstance(trained, spaces.Space) and not _is_alike(trained, flown):
+            is_own = isinstance(envs.task, Task) or envs.spec is None
+            name = type(envs.task).__name__ if is_own else envs.spec.id
+            raise ValueError(
+                f"{caller}: the model was trained with {what}s {_shown(trained)}, {name} has {_shown(flown)}: "
+                f"give {caller} the task that it was trained with, and the keywords of its env"
+            )
+
+
+def _shown(space: spaces.Space[Any]) -> str:
+    """Return a space in short: of boxes the shapes."""
+    if isinstance(space, spaces.Dict):
+        return f"Dict({', '.join(f'{name}: {_shown(part)}' for name, part in space.items())})"
+    return f"Box{space.shape}" if isinstance(space, spaces.Box) else str(space)
+
+
+def _is_alike(trained: spaces.Space[Any], flown: spaces.Space[Any]) -> bool:
+    """Return whether spaces have the same shapes: bounds may differ, and channels may have been put first."""
+    if isinstance(trained, spaces.Dict) and isinstance(flown, spaces.Dict):
+        return trained.keys() == flown.keys() and all(_is_alike(trained[name], flown[name]) for name in flown)
+    if isinstance(trained, spaces.Box) and isinstance(flown, spaces.Box):
+        return trained.shape == flown.shape or (
+            len(flown.shape) == 3 and trained.shape == (flown.shape[2], *flown.shape[:2])
+        )
+    return bool(trained == flown)

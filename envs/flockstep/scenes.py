@@ -103,6 +103,6 @@ def load(worlds: WorldsLike) -> list[World]:
             except ValueError as error:
                 raise ValueError(f"{error}; or one of the sets {', '.join(SETS)}") from None
             if key not in loaded:
-                loaded[key] = World.load(key)
+                loaded[key] = World.load(str(key))
             result.append(loaded[key])
     return result

@@ -60,6 +60,19 @@ def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
     return rotated.astype(np.result_type(quat_wxyz, vector), copy=False)
 
 
+def yaw_of(quat_wxyz: Array) -> Array:
+    """Return the heading of the body's x axis, (...) rad in [-pi, pi]: 0 along the world's x, pi / 2 along its y.
+
+    Parameters
+    ----------
+    quat_wxyz
+        Unit quaternions, body to world, shape (..., 4).
+    """
+    w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, float), -1, 0)
+    yaw: Array = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return yaw
+
+
 _SUCCESS, _INFO, _STATE = "success", "info.", "state."
 
 #: The markers a world may have that are drawn.
@@ -92,6 +105,8 @@ class Task:
         takes, a `DynamicsConfig`, a `ClockConfig`. Default: the 650-class quadrotor, kinematic, at 10 Hz.
     max_episode_steps
         Episodes are truncated after so many steps; 0 means never. A limit that the env is given takes its place.
+    frame_skip, random_world
+        As `EpisodeConfig` has them, unless the env is given others.
     markers
         Which of the world's markers the task uses, of ``"start"``, ``"waypoints"``, ``"goal"``; default: all. Pictures
         show no others. What the drones' own cameras see does not depend on it.
@@ -125,6 +140,8 @@ class Task:
     dynamics: DynamicsConfig | None = None
     clock: ClockConfig | None = None
     max_episode_steps: int = 1000
+    frame_skip: int = 1
+    random_world: bool = False
     info_names: tuple[str, ...] = ()
     markers: tuple[str, ...] = MARKERS
     step_m: float = 0.1
@@ -269,6 +286,7 @@ class TaskCalls:
     """What the engine calls while it steps a batch with a Python task: each method checks what the task returns."""
 
     def __init__(self, task: Task) -> None:
+        _check_actions_of_default_act(task)
         space = getattr(task, "observation_space", None)
         parts: dict[str, Any] = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
         boxes = {name: part for name, part in parts.items() if isinstance(part, spaces.Box)}
@@ -288,6 +306,15 @@ class TaskCalls:
             raise ValueError(
                 f"task: this {_name(self._task)} object is another environment's: give each its own, or the class"
             )
+        control = batch.dynamics.control
+        if type(self._task).act is Task.act and control != "pose":
+            raise TypeError(
+                f"{_name(self._task)}.act: the default one flies to positions, but control is {control!r}, which takes "
+                "commands (N, 4): override it"
+            )
+        self._takes_poses = control == "pose"
+        poses = "positions (N, 3), or a pair of positions and quaternions (N, 4)"
+        self._expected_target = poses if self._takes_poses else "commands (N, 4)"
         self._task._batch = weakref.ref(batch)
         self._task.success, self._task.truncated = np.zeros((2, batch.num_drones), bool)
         self._task.info = _Info({name: np.zeros(batch.num_drones) for name in self._task.info_names})
@@ -308,7 +335,15 @@ class TaskCalls:
     def command(self, actions: Array) -> tuple[Array, Array | None]:
         """Return where each drone flies to: positions, and quaternions or None to keep them."""
         target = self._task.act(self._task._own_batch(), actions)
-        return target if isinstance(target, tuple) else (target, None)
+        pair = target if isinstance(target, tuple) else (target, None)
+        if len(pair) != 2 or pair[0] is None:
+            raise ValueError(f"{_name(self._task)}.act: expected {self._expected_target}, got {_counted(target)}")
+        if self._takes_poses and pair[1] is None and np.shape(pair[0]) == (len(self._task.success), 4):
+            raise ValueError(
+                f"{_name(self._task)}.act: expected {self._expected_target}, got shape {np.shape(pair[0])}: control is "
+                "'pose'; for commands (N, 4) declare dynamics = flockstep.DynamicsConfig(motion='rotors', control=...)"
+            )
+        return pair
 
     def score(self) -> tuple[Array, ...]:
         """Return the terms of the reward (terms, N), and where episodes end, are cut off and succeed, (N,) each."""
@@ -317,7 +352,7 @@ class TaskCalls:
         scored: Any = self._task.step(batch)
         if not isinstance(scored, tuple) or len(scored) != 2:
             expected = "a pair of the reward and where it ended the episode"
-            raise ValueError(f"{_name(self._task)}.step: expected {expected}, got {type(scored).__name__}")
+            raise ValueError(f"{_name(self._task)}.step: expected {expected}, got {_counted(scored)}")
         reward, terminated = scored
         if set(self._task.info) != set(self._reported):
             expected, got = ", ".join(self._reported) or "nothing", ", ".join(self._task.info)
@@ -431,6 +466,19 @@ class _Info(dict[str, Any]):
 
 def _name(task: Task) -> str:
     return type(task).__name__
+
+
+def _counted(value: Any) -> str:
+    """Return what a value is, of a tuple also how long."""
+    if value is None:
+        return "None"
+    return f"a tuple of {len(value)}" if isinstance(value, tuple) else type(value).__name__
+
+
+def _check_actions_of_default_act(task: Task) -> None:
+    space = task.action_space
+    if type(task).act is Task.act and not (isinstance(space, spaces.Box) and space.shape == (3,)):
+        raise TypeError(f"{_name(task)}.action_space: the default act takes a Box (3,), got {space!r}: override act")
 
 
 def _identity(task: Task) -> str:

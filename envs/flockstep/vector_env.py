@@ -146,7 +146,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Default: an exact pose; none; what the task says, for navigation the 650-class quadrotor. A drone is a
         `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path.
     max_episode_steps
-        Truncate episodes after so many flown steps, 0 for never. Default: 3000; with a `Task`, what it says.
+        Truncate episodes after so many flown steps, 0 for never. Default: 3000; with a `Task`, what it says. So are
+        ``frame_skip`` and ``random_world``, below.
     autoreset_mode
         ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
     copy
@@ -197,7 +198,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
-        "render_fps": 20,
+        "render_fps": 10,  # of an env: at the speed of real flight
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     spec: Any = plain.PlainSpec()
@@ -242,11 +243,15 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.num_envs = num_envs = _count(num_envs)
         self.copy = copy
         self.task = task = task() if isinstance(task, type) else task
+        if isinstance(task, Task):
+            _refuse_keywords_on(task)
 
         chosen = _by_config(own_fields)
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
-        episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps, **chosen.pop(EpisodeConfig, {})}
-        episode = EpisodeConfig(**episodes)
+        episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps}
+        if isinstance(task, Task):
+            episodes |= {"frame_skip": task.frame_skip, "random_world": task.random_world}
+        episode = EpisodeConfig(**episodes | chosen.pop(EpisodeConfig, {}))
         description: Any
         calls: TaskCalls | None = None
         if task is None:
@@ -294,6 +299,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             dynamics=dynamics,
             num_threads=num_threads,
         )
+        flown_hz = self.batch.clock.policy_hz / episode.frame_skip
+        self.metadata["render_fps"] = max(1, round(flown_hz))  # a picture of each step, as fast as it is flown
         self._task_calls = calls
         self._reward_terms = self.batch.spec.reward_terms
         if calls is None:
@@ -585,6 +592,29 @@ def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
             raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
         chosen.setdefault(owner, {})[name] = value
     return chosen
+
+
+def _refuse_keywords_on(task: Task) -> None:
+    """Raise TypeError where the class of a task declares a keyword of the env that no env reads from a task."""
+    kind = type(task)
+    config_of = dict.fromkeys(ClockConfig.__match_args__, "clock")
+    config_of |= dict.fromkeys(DynamicsConfig.__match_args__, "dynamics")
+    keywords = {*config_of, *EpisodeConfig.__match_args__, *inspect.signature(DroneVectorEnv).parameters, "cameras"}
+    keywords -= {"self", "fields", "task", "observation", "copy"}  # of no use on a class, or names for anything
+    for name in sorted(name for name in keywords if not hasattr(Task, name)):
+        value = inspect.getattr_static(kind, name, None)
+        if value is None or callable(value) or hasattr(value, "__get__"):  # methods and properties of its own
+            continue
+        config = config_of.get(name)
+        said: Any = None if config is None else getattr(getattr(task, config), name, None)
+        if said is not None and np.array_equal(said, value):
+            continue  # another name for what the configuration says
+        advice = "give it to the env"
+        if name == "cameras":
+            advice = "write camera = ..., one or a sequence"
+        elif config is not None:
+            advice = f"write {config} = flockstep.{config.title()}Config({name}=...), or give it to the env"
+        raise TypeError(f"{kind.__name__}.{name}: no env reads it from a task; {advice}")
 
 
 def _listed(camera: CameraConfig | Sequence[CameraConfig] | None) -> list[CameraConfig]:

@@ -69,7 +69,7 @@ TEST(Clock, RefusesRatesThatDoNotDivide) {
   EXPECT_NO_THROW(clock(50.0F, 500.0F, 100.0F).validate());
   EXPECT_NO_THROW(clock(1.0F / 3.0F, 1000.0F / 3.0F, std::nullopt).validate());
   EXPECT_REFUSED(clock(60.0F, 500.0F, std::nullopt).validate(),
-                 "physics_hz: expected 1 to 1000 times the policy's 60 Hz, got 500 Hz");
+                 "physics_hz: expected a multiple of the policy's 60 Hz, 1 to 1000 times it, got 500 Hz");
   EXPECT_REFUSED(clock(50.0F, 25.0F, std::nullopt).validate(), "physics_hz");
   EXPECT_REFUSED(clock(1.0F, 1001.0F, std::nullopt).validate(), "physics_hz");
   EXPECT_REFUSED(clock(50.0F, 500.0F, 200.0F).validate(),

@@ -379,6 +379,61 @@ def test_a_part_of_an_observation_beyond_its_bounds_is_named(room):
         check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=found))
 
 
+class Keeps(Named):
+    """Keeps where it was, as ``kept`` says."""
+
+    kept = staticmethod(lambda batch: batch.position.copy())
+
+    def step(self, batch):
+        self.before = self.kept(batch)
+        return super().step(batch)
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        lambda batch: batch.position,
+        lambda batch: batch.position[:, 2:],
+        lambda batch: batch.contact.hit,
+        lambda batch: {"last": [batch.quat_wxyz, 3]},
+        lambda batch: batch.lidar().ranges.reshape(-1),
+    ],
+)
+def test_a_view_of_the_batch_that_a_task_keeps_is_named(room, kept):
+    def check(task):
+        check_vector_env(lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=task, lidar=flockstep.LidarConfig()))
+
+    check(Keeps)
+    task = type("Trap", (Keeps,), {"kept": staticmethod(kept)})
+    with pytest.raises(
+        AssertionError, match=r"^Trap\.before is a view of the batch, .* keep a copy, such as self\.before ="
+    ):
+        check(task)
+
+
+def test_several_worlds_differ_by_design_and_the_check_says_so(room, closet):
+    def check(**keywords):
+        make = lambda n: flockstep.DroneVectorEnv(n, task=Named, **keywords)  # noqa: E731
+        check_vector_env(make, skip=set(CHECKS) - {"seed_offset"})
+
+    said = (
+        r"does \(not where envs take several worlds in turn: give one, random_world=True or skip=\('seed_offset',\)\)"
+    )
+    with pytest.raises(AssertionError, match=said):
+        check(worlds=[room, closet])
+    check(worlds=[room, closet], random_world=True)
+    check(worlds=room)
+    uneven = type(
+        "Uneven",
+        (Named,),
+        {"observe": lambda self, b: {**Named.observe(self, b), "up": np.arange(b.num_drones, dtype="f") / 9}},
+    )
+    with pytest.raises(AssertionError, match=r"seeded s \+ 3 does, but"):
+        check_vector_env(
+            lambda n: flockstep.DroneVectorEnv(n, worlds=room, task=uneven), skip=set(CHECKS) - {"seed_offset"}
+        )
+
+
 def test_every_check_is_tested():
     assert FAULTS.keys() == CHECKS.keys()
 

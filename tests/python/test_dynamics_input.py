@@ -69,7 +69,7 @@ def test_kinematic_motion_takes_poses_alone():
     [
         *(({"policy_hz": bad}, r"policy_hz: expected a number in \[0.001, 100000\], got") for bad in (0, -1, NAN, INF)),
         *(
-            ({"physics_hz": bad}, "physics_hz: expected 1 to 1000 times the policy's 50 Hz, got")
+            ({"physics_hz": bad}, "physics_hz: expected a multiple of the policy's 50 Hz, 1 to 1000 times it, got")
             for bad in (0, 25, 75, 1e6, NAN)
         ),
         ({"policy_hz": 10, "physics_hz": 40}, "physics_hz: expected at least 50 Hz for motion by rotors.*got 40"),

@@ -23,12 +23,60 @@ def test_a_film_has_a_picture_of_each_step(suffix, room, tmp_path):
     assert count == 7
     assert seen == [(1, 38)] * 6
     if suffix == "mp4":
-        assert imageio_ffmpeg.count_frames_and_secs(str(film)) == (count, pytest.approx(count / 20, abs=0.01))
+        assert imageio_ffmpeg.count_frames_and_secs(str(film)) == (count, pytest.approx(count / 10, abs=0.01))
         return
     pictures = imageio.imread(film)
     assert len(pictures) == count
     assert pictures[0].std() > 0
     assert (pictures[0] != pictures[-1]).any()
+
+
+@pytest.mark.parametrize(
+    ("keywords", "fps"),
+    [
+        ({}, 10),
+        ({"frame_skip": 2}, 5),
+        ({"frame_skip": 3, "policy_hz": 50}, 17),
+        ({"policy_hz": 0.2}, 1),
+        ({"fps": 25, "policy_hz": 50}, 25),
+    ],
+)
+def test_a_film_is_as_fast_as_the_flight(keywords, fps, room, tmp_path):
+    count = flockstep.record(tmp_path / "flight.mp4", worlds=room, steps=6, render_view="top", **keywords)
+    assert imageio.immeta(tmp_path / "flight.mp4")["fps"] == fps
+    flockstep.record(tmp_path / "flight.gif", worlds=room, steps=6, render_view="top", **keywords)
+    assert imageio.immeta(tmp_path / "flight.gif")["duration"] == pytest.approx(1000 / fps, abs=10)
+    assert count == 7
+
+
+def test_films_of_gymnasium_are_as_fast_as_the_flight(room):
+    for envs in (
+        flockstep.DroneVectorEnv(2, worlds=room, policy_hz=50, frame_skip=2),
+        gymnasium.make(ENV_ID, worlds=room, policy_hz=50, frame_skip=2),
+        flockstep.sb3.make_vec(ENV_ID, worlds=room, policy_hz=50, frame_skip=2),
+    ):
+        assert envs.metadata["render_fps"] == 25
+    assert flockstep.DroneVectorEnv.metadata["render_fps"] == 10  # not changed by those above
+
+
+def test_a_model_of_another_task_is_told_whose_it_is(room, tmp_path):
+    class Model:
+        observation_space = spaces.Box(-1, 1, (11,), np.float32)
+        action_space = spaces.Discrete(6)
+
+        def predict(self, observation, deterministic):
+            return np.zeros(1, int), None
+
+    said = (
+        r"^record: the model was trained with observations Box\(11,\), "
+        r"flockstep/LidarNavigation-v0 has Box\(38,\): give record the task that it was trained with"
+    )
+    with pytest.raises(ValueError, match=said):
+        flockstep.record(tmp_path / "flight.gif", Model(), worlds=room)
+    Model.observation_space = Lucky.observation_space
+    with pytest.raises(ValueError, match=r"trained with actions Discrete\(6\), Lucky has Box\(3,\): give"):
+        flockstep.record(tmp_path / "flight.gif", Model(), Lucky, worlds=room)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_film_ends_with_the_episode(closet, tmp_path):

@@ -63,6 +63,13 @@ def test_the_log_says_what_the_reward_is_made_of(room):
         assert log["infos/steps_flown"] == 4.0
         assert log["terms/height"] == pytest.approx(8, abs=0.5)
 
+    with pytest.raises(ValueError, match=r"info_names: expected some of .*, is_success, .*steps_flown, got 'steps'$"):
+        model.learn(48, callback=flockstep.sb3.LogTerms(["steps"]))
+    with pytest.raises(
+        TypeError, match=r"info_names: expected a sequence of names, such as \('steps_flown',\), got 'st"
+    ):
+        flockstep.sb3.LogTerms("steps_flown")
+
 
 def test_any_policy_is_judged(room):
     class Rise(flockstep.Task):
@@ -83,6 +90,56 @@ def test_any_policy_is_judged(room):
     assert flockstep.sb3.success_rates(None, Rise, worlds=room, episodes=3) == {"room": 0.0}
     with pytest.raises(TypeError, match="policy: expected a model"):
         flockstep.sb3.success_rates("PPO", Rise, worlds=room)
+
+
+class Image(flockstep.Task):
+    """Channels are last, which Stable-Baselines3 puts first for its models."""
+
+    camera = flockstep.CameraConfig(width_px=40, height_px=36)
+    observation_space = spaces.Box(0, 255, (36, 40, 3), np.uint8)
+    max_episode_steps = 3
+
+    def step(self, batch):
+        return np.zeros(batch.num_drones), batch.contact.hit
+
+    def observe(self, batch):
+        return batch.camera().rgb
+
+
+def test_a_model_is_judged_in_the_task_it_was_trained_in(room):
+    envs = flockstep.sb3.make_vec(Image, 2, worlds=room)
+    model = PPO("CnnPolicy", envs, n_steps=4, batch_size=8, device="cpu")
+    assert model.observation_space.shape == (3, 36, 40) != Image.observation_space.shape
+    for known in (Image, Image()):
+        assert flockstep.sb3.evaluate(model, known, episodes=2, worlds=room).episode_length == 3
+    said = r"the model was trained with observations Box\(3, 36, 40\), flockstep/LidarNavigation-v0 has"
+    with pytest.raises(ValueError, match=f"^evaluate: {said}"):
+        flockstep.sb3.evaluate(model, episodes=2, worlds=room)
+    with pytest.raises(ValueError, match=f"^success_rates: {said}"):
+        flockstep.sb3.success_rates(model, worlds=room)
+    with pytest.raises(
+        ValueError, match=r"trained with observations .*, Counted has Box\(1,\): give evaluate the task"
+    ):
+        flockstep.sb3.evaluate(model, Counted, worlds=room)
+    pair = type("Pair", (Image,), {"observation_space": spaces.Dict(image=Image.observation_space)})
+    with pytest.raises(ValueError, match=r"Pair has Dict\(image: Box\(36, 40, 3\)\)"):
+        flockstep.sb3.evaluate(model, pair, worlds=room)
+
+
+def test_a_task_is_flown_in_the_worlds_it_declares(room, closet):
+    task = type("AtHome", (Image,), {"worlds": [room, closet]})
+    assert list(flockstep.sb3.success_rates(None, task)) == ["room", "closet"]
+    assert list(flockstep.sb3.success_rates(None, task())) == ["room", "closet"]
+    assert list(flockstep.sb3.success_rates(None, task=task)) == ["room", "closet"]
+    assert list(flockstep.sb3.success_rates(None, task, worlds=room)) == ["room"]
+
+
+@pytest.mark.parametrize("task", [Image, Image()])
+def test_a_task_goes_by_the_keyword_of_the_env_too(task, room, tmp_path):
+    keywords = {"task": task, "worlds": room}
+    assert flockstep.sb3.make_vec(num_envs=2, **keywords).observation_space.shape == (36, 40, 3)
+    assert flockstep.sb3.evaluate(None, episodes=2, **keywords).episode_length == 3
+    assert flockstep.record(tmp_path / "flight.gif", render_view="top", **keywords) == 4
 
 
 def test_is_a_direct_vec_env(make):

@@ -12,7 +12,7 @@ import pytest
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import rotate
+from flockstep.task import rotate, yaw_of
 from flockstep.testing import CHECKS, check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
@@ -71,6 +71,24 @@ class TestRotate:
         turned = rotate(np.tile(np.float32([1, 0, 0, 0]), (100, 1)), v)
         assert turned.dtype == np.float32
         np.testing.assert_array_equal(turned, v)
+
+
+class TestYaw:
+    @pytest.mark.parametrize("tilt", [0.0, 0.3, -1.2])
+    def test_is_where_the_nose_points(self, tilt):
+        rng = np.random.default_rng(0)
+        yaw = rng.uniform(-np.pi, np.pi, (4, 5))
+        turn = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], axis=-1)
+        w, pitch = np.cos(tilt / 2), np.sin(tilt / 2)  # about the body's y, after the turn
+        quat = turn * w + pitch * np.stack([0 * yaw, -turn[..., 3], turn[..., 0], 0 * yaw], axis=-1)
+        np.testing.assert_allclose(yaw_of(quat), yaw, atol=1e-12)
+        nose = rotate(quat, np.array([1.0, 0, 0]))
+        np.testing.assert_allclose(np.arctan2(nose[..., 1], nose[..., 0]), yaw, atol=1e-12)
+
+    def test_takes_what_a_batch_has(self, room):
+        batch = flockstep.Batch([room], 2)
+        batch.set_pose([[2, 4, 2]] * 2, [[1, 0, 0, 0], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])
+        np.testing.assert_allclose(yaw_of(batch.quat_wxyz), [0, np.pi / 2], atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -257,6 +275,36 @@ def test_a_task_names_its_worlds(room, closet):
     assert flockstep.DroneVectorEnv(2, task=task, worlds=closet).batch.worlds == [closet]
 
 
+def test_a_task_declares_frame_skip_and_random_world(room, closet):
+    task = type("Drawn", (Climb,), {"worlds": [room, closet], "random_world": True, "frame_skip": 3})
+    envs = flockstep.DroneVectorEnv(40, task=task)
+    envs.reset(seed=0)
+    assert set(envs.batch.world_index[::2]) == {0, 1}  # in turn, these would be 0 alone
+    envs.step(np.zeros((40, 3), np.float32))
+    assert envs.batch.steps[envs.batch.world_index == 0].tolist() == [3] * np.sum(envs.batch.world_index == 0)
+    given = flockstep.DroneVectorEnv(4, task=task, random_world=False, frame_skip=2)  # the env's keywords come first
+    given.reset(seed=0)
+    given.step(np.zeros((4, 3), np.float32))
+    assert given.batch.world_index.tolist() == [0, 1, 0, 1]
+    assert given.batch.steps[::2].tolist() == [2, 2]
+    with pytest.raises(ValueError, match="frame_skip: expected"):
+        flockstep.DroneVectorEnv(1, worlds=room, task=type("Drawn", (Climb,), {"frame_skip": 0}))
+
+
+def test_a_reset_puts_drones_into_worlds_of_its_choice(room, closet):
+    class Harder(Climb):
+        def reset(self, batch, mask):
+            batch.set_world(np.where(batch.episode > 0, 1, 0), mask)
+            super().reset(batch, mask)
+
+    envs = flockstep.DroneVectorEnv(3, worlds=[room, closet], task=Harder)
+    envs.reset(seed=0)
+    assert envs.batch.world_index.tolist() == [0, 0, 0]
+    envs.reset(options={"reset_mask": np.array([False, True, False])})
+    assert envs.batch.world_index.tolist() == [0, 1, 0]
+    np.testing.assert_allclose(envs.batch.position[1], closet.start)
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_the_checker_finds_a_reset_that_ignores_its_mask(room, mode):
     class Forgetful(Climb):
@@ -301,6 +349,87 @@ class TestMistakes:
         env.reset(seed=0)
         with pytest.raises(ValueError, match=r"Half\.step: expected a pair of the reward and .*, got dict"):
             env.step(np.zeros((2, 3), np.float32))
+
+    @pytest.mark.parametrize(("returned", "got"), [((0, 1, 2, 3), "a tuple of 4"), (None, "None")])
+    def test_a_step_that_returns_another_number(self, room, returned, got):
+        env = self.env(room, step=lambda self, batch: returned)
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=rf"Broken\.step: expected a pair of the reward and .*, got {got}$"):
+            env.step(np.zeros((2, 3), np.float32))
+
+    @pytest.mark.parametrize(
+        ("returned", "got"),
+        [
+            (lambda batch: (batch.position, batch.quat_wxyz, 7), "a tuple of 3"),
+            (lambda batch: (batch.position,), "a tuple of 1"),
+            (lambda batch: None, "None"),
+            (lambda batch: (None, batch.quat_wxyz), "a tuple of 2"),
+            (lambda batch: np.zeros((2, 4)), r"shape \(2, 4\): control is 'pose'; for commands .* control=\.\.\.\)"),
+        ],
+    )
+    def test_an_act_that_returns_no_target(self, room, returned, got):
+        env = self.env(room, act=lambda self, batch, actions: returned(batch))
+        env.reset(seed=0)
+        expected = r"positions \(N, 3\), or a pair of positions and quaternions \(N, 4\)"
+        with pytest.raises(ValueError, match=rf"^Broken\.act: expected {expected}, got {got}$"):
+            env.step(np.zeros((2, 3), np.float32))
+
+    def test_an_act_that_returns_no_commands(self, room):
+        flying = {"drone": "crazyflie", "dynamics": flockstep.DynamicsConfig(motion="rotors", control="velocity")}
+        env = self.env(room, act=lambda self, batch, actions: None, **flying)
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=r"^Broken\.act: expected commands \(N, 4\), got None$"):
+            env.step(np.zeros((2, 3), np.float32))
+        with pytest.raises(
+            TypeError, match=r"^Broken\.act: the default one .* control is 'velocity', which takes comma"
+        ):
+            self.env(room, **flying)
+
+    @pytest.mark.parametrize("space", [spaces.Box(-1, 1, (4,)), spaces.Box(-1, 1, (2,)), spaces.Discrete(6)])
+    def test_actions_that_the_default_act_does_not_take(self, room, space):
+        with pytest.raises(
+            TypeError, match=r"^Broken\.action_space: the default act takes a Box \(3,\), got .*override"
+        ):
+            self.env(room, action_space=space)
+        self.env(room, action_space=space, act=lambda self, batch, actions: batch.position)
+
+    @pytest.mark.parametrize(
+        ("declared", "advice"),
+        [
+            ({"policy_hz": 20}, r"write clock = flockstep\.ClockConfig\(policy_hz=\.\.\.\), or give it to the env"),
+            (
+                {"control": "velocity"},
+                r"write dynamics = flockstep\.DynamicsConfig\(control=\.\.\.\), or give it to the env",
+            ),
+            ({"wind": np.ones(3)}, "write dynamics = "),
+            ({"cameras": [flockstep.CameraConfig()]}, r"write camera = \.\.\., one or a sequence"),
+            ({"stagger_first_episode": True}, "give it to the env"),
+            ({"pose_sensor": flockstep.PoseSensorConfig()}, "give it to the env"),
+            ({"control": "velocity", "dynamics": flockstep.DynamicsConfig(motion="rotors")}, "write dynamics = "),
+        ],
+    )
+    def test_keywords_of_the_env_on_the_class(self, room, declared, advice):
+        name = next(iter(declared))
+        with pytest.raises(TypeError, match=rf"^Broken\.{name}: no env reads it from a task; {advice}"):
+            self.env(room, **declared)
+
+    def test_names_of_its_own_that_are_keywords_elsewhere(self, room):
+        class Own(Climb):
+            policy_hz = 20  # for its own use; the env has it from the clock
+            clock = flockstep.ClockConfig(policy_hz=policy_hz)
+            reward, action, observation = 3.0, None, "of its own"
+
+            def __init__(self):
+                self.control = "velocity"
+
+            def friction(self):
+                return 0.5
+
+            @property
+            def motion(self):
+                return "kinematic"
+
+        assert flockstep.DroneVectorEnv(2, worlds=room, task=Own).batch.clock.policy_hz == 20
 
     def test_a_name_that_is_not_among_the_infos(self, room):
         task = type("Lost", (Lapper,), {"step": lambda self, batch: self.info["lapse"]})

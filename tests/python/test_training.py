@@ -53,6 +53,7 @@ class Sensor:
 
 class AtHome(Climb):
     worlds = "validation"
+    frame_skip = 3
 
 
 flockstep.register_task("own/Climb-v0", Climb)
@@ -389,7 +390,8 @@ def test_worlds_are_chosen_by_name(own, train, tmp_path):
 def test_a_registered_task_is_trained_and_flown_as_it_was_registered(own, train, room):
     args = train_ppo.defaults_of("own_tasks:own/Climb-v1")
     assert (args.worlds, args.frame_skip, args.max_episode_steps) == (("room.json",), 2, 9)
-    assert train_ppo.defaults_of("own_tasks:AtHome").worlds == ("validation",)
+    at_home = train_ppo.defaults_of("own_tasks:AtHome")
+    assert (at_home.worlds, at_home.frame_skip) == (("validation",), 3)
     assert train_ppo.defaults_of("own_tasks:Climb").worlds == ()
     setup = dataclasses.replace(args, frame_skip=1).setup
     still = np.zeros((1, 3), np.float32)

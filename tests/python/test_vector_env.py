@@ -188,7 +188,7 @@ class TestWrappers:
         list(fly(envs, 10))
         envs.close()
         assert [p.suffix for p in (tmp_path / "video").iterdir()] == [".mp4"]
-        assert written in ([], [(6, (512, 512, 3), 20)], [(5, (512, 512, 3), 20)])
+        assert written in ([], [(6, (512, 512, 3), 10)], [(5, (512, 512, 3), 10)])
 
 
 class TestReset:

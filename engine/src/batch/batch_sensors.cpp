@@ -78,7 +78,7 @@ std::size_t Batch::camera_index(std::string_view name) const {
   if (found == cameras.end()) {
     std::string names;
     for (const CameraConfig& camera : cameras) names += (names.empty() ? "\"" : ", \"") + camera.name + '"';
-    refuse("camera", cameras.empty() ? "a Batch with cameras (cameras=[...])" : "one of " + names,
+    refuse("camera", cameras.empty() ? "a Batch with cameras (cameras=[...]; a Task declares camera)" : "one of " + names,
            name.empty() ? "no name" : '"' + std::string(name) + '"');
   }
   return static_cast<std::size_t>(found - cameras.begin());

@@ -41,7 +41,7 @@ void not_stepping(const Simulation& sim, std::string_view call) {
 }
 
 void has_lidar(const Simulation& sim) {
-  if (!sim.lidar) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...)");
+  if (!sim.lidar) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
 }
 
 void has_camera(const Simulation& sim, std::size_t camera) {

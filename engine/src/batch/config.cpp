@@ -39,7 +39,8 @@ void ClockConfig::validate() const {
     return text.str();
   };
   const double policy = static_cast<double>(policy_hz);
-  require(divides(policy, ticks_hz(), 1000.5), "physics_hz", "1 to 1000 times the policy's " + hz(policy), hz(ticks_hz()));
+  require(divides(policy, ticks_hz(), 1000.5), "physics_hz", "a multiple of the policy's " + hz(policy) + ", 1 to 1000 times it",
+          hz(ticks_hz()));
   if (!controller_hz) return;
   const double controller = static_cast<double>(*controller_hz);
   require(!physics_hz || (controller > 0.0 && divides(controller, ticks_hz(), 1000.5)), "controller_hz",

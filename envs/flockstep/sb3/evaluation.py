@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from gymnasium.vector.utils import batch_space
 
 from flockstep import scenes
 from flockstep._core import NativeTask
@@ -27,7 +26,7 @@ class Evaluation:
     success_rate: float
     """Share of them that succeeded, in [0, 1]."""
     crash_rate: float
-    """Share of them that ended in contact with something."""
+    """Share of them that ended in contact with something, successes whose aim is to touch it included."""
     episode_return: float
     """Sum of the rewards, unscaled."""
     episode_length: float
@@ -47,6 +46,9 @@ def evaluate(
 ) -> Evaluation:
     """Fly a policy for some episodes; return the share that succeeded, and means of all else that episodes report.
 
+    ``crash_rate`` is the share that ended in contact with anything: where touching something is the aim, these may be
+    successes.
+
     Parameters
     ----------
     model
@@ -64,7 +66,7 @@ def evaluate(
     """
     envs = make_vec(env, _count(episodes), **kwargs)
     names = [] if not isinstance(envs.env.task, Task) else envs.env.task.info_names
-    ends = _first_episodes(model, envs, seed)
+    ends = _first_episodes(model, envs, "evaluate", seed)
     return Evaluation(
         episodes=len(ends),
         success_rate=_mean(end["is_success"] for end in ends),
@@ -79,7 +81,7 @@ def evaluate(
 def success_rates(
     model: Any,
     env: str | Task | type[Task] | NativeTask = "flockstep/LidarNavigation-v0",
-    worlds: WorldsLike = ("train", "validation"),
+    worlds: WorldsLike | None = None,
     episodes: int = 1,
     seed: int = 0,
     **kwargs: Any,
@@ -91,8 +93,8 @@ def success_rates(
     model, env, seed, **kwargs
         As `evaluate` takes them.
     worlds
-        Scenes, sets of them, worlds, or a list of these. By default the seven playgrounds: the five of ``"train"`` and
-        the two of ``"validation"``.
+        Scenes, sets of them, worlds, or a list of these. Default: those that a `Task` declares, else the seven
+        playgrounds, the five of ``"train"`` and the two of ``"validation"``.
     episodes
         In each world. Where every episode begins alike, as with the built-in tasks unless ``random_start=True``, more
         than one tell no more.
@@ -102,17 +104,19 @@ def success_rates(
     dict
         From the name of each world to its share in [0, 1].
     """
+    if worlds is None:
+        worlds = getattr(kwargs.get("task", env), "worlds", None) or ("train", "validation")
     loaded = scenes.load(worlds)
     envs = make_vec(env, len(loaded) * _count(episodes), worlds=loaded, **kwargs)
     by_world: dict[str, list[bool]] = defaultdict(list)
-    for k, end in enumerate(_first_episodes(model, envs, seed)):
+    for k, end in enumerate(_first_episodes(model, envs, "success_rates", seed)):
         by_world[loaded[k % len(loaded)].name].append(end["is_success"])
     return {name: _mean(successes) for name, successes in by_world.items()}
 
 
-def _first_episodes(model: Any, envs: DroneVecEnv, seed: int) -> list[dict[str, Any]]:
+def _first_episodes(model: Any, envs: DroneVecEnv, caller: str, seed: int) -> list[dict[str, Any]]:
     """Fly until every env has ended an episode; return the infos of these first ends, and close the envs."""
-    act = actions_of(model, batch_space(envs.action_space, envs.num_envs), seed)
+    act = actions_of(model, envs.env, caller, seed)
     envs.seed(seed)
     observation: Any = envs.reset()
     ends: list[dict[str, Any] | None] = [None] * envs.num_envs

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -20,13 +21,15 @@ class LogTerms(BaseCallback):
     Parameters
     ----------
     info_names
-        Which of the infos are logged, beside the terms.
+        Which of the infos are logged, beside the terms: names in a sequence, such as ``("laps",)``.
 
     >>> model.learn(300_000, callback=flockstep.sb3.LogTerms())
     """
 
     def __init__(self, info_names: Iterable[str] = ()) -> None:
         super().__init__()
+        if isinstance(info_names, str):
+            raise TypeError(f"info_names: expected a sequence of names, such as ({info_names!r},), got {info_names!r}")
         self._info_names = tuple(info_names)
         self._values: dict[str, list[float]] = defaultdict(list)
 
@@ -34,6 +37,10 @@ class LogTerms(BaseCallback):
         for info in self.locals["infos"]:
             if "episode_terms" in info:
                 self._note("terms", info["episode_terms"])
+                missing = [name for name in self._info_names if name not in info]
+                if missing:
+                    there = ", ".join(name for name, value in info.items() if isinstance(value, Real))
+                    raise ValueError(f"info_names: expected some of {there}, got {missing[0]!r}")
                 self._note("infos", {name: info[name] for name in self._info_names})
         return True
 

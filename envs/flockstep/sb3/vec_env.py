@@ -19,7 +19,9 @@ from flockstep.vector_env import DroneVectorEnv, Observation
 
 
 def make_vec(
-    env: str | Task | type[Task] | NativeTask | DroneVectorEnv, num_envs: int = 1, **kwargs: Any
+    env: str | Task | type[Task] | NativeTask | DroneVectorEnv = "flockstep/LidarNavigation-v0",
+    num_envs: int = 1,
+    **kwargs: Any,
 ) -> DroneVecEnv:
     """Return a Stable-Baselines3 `VecEnv`.
 
@@ -27,7 +29,8 @@ def make_vec(
     ----------
     env
         A Gymnasium id of this package, a `Task` (an object, or its class) or `NativeTask` of your own, or a ready
-        `DroneVectorEnv` with same-step autoreset (then without ``num_envs`` and keywords).
+        `DroneVectorEnv` with same-step autoreset (then without ``num_envs`` and keywords). ``task=`` says the same of a
+        task, as for `DroneVectorEnv`.
     num_envs
         Number of drones.
     **kwargs

@@ -39,6 +39,8 @@ def check_vector_env(
         - ``values``: types, shapes and dtypes of what reset and step return, infos with their masks
         - ``determinism``: the same seed and actions give the same run, in the same env and in a new one; without a seed
           a reset goes on with new episodes, alike for alike histories
+        - ``ownership``: returned arrays are neither written again nor read back, arguments are not changed, a `Task`
+          keeps no views of its batch
         - ``snapshot``: an env with ``snapshot`` and ``restore`` goes on from one as if nothing had been in between
         - ``num_envs``: env i does the same whatever the number of envs
         - ``seed_offset``: env i of a batch seeded s does what env 0 of one seeded s + i does (not so where the envs
@@ -46,7 +48,6 @@ def check_vector_env(
         - ``autoreset``: what the env's autoreset mode promises about the end of an episode
         - ``reset_mask``: ``options={"reset_mask": ...}`` resets the masked envs and no others (with autoreset disabled,
           or where there are snapshots)
-        - ``ownership``: returned arrays are neither written again nor read back, arguments are not changed
         - ``bad_actions``: actions of a wrong length, or not finite in a `Box`, raise
         - ``render``: in the mode ``rgb_array``, a frame per env; without a mode, that `Task.draw` draws, from above
         - ``close``: closing twice is allowed
@@ -74,12 +75,12 @@ CHECKS: dict[str, Callable[[Setup], None]] = {
     "spaces": check_spaces,
     "values": check_values,
     "determinism": check_determinism,
+    "ownership": check_ownership,
     "snapshot": check_snapshot,
     "num_envs": check_num_envs,
     "seed_offset": check_seed_offset,
     "autoreset": check_autoreset,
     "reset_mask": check_reset_mask,
-    "ownership": check_ownership,
     "bad_actions": check_bad_actions,
     "render": check_render,
     "close": check_close,

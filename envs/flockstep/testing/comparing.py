@@ -77,9 +77,9 @@ def _masked(infos: dict[str, Any]) -> dict[str, Any]:
 
 
 def arrays_in(value: Any) -> list[Array]:
-    """Return the arrays in a dict or tuple of arrays, or in an array alone."""
+    """Return the arrays in a dict, tuple or list of arrays, or in an array alone."""
     if isinstance(value, dict):
         return [leaf for key in sorted(value) for leaf in arrays_in(value[key])]
-    if isinstance(value, tuple):
+    if isinstance(value, (tuple, list)):
         return [leaf for part in value for leaf in arrays_in(part)]
     return [value] if isinstance(value, np.ndarray) else []

@@ -8,15 +8,18 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from flockstep.testing.comparing import assert_same_runs, difference_between
+from flockstep._core import Batch
+from flockstep.task import Task
+from flockstep.testing.comparing import arrays_in, assert_same_runs, difference_between
 from flockstep.testing.runs import Actions, Setup, run
 
 
 def check_ownership(setup: Setup) -> None:
-    """Check that returned arrays are neither written again nor read back, and arguments not changed."""
+    """Check that returned arrays are neither written again nor read back, arguments not changed, no views kept."""
     with setup.env() as env, setup.env() as poisoned:
         kept = run(env, setup.steps, setup.seed, setup.seed, keep=True)
         fresh = run(poisoned, setup.steps, setup.seed, setup.seed)
+        _check_views(getattr(env.unwrapped, "task", None))
         assert_same_runs(fresh, kept, "an array that was returned should not be written again")
 
         actions = Actions(poisoned, setup.seed)
@@ -39,6 +42,19 @@ def check_ownership(setup: Setup) -> None:
                 _poison(part)
             if mode == AutoresetMode.DISABLED and ended.any():
                 poisoned.reset(options={"reset_mask": ended.copy()})
+
+
+def _check_views(task: Any) -> None:
+    """Check that a task holds no array whose memory is its batch's."""
+    for name, value in vars(task).items() if isinstance(task, Task) else ():
+        for array in arrays_in(value):
+            owner: Any = array
+            while isinstance(owner, np.ndarray):
+                owner = owner.base
+            assert not isinstance(owner, Batch), (
+                f"{type(task).__name__}.{name} is a view of the batch, which what comes next overwrites: keep a copy, "
+                f"such as self.{name} = batch.position.copy()"
+            )
 
 
 def _poison(value: Any) -> None:
