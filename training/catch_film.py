@@ -13,22 +13,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
 import numpy as np
 import numpy.typing as npt
 import tyro
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 from stable_baselines3 import PPO
 from tqdm import tqdm
 
-import flockstep
 import train_flight
+from film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
 from flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
 from flockstep.task import rotate
 from flockstep.viewer.body import Body
 from flockstep.viewer.drawing import Drawing
 from flockstep.viewer.stage import Stage, with_markers
-from plot_paths import write_gif
 from tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
@@ -37,15 +35,11 @@ HZ = POLICY_HZ["hover"]
 SHOWN = (0.0, 1 / 6, 1 / 2)  # of the steps of a training; the fourth policy is the one that it chose
 THROWS = 100  # of which the most tilted one is filmed, whoever catches it
 
-FILM_FPS = 25
-GIF_FPS, GIF_WIDTH_PX, GIF_COLORS = 6.25, 560, 64  # small enough for a page
-FINER = 2  # drawn so many times larger, then averaged: smooth edges
+GIF_FPS, GIF_WIDTH_PX = 6.25, 560
 FROM = np.array([-0.71, -0.41, 0.57])  # unit vector: from where the viewer looks
 NEAR_M, APART_M = 0.42, 0.9  # how near it comes, and up to how far from the drone it keeps the point in view, too
 SMOOTH_S = 0.1  # of the viewer's motion
 SHEET_S, SHEET_WIDTH_PX = (0.0, 0.3, 0.8, 2.0, 6.0), 2000  # of catch.png: when in the flight
-
-PATH, POINT, INK, ALARM = (35, 90, 210), (20, 140, 60), (20, 20, 20), (200, 40, 20)
 
 
 @dataclass
@@ -77,18 +71,6 @@ class Moment:
     """Of training, without the evaluations on the way."""
     state: dict[str, Any]
     """Of its network."""
-
-
-@dataclass
-class Throw:
-    """One flight, step by step, the start first."""
-
-    position: Array
-    """(T, 3) m."""
-    quat_wxyz: Array
-    """(T, 4)."""
-    lost: bool
-    """It ended as a crash: on a contact, or too far from the point."""
 
 
 class Keeper(train_flight.Chooser):
@@ -133,20 +115,9 @@ def most_tilted(seeds: range) -> int:
     return seeds[int(up[:, 2].argmin())]
 
 
-def thrown(pilot: Pilot, seed: int) -> Throw:
+def thrown(pilot: Pilot, seed: int) -> Flight:
     """Fly one throw."""
-    steps = round(LASTS_S["hover"] * HZ)
-    envs = make("hover", 1, max_episode_steps=steps + 1, autoreset_mode="disabled")
-    batch = envs.batch
-    observation, _ = envs.reset(seed=seed)
-    positions, quats = [batch.position[0].copy()], [batch.quat_wxyz[0].copy()]
-    lost = False
-    while len(positions) <= steps and not lost:
-        observation, _, terminated, _, _ = envs.step(pilot(np.asarray(observation), envs))
-        positions.append(batch.position[0].copy())
-        quats.append(batch.quat_wxyz[0].copy())
-        lost = bool(terminated[0])
-    return Throw(np.array(positions, float), np.array(quats, float), lost)
+    return flown("hover", pilot, seed)
 
 
 class Scene:
@@ -159,7 +130,7 @@ class Scene:
         self._body = Body(batch.drone)
         self._stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
 
-    def picture(self, viewer: Array, target: Array, throw: Throw, step: int) -> Image.Image:
+    def picture(self, viewer: Array, target: Array, throw: Flight, step: int) -> Image.Image:
         """Return the drone after so many steps, and its path until then."""
         canvas = self._stage.seen_from(viewer, target)
         drawing = Drawing(canvas, FINER)
@@ -179,7 +150,7 @@ class Scene:
 class Panel:
     """The pictures of one throw, with captions."""
 
-    def __init__(self, scene: Scene, throw: Throw, title: str, below: str) -> None:
+    def __init__(self, scene: Scene, throw: Flight, title: str, below: str) -> None:
         self._scene, self._throw, self._title, self._below = scene, throw, title, below
         self._last = len(throw.position) - 1
         gap = throw.position - scene.point
@@ -201,18 +172,14 @@ class Panel:
             return self._captioned(self._last, "lost", ALARM)
         return self._captioned(self._last, f"{100 * self._distance_m[-1]:.0f} cm from the point")
 
-    def _captioned(self, step: int, status: str, color: tuple[int, int, int] = INK) -> Image.Image:
+    def _captioned(self, step: int, status: str, color: Color = INK) -> Image.Image:
         picture = self._scene.picture(self._viewer[step], self._target[step], self._throw, step)
-        pen, unit = ImageDraw.Draw(picture), picture.width / 640
-        edge: dict[str, Any] = {"stroke_width": max(round(3 * unit), 1), "stroke_fill": "white"}
         captions = [
             (6, 34, self._title, INK),
             (46, 25, self._below, INK),
             (318, 26, f"{step / HZ:.1f} s: {status}", color),
         ]
-        for top, size, text, fill in captions:
-            font = ImageFont.load_default(max(round(size * unit), 1))
-            pen.text((14 * unit, top * unit), text, font=font, fill=fill, **edge)
+        write_captions(picture, captions)
         return picture
 
 
@@ -222,18 +189,6 @@ def smooth(rows: Array) -> Array:
     weights = np.exp(-0.5 * (np.arange(-half, half + 1) / (SMOOTH_S * HZ)) ** 2)
     padded = np.pad(rows, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")  # the trend goes on
     return np.stack([np.convolve(column, weights / weights.sum(), "valid") for column in padded.T], axis=1)
-
-
-def tiled(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
-    """Return pictures as one, with white lines between."""
-    width, height = rows[0][0].size
-    whole = Image.new("RGB", (width * len(rows[0]), height * len(rows)))
-    pen, line = ImageDraw.Draw(whole), max(width // 160, 1)
-    for row, pictures in enumerate(rows):
-        for column, picture in enumerate(pictures):
-            whole.paste(picture, (column * width, row * height))
-            pen.rectangle([column * width, row * height, (column + 1) * width, (row + 1) * height], None, "white", line)
-    return whole
 
 
 def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
@@ -250,20 +205,9 @@ def draw(args: Args, model: PPO, moments: Sequence[Moment]) -> list[float]:
         panels.append(Panel(scene, thrown(greedy(model), seed), title, below))
     sheet = tiled([[panel.frame(round(s * HZ)) for s in SHEET_S] for panel in panels])
     sheet.resize((SHEET_WIDTH_PX, SHEET_WIDTH_PX * sheet.height // sheet.width)).save(args.out / "catch.png")
-    steps = range(0, round(args.film_s * HZ) + 1, round(HZ / FILM_FPS))
-    small: list[Array] = []
-    film: Any  # as imageio types its writers, they cannot append
-    with imageio.get_writer(args.out / "catch.mp4", fps=FILM_FPS, quality=8, macro_block_size=2) as film:
-        for step in tqdm(steps, "filming", unit=" pictures"):
-            pictures = [panel.frame(step) for panel in panels]
-            frame = tiled([pictures[:2], pictures[2:]])
-            film.append_data(np.asarray(frame))
-            small.append(np.asarray(frame.resize((GIF_WIDTH_PX, GIF_WIDTH_PX * 9 // 16))))
-    small = small[:: round(FILM_FPS / GIF_FPS)]
-    colors = np.unique(np.reshape(small[::8], (-1, 3)), axis=0)  # once each: the rare ones are the drone's
-    palette = Image.fromarray(colors[None]).quantize(GIF_COLORS)
-    plain = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in small]
-    write_gif(args.out / "catch.gif", [np.asarray(frame.convert("RGB")) for frame in plain], round(1000 / GIF_FPS))
+    steps = range(0, round(args.film_s * HZ) + 1, round(HZ / FPS))
+    pictures = ([panel.frame(step) for panel in panels] for step in tqdm(steps, "filming", unit=" pictures"))
+    write_film(args.out / "catch", (tiled([four[:2], four[2:]]) for four in pictures), GIF_FPS, GIF_WIDTH_PX)
     return rates
 
 

@@ -1,0 +1,94 @@
+"""What films of flights share: a flight step by step, captions, pictures beside each other, and the files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import imageio.v2 as imageio
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+from flight import LASTS_S, POLICY_HZ, Name, Pilot, make
+from flockstep.task import rotate
+from plot_paths import write_gif
+
+Array = npt.NDArray[Any]
+Color = tuple[int, int, int]
+
+FPS = 25
+GIF_COLORS = 64
+FINER = 2  # drawn so many times larger, then averaged: smooth edges
+
+PATH, POINT, INK, ALARM = (35, 90, 210), (20, 140, 60), (20, 20, 20), (200, 40, 20)
+
+
+@dataclass
+class Flight:
+    """One flight, step by step, the start first."""
+
+    position: Array
+    """(T, 3) m."""
+    quat_wxyz: Array
+    """(T, 4)."""
+    point: Array
+    """(T, 3) m: where the drone should be."""
+    lost: bool
+    """It ended as a crash: on a contact, or too far from the point."""
+
+
+def flown(name: Name, pilot: Pilot, seed: int, **keywords: Any) -> Flight:
+    """Fly once from a seed; keywords are those of `flight.make`."""
+    steps = round(LASTS_S[name] * POLICY_HZ[name])
+    envs = make(name, 1, max_episode_steps=steps + 1, autoreset_mode="disabled", **keywords)
+    observation, _ = envs.reset(seed=seed)
+    lost = False
+    states: list[tuple[Array, Array, Array]] = []
+    while True:
+        position, quat_wxyz = np.array(envs.batch.position[0], float), np.array(envs.batch.quat_wxyz[0], float)
+        states.append((position, quat_wxyz, position + rotate(quat_wxyz, np.asarray(observation)[0, :3])))
+        if lost or len(states) > steps:
+            break
+        observation, _, terminated, _, _ = envs.step(pilot(np.asarray(observation), envs))
+        lost = bool(terminated[0])
+    positions, quats, points = (np.array(each) for each in zip(*states, strict=True))
+    return Flight(positions, quats, points, lost)
+
+
+def write_captions(picture: Image.Image, lines: Sequence[tuple[float, float, str, Color]]) -> None:
+    """Write lines into a picture: how far from its upper border, how high, both as if it were 640 wide; the text."""
+    pen, unit = ImageDraw.Draw(picture), picture.width / 640
+    edge: dict[str, Any] = {"stroke_width": max(round(3 * unit), 1), "stroke_fill": "white"}
+    for top, size, text, color in lines:
+        font = ImageFont.load_default(max(round(size * unit), 1))
+        pen.text((14 * unit, top * unit), text, font=font, fill=color, **edge)
+
+
+def tiled(rows: Sequence[Sequence[Image.Image]]) -> Image.Image:
+    """Return pictures as one, with white lines between."""
+    width, height = rows[0][0].size
+    whole = Image.new("RGB", (width * len(rows[0]), height * len(rows)))
+    pen, line = ImageDraw.Draw(whole), max(width // 160, 1)
+    for row, pictures in enumerate(rows):
+        for column, picture in enumerate(pictures):
+            whole.paste(picture, (column * width, row * height))
+            pen.rectangle([column * width, row * height, (column + 1) * width, (row + 1) * height], None, "white", line)
+    return whole
+
+
+def write_film(path: Path, frames: Iterable[Image.Image], gif_fps: float, gif_width_px: int) -> None:
+    """Write a film of these frames, and one that is small enough for a page beside it: PATH.mp4 and PATH.gif."""
+    small: list[Array] = []
+    film: Any  # as imageio types its writers, they cannot append
+    with imageio.get_writer(path.with_suffix(".mp4"), fps=FPS, quality=8, macro_block_size=2) as film:
+        for index, frame in enumerate(frames):
+            film.append_data(np.asarray(frame))
+            if index % round(FPS / gif_fps) == 0:
+                small.append(np.asarray(frame.resize((gif_width_px, gif_width_px * frame.height // frame.width))))
+    colors = np.unique(np.reshape(small[::8], (-1, 3)), axis=0)  # once each: the rare ones are the drone's
+    palette = Image.fromarray(colors[None]).quantize(GIF_COLORS)
+    plain = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in small]
+    write_gif(path.with_suffix(".gif"), [np.asarray(frame.convert("RGB")) for frame in plain], round(1000 / gif_fps))

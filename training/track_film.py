@@ -1,0 +1,148 @@
+"""Watch a quadrotor follow a figure-8: by the policy that ships and, from the same start, by the controller alone.
+
+.venv/bin/python training/track_film.py                # track.mp4, track.gif and track.png in out/track/
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+import tyro
+from PIL import Image
+from stable_baselines3 import PPO
+from tqdm import tqdm
+
+import flockstep
+from film import ALARM, FINER, FPS, INK, PATH, POINT, Flight, flown, tiled, write_captions, write_film
+from flight import LASTS_S, POLICY_HZ, Pilot, fly, greedy, make, velocity_control
+from flockstep.viewer.body import Body
+from flockstep.viewer.drawing import Drawing
+from flockstep.viewer.stage import Stage, with_markers
+from tasks import UNSEEN_SEEDS
+
+Array = npt.NDArray[Any]
+
+HZ = POLICY_HZ["track"]
+GIF_FPS, GIF_WIDTH_PX = 12.5, 800
+FROM_M = np.array([0.0, -1.45, 1.15])  # from the middle of the path: from where the viewer looks
+TOWARDS_M = np.array([0.0, -0.05, 0.0])  # and at what
+
+CONTROLLER_ENVS: dict[str, Any] = {"task": flockstep.TrackConfig(points=10), "control": "velocity"}
+
+
+@dataclass
+class Args:
+    """Fly and film."""
+
+    policy: Path = Path("policies/track.zip")
+    """A model saved by training/train_flight.py --task track."""
+    out: Path = Path("out/track")
+    """Folder for the films and the picture."""
+    seed: int = UNSEEN_SEEDS.start
+    """Of the flight that is filmed: where on the path it begins, and how far off it."""
+    flights: int = 1000
+    """Both are judged by so many other flights."""
+    width_px: int = 1280
+    """Of the film; its height is 3/4 of that."""
+    film_s: float = LASTS_S["track"]
+    """How much of the flight is filmed."""
+
+
+def controller() -> Pilot:
+    """Return the controller that comes nearest of those that training/train_flight.py tries.
+
+    It is told the velocity that the path has 0.6 s later, and flies towards where the path is then.
+    """
+    return velocity_control(CONTROLLER_ENVS["task"], point=6, gain=1.0, towards=6)
+
+
+class Scene:
+    """The hall, the path and the drone, as they are drawn in pictures of a size."""
+
+    def __init__(self, path: Array, size_px: tuple[int, int]) -> None:
+        batch, (width, height) = make("track", 1).batch, size_px
+        world = batch.worlds[0]
+        self._body = Body(batch.drone)
+        middle = np.asarray(world.goal, float)
+        stage = Stage(with_markers(world, ()), 0.1, (FINER * width, FINER * height))
+        self._still = stage.seen_from(middle + FROM_M, middle + TOWARDS_M)
+        Drawing(self._still, FINER).lines(path[:-1], path[1:], POINT, 1.5)
+
+    def picture(self, flight: Flight, step: int) -> Image.Image:
+        """Return the drone after so many steps, its trail, the point, and what is between them."""
+        canvas = self._still.copy()
+        drawing = Drawing(canvas, FINER)
+        trail = flight.position[: step + 1]
+        if step > 0:
+            drawing.lines(trail[:-1], trail[1:], PATH, 2.5)
+        drawing.lines(trail[-1], flight.point[step], ALARM, 2)
+        drawing.spheres(flight.point[step], 0.02, POINT)
+        self._body.draw(canvas, trail[-1], flight.quat_wxyz[step])
+        return Image.fromarray(canvas.rgb).reduce(FINER)
+
+
+class Panel:
+    """The pictures of one flight, with captions."""
+
+    def __init__(self, scene: Scene, flight: Flight, title: str, below: str) -> None:
+        self._scene, self._flight, self._title, self._below = scene, flight, title, below
+        self._distance_m = np.linalg.norm(flight.point - flight.position, axis=1)
+        flown_m = self._distance_m[1:]  # the start is none of the flight's doing
+        self._error_m = np.sqrt(np.cumsum(flown_m**2) / np.arange(1, len(flown_m) + 1))
+
+    def frame(self, step: int) -> Image.Image:
+        """Return the picture after so many steps, or of the last one."""
+        step = min(step, len(self._distance_m) - 1)
+        picture = self._scene.picture(self._flight, step)
+        status, color = f"{step / HZ:.1f} s: {100 * self._distance_m[step]:.0f} cm from the point", INK
+        if step > 0:
+            status += f", root mean square so far {100 * self._error_m[step - 1]:.1f} cm"
+        if self._flight.lost and step == len(self._distance_m) - 1:
+            status, color = f"{step / HZ:.1f} s: lost", ALARM
+        write_captions(picture, [(3, 17, self._title, INK), (23, 14, self._below, INK), (218, 14, status, color)])
+        return picture
+
+
+def draw(args: Args, pilots: Sequence[tuple[str, Pilot, dict[str, Any]]]) -> list[str]:
+    """Film one flight by each of two pilots; return what others came to."""
+    width = args.width_px // 16 * 16  # so that heights are even
+    flights = [flown("track", pilot, args.seed, **keywords) for _, pilot, keywords in pilots]
+    path = max((flight.point for flight in flights), key=len)  # the same for all
+    scene = Scene(path, (width, width * 3 // 8))
+    panels, summaries = [], []
+    for flight, (title, pilot, keywords) in zip(flights, pilots, strict=True):
+        others = fly("track", pilot, args.flights, UNSEEN_SEEDS.start, **keywords)
+        below = f"{args.flights:,} flights: root mean square {100 * others.median_error_m:.1f} cm (median)"
+        panels.append(Panel(scene, flight, title, below))
+        summaries.append(f"{title:<18} {others.summary()}")
+    steps = range(0, round(args.film_s * HZ) + 1, round(HZ / FPS))
+    frames = (tiled([[panel.frame(step)] for panel in panels]) for step in tqdm(steps, "filming", unit=" pictures"))
+    write_film(args.out / "track", frames, GIF_FPS, GIF_WIDTH_PX)
+    tiled([[panel.frame(steps[-1])] for panel in panels]).save(args.out / "track.png")
+    return summaries
+
+
+def main(args: Args) -> None:
+    """Fly, film and tell."""
+    args.out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)  # of a small network more are slower
+    policy = greedy(PPO.load(args.policy, device="cpu"))
+    summaries = draw(args, [("learned policy", policy, {}), ("controller alone", controller(), CONTROLLER_ENVS)])
+    print(f"""
+{args.flights:,} flights of {LASTS_S["track"]} s along a figure-8, by the policy and by the controller alone:
+{chr(10).join(f"  {line}" for line in summaries)}
+
+In {args.out}/
+  track.mp4            a film of one flight, by both from the same start
+  track.gif            the same, smaller
+  track.png            its end: where both have flown""")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
