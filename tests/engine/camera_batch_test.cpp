@@ -665,7 +665,8 @@ TEST(CameraRefusal, ChangesNothing) {
   EXPECT_EQ(batch.images(0).frame_step, frames.frame_step);
 
   Batch blind(testing::lidar_batch(1), {gallery()});
-  EXPECT_REFUSED((void)blind.camera_index("front"), R"(camera: expected a Batch with cameras (cameras=[...]; a Task declares camera), got "front")");
+  EXPECT_REFUSED((void)blind.camera_index("front"),
+                 R"(camera: expected a Batch with cameras (cameras=[...]; a Task declares camera), got "front")");
   EXPECT_REFUSED((void)blind.images(0), "camera");
   EXPECT_EQ(blind.camera_backend_report(), "this Batch has no cameras");
 }

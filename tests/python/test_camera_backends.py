@@ -92,7 +92,9 @@ def test_backends_agree(name: str) -> None:
     ours, theirs = (camera.depth[:, 1:-1, 1:-1][inner] for camera in (raycast, gl))
     np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
     seen = np.isfinite(ours)
-    assert np.abs(ours[seen] / theirs[seen] - 1).max() < 1e-3
+    apart = np.abs(ours[seen] / theirs[seen] - 1) >= 1e-3
+    # A tree hides itself: there are silhouettes within its id.
+    assert apart.mean() <= (1e-4 if name in flockstep.scenes.GENERATED else 0)
     for output in ("rgb", "grey"):
         ours, theirs = (getattr(camera, output)[:, 1:-1, 1:-1][inner].astype(int) for camera in (raycast, gl))
         assert np.abs(ours - theirs).mean() < 2

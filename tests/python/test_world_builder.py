@@ -96,7 +96,10 @@ def test_what_is_built_is_left_alone_by_what_follows():
         (lambda b: b.heightfield([[0.0]], 0), r"heightfield: columns: expected an integer in \[2, 32768\], got 1"),
         (lambda b: b.heightfield([[0, 0], [0, 0]], 0, cell_m=0), "heightfield: cell_m: expected a number > 0, got 0"),
         (lambda b: b.build(), "scene: expected at least one primitive or triangle, got an empty scene"),
-        (lambda b: (b.sphere([0, 0, 0], 1, 3), b.build()), r"primitives\[0\].material: expected an index below 1, got 3"),
+        (
+            lambda b: (b.sphere([0, 0, 0], 1, 3), b.build()),
+            r"primitives\[0\].material: expected an index below 1, got 3",
+        ),
         (lambda b: (b.sphere([0, 0, 0], -1, 0), b.build()), r"primitives\[0\].half_extents: expected sizes >= 1e-06"),
         (lambda b: (b.material("a"), b.material("a"), b.sphere([0, 0, 0], 1, 0), b.build()), r"materials\[1\].name"),
     ],
