@@ -168,7 +168,10 @@ void register_world_builder(py::module_& module) {
             b.spawn_box({point(min, "min"), point(max, "max")});
           },
           py::arg("min"), py::arg("max"))
-      .def("build", [](const WorldBuilder& b) { return std::const_pointer_cast<World>(released([&] { return b.build(); })); });
+      .def("build", [](const WorldBuilder& b) {
+        const WorldBuilder copy = b;  // another thread may add to it once the interpreter lock is released
+        return std::const_pointer_cast<World>(released([&] { return copy.build(); }));
+      });
 }
 
 }  // namespace flockstep::bindings
