@@ -497,12 +497,12 @@ struct Buffers {
   static bool exists(const std::string&, void*) { return true; }
   static std::string same(const std::string& path, void*) { return path; }
   static bool read(std::vector<unsigned char>* out, std::string*, const std::string& path, void* self) {
-    static_cast<const Buffers*>(self)->read(*out, path);
+    static_cast<const Buffers*>(self)->fill(*out, path);
     return true;
   }
   static bool write(std::string*, const std::string&, const std::vector<unsigned char>&, void*) { return false; }
 
-  void read(std::vector<unsigned char>& out, const std::string& path) const {
+  void fill(std::vector<unsigned char>& out, const std::string& path) const {
     std::size_t number = 0;
     std::from_chars(path.data(), path.data() + path.size(), number);
     const JsonField list = require(root, "buffers");
