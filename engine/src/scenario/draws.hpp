@@ -9,18 +9,23 @@
 
 namespace flockstep {
 
+using Vec2d = Eigen::Vector2d;
+using Vec3d = Eigen::Vector3d;
+
 // Uniform numbers keyed by (purpose, seed, attempt).
 class Draws {
  public:
   // Keep these apart from other users of the same seed.
-  static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265;
+  static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265, kOffice = 0x6F666669, kWarehouse = 0x77617265,
+                                 kCity = 0x63697479;
 
   Draws(std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt) : purpose_(purpose), seed_(seed), attempt_(attempt) {}
 
   double uniform(double low, double high) { return low + (high - low) * static_cast<double>(uniform01(bits())); }
+  // One of 0 to count - 1.
   int below(int count) { return static_cast<int>(uniform(0.0, count)); }
   // y is drawn first; two calls as arguments of one would come in the order of the compiler's choice.
-  Eigen::Vector2d point(const Eigen::Vector2d& low, const Eigen::Vector2d& high) {
+  Vec2d point(const Vec2d& low, const Vec2d& high) {
     const double y = uniform(low.y(), high.y());
     return {uniform(low.x(), high.x()), y};
   }

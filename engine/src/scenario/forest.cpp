@@ -1,10 +1,8 @@
-// Generated forests: trees and rocks on rolling terrain, all of it meshes. Of arithmetic only the operations that IEEE 754 rounds
-// correctly are used, so that a seed means the same world on every machine.
+// Generated forests: trees and rocks on rolling terrain, all of it meshes.
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <map>
 #include <optional>
 #include <sstream>
 #include <string>
@@ -13,157 +11,15 @@
 
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
-#include "collision/sweep.hpp"
-#include "compiled/compiled_world.hpp"
 #include "flockstep/scenario.hpp"
 #include "flockstep/world_builder.hpp"
 #include "scenario/draws.hpp"
+#include "scenario/noise.hpp"
+#include "scenario/parts.hpp"
+#include "scenario/way.hpp"
 
 namespace flockstep {
 namespace {
-
-using Vec2d = Eigen::Vector2d;
-using Vec3d = Eigen::Vector3d;
-using Color = std::array<float, 3>;
-
-double mixed(double a, double b, double share) { return a + (b - a) * share; }
-
-Color mixed(const Color& a, const Color& b, double share) {
-  const auto f = static_cast<float>(share);
-  return {a[0] + (b[0] - a[0]) * f, a[1] + (b[1] - a[1]) * f, a[2] + (b[2] - a[2]) * f};
-}
-
-// Random values in [0, 1) at whole numbers, smooth in between.
-class Noise {
- public:
-  Noise(std::uint64_t seed, std::uint32_t number) : seed_(seed), number_(number) {}
-
-  // Repeats itself after so many whole numbers along each axis.
-  double at(double x, double y, int period = 1 << 20) const {
-    const double left = std::floor(x), low = std::floor(y);
-    const auto column = static_cast<int>(left), row = static_cast<int>(low);
-    const auto wrapped = [&](int i) { return ((i % period) + period) % period; };
-    const auto value = [&](int i, int j) { return lattice(wrapped(column + i), wrapped(row + j)); };
-    const double u = smooth(x - left), v = smooth(y - low);
-    return mixed(mixed(value(0, 0), value(1, 0), u), mixed(value(0, 1), value(1, 1), u), v);
-  }
-
-  // Finer and finer, each half as strong.
-  double octaves(double x, double y, int count, int period = 1 << 20) const {
-    double sum = 0.0, weight = 1.0, total = 0.0;
-    for (int i = 0; i < count; ++i) {
-      sum += weight * at(x, y, period);
-      total += weight;
-      weight *= 0.5;
-      x *= 2.0;
-      y *= 2.0;
-      period *= 2;
-    }
-    return sum / total;
-  }
-
- private:
-  static double smooth(double t) { return t * t * (3.0 - 2.0 * t); }
-  double lattice(int column, int row) const {
-    const auto words = philox4x32({static_cast<std::uint32_t>(column), static_cast<std::uint32_t>(row), number_, Draws::kForest},
-                                  {static_cast<std::uint32_t>(seed_), static_cast<std::uint32_t>(seed_ >> 32U)});
-    return static_cast<double>(uniform01(words[0]));
-  }
-
-  std::uint64_t seed_;
-  std::uint32_t number_;
-};
-
-// ----------------------------------------------------------------------------------------------------------------- shapes
-
-void add_triangle(MeshPart& part, std::int32_t a, std::int32_t b, std::int32_t c) { part.triangles.push_back({a, b, c}); }
-
-std::int32_t add_vertex(MeshPart& part, const Vec3d& at, double s, double t) {
-  part.vertices.push_back(at.cast<float>());
-  part.uv.push_back({static_cast<float>(s), static_cast<float>(t)});
-  return static_cast<std::int32_t>(part.vertices.size()) - 1;
-}
-
-// Corners of a regular hexagon and octagon, turned so that the first lies along `first`, a unit vector.
-std::vector<Vec2d> polygon(int sides, const Vec2d& first) {
-  const double h = std::sqrt(0.75), d = std::sqrt(0.5);
-  const std::vector<Vec2d> hexagon{{1, 0}, {0.5, h}, {-0.5, h}, {-1, 0}, {-0.5, -h}, {0.5, -h}};
-  const std::vector<Vec2d> octagon{{1, 0}, {d, d}, {0, 1}, {-d, d}, {-1, 0}, {-d, -d}, {0, -1}, {d, -d}};
-  std::vector<Vec2d> corners = sides == 6 ? hexagon : octagon;
-  for (Vec2d& corner : corners) {
-    corner = {first.x() * corner.x() - first.y() * corner.y(), first.y() * corner.x() + first.x() * corner.y()};
-  }
-  return corners;
-}
-
-// The side of a trunk from one height to another; no caps: they lie in the ground and in the crown.
-void add_trunk(MeshPart& part, const Vec2d& at, double low, double high, double low_radius, double high_radius,
-               const Vec2d& turn) {
-  const std::vector<Vec2d> ring = polygon(6, turn);
-  std::vector<std::int32_t> bottom, top;
-  for (std::size_t i = 0; i <= ring.size(); ++i) {
-    const Vec2d& way = ring[i % ring.size()];
-    const Vec2d below = at + low_radius * way, above = at + high_radius * way;
-    const double s = static_cast<double>(i) / 3.0;
-    bottom.push_back(add_vertex(part, {below.x(), below.y(), low}, s, 0.0));
-    top.push_back(add_vertex(part, {above.x(), above.y(), high}, s, high - low));
-  }
-  for (std::size_t i = 0; i + 1 < bottom.size(); ++i) {
-    add_triangle(part, bottom[i], bottom[i + 1], top[i + 1]);
-    add_triangle(part, bottom[i], top[i + 1], top[i]);
-  }
-}
-
-// A cone of branches, closed below.
-void add_cone(MeshPart& part, const Vec2d& at, double low, double high, double radius, const Vec2d& turn) {
-  const std::vector<Vec2d> ring = polygon(8, turn);
-  const std::int32_t middle = add_vertex(part, {at.x(), at.y(), low + 0.25 * radius}, 0.5, 0.0);
-  std::vector<std::int32_t> rim;
-  for (std::size_t i = 0; i <= ring.size(); ++i) {
-    const Vec2d edge = at + radius * ring[i % ring.size()];
-    rim.push_back(add_vertex(part, {edge.x(), edge.y(), low}, static_cast<double>(i) / 4.0, 0.0));
-  }
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const std::int32_t tip = add_vertex(part, {at.x(), at.y(), high}, (static_cast<double>(i) + 0.5) / 4.0, high - low);
-    add_triangle(part, rim[i], rim[i + 1], tip);
-    add_triangle(part, rim[i + 1], rim[i], middle);
-  }
-}
-
-// A ball of so many steps from pole to equator, squeezed to half sizes, its surface rough by a share.
-void add_ball(MeshPart& part, const Vec3d& center, const Vec3d& half, int steps, double rough, Draws& draws) {
-  std::map<std::array<int, 3>, std::int32_t> corners;
-  const auto corner = [&](int i, int j, int k) {
-    const auto [found, is_new] = corners.try_emplace({i, j, k});
-    if (is_new) {
-      const Vec3d way = Vec3d(i, j, k).normalized() * (1.0 + rough * draws.uniform(-1.0, 1.0));
-      const Vec3d at = center + half.cwiseProduct(way);
-      found->second = add_vertex(part, at, at.x() + 0.3 * at.z(), at.y() + 0.7 * at.z());
-    }
-    return found->second;
-  };
-  for (const int x : {1, -1}) {
-    for (const int y : {1, -1}) {
-      for (const int z : {1, -1}) {
-        const auto add = [&](const std::array<int, 3>& a, const std::array<int, 3>& b, const std::array<int, 3>& c) {
-          const std::int32_t p = corner(x * a[0], y * a[1], z * a[2]);
-          const std::int32_t q = corner(x * b[0], y * b[1], z * b[2]);
-          const std::int32_t r = corner(x * c[0], y * c[1], z * c[2]);
-          x * y * z > 0 ? add_triangle(part, p, q, r) : add_triangle(part, p, r, q);
-        };
-        for (int i = 0; i < steps; ++i) {
-          for (int j = 0; i + j < steps; ++j) {
-            const int k = steps - i - j;
-            add({i, j, k}, {i + 1, j, k - 1}, {i, j + 1, k - 1});
-            if (k > 1) add({i + 1, j, k - 1}, {i + 1, j + 1, k - 2}, {i, j + 1, k - 1});
-          }
-        }
-      }
-    }
-  }
-}
-
-// ----------------------------------------------------------------------------------------------------------------- the place
 
 class Forest {
   static constexpr double kFromBorder = 3.0;       // m: of start and goal
@@ -180,14 +36,18 @@ class Forest {
   Forest(const ForestConfig& config, std::uint32_t attempt)
       : config_(config),
         draws_(Draws::kForest, config.seed, attempt),
-        hills_(config.seed, 16 * attempt),
+        hills_(Draws::kForest, config.seed, 16 * attempt),
         size_(static_cast<double>(config.size_m[0]), static_cast<double>(config.size_m[1])) {
     start_ = marker(kFromBorder);
     goal_ = marker(size_.x() - kFromBorder);
     lay_lane();
   }
 
-  const std::vector<Vec3d>& lane() const { return lane_; }
+  std::vector<Vec3> lane() const {
+    std::vector<Vec3> points;
+    for (const Vec3d& point : lane_) points.push_back(point.cast<float>());
+    return points;
+  }
 
   // Nullopt where trees find no place.
   std::optional<WorldBuilder> grown() {
@@ -238,7 +98,7 @@ class Forest {
 
   // A winding way from start to goal, at their height above the ground.
   void lay_lane() {
-    const Noise sideways(config_.seed, 7 + static_cast<std::uint32_t>(draws_.below(1 << 20)));
+    const Noise sideways(Draws::kForest, config_.seed, 7 + static_cast<std::uint32_t>(draws_.below(1 << 20)));
     const Vec2d from = start_.head<2>(), way = goal_.head<2>() - from;
     const int steps = static_cast<int>(std::ceil(way.norm() / kLaneStep));
     for (int i = 0; i <= steps; ++i) {
@@ -280,7 +140,7 @@ class Forest {
 
   // Grass with bare patches.
   std::uint16_t ground_material(WorldBuilder& builder) const {
-    const Noise fine(config_.seed, 5), coarse(config_.seed, 6);
+    const Noise fine(Draws::kForest, config_.seed, 5), coarse(Draws::kForest, config_.seed, 6);
     const auto color = [&](float s, float t) {
       const double blades = fine.octaves(32.0 * static_cast<double>(s), 32.0 * static_cast<double>(t), 2, 32);
       const double bare = coarse.octaves(4.0 * static_cast<double>(s), 4.0 * static_cast<double>(t), 3, 4);
@@ -294,7 +154,7 @@ class Forest {
   // A material between two colours; so many spots across and down.
   std::uint16_t textured(WorldBuilder& builder, const std::string& name, const Color& dark, const Color& bright, double across,
                          double down, std::uint32_t number) const {
-    const Noise noise(config_.seed, number);
+    const Noise noise(Draws::kForest, config_.seed, number);
     const int columns = static_cast<int>(across), rows = static_cast<int>(down);
     const auto color = [&](float s, float t) {
       const double period = std::max(columns, rows);
@@ -381,15 +241,6 @@ void check(const ForestConfig& config) {
   require(config.relief_m >= 0.0F && config.relief_m <= 50.0F, "forest: relief_m", "metres in [0, 50]", config.relief_m);
 }
 
-// Whether a drone can fly from point to point.
-bool is_free(const World& world, const collision::Hull& hull, const std::vector<Vec3d>& points) {
-  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
-    const Pose from{.position = points[i].cast<float>()}, to{.position = points[i + 1].cast<float>()};
-    if (collision::sweep(compiled(world).obstacles(), hull, from, to).hit) return false;
-  }
-  return true;
-}
-
 }  // namespace
 
 std::shared_ptr<const World> forest(const ForestConfig& config) {
@@ -402,7 +253,7 @@ std::shared_ptr<const World> forest(const ForestConfig& config) {
     const std::optional<WorldBuilder> grown = forest.grown();
     if (!grown) continue;
     auto world = grown->build();
-    if (is_free(*world, hull, forest.lane())) return world;
+    if (is_free_way(*world, hull, forest.lane())) return world;
   }
   std::ostringstream expected;
   expected << "few enough for a free path through " << config.size_m[0] << " x " << config.size_m[1] << " m";

@@ -10,16 +10,12 @@
 
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
-#include "collision/sweep.hpp"
-#include "compiled/compiled_world.hpp"
 #include "flockstep/scenario.hpp"
 #include "scenario/draws.hpp"
+#include "scenario/way.hpp"
 
 namespace flockstep {
 namespace {
-
-using Vec2d = Eigen::Vector2d;
-using Vec3d = Eigen::Vector3d;
 
 // Lengths that a drone of 0.93 x 0.59 m asks for, whatever the size of the room (m).
 constexpr double kMarkerClearance = 0.9;    // from a pillar's surface to a marker
@@ -217,17 +213,6 @@ SceneDescription describe(const PlaygroundConfig& config, const Route& route, co
   return scene;
 }
 
-bool straight_flight_crashes(const World& world, const DroneModel& drone, const Vec3& start, const std::vector<Vec3>& goals) {
-  const collision::Hull hull(drone);
-  Pose from{.position = start};
-  for (const Vec3& goal : goals) {
-    const Pose to{.position = goal};
-    if (collision::sweep(compiled(world).obstacles(), hull, from, to).hit) return true;
-    from = to;
-  }
-  return false;
-}
-
 }  // namespace
 
 std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
@@ -248,7 +233,9 @@ std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
     const Vec3 start = *world->markers().start;
     std::vector<Vec3> goals = world->markers().waypoints;
     goals.push_back(*world->markers().goal);
-    if (config.pillars > 0 && !straight_flight_crashes(*world, drone, start, goals)) continue;
+    std::vector<Vec3> straight{start};
+    straight.insert(straight.end(), goals.begin(), goals.end());
+    if (config.pillars > 0 && is_free_way(*world, collision::Hull(drone), straight)) continue;
     if (plan(*world, drone, start, goals, kCoarseCell) || plan(*world, drone, start, goals)) return world;
   }
   std::ostringstream expected;
