@@ -20,6 +20,7 @@ import torch
 import tyro
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import LinearSchedule
 from tqdm import tqdm
 
 import flockstep
@@ -191,7 +192,8 @@ def train(args: Args, make_chooser: Callable[[Args, int], Chooser] = Chooser) ->
         n_steps=args.steps_per_update,
         batch_size=args.batch_size,
         n_epochs=args.epochs,
-        learning_rate=lambda left: args.learning_rate * max(left, 0.02),
+        # No function: the saved policy would hold its bytecode, which another Python crashes on.
+        learning_rate=LinearSchedule(args.learning_rate, 0.02 * args.learning_rate, 0.98),
         gamma=args.gamma,
         policy_kwargs={
             "net_arch": list(args.net),

@@ -1,6 +1,9 @@
 """training/train_flight.py and training/flight.py: what is reported of Hover and Track."""
 
+import base64
+import json
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,7 @@ import flight
 import train_flight
 from tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
+POLICIES = Path(__file__).resolve().parents[2] / "policies"
 ARGS = train_flight.Args  # which a test replaces
 
 
@@ -108,6 +112,18 @@ def test_training_begins_with_seeds_of_its_own(monkeypatch):
     monkeypatch.setattr(flockstep.sb3.DroneVecEnv, "seed", seed)
     train_flight.train(small(seed=2))
     assert seeds[-1] == first_env_seed(2, 32) >= UNSEEN_SEEDS.stop
+
+
+@pytest.mark.parametrize("name", ["hover", "track"])
+def test_kept_policies_hold_no_bytecode(name):
+    """A function that was saved crashes the next Python that loads it."""
+    with zipfile.ZipFile(POLICIES / f"{name}.zip") as file:
+        saved = json.loads(file.read("data"))
+    pickles = [
+        base64.b64decode(v[":serialized:"]) for v in saved.values() if isinstance(v, dict) and ":serialized:" in v
+    ]
+    assert len(pickles) > 5
+    assert not any(b"CodeType" in pickle or b"_builtin_type" in pickle for pickle in pickles)
 
 
 def test_figures_of_trainings(monkeypatch, tmp_path):
