@@ -1,12 +1,12 @@
 #include "batch/bad_states.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "base/finite.hpp"
+#include "base/runs.hpp"
 #include "batch/episodes.hpp"
 
 namespace flockstep {
@@ -22,11 +22,6 @@ bool mend(const Field& field, std::span<T> row) {
     bad = true;
   }
   return bad;
-}
-
-bool is_command(const Simulation& sim, std::size_t drone) {
-  const auto row = std::span(sim.run->setpoints.command).subspan(4 * drone, 4);
-  return std::all_of(row.begin(), row.end(), [](float value) { return std::isfinite(value); });
 }
 
 // The episode, which has been flown and settled, ends in this step after all.
@@ -46,12 +41,18 @@ void mark_bad(Simulation& sim, std::size_t env) { sim.episodes.bad[env] = 1; }
 
 void check_setpoints(Simulation& sim, Block& block) {
   const std::size_t m = sim.drones_per_env();
+  if (sim.config.dynamics.control != Control::pose) {
+    const std::span<const float> command(sim.run->setpoints.command);
+    for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+      if (are_finite(command.subspan(4 * m * first, 4 * m * count))) return;
+      for (std::size_t env = first; env < first + count; ++env) {
+        if (!are_finite(command.subspan(4 * m * env, 4 * m))) mark_bad(sim, env);
+      }
+    });
+    return;
+  }
   for (const std::uint32_t env : block.flying) {
     for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
-      if (sim.config.dynamics.control != Control::pose) {
-        if (!is_command(sim, drone)) mark_bad(sim, env);
-        continue;
-      }
       Pose& target = sim.run->setpoints.target[drone];
       if (is_valid(target)) continue;
       target = pose_of(sim.state, drone);
@@ -67,28 +68,30 @@ bool is_bad(const Field& field, std::size_t column, double value) {
   return bounds[bounds.size() == 1 ? 0 : column] != value;
 }
 
-double drop_bad_terms(Simulation& sim, std::size_t env) {
-  mark_bad(sim, env);
-  double total = 0.0;
-  for (double& term : sim.run->score.terms_of(env)) {
-    if (!is_reward(term)) term = 0.0;
-    total += term;
+void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count) {
+  for (std::size_t env = first_env; env < first_env + count; ++env) {
+    for (double& term : sim.run->score.terms_of(env)) {
+      if (is_reward(term)) continue;
+      mark_bad(sim, env);
+      term = 0.0;
+    }
   }
-  return total;
 }
 
 void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
   const std::vector<Field>& fields = sim.run->spec().observation;
   const auto check = [&]<class T>(const Field& field, Buffer& values, T) {
-    for (const std::uint32_t env : envs) {
-      const std::span<T> row = values.row<T>(env);
-      if (are_finite(std::span<const T>(row)) || !mend(field, row)) continue;
-      if (flown) {
-        end_now(sim, env);
-      } else {
-        mark_bad(sim, env);
+    for_each_run(envs, [&](std::size_t first, std::size_t count) {
+      if (are_finite(std::span<const T>(values.row<T>(first).data(), count * values.columns()))) return;
+      for (std::size_t env = first; env < first + count; ++env) {
+        if (!mend(field, values.row<T>(env))) continue;
+        if (flown) {
+          end_now(sim, env);
+        } else {
+          mark_bad(sim, env);
+        }
       }
-    }
+    });
   };
   for (std::size_t i = 0; i < fields.size(); ++i) {
     Buffer& values = sim.outputs.now().observation[i];

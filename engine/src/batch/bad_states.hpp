@@ -27,7 +27,8 @@ bool is_bad(const Field& field, std::size_t column, double value);
 
 // What an env has earned in a flown step. Sums of many numbers up to 1e30 are still finite, as float32, too.
 inline bool is_reward(double term) { return std::abs(term) <= 1e30; }  // false for NaN, too
-double drop_bad_terms(Simulation& sim, std::size_t env);               // they become 0; returns the sum of the others
+// Of envs that follow each other: what is none becomes 0, and the env is marked.
+void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count);
 
 // Observations of some envs, as just written: a value that is neither finite nor within infinite bounds of its field becomes 0.
 // An episode that has been flown ends here, as one that has just begun does in its first step.

@@ -136,7 +136,7 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
         for (const std::uint32_t drone : drones) clear_contact(sim_->state, drone);
         blow(*sim_, drones);
       }
-      fly_by_rotors(*sim_, drones, {.command = command}, first, leg, scratch);
+      fly_by_rotors(*sim_, drones, row_of(*sim_, block), {.command = command}, first, leg, scratch);
       for (const std::uint32_t env : block.chosen) sim_->state.tick[env] += leg;
     });
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <iomanip>
 #include <sstream>
 #include <stdexcept>
@@ -138,8 +139,10 @@ void whole(const Simulation& sim) {
 }
 
 void begun(const Simulation& sim) {
+  const FlagArray& begun = sim.episodes.begun;
+  if (begun.empty() || std::memchr(begun.data(), 0, begun.size()) == nullptr) return;
   for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
-    if (sim.state.active[drone] && !sim.episodes.begun[sim.env_of(drone)]) {
+    if (sim.state.active[drone] && !begun[sim.env_of(drone)]) {
       throw std::logic_error("reset() must come before the first step()");
     }
   }

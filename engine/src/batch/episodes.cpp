@@ -1,11 +1,13 @@
 #include "batch/episodes.hpp"
 
 #include <algorithm>
+#include <numeric>
 #include <type_traits>
 #include <utility>
 
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "base/runs.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/checks.hpp"
 
@@ -15,35 +17,75 @@ namespace {
 // The number that changes no other by being added to it, 0 and -0 included.
 constexpr double kNothing = -0.0;
 
-template <class T>
-bool differs(const Buffer& a, const Buffer& b, std::size_t env) {
-  const auto x = a.row<T>(env);
-  const auto y = b.row<T>(env);
-  bool any = false;  // rows are short: a call of memcmp would cost more
-  for (std::size_t i = 0; i < x.size(); ++i) any |= x[i] != y[i];
-  return any;
+// Whether rows differ. kColumns: how many numbers a row has, 0 if that is not known when this is compiled.
+template <class T, std::size_t kColumns>
+void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size_t count, std::uint8_t* differ) {
+  const std::size_t columns = kColumns > 0 ? kColumns : a.columns();
+  const T* x = a.row<T>(first).data();
+  const T* y = b.row<T>(first).data();
+  for (std::size_t row = 0; row < count; ++row, x += columns, y += columns) {
+    bool any = false;  // rows are short: a call of memcmp would cost more
+    for (std::size_t i = 0; i < columns; ++i) any |= x[i] != y[i];
+    differ[row] = any;
+  }
 }
 
-// Whether the action of this step is another than that of the step before.
-bool action_changed(const TaskRun& run, std::size_t env) {
+template <class T>
+void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size_t count, std::uint8_t* differ) {
+  if (a.columns() == 4) return compare_rows<T, 4>(a, b, first, count, differ);  // what rotors are told
+  if (a.columns() == 1) return compare_rows<T, 1>(a, b, first, count, differ);
+  compare_rows<T, 0>(a, b, first, count, differ);
+}
+
+// Whether the action of this step is another than that of the step before, or the first.
+void compare_actions(const TaskRun& run, std::size_t first, std::size_t count, EpisodeState& episodes) {
+  std::uint8_t* const changed = episodes.action_changed.data() + first;
   switch (run.actions.type()) {
     case DType::int32:
-      return differs<std::int32_t>(run.actions, run.actions_before, env);
+      compare_rows<std::int32_t>(run.actions, run.actions_before, first, count, changed);
+      break;
     case DType::int64:
-      return differs<std::int64_t>(run.actions, run.actions_before, env);
+      compare_rows<std::int64_t>(run.actions, run.actions_before, first, count, changed);
+      break;
     case DType::float32:
-      return differs<float>(run.actions, run.actions_before, env);
+      compare_rows<float>(run.actions, run.actions_before, first, count, changed);
+      break;
     case DType::float64:
-      return differs<double>(run.actions, run.actions_before, env);
+      compare_rows<double>(run.actions, run.actions_before, first, count, changed);
+      break;
     default:
-      return differs<std::uint8_t>(run.actions, run.actions_before, env);
+      compare_rows<std::uint8_t>(run.actions, run.actions_before, first, count, changed);
   }
+  for (std::size_t i = 0; i < count; ++i) changed[i] |= episodes.steps[first + i] == 0;
+}
+
+double sum(const double* values, std::size_t count) { return std::accumulate(values, values + count, 0.0); }
+
+// So many terms of the score's, from the first on, go into all sums that there are of them. They are what envs that follow each
+// other have earned in a flown step, so these loops are long.
+void add_up(Simulation& sim, std::size_t first, std::size_t count) {
+  TaskRun& run = *sim.run;
+  const double* terms = run.score.terms.data() + first;
+  std::size_t bad = 0;
+  for (std::size_t i = 0; i < count; ++i) bad += !is_reward(terms[i]);
+  if (bad > 0) drop_bad_terms(sim, first / run.score.num_terms, count / run.score.num_terms);
+  double* const sums = sim.episodes.episode_terms.data() + first;
+  for (std::size_t i = 0; i < count; ++i) sums[i] += terms[i];
+  std::copy_n(sums, count, sim.outputs.now().episode_terms.data() + first);
+  if (!run.earned.empty()) {
+    double* const earned = run.earned.data() + first;
+    for (std::size_t i = 0; i < count; ++i) earned[i] += terms[i];
+    terms = earned;
+  }
+  float* const shown = sim.outputs.now().reward_terms.data() + first;
+  for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(terms[i]);
 }
 
 }  // namespace
 
 bool touches(const Simulation& sim, std::size_t env) {
   const std::size_t m = sim.drones_per_env();
+  if (m == 1) return sim.state.contact.hit[env] != 0;
   return std::any_of(sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>(env * m),
                      sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>((env + 1) * m),
                      [](std::uint8_t hit) { return hit != 0; });
@@ -82,11 +124,12 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   sim.outputs.allocate(spec, n);
 }
 
-void clear_contact(State& state, std::size_t drone) {
-  state.contact.hit[drone] = state.contact.inside[drone] = 0;
-  state.contact.fraction[drone] = 1.0F;
-  std::fill_n(state.contact.point.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
-  std::fill_n(state.contact.normal.begin() + static_cast<std::ptrdiff_t>(3 * drone), 3, 0.0F);
+void clear_contact(State& state, std::size_t first, std::size_t count) {
+  std::fill_n(state.contact.hit.data() + first, count, std::uint8_t{0});
+  std::fill_n(state.contact.inside.data() + first, count, std::uint8_t{0});
+  std::fill_n(state.contact.fraction.data() + first, count, 1.0F);
+  std::fill_n(state.contact.point.data() + 3 * first, 3 * count, 0.0F);
+  std::fill_n(state.contact.normal.data() + 3 * first, 3 * count, 0.0F);
 }
 
 void forget_readings(Simulation& sim, std::size_t env) {
@@ -144,8 +187,6 @@ void take_part(Simulation& sim, Block& block) {
     if (flies) {
       block.flown.push(env);
       block.flying.push(env);
-      if (skips) std::fill_n(sim.run->earned.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, kNothing);
-      sim.episodes.action_changed[env] = sim.episodes.steps[env] == 0 || action_changed(*sim.run, env);
     } else if (resets_in_next_step) {
       block.opening.push(env);
       sim.outputs.clear(env);
@@ -153,6 +194,10 @@ void take_part(Simulation& sim, Block& block) {
       sim.outputs.carry_over(env);
     }
   }
+  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+    if (skips) std::fill_n(sim.run->earned.data() + first * terms, count * terms, kNothing);
+    compare_actions(*sim.run, first, count, sim.episodes);
+  });
 }
 
 void settle(Simulation& sim, Block& block) {
@@ -160,29 +205,12 @@ void settle(Simulation& sim, Block& block) {
   TaskRun& run = *sim.run;
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = run.score.num_terms;
-  const bool skips = !run.earned.empty();
+  const double* const earned = run.earned.empty() ? run.score.terms.data() : run.earned.data();
   const bool ends_on_contact = sim.physics && sim.config.dynamics.on_contact == OnContact::terminate;
+  for_each_run(block.flying, [&](std::size_t first, std::size_t count) { add_up(sim, first * num_terms, count * num_terms); });
   for (const std::uint32_t env : block.flying) {
-    const double* terms = run.score.terms.data() + env * num_terms;
-    bool good = true;
-    double total = 0.0;  // of this flown step
-    for (std::size_t k = 0; k < num_terms; ++k) {
-      good &= is_reward(terms[k]);
-      total += terms[k];
-    }
-    if (!good) total = drop_bad_terms(sim, env);
-    double* const sums = episodes.episode_terms.data() + env * num_terms;
-    double* const shown_sums = out.episode_terms.data() + env * num_terms;
-    for (std::size_t k = 0; k < num_terms; ++k) shown_sums[k] = sums[k] += terms[k];
-    double step_total = total;  // of those flown so far
-    if (skips) {
-      double* const earned = run.earned.data() + env * num_terms;
-      step_total = 0.0;
-      for (std::size_t k = 0; k < num_terms; ++k) step_total += earned[k] += terms[k];
-      terms = earned;
-    }
-    float* const shown = out.reward_terms.data() + env * num_terms;
-    for (std::size_t k = 0; k < num_terms; ++k) shown[k] = static_cast<float>(terms[k]);
+    const double total = sum(run.score.terms.data() + env * num_terms, num_terms);
+    const double step_total = sum(earned + env * num_terms, num_terms);  // of those flown so far
     const double episode_return = episodes.episode_return[env] += total;
     const std::int64_t steps = episodes.steps[env];
     const std::int64_t limit = episodes.time_limit[env];

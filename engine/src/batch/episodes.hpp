@@ -12,7 +12,7 @@ namespace flockstep {
 // Gives a simulation its task.
 void begin_task(Simulation& sim, std::unique_ptr<Task> task);
 
-void clear_contact(State& state, std::size_t drone);
+void clear_contact(State& state, std::size_t first, std::size_t count = 1);  // of drones that follow each other
 bool touches(const Simulation& sim, std::size_t env);  // a drone of it has touched something in its last motion
 
 // --- of one env

@@ -55,15 +55,26 @@ void write_contact(State& state, std::size_t drone, const collision::Contact& co
   }
 }
 
-// Up to kLanes drones of one world, on their way through one leg.
+// Up to kLanes drones of one world, on their way through one leg, each in a lane. Other lanes are filled with drones that stay
+// what they are.
 class Group {
  public:
-  Group(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch)
-      : sim_(sim),
-        flock_(scratch.flock),
-        drones_(drones),
-        obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]),
-        is_row_(drones.size() == kLanes && drones.back() - drones.front() == kLanes - 1 && std::ranges::is_sorted(drones)) {}
+  // Takes as many drones from the front of the list as it has lanes for. Where all of a row of kLanes drones that follow each
+  // other are a thread's own, their arrays are read and written as a piece.
+  Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch)
+      : sim_(sim), flock_(scratch.flock), obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]) {
+    is_row_ = own.count >= kLanes;
+    if (is_row_) {
+      const std::size_t first = std::min(std::size_t{drones[0]}, own.first + own.count - kLanes);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) drones_[lane] = static_cast<std::uint32_t>(first + lane);
+      for (; count_ < drones.size() && drones[count_] < first + kLanes; ++count_) is_here_[drones[count_] - first] = true;
+    } else {
+      count_ = std::min(kLanes, drones.size());
+      for (std::size_t lane = 0; lane < kLanes; ++lane) drones_[lane] = drones[std::min(lane, count_ - 1)];
+      std::fill_n(is_here_.begin(), count_, true);
+    }
+    drones = drones.subspan(count_);
+  }
 
   void load(Scratch& scratch) {
     const FlightState& flight = sim_.state.flight;
@@ -80,7 +91,7 @@ class Group {
       return find_ground(scratch);
     }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];  // those that are not there fly with the last
+      const std::size_t drone = drones_[lane];
       flockstep::load(flight.remainder, drone, flock_.travelled, lane);
       flockstep::load(flight.velocity, drone, flock_.velocity, lane);
       flockstep::load(sim_.state.quat_wxyz, drone, flock_.rotation, lane);
@@ -102,7 +113,7 @@ class Group {
       return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
     }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const std::size_t drone = drones_[std::min(lane, drones_.size() - 1)];
+      const std::size_t drone = drones_[lane];
       const auto setpoint = dynamics::setpoint_of(sim_.config.dynamics, *sim_.drone_model.airframe(), wish(told, drone));
       for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
     }
@@ -113,8 +124,8 @@ class Group {
     load(scratch);
     for (std::size_t i = 0; i < kRotors; ++i) flock_.setpoint[i] = flock_.rotor[i];
     dynamics::fly(coasting, flock_, 0, 1);
-    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
-      if (!is_good(lane)) continue;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (!is_here_[lane] || !is_good(lane)) continue;
       store(flock_.acceleration, lane, sim_.state.flight.acceleration, drones_[lane]);
       store(flock_.angular_acceleration, lane, sim_.state.flight.angular_acceleration, drones_[lane]);
     }
@@ -123,22 +134,20 @@ class Group {
   // In the open, all ticks at once: nothing is within reach of where the drone has been. Others are left as they were.
   void fly_free(int first_tick, int ticks) {
     dynamics::fly(*sim_.physics, flock_, first_tick, ticks);
-    bool all_fly = is_row_;
     std::array<bool, kLanes> flies{};
-    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
-      flies[lane] = !holds(lane) && is_good(lane) && is_free(lane);
-      all_fly &= flies[lane];
-      is_done_[lane] = flies[lane] || holds(lane);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const bool held = !is_here_[lane] || holds(lane);
+      flies[lane] = !held && is_good(lane) && is_free(lane);
+      is_done_[lane] = flies[lane] || held;
     }
-    if (all_fly) return keep_row();
-    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+    if (is_row_) return keep_row(flies);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (flies[lane]) keep(lane);
     }
   }
 
   bool is_done() const {
-    return std::all_of(is_done_.begin(), is_done_.begin() + static_cast<std::ptrdiff_t>(drones_.size()),
-                       [](bool done) { return done; });
+    return std::ranges::all_of(is_done_, [](bool done) { return done; });
   }
 
   // The others, tick by tick, the hull swept along.
@@ -147,7 +156,7 @@ class Group {
     load_setpoints(told);
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       dynamics::fly(*sim_.physics, flock_, tick, 1);
-      for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
         if (is_done_[lane]) continue;
         if (!is_good(lane)) {
           give_up(lane);
@@ -176,9 +185,9 @@ class Group {
     flock_.height.fill(std::numeric_limits<float>::infinity());
     if (!sim_.physics->ground_effect) return;
     trace::RayBlock& rays = scratch.tracer.block();
-    rays.count = drones_.size();
+    rays.count = kLanes;
     rays.near = 0.0F;
-    for (std::size_t lane = 0; lane < drones_.size(); ++lane) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
       rays.org_x[lane] = base_[0][lane];
       rays.org_y[lane] = base_[1][lane];
       rays.org_z[lane] = base_[2][lane];
@@ -187,7 +196,7 @@ class Group {
       rays.range[lane] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
     }
     scratch.tracer.trace_block(*sim_.scenes[sim_.world_index_of(sim_.env_of(drones_[0]))]);
-    for (std::size_t lane = 0; lane < drones_.size(); ++lane) flock_.height[lane] = rays.t_hit[lane];
+    for (std::size_t lane = 0; lane < kLanes; ++lane) flock_.height[lane] = rays.t_hit[lane];
   }
 
   // Where contacts end the episode, a drone stays where it hit until its step is over.
@@ -240,11 +249,25 @@ class Group {
     store(flock_.error_integral, lane, flight.error_integral, drone);
   }
 
-  // All lanes, of drones that follow each other.
-  void keep_row() {
+  // All lanes, of drones that follow each other. Those that do not fly stay what they are.
+  void keep_row(const std::array<bool, kLanes>& flies) {
     FlightState& flight = sim_.state.flight;
     alignas(64) dynamics::Lanes<3> position, remainder;
     dynamics::add(base_, flock_.travelled, position, remainder);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (flies[lane]) continue;
+      const std::uint32_t drone = drones_[lane];
+      flockstep::load(sim_.state.position, drone, position, lane);
+      flockstep::load(flight.remainder, drone, remainder, lane);
+      flockstep::load(sim_.state.quat_wxyz, drone, flock_.rotation, lane);
+      flockstep::load(flight.velocity, drone, flock_.velocity, lane);
+      flockstep::load(flight.angular_velocity, drone, flock_.turn, lane);
+      flockstep::load(flight.acceleration, drone, flock_.acceleration, lane);
+      flockstep::load(flight.angular_acceleration, drone, flock_.angular_acceleration, lane);
+      flockstep::load(flight.rotor_speed, drone, flock_.rotor, lane);
+      flockstep::load(flight.rotor_command, drone, flock_.rotor_told, lane);
+      flockstep::load(flight.error_integral, drone, flock_.error_integral, lane);
+    }
     store_row(position, sim_.state.position);
     store_row(remainder, flight.remainder);
     store_row(flock_.rotation, sim_.state.quat_wxyz);
@@ -378,10 +401,12 @@ class Group {
 
   Simulation& sim_;
   Flock& flock_;
-  std::span<const std::uint32_t> drones_;
   const collision::Obstacles& obstacles_;
-  bool is_row_;                            // kLanes drones that follow each other: their arrays are read as a piece
-  alignas(64) dynamics::Lanes<3> base_{};  // m: where the leg began, or the last contact was
+  std::array<std::uint32_t, kLanes> drones_{};  // by lane
+  std::array<bool, kLanes> is_here_{};          // the lane's drone is one of those that fly
+  std::size_t count_ = 0;                       // that do
+  bool is_row_ = false;                         // kLanes drones that follow each other, all of them the thread's own
+  alignas(64) dynamics::Lanes<3> base_{};       // m: where the leg began, or the last contact was
   std::array<bool, kLanes> is_done_{};
 };
 
@@ -412,9 +437,9 @@ void set_gust(Simulation& sim, std::size_t drone, const dynamics::GustState& gus
 }
 
 template <class Function>
-void for_each_group(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch, const Function& function) {
-  for (std::size_t first = 0; first < drones.size(); first += kLanes) {
-    Group group(sim, drones.subspan(first, std::min(kLanes, drones.size() - first)), scratch);
+void for_each_group(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch, const Function& function) {
+  while (!drones.empty()) {
+    Group group(sim, drones, own, scratch);
     function(group);
   }
 }
@@ -458,15 +483,21 @@ void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
   write_contact(sim.state, drone, contact);
 }
 
-void feel(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch) {
-  dynamics::Physics coasting = *sim.physics;
-  coasting.stage = dynamics::Stage::rotors;
-  for_each_group(sim, drones, scratch, [&](Group& group) { group.feel(coasting, scratch); });
+Row row_of(const Simulation& sim, const Block& block) {
+  const std::size_t first = block.envs.front(), count = block.envs.back() + 1 - first;
+  if (count != block.envs.size()) return {};
+  return {first * sim.drones_per_env(), count * sim.drones_per_env()};
 }
 
-void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, const Told& told, int first_tick, int ticks,
+void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch) {
+  dynamics::Physics coasting = *sim.physics;
+  coasting.stage = dynamics::Stage::rotors;
+  for_each_group(sim, drones, own, scratch, [&](Group& group) { group.feel(coasting, scratch); });
+}
+
+void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row own, const Told& told, int first_tick, int ticks,
                    Scratch& scratch) {
-  for_each_group(sim, drones, scratch, [&](Group& group) {
+  for_each_group(sim, drones, own, scratch, [&](Group& group) {
     group.load(scratch);
     group.load_setpoints(told);
     group.fly_free(first_tick, ticks);

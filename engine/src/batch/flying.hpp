@@ -32,12 +32,20 @@ struct Told {
 void begin_gusts(Simulation& sim, std::size_t drone);
 void blow(Simulation& sim, std::span<const std::uint32_t> drones);
 
+// Drones that follow each other; none where count is 0.
+struct Row {
+  std::size_t first = 0, count = 0;
+};
+// The drones of a block, where they follow each other.
+Row row_of(const Simulation& sim, const Block& block);
+
 // What accelerates drones where they are, if their rotors keep their speed: an episode begins with it.
-void feel(Simulation& sim, std::span<const std::uint32_t> drones, Scratch& scratch);
+// own: drones that no other thread reads or writes meanwhile, these among them.
+void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch);
 
 // Flies drones of one world by their rotors for some ticks, the first of which is the first_tick-th of their step. What is in the
 // way is met in each tick. Those that have hit something in this step stay there where contacts end the episode.
-void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, const Told& told, int first_tick, int ticks,
+void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row own, const Told& told, int first_tick, int ticks,
                    Scratch& scratch);
 
 }  // namespace flockstep

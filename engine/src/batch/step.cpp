@@ -1,10 +1,12 @@
 #include "batch/step.hpp"
 
+#include <algorithm>
 #include <exception>
 #include <initializer_list>
 #include <utility>
 
 #include "base/pose_access.hpp"
+#include "base/runs.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
@@ -51,10 +53,10 @@ void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scrat
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
-  for (const std::uint32_t env : block.flying) {
-    ++sim.episodes.steps[env];
-    sim.run->score.truncated[env] = 0;
-  }
+  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+    for (std::size_t env = first; env < first + count; ++env) ++sim.episodes.steps[env];
+    std::fill_n(sim.run->score.truncated.data() + first, count, std::uint8_t{0});
+  });
 }
 
 // Kinematic drones are at their setpoint when the step is over.
@@ -74,28 +76,34 @@ void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
 // What is due when the step is over is left to sense().
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
-  for (const std::uint32_t drone : sim.drones_of(block.flying, scratch)) {
-    if (!sim.run->step_start.empty()) sim.run->step_start[drone] = pose_of(sim.state, drone);
-    if (sim.physics) {
-      clear_contact(sim.state, drone);
-    } else if (ticks > 1) {
-      sim.state.contact.hit[drone] = 0;
-    }
+  if (!sim.run->step_start.empty()) {
+    for (const std::uint32_t drone : sim.drones_of(block.flying, scratch)) sim.run->step_start[drone] = pose_of(sim.state, drone);
   }
+  for_each_run(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
+    if (sim.physics) {
+      clear_contact(sim.state, first, count);
+    } else if (ticks > 1) {
+      std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
+    }
+  });
   if (sim.physics) blow(sim, sim.drones_of(block.flying, scratch));
   const int leg = sim.physics && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
   const Told told{sim.run->setpoints.command, sim.run->setpoints.target, sim.run->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
     const auto drones = sim.drones_of(block.flying, scratch);
     if (sim.physics) {
-      fly_by_rotors(sim, drones, told, flown - leg, leg, scratch);
+      fly_by_rotors(sim, drones, row_of(sim, block), told, flown - leg, leg, scratch);
     } else {
       move(sim, drones, flown);
     }
-    for (const std::uint32_t env : block.flying) sim.state.tick[env] += leg;
+    for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+      for (std::size_t env = first; env < first + count; ++env) sim.state.tick[env] += leg;
+    });
     if (flown < ticks) read(sim, block.flying, When::within_step, scratch);
   }
-  for (const std::uint32_t env : block.flying) ++sim.state.sensed[env];
+  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+    for (std::size_t env = first; env < first + count; ++env) ++sim.state.sensed[env];
+  });
 }
 
 void sense(Simulation& sim, Block& block, Scratch& scratch) { read(sim, block.flying, When::step_is_over, scratch); }
@@ -186,7 +194,7 @@ void begin_program(Simulation& sim, Run& run, bool place) {
   run.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
   run.each([](Simulation& s, Block& block, Scratch& scratch) {
     first_moment(s, block);
-    if (s.physics) feel(s, s.drones_of(block.opening, scratch), scratch);
+    if (s.physics) feel(s, s.drones_of(block.opening, scratch), row_of(s, block), scratch);
   });
   run.start_frames(&Block::opening);
   run.each(sense_all<&Block::opening>);

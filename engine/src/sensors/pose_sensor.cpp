@@ -6,6 +6,7 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "base/runs.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep {
@@ -40,10 +41,10 @@ Pose PoseSensor::pose(std::size_t drone) const {
 
 void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state) {
   if (config_.is_exact()) {
-    for (const std::size_t drone : drones) {
-      std::copy_n(state.position.data() + 3 * drone, 3, readings_.position.data() + 3 * drone);
-      std::copy_n(state.quat_wxyz.data() + 4 * drone, 4, readings_.quat_wxyz.data() + 4 * drone);
-    }
+    for_each_run(drones, [&](std::size_t first, std::size_t count) {
+      std::copy_n(state.position.data() + 3 * first, 3 * count, readings_.position.data() + 3 * first);
+      std::copy_n(state.quat_wxyz.data() + 4 * first, 4 * count, readings_.quat_wxyz.data() + 4 * first);
+    });
     return;
   }
   const float orientation_std_rad = config_.orientation_noise_std_deg * std::numbers::pi_v<float> / 180.0F;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -34,6 +35,48 @@ inline Vec3 angular_velocity_of(const State& state, std::size_t drone) {
 inline Field flight_field(std::size_t size) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   return {.name = "observation", .shape = {static_cast<std::int64_t>(size)}, .low = {-kInfinity}, .high = {kInfinity}};
+}
+
+// What scores are made of, of some drones side by side: roots, quotients and exponentials take vectors.
+class Together {
+ public:
+  static constexpr std::size_t kCount = 16;
+  using Floats = Eigen::Array<float, kCount, 1>;
+  using Doubles = Eigen::Array<double, kCount, 1>;
+
+  void set_way(std::size_t i, const Vec3& from, const Vec3& to) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto k = static_cast<Eigen::Index>(axis);
+      way_[axis][static_cast<Eigen::Index>(i)] = static_cast<double>(from[k]) - static_cast<double>(to[k]);
+    }
+  }
+  void set_flight(std::size_t i, const State& state, std::size_t drone) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      velocity_[axis][static_cast<Eigen::Index>(i)] = state.flight.velocity[3 * drone + axis];
+      spin_[axis][static_cast<Eigen::Index>(i)] = state.flight.angular_velocity[3 * drone + axis];
+    }
+  }
+
+  Doubles distance() const { return norm(way_); }   // m
+  Floats speed() const { return norm(velocity_); }  // m/s
+  Floats spin() const { return norm(spin_) / kSpinUnit; }
+
+ private:
+  template <class Lanes>
+  static Lanes norm(const std::array<Lanes, 3>& v) {
+    return (v[0].square() + v[1].square() + v[2].square()).sqrt();
+  }
+
+  std::array<Doubles, 3> way_{Doubles::Zero(), Doubles::Zero(), Doubles::Zero()};
+  std::array<Floats, 3> velocity_{Floats::Zero(), Floats::Zero(), Floats::Zero()};
+  std::array<Floats, 3> spin_{Floats::Zero(), Floats::Zero(), Floats::Zero()};
+};
+
+template <class F>
+void for_each_together(std::span<const std::uint32_t> envs, const F& f) {
+  for (std::size_t first = 0; first < envs.size(); first += Together::kCount) {
+    f(envs.subspan(first, std::min(Together::kCount, envs.size() - first)));
+  }
 }
 
 class FlightTask : public Task {
@@ -107,9 +150,9 @@ class FlightTask : public Task {
   }
 
   // Mean square of what the action changed by.
-  double change(std::size_t env) const {
+  float change(std::size_t env) const {
     const Four change = Four(action_now_.data() + kActions * env) - Four(action_before_.data() + kActions * env);
-    return static_cast<double>(change.square().mean());
+    return change.square().mean();
   }
 
   static double spin(const State& state, std::size_t drone) {

@@ -67,21 +67,35 @@ class Hover final : public FlightTask {
 
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
-    for (const std::uint32_t env : block.envs) {
-      const double distance = distance_m(middle_of(block.context.state(), env), position_of(state, env));
-      const auto hold = static_cast<double>(config_.hold_m);
-      const bool crashed = state.contact.hit[env] != 0 || distance > static_cast<double>(config_.max_distance_m);
-      held_[env] = distance <= hold ? held_[env] + 1 : 0;
-      const std::span<double> terms = score.terms_of(env);
-      terms[kNear] = static_cast<double>(config_.near_weight * std::exp(-2.0F * static_cast<float>(distance)));
-      terms[kHold] = static_cast<double>(config_.hold_weight) / (1.0 + distance * distance / (4.0 * hold * hold));
-      terms[kSpeed] = -static_cast<double>(config_.speed_weight * velocity_of(state, env).norm());
-      terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, env);
-      terms[kChange] = -static_cast<double>(config_.change_weight) * change(env);
-      terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
-      score.terminated[env] = crashed;
-      score.success[env] = !crashed && held_[env] >= hold_steps_;
-    }
+    const auto hold = static_cast<double>(config_.hold_m);
+    Together all;
+    for_each_together(block.envs, [&](std::span<const std::uint32_t> envs) {
+      for (std::size_t i = 0; i < envs.size(); ++i) {
+        all.set_way(i, middle_of(state, envs[i]), position_of(state, envs[i]));
+        all.set_flight(i, state, envs[i]);
+      }
+      const Together::Doubles distance = all.distance();
+      const Together::Doubles squares = distance.square() * (1.0 / (4.0 * hold * hold));
+      const Together::Floats near = config_.near_weight * (-2.0F * distance.cast<float>()).exp();
+      const Together::Doubles holding = static_cast<double>(config_.hold_weight) / (1.0 + squares);
+      const Together::Floats speed = -config_.speed_weight * all.speed();
+      const Together::Floats spin = -config_.spin_weight * all.spin();
+      for (std::size_t i = 0; i < envs.size(); ++i) {
+        const std::uint32_t env = envs[i];
+        const auto at = static_cast<Eigen::Index>(i);
+        const bool crashed = state.contact.hit[env] != 0 || distance[at] > static_cast<double>(config_.max_distance_m);
+        held_[env] = distance[at] <= hold ? held_[env] + 1 : 0;
+        double* const terms = score.terms_of(env).data();
+        terms[kNear] = static_cast<double>(near[at]);
+        terms[kHold] = holding[at];
+        terms[kSpeed] = static_cast<double>(speed[at]);
+        terms[kSpin] = static_cast<double>(spin[at]);
+        terms[kChange] = -static_cast<double>(config_.change_weight * change(env));
+        terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
+        score.terminated[env] = crashed;
+        score.success[env] = !crashed && held_[env] >= hold_steps_;
+      }
+    });
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {

@@ -166,7 +166,7 @@ class Track final : public FlightTask {
       terms[kClose] = static_cast<double>(config_.close_weight) / (1.0 + distance * distance / (close * close));
       terms[kYaw] = -static_cast<double>(config_.yaw_weight * std::abs(missing_yaw(waves, pose.rotation)));
       terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, env);
-      terms[kChange] = -static_cast<double>(config_.change_weight) * change(env);
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(env));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[env] = crashed;
       score.success[env] = !crashed && squares_[env] <= close * close * static_cast<double>(episodes.steps[env]);
