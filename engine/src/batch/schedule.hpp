@@ -22,7 +22,6 @@ class EnvList {
   std::size_t size() const { return count_; }
   const std::uint32_t* begin() const { return envs_; }
   const std::uint32_t* end() const { return envs_ + count_; }
-  operator std::span<const std::uint32_t>() const { return {envs_, count_}; }
 
   // Keeps those for which keep(env) is true.
   template <class Keep>
