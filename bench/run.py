@@ -98,12 +98,30 @@ def bench_step() -> list[Figure]:
     figures.append(figure("step/n1024/ratio_to_bare_analytic_lidar", statistics.median(analytic_ratios), "1", RUNS))
     figures.append(figure("step/n1/microseconds", 1e6 * statistics.median(times[1]), "us", RUNS))
     figures.append(figure("step/bytes_per_drone", bytes_per_drone(), "B", 1))
-    return figures + tasks_in_python() + native("stages")
+    return figures + worlds_of_their_own() + tasks_in_python() + native("stages")
 
 
-def stepping(n: int, task: flockstep.Task | None = None) -> Callable[[int], object]:
+def worlds_of_their_own(n: int = 1024) -> list[Figure]:
+    """Compare envs that each have a playground of their own with envs that share one, the mean of some of these."""
+    worlds = [flockstep.World.playground(seed) for seed in range(n)]
+    apart = stepping(n, worlds=worlds)
+    shared = [stepping(n, worlds=world) for world in worlds[:: n // 8]]
+    ratios, times = [], []
+    for _ in range(RUNS):
+        together_s = statistics.mean(seconds_per_call(step, 0.1) for step in shared)
+        times.append(seconds_per_call(apart))
+        ratios.append(together_s / times[-1])
+    return [
+        figure(f"step/worlds{n}/ratio_to_one_world", statistics.median(ratios), "1", RUNS),
+        figure(f"step/worlds{n}/steps_per_second", n / statistics.median(times), "1/s", RUNS),
+    ]
+
+
+def stepping(
+    n: int, task: flockstep.Task | None = None, worlds: flockstep.scenes.WorldsLike = "train"
+) -> Callable[[int], object]:
     """Return what steps the LiDAR task, or another with the same actions, in its steady state."""
-    envs = flockstep.DroneVectorEnv(n, worlds="train", task=task, num_threads=1)
+    envs = flockstep.DroneVectorEnv(n, worlds=worlds, task=task, num_threads=1)
     envs.reset(seed=0)
     actions = np.random.default_rng(0).integers(0, 6, (64, n))
     for i in range(1000 if n <= 4096 else 300):  # until drones are everywhere and episodes end all the time

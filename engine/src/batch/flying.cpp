@@ -55,14 +55,13 @@ void write_contact(State& state, std::size_t drone, const collision::Contact& co
   }
 }
 
-// Up to kLanes drones of one world, on their way through one leg, each in a lane. Other lanes are filled with drones that stay
+// Up to kLanes drones, on their way through one leg, each in a lane. Other lanes are filled with drones that stay
 // what they are.
 class Group {
  public:
   // Takes as many drones from the front of the list as it has lanes for. Where all of a row of kLanes drones that follow each
   // other are a thread's own, their arrays are read and written as a piece.
-  Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch)
-      : sim_(sim), flock_(scratch.flock), obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]) {
+  Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch) : sim_(sim), flock_(scratch.flock) {
     is_row_ = own.count >= kLanes;
     if (is_row_) {
       const std::size_t first = std::min(std::size_t{drones[0]}, own.first + own.count - kLanes);
@@ -181,22 +180,27 @@ class Group {
     return wish;
   }
 
+  std::size_t world_of(std::size_t lane) const { return sim_.world_index_of(sim_.env_of(drones_[lane])); }
+  const collision::Obstacles& obstacles(std::size_t lane) const { return *sim_.obstacles[world_of(lane)]; }
+
   void find_ground(Scratch& scratch) {
     flock_.height.fill(std::numeric_limits<float>::infinity());
     if (!sim_.physics->ground_effect) return;
     trace::RayBlock& rays = scratch.tracer.block();
-    rays.count = kLanes;
     rays.near = 0.0F;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      rays.org_x[lane] = base_[0][lane];
-      rays.org_y[lane] = base_[1][lane];
-      rays.org_z[lane] = base_[2][lane];
-      rays.dir_x[lane] = rays.dir_y[lane] = 0.0F;
-      rays.dir_z[lane] = -1.0F;
-      rays.range[lane] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
+    for (std::size_t first = 0; first < kLanes; first += rays.count) {  // those that follow each other in one world
+      rays.count = 0;
+      for (std::size_t lane = first; lane < kLanes && world_of(lane) == world_of(first); ++lane, ++rays.count) {
+        rays.org_x[rays.count] = base_[0][lane];
+        rays.org_y[rays.count] = base_[1][lane];
+        rays.org_z[rays.count] = base_[2][lane];
+        rays.dir_x[rays.count] = rays.dir_y[rays.count] = 0.0F;
+        rays.dir_z[rays.count] = -1.0F;
+        rays.range[rays.count] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
+      }
+      scratch.tracer.trace_block(*sim_.scenes[world_of(first)]);
+      std::copy_n(rays.t_hit, rays.count, flock_.height.data() + first);
     }
-    scratch.tracer.trace_block(*sim_.scenes[sim_.world_index_of(sim_.env_of(drones_[0]))]);
-    for (std::size_t lane = 0; lane < kLanes; ++lane) flock_.height[lane] = rays.t_hit[lane];
   }
 
   // Where contacts end the episode, a drone stays where it hit until its step is over.
@@ -218,11 +222,11 @@ class Group {
   bool is_free(std::size_t lane) {
     const Vec3 center = vec3(base_, lane);
     const float radius = std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center);
-    const std::size_t world = sim_.world_index_of(sim_.env_of(drones_[lane]));
+    const std::size_t world = world_of(lane);
     OpenBall& open = sim_.open[drones_[lane]];
     if (open.world == world && (center - open.center).norm() + radius <= open.radius) return true;
     for (const float beyond : {kOpenBeyond, 0.0F}) {
-      if (!obstacles_.is_clear(center, radius + beyond)) continue;
+      if (!obstacles(lane).is_clear(center, radius + beyond)) continue;
       open = {center, radius + beyond, world};
       return true;
     }
@@ -310,7 +314,7 @@ class Group {
     double left = sim_.config.clock.dt_s();
     bool is_held = true;
     for (int contacts = 0; contacts < kMostContacts; ++contacts) {
-      const collision::Contact contact = collision::sweep(obstacles_, sim_.hull, from, to);
+      const collision::Contact contact = collision::sweep(obstacles(lane), sim_.hull, from, to);
       if (!contact.hit) {
         if (contacts == 0) return;
         from = to;
@@ -326,7 +330,7 @@ class Group {
       const float share = contact.fraction;
       hit = {hit.linear + share * (end.linear - hit.linear), hit.angular + share * (end.angular - hit.angular)};
       Touching touching;
-      find_touching(from, contact, touching);
+      find_touching(lane, from, contact, touching);
       end = dynamics::thrown_back(hit, end, from, touching.points(), contact.normal, *sim_.drone_model.airframe(), surface());
       hit = end;
       left *= 1.0 - static_cast<double>(share);
@@ -364,12 +368,12 @@ class Group {
     std::span<const Vec3> points() const { return std::span(at).first(count); }
   };
 
-  void find_touching(const Pose& pose, const collision::Contact& contact, Touching& touching) const {
+  void find_touching(std::size_t lane, const Pose& pose, const collision::Contact& contact, Touching& touching) const {
     touching.add(contact.point);
     const float near = margin(pose.position);
     for (const Vec3& vertex : sim_.drone_model.hull()) {
       const Vec3 point = pose.position + pose.rotation * vertex;
-      if (contact.normal.dot(point - contact.point) < near && obstacles_.touches(point, near)) touching.add(point);
+      if (contact.normal.dot(point - contact.point) < near && obstacles(lane).touches(point, near)) touching.add(point);
     }
   }
 
@@ -401,7 +405,6 @@ class Group {
 
   Simulation& sim_;
   Flock& flock_;
-  const collision::Obstacles& obstacles_;
   std::array<std::uint32_t, kLanes> drones_{};  // by lane
   std::array<bool, kLanes> is_here_{};          // the lane's drone is one of those that fly
   std::size_t count_ = 0;                       // that do
@@ -484,9 +487,8 @@ void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
 }
 
 Row row_of(const Simulation& sim, const Block& block) {
-  const std::size_t first = block.envs.front(), count = block.envs.back() + 1 - first;
-  if (count != block.envs.size()) return {};
-  return {first * sim.drones_per_env(), count * sim.drones_per_env()};
+  if (!block.is_run) return {};
+  return {block.envs.front() * sim.drones_per_env(), block.envs.size() * sim.drones_per_env()};
 }
 
 void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch) {

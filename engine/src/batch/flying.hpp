@@ -43,7 +43,7 @@ Row row_of(const Simulation& sim, const Block& block);
 // own: drones that no other thread reads or writes meanwhile, these among them.
 void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch);
 
-// Flies drones of one world by their rotors for some ticks, the first of which is the first_tick-th of their step. What is in the
+// Flies drones by their rotors for some ticks, the first of which is the first_tick-th of their step. What is in the
 // way is met in each tick. Those that have hit something in this step stay there where contacts end the episode.
 void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row own, const Told& told, int first_tick, int ticks,
                    Scratch& scratch);

@@ -1,4 +1,4 @@
-// Schedule: the active envs sorted by world and cut into blocks of one world each, so that a block's rays share packets.
+// Schedule: the active envs sorted by world and cut into blocks, so that rays of neighbours share packets.
 #pragma once
 
 #include <cstddef>
@@ -40,6 +40,7 @@ class EnvList {
 
 struct Block {
   std::span<const std::uint32_t> envs;  // all active ones of the block
+  bool is_run = false;                  // they follow each other without a gap
   // of the step under way
   EnvList flown;    // take part in it
   EnvList flying;   // those of them whose episode goes on
@@ -63,7 +64,7 @@ class Schedule {
   std::size_t block_size_;
   std::vector<std::uint32_t> order_;          // (E,)
   std::vector<std::uint32_t> lists_[kLists];  // (E,) storage, a block's where its envs are in order_
-  std::vector<std::uint32_t> world_begin_;    // (W + 1,) in order_
+  std::vector<std::uint32_t> world_begin_;    // (W,) in order_
   std::vector<Block> blocks_;
 };
 

@@ -62,7 +62,9 @@ void count_step(Simulation& sim, Block& block, Scratch&) {
 // Kinematic drones are at their setpoint when the step is over.
 void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
   const int substeps = sim.config.clock.substeps();
-  for (const std::uint32_t drone : drones) {
+  for (std::size_t i = 0; i < drones.size(); ++i) {
+    const std::uint32_t drone = drones[i];
+    sim.fetch_ahead(drones, i);
     const Pose& target = sim.run->setpoints.target[drone];
     if (substeps == 1) {
       sweep_to(sim, drone, target);

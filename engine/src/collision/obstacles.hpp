@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "base/prefetch.hpp"
 #include "collision/convex.hpp"
 #include "trace/scene.hpp"
 
@@ -31,6 +32,12 @@ class Obstacles {
 
   // Whether something comes within reach (m) of the point.
   bool touches(const Vec3& point, float reach) const;
+
+  // What every motion asks for first. The obstacles themselves and their scene have to be in the cache.
+  void prefetch_parts() const {
+    prefetch(rooms_.data(), rooms_.size() * sizeof(Room));
+    scene_->prefetch_parts();
+  }
 
   // Calls visit(element) for each element but the rooms whose bounding box comes within radius (m) of center, and perhaps for
   // some more, in any order.

@@ -129,9 +129,14 @@ void Lidar::restored() {
 
 void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes, std::size_t drones_per_env,
                  const State& state, trace::Tracer& tracer) {
-  for (const std::uint32_t drone : drones) {
+  const auto scene_of = [&](std::uint32_t drone) {
     const std::size_t env = drones_per_env == 1 ? drone : drone / drones_per_env;
-    const trace::Scene& scene = *scenes[static_cast<std::size_t>(state.world_index[env])];
+    return scenes[static_cast<std::size_t>(state.world_index[env])];
+  };
+  for (std::size_t i = 0; i < drones.size(); ++i) {
+    const std::uint32_t drone = drones[i];
+    const trace::Scene& scene = *scene_of(drone);
+    if (i + 2 < drones.size() && scene_of(drones[i + 2]) != &scene) scene_of(drones[i + 2])->prefetch_parts();
     scan(scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, tracer);
   }
   tracer.finish();

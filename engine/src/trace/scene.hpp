@@ -5,6 +5,7 @@
 // Embree.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -59,6 +60,12 @@ class Scene {
   // The broad phase of collision: calls back for each element but rooms whose bounding box comes within radius (m) of center;
   // may call back for some that do not. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
+
+  // What every sensor and every motion asks for first. The scene itself has to be in the cache.
+  void prefetch_parts() const {
+    tree_.prefetch_parts();
+    prefetch(shapes_.data(), std::min(shapes_.size(), std::size_t{2}) * sizeof(NumberedShape));
+  }
 
  private:
   struct Release {

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "base/prefetch.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep::trace {
@@ -31,6 +32,11 @@ class ShapeTree {
   ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t> numbers);
 
   bool empty() const { return nodes_.empty(); }
+
+  // What every search begins with.
+  void prefetch_parts() const {
+    if (!nodes_.empty()) prefetch(&nodes_.back(), sizeof(Node));
+  }
 
   // Calls visit(number) for each box that comes within radius (m) of the point, in an order that depends on nothing else.
   // Allocates nothing.
