@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
@@ -21,6 +22,12 @@ SETS: dict[str, tuple[str, ...]] = {
 
 #: Scenes that are no files: what makes them.
 GENERATED: dict[str, Callable[[], World]] = {"outdoor/forest": lambda: World.forest(seed=1)}
+
+#: What makes the scenes named ``"forest/seed-7"`` and the like, by the word before the seed.
+GENERATORS: dict[str, Callable[[int], World]] = {"playground": World.playground, "forest": World.forest}
+
+_SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
+_MOST_SEEDS = 100_000  # of a range
 
 _SUFFIXES = (".json", ".gltf", ".glb", ".obj")
 
@@ -44,8 +51,8 @@ def find(source: str | PathLike[str]) -> Path | World:
     Parameters
     ----------
     source
-        A shipped name such as ``"playground/train-1"``, or the path of a ``.json``, ``.gltf``, ``.glb`` or ``.obj``
-        file.
+        A shipped name such as ``"playground/train-1"``, a generator and its seed such as ``"forest/seed-7"``, or the
+        path of a ``.json``, ``.gltf``, ``.glb`` or ``.obj`` file.
 
     Raises
     ------
@@ -56,6 +63,8 @@ def find(source: str | PathLike[str]) -> Path | World:
     """
     if isinstance(source, str) and source in GENERATED:
         return GENERATED[source]()
+    if isinstance(source, str) and (seeded := _SEEDED.fullmatch(source)) and seeded[1] in GENERATORS and not seeded[3]:
+        return GENERATORS[seeded[1]](int(seeded[2]))
     path = Path(source)
     if path.suffix.lower() in _SUFFIXES:
         if not path.is_file():
@@ -65,6 +74,7 @@ def find(source: str | PathLike[str]) -> Path | World:
         return directory() / f"{source}.json"
     raise ValueError(
         f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb or .obj file, "
+        f"a generator and its seed such as 'forest/seed-7' (of {', '.join(GENERATORS)}), "
         f"or one of {', '.join(names())}"
     )
 
@@ -72,7 +82,7 @@ def find(source: str | PathLike[str]) -> Path | World:
 def load(worlds: WorldsLike) -> list[World]:
     """Return the worlds meant by a set name, a scene name, a path, a `World`, or a sequence of these.
 
-    A scene named more than once is loaded once and shared.
+    A scene named more than once is loaded once and shared. ``"forest/seed-0..99"`` stands for a hundred scenes.
 
     Raises
     ------
@@ -96,13 +106,24 @@ def load(worlds: WorldsLike) -> list[World]:
             continue
         if not isinstance(source, (str, PathLike)):
             raise TypeError(f"worlds: expected a name, a path or a World, got {type(source).__name__}")
-        members = SETS.get(source, (source,)) if isinstance(source, str) else (source,)
+        members = (SETS.get(source) or _seeded(source) or (source,)) if isinstance(source, str) else (source,)
         for member in members:
             try:
-                key = member if member in GENERATED else find(member)
+                key = member if member in GENERATED or _seeded(member) else find(member)
             except ValueError as error:
                 raise ValueError(f"{error}; or one of the sets {', '.join(SETS)}") from None
             if key not in loaded:
                 loaded[key] = World.load(str(key))
             result.append(loaded[key])
     return result
+
+
+def _seeded(source: object) -> tuple[str, ...]:
+    """Return the names of the generated scenes that a name with a seed, or with a range of them, stands for."""
+    match = _SEEDED.fullmatch(source) if isinstance(source, str) else None
+    if match is None or match[1] not in GENERATORS:
+        return ()
+    first, last = int(match[2]), int(match[3] or match[2])
+    if not first <= last < first + _MOST_SEEDS:
+        raise ValueError(f"{source!r}: expected a range of 1 to {_MOST_SEEDS} seeds")
+    return tuple(f"{match[1]}/seed-{seed}" for seed in range(first, last + 1))

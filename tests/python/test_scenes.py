@@ -48,6 +48,33 @@ def test_a_scene_is_loaded_once_however_it_is_named():
     assert c.name == "forest/seed-1"
 
 
+def test_generated_scenes_are_named_by_their_seeds():
+    first, again, *others = scenes.load(["playground/seed-3", "playground/seed-3..5"])
+    assert first is again
+    assert [world.name for world in others] == ["playground/seed-4", "playground/seed-5"]
+    assert others[0].to_dict() == flockstep.World.playground(4).to_dict()
+    assert flockstep.World.load("forest/seed-2").to_dict() == flockstep.World.forest(2).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("jungle/seed-3", "unknown scene 'jungle/seed-3'.* such as 'forest/seed-7'"),
+        ("forest/seed-", "unknown scene"),
+        ("forest/seed-5..4", "expected a range of 1 to 100000 seeds"),
+        ("forest/seed-0..100000", "expected a range of 1 to 100000 seeds"),
+    ],
+)
+def test_seeds_that_are_none(name, match):
+    with pytest.raises(ValueError, match=match):
+        scenes.load(name)
+
+
+def test_a_range_is_not_one_world():
+    with pytest.raises(ValueError, match="unknown scene"):
+        flockstep.World.load("forest/seed-1..2")
+
+
 def test_what_save_writes_keeps_to_the_schema(tmp_path, room):
     room.save(tmp_path / "saved.json")
     jsonschema.validate(json.loads((tmp_path / "saved.json").read_text()), SCHEMA)

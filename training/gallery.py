@@ -1,0 +1,167 @@
+"""The gallery: each shipped place from three views, and what a LiDAR saw on the way through it.
+
+.venv/bin/python training/gallery.py --out docs/gallery
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TypeAlias
+
+import imageio.v3 as imageio
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+import tyro
+from tqdm import tqdm
+
+import flockstep
+from flockstep.viewer.picture import facing
+
+#: Scenes by name; those of a strip for the README come first.
+SCENES = (
+    "indoor/office",
+    "outdoor/city",
+    "indoor/warehouse",
+    "outdoor/forest",
+    "playground/train-3",
+    "bench/complex",
+)
+STRIP = 4
+SIZE_PX = (640, 360)
+STRIP_PX = (320, 200)
+HFOV_DEG = 80.0
+#: What the LiDAR sees: a spinning one, every so many metres of the way.
+LIDAR = flockstep.LidarConfig(channels=32, beams=720, hfov_deg=360.0, vfov_deg=60.0, max_range_m=25.0)
+SCAN_EVERY_M = 0.7
+
+Image = npt.NDArray[np.uint8]
+Points = npt.NDArray[np.float32]
+View: TypeAlias = tuple[Points, Points]  # from where, and what to look at, m
+
+
+def way_through(world: flockstep.World, step_m: float = 0.1) -> Points:
+    """Return points (n, 3) along a way from start to goal, so far apart; straight where none is found."""
+    goals = [*world.waypoints, world.goal]
+    path = flockstep.plan(world, world.start, goals, cell_m=0.4)
+    corners = np.array([world.start, *goals]) if path is None else path
+    legs = [np.linspace(a, b, max(round(float(np.linalg.norm(b - a)) / step_m), 1) + 1) for a, b in pairwise(corners)]
+    return np.concatenate([leg[1:] for leg in legs]).astype(np.float32)
+
+
+def along(world: flockstep.World, way: Points, first: float, last: float) -> View:
+    """Return the view ahead, from between two shares of the way, that is least blocked."""
+    camera = flockstep.CameraConfig(width_px=64, height_px=36, hfov_deg=HFOV_DEG, outputs=("depth",))
+    best: tuple[float, View] | None = None
+    for here in (np.linspace(first, last, 24) * (len(way) - 61)).astype(int):
+        target = np.array([*way[here + 60][:2], way[here][2] - 0.3], np.float32)  # 6 m ahead
+        depth = flockstep.render(world, way[here], look_at=target, camera=camera)["depth"]
+        width = float(np.log(np.clip(depth, 0.3, 15)).mean())
+        if best is None or width > best[0]:
+            best = width, (way[here], target)
+    assert best is not None
+    return best[1]
+
+
+def above(world: flockstep.World) -> View:
+    """Return a view of all of the world."""
+    low, high = world.bounds
+    size = high - low
+    middle = np.array([*(low + size / 2)[:2], low[2]], np.float32)
+    reach = 0.42 * np.linalg.norm(size[:2])
+    place = middle + np.array([-0.75 * reach, -0.95 * reach, 0.85 * reach + 0.2 * size[2]], np.float32)
+    return place.astype(np.float32), middle
+
+
+def picture(world: flockstep.World, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX) -> Image:
+    """Return what a camera sees from there, with the shadows of the sun."""
+    camera = flockstep.CameraConfig(
+        width_px=size_px[0], height_px=size_px[1], hfov_deg=HFOV_DEG, samples_per_pixel=4, shadows=True, far_m=2000.0
+    )
+    seen: Image = flockstep.render(world, position, look_at=look_at, camera=camera)["rgb"]
+    return seen
+
+
+def cloud(world: flockstep.World, way: Points) -> Points:
+    """Return the points (n, 3) m that the LiDAR sees on the way."""
+    batch = flockstep.Batch([world], lidar=LIDAR)
+    found = []
+    for position in way[:: round(SCAN_EVERY_M / 0.1)]:
+        batch.set_pose(position[None])
+        batch.sense()
+        points = batch.lidar().points.reshape(-1, 3)
+        found.append(points[np.isfinite(points).all(axis=1)])
+    return np.concatenate(found)
+
+
+def drawn(points: Points, position: Points, look_at: Points, size_px: tuple[int, int] = SIZE_PX) -> Image:
+    """Return the points as seen from there, coloured by their height."""
+    w, x, y, z = facing(position, look_at)
+    forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    left = np.array([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
+    up = np.cross(forward, left)
+    offset = points - position
+    depth = offset @ forward
+    focal = size_px[0] / 2 / np.tan(np.radians(HFOV_DEG) / 2)
+    seen = depth > 0.1
+    depth, offset, height = depth[seen], offset[seen], points[seen, 2]
+    columns = np.round(size_px[0] / 2 - focal * (offset @ left) / depth).astype(int)
+    rows = np.round(size_px[1] / 2 - focal * (offset @ up) / depth).astype(int)
+    low, high = np.percentile(height, (2, 98))
+    shade = np.clip((height - low) / max(high - low, 1e-6), 0, 1)
+    colors = matplotlib.colormaps["turbo"](0.05 + 0.9 * shade)[:, :3]
+    image: Image = np.full((size_px[1], size_px[0], 3), 16, np.uint8)
+    order = np.argsort(-depth)
+    order = order[
+        (rows[order] >= 0) & (rows[order] < size_px[1]) & (columns[order] >= 0) & (columns[order] < size_px[0])
+    ]
+    image[rows[order], columns[order]] = (255 * colors[order]).round().astype(np.uint8)
+    return image
+
+
+def sheet(world: flockstep.World, indoor: bool) -> Image:
+    """Return three views and the cloud, two by two. Indoors nothing of the roof is shown."""
+    way = way_through(world)
+    third = along(world, way, 0.7, 1.0) if indoor else above(world)
+    points = cloud(world, way)
+    if indoor:
+        points = points[points[:, 2] < way[:, 2].max() + 0.5]
+    panes = [picture(world, *along(world, way, 0.0, 0.3)), picture(world, *along(world, way, 0.35, 0.65))]
+    panes += [picture(world, *third), drawn(points, *above(world))]
+    gap = 4
+    image = np.full((2 * SIZE_PX[1] + gap, 2 * SIZE_PX[0] + gap, 3), 255, np.uint8)
+    for i, pane in enumerate(panes):
+        row, column = (i // 2) * (SIZE_PX[1] + gap), (i % 2) * (SIZE_PX[0] + gap)
+        image[row : row + SIZE_PX[1], column : column + SIZE_PX[0]] = pane
+    return image
+
+
+@dataclass
+class Args:
+    """Draw the gallery: a sheet of each scene, and a strip of some."""
+
+    out: Path = Path("out/gallery")
+    """Folder for the pictures."""
+    scenes: tuple[str, ...] = SCENES
+    """Which."""
+
+
+def main(args: Args) -> None:
+    """Draw, and say what is where."""
+    args.out.mkdir(parents=True, exist_ok=True)
+    strip = []
+    for name in tqdm(args.scenes, unit="scene"):
+        world = flockstep.World.load(name)
+        indoor = name.startswith(("indoor", "playground"))
+        imageio.imwrite(args.out / f"{name.replace('/', '-')}.jpg", sheet(world, indoor), quality=82)
+        if name in SCENES[:STRIP]:
+            strip.append(picture(world, *along(world, way_through(world), 0.0, 0.65), STRIP_PX))
+    if strip:
+        imageio.imwrite(args.out / "strip.jpg", np.concatenate(strip, axis=1), quality=85)
+    print(f"the gallery is in {args.out}/")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Args))
