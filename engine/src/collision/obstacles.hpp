@@ -32,6 +32,10 @@ class Obstacles {
   // Whether something comes within reach (m) of the point.
   bool touches(const Vec3& point, float reach) const;
 
+  // How far (m) the point is from the nearest solid, triangle or wall, 0 within a solid and outside of a room; `most` where
+  // nothing is nearer than that.
+  float distance(const Vec3& point, float most) const;
+
   // Calls visit(element) for each element but the rooms whose bounding box comes within radius (m) of center, and perhaps for
   // some more, in any order.
   template <class Visit>

@@ -13,7 +13,7 @@ namespace flockstep {
 class Draws {
  public:
   // Keep these apart from other users of the same seed.
-  static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265;
+  static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265, kPlaces = 0x706C6163;
 
   Draws(std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt) : purpose_(purpose), seed_(seed), attempt_(attempt) {}
 
