@@ -31,6 +31,7 @@ py::array_t<float> boxes(const std::vector<Aabb>& list) {
 }
 
 std::vector<Vec3> points_of(const py::object& object, const char* field) {
+  if (py::isinstance<py::sequence>(object) && py::len(object) == 0) return {};
   const Input<float> input = floats(object, field, {-1, 3});
   const std::span<const float> values = input;
   std::vector<Vec3> points;
@@ -163,7 +164,7 @@ void register_survey(py::module_& module) {
       .def("occupancy", &occupied_cells, py::arg("cell_m"), py::arg("box") = none)
       .def("distance", &distances, py::arg("cell_m"), py::arg("box") = none)
       .def("with_markers", &with_markers, py::kw_only(), py::arg("start") = none, py::arg("goal") = none,
-           py::arg("waypoints") = py::tuple(), py::arg("spawn_box") = none)
+           py::arg("waypoints") = none, py::arg("spawn_box") = none)
       .def("free_places", &places, py::arg("count"), py::arg("seed") = 0, py::kw_only(), py::arg("clearance_m") = none,
            py::arg("max_height_m") = usual.max_height_m, py::arg("box") = none, py::arg("reachable_from") = none,
            py::arg("drone") = none, py::arg("cell_m") = usual.cell_m)

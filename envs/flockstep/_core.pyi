@@ -991,7 +991,7 @@ class World:
         *,
         start: npt.ArrayLike | None = None,
         goal: npt.ArrayLike | None = None,
-        waypoints: npt.ArrayLike = (),
+        waypoints: npt.ArrayLike | None = None,
         spawn_box: npt.ArrayLike | None = None,
     ) -> World:
         """Return the same world with these markers, and no others.

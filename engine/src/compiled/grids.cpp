@@ -13,7 +13,7 @@ namespace flockstep {
 namespace {
 
 constexpr double kMaxGridCells = 1 << 27;
-constexpr double kWider = 1e-3;      // of a cell
+constexpr double kWider = 1e-3;      // of a cell, as much as its edge counts as longer
 constexpr double kUncovered = 1e-4;  // of a cell: a box this little longer than whole cells has no more of them
 
 CellGrid grid_over(const World& world, float cell_m, const std::optional<Aabb>& given) {
@@ -69,7 +69,7 @@ class Occupier {
   Occupier(const World& world, OccupancyGrid& out)
       : obstacles_(compiled(world).obstacles()),
         out_(out),
-        widening_(kWider * static_cast<double>(out.grid.cell_m) + rounding(out.grid)),
+        widening_(0.5 * kWider * static_cast<double>(out.grid.cell_m) + rounding(out.grid)),
         hull_(cube(static_cast<float>(0.5 * static_cast<double>(out.grid.cell_m) + widening_))) {}
 
   void fill(const Eigen::Array3i& first, int side) {

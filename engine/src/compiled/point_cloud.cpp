@@ -1,4 +1,5 @@
-// Points over surfaces: every so much area, counted through all triangles, has one; those of a triangle are spread over it by the
+// Points over surfaces: every so much area, counted through all triangles, has one. The triangles come in the order of a
+// space-filling curve, so that the points of small ones are spread as evenly. Those of one triangle are spread over it by the
 // triangular van der Corput sequence, which cuts it into four, these into four, and takes them by turns. Source: K. Basu, A. B.
 // Owen, "Low discrepancy constructions in the triangle", SIAM Journal on Numerical Analysis 53, 2015.
 #include <algorithm>
@@ -6,6 +7,8 @@
 #include <cmath>
 #include <cstdint>
 #include <sstream>
+#include <utility>
+#include <vector>
 
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
@@ -32,6 +35,37 @@ Eigen::Vector3d point_of_sequence(std::uint64_t index, Corners t) {
   return (t[0] + t[1] + t[2]) / 3.0;
 }
 
+// The bits of a 21-bit number, two zeros between each: one coordinate's share of a Morton code.
+std::uint64_t spread_out(std::uint64_t x) {
+  x = (x | (x << 32U)) & 0x001F00000000FFFFU;
+  x = (x | (x << 16U)) & 0x001F0000FF0000FFU;
+  x = (x | (x << 8U)) & 0x100F00F00F00F00FU;
+  x = (x | (x << 4U)) & 0x10C30C30C30C30C3U;
+  return (x | (x << 2U)) & 0x1249249249249249U;
+}
+
+// The triangles in the order of the curve through their middles, which fills the cube around the world.
+std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bounds) {
+  const double cells_per_m = 0x1p21 / std::max(1e-6, static_cast<double>((bounds.max - bounds.min).maxCoeff()));
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order;
+  order.reserve(mesh.triangles.size());
+  for (const auto& triangle : mesh.triangles) {
+    Eigen::Vector3d middle = -bounds.min.cast<double>();
+    for (const std::int32_t vertex : triangle) middle += mesh.vertices[static_cast<std::size_t>(vertex)].cast<double>() / 3.0;
+    std::uint64_t code = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double cell = std::clamp(middle[axis] * cells_per_m, 0.0, 0x1p21 - 1.0);
+      code |= spread_out(static_cast<std::uint64_t>(cell)) << static_cast<unsigned>(axis);
+    }
+    order.emplace_back(code, static_cast<std::uint32_t>(order.size()));
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<std::uint32_t> triangles;
+  triangles.reserve(order.size());
+  for (const auto& [code, triangle] : order) triangles.push_back(triangle);
+  return triangles;
+}
+
 }  // namespace
 
 PointCloud point_cloud(const World& world, float spacing_m) {
@@ -56,7 +90,7 @@ PointCloud point_cloud(const World& world, float spacing_m) {
 
   PointCloud cloud;
   double passed = 0.5;  // points' worth of area, the halves at both ends of the way included
-  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+  for (const std::uint32_t i : along_curve(mesh, world.bounds())) {
     Interrupt::poll();
     const Corners at = corners(i);
     const Eigen::Vector3d across = twice_area(at);

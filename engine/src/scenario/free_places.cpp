@@ -171,10 +171,12 @@ std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::
   check(config);
   if (config.reachable_from) require_place(world, drone, *config.reachable_from);
   Places places(world, drone, config);
+  std::optional<Reach> reach;
+  if (config.reachable_from) reach.emplace(world, drone, *config.reachable_from, places.box(), config.cell_m);
   std::vector<Vec3> found;
   for (std::size_t far = 0; found.size() < count;) {
     const Vec3 place = places.next();
-    if (config.reachable_from && !is_reachable(world, drone, *config.reachable_from, place, config.cell_m)) {
+    if (reach && !reach->includes(place)) {
       ++far;
       require(far < kMaxFarPlaces, "reachable_from", "a place from which others can be flown to",
               std::to_string(far) + " places in a row that cannot");
@@ -199,9 +201,10 @@ Markers drawn_markers(const World& world, const DroneModel& drone, const FreePla
   Markers markers{.radius = world.markers().radius};
   for (int i = 0; i < kStarts; ++i) {
     const Vec3 start = config.reachable_from ? *config.reachable_from : places.next();
+    Reach reach(world, drone, start, places.box(), config.cell_m);
     for (int j = 0; j < kGoals; ++j) {
       const Vec3 goal = places.next();
-      if ((goal - start).norm() < least || !is_reachable(world, drone, start, goal, config.cell_m)) continue;
+      if ((goal - start).norm() < least || !reach.includes(goal)) continue;
       markers.start = start;
       markers.goal = goal;
       return markers;
