@@ -161,16 +161,15 @@ class TestPointCloud:
 
     @pytest.mark.parametrize("spacing", [0.05, 0.2])
     def test_is_spread_evenly(self, solids, blobs, spacing):
-        x, y = np.meshgrid(np.arange(100), np.arange(80))
-        hills = flockstep.WorldBuilder()
-        hills.heightfield(np.sin(x / 10) * np.cos(y / 10), hills.material("ground"), cell_m=0.03)
-        for world in (solids, blobs, hills.build()):
+        fine = flockstep.WorldBuilder()  # taken row by row, its cells would have their points one above the other
+        fine.heightfield(np.zeros((81, 101)), fine.material("ground"), cell_m=0.2 * spacing)
+        for world in (solids, blobs, fine.build()):
             whole, _ = as_trimesh(world, spacing / 100)
             cloud = world.point_cloud(spacing)["points"]
             assert len(cloud) == pytest.approx(whole.area / spacing**2, abs=1)
             samples, _ = trimesh.sample.sample_surface(whole, 20_000, seed=1)
             nearest, _ = cKDTree(cloud).query(samples)
-            assert nearest.max() < 1.5 * spacing
+            assert nearest.max() < 2 * spacing
             assert nearest.mean() < 0.5 * spacing  # of points drawn at random it is a half; of a square lattice, 0.38
 
     def test_is_the_same_each_time_and_bounded(self, solids, blobs):
@@ -417,7 +416,7 @@ class TestCheck:
         assert "markers.start: expected a point, found none" in room.with_markers().check()["not_navigable"]
         forest = flockstep.World.load("outdoor/forest").check()
         assert forest["textures"] == 5
-        assert forest["texture_bytes"] == 4 * 5 * 128 * 256 or forest["texture_bytes"] > 0
+        assert forest["texture_bytes"] == 524_288
 
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], float)
         flat = trimesh.Trimesh(corners, [[0, 1, 2], [1, 3, 2], [0, 1, 1]], process=False)
