@@ -11,6 +11,7 @@ void register_config(pybind11::module_& module);
 void register_drone_model(pybind11::module_& module);
 void register_world(pybind11::module_& module);
 void register_world_builder(pybind11::module_& module);
+void register_survey(pybind11::module_& module);
 void register_plan(pybind11::module_& module);
 void register_green_blob(pybind11::module_& module);
 void register_lidar(pybind11::module_& module);
@@ -42,6 +43,7 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_drone_model(module);
   flockstep::bindings::register_world(module);
   flockstep::bindings::register_world_builder(module);
+  flockstep::bindings::register_survey(module);
   flockstep::bindings::register_plan(module);
   flockstep::bindings::register_green_blob(module);
   flockstep::bindings::register_lidar(module);

@@ -100,12 +100,26 @@ py::dict raycast(const World& world, const py::object& origins, const py::object
   return result;
 }
 
-py::tuple mesh(const World& world, float chord_error_m) {
-  const TriangleMesh mesh = released([&] { return world.mesh(chord_error_m); });
-  py::array_t<std::int32_t> triangles({static_cast<py::ssize_t>(mesh.triangles.size()), py::ssize_t{3}});
-  std::int32_t* out = triangles.mutable_data();
-  for (const auto& triangle : mesh.triangles) out = std::copy(triangle.begin(), triangle.end(), out);
-  return py::make_tuple(rows(mesh.vertices), triangles);
+py::dict mesh(const World& world, float chord_error_m) {
+  std::vector<std::int32_t> objects;
+  TriangleMesh mesh = released([&] { return world.mesh(chord_error_m, &objects); });
+  mesh.uv.resize(mesh.vertices.size());
+  const auto count = [](const auto& list) { return static_cast<py::ssize_t>(list.size()); };
+  py::array_t<std::int32_t> triangles({count(mesh.triangles), py::ssize_t{3}});
+  std::int32_t* index = triangles.mutable_data();
+  for (const auto& triangle : mesh.triangles) index = std::copy(triangle.begin(), triangle.end(), index);
+  py::array_t<float> uv({count(mesh.uv), py::ssize_t{2}});
+  float* place = uv.mutable_data();
+  for (const auto& pair : mesh.uv) place = std::copy(pair.begin(), pair.end(), place);
+  py::array_t<std::int32_t> materials(count(mesh.materials));
+  std::copy(mesh.materials.begin(), mesh.materials.end(), materials.mutable_data());
+  py::dict result;
+  result["vertices"] = rows(mesh.vertices);
+  result["triangles"] = triangles;
+  result["uv"] = uv;
+  result["materials"] = materials;
+  result["objects"] = py::array_t<std::int32_t>(count(objects), objects.data());
+  return result;
 }
 
 }  // namespace

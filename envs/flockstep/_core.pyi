@@ -912,10 +912,172 @@ class World:
     def save(self, path: str | PathLike[str]) -> None:
         """Write a scene file (``.json``)."""
 
-    def mesh(self, chord_error_m: float = 1e-3) -> tuple[_F32, _I32]:
-        """Return everything as triangles: vertices (V, 3) m and indices (T, 3) int32.
+    def mesh(self, chord_error_m: float = 1e-3) -> dict[str, npt.NDArray[Any]]:
+        """Return everything as triangles.
 
         Round primitives are tessellated so that no chord is farther than ``chord_error_m`` from the surface.
+
+        Returns
+        -------
+        ``vertices`` (V, 3) m; ``triangles`` (T, 3) int32, indices of vertices, counter-clockwise seen from outside a solid and
+        from inside a room; ``uv`` (V, 2) float32, where in its texture a vertex is, (0, 0) being the upper left corner, and 0
+        where there is none; ``materials`` (T,) int32, an index into `materials`; ``objects`` (T,) int32, an index into
+        `primitives`, then their number + the number of the mesh: what cameras report as ``instance``, less 1.
+        """
+
+    def objects(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the objects that cameras number: the primitives, then the meshes; row i is that of ``instance`` i + 1.
+
+        Returns
+        -------
+        ``boxes`` (K, 2, 3) float32 m, least and greatest corner of the smallest box around each; ``materials`` (K,) int32, an index
+        into `materials`, -1 where an object has several.
+        """
+
+    def point_cloud(self, spacing_m: float) -> dict[str, npt.NDArray[Any]]:
+        """Return points spread evenly over all surfaces, about one for every ``spacing_m`` x ``spacing_m``.
+
+        They lie on ``mesh(spacing_m / 100)`` and are the same ones each time.
+
+        Returns
+        -------
+        ``points`` (N, 3) float32 m; ``normals`` (N, 3) float32 unit, out of a solid and into a room; ``semantic`` (N,) uint16, the
+        class that cameras report; ``objects`` (N,) int32, as `mesh` has them.
+
+        Raises
+        ------
+        ValueError
+            They would be more than 50,000,000.
+        """
+
+    def occupancy(self, cell_m: float, box: npt.ArrayLike | None = None) -> dict[str, Any]:
+        """Return which cells of a grid are occupied.
+
+        A cell is if it touches a surface, or its centre lies within a solid or outside of the room. Cells count as a thousandth
+        wider than they are, so that a surface between two cells occupies both. Meshes are surfaces: the inside of a closed one
+        is empty, here as in flight.
+
+        Parameters
+        ----------
+        cell_m
+            Edge of a cell, in [0.001, 100] m.
+        box
+            (2, 3) m that cells cover, from its least corner on. None: `bounds`.
+
+        Returns
+        -------
+        ``occupied`` (nx, ny, nz) bool; ``origin`` (3,) float32 m, the least corner; ``cell_m``. Cell (i, j, k) has its centre at
+        ``origin + cell_m * (i + 0.5, j + 0.5, k + 0.5)``.
+
+        Raises
+        ------
+        ValueError
+            The cells would be more than 134,217,728.
+        """
+
+    def distance(self, cell_m: float, box: npt.ArrayLike | None = None) -> dict[str, Any]:
+        """Return how far the centre of each cell of a grid is from the nearest surface.
+
+        Arguments and errors are those of `occupancy`.
+
+        Returns
+        -------
+        ``distance_m`` (nx, ny, nz) float32, 0 within a solid and outside of the room; ``origin`` and ``cell_m`` as `occupancy`
+        has them.
+        """
+
+    def with_markers(
+        self,
+        *,
+        start: npt.ArrayLike | None = None,
+        goal: npt.ArrayLike | None = None,
+        waypoints: npt.ArrayLike | None = None,
+        spawn_box: npt.ArrayLike | None = None,
+    ) -> World:
+        """Return the same world with these markers, and no others.
+
+        ``start`` and ``goal`` are (3,) m, ``waypoints`` (K, 3), ``spawn_box`` (2, 3), least and greatest corner.
+        """
+
+    def free_places(
+        self,
+        count: int,
+        seed: int = 0,
+        *,
+        clearance_m: float | None = None,
+        max_height_m: float = 5.0,
+        box: npt.ArrayLike | None = None,
+        reachable_from: npt.ArrayLike | None = None,
+        drone: DroneModel | None = None,
+        cell_m: float = 0.2,
+    ) -> _F32:
+        """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, is free.
+
+        Each has something below, and neither what is next below it nor what is next above it shows the back of a triangle. So it
+        is in the open or within a room or building, not in the ground, below it, or within a closed mesh. The first places do
+        not depend on ``count``.
+
+        Parameters
+        ----------
+        seed
+            The same arguments draw the same places.
+        clearance_m
+            How far at least the drone's centre is from everything. None: the radius of the ball around the drone, which then may
+            turn to any side.
+        max_height_m
+            Above what lies below; a place drawn higher is drawn again below that.
+        box
+            (2, 3) m, where to draw. None: `bounds`, and without a room up to ``max_height_m`` above them.
+        reachable_from
+            (3,) m, a place from which the drone can fly to all that are drawn.
+        drone
+            None: the default drone.
+        cell_m
+            Of the lattice along which ``reachable_from`` is searched.
+
+        Raises
+        ------
+        ValueError
+            No place was found in 100,000 draws in a row; the message says why not.
+        """
+
+    def with_drawn_markers(
+        self,
+        seed: int = 0,
+        *,
+        distance_m: float | None = None,
+        clearance_m: float | None = None,
+        max_height_m: float = 5.0,
+        box: npt.ArrayLike | None = None,
+        drone: DroneModel | None = None,
+        cell_m: float = 0.2,
+    ) -> World:
+        """Return the same world with a start and a goal that `free_places` draws, and no other markers.
+
+        The drone can fly from one to the other. The other arguments are those of `free_places`.
+
+        Parameters
+        ----------
+        distance_m
+            At least from start to goal. None: a third of the diagonal, seen from above, of where places are drawn.
+
+        Raises
+        ------
+        ValueError
+            No such pair was found.
+        """
+
+    def check(self, drone: DroneModel | None = None) -> dict[str, Any]:
+        """Return what to look at before flying in a world from elsewhere.
+
+        Returns
+        -------
+        ``name``; ``size_m`` (3,), of `bounds`; ``primitives``, ``triangles`` (of meshes) and ``objects``, how many; ``open_edges``,
+        edges of triangles that belong to one alone, and ``crowded_edges``, to more than two, where vertices at the same place are
+        one: a closed mesh has none of either, open ground the first around it; ``materials`` and ``textures``, how many, and
+        ``texture_bytes``, in memory; ``start``, ``goal`` and ``spawn_box``, whether there is one, and ``waypoints``, how many;
+        ``not_read``, what its file has and is not read, triangles without an area among it, in words; ``not_navigable``, why the
+        navigation tasks cannot fly this drone (None: the default) here, or None where they can.
         """
 
     def raycast(

@@ -124,8 +124,8 @@ class EveryTriangle:
 
 def trimesh_ranges(world, origin, directions):
     """(R,) m from the origin to the nearest triangle, by trimesh."""
-    vertices, indices = world.mesh()
-    triangles = vertices.astype(float)[indices]
+    mesh = world.mesh()
+    triangles = mesh["vertices"].astype(float)[mesh["triangles"]]
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     origins = np.tile(origin.astype(float), (len(unit), 1))
     _, ray, places = trimesh.ray.ray_triangle.ray_triangle_id(triangles, origins, unit, tree=EveryTriangle(triangles))

@@ -13,9 +13,9 @@ def test_the_same_arguments_make_the_same_forest():
     assert first.to_dict() == again.to_dict()
     assert first.to_dict() != flockstep.World.forest(4, **SMALL).to_dict()
     # Made of correctly rounded operations, so that it is the same on every machine.
-    vertices, triangles = first.mesh()
-    assert len(triangles) == 5760
-    np.testing.assert_allclose(vertices.astype(float).sum(axis=0), [65704.07, 42307.01, 23966.74], rtol=1e-6)
+    mesh = first.mesh()
+    assert len(mesh["triangles"]) == 5760
+    np.testing.assert_allclose(mesh["vertices"].astype(float).sum(axis=0), [65704.07, 42307.01, 23966.74], rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))

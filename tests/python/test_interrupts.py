@@ -71,6 +71,9 @@ except RuntimeError as error:
 rays = np.tile(np.float32([[1, 0.1, 0]]), (16_000_000, 1))
 work(lambda: room.raycast(rays, rays, 100.0))
 """,
+    "distance": """
+work(lambda: room.distance(0.02))
+""",
 }
 
 

@@ -27,7 +27,15 @@ ALLOWED["batch"] = set(ALLOWED)
 
 # Public headers that are the face of a folder count as that folder. The others are plain types, which any folder may
 # include.
-FACES = {"world": "world", "drone_model": "world", "raycast": "compiled", "scenario": "scenario", "batch": "batch"}
+FACES = {
+    "world": "world",
+    "drone_model": "world",
+    "raycast": "compiled",
+    "survey": "compiled",
+    "scenario": "scenario",
+    "world_report": "scenario",
+    "batch": "batch",
+}
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
 

@@ -371,9 +371,9 @@ def test_an_index_out_of_range_is_refused(tmp_path):
 def test_an_obj_file_is_a_world(tmp_path, name):
     path = tmp_path / name
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    vertices, triangles = flockstep.World.load(path).mesh()
-    assert triangles.shape == (1, 3)
-    np.testing.assert_array_equal(vertices[triangles[0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    mesh = flockstep.World.load(path).mesh()
+    assert mesh["triangles"].shape == (1, 3)
+    np.testing.assert_array_equal(mesh["vertices"][mesh["triangles"][0]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
 PNG = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAABCAIAAAB7QOjdAAAADUlEQVR4nGP4zwAE/wEHAAH/4iOeWQAAAABJRU5ErkJggg=="

@@ -131,8 +131,8 @@ class TestRaycast:
 
     def test_agrees_with_brute_force_over_its_own_mesh(self, shapes):
         origin, direction = rays(200, seed=1)
-        vertices, triangles = shapes.mesh(chord_error_m=1e-3)
-        expected = brute_force(vertices, triangles, origin.astype(float), direction.astype(float))
+        mesh = shapes.mesh(chord_error_m=1e-3)
+        expected = brute_force(mesh["vertices"], mesh["triangles"], origin.astype(float), direction.astype(float))
         got = shapes.raycast(origin, direction, 100.0)["t_hit"]
         assert np.mean(np.abs(got - expected) < 5e-3) > 0.98
         assert np.median(np.abs(got - expected)) < 1e-5
@@ -146,7 +146,8 @@ class TestRaycast:
         world = flockstep.World.load(path)
         origin, direction = rng.uniform(-2, 2, (2000, 3)).astype(np.float32), rng.normal(size=(2000, 3))
         direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
-        expected = brute_force(*world.mesh(), origin.astype(float), direction.astype(float))
+        mesh = world.mesh()
+        expected = brute_force(mesh["vertices"], mesh["triangles"], origin.astype(float), direction.astype(float))
         got = world.raycast(origin, direction, 10.0)["t_hit"]
         agree = np.isclose(got, expected, atol=1e-4) | (np.isinf(got) & np.isinf(expected))
         assert agree.mean() > 0.999
@@ -235,9 +236,10 @@ def test_each_mesh_stays_one():
     assert [m["triangles"] for m in meshes] == [[[0, 1, 2]]] * 2
     assert [m["vertices"][0] for m in meshes] == [[0, 0, 0], [0, 0, 1]]
     assert flockstep.World.from_dict(world.to_dict()).to_dict() == world.to_dict()
-    vertices, triangles = world.mesh()
-    assert vertices.shape == (6, 3)
-    assert triangles.tolist() == [[0, 1, 2], [3, 4, 5]]
+    mesh = world.mesh()
+    assert mesh["vertices"].shape == (6, 3)
+    assert mesh["triangles"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert mesh["objects"].tolist() == [0, 1]
 
 
 class TestPlayground:
@@ -306,11 +308,11 @@ class TestMeshFiles:
 
     @pytest.mark.parametrize("file", ["a.obj", "meshes/b.obj", "meshes/../a.obj", "./a.obj"])
     def test_those_below_are_read(self, folder, file, monkeypatch):
-        assert len(flockstep.World.from_dict(self.scene(file), folder).mesh()[1]) == 1
+        assert len(flockstep.World.from_dict(self.scene(file), folder).mesh()["triangles"]) == 1
         monkeypatch.chdir(folder)
-        assert len(flockstep.World.from_dict(self.scene(file)).mesh()[1]) == 1
+        assert len(flockstep.World.from_dict(self.scene(file)).mesh()["triangles"]) == 1
         (folder / "s.json").write_text(json.dumps(self.scene(file)))
-        assert len(flockstep.World.load("s.json").mesh()[1]) == 1
+        assert len(flockstep.World.load("s.json").mesh()["triangles"]) == 1
 
     @pytest.mark.parametrize(
         "file", ["../secret.obj", "meshes/../../secret.obj", "link.obj", "absolute", "../scene2/a.obj"]
@@ -327,7 +329,7 @@ class TestMeshFiles:
         for load in loads:
             with pytest.raises(ValueError, match="/meshes/0/file: expected a file in the scene's folder or below it"):
                 load()
-            assert len(load(meshes_anywhere=True).mesh()[1]) == 1
+            assert len(load(meshes_anywhere=True).mesh()["triangles"]) == 1
 
     def test_what_is_no_file_is_refused(self, folder):
         os.mkfifo(folder / "pipe.obj")

@@ -49,4 +49,31 @@ std::shared_ptr<const World> forest(const ForestConfig& config);
 std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
                                       float cell_m = 0.1F);
 
+// Where places are drawn, and what makes one.
+struct FreePlacesConfig {
+  std::uint64_t seed = 0;
+  // m, from the drone's centre to everything. None: the radius of the ball around the drone, which then may turn to any side.
+  std::optional<float> clearance_m;
+  float max_height_m = 5.0F;  // above what lies below; a place drawn higher is drawn again below that
+  // Where to draw. None: the bounds of the world, and without a room up to max_height_m above them.
+  std::optional<Aabb> box;
+  // A place from which all others can be flown to, on a lattice of cell_m, the drone level and facing +x all the way.
+  std::optional<Vec3> reachable_from;
+  float cell_m = 0.2F;
+};
+
+// `count` places (K, 3) at which the drone, level and facing +x, is free; the first ones do not depend on the count. Each has
+// something below, and neither what is next below nor what is next above shows the back of a triangle: the place is in the open
+// or within a room or building, not in the ground, below it or within a closed body. Throws std::invalid_argument on a bad
+// config, or where 100,000 draws in a row give no place.
+std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::size_t count,
+                              const FreePlacesConfig& config = {});
+
+// Start and goal for a world, drawn as free places, at least distance_m apart and such that the drone can fly from one to the
+// other. None: a third of the diagonal, seen from above, of where places are drawn. The radius is that of the world's markers,
+// and reachable_from, where given, the start.
+// Throws std::invalid_argument on a bad config, or where no such pair is found.
+Markers drawn_markers(const World& world, const DroneModel& drone, const FreePlacesConfig& config = {},
+                      std::optional<float> distance_m = {});
+
 }  // namespace flockstep

@@ -156,8 +156,12 @@ class World {
 
   // Everything as triangles; round primitives are tessellated so that no chord is farther than chord_error_m from the surface.
   // Primitive i becomes object i, and object k of triangles() becomes primitives().size() + k: the instance ids of cameras
-  // less 1. Where these numbers do not fit 16 bits, objects is left empty.
-  TriangleMesh mesh(float chord_error_m = 1e-3F) const;
+  // less 1. Where these numbers do not fit 16 bits, objects is left empty; all_objects, if given, has them in any case. uv of
+  // what is not textured is (0, 0).
+  TriangleMesh mesh(float chord_error_m = 1e-3F, std::vector<std::int32_t>* all_objects = nullptr) const;
+
+  // The same world with these markers and no others.
+  std::shared_ptr<const World> with_markers(Markers markers) const;
 
   // Of all that the world is made of but its name: worlds of equal hash are the same to whatever is simulated or drawn in them.
   // Every byte of the canonical content counts. Computed on first need, thread-safe.

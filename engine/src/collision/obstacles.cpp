@@ -1,5 +1,9 @@
 #include "collision/obstacles.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 #include "base/interrupt.hpp"
 
 namespace flockstep::collision {
@@ -45,6 +49,26 @@ bool Obstacles::touches(const Vec3& point, float reach) const {
     touched = touched || (closest_point(convex(element), center) - center).norm() < static_cast<double>(reach);
   });
   return touched;
+}
+
+float Obstacles::distance(const Vec3& point, float most) const {
+  struct Search {
+    const Obstacles& obstacles;
+    Vec3d point;
+    double least;
+  } search{*this, point.cast<double>(), static_cast<double>(most)};
+  for (const Room& room : rooms_) {
+    const Vec3d low = search.point - room.inside.min.cast<double>();
+    const Vec3d high = room.inside.max.cast<double>() - search.point;
+    search.least = std::clamp(low.cwiseMin(high).minCoeff(), 0.0, search.least);
+  }
+  const auto meet = [](void* context, std::uint32_t element) {
+    auto& s = *static_cast<Search*>(context);
+    s.least = std::min(s.least, (closest_point(s.obstacles.convex(element), s.point) - s.point).norm());
+    return std::nextafter(static_cast<float>(s.least), std::numeric_limits<float>::max());
+  };
+  scene_->for_each_nearer(point, static_cast<float>(search.least), meet, &search);
+  return static_cast<float>(search.least);
 }
 
 }  // namespace flockstep::collision

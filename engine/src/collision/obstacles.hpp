@@ -39,6 +39,10 @@ class Obstacles {
     scene_->prefetch_parts();
   }
 
+  // How far (m) the point is from the nearest solid, triangle or wall, 0 within a solid and outside of a room; `most` where
+  // nothing is nearer than that.
+  float distance(const Vec3& point, float most) const;
+
   // Calls visit(element) for each element but the rooms whose bounding box comes within radius (m) of center, and perhaps for
   // some more, in any order.
   template <class Visit>

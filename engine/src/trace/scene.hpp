@@ -24,6 +24,8 @@ namespace flockstep::trace {
 
 // Called for every element (index into World::primitives(), then primitives().size() + triangle index) near a point.
 using NearbyCallback = void (*)(void* context, std::uint32_t element);
+// The same in a search for what is nearest: returns how far (m) the search still has to look.
+using NearerCallback = float (*)(void* context, std::uint32_t element);
 
 // What the rays of one sensor may meet: the shapes whose bounding boxes come within its range. Filled by Scene::gather.
 struct CandidateSet {
@@ -60,6 +62,8 @@ class Scene {
   // The broad phase of collision: calls back for each element but rooms whose bounding box comes within radius (m) of center;
   // may call back for some that do not. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
+  // The same, but the radius shrinks to what the callback returns.
+  void for_each_nearer(const Vec3& center, float radius, NearerCallback callback, void* context) const;
 
   // What every sensor and every motion asks for first. The scene itself has to be in the cache.
   void prefetch_parts() const {

@@ -208,18 +208,6 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
   }
 }
 
-void check_markers(const Markers& markers) {
-  if (!(markers.radius >= static_cast<float>(kMinSize) && is_in_world(markers.radius))) {
-    refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
-  }
-  if (markers.start) check_point("markers.start", *markers.start);
-  if (markers.goal) check_point("markers.goal", *markers.goal);
-  for (std::size_t i = 0; i < markers.waypoints.size(); ++i) {
-    check_point("markers." + element("waypoints", i), markers.waypoints[i]);
-  }
-  if (markers.spawn_box) check_box("markers.spawn_box", *markers.spawn_box);
-}
-
 void check_light(Light& light) {
   const auto& sun = light.sun_direction;
   const Vec3 direction(sun[0], sun[1], sun[2]);
@@ -275,6 +263,18 @@ Vec3 unit_direction(const Eigen::Vector3d& direction) {
   constexpr double kTiny = 1e-100;  // the squares of what is shorter underflow
   const double longest = direction.cwiseAbs().maxCoeff();
   return unit<3>(longest < kTiny ? Eigen::Vector3d(direction / longest) : direction);
+}
+
+void check_markers(const Markers& markers) {
+  if (!(markers.radius >= static_cast<float>(kMinSize) && is_in_world(markers.radius))) {
+    refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
+  }
+  if (markers.start) check_point("markers.start", *markers.start);
+  if (markers.goal) check_point("markers.goal", *markers.goal);
+  for (std::size_t i = 0; i < markers.waypoints.size(); ++i) {
+    check_point("markers." + element("waypoints", i), markers.waypoints[i]);
+  }
+  if (markers.spawn_box) check_box("markers.spawn_box", *markers.spawn_box);
 }
 
 SceneDescription canonical(SceneDescription description) {

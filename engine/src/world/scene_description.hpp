@@ -37,6 +37,9 @@ Quat unit_quaternion(const Eigen::Vector4d& wxyz);
 // A direction, which must not be 0, as a unit vector in float32; one that is already unit in float32 keeps its bits.
 Vec3 unit_direction(const Eigen::Vector3d& direction);
 
+// Throws std::invalid_argument naming the marker, what was expected and what came.
+void check_markers(const Markers& markers);
+
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions and the sun's
 // direction unit, one material index and one object number per triangle, and the triangles of each object together, in the order
 // of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form

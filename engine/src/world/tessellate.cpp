@@ -8,6 +8,8 @@
 #include <numbers>
 #include <sstream>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
@@ -159,13 +161,14 @@ double triangles_of(const Primitive& primitive, double chord_error) {
 
 }  // namespace
 
-TriangleMesh tessellate(const SceneDescription& description, float chord_error_m) {
+TriangleMesh tessellate(const SceneDescription& description, float chord_error_m, std::vector<std::int32_t>* all_objects) {
   require(chord_error_m >= 1e-6F, "chord_error_m", "a number >= 1e-06", std::to_string(chord_error_m));
   double count = static_cast<double>(description.mesh.triangles.size());
   for (const Primitive& primitive : description.primitives) count += triangles_of(primitive, chord_error_m);
   require(count <= kMaxTriangles, "chord_error_m", "a number that needs at most 1e+08 triangles",
           std::to_string(chord_error_m) + ", which needs " + rounded(count));
   TriangleMesh mesh;
+  std::vector<std::int32_t> objects;
   const std::size_t num_primitives = description.primitives.size();
   for (std::size_t i = 0; i < num_primitives; ++i) {
     Interrupt::poll();
@@ -197,22 +200,30 @@ TriangleMesh tessellate(const SceneDescription& description, float chord_error_m
         add_disc(patch, half.x(), chord_error_m);
         break;
     }
-    mesh.objects.resize(mesh.triangles.size(), static_cast<std::uint16_t>(i));
+    objects.resize(mesh.triangles.size(), static_cast<std::int32_t>(i));
   }
   const auto first_vertex = static_cast<std::int32_t>(mesh.vertices.size());
   const TriangleMesh& rest = description.mesh;
   mesh.vertices.insert(mesh.vertices.end(), rest.vertices.begin(), rest.vertices.end());
   mesh.materials.insert(mesh.materials.end(), rest.materials.begin(), rest.materials.end());
+  if (!rest.uv.empty()) {
+    mesh.uv.resize(static_cast<std::size_t>(first_vertex));
+    mesh.uv.insert(mesh.uv.end(), rest.uv.begin(), rest.uv.end());
+  }
   for (const auto& [a, b, c] : rest.triangles) {
     mesh.triangles.push_back({a + first_vertex, b + first_vertex, c + first_vertex});
   }
   std::size_t num_objects = num_primitives;
   for (std::size_t i = 0; i < rest.triangles.size(); ++i) {
     const std::size_t object = num_primitives + (rest.objects.empty() ? 0U : rest.objects[i]);
-    mesh.objects.push_back(static_cast<std::uint16_t>(object));
+    objects.push_back(static_cast<std::int32_t>(object));
     num_objects = std::max(num_objects, object + 1);
   }
-  if (num_objects > kMaxObjects) mesh.objects.clear();
+  if (num_objects <= kMaxObjects) {
+    mesh.objects.reserve(objects.size());
+    for (const std::int32_t object : objects) mesh.objects.push_back(static_cast<std::uint16_t>(object));
+  }
+  if (all_objects != nullptr) *all_objects = std::move(objects);
   return mesh;
 }
 

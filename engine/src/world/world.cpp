@@ -81,7 +81,16 @@ std::string World::to_json() const { return write_scene(description_); }
 
 void World::save(const std::filesystem::path& path) const { write_text_file(path, kSceneFile, to_json()); }
 
-TriangleMesh World::mesh(float chord_error_m) const { return tessellate(description_, chord_error_m); }
+TriangleMesh World::mesh(float chord_error_m, std::vector<std::int32_t>* all_objects) const {
+  return tessellate(description_, chord_error_m, all_objects);
+}
+
+std::shared_ptr<const World> World::with_markers(Markers markers) const {
+  check_markers(markers);  // before the copy, which may be large
+  SceneDescription description = description_;
+  description.markers = std::move(markers);
+  return std::make_shared<const World>(std::move(description), ignored_);
+}
 
 std::uint64_t World::content_hash() const {
   std::call_once(hashed_, [this] { content_hash_ = flockstep::content_hash(description_); });

@@ -110,8 +110,8 @@ class Relief:
     def _outline(self, image: Image, cut_m: float) -> None:
         """Draw where surfaces cross the plane, at least a pixel wide."""
         if self._triangles is None:
-            vertices, triangles = self._world.mesh(max(0.25 / float(self._px_per_m.min()), 1e-4))
-            self._triangles = np.asarray(vertices, float)[triangles]
+            mesh = self._world.mesh(max(0.25 / float(self._px_per_m.min()), 1e-4))
+            self._triangles = mesh["vertices"].astype(float)[mesh["triangles"]]
         beyond = self._triangles[:, :, self._axis] > cut_m
         crossed = beyond.any(axis=1) & ~beyond.all(axis=1)
         corners, beyond = self._triangles[crossed], beyond[crossed]

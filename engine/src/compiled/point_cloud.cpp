@@ -1,0 +1,111 @@
+// Points over surfaces: every so much area, counted through all triangles, has one. The triangles come in the order of a
+// space-filling curve, so that the points of small ones are spread as evenly. Those of one triangle are spread over it by the
+// triangular van der Corput sequence, which cuts it into four, these into four, and takes them by turns. Source: K. Basu, A. B.
+// Owen, "Low discrepancy constructions in the triangle", SIAM Journal on Numerical Analysis 53, 2015.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <sstream>
+#include <utility>
+#include <vector>
+
+#include "base/interrupt.hpp"
+#include "base/require.hpp"
+#include "flockstep/survey.hpp"
+
+namespace flockstep {
+namespace {
+
+using Corners = std::array<Eigen::Vector3d, 3>;
+
+constexpr double kMaxPoints = 5e7;  // some 1.5 GB
+
+Eigen::Vector3d point_of_sequence(std::uint64_t index, Corners t) {
+  for (; index != 0; index /= 4) {  // the middle part and the three at the corners; the middle of the middle is the middle
+    const Corners halves{(t[1] + t[2]) / 2.0, (t[2] + t[0]) / 2.0, (t[0] + t[1]) / 2.0};
+    const std::uint64_t part = index % 4;
+    if (part == 0) {
+      t = halves;
+    } else {
+      const Eigen::Vector3d corner = t[part - 1];
+      for (std::size_t i = 0; i < 3; ++i) t[i] = i == part - 1 ? corner : Eigen::Vector3d((corner + t[i]) / 2.0);
+    }
+  }
+  return (t[0] + t[1] + t[2]) / 3.0;
+}
+
+// The bits of a 21-bit number, two zeros between each: one coordinate's share of a Morton code.
+std::uint64_t spread_out(std::uint64_t x) {
+  x = (x | (x << 32U)) & 0x001F00000000FFFFU;
+  x = (x | (x << 16U)) & 0x001F0000FF0000FFU;
+  x = (x | (x << 8U)) & 0x100F00F00F00F00FU;
+  x = (x | (x << 4U)) & 0x10C30C30C30C30C3U;
+  return (x | (x << 2U)) & 0x1249249249249249U;
+}
+
+// The triangles in the order of the curve through their middles, which fills the cube around the world.
+std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bounds) {
+  const double cells_per_m = 0x1p21 / std::max(1e-6, static_cast<double>((bounds.max - bounds.min).maxCoeff()));
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order;
+  order.reserve(mesh.triangles.size());
+  for (const auto& triangle : mesh.triangles) {
+    Eigen::Vector3d middle = -bounds.min.cast<double>();
+    for (const std::int32_t vertex : triangle) middle += mesh.vertices[static_cast<std::size_t>(vertex)].cast<double>() / 3.0;
+    std::uint64_t code = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double cell = std::clamp(middle[axis] * cells_per_m, 0.0, 0x1p21 - 1.0);
+      code |= spread_out(static_cast<std::uint64_t>(cell)) << static_cast<unsigned>(axis);
+    }
+    order.emplace_back(code, static_cast<std::uint32_t>(order.size()));
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<std::uint32_t> triangles;
+  triangles.reserve(order.size());
+  for (const auto& [code, triangle] : order) triangles.push_back(triangle);
+  return triangles;
+}
+
+}  // namespace
+
+PointCloud point_cloud(const World& world, float spacing_m) {
+  require(spacing_m >= 1e-4F && is_in_world(spacing_m), "spacing_m", "a number in [1e-04, 1e+06]", spacing_m);
+  std::vector<std::int32_t> objects;
+  const TriangleMesh mesh = world.mesh(spacing_m / 100.0F, &objects);
+  const auto corners = [&mesh](std::size_t triangle) {
+    Corners at;
+    for (std::size_t i = 0; i < 3; ++i)
+      at[i] = mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][i])].cast<double>();
+    return at;
+  };
+  const auto twice_area = [](const Corners& t) { return Eigen::Vector3d((t[1] - t[0]).cross(t[2] - t[0])); };  // along the normal
+  const double per_point = static_cast<double>(spacing_m) * static_cast<double>(spacing_m);
+  double points = 0.0;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) points += 0.5 * twice_area(corners(i)).norm() / per_point;
+  if (points > kMaxPoints) {
+    std::ostringstream got;
+    got << spacing_m << " m, which makes " << points;
+    refuse("spacing_m", "a number that makes at most 50,000,000 points", got.str());
+  }
+
+  PointCloud cloud;
+  double passed = 0.5;  // points' worth of area, the halves at both ends of the way included
+  for (const std::uint32_t i : along_curve(mesh, world.bounds())) {
+    Interrupt::poll();
+    const Corners at = corners(i);
+    const Eigen::Vector3d across = twice_area(at);
+    const double area = 0.5 * across.norm();
+    passed += area / per_point;
+    const double whole = std::floor(passed);
+    passed -= whole;
+    for (std::uint64_t k = 0; k < static_cast<std::uint64_t>(whole); ++k) {
+      cloud.points.emplace_back(point_of_sequence(k, at).cast<float>());
+      cloud.normals.emplace_back((across / (2.0 * area)).cast<float>());
+      cloud.semantic.push_back(world.semantic(mesh.materials[i]));
+      cloud.objects.push_back(objects[i]);
+    }
+  }
+  return cloud;
+}
+
+}  // namespace flockstep
