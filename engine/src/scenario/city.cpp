@@ -81,11 +81,11 @@ class City {
 
     Light light;  // a late afternoon
     light.sun_direction = {-0.80F, -0.40F, 0.52F};
-    light.sun_color = {1.75F, 1.45F, 1.08F};
+    light.sun_color = {1.95F, 1.58F, 1.12F};
     light.sky_ambient = {0.46F, 0.55F, 0.70F};
     light.ground_ambient = {0.27F, 0.25F, 0.23F};
-    light.zenith_color = {0.16F, 0.34F, 0.68F};
-    light.horizon_color = {0.80F, 0.80F, 0.78F};
+    light.zenith_color = {0.12F, 0.30F, 0.66F};
+    light.horizon_color = {0.60F, 0.71F, 0.83F};
     builder.light(light);
     builder.start(lane_.front().cast<float>());
     builder.goal(lane_.back().cast<float>());
@@ -413,7 +413,7 @@ class City {
         if (is_clear(here, {-0.2, -0.2, 0.0}, {0.2, 0.2, 6.4}) && is_clear(here, {-0.2, -2.0, 6.1}, {0.2, 0.0, 6.6})) {
           add_lamp(builder, surfaces_, here);
         }
-      } else if (i % 4 != 3 && luck < 0.75 && std::abs(i - bus_stop) > 1) {
+      } else if (i % 4 != 3 && luck < 0.62 && std::abs(i - bus_stop) > 1) {
         if (try_tree(builder, here.at, tall, reach)) add_grating(builder, here);
       } else if (luck < 0.2) {
         add_hydrant(builder, surfaces_, here);
@@ -457,7 +457,7 @@ class City {
   // Cars in the bays that the lanes' texture shows.
   void park(WorldBuilder& builder, const Frame& side, double length) {
     for (double x = kZebra + 3.2; x < length - kZebra - 3.0; x += draws_.uniform(5.8, 6.4)) {
-      if (!likely(0.55)) continue;
+      if (!likely(0.5)) continue;
       const double skew = draws_.uniform(-0.02, 0.02);
       Vec2d along = (side.along + skew * Vec2d(-side.along.y(), side.along.x())).normalized();
       if (likely(0.15)) along = -along;

@@ -31,8 +31,8 @@ struct Shape {
 
 const Shape& shape_of(CarKind kind) {
   static const std::vector<Section> kCar{{-0.5, 0.32, 0.80, 0.86}, {-0.485, 0.22, 0.88, 0.94}, {-0.4, 0.2, 0.94, 1.0},
-                                         {0.2, 0.2, 0.92, 1.0},    {0.27, 0.2, 0.90, 1.0},     {0.44, 0.2, 0.78, 0.97},
-                                         {0.485, 0.22, 0.72, 0.9}, {0.5, 0.3, 0.64, 0.82}};
+                                         {0.25, 0.2, 0.91, 1.0},   {0.44, 0.2, 0.78, 0.97},    {0.485, 0.22, 0.72, 0.9},
+                                         {0.5, 0.3, 0.64, 0.82}};
   static const Shape kHatchback{{4.0, 1.76, 1.5}, kCar, -0.47, -0.37, 0.09, 0.26, 0.92, 1.5, {}, {-0.31, 0.31}, 0.31};
   static const Shape kSedan{{4.65, 1.82, 1.45}, kCar, -0.36, -0.19, 0.07, 0.24, 0.92, 1.45, {}, {-0.3, 0.31}, 0.33};
   static const Shape kEstate{{4.7, 1.9, 1.7}, kCar, -0.48, -0.42, 0.08, 0.23, 0.93, 1.7, {}, {-0.3, 0.31}, 0.37};
@@ -215,10 +215,12 @@ class Car {
   }
 
   // A disc that faces outwards, or its upper half.
-  void add_face(double x, double y, double side, double radius, double s, std::size_t steps) {
+  void add_face(double x, double y, double side, double radius, double s, int sides, bool is_half = false) {
+    const std::span<const Vec2d> ring = circle(sides);
     const std::int32_t middle = add_vertex(part_, frame_(x, y, shape_.wheel), s, 0.5);
+    const std::size_t steps = is_half ? ring.size() / 2 : ring.size();
     for (std::size_t i = 0; i <= steps; ++i) {
-      const Vec2d at = radius * kRing[i % kRing.size()];
+      const Vec2d at = radius * ring[i % ring.size()];
       add_vertex(part_, frame_(x + at.x(), y, shape_.wheel + at.y()), s, 0.5);
       if (i == 0) continue;
       const auto here = middle + 1 + static_cast<std::int32_t>(i);
@@ -228,31 +230,23 @@ class Car {
 
   void add_wheel(double x, double side) {
     const double y = side * half_width(), radius = shape_.wheel, tyre = s_of(CarColor::tyre);
-    add_face(x, y + side * kOut, side, 1.22 * radius, tyre, 6);
+    add_face(x, y + side * kOut, side, 1.22 * radius, tyre, 8, true);
     add_face(x, y + 2.0 * side * kOut, side, radius, s_of(CarColor::plastic), 12);
-    add_face(x, y + 3.0 * side * kOut, side, 0.62 * radius, s_of(CarColor::hub), 12);
+    add_face(x, y + 3.0 * side * kOut, side, 0.62 * radius, s_of(CarColor::hub), 8);
     const double inner = y - side * 0.22, outer = y + 2.0 * side * kOut;
-    for (std::size_t i = 6; i < 12; ++i) {  // the tread, where it is seen
-      const Vec2d from = radius * kRing[i], to = radius * kRing[(i + 1) % 12];
+    for (std::size_t i = 4; i < 8; ++i) {  // the tread, where it is seen
+      const Vec2d from = radius * circle(8)[i], to = radius * circle(8)[(i + 1) % 8];
       const Vec3d a{x + from.x(), inner, radius + from.y()}, b{x + from.x(), outer, radius + from.y()};
       const Vec3d c{x + to.x(), outer, radius + to.y()}, d{x + to.x(), inner, radius + to.y()};
       side < 0.0 ? quad(b, a, d, c, tyre) : quad(a, b, c, d, tyre);
     }
   }
 
-  static const std::array<Vec2d, 12> kRing;
-
   const Frame& frame_;
   const Shape& shape_;
   int paint_;
   MeshPart part_;
 };
-
-const std::array<Vec2d, 12> Car::kRing = [] {
-  const double h = std::sqrt(0.75);
-  return std::array<Vec2d, 12>{
-      {{1, 0}, {h, 0.5}, {0.5, h}, {0, 1}, {-0.5, h}, {-h, 0.5}, {-1, 0}, {-h, -0.5}, {-0.5, -h}, {0, -1}, {0.5, -h}, {h, -0.5}}};
-}();
 
 }  // namespace
 

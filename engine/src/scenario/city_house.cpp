@@ -11,7 +11,7 @@ class House {
 
  public:
   House(WorldBuilder& builder, const CitySurfaces& surfaces, const Lot& lot, Draws& draws)
-      : builder_(builder), surfaces_(surfaces), lot_(lot), draws_(draws) {}
+      : builder_(builder), surfaces_(surfaces), lot_(lot), draws_(draws), roof_(one_of(surfaces.roofs)) {}
 
   double built(double max_height, double boldness) {
     const double wanted = std::min(max_height, 9.0 + boldness * (max_height - 9.0));
@@ -63,11 +63,11 @@ class House {
     add_panel(thing_.of(facade.windows), a, b, c, d, {left, bottom}, {right, top});
   }
 
-  // All four walls; returns how high they reach.
-  double add_floors(const Lot& lot, double low, const Facade& facade, int floors) {
+  // All four walls, those against other houses perhaps without windows; returns how high they reach.
+  double add_floors(const Lot& lot, double low, const Facade& facade, int floors, bool has_blind_walls) {
     const double high = low + floors * facade.floor_m;
     for (std::size_t side = 0; side < 4; ++side) {
-      add_wall(lot, side, low, high, facade, floors, lot.sides[side] != Side::party);
+      add_wall(lot, side, low, high, facade, floors, !has_blind_walls || lot.sides[side] != Side::party);
     }
     return high;
   }
@@ -95,7 +95,7 @@ class House {
     for (const double x : {lot.low.x() + half, lot.high.x() - half}) {
       add_block(part, {x, center.y(), mid}, {kParapetWidth, width, kParapet}, Vec2d::UnitX(), 8.0);
     }
-    add_deck(lot, z, surfaces_.roof);
+    add_deck(lot, z, roof_);
   }
 
   // The ground floor: on streets shops or a hall, elsewhere the wall of the floors above.
@@ -242,9 +242,9 @@ class House {
     }
     add_block(thing_.of(surfaces_.iron), {at.x(), at.y(), z + legs}, {2.0 * radius, 2.0 * radius, 0.12});
     const std::array<std::array<double, 2>, 4> barrel{{{0.0, 0.06}, {radius, 0.06}, {radius, tall}, {0.0, tall + 0.02}}};
-    add_turned(thing_.of(surfaces_.tank), {at.x(), at.y(), z + legs}, barrel);
+    add_turned(thing_.of(surfaces_.tank), {at.x(), at.y(), z + legs}, barrel, 12);
     const std::array<std::array<double, 2>, 2> hat{{{1.1 * radius, tall - 0.02}, {0.0, tall + 0.7 * radius}}};
-    add_turned(thing_.of(surfaces_.iron), {at.x(), at.y(), z + legs}, hat);
+    add_turned(thing_.of(surfaces_.iron), {at.x(), at.y(), z + legs}, hat, 12);
   }
 
   void add_mast(const Vec2d& at, double z, double tall) {
@@ -267,7 +267,7 @@ class House {
       const double luck = draws_.uniform(0.0, 1.0);
       if (i == stairs) {
         add_block(thing_.of(facade.plain), {at.x(), at.y(), z + 1.3}, {3.0, 2.6, 2.6}, Vec2d::UnitX(), 8.0);
-        add_block(thing_.of(surfaces_.roof), {at.x(), at.y(), z + 2.66}, {3.3, 2.9, 0.12}, Vec2d::UnitX(), 4.0);
+        add_block(thing_.of(roof_), {at.x(), at.y(), z + 2.66}, {3.3, 2.9, 0.12}, Vec2d::UnitX(), 4.0);
       } else if (i == tank && has_tank) {
         add_tank(at, z);
       } else if (i == mast && luck < 0.6) {
@@ -337,7 +337,7 @@ class House {
     const bool is_pitched = lot_.size().minCoeff() < 15.0;
     const double roof = is_pitched ? 0.4 * lot_.size().minCoeff() : kParapet;
     const int floors = floors_in(wanted - first - roof, facade, 1);
-    const double top = add_floors(lot_, first, facade, floors);
+    const double top = add_floors(lot_, first, facade, floors, true);
     add_course(lot_, top - 0.3, top - 0.02, 0.2, surfaces_.trim);
     if (is_pitched) {
       add_pitched_roof(lot_, top, facade);
@@ -355,7 +355,7 @@ class House {
     const double first = add_ground_floor(has_shops ? surfaces_.shops : surfaces_.hall, facade);
     add_course(lot_, first - 0.1, first + 0.18, 0.16, surfaces_.trim);
     const int floors = floors_in(wanted - first - kParapet, facade, 2);
-    const double top = add_floors(lot_, first, facade, floors);
+    const double top = add_floors(lot_, first, facade, floors, true);
     add_course(lot_, top - 0.62, top - 0.4, 0.16, surfaces_.trim);
     add_course(lot_, top - 0.4, top - 0.05, 0.45, surfaces_.trim);
     add_parapet(lot_, top, facade.plain);
@@ -371,7 +371,7 @@ class House {
     const double first = add_ground_floor(draws_.uniform(0.0, 1.0) < 0.5 ? surfaces_.shops : surfaces_.hall, facade);
     add_course(lot_, first - 0.1, first + 0.1, 0.3, facade.plain);
     const int floors = floors_in(wanted - first - kParapet, facade, 2);
-    const double top = add_floors(lot_, first, facade, floors);
+    const double top = add_floors(lot_, first, facade, floors, false);
     if (draws_.uniform(0.0, 1.0) < 0.7) add_balconies(first, facade, floors, facade.plain);
     add_parapet(lot_, top, facade.plain);
     furnish_roof(lot_, top, facade, false);
@@ -388,13 +388,13 @@ class House {
     double low = first;
     if (draws_.uniform(0.0, 1.0) < 0.5 && lot.size().minCoeff() > 13.0) {
       const int foot = 1 + draws_.below(2);
-      low = add_floors(lot, low, facade, foot);
+      low = add_floors(lot, low, facade, foot, false);
       add_parapet(lot, low, facade.plain);
       lot = inset(lot, draws_.uniform(1.6, 2.6));
       lot.sides.fill(Side::street);
       floors -= foot;
     }
-    const double top = add_floors(lot, low, facade, floors);
+    const double top = add_floors(lot, low, facade, floors, false);
     add_pillars(lot, low, top, facade, 0.09, 0.14, facade.plain);
     add_parapet(lot, top, facade.plain);
     if (lot.size().minCoeff() > 9.0) {
@@ -402,7 +402,7 @@ class House {
       const Vec2d center = 0.5 * (house.low + house.high), size = house.size();
       add_block(thing_.of(surfaces_.machine), {center.x(), center.y(), top + 1.4}, {size.x(), size.y(), 2.8}, Vec2d::UnitX(),
                 1.4);
-      add_deck(house, top + 2.82, surfaces_.roof);
+      add_deck(house, top + 2.82, roof_);
       add_mast(center, top + 2.8, draws_.uniform(4.0, 8.0));
     } else {
       furnish_roof(lot, top, facade, false);
@@ -420,7 +420,7 @@ class House {
     for (;;) {
       const bool is_last = floors < 4 || lot.size().minCoeff() < 10.0;
       const int here = is_last ? floors : (floors + 1) / 2 + draws_.below(floors / 4 + 1);
-      const double high = add_floors(lot, low, facade, here);
+      const double high = add_floors(lot, low, facade, here, false);
       add_pillars(lot, low, high + 0.5 * kParapet, facade, 0.6, 0.22, facade.plain);
       add_course(lot, high - 0.45, high - 0.05, 0.14, surfaces_.trim);
       add_parapet(lot, high, facade.plain);
@@ -438,6 +438,7 @@ class House {
   const CitySurfaces& surfaces_;
   const Lot& lot_;
   Draws& draws_;
+  std::uint16_t roof_;  // material of what is flat
   Thing thing_;
 };
 

@@ -1,5 +1,6 @@
 #include "scenario/city_parts.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
@@ -20,23 +21,29 @@ void add_block(MeshPart& part, const Frame& frame, const Vec3d& center, const Ve
   add_block(part, frame(center.x(), center.y(), center.z()), size, frame.along, repeat_m);
 }
 
-void add_turned(MeshPart& part, const Vec3d& foot, std::span<const std::array<double, 2>> profile) {
-  constexpr int kSides = 12;
-  const double h = std::sqrt(0.75);
-  const std::array<Vec2d, kSides> ring{
+std::span<const Vec2d> circle(int sides) {
+  static const double h = std::sqrt(0.75), d = std::sqrt(0.5);
+  static const std::array<Vec2d, 8> kEight{{{1, 0}, {d, d}, {0, 1}, {-d, d}, {-1, 0}, {-d, -d}, {0, -1}, {d, -d}}};
+  static const std::array<Vec2d, 12> kTwelve{
       {{1, 0}, {h, 0.5}, {0.5, h}, {0, 1}, {-0.5, h}, {-h, 0.5}, {-1, 0}, {-h, -0.5}, {-0.5, -h}, {0, -1}, {0.5, -h}, {h, -0.5}}};
+  if (sides == 8) return kEight;
+  return kTwelve;
+}
+
+void add_turned(MeshPart& part, const Vec3d& foot, std::span<const std::array<double, 2>> profile, int sides) {
+  const std::span<const Vec2d> ring = circle(sides);
   std::vector<std::int32_t> below, above;
   for (std::size_t level = 0; level < profile.size(); ++level) {
     const auto [radius, height] = profile[level];
     below = above;
     above.clear();
-    for (std::size_t i = 0; i <= kSides; ++i) {
-      const Vec2d at = radius * ring[i % kSides];
-      above.push_back(add_vertex(part, foot + Vec3d(at.x(), at.y(), height), static_cast<double>(i) / kSides, -height));
+    for (std::size_t i = 0; i <= ring.size(); ++i) {
+      const Vec2d at = radius * ring[i % ring.size()];
+      above.push_back(add_vertex(part, foot + Vec3d(at.x(), at.y(), height), static_cast<double>(i) / sides, -height));
     }
     if (level == 0) continue;
     const double radius_below = profile[level - 1][0];
-    for (std::size_t i = 0; i < kSides; ++i) {
+    for (std::size_t i = 0; i < ring.size(); ++i) {
       if (radius_below > 0.0) add_triangle(part, below[i], below[i + 1], above[i + 1]);
       if (radius > 0.0) add_triangle(part, below[i], above[i + 1], above[i]);
     }

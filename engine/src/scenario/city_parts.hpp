@@ -1,6 +1,7 @@
 // Pieces that the houses and the streets of a generated city share.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <span>
@@ -41,9 +42,11 @@ void add_panel(MeshPart& part, const Vec3d& a, const Vec3d& b, const Vec3d& c, c
 // A block placed in a frame.
 void add_block(MeshPart& part, const Frame& frame, const Vec3d& center, const Vec3d& size, double repeat_m = 1.0);
 
-// Turned about an upright axis, twelve-sided: (radius, height) from below to above, as seen from outside. A radius of 0 closes
-// it.
-void add_turned(MeshPart& part, const Vec3d& foot, std::span<const std::array<double, 2>> profile);
+// Corners of a regular polygon of 8 or 12 sides around the origin, counter-clockwise from (1, 0).
+std::span<const Vec2d> circle(int sides);
+
+// Turned about an upright axis: (radius, height) from below to above, as seen from outside. A radius of 0 closes it.
+void add_turned(MeshPart& part, const Vec3d& foot, std::span<const std::array<double, 2>> profile, int sides = 8);
 
 // A wire from point to point, three-sided.
 void add_wire(MeshPart& part, std::span<const Vec3d> points, double radius);

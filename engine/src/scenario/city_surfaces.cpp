@@ -311,7 +311,7 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
       const double hue = painter.spot(place + 7, shelf + 3 * which);
       inside = mixed(Color{0.42F, 0.16F, 0.09F}, Color{0.15F, 0.3F, 0.34F}, hue);
     }
-    const double sky = std::clamp(0.75 * painter.coarse(at.s, 0.5 * at.t) - 0.12 + 0.08 * (x + y), 0.0, 0.6);
+    const double sky = std::clamp(1.1 * painter.coarse(at.s, 0.5 * at.t) - 0.42 + 0.05 * (x + y), 0.0, 0.4);
     return mixed(inside, Color{0.16F, 0.23F, 0.32F}, sky);
   };
   made.shops = {0, 0, 4.0, 4.2, 1};
@@ -383,16 +383,22 @@ void add_ground(const Painter& painter, Painter& paint, CitySurfaces& made) {
   made.water = paint.plain("water", Kind::water, {0.07F, 0.16F, 0.19F});
 }
 
-void add_the_rest(const Painter& painter, Painter& paint, CitySurfaces& made) {
+void add_the_rest(WorldBuilder& builder, const Painter& painter, Painter& paint, CitySurfaces& made) {
   made.trim = paint.textured("trim", Kind::building, 64, 64, [&](double s, double t) {
     return scaled(Color{0.52F, 0.48F, 0.42F}, 0.85 + 0.2 * painter.fine(s, t) + 0.1 * (painter.coarse(s, t) - 0.5));
   });
-  made.roof = paint.textured("roof", Kind::roof, 256, 256, [&](double s, double t) {
-    const double seam = wave(4.0 * s) > 0.98 ? 0.75 : 1.0;
+  const std::uint16_t felt = builder.texture("roof", 256, 256, [&](float across, float down) {
+    const auto s = static_cast<double>(across), t = static_cast<double>(down);
+    const double seam = wave(4.0 * s) > 0.98 ? 0.8 : 1.0;
     const double pool = std::clamp(3.0 * (painter.coarse(s, t) - 0.35), 0.0, 1.0);
-    return scaled(mixed(Color{0.16F, 0.155F, 0.15F}, Color{0.27F, 0.262F, 0.25F}, pool),
-                  seam * (0.85 + 0.3 * painter.fine(s, t)));
+    return scaled(mixed(Color{0.40F, 0.39F, 0.38F}, Color{0.62F, 0.60F, 0.575F}, pool), seam * (0.85 + 0.3 * painter.fine(s, t)));
   });
+  constexpr std::array<Color, 5> kRoofs{
+      {{0.45F, 0.45F, 0.45F}, {0.75F, 0.71F, 0.64F}, {0.26F, 0.26F, 0.28F}, {0.58F, 0.43F, 0.36F}, {0.95F, 0.95F, 0.92F}}};
+  for (const Color& tint : kRoofs) {
+    const std::string name = "roof " + std::to_string(made.roofs.size() + 1);
+    made.roofs.push_back(builder.material({name, tint, static_cast<std::uint16_t>(Kind::roof), felt}));
+  }
   made.tiles = paint.textured("roof tiles", Kind::roof, 256, 256, [&](double s, double t) {
     const double rows = 10.0 * t, v = rows - std::floor(rows);
     const auto row = static_cast<int>(std::floor(rows));
@@ -490,7 +496,7 @@ CitySurfaces add_city_surfaces(WorldBuilder& builder, std::uint64_t seed) {
   CitySurfaces made;
   add_ground(painter, painter, made);
   add_facades(builder, painter, painter, made);
-  add_the_rest(painter, painter, made);
+  add_the_rest(builder, painter, painter, made);
   return made;
 }
 

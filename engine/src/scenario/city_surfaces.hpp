@@ -20,10 +20,10 @@ struct CitySurfaces {
   std::uint16_t lanes = 0, zebra = 0, asphalt = 0, pavement = 0, kerb = 0, grass = 0, gravel = 0, water = 0;
   std::vector<Facade> brick, plaster, stone, glass, concrete;
   Facade shops, hall;  // ground floors, of one floor
-  std::uint16_t trim = 0, roof = 0, tiles = 0, iron = 0, tank = 0, machine = 0, panes = 0, door = 0;
+  std::uint16_t trim = 0, tiles = 0, iron = 0, tank = 0, machine = 0, panes = 0, door = 0;
   std::uint16_t bark = 0, wood = 0, pole = 0, lamp = 0, red = 0, amber = 0, green = 0, hydrant = 0, bin = 0, cable = 0,
                 poster = 0, sign = 0;
-  std::vector<std::uint16_t> leaves, awnings;
+  std::vector<std::uint16_t> roofs, leaves, awnings;
   std::uint16_t car = 0;
 };
 

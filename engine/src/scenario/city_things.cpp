@@ -27,20 +27,27 @@ using Profile = std::vector<std::array<double, 2>>;
 void add_tree(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d& foot, const TreeSize& size, Draws& draws) {
   Thing thing;
   const double radius = 0.013 * size.tall + 0.05, high = size.tall - size.fork;
-  const std::size_t kind = static_cast<std::size_t>(draws.uniform(0.0, 1.0) < 0.12 ? 2 : draws.below(2));
+  const std::size_t kind = static_cast<std::size_t>(draws.uniform(0.0, 1.0) < 0.1 ? 2 : draws.below(2));
   const Vec2d turn = a_turn(draws);
   add_trunk(thing.of(surfaces.bark), foot.head<2>(), foot.z() - 0.1, foot.z() + size.fork + 0.3 * high, radius, 0.6 * radius,
             turn);
   MeshPart& crown = thing.of(surfaces.leaves[kind]);
-  const double wide = 0.62 * size.reach;
-  add_ball(crown, foot + Vec3d(0.0, 0.0, size.fork + 0.62 * high), {1.15 * wide, 1.15 * wide, 0.36 * high}, 3, 0.14, draws);
-  Vec2d way = turn;
-  for (int i = 0; i < 3; ++i) {  // 120 degrees from one to the next
-    const double out = size.reach - wide;
-    add_ball(crown, foot + Vec3d(out * way.x(), out * way.y(), size.fork + draws.uniform(0.34, 0.5) * high),
-             {wide, wide, 0.32 * high}, 3, 0.15, draws);
-    const double h = std::sqrt(0.75);
-    way = {-0.5 * way.x() - h * way.y(), h * way.x() - 0.5 * way.y()};
+  const double wide = 0.68 * size.reach;
+  const auto add_clump = [&](const Vec3d& out, double half_height) {
+    const Vec3d center = foot + Vec3d(0.0, 0.0, size.fork) + out, half(wide, wide, half_height);
+    const std::size_t first = crown.vertices.size();
+    add_ball(crown, center, half, 3, 0.16, draws);
+    for (std::size_t i = first; i < crown.vertices.size(); ++i) {  // evenly over the ball, as if it were an octahedron
+      const Vec3d way = (crown.vertices[i].cast<double>() - center).cwiseQuotient(half);
+      const double sum = way.cwiseAbs().sum();
+      crown.uv[i] = {static_cast<float>(1.3 * wide * way.x() / sum), static_cast<float>(-1.3 * half_height * way.z() / sum)};
+    }
+  };
+  const double out = size.reach - wide;
+  add_clump({-0.3 * out * turn.x(), -0.3 * out * turn.y(), 0.66 * high}, 0.34 * high);
+  for (const double way : {-1.0, 1.0}) {
+    const double up = draws.uniform(0.33, 0.45) * high, half_height = draws.uniform(0.3, 0.36) * high;
+    add_clump({way * out * turn.y(), -way * out * turn.x(), up}, half_height);
   }
   thing.into(builder);
 }
@@ -76,11 +83,10 @@ void add_traffic_light(WorldBuilder& builder, const CitySurfaces& surfaces, cons
 void add_bench(WorldBuilder& builder, const CitySurfaces& surfaces, const Frame& frame) {
   Thing thing;
   MeshPart& wood = thing.of(surfaces.wood);
-  for (const double y : {-0.18, 0.0, 0.18}) add_block(wood, frame, {0.0, y, 0.45}, {1.8, 0.14, 0.05});
-  for (const double z : {0.66, 0.84}) add_block(wood, frame, {0.0, 0.29, z}, {1.8, 0.05, 0.13});
+  for (const double y : {-0.12, 0.12}) add_block(wood, frame, {0.0, y, 0.45}, {1.8, 0.2, 0.06});
+  add_block(wood, frame, {0.0, 0.29, 0.74}, {1.8, 0.05, 0.3});
   for (const double x : {-0.7, 0.7}) {
     add_block(thing.of(surfaces.bin), frame, {x, 0.0, 0.21}, {0.07, 0.45, 0.42});
-    add_block(thing.of(surfaces.bin), frame, {x, 0.33, 0.5}, {0.07, 0.05, 0.8});
   }
   thing.into(builder);
 }
@@ -145,14 +151,15 @@ void add_table(WorldBuilder& builder, const CitySurfaces& surfaces, const Frame&
 void add_fountain(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d& foot) {
   Thing thing;
   add_turned(thing.of(surfaces.trim), foot,
-             Profile{{3.0, 0.0}, {3.0, 0.16}, {2.1, 0.16}, {2.1, 0.62}, {2.25, 0.62}, {2.25, 0.74}, {1.9, 0.74}, {1.9, 0.5}});
-  add_turned(thing.of(surfaces.water), foot, Profile{{1.95, 0.55}, {0.0, 0.56}});
+             Profile{{3.0, 0.0}, {3.0, 0.16}, {2.1, 0.16}, {2.1, 0.62}, {2.25, 0.62}, {2.25, 0.74}, {1.9, 0.74}, {1.9, 0.5}}, 12);
+  add_turned(thing.of(surfaces.water), foot, Profile{{1.95, 0.55}, {0.0, 0.56}}, 12);
   add_turned(
       thing.of(surfaces.trim), foot,
-      Profile{{0.5, 0.4}, {0.35, 0.7}, {0.22, 0.9}, {0.2, 1.5}, {0.3, 1.7}, {1.05, 2.0}, {1.1, 2.1}, {0.9, 2.1}, {0.85, 1.95}});
-  add_turned(thing.of(surfaces.water), foot, Profile{{0.9, 2.02}, {0.0, 2.03}});
+      Profile{{0.5, 0.4}, {0.35, 0.7}, {0.22, 0.9}, {0.2, 1.5}, {0.3, 1.7}, {1.05, 2.0}, {1.1, 2.1}, {0.9, 2.1}, {0.85, 1.95}},
+      12);
+  add_turned(thing.of(surfaces.water), foot, Profile{{0.9, 2.02}, {0.0, 2.03}}, 12);
   add_turned(thing.of(surfaces.trim), foot,
-             Profile{{0.3, 2.0}, {0.14, 2.2}, {0.12, 2.7}, {0.3, 2.9}, {0.32, 3.1}, {0.2, 3.3}, {0.0, 3.38}});
+             Profile{{0.3, 2.0}, {0.14, 2.2}, {0.12, 2.7}, {0.3, 2.9}, {0.32, 3.1}, {0.2, 3.3}, {0.0, 3.38}}, 12);
   thing.into(builder);
 }
 
