@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from flockstep import bench_scenes
 from flockstep._core import World
 
 WorldsLike: TypeAlias = str | PathLike[str] | World | Sequence[str | PathLike[str] | World]
@@ -20,7 +21,12 @@ SETS: dict[str, tuple[str, ...]] = {
 }
 
 #: Scenes that are no files: what makes them.
-GENERATED: dict[str, Callable[[], World]] = {"outdoor/forest": lambda: World.forest(seed=1)}
+GENERATED: dict[str, Callable[[], World]] = {
+    "bench/complex": bench_scenes.complex_,
+    "bench/simple": bench_scenes.simple,
+    "outdoor/city": lambda: World.city(seed=1),
+    "outdoor/forest": lambda: World.forest(seed=1),
+}
 
 _SUFFIXES = (".json", ".gltf", ".glb", ".obj")
 

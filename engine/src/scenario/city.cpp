@@ -426,7 +426,7 @@ class City {
       }
     }
     for (double x = 6.0; has_houses && x < length - 6.0; x += draws_.uniform(2.6, 9.0)) {
-      if (likely(0.3)) add_table(builder, surfaces_, on_pavement(x, kPavement - 1.35), draws_);
+      if (likely(0.2)) add_table(builder, surfaces_, on_pavement(x, kPavement - 1.35), draws_);
     }
     const Frame corner = on_pavement(length - 0.8, kFromKerb);
     const double arm = draws_.uniform(2.4, 3.6);
@@ -457,7 +457,7 @@ class City {
   // Cars in the bays that the lanes' texture shows.
   void park(WorldBuilder& builder, const Frame& side, double length) {
     for (double x = kZebra + 3.2; x < length - kZebra - 3.0; x += draws_.uniform(5.8, 6.4)) {
-      if (!likely(0.5)) continue;
+      if (!likely(0.4)) continue;
       const double skew = draws_.uniform(-0.02, 0.02);
       Vec2d along = (side.along + skew * Vec2d(-side.along.y(), side.along.x())).normalized();
       if (likely(0.15)) along = -along;
@@ -471,7 +471,7 @@ class City {
       for (const Span& road : roads_[1 - axis]) {
         for (const Span& block : blocks_[axis]) {
           for (const double way : {-1.0, 1.0}) {
-            const int cars = draws_.below(3);
+            const int cars = likely(0.6) ? 1 + draws_.below(2) : 0;
             double x = draws_.uniform(2.0, 10.0);
             for (int i = 0; i < cars; ++i) {
               const CarKind kind = likely(0.12) ? CarKind::bus : a_car();

@@ -139,9 +139,9 @@ class House {
       add_panel(part, a, b, frame(right, 0.0, top), frame(left, 0.0, top), first, third);
       add_panel(part, frame(left, -out, hem), frame(right, -out, hem), b, a, first, third);
       for (const double x : {left, right}) {  // its cheeks
-        const std::int32_t corner = add_vertex(part, frame(x, -out, low), 0.05, 0.5);
-        add_vertex(part, frame(x, 0.0, low), 0.05, 0.5);
-        add_vertex(part, frame(x, 0.0, top), 0.05, 0.5);
+        const std::int32_t corner = add_vertex(part, frame(x, -out, low), 0.25, 0.5);
+        add_vertex(part, frame(x, 0.0, low), 0.25, 0.5);
+        add_vertex(part, frame(x, 0.0, top), 0.25, 0.5);
         x == left ? add_triangle(part, corner + 1, corner, corner + 2) : add_triangle(part, corner, corner + 1, corner + 2);
       }
     }

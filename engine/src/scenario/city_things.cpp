@@ -102,8 +102,7 @@ void add_hydrant(WorldBuilder& builder, const CitySurfaces& surfaces, const Fram
 
 void add_bin(WorldBuilder& builder, const CitySurfaces& surfaces, const Frame& frame) {
   MeshPart part;
-  add_turned(part, frame(0.0, 0.0, 0.0),
-             Profile{{0.2, 0.02}, {0.26, 0.75}, {0.28, 0.78}, {0.28, 0.84}, {0.16, 0.95}, {0.0, 0.97}});
+  add_turned(part, frame(0.0, 0.0, 0.0), Profile{{0.2, 0.02}, {0.27, 0.8}, {0.27, 0.86}, {0.0, 0.97}});
   builder.mesh(part, surfaces.bin);
 }
 
@@ -178,9 +177,9 @@ void add_cable(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d&
       for (const double share : {0.2, 0.7}) {
         const Vec3d a = points[i] + share * (points[i + 1] - points[i]),
                     b = points[i] + (share + 0.3) * (points[i + 1] - points[i]);
-        const std::int32_t first = add_vertex(cloth, a, 0.05, 0.5);
-        add_vertex(cloth, 0.5 * (a + b) - Vec3d(0.0, 0.0, 0.42), 0.05, 0.5);
-        add_vertex(cloth, b, 0.05, 0.5);
+        const std::int32_t first = add_vertex(cloth, a, 0.25, 0.5);
+        add_vertex(cloth, 0.5 * (a + b) - Vec3d(0.0, 0.0, 0.42), 0.25, 0.5);
+        add_vertex(cloth, b, 0.25, 0.5);
         add_triangle(cloth, first, first + 1, first + 2);
       }
     }
