@@ -32,7 +32,7 @@ def complex_() -> World:
     stone = builder.material("stone", texture=builder.texture("stone", _speckle(rng)))
     for i, (place, size) in enumerate(_places()):
         vertices, uv = _boulder(rng, size) if i % 3 == 2 else _vase(rng, size)
-        builder.mesh(vertices + [*place, 0], _faces(), stone if i % 3 == 2 else clay, uv)
+        builder.mesh(vertices + np.array([*place, 0]), _faces(), stone if i % 3 == 2 else clay, uv)
     return builder.build()
 
 

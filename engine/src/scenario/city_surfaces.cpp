@@ -305,13 +305,13 @@ void add_facades(WorldBuilder& builder, const Painter& painter, Painter& paint, 
     const auto shelf = static_cast<int>(std::floor(2.2 * y)), place = static_cast<int>(std::floor(5.0 * x));
     const double filled = painter.spot(place + 20 * which, shelf + 50);
     const double rest = 2.2 * y - shelf;
-    Color inside = mixed(Color{0.34F, 0.24F, 0.13F}, Color{0.10F, 0.08F, 0.06F}, std::clamp(0.5 * y - 0.1, 0.0, 1.0));
+    Color inside = mixed(Color{0.30F, 0.20F, 0.10F}, Color{0.08F, 0.06F, 0.045F}, std::clamp(0.5 * y - 0.1, 0.0, 1.0));
     if (y > 2.6) inside = Color{0.7F, 0.55F, 0.32F};
     if (!is_door && y < 2.3 && rest < 0.25 + 0.6 * filled && filled > 0.25) {
       const double hue = painter.spot(place + 7, shelf + 3 * which);
-      inside = mixed(Color{0.42F, 0.16F, 0.09F}, Color{0.15F, 0.3F, 0.34F}, hue);
+      inside = mixed(Color{0.36F, 0.11F, 0.05F}, Color{0.06F, 0.17F, 0.2F}, hue);
     }
-    const double sky = std::clamp(1.1 * painter.coarse(at.s, 0.5 * at.t) - 0.42 + 0.05 * (x + y), 0.0, 0.4);
+    const double sky = std::clamp(1.1 * painter.coarse(at.s, 0.5 * at.t) - 0.46 + 0.05 * (x + y), 0.0, 0.28);
     return mixed(inside, Color{0.16F, 0.23F, 0.32F}, sky);
   };
   made.shops = {0, 0, 4.0, 4.2, 1};
