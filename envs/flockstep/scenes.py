@@ -24,7 +24,7 @@ SETS: dict[str, tuple[str, ...]] = {
 GENERATED: dict[str, Callable[[], World]] = {
     "bench/complex": bench_scenes.complex_,
     "bench/simple": bench_scenes.simple,
-    "outdoor/city": lambda: World.city(seed=1),
+    "outdoor/city": lambda: World.city(seed=6),
     "outdoor/forest": lambda: World.forest(seed=1),
 }
 
