@@ -43,6 +43,7 @@ class City {
   static constexpr double kRoadway = 10.0, kPavement = 4.0, kKerb = 0.25;  // m wide
   static constexpr double kRim = 13.0, kBeyond = 4.0;                      // m: houses around, and what is behind them
   static constexpr double kLeastBlock = 34.0, kMostBlock = 46.0;           // m, kerb to kerb
+  static constexpr double kSlit = 0.01;                                    // m, on either side of where houses meet
   static constexpr double kHouse = 11.0;                                   // m: no lot is split into narrower ones
   static constexpr double kZebra = 5.0;                                    // m along the road, stop line included
   static constexpr double kSpawnReach = 0.5, kSpawnHeight = 0.25;          // m: half sizes of the spawn box
@@ -237,7 +238,12 @@ class City {
   // ---- blocks
 
   // Houses are tall in the middle of the city.
-  void add_house_on(WorldBuilder& builder, const Lot& lot) {
+  void add_house_on(WorldBuilder& builder, Lot lot) {
+    for (std::size_t side = 0; side < 4; ++side) {  // a slit between houses, so that no faces coincide
+      if (lot.sides[side] != Side::party) continue;
+      const auto i = static_cast<Eigen::Index>(side % 2 == 0 ? 1 : 0);
+      side == 1 || side == 2 ? lot.high[i] -= kSlit : lot.low[i] += kSlit;
+    }
     const Vec2d middle(0.5 * size_[0], 0.5 * size_[1]);
     const Vec2d away = (0.5 * (lot.low + lot.high) - middle).cwiseQuotient(middle);
     const double central = std::max(0.0, 1.0 - away.norm());

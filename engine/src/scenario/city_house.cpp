@@ -95,7 +95,7 @@ class House {
     for (const double x : {lot.low.x() + half, lot.high.x() - half}) {
       add_block(part, {x, center.y(), mid}, {kParapetWidth, width, kParapet}, Vec2d::UnitX(), 8.0);
     }
-    add_deck(lot, z, roof_);
+    add_deck(lot, z + 0.03, roof_);  // above the feet of what stands on it, so that no faces coincide
   }
 
   // The ground floor: on streets shops or a hall, elsewhere the wall of the floors above.
