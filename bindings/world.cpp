@@ -168,6 +168,12 @@ void register_world(py::module_& module) {
           },
           py::arg("seed"), py::arg("trees") = ForestConfig().trees, py::arg("size_m") = ForestConfig().size_m,
           py::arg("relief_m") = ForestConfig().relief_m)
+      .def_static(
+          "city",
+          [](std::uint64_t seed, const std::array<int, 2>& blocks, float height_m) {
+            return std::const_pointer_cast<World>(released([&] { return city({seed, blocks, height_m}); }));
+          },
+          py::arg("seed"), py::arg("blocks") = CityConfig().blocks, py::arg("height_m") = CityConfig().height_m)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
       .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })

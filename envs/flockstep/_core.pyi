@@ -859,6 +859,15 @@ class World:
         default drone can fly from the start to the goal. The same arguments make the same world.
         """
 
+    @staticmethod
+    def city(seed: int, blocks: Sequence[int] = (3, 2), height_m: float = 34.0) -> World:
+        """Generate a city: blocks of houses, streets with cars, lamps, trees and cables, a start and a goal far apart.
+
+        ``blocks`` are along x, from start to goal, and y, each in [1, 8], 34 to 46 m a side; ``height_m`` of the tallest
+        roofs, in [12, 200]. The default drone can fly from the start to the goal along streets, 2 to 6 m above them. The same
+        arguments make the same world.
+        """
+
     def __copy__(self) -> World: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @property

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from flockstep import bench_scenes
 from flockstep._core import World
 
 WorldsLike: TypeAlias = str | PathLike[str] | World | Sequence[str | PathLike[str] | World]
@@ -21,10 +22,19 @@ SETS: dict[str, tuple[str, ...]] = {
 }
 
 #: Scenes that are no files: what makes them.
-GENERATED: dict[str, Callable[[], World]] = {"outdoor/forest": lambda: World.forest(seed=1)}
+GENERATED: dict[str, Callable[[], World]] = {
+    "bench/complex": bench_scenes.complex_,
+    "bench/simple": bench_scenes.simple,
+    "outdoor/city": lambda: World.city(seed=6),
+    "outdoor/forest": lambda: World.forest(seed=1),
+}
 
 #: What makes the scenes named ``"forest/seed-7"`` and the like, by the word before the seed.
-GENERATORS: dict[str, Callable[[int], World]] = {"playground": World.playground, "forest": World.forest}
+GENERATORS: dict[str, Callable[[int], World]] = {
+    "playground": World.playground,
+    "forest": World.forest,
+    "city": World.city,
+}
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
 _MOST_SEEDS = 100_000  # of a range

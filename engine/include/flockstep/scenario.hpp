@@ -41,6 +41,19 @@ struct ForestConfig {
 // many layouts because of too many trees.
 std::shared_ptr<const World> forest(const ForestConfig& config);
 
+// A city: blocks of houses, streets between and around them with cars, lamps, trees and cables, and a row of houses that closes
+// it all around; of textured meshes and primitives, from a seed.
+struct CityConfig {
+  std::uint64_t seed = 0;
+  std::array<int, 2> blocks{3, 2};  // along x, from start to goal, and y; in [1, 8]; a block is 34 to 46 m, a street 10 m wide
+  float height_m = 34.0F;           // of the tallest roofs, in [12, 200]
+};
+
+// A generated city, the same on every machine. Start and goal are crossings on opposite sides of it. The default drone can fly
+// from one to the other along streets, 2 to 6 m above them, which is tried in the world itself. Throws std::invalid_argument on a
+// bad config.
+std::shared_ptr<const World> city(const CityConfig& config);
+
 // The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and
 // facing +x, touches nothing; nullopt if there is none on a grid of cell_m spacing. The path is close to the shortest: cell_m
 // matters for which gaps are found, hardly for the length.
