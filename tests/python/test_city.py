@@ -12,10 +12,11 @@ def test_the_same_arguments_make_the_same_city():
     first, again = flockstep.World.city(3, **SMALL), flockstep.World.city(3, **SMALL)
     assert first.to_dict() == again.to_dict()
     # Made of correctly rounded operations, so that it is the same on every machine.
-    vertices, triangles = first.mesh(chord_error_m=0.01)
+    mesh = first.mesh(chord_error_m=0.01)
+    vertices, triangles = mesh["vertices"], mesh["triangles"]
     assert len(triangles) == 28948
     np.testing.assert_allclose(vertices.astype(float).sum(axis=0), [1883953.88, 1947576.25, 190416.99], rtol=1e-6)
-    assert len(flockstep.World.city(4, **SMALL).mesh(chord_error_m=0.01)[1]) != len(triangles)
+    assert len(flockstep.World.city(4, **SMALL).mesh(chord_error_m=0.01)["triangles"]) != len(triangles)
 
 
 @pytest.mark.parametrize(("seed", "blocks"), [(0, (1, 1)), (1, (2, 1))])
@@ -106,8 +107,8 @@ def test_bad_arguments(arguments, match):
 def test_the_bench_scenes_differ_in_what_is_seen():
     """As those of the thesis: the same places, of which the one scene has boxes and the other many triangles."""
     simple, complex_ = (flockstep.World.load(f"bench/{name}") for name in ("simple", "complex"))
-    assert len(simple.mesh()[1]) < 200
-    assert len(complex_.mesh()[1]) > 100_000
+    assert len(simple.mesh()["triangles"]) < 200
+    assert len(complex_.mesh()["triangles"]) > 100_000
     for world in (simple, complex_):
         np.testing.assert_array_equal(world.bounds[:, :2], [[0, 0], [24, 24]])
         flockstep.DroneVectorEnv(2, worlds=world, random_start=True).reset(seed=0)
