@@ -864,8 +864,8 @@ class World:
         """Generate a floor of an office building: rooms, corridors and lounges, textured and furnished, behind windows.
 
         ``size_m`` is along x, from 20, and y, from 14; ``furniture`` in [0, 1] is how densely it is furnished. Start and goal
-        are in rooms at opposite ends of x. The default drone can fly from one to the other through doors. The same
-        arguments make the same world.
+        are in rooms at opposite ends of x. The default drone can fly from one to the other through doors, and not straight.
+        The same arguments make the same world.
         """
 
     @staticmethod
@@ -874,7 +874,7 @@ class World:
 
         ``size_m`` is along x, from 26, across the rows of racks, and y, from 16; ``height_m`` in [5, 20] is that of the
         eaves. Start and goal are at opposite ends of x. The default drone can fly from one to the other around racks and
-        through empty bays. The same arguments make the same world.
+        through empty bays, and not straight. The same arguments make the same world.
         """
 
     def __copy__(self) -> World: ...

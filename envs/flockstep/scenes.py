@@ -20,7 +20,11 @@ SETS: dict[str, tuple[str, ...]] = {
 }
 
 #: Scenes that are no files: what makes them.
-GENERATED: dict[str, Callable[[], World]] = {"outdoor/forest": lambda: World.forest(seed=1)}
+GENERATED: dict[str, Callable[[], World]] = {
+    "indoor/office": lambda: World.office(seed=1),
+    "indoor/warehouse": lambda: World.warehouse(seed=1),
+    "outdoor/forest": lambda: World.forest(seed=1),
+}
 
 _SUFFIXES = (".json", ".gltf", ".glb", ".obj")
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "scenario/parts.hpp"
+
 namespace flockstep {
 namespace {
 
@@ -13,6 +15,33 @@ Spot within(const Spot& spot, double x, double y, const Vec2d& facing = Vec2d::U
 }
 
 }  // namespace
+
+MeshPart shade(const Rect& rect, double out, double repeat_m) {
+  constexpr double kAbove = 0.003;              // m: of the floor
+  constexpr double kWithin = 0.02, kAt = 0.98;  // t: the texture's own ends, where it does not repeat yet
+  const Rect outer = rect.grown(out);
+  const auto corners = [](const Rect& r) {
+    return std::array<Vec2d, 4>{r.low, Vec2d(r.high.x(), r.low.y()), r.high, Vec2d(r.low.x(), r.high.y())};
+  };
+  const std::array<Vec2d, 4> a = corners(outer), b = corners(rect);
+  MeshPart part;
+  const auto at = [&](const Vec2d& corner, int axis, double t) {
+    return add_vertex(part, {corner.x(), corner.y(), kAbove}, corner[axis] / repeat_m, t);
+  };
+  const auto quad = [&](std::int32_t p, std::int32_t q, std::int32_t r, std::int32_t s) {
+    add_triangle(part, p, q, r);
+    add_triangle(part, p, r, s);
+  };
+  for (std::size_t i = 0; i < 4; ++i) {
+    const std::size_t next = (i + 1) % 4;
+    const int axis = i % 2 == 0 ? 0 : 1;
+    const std::int32_t p = at(a[i], axis, kAt), q = at(a[next], axis, kAt), r = at(b[next], axis, kWithin);
+    quad(p, q, r, at(b[i], axis, kWithin));
+  }
+  const std::int32_t p = at(b[0], 0, kWithin), q = at(b[1], 0, kWithin), r = at(b[2], 0, kWithin);
+  quad(p, q, r, at(b[3], 0, kWithin));
+  return part;
+}
 
 const char* name(Kind kind) {
   constexpr std::array<const char*, static_cast<std::size_t>(Kind::count)> kNames{
@@ -158,7 +187,7 @@ void Furniture::bookshelf(const Spot& spot, const Vec3d& size) {
         x += 0.105;
       } else {  // books
         const Swatch color = any_color();
-        const double thick = draws_.uniform(0.03, 0.09), high = draws_.uniform(0.5, 0.82) * pitch;
+        const double thick = draws_.uniform(0.035, 0.11), high = draws_.uniform(0.5, 0.82) * pitch;
         shape.block({x + 0.5 * thick, 0, z + 0.012 + 0.5 * high}, {thick - 0.004, draws_.uniform(0.6, 0.8) * d, high}, color);
         x += thick;
       }
@@ -235,7 +264,7 @@ void Furniture::plant(const Spot& spot, double high) {
     const Vec2d way = circle()[static_cast<std::size_t>(draws_.below(16))];
     const Vec2d bent = Vec2d(way + draws_.point({-0.2, -0.2}, {0.2, 0.2})).normalized();
     const double steep = draws_.uniform(0.25, 1.0);
-    shape.blade({0.05 * way.x(), 0.05 * way.y(), from}, bent, (0.5 - 0.25 * steep) * high, steep * (high - from),
+    shape.blade({0.05 * way.x(), 0.05 * way.y(), from}, bent, (0.42 - 0.2 * steep) * high, steep * (high - from),
                 draws_.uniform(0.08, 0.14), green);
   }
   add(shape, Kind::plant);
@@ -317,7 +346,7 @@ void Furniture::framed(const Spot& spot, double z, double across, double high, S
 void Furniture::pallet(const Spot& spot) {
   Shape shape(spot);
   shape.block({0, 0, 0.125}, {1.2, 0.8, 0.03}, Swatch::planks);
-  for (const double y : {-0.34, 0.0, 0.34}) shape.block({0, y, 0.055}, {1.2, 0.11, 0.11}, Swatch::planks);
+  for (const double y : {-0.34, 0.34}) shape.block({0, y, 0.055}, {1.2, 0.12, 0.11}, Swatch::planks);
   add(shape, Kind::pallet);
 }
 
@@ -325,11 +354,27 @@ void Furniture::load(const Spot& spot, double high) {
   pallet(spot);
   Shape shape(spot);
   const double room = high - 0.14;
-  switch (draws_.below(6)) {
+  switch (draws_.below(9)) {
     case 0:  // under film
       shape.block({0, 0, 0.14 + 0.45 * room}, {1.14, 0.76, 0.9 * room}, Swatch::wrapped, Swatch::carton_plain);
       break;
-    case 1: {  // a few left
+    case 1: {  // a crate
+      const double tall = 0.8 * room;
+      shape.block({0, 0, 0.14 + 0.5 * tall}, {1.08, 0.7, tall}, Swatch::planks);
+      for (const double z : {0.22, 0.06 + tall}) shape.block({0, 0, z}, {1.13, 0.75, 0.1}, Swatch::sand);
+      break;
+    }
+    case 2: {  // bins
+      constexpr std::array<Swatch, 4> kBins{Swatch::blue, Swatch::red, Swatch::grey, Swatch::teal};
+      const Swatch paint = kBins[static_cast<std::size_t>(draws_.below(4))];
+      const int layers = std::max(1, static_cast<int>(room / 0.42));
+      for (int i = 0; i < layers; ++i) {
+        shape.block({0, 0, 0.14 + 0.42 * i + 0.19}, {1.12, 0.76, 0.36}, paint, Swatch::dark_grey);
+        shape.block({0, 0, 0.14 + 0.42 * i + 0.39}, {1.18, 0.8, 0.05}, paint, Swatch::dark_grey);
+      }
+      break;
+    }
+    case 3: {  // a few left
       const int count = 1 + draws_.below(3);
       for (int i = 0; i < count; ++i) {
         const double x = 0.4 * (i - 1), size = draws_.uniform(0.3, 0.37);
@@ -339,8 +384,8 @@ void Furniture::load(const Spot& spot, double high) {
       break;
     }
     default: {  // layers of cartons
-      const int layers = std::max(1, static_cast<int>(draws_.uniform(0.55, 1.0) * room / 0.38));
-      const double tall = std::min(0.45, 0.95 * room / layers);
+      const int layers = std::clamp(static_cast<int>(draws_.uniform(0.55, 1.0) * room / 0.42), 1, 3);
+      const double tall = std::min(0.48, 0.95 * room / layers);
       for (int i = 0; i < layers; ++i) {
         const double aside = draws_.uniform(-0.015, 0.015);
         const bool is_last = i + 1 == layers;

@@ -8,6 +8,7 @@
 
 #include "flockstep/world_builder.hpp"
 #include "scenario/draws.hpp"
+#include "scenario/places.hpp"
 #include "scenario/shape.hpp"
 
 namespace flockstep {
@@ -42,6 +43,10 @@ enum class Kind : std::uint8_t {
   beam,
   count,
 };
+
+// The floor below something, m: uv run along the sides of the rectangle and from t = 0 within to t = 1 at the border, so far out
+// that a texture there goes over into the floor around.
+MeshPart shade(const Rect& rect, double out, double repeat_m);
 
 const char* name(Kind kind);
 inline std::uint16_t semantic(Kind kind) { return static_cast<std::uint16_t>(static_cast<int>(kind) + 1); }

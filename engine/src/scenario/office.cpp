@@ -168,7 +168,16 @@ class Office {
         const Color color = floor_color(noise, floor, kRepeat * static_cast<double>(s), 0.1 + kEdge * from_wall, kRepeat);
         return mixed(color, {0.0F, 0.0F, 0.0F}, 0.5 * far * far);
       });
-      floors_[number] = {floor_material(name, inner), floor_material(name + " edge", edge)};
+      // Below furniture: no planks and no tiles, which would not meet those around.
+      const std::uint16_t shade = builder_.texture(name + " shade", 128, 32, [&](float s, float t) {
+        const double light = 0.42 + 0.58 * static_cast<double>(t), x = static_cast<double>(s);
+        const Color mean = floor == Floor::wood ? Color{0.37F, 0.235F, 0.125F} : Color{0.48F, 0.47F, 0.445F};
+        const Color color =
+            floor == Floor::carpet ? floor_color(noise, floor, kRepeat * x, 0.3 * static_cast<double>(t), kRepeat) : mean;
+        return mixed(Color{0.0F, 0.0F, 0.0F}, color, light);
+      });
+      floors_[number] = {floor_material(name, inner), floor_material(name + " edge", edge),
+                         floor_material("shaded " + name, shade)};
     }
     const Noise noise(Draws::kOffice, seed, 30);
     const auto plaster = [&](float s, float t) -> Color {
@@ -183,13 +192,15 @@ class Office {
     const std::uint16_t wall = builder_.texture("wall", 128, 256, plaster);
     constexpr std::array<Color, 5> kAccents{Color{0.17F, 0.30F, 0.36F}, Color{0.30F, 0.38F, 0.26F}, Color{0.52F, 0.27F, 0.12F},
                                             Color{0.22F, 0.25F, 0.36F}, Color{0.48F, 0.38F, 0.20F}};
-    accent_ = kAccents[static_cast<std::size_t>(draws_.below(5))];
-    const Color white{0.70F, 0.69F, 0.66F}, shaded{0.62F, 0.615F, 0.60F};
+    const Color accent = kAccents[static_cast<std::size_t>(draws_.below(5))];
+    constexpr std::array<Color, 4> kWhites{Color{0.70F, 0.69F, 0.66F}, Color{0.66F, 0.69F, 0.70F}, Color{0.70F, 0.66F, 0.58F},
+                                           Color{0.69F, 0.69F, 0.69F}};
+    const Color white = kWhites[static_cast<std::size_t>(draws_.below(4))], shaded = mixed(white, {0.0F, 0.0F, 0.0F}, 0.11);
     const auto painted = [&](const std::string& name, const Color& color) {
       return builder_.material({name, color, semantic(Kind::wall), wall});
     };
     walls_[0] = {painted("wall", white), painted("wall shaded", shaded)};
-    walls_[1] = {painted("accent wall", accent_), painted("accent wall shaded", mixed(accent_, {0.0F, 0.0F, 0.0F}, 0.12))};
+    walls_[1] = {painted("accent wall", accent), painted("accent wall shaded", mixed(accent, {0.0F, 0.0F, 0.0F}, 0.12))};
     const Noise panels(Draws::kOffice, seed, 31);
     const auto panel = [&](float s, float t) {
       const double x = 4.0 * static_cast<double>(s), y = 4.0 * static_cast<double>(t);
@@ -204,12 +215,10 @@ class Office {
     ceiling_ = builder_.material({"ceiling", {1.0F, 1.0F, 1.0F}, semantic(Kind::ceiling), tiles});
     lamp_ = builder_.material({"lamp", {1.0F, 1.0F, 1.0F}, semantic(Kind::lamp), {}});
     facade_ = builder_.material({"facade", {0.42F, 0.41F, 0.39F}, semantic(Kind::wall), {}});
-    column_ = builder_.material({"column", {0.60F, 0.60F, 0.58F}, semantic(Kind::column), {}});
   }
 
   std::uint16_t floor_material(const std::string& name, std::uint16_t texture) {
-    Color tint{1.0F, 1.0F, 1.0F};
-    return builder_.material({name, tint, semantic(Kind::floor), texture});
+    return builder_.material({name, {1.0F, 1.0F, 1.0F}, semantic(Kind::floor), texture});
   }
 
   Floor floor_of(RoomUse use) const {
@@ -228,7 +237,7 @@ class Office {
   // Floor, ceiling, lamps and the walls of a room as seen from within.
   void add_shell(const Room& room) {
     const Rect in = room.inside();
-    const auto& [inner, edge] = floors_[static_cast<std::size_t>(floor_of(room.use))];
+    const auto& [inner, edge, shade] = floors_[static_cast<std::size_t>(floor_of(room.use))];
     MeshPart floor, border, ceiling;
     const Rect middle = in.grown(-kEdge);
     const auto flat = [&](MeshPart& part, const Rect& rect, double z, bool is_up) {
@@ -260,7 +269,6 @@ class Office {
     builder_.mesh(ceiling, ceiling_);
     // An accent on one side of most rooms, but the one of the windows.
     const int accented = draws_.below(room.use == RoomUse::corridor ? 12 : 5);
-    std::array<MeshPart, 4> faces;
     for (const Side side : kSides) {
       MeshPart part;
       add_wall(part, room, side);
@@ -557,12 +565,29 @@ class Office {
     }
   }
 
+  // Below a piece that covers a rectangle; wider where the floor has no pattern that it would break.
+  void add_shade(const Rect& rect, double out) {
+    const Floor floor = floor_of(room().use);
+    const double wide = floor == Floor::carpet ? out : 0.1;
+    if (room().inside().contains(rect.grown(wide)))
+      builder_.mesh(shade(rect, wide, kRepeat), floors_[static_cast<std::size_t>(floor)].shade);
+  }
+
   void add_pictures(int count) {
-    constexpr std::array<Swatch, 3> kPaintings{Swatch::painting_a, Swatch::painting_b, Swatch::painting_c};
+    struct Painting {
+      Swatch swatch;
+      double shape;  // width over height
+    };
+    constexpr std::array<Painting, 5> kPaintings{{{Swatch::painting_a, 1.0},
+                                                  {Swatch::painting_d, 2.0},
+                                                  {Swatch::painting_b, 1.0},
+                                                  {Swatch::painting_e, 2.0},
+                                                  {Swatch::painting_c, 1.0}}};
     for (int i = 0; i < count; ++i) {
-      const double across = draws_.uniform(0.6, 1.1), high = draws_.uniform(0.6, 0.9);
+      painting_ = (painting_ + 1 + static_cast<std::size_t>(draws_.below(4))) % kPaintings.size();  // another one than before
+      const double high = draws_.uniform(0.5, 0.75), across = kPaintings[painting_].shape * high;
       if (const auto spot = hang(across, high, 1.6)) {
-        furniture_.framed(*spot, 1.6, across, high, kPaintings[static_cast<std::size_t>(draws_.below(3))], Kind::picture);
+        furniture_.framed(*spot, 1.6, across, high, kPaintings[painting_].swatch, Kind::picture);
       }
     }
   }
@@ -608,6 +633,7 @@ class Office {
           if (!chance(0.25 + 0.75 * static_cast<double>(config_.furniture))) continue;
           if (!take({at(u, v + side * 0.5 * kHalf), ahead, 0.0}, kDesk - 0.02, kHalf - 0.02)) continue;
           furniture_.desk({at(u, v + side * 0.42), side * ahead, 0.0});
+          add_shade(covered({at(u, v + side * 0.55), ahead, 0.0}, 1.1, 0.5), 0.25);
           const Vec2d aside = draws_.point({-0.3, -0.3}, {0.3, 0.3});
           furniture_.chair(
               {at(u + 0.4 * aside.x(), v + side * (1.22 + 0.3 * aside.y())), Vec2d(-side * ahead + aside).normalized(), 0.0},
@@ -638,6 +664,7 @@ class Office {
       const Spot spot{in.center() + aside, facing, 0.0};
       if (!take(spot, across + 0.2, deep + 1.5)) continue;
       furniture_.meeting_table(spot, across, deep);
+      add_shade(covered(spot, across - 0.5, deep - 0.5), 0.45);
       break;
     }
     if (const auto spot = hang(1.7, 1.0, 1.5)) furniture_.framed(*spot, 1.5, 1.7, 1.0, Swatch::slides, Kind::monitor);
@@ -655,6 +682,7 @@ class Office {
     for (int i = 0; i < desks; ++i) {
       if (const auto spot = anywhere(1.7, 2.0)) {
         furniture_.desk({spot->at - 0.55 * spot->facing, spot->facing, 0.0});
+        add_shade(covered({spot->at - 0.5 * spot->facing, spot->facing, 0.0}, 1.3, 0.6), 0.2);
         furniture_.chair(
             {spot->at + 0.3 * spot->facing, Vec2d(-spot->facing + draws_.point({-0.3, -0.3}, {0.3, 0.3})).normalized(), 0.0},
             cloth);
@@ -694,8 +722,11 @@ class Office {
       for (int k = 0; k < 16; ++k) {
         const Vec2d at = draws_.point(in.low + Vec2d::Constant(0.6), in.high - Vec2d::Constant(0.6));
         if (!take({at, Vec2d::UnitY(), 0.0}, 2.0 * radius + 0.3, 2.0 * radius + 0.3)) continue;
-        builder_.cylinder(Vec3d(at.x(), at.y(), 0.5 * kHigh).cast<float>(), static_cast<float>(radius), static_cast<float>(kHigh),
-                          column_);
+        Shape column({at, Vec2d::UnitY(), 0.0});
+        const std::array<Vec2d, 2> side{Vec2d(radius, 0.0), Vec2d(radius, kHigh)};
+        column.turned({0, 0}, side, Swatch::white, 16);
+        furniture_.add(column, Kind::column);
+        add_shade(covered({at, Vec2d::UnitY(), 0.0}, 1.6 * radius, 1.6 * radius), 0.12);
         break;
       }
     }
@@ -733,15 +764,18 @@ class Office {
   std::vector<std::size_t> on_lane_;        // doors
   Places places_;                           // doors open there, or something stands there
   std::vector<std::vector<Opening>> hung_;  // of each room: what is on its walls
+  std::size_t painting_ = 0;                // that was hung last
   std::size_t room_ = 0;                    // that is being furnished
 
   struct Pair {
     std::uint16_t first = 0, second = 0;
   };
-  std::array<Pair, 3> floors_;  // of each Floor: its middle, its edge
-  std::array<Pair, 2> walls_;   // plain and accented: along x, along y
-  Color accent_{};
-  std::uint16_t ceiling_ = 0, lamp_ = 0, facade_ = 0, column_ = 0;
+  struct FloorMaterials {
+    std::uint16_t middle = 0, edge = 0, shade = 0;
+  };
+  std::array<FloorMaterials, 3> floors_;  // of each Floor
+  std::array<Pair, 2> walls_;             // plain and accented: along x, along y
+  std::uint16_t ceiling_ = 0, lamp_ = 0, facade_ = 0;
 };
 
 void check(const OfficeConfig& config) {
@@ -764,9 +798,11 @@ std::shared_ptr<const World> office(const OfficeConfig& config) {
     Interrupt::poll();
     Office office(config, attempt);
     auto world = office.built().build();
-    if (is_free_way(*world, hull, office.lane())) return world;
+    const std::vector<Vec3> lane = office.lane(), straight{lane.front(), lane.back()};
+    if (!is_free_way(*world, hull, straight) && is_free_way(*world, hull, lane)) return world;
   }
-  refuse("office: seed", "one with a free way (none in " + std::to_string(kAttempts) + " layouts)", config.seed);
+  refuse("office: seed", "one with a free way that is not straight (none in " + std::to_string(kAttempts) + " layouts)",
+         config.seed);
 }
 
 }  // namespace flockstep

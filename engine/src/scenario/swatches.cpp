@@ -42,24 +42,13 @@ struct SwatchPatch {
   double width_m;
 };
 constexpr std::array<SwatchPatch, static_cast<int>(Swatch::count) - kSwatchColors> kSwatchPatches{{
-    {Swatch::oak, 0, 1, 4, 2, 2.4},
-    {Swatch::walnut, 4, 1, 4, 2, 2.4},
-    {Swatch::fabric, 0, 3, 1, 1, 0.5},
-    {Swatch::planks, 1, 3, 1, 1, 1.2},
-    {Swatch::carton, 0, 4, 2, 1, 0.0},
-    {Swatch::carton_top, 2, 4, 1, 1, 0.0},
-    {Swatch::carton_plain, 3, 4, 1, 1, 0.0},
-    {Swatch::wrapped, 2, 3, 2, 1, 0.0},
-    {Swatch::keyboard, 0, 5, 1, 1, 0.0},
-    {Swatch::desktop, 4, 3, 2, 1, 0.0},
-    {Swatch::code, 4, 4, 2, 1, 0.0},
-    {Swatch::slides, 6, 3, 2, 1, 0.0},
-    {Swatch::whiteboard, 6, 4, 2, 1, 0.0},
-    {Swatch::rug, 0, 6, 2, 2, 0.0},
-    {Swatch::stripes, 1, 5, 1, 1, 0.0},
-    {Swatch::painting_a, 2, 5, 2, 2, 0.0},
-    {Swatch::painting_b, 4, 5, 2, 2, 0.0},
-    {Swatch::painting_c, 6, 5, 2, 2, 0.0},
+    {Swatch::oak, 0, 1, 4, 2, 2.4},          {Swatch::walnut, 4, 1, 4, 2, 2.4},     {Swatch::fabric, 0, 3, 1, 1, 0.5},
+    {Swatch::planks, 1, 3, 1, 1, 1.2},       {Swatch::carton, 0, 4, 2, 1, 0.0},     {Swatch::carton_top, 2, 4, 1, 1, 0.0},
+    {Swatch::carton_plain, 3, 4, 1, 1, 0.0}, {Swatch::wrapped, 2, 3, 2, 1, 0.0},    {Swatch::keyboard, 0, 5, 1, 1, 0.0},
+    {Swatch::desktop, 4, 3, 2, 1, 0.0},      {Swatch::code, 4, 4, 2, 1, 0.0},       {Swatch::slides, 6, 3, 2, 1, 0.0},
+    {Swatch::whiteboard, 6, 4, 2, 1, 0.0},   {Swatch::rug, 0, 6, 2, 2, 0.0},        {Swatch::stripes, 1, 5, 1, 1, 0.0},
+    {Swatch::painting_a, 2, 5, 2, 2, 0.0},   {Swatch::painting_b, 4, 5, 2, 2, 0.0}, {Swatch::painting_c, 6, 5, 2, 2, 0.0},
+    {Swatch::painting_d, 2, 7, 2, 1, 0.0},   {Swatch::painting_e, 4, 7, 2, 1, 0.0},
 }};
 
 bool is_within(double s, double t, double left, double top, double right, double bottom) {
@@ -122,6 +111,22 @@ class SwatchPainter {
         const double bands = noise_.octaves(2.5 * s, 6.0 * t + 3.0 * noise_.at(2.0 * s, 40.0), 3);
         return mixed(Color{0.02F, 0.14F, 0.20F}, Color{0.78F, 0.74F, 0.62F}, std::clamp(2.4 * bands - 0.7, 0.0, 1.0));
       }
+      case Swatch::painting_d: {  // mountains over a lake
+        const double ridge = 0.55 - 0.42 * noise_.octaves(5.0 * s, 60.0, 3), haze = 0.6 - 0.2 * noise_.octaves(9.0 * s, 70.0, 2);
+        if (t > 0.68) return mixed(Color{0.10F, 0.22F, 0.26F}, Color{0.22F, 0.36F, 0.38F}, noise_.at(3.0 * s, 40.0 * t));
+        if (t > haze) return {0.07F, 0.13F, 0.09F};
+        if (t > ridge) return t < 0.36 ? Color{0.80F, 0.80F, 0.80F} : Color{0.22F, 0.25F, 0.30F};
+        return mixed(Color{0.25F, 0.42F, 0.60F}, Color{0.70F, 0.70F, 0.64F}, 1.6 * t);
+      }
+      case Swatch::painting_e: {  // fields between lines
+        const double column = std::floor(4.0 * s), row = std::floor(2.0 * t);
+        if (std::fmod(4.0 * s, 1.0) < 0.05 || std::fmod(2.0 * t, 1.0) < 0.05) return {0.02F, 0.02F, 0.02F};
+        const double hue = noise_.at(column, row + 80.0);
+        return hue < 0.25   ? Color{0.55F, 0.06F, 0.04F}
+               : hue < 0.45 ? Color{0.03F, 0.09F, 0.35F}
+               : hue < 0.6  ? Color{0.78F, 0.55F, 0.04F}
+                            : Color{0.76F, 0.75F, 0.70F};
+      }
       default:
         return {1.0F, 0.0F, 1.0F};
     }
@@ -129,9 +134,9 @@ class SwatchPainter {
 
  private:
   Color wood(double x, double y, const Color& dark, const Color& bright) const {
-    const double bend = 3.0 * noise_.at(x / 90.0, y / 30.0);
-    const double grain = noise_.octaves(x / 70.0, y / 5.0 + bend, 3);
-    return mixed(dark, bright, std::clamp(1.7 * grain - 0.35, 0.0, 1.0));
+    const double bend = 1.5 * noise_.at(x / 80.0, y / 40.0);
+    const double broad = noise_.at(x / 120.0, y / 14.0 + bend), fine = noise_.octaves(x / 40.0, y / 2.5 + 3.0 * bend, 2);
+    return mixed(dark, bright, std::clamp(0.15 + 0.35 * broad + 0.45 * fine, 0.0, 1.0));
   }
 
   Color board(double x, double y) const {

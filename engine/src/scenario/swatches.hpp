@@ -50,6 +50,8 @@ enum class Swatch : std::uint8_t {
   painting_a,
   painting_b,
   painting_c,
+  painting_d,
+  painting_e,
   count,
 };
 
