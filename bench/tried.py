@@ -4,6 +4,7 @@ moves    pushes and turns at rest against walls, 0 to 10 km from the origin: no 
 pushes   ticks of drones that fly by rotors and push against walls and corners: none is ever inside
 motions  sweeps against fine stepping with an independent convex distance
 rays     rays traced directly, through Embree, and by closed forms in double precision
+worlds   seeds of the generated worlds: each has a way that has been flown, of every fiftieth a planner finds one
 scene, obj, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
 
 Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there.
@@ -29,6 +30,9 @@ TESTS = {
     "motions": ("SweepAgainstFineStepping*", 100),
     "rays": ("Agreement*", 1000),
 }
+#: Generators of worlds, and the cells (m) of a planner that finds a way in each.
+WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
+SEEDS, PLANNED = 1000, 50  # of each generator; one of so many is planned
 FUZZERS = ("scene", "obj", "gltf", "snapshot", "calls")
 RUNS, HOUR_S = 1_000_000, 3600  # of a fuzzer, whichever comes first
 
@@ -63,13 +67,27 @@ def run_fuzzer(name: str, runs: int) -> int:
     return int(executed[-1])
 
 
+def run_worlds(seeds: int) -> int:
+    """Generate worlds; return how many."""
+    import flockstep
+
+    for generator, cell_m in WORLDS.items():
+        for seed in range(seeds):
+            world = getattr(flockstep.World, generator)(seed)  # refuses where it has flown no way
+            flockstep.DroneVectorEnv(1, worlds=world, random_start=True).reset(seed=seed)
+            if seed % PLANNED == 0 and flockstep.plan(world, world.start, [world.goal], cell_m=cell_m) is None:
+                raise SystemExit(f"{generator} {seed}: no way is found")
+    return seeds * len(WORLDS)
+
+
 def main() -> None:
-    names = [*TESTS, *FUZZERS]
+    names = [*TESTS, "worlds", *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
     parser.add_argument(
         "--times", type=int, help="of tests: how many times as often as the suite; else as the table says"
     )
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="of each generator of worlds")
     parser.add_argument("--runs", type=int, default=RUNS, help="of a fuzzer; it ends after an hour all the same")
     args = parser.parse_args()
     for name in args.names:
@@ -78,8 +96,11 @@ def main() -> None:
     OUT.mkdir(parents=True, exist_ok=True)
     for name in args.names or names:
         source = {"commit": commit(), "cpu": machine()["cpu"]}
-        count = run_tests(name, args.times) if name in TESTS else run_fuzzer(name, args.runs)
-        unit = name if name in TESTS else "runs"
+        if name == "worlds":
+            count = run_worlds(args.seeds)
+        else:
+            count = run_tests(name, args.times) if name in TESTS else run_fuzzer(name, args.runs)
+        unit = "runs" if name in FUZZERS else name
         print(f"{name}: {count:,} {unit}")
         if source["commit"].endswith("-dirty"):
             print("   not written: the checkout has changes")

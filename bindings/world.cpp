@@ -174,6 +174,18 @@ void register_world(py::module_& module) {
             return std::const_pointer_cast<World>(released([&] { return city({seed, blocks, height_m}); }));
           },
           py::arg("seed"), py::arg("blocks") = CityConfig().blocks, py::arg("height_m") = CityConfig().height_m)
+      .def_static(
+          "office",
+          [](std::uint64_t seed, const std::array<float, 2>& size_m, float furniture) {
+            return std::const_pointer_cast<World>(released([&] { return office({seed, size_m, furniture}); }));
+          },
+          py::arg("seed"), py::arg("size_m") = OfficeConfig().size_m, py::arg("furniture") = OfficeConfig().furniture)
+      .def_static(
+          "warehouse",
+          [](std::uint64_t seed, const std::array<float, 2>& size_m, float height_m) {
+            return std::const_pointer_cast<World>(released([&] { return warehouse({seed, size_m, height_m}); }));
+          },
+          py::arg("seed"), py::arg("size_m") = WarehouseConfig().size_m, py::arg("height_m") = WarehouseConfig().height_m)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
       .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })

@@ -868,6 +868,24 @@ class World:
         arguments make the same world.
         """
 
+    @staticmethod
+    def office(seed: int, size_m: Sequence[float] = (36.0, 20.0), furniture: float = 0.8) -> World:
+        """Generate a floor of an office building: rooms, corridors and lounges, textured and furnished, behind windows.
+
+        ``size_m`` is along x, from 20, and y, from 14; ``furniture`` in [0, 1] is how densely it is furnished. Start and goal
+        are in rooms at opposite ends of x. The default drone can fly from one to the other through doors, and not straight.
+        The same arguments make the same world.
+        """
+
+    @staticmethod
+    def warehouse(seed: int, size_m: Sequence[float] = (48.0, 30.0), height_m: float = 8.0) -> World:
+        """Generate a warehouse: a hall with skylights, rows of racks with pallets, forklifts, a conveyor and more, textured.
+
+        ``size_m`` is along x, from 26, across the rows of racks, and y, from 16; ``height_m`` in [5, 20] is that of the
+        eaves. Start and goal are at opposite ends of x. The default drone can fly from one to the other around racks and
+        through empty bays, and not straight. The same arguments make the same world.
+        """
+
     def __copy__(self) -> World: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> World: ...
     @property

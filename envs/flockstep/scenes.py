@@ -25,6 +25,8 @@ SETS: dict[str, tuple[str, ...]] = {
 GENERATED: dict[str, Callable[[], World]] = {
     "bench/complex": bench_scenes.complex_,
     "bench/simple": bench_scenes.simple,
+    "indoor/office": lambda: World.office(seed=1),
+    "indoor/warehouse": lambda: World.warehouse(seed=1),
     "outdoor/city": lambda: World.city(seed=6),
     "outdoor/forest": lambda: World.forest(seed=1),
 }
@@ -34,6 +36,8 @@ GENERATORS: dict[str, Callable[[int], World]] = {
     "playground": World.playground,
     "forest": World.forest,
     "city": World.city,
+    "office": World.office,
+    "warehouse": World.warehouse,
 }
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")

@@ -88,7 +88,7 @@ def test_backends_agree(name: str) -> None:
     assert (raycast.semantic == gl.semantic).mean() >= 0.995
     assert (raycast.instance == gl.instance).mean() >= 0.995
     inner = off_silhouettes(raycast.instance, gl.instance)
-    assert inner.mean() > 0.5
+    assert inner.mean() > (0.4 if name in flockstep.scenes.GENERATED else 0.5)  # shelves are full of small things
     ours, theirs = (camera.depth[:, 1:-1, 1:-1][inner] for camera in (raycast, gl))
     np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(theirs))
     seen = np.isfinite(ours)

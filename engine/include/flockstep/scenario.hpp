@@ -54,6 +54,32 @@ struct CityConfig {
 // bad config.
 std::shared_ptr<const World> city(const CityConfig& config);
 
+// A floor of an office building, made from a seed: rooms, corridors and lounges with their furniture behind windows, and a start
+// and a goal in rooms at opposite ends of it.
+struct OfficeConfig {
+  std::uint64_t seed = 0;
+  std::array<float, 2> size_m{36.0F, 20.0F};  // along x, from start to goal, in [20, 200], and y, in [14, 200]; cut to half metres
+  float furniture = 0.8F;                     // how densely it is furnished, in [0, 1]
+};
+
+// A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through open
+// doors it can fly there, at a height of 1.35 m, which is tried in the world itself. Throws std::invalid_argument on a bad config,
+// or where no such way is found in many layouts.
+std::shared_ptr<const World> office(const OfficeConfig& config);
+
+// A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a start
+// and a goal at opposite ends of it.
+struct WarehouseConfig {
+  std::uint64_t seed = 0;
+  std::array<float, 2> size_m{48.0F, 30.0F};  // along x, across the rows of racks, in [26, 200], and y, in [16, 200]
+  float height_m = 8.0F;                      // of the eaves, in [5, 20]; up to five pallets stand above each other
+};
+
+// A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around racks
+// and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad config, or
+// where no such way is found in many layouts.
+std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
+
 // The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and
 // facing +x, touches nothing; nullopt if there is none on a grid of cell_m spacing. The path is close to the shortest: cell_m
 // matters for which gaps are found, hardly for the length.
