@@ -119,7 +119,7 @@ class CameraConfig:
     samples_per_pixel
         1, 4, 9 or 16, a grid, averaged. Colours only: the rest is of the pixel's centre.
     shadows
-        Hard shadows of the sun. Rooms and markers cast none.
+        Hard shadows of the sun, cast by everything but markers. A room lets the sun in.
     rate_hz
         Frames per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. With capture mode ``"every_step"``. None: one after every
         flown step.

@@ -119,11 +119,23 @@ inline bool is_clear(const World& world, const CameraConfig& camera, const Seen&
 
 inline Vec3d to_sun(const World& world) { return vector_of(world.light().sun_direction.data()).normalized(); }
 
+// Whether a point outside of a room looks through it: the sun's light, that comes the other way, meets the room from within.
+inline bool is_behind(const Primitive& room, const Vec3d& point, const Vec3d& direction) {
+  Interval inside;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    const double from = point[axis] - static_cast<double>(room.center[axis]);
+    inside = both(inside, slab(from, direction[axis], static_cast<double>(room.half_extents[axis])));
+  }
+  return inside.enter > 0.0 && inside.enter <= inside.exit;
+}
+
 inline bool is_shaded(const World& world, const Vec3d& point) {
   const auto primitives = world.primitives();
   const Vec3d sun = to_sun(world);
   for (const Primitive& primitive : primitives) {
-    if (primitive.kind != PrimitiveKind::room && hit_primitive(primitive, point, sun).t < kNever) return true;
+    if (primitive.kind == PrimitiveKind::room ? is_behind(primitive, point, sun)
+                                              : hit_primitive(primitive, point, sun).t < kNever)
+      return true;
   }
   for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
     if (hit_triangle(world.triangles(), i, point, sun).t < kNever) return true;

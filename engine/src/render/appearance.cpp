@@ -26,4 +26,22 @@ Appearance::Appearance(const World& world) : marker_radius(world.markers().radiu
   if (places.goal) markers.push_back({*places.goal, {kGoalColor, kSemanticGoal, ++instance}});
 }
 
+std::optional<Aabb> shading_room(const World& world) {
+  if (world.primitives().empty() || world.primitives()[0].kind != PrimitiveKind::room) return std::nullopt;
+  const Primitive& given = world.primitives()[0];
+  const Aabb room{given.center - given.half_extents, given.center + given.half_extents};
+  // What ends at a wall may reach beyond it by rounding.
+  const float rounding = 1e-5F * (1.0F + room.min.cwiseAbs().cwiseMax(room.max.cwiseAbs()).maxCoeff());
+  const auto holds = [&](const Vec3& low, const Vec3& high) {
+    return (low.array() >= room.min.array() - rounding).all() && (high.array() <= room.max.array() + rounding).all();
+  };
+  bool all = holds(world.bounds().min, world.bounds().max);
+  const Vec3 radius = Vec3::Constant(world.markers().radius);
+  const auto see = [&](const Vec3& place) { all &= holds(place - radius, place + radius); };
+  if (world.markers().start) see(*world.markers().start);
+  for (const Vec3& waypoint : world.markers().waypoints) see(waypoint);
+  if (world.markers().goal) see(*world.markers().goal);
+  return all ? std::nullopt : std::optional(room);
+}
+
 }  // namespace flockstep::render

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "flockstep/pose.hpp"
@@ -38,5 +39,9 @@ struct Appearance {
   float marker_radius = 0.25F;        // m
   Light light;
 };
+
+// The room of a world whose shadow falls on something: that has something outside it. Only from outside does it hide the sun,
+// because rays meet it from within alone.
+std::optional<Aabb> shading_room(const World& world);
 
 }  // namespace flockstep::render

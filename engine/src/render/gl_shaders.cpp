@@ -485,7 +485,7 @@ bool in_shadow(float depth, vec3 at, bool matters) {
     vec3 d = to_solid[2];
     int kind = int(solid[0].w);
     vec2 inside;
-    if (kind == 1) {
+    if (kind == 1 || kind == 5) {
       inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
       inside = intersection(inside, slab(o.z, d.z, half_extents.z));
     } else if (kind == 2) {
@@ -495,7 +495,7 @@ bool in_shadow(float depth, vec3 at, bool matters) {
     } else {
       inside = capsule(o, d, half_extents.x, half_extents.z);
     }
-    hidden = inside.x <= inside.y && inside.y >= 0.0;
+    hidden = inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room only from outside
   }
   return hidden;
 }

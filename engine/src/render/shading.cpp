@@ -565,7 +565,7 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 }  // namespace
 
-Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world) {
+Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world), room_(shading_room(world)) {
   const Appearance appearance(world);
   tables_.light = appearance.light;
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {

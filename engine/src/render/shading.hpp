@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -48,6 +49,9 @@ class Shading {
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
+  // As shading_room() says.
+  const std::optional<Aabb>& room() const { return room_; }
+
   // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
@@ -73,6 +77,7 @@ class Shading {
 
  private:
   Tables tables_;
+  std::optional<Aabb> room_;
 };
 
 }  // namespace flockstep::render
