@@ -83,6 +83,8 @@ py::dict light(const World& world) {
   entry["zenith_color"] = triple(light.zenith_color);
   entry["horizon_color"] = triple(light.horizon_color);
   entry["gamma"] = light.gamma;
+  entry["sun_radius_deg"] = light.sun_radius_deg;
+  entry["sun_glow"] = light.sun_glow;
   return entry;
 }
 

@@ -898,7 +898,7 @@ class World:
     def light(self) -> dict[str, Any]:
         """What cameras see by, as a scene file says it: ``sun_direction`` (3,) unit, towards the sun; ``sun_color``,
         ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``, each (3,) linear RGB in [0, 100]; ``gamma`` in
-        [1, 4]."""
+        [1, 4]; ``sun_radius_deg`` of the sun's disc in the sky, 0 for none; ``sun_glow`` beside it, in [0, 1]."""
 
     @property
     def primitives(self) -> list[dict[str, Any]]:
@@ -1058,6 +1058,8 @@ class WorldBuilder:
         zenith_color: Sequence[float] = ...,
         horizon_color: Sequence[float] = ...,
         gamma: float = ...,
+        sun_radius_deg: float = ...,
+        sun_glow: float = ...,
     ) -> None:
         """Set the light, as `World.light` has it; what is left out is as in a world without."""
 

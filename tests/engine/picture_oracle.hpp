@@ -329,7 +329,18 @@ inline std::array<int, 3> surface_levels(const World& world, const Vec3d& color,
 
 inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction) {
   const Light& light = world.light();
-  return levels(world, lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z())));
+  Vec3d sky = lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z()));
+  // The sun's disc and its glow, by angles.
+  const Vec3d sun = vector_of(light.sun_color.data());
+  if (sun.maxCoeff() > 0.0) {
+    const double angle = std::atan2(direction.cross(to_sun(world)).norm(), direction.dot(to_sun(world)));
+    const double radius = static_cast<double>(light.sun_radius_deg) * std::numbers::pi / 180.0;
+    const double chord = 2.0 * std::sin(0.5 * angle) / std::max(2.0 * std::sin(0.5 * radius), 1e-9);  // radii
+    const double disc = std::clamp((1.0 - chord * chord) / 0.19, 0.0, 1.0);
+    const double glow = static_cast<double>(light.sun_glow) / (1.0 + 400.0 * std::pow(std::sin(0.5 * angle), 2));
+    sky += std::max(disc, glow) * (sun / sun.maxCoeff() - sky);
+  }
+  return levels(world, sky);
 }
 
 }  // namespace flockstep::oracle

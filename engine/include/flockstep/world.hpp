@@ -57,8 +57,11 @@ struct Material {
 };
 
 // What cameras see things by. Colours are linear RGB in [0, 100]. A surface of unit normal n and base colour c shows
-// c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in direction d
+// c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in unit direction d
 // lerp(horizon_color, zenith_color, max(0, d.z)); a value v is written as 255 * min(v, 1)^(1 / gamma), rounded.
+// The sun stands in the sky where sun_radius_deg or sun_glow is not 0: with q = |d - sun_direction|^2 and r = 2
+// sin(sun_radius_deg / 2), the sky there is lerp(sky, s, max(disc, sun_glow / (1 + 100 q))), where disc = clamp((r^2 - q) / (0.19
+// r^2), 0, 1), of which the outer tenth of the radius is the soft border, and s = sun_color over its largest channel.
 struct Light {
   std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length but 0, a World's is unit
   std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};
@@ -66,7 +69,9 @@ struct Light {
   std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};
   std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};
   std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};
-  float gamma = 2.2F;  // in [1, 4]
+  float gamma = 2.2F;           // in [1, 4]
+  float sun_radius_deg = 0.0F;  // of its disc, as seen; 0 for none, or in [0.1, 45]
+  float sun_glow = 0.0F;        // in [0, 1], the sun's share of the colour beside it; it has halved 5.7 degrees away
 };
 
 struct TriangleMesh {

@@ -1,8 +1,22 @@
 #include "render/appearance.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 namespace flockstep::render {
+
+SunDisc::SunDisc(const Light& light) {
+  const float largest = std::max({light.sun_color[0], light.sun_color[1], light.sun_color[2]});
+  shows = largest > 0.0F && (light.sun_radius_deg > 0.0F || light.sun_glow > 0.0F);
+  if (!shows) return;
+  for (std::size_t c = 0; c < 3; ++c) color[c] = light.sun_color[c] / largest;
+  glow = light.sun_glow;
+  if (light.sun_radius_deg == 0.0F) return;
+  const double chord = 2.0 * std::sin(static_cast<double>(light.sun_radius_deg) * std::numbers::pi / 360.0);
+  edge = static_cast<float>(chord * chord);
+  steepness = static_cast<float>(1.0 / (0.19 * chord * chord));
+}
 
 Appearance::Appearance(const World& world) : marker_radius(world.markers().radius), light(world.light()) {
   for (std::size_t i = 0; i < world.materials().size(); ++i) {

@@ -29,6 +29,18 @@ struct MarkerSphere {
   Surface surface;
 };
 
+// The sun as it stands in the sky; see Light, whose q this is about.
+struct SunDisc {
+  explicit SunDisc(const Light& light);
+
+  bool shows = false;
+  std::array<float, 3> color{};  // s
+  float edge = 0.0F;             // r^2
+  float steepness = 0.0F;        // 1 / (0.19 r^2)
+  float glow = 0.0F;
+  static constexpr float kFocus = 100.0F;  // how soon the glow fades
+};
+
 struct Appearance {
   explicit Appearance(const World& world);
 

@@ -129,6 +129,7 @@ void GlPainter::add(const GlModel& model) {
   uploaded.bounds = model.bounds;
   uploaded.rooms = model.rooms;
   uploaded.light = model.light;
+  uploaded.sun_disc = SunDisc(model.light);
   models_.push_back(std::move(uploaded));
 }
 
@@ -228,7 +229,10 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     }
   }
   if (writes.color && !sky_cameras_.empty()) {
-    use(shaders_.sky(pass.traits));
+    ShaderTraits traits = pass.traits;
+    traits.sun = std::any_of(sky_cameras_.begin(), sky_cameras_.end(),
+                             [&](std::uint32_t i) { return models_[cameras[i].model].sun_disc.shows; });
+    use(shaders_.sky(traits));
     draw_sky();
   }
 }
@@ -256,7 +260,8 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   const Vec3d eye = camera.position.cast<double>();
   records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy),
                       row(-left / fx, camera.model), row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
-                      row(model.light.zenith_color, 0.0F)});
+                      row(model.light.zenith_color, model.sun_disc.glow), row(model.light.sun_direction, model.sun_disc.edge),
+                      row(model.sun_disc.color, model.sun_disc.steepness)});
 
   const double near = static_cast<double>(pass.near_m);
   const double far = static_cast<double>(pass.far_m);

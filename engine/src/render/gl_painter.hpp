@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "render/appearance.hpp"
 #include "render/gl_atlas.hpp"
 #include "render/gl_model.hpp"
 #include "render/gl_objects.hpp"
@@ -53,12 +54,14 @@ class GlPainter {
     std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
     std::vector<Aabb> rooms;
     Light light;
+    SunDisc sun_disc{Light()};
     std::uint32_t grid = 0;  // into grids_
     bool has_textures = false;
   };
   // A TileCamera as the shaders read it; each row is a vec4.
   struct CameraRecord {
-    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith;
+    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith_glow, sun_edge,
+        disc_steepness;
   };
   // A grid of the sun as the shaders read it; each row is a vec4.
   struct GridRecord {

@@ -3,6 +3,7 @@
 #include <array>
 #include <string>
 
+#include "render/appearance.hpp"
 #include "render/egl_context.hpp"
 
 namespace flockstep::render {
@@ -33,7 +34,9 @@ struct Camera {
   vec4 ray_u;
   vec4 ray_v_grid;  // and which of the grids of the sun
   vec4 horizon;  // and 1 / gamma
-  vec4 zenith;
+  vec4 zenith_glow;
+  vec4 sun_edge;  // the direction to it; see SunDisc
+  vec4 disc_steepness;  // its colour
 };
 )";
 
@@ -580,15 +583,25 @@ layout(location = 1) flat out vec3 ray_u;
 layout(location = 2) flat out vec3 ray_v;
 layout(location = 3) flat out vec3 horizon;
 layout(location = 4) flat out vec3 zenith;
+#ifdef SUN
+layout(location = 5) flat out vec4 sun_edge;
+layout(location = 6) flat out vec4 disc_steepness;
+layout(location = 7) flat out float glow;
+#endif
 
 void main() {
   Camera camera = cameras[gl_VertexID >> 2];
+#ifdef SUN
+  sun_edge = camera.sun_edge;
+  disc_steepness = camera.disc_steepness;
+  glow = camera.zenith_glow.w;
+#endif
   place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, camera.eye_offset.w);
   ray_0_gamma = vec4(camera.ray_0_fy.xyz, camera.horizon.w);
   ray_u = camera.ray_u.xyz;
   ray_v = camera.ray_v_grid.xyz;
   horizon = camera.horizon.xyz;
-  zenith = camera.zenith.xyz;
+  zenith = camera.zenith_glow.xyz;
 }
 )";
 
@@ -598,11 +611,23 @@ layout(location = 1) flat in vec3 ray_u;
 layout(location = 2) flat in vec3 ray_v;
 layout(location = 3) flat in vec3 horizon;
 layout(location = 4) flat in vec3 zenith;
+#ifdef SUN
+layout(location = 5) flat in vec4 sun_edge;
+layout(location = 6) flat in vec4 disc_steepness;
+layout(location = 7) flat in float glow;
+#endif
 
 void main() {
   vec3 at = pixel();
   vec3 ray = ray_0_gamma.xyz + ray_u * at.y + ray_v * at.z;
-  out_color = encode(mix(horizon, zenith, max(0.0, ray.z) / length(ray)), ray_0_gamma.w);
+  vec3 color = mix(horizon, zenith, max(0.0, ray.z) / length(ray));
+#ifdef SUN
+  vec3 apart = ray / length(ray) - sun_edge.xyz;
+  float q = dot(apart, apart);
+  float disc = min((sun_edge.w - q) * disc_steepness.w, 1.0);
+  color = mix(color, disc_steepness.xyz, max(disc, glow / (1.0 + sun_focus * q)));
+#endif
+  out_color = encode(color, ray_0_gamma.w);
 #ifdef IDS
   out_ids = uvec2(0u);
 #endif
@@ -666,10 +691,18 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
                                        ""};
-  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
-                         traits.writes.normal, traits.shadows,      traits.textures && traits.writes.color};
-  static constexpr std::array kFlagDefines{"#define COLOR\n",  "#define DEPTH\n",   "#define IDS\n",
-                                           "#define NORMAL\n", "#define SHADOWS\n", "#define TEXTURES\n"};
+  const std::array flags{traits.writes.color, traits.writes.depth,
+                         traits.writes.ids,   traits.writes.normal,
+                         traits.shadows,      traits.textures && traits.writes.color,
+                         traits.sun};
+  static const std::array<std::string, flags.size()> kFlagDefines{
+      "#define COLOR\n",
+      "#define DEPTH\n",
+      "#define IDS\n",
+      "#define NORMAL\n",
+      "#define SHADOWS\n",
+      "#define TEXTURES\n",
+      "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n'};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -716,7 +749,7 @@ GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
   }
 }
 
-GLuint GlShaders::sky(const ShaderTraits& traits) { return get(Role::sky, {.writes = traits.writes}); }
+GLuint GlShaders::sky(const ShaderTraits& traits) { return get(Role::sky, {.writes = traits.writes, .sun = traits.sun}); }
 
 GLuint GlShaders::resolve() { return get(Role::resolve, {.writes = {.color = true}}); }
 

@@ -24,6 +24,7 @@ struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // of the sun
   bool textures = false;
+  bool sun = false;  // stands in the sky
 };
 
 // Numbers in the shaders' layout qualifiers.

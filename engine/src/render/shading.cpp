@@ -134,11 +134,30 @@ HWY_INLINE I on_ramp(Floats d, Ints di, const std::int32_t* ramp, V sunward, con
   return hn::GatherIndex(di, ramp, hn::ConvertTo(di, index));
 }
 
+// How much of the sky's colour in a direction is the sun's; see Light.
+HWY_INLINE V sun_share(Floats d, const Shading::Tables& tables, const Vec3V<V>& direction, V length) {
+  const SunDisc& disc = tables.sun_disc;
+  const auto& to_sun = tables.light.sun_direction;
+  const Vec3V<V> apart{hn::Sub(hn::Div(direction.x, length), hn::Set(d, to_sun[0])),
+                       hn::Sub(hn::Div(direction.y, length), hn::Set(d, to_sun[1])),
+                       hn::Sub(hn::Div(direction.z, length), hn::Set(d, to_sun[2]))};
+  const V q = dot(apart, apart);
+  const V one = hn::Set(d, 1.0F);
+  const V within = hn::Mul(hn::Sub(hn::Set(d, disc.edge), q), hn::Set(d, disc.steepness));
+  const V glow = hn::Div(hn::Set(d, disc.glow), hn::Add(one, hn::Mul(hn::Set(d, SunDisc::kFocus), q)));
+  return hn::Max(hn::Min(within, one), glow);
+}
+
 HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
-  const V up = hn::Max(hn::Div(direction.z, hn::Sqrt(dot(direction, direction))), hn::Zero(d));
+  const V length = hn::Sqrt(dot(direction, direction));
+  const V up = hn::Max(hn::Div(direction.z, length), hn::Zero(d));
+  const V share = tables.sun_disc.shows ? sun_share(d, tables, direction, length) : hn::Zero(d);
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const float horizon = tables.light.horizon_color[c];
-    const V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
+    V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
+    if (tables.sun_disc.shows) {
+      color = hn::Add(color, hn::Mul(hn::Sub(hn::Set(d, tables.sun_disc.color[c]), color), share));
+    }
     return level(d, di, tables, color);
   };
   return packed(channel(0), channel(1), channel(2));
@@ -567,7 +586,6 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world), room_(shading_room(world)) {
   const Appearance appearance(world);
-  tables_.light = appearance.light;
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
     const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);
     tables_.levels[i] =

@@ -70,9 +70,10 @@ class Shading {
     std::vector<float> texels_per_square_metre;  // of triangles
     std::int32_t first_object = 0;
     Light light;
+    SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
-    explicit Tables(const World& world) : textures(world.textures()) {}
+    explicit Tables(const World& world) : textures(world.textures()), light(world.light()), sun_disc(world.light()) {}
   };
 
  private:

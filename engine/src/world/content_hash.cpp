@@ -77,11 +77,15 @@ void add(Hash& hash, const Markers& markers) {
 }
 
 void add(Hash& hash, const Light& light) {
-  const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma] = light;
+  const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
+               sun_glow] = light;
   for (const auto* triple : {&sun_direction, &sun_color, &sky_ambient, &ground_ambient, &zenith_color, &horizon_color}) {
     hash.add(std::span<const float>(*triple));
   }
   hash.add(gamma);
+  if (sun_radius_deg == 0.0F && sun_glow == 0.0F) return;  // keeps the hash of before there were these
+  hash.add(sun_radius_deg);
+  hash.add(sun_glow);
 }
 
 }  // namespace

@@ -245,6 +245,12 @@ void check_light(Light& light) {
   if (!(light.gamma >= static_cast<float>(kMinGamma) && light.gamma <= static_cast<float>(kMaxGamma))) {
     refuse("light.gamma", "a number in [1, 4]", std::to_string(light.gamma));
   }
+  const float radius = light.sun_radius_deg;
+  const bool is_radius = radius >= static_cast<float>(kMinSunRadiusDeg) && radius <= static_cast<float>(kMaxSunRadiusDeg);
+  if (radius != 0.0F && !is_radius) refuse("light.sun_radius_deg", "0 or a number in [0.1, 45]", std::to_string(radius));
+  if (!(light.sun_glow >= 0.0F && light.sun_glow <= 1.0F)) {
+    refuse("light.sun_glow", "a number in [0, 1]", std::to_string(light.sun_glow));
+  }
 }
 
 // Rounding a unit vector to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).

@@ -26,6 +26,9 @@ inline constexpr int kMaxTexturePx = 16384;
 inline constexpr double kMaxLightColor = 100.0;
 inline constexpr double kMinGamma = 1.0;
 inline constexpr double kMaxGamma = 4.0;
+// Of the sun's disc, where it has one. Directions in float32 are accurate enough to show the least.
+inline constexpr double kMinSunRadiusDeg = 0.1;
+inline constexpr double kMaxSunRadiusDeg = 45.0;
 
 // True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);

@@ -531,8 +531,8 @@ class SceneReader {
   }
 
   void read_light(const JsonField& field) {
-    check_object(field,
-                 {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma"});
+    check_object(field, {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma",
+                         "sun_radius_deg", "sun_glow"});
     Light& light = scene_.light;
     if (const auto sun_direction = find(field, "sun_direction")) {
       const Vec3d given = vec3(*sun_direction);
@@ -547,6 +547,17 @@ class SceneReader {
       const double value = number(*gamma);
       if (!(value >= kMinGamma && value <= kMaxGamma)) refuse(*gamma, "a number in [1, 4]");
       light.gamma = static_cast<float>(value);
+    }
+    if (const auto radius = find(field, "sun_radius_deg")) {
+      const double value = number(*radius);
+      const bool is_radius = value == 0.0 || (value >= kMinSunRadiusDeg && value <= kMaxSunRadiusDeg);
+      if (!is_radius) refuse(*radius, "0 or a number in [0.1, 45]");
+      light.sun_radius_deg = static_cast<float>(value);
+    }
+    if (const auto glow = find(field, "sun_glow")) {
+      const double value = number(*glow);
+      if (!(value >= 0.0 && value <= 1.0)) refuse(*glow, "a number in [0, 1]");
+      light.sun_glow = static_cast<float>(value);
     }
   }
 
@@ -726,6 +737,8 @@ OrderedJson write_light(const Light& light) {
     if (light.*member != usual.*member) object[key] = numbers(light.*member);
   }
   if (light.gamma != usual.gamma) object["gamma"] = json::shortest(light.gamma);
+  if (light.sun_radius_deg != usual.sun_radius_deg) object["sun_radius_deg"] = json::shortest(light.sun_radius_deg);
+  if (light.sun_glow != usual.sun_glow) object["sun_glow"] = json::shortest(light.sun_glow);
   return object;
 }
 
