@@ -68,6 +68,7 @@ py::list materials(const World& world) {
     entry["name"] = material.name;
     entry["base_color"] = triple(material.base_color);
     entry["semantic"] = world.semantic(i);
+    entry["emissive"] = triple(material.emissive);
     list.append(entry);
   }
   return list;

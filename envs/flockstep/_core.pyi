@@ -892,7 +892,8 @@ class World:
     @property
     def materials(self) -> list[dict[str, Any]]:
         """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1], ``semantic`` (the class that cameras report, in
-        [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise)."""
+        [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise), ``emissive`` (3,) linear RGB in
+        [0, 100]: what is shown whatever the light."""
 
     @property
     def light(self) -> dict[str, Any]:
@@ -965,12 +966,19 @@ class WorldBuilder:
         """
 
     def material(
-        self, name: str, base_color: Sequence[float] = (1.0, 1.0, 1.0), *, semantic: int = 0, texture: int | None = None
+        self,
+        name: str,
+        base_color: Sequence[float] = (1.0, 1.0, 1.0),
+        *,
+        semantic: int = 0,
+        texture: int | None = None,
+        emissive: Sequence[float] = ...,
     ) -> int:
         """Add a material and return its number.
 
         ``base_color`` is linear RGB in [0, 1]; a texture's colours are multiplied by it, on meshes and height fields.
-        ``semantic`` is the class that cameras report; 0: the material's number plus 1.
+        ``semantic`` is the class that cameras report; 0: the material's number plus 1. ``emissive`` is linear RGB in
+        [0, 100], by default 0, and shown whatever the light.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
@@ -1028,10 +1036,12 @@ class WorldBuilder:
         triangles: npt.ArrayLike,
         material: int,
         uv: npt.ArrayLike | None = None,
+        colors: npt.ArrayLike | None = None,
     ) -> None:
         """Add triangles (T, 3) of vertices (V, 3), an object of their own.
 
-        ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one.
+        ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one. ``colors`` (V, 3),
+        linear RGB in [0, 1], are multiplied by what the material shows.
         """
 
     def heightfield(

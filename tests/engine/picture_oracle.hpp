@@ -163,6 +163,7 @@ inline Shade shade_at(const World& world, const Vec3d& point, const Vec3d& norma
 struct Surface {
   Vec3d color;
   int semantic, instance;
+  Vec3d emissive = Vec3d::Zero();
 };
 
 inline Surface surface_of(const World& world, int element) {
@@ -172,7 +173,7 @@ inline Surface surface_of(const World& world, int element) {
   const auto of_material = [&](std::size_t material, int instance) {
     const Material& its = world.materials()[material];
     const int semantic = its.semantic != 0 ? its.semantic : static_cast<int>(material) + 1;
-    return Surface{vector_of(its.base_color.data()), semantic, instance};
+    return Surface{vector_of(its.base_color.data()), semantic, instance, vector_of(its.emissive.data())};
   };
   if (element < primitives) return of_material(world.primitives()[static_cast<std::size_t>(element)].material, element + 1);
   if (element < first_marker(world)) {
@@ -270,6 +271,16 @@ inline Vec3d between_texels(const TexelGrid& grid, double s, double t, const std
   return color;
 }
 
+// The weights of a triangle's second and third corner at a point of it.
+inline Eigen::Vector2d weights_at(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
+  const auto corner = [&](std::size_t k) -> Vec3d {
+    return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])].cast<double>();
+  };
+  Eigen::Matrix<double, 3, 2> edges;
+  edges << corner(1) - corner(0), corner(2) - corner(0);
+  return edges.colPivHouseholderQr().solve(point - corner(0));
+}
+
 // What a triangle's texture shows at a point of it; white where it has none. pixel: width of one at planar depth 1.
 inline Vec3d texture_color(const World& world, const std::vector<std::vector<TexelGrid>>& images, std::size_t triangle,
                            const Vec3d& point, const Vec3d& normal, const Vec3d& direction, double depth, double pixel) {
@@ -284,14 +295,12 @@ inline Vec3d texture_color(const World& world, const std::vector<std::vector<Tex
     at[k] = mesh.vertices[vertex].cast<double>();
     uv[k] = {static_cast<double>(mesh.uv[vertex][0]), static_cast<double>(mesh.uv[vertex][1])};
   }
-  Eigen::Matrix<double, 3, 2> edges;
-  edges << at[1] - at[0], at[2] - at[0];
-  const Eigen::Vector2d weights = edges.colPivHouseholderQr().solve(point - at[0]);
+  const Eigen::Vector2d weights = weights_at(mesh, triangle, point);
   const Eigen::Vector2d place = uv[0] + weights[0] * (uv[1] - uv[0]) + weights[1] * (uv[2] - uv[0]);
   Eigen::Matrix2d shown;
   shown << uv[1] - uv[0], uv[2] - uv[0];
   const double texels =
-      std::abs(shown.determinant()) * image.width_px * image.height_px / edges.col(0).cross(edges.col(1)).norm();
+      std::abs(shown.determinant()) * image.width_px * image.height_px / (at[1] - at[0]).cross(at[2] - at[0]).norm();
   const double covered = texels * std::pow(pixel * depth * direction.norm() / std::abs(normal.dot(direction)), 2);
   int exponent = 0;
   const double mantissa = 2.0 * std::frexp(covered, &exponent);
@@ -303,6 +312,16 @@ inline Vec3d texture_color(const World& world, const std::vector<std::vector<Tex
   };
   const double fine = std::floor(detail);
   return color(fine) + (detail - fine) * (color(std::min(fine + 1.0, last)) - color(fine));
+}
+
+// The colours of a triangle's vertices at a point of it; white where they have none.
+inline Vec3d vertex_color(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
+  if (mesh.colors.empty()) return Vec3d::Ones();
+  const auto color = [&](std::size_t k) {
+    return vector_of(mesh.colors[static_cast<std::size_t>(mesh.triangles[triangle][k])].data());
+  };
+  const Eigen::Vector2d weights = weights_at(mesh, triangle, point);
+  return color(0) + weights[0] * (color(1) - color(0)) + weights[1] * (color(2) - color(0));
 }
 
 // -- How it is written.
@@ -319,12 +338,12 @@ inline Vec3d lerp(const std::array<float, 3>& a, const std::array<float, 3>& b, 
   return vector_of(a.data()) + part * (vector_of(b.data()) - vector_of(a.data()));
 }
 
-inline std::array<int, 3> surface_levels(const World& world, const Vec3d& color, const Vec3d& normal, bool shaded) {
+inline std::array<int, 3> surface_levels(const World& world, const Surface& surface, const Vec3d& normal, bool shaded) {
   const Light& light = world.light();
   const double sun = shaded ? 0.0 : std::max(0.0, normal.dot(to_sun(world)));
   const Vec3d light_there =
       sun * vector_of(light.sun_color.data()) + lerp(light.ground_ambient, light.sky_ambient, 0.5 * (1.0 + normal.z()));
-  return levels(world, color.cwiseProduct(light_there));
+  return levels(world, surface.color.cwiseProduct(light_there) + surface.emissive);
 }
 
 inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction) {
@@ -458,13 +477,16 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
       if (seen.element >= primitives && seen.element < oracle::first_marker(world)) {
         const auto triangle = static_cast<std::size_t>(seen.element - primitives);
         const double width_of_pixel = 1.0 / oracle::focal_lengths(config)[0];
-        surface.color = surface.color.cwiseProduct(
-            oracle::texture_color(world, images, triangle, point, seen.normal, direction, seen.depth, width_of_pixel));
+        const Vec3d tint =
+            oracle::texture_color(world, images, triangle, point, seen.normal, direction, seen.depth, width_of_pixel)
+                .cwiseProduct(oracle::vertex_color(world.triangles(), triangle, point));
+        surface.color = surface.color.cwiseProduct(tint);
+        surface.emissive = surface.emissive.cwiseProduct(tint);
       }
       auto shade = oracle::Shade::lit;
       if (config.shadows) shade = oracle::shade_at(world, eye.origin + seen.depth * direction, seen.normal);
       colors_are_clear &= shade != oracle::Shade::unclear;
-      rgb = oracle::surface_levels(world, surface.color, seen.normal, shade == oracle::Shade::shaded);
+      rgb = oracle::surface_levels(world, surface, seen.normal, shade == oracle::Shade::shaded);
       compared.shaded += shade == oracle::Shade::shaded;
       compared.lit += shade == oracle::Shade::lit;
     }

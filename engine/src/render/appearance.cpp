@@ -22,7 +22,7 @@ Appearance::Appearance(const World& world) : marker_radius(world.markers().radiu
   for (std::size_t i = 0; i < world.materials().size(); ++i) {
     const Material& material = world.materials()[i];
     const std::int32_t texture = material.texture ? std::int32_t{*material.texture} : -1;
-    materials.push_back({material.base_color, world.semantic(i), 0, texture});
+    materials.push_back({material.base_color, world.semantic(i), 0, texture, material.emissive});
   }
   std::uint16_t instance = 0;
   for (const Primitive& primitive : world.primitives()) {

@@ -16,6 +16,9 @@ struct Surface {
   std::uint16_t semantic = 0;
   std::uint16_t instance = 0;
   std::int32_t texture = -1;  // of triangles: index into World::textures(), or none
+  std::array<float, 3> emissive{};
+
+  bool emits() const { return emissive != std::array<float, 3>{}; }
 };
 
 // The colours of markers, linear RGB. The blob task tells the goal by its green; see task/green_blob.cpp.

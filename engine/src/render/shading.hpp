@@ -61,13 +61,15 @@ class Shading {
     std::vector<ShadedSolid> markers;                   // start, waypoints, goal
     std::int32_t first_triangle = 0, first_marker = 0;  // their elements
     std::span<const std::uint16_t> triangle_material, triangle_object;
-    std::vector<float> red, green, blue;  // of each material
-    std::vector<std::int32_t> semantic;   // likewise
-    std::vector<std::int32_t> texture;    // likewise; -1: none
+    std::array<std::vector<float>, 3> color, emissive;  // of each material: red, green, blue
+    bool emits = false;                                 // one of them does
+    std::vector<std::int32_t> semantic;                 // likewise
+    std::vector<std::int32_t> texture;                  // likewise; -1: none
     Textures textures;
     std::span<const std::array<std::int32_t, 3>> triangles;
-    std::span<const std::array<float, 2>> uv;    // of their vertices; empty where no material has a texture
-    std::vector<float> texels_per_square_metre;  // of triangles
+    std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
+    std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
+    std::vector<float> texels_per_square_metre;    // of triangles
     std::int32_t first_object = 0;
     Light light;
     SunDisc sun_disc;

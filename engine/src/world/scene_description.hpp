@@ -1,7 +1,9 @@
 // The rules every scene obeys, wherever it came from.
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <span>
 
 #include "flockstep/world.hpp"
 
@@ -45,6 +47,9 @@ Vec3 unit_direction(const Eigen::Vector3d& direction);
 // of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form
 // come out as they are. Throws std::invalid_argument naming the field, what was expected and what came.
 SceneDescription canonical(SceneDescription description);
+
+// Goes on with the colours of a mesh's vertices, or begins with them: `count` vertices were added last, and have these or none.
+void append_colors(std::span<const std::array<float, 3>> colors, std::size_t count, TriangleMesh& mesh);
 
 // The smallest axis-aligned box around a primitive.
 Aabb bounds(const Primitive& primitive);
