@@ -68,6 +68,7 @@ py::list materials(const World& world) {
     entry["name"] = material.name;
     entry["base_color"] = triple(material.base_color);
     entry["semantic"] = world.semantic(i);
+    entry["emissive"] = triple(material.emissive);
     list.append(entry);
   }
   return list;
@@ -83,6 +84,8 @@ py::dict light(const World& world) {
   entry["zenith_color"] = triple(light.zenith_color);
   entry["horizon_color"] = triple(light.horizon_color);
   entry["gamma"] = light.gamma;
+  entry["sun_radius_deg"] = light.sun_radius_deg;
+  entry["sun_glow"] = light.sun_glow;
   return entry;
 }
 

@@ -45,16 +45,18 @@ Texture texture(const std::string& name, const py::object& pixels, const std::ar
   return made;
 }
 
-MeshPart part_of(const py::object& vertices, const py::object& triangles, const py::object& uv) {
+MeshPart part_of(const py::object& vertices, const py::object& triangles, const py::object& uv, const py::object& colors) {
   const Input<float> places = floats(vertices, "vertices", {-1, 3});
   const Input<std::int32_t> corners = integers<std::int32_t>(triangles, "triangles", {-1, 3});
   const Input<float> coordinates = floats(uv, "uv", {-1, 2});
+  const Input<float> shown = floats(colors, "colors", {-1, 3});
   MeshPart part;
-  const std::span<const float> v = places, t = coordinates;
+  const std::span<const float> v = places, t = coordinates, c = shown;
   const std::span<const std::int32_t> i = corners;
   for (std::size_t k = 0; k + 2 < v.size(); k += 3) part.vertices.emplace_back(v[k], v[k + 1], v[k + 2]);
   for (std::size_t k = 0; k + 2 < i.size(); k += 3) part.triangles.push_back({i[k], i[k + 1], i[k + 2]});
   for (std::size_t k = 0; k + 1 < t.size(); k += 2) part.uv.push_back({t[k], t[k + 1]});
+  for (std::size_t k = 0; k + 2 < c.size(); k += 3) part.colors.push_back({c[k], c[k + 1], c[k + 2]});
   return part;
 }
 
@@ -86,12 +88,12 @@ void register_world_builder(py::module_& module) {
       .def(
           "material",
           [](WorldBuilder& b, const std::string& name, const py::object& base_color, std::uint16_t semantic,
-             const std::optional<std::uint16_t>& texture) {
+             const std::optional<std::uint16_t>& texture, const std::array<float, 3>& emissive) {
             const Vec3 color = point(base_color, "base_color");
-            return b.material({name, {color.x(), color.y(), color.z()}, semantic, texture});
+            return b.material({name, {color.x(), color.y(), color.z()}, semantic, texture, emissive});
           },
           py::arg("name"), py::arg("base_color") = py::make_tuple(1.0, 1.0, 1.0), py::kw_only(), py::arg("semantic") = 0,
-          py::arg("texture") = none)
+          py::arg("texture") = none, py::arg("emissive") = Material().emissive)
       .def(
           "room",
           [](WorldBuilder& b, const py::object& min, const py::object& max, std::uint16_t material) {
@@ -137,8 +139,8 @@ void register_world_builder(py::module_& module) {
       .def(
           "mesh",
           [](WorldBuilder& b, const py::object& vertices, const py::object& triangles, std::uint16_t material,
-             const py::object& uv) { b.mesh(part_of(vertices, triangles, uv), material); },
-          py::arg("vertices"), py::arg("triangles"), wall, py::arg("uv") = none)
+             const py::object& uv, const py::object& colors) { b.mesh(part_of(vertices, triangles, uv, colors), material); },
+          py::arg("vertices"), py::arg("triangles"), wall, py::arg("uv") = none, py::arg("colors") = none)
       .def(
           "heightfield",
           [](WorldBuilder& b, const py::object& heights, std::uint16_t material, const py::object& corner, float cell_m,
@@ -149,13 +151,16 @@ void register_world_builder(py::module_& module) {
           "light",
           [](WorldBuilder& b, const std::array<float, 3>& sun_direction, const std::array<float, 3>& sun_color,
              const std::array<float, 3>& sky_ambient, const std::array<float, 3>& ground_ambient,
-             const std::array<float, 3>& zenith_color, const std::array<float, 3>& horizon_color, float gamma) {
-            b.light({sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma});
+             const std::array<float, 3>& zenith_color, const std::array<float, 3>& horizon_color, float gamma,
+             float sun_radius_deg, float sun_glow) {
+            b.light({sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
+                     sun_glow});
           },
           py::kw_only(), py::arg("sun_direction") = Light().sun_direction, py::arg("sun_color") = Light().sun_color,
           py::arg("sky_ambient") = Light().sky_ambient, py::arg("ground_ambient") = Light().ground_ambient,
           py::arg("zenith_color") = Light().zenith_color, py::arg("horizon_color") = Light().horizon_color,
-          py::arg("gamma") = Light().gamma)
+          py::arg("gamma") = Light().gamma, py::arg("sun_radius_deg") = Light().sun_radius_deg,
+          py::arg("sun_glow") = Light().sun_glow)
       .def(
           "start", [](WorldBuilder& b, const py::object& place) { b.start(point(place, "place")); }, py::arg("place"))
       .def(

@@ -119,7 +119,7 @@ class CameraConfig:
     samples_per_pixel
         1, 4, 9 or 16, a grid, averaged. Colours only: the rest is of the pixel's centre.
     shadows
-        Hard shadows of the sun. Rooms and markers cast none.
+        Hard shadows of the sun, cast by everything but markers. A room lets the sun in.
     rate_hz
         Frames per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. With capture mode ``"every_step"``. None: one after every
         flown step.
@@ -919,13 +919,14 @@ class World:
     @property
     def materials(self) -> list[dict[str, Any]]:
         """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1], ``semantic`` (the class that cameras report, in
-        [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise)."""
+        [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise), ``emissive`` (3,) linear RGB in
+        [0, 100]: what is shown whatever the light."""
 
     @property
     def light(self) -> dict[str, Any]:
         """What cameras see by, as a scene file says it: ``sun_direction`` (3,) unit, towards the sun; ``sun_color``,
         ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``, each (3,) linear RGB in [0, 100]; ``gamma`` in
-        [1, 4]."""
+        [1, 4]; ``sun_radius_deg`` of the sun's disc in the sky, 0 for none; ``sun_glow`` beside it, in [0, 1]."""
 
     @property
     def primitives(self) -> list[dict[str, Any]]:
@@ -1154,12 +1155,19 @@ class WorldBuilder:
         """
 
     def material(
-        self, name: str, base_color: Sequence[float] = (1.0, 1.0, 1.0), *, semantic: int = 0, texture: int | None = None
+        self,
+        name: str,
+        base_color: Sequence[float] = (1.0, 1.0, 1.0),
+        *,
+        semantic: int = 0,
+        texture: int | None = None,
+        emissive: Sequence[float] = ...,
     ) -> int:
         """Add a material and return its number.
 
         ``base_color`` is linear RGB in [0, 1]; a texture's colours are multiplied by it, on meshes and height fields.
-        ``semantic`` is the class that cameras report; 0: the material's number plus 1.
+        ``semantic`` is the class that cameras report; 0: the material's number plus 1. ``emissive`` is linear RGB in
+        [0, 100], by default 0, and shown whatever the light.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
@@ -1217,10 +1225,12 @@ class WorldBuilder:
         triangles: npt.ArrayLike,
         material: int,
         uv: npt.ArrayLike | None = None,
+        colors: npt.ArrayLike | None = None,
     ) -> None:
         """Add triangles (T, 3) of vertices (V, 3), an object of their own.
 
-        ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one.
+        ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one. ``colors`` (V, 3),
+        linear RGB in [0, 1], are multiplied by what the material shows.
         """
 
     def heightfield(
@@ -1247,6 +1257,8 @@ class WorldBuilder:
         zenith_color: Sequence[float] = ...,
         horizon_color: Sequence[float] = ...,
         gamma: float = ...,
+        sun_radius_deg: float = ...,
+        sun_glow: float = ...,
     ) -> None:
         """Set the light, as `World.light` has it; what is left out is as in a world without."""
 

@@ -680,7 +680,7 @@ TEST(CameraShadows, OfACrowdAreTheSame) {
   EXPECT_NE(look(alone, camera, {-3, 3, 4}, facing)->images(0).rgb, few->images(0).rgb);
 }
 
-TEST(CameraShadows, AreNotCastByRoomsAndMarkers) {
+TEST(CameraShadows, AreNotCastIntoRoomsByTheirWallsNorByMarkers) {
   // The sun is overhead, behind the ceiling. On the floor below the sphere is its shadow, below the marker none.
   SceneDescription description;
   description.light.sun_direction = {0, 0, 1};

@@ -138,6 +138,16 @@ TEST(ContentHash, IsOfTheContentNotOfTheNameOrTheFile) {
   EXPECT_EQ(World(scene).content_hash(), world.content_hash()) << "in canonical order boxes come before spheres";
 }
 
+TEST(ContentHash, TellsSunsInTheSkyApart) {
+  SceneDescription scene = full();
+  std::set<std::uint64_t> seen{World(scene).content_hash()};
+  for (const auto& [radius, glow] : {std::pair{1.0F, 0.0F}, {0.0F, 1.0F}, {1.0F, 1.0F}, {2.0F, 1.0F}}) {
+    scene.light.sun_radius_deg = radius;
+    scene.light.sun_glow = glow;
+    EXPECT_TRUE(seen.insert(World(scene).content_hash()).second);
+  }
+}
+
 TEST(ContentHash, TellsTexturesApart) {
   SceneDescription scene;
   scene.textures = {Texture{"a", 1, 2, std::vector<std::uint8_t>(8, 7)}, Texture{"b", 2, 1, std::vector<std::uint8_t>(8, 7)}};

@@ -19,6 +19,7 @@
 #include "batch_helpers.hpp"
 #include "compiled/compiled_world.hpp"
 #include "faulty_driver.hpp"
+#include "picture_oracle.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "render/appearance.hpp"
@@ -223,7 +224,8 @@ Seen look(const World& world, const Appearance& appearance, const CameraConfig& 
 bool sun_reaches(const World& world, const Vec3d& point, const Light& light) {
   const Vec3d sun(light.sun_direction[0], light.sun_direction[1], light.sun_direction[2]);
   for (const Primitive& shape : world.primitives()) {
-    if (shape.kind != room && oracle::hit_primitive(shape, point, sun).t < oracle::kNever) return false;
+    if (shape.kind == room ? oracle::is_behind(shape, point, sun) : oracle::hit_primitive(shape, point, sun).t < oracle::kNever)
+      return false;
   }
   for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
     if (oracle::hit_triangle(world.triangles(), i, point, sun).t < oracle::kNever) return false;

@@ -392,6 +392,62 @@ TEST(Gltf, ADirectionalLightIsTheSun) {
   EXPECT_EQ(read.ignored, std::vector<std::string>{"1 light that is not directional"});
 }
 
+using Triple = std::array<float, 3>;
+
+TEST(Gltf, EmissionIsReadWhereItIsOfTheBaseColoursTexture) {
+  File file = one_triangle();
+  file.json["extensionsRequired"] = {"KHR_materials_emissive_strength", "KHR_materials_unlit"};
+  const std::vector<std::uint8_t> pixel{1, 2, 3, 255};
+  const Json image = {{"uri", "data:image/png;base64," + base64_of(encode_png(1, 1, pixel))}};
+  file.json["images"] = Json::array({image});
+  file.json["textures"] = {{{"source", 0}}, {{"source", 0}}};
+  const Json surface = {{"baseColorTexture", {{"index", 0}}}, {"baseColorFactor", {0.5, 0.25, 1, 1}}};
+  const Json strong = {{"KHR_materials_emissive_strength", {{"emissiveStrength", 400}}}};
+  const Json unlit = {{"KHR_materials_unlit", Json::object()}};
+  file.json["materials"] = {
+      {{"emissiveFactor", {0.5, 0.25, 0}}, {"extensions", strong}},
+      {{"emissiveFactor", {0, 0.5, 0}}, {"emissiveTexture", {{"index", 0}}}, {"pbrMetallicRoughness", surface}},
+      {{"emissiveFactor", {0, 0.5, 0}}, {"emissiveTexture", {{"index", 1}}}, {"pbrMetallicRoughness", surface}},
+      {{"emissiveFactor", {0, 0.5, 0}}, {"pbrMetallicRoughness", surface}},
+      {{"emissiveTexture", {{"index", 1}}}},  // times 0
+      {{"emissiveFactor", {1, 1, 1}}, {"pbrMetallicRoughness", surface}, {"extensions", unlit}}};
+  const GltfFile read = parse(file);
+  const auto& materials = read.scene.materials;
+  EXPECT_EQ(materials[0].emissive, (Triple{100, 100, 0}));
+  EXPECT_EQ(materials[1].emissive, (Triple{0, 0.5F, 0}));
+  for (const std::size_t none : {2, 3, 4}) EXPECT_EQ(materials[none].emissive, Triple{}) << none;
+  EXPECT_EQ(materials[5].emissive, (Triple{0.5F, 0.25F, 1}));
+  EXPECT_EQ(materials[5].base_color, Triple{});
+  EXPECT_EQ(materials[5].texture, 0);
+  EXPECT_EQ(read.ignored, std::vector<std::string>{"2 materials' emission by other textures than their base colours'"});
+  file.json["materials"][0]["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"] = -1;
+  EXPECT_EQ(message_of(file),
+            "x.gltf: /materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength: expected a number >= 0, got -1");
+}
+
+TEST(Gltf, ColoursOfVertices) {
+  File file;
+  const std::size_t positions = file.accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}), kFloat, "VEC3", 3);
+  const std::size_t floats = file.accessor(bytes_of<float>({1, 0.5, 0, 0, 0, 2, 1, 1, 1}), kFloat, "VEC3", 3);
+  const std::size_t bytes =
+      file.accessor(bytes_of<std::uint8_t>({255, 0, 51, 9, 0, 0, 0, 9, 255, 255, 255, 9}), kByte, "VEC4", 3, 4);
+  file.json["accessors"][bytes]["normalized"] = true;
+  file.mesh({{"attributes", {{"POSITION", positions}}}});
+  auto& primitives = file.json["meshes"][0]["primitives"];
+  primitives.push_back({{"attributes", {{"POSITION", positions}, {"COLOR_0", floats}}}});
+  primitives.push_back({{"attributes", {{"POSITION", positions}, {"COLOR_0", bytes}}}});
+  primitives.push_back(Json(primitives[0]));
+  file.node({{"mesh", 0}});
+  const std::vector<Triple> colors = parse(file).scene.mesh.colors;
+  ASSERT_EQ(colors.size(), 12U);
+  EXPECT_EQ((std::vector<Triple>(colors.begin(), colors.begin() + 9)),
+            (std::vector<Triple>{
+                {1, 1, 1}, {1, 1, 1}, {1, 1, 1}, {1, 0.5F, 0}, {0, 0, 1}, {1, 1, 1}, {1, 0, 0.2F}, {0, 0, 0}, {1, 1, 1}}));
+  EXPECT_EQ(colors[11], (Triple{1, 1, 1}));
+  file.json["accessors"][floats]["count"] = 2;
+  EXPECT_EQ(message_of(file), "x.gltf: /accessors/1: expected as many colours as positions (3), got 2");
+}
+
 TEST(Gltf, WhatIsNotReadIsNamed) {
   File file = one_triangle({{"skin", 0}, {"extras", {{"visual_only", true}}}});
   file.json["animations"] = {Json::object(), Json::object()};
@@ -401,18 +457,19 @@ TEST(Gltf, WhatIsNotReadIsNamed) {
                              {"normalTexture", {{"index", 0}}},
                              {"occlusionTexture", {{"index", 0}}},
                              {"emissiveFactor", {0, 0, 0}}},
-                            {{"emissiveFactor", {0, 0.5, 0}}}};
+                            {{"emissiveFactor", {0, 0.5, 0}}, {"emissiveTexture", {{"index", 0}}}}};
   file.json["meshes"][0]["primitives"][0]["targets"] = {{{"POSITION", 0}}};
   file.json["extensionsUsed"] = {"KHR_materials_unlit", "KHR_materials_clearcoat"};
   EXPECT_EQ(parse(file).ignored,
             (std::vector<std::string>{"extension KHR_materials_clearcoat", "2 animations", "1 skin", "1 camera",
                                       "1 mesh primitive's morph targets", "1 material's transparency", "1 material's normal map",
-                                      "1 material's occlusion", "1 material's emission",
+                                      "1 material's occlusion", "1 material's emission by another texture than its base colour's",
                                       "1 node's extras visual_only or collision_only"}));
   file.json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
   EXPECT_EQ(message_of(file),
             "x.gltf: /extensionsRequired/0: expected no extension that is required but those read (KHR_texture_transform, "
-            "KHR_materials_unlit, KHR_lights_punctual, KHR_mesh_quantization), got \"KHR_draco_mesh_compression\"");
+            "KHR_materials_unlit, KHR_materials_emissive_strength, KHR_lights_punctual, KHR_mesh_quantization), got "
+            "\"KHR_draco_mesh_compression\"");
 }
 
 // ----------------------------------------------------------------------------------------------------------- refusals

@@ -119,11 +119,23 @@ inline bool is_clear(const World& world, const CameraConfig& camera, const Seen&
 
 inline Vec3d to_sun(const World& world) { return vector_of(world.light().sun_direction.data()).normalized(); }
 
+// Whether a point outside of a room looks through it: the sun's light, that comes the other way, meets the room from within.
+inline bool is_behind(const Primitive& room, const Vec3d& point, const Vec3d& direction) {
+  Interval inside;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    const double from = point[axis] - static_cast<double>(room.center[axis]);
+    inside = both(inside, slab(from, direction[axis], static_cast<double>(room.half_extents[axis])));
+  }
+  return inside.enter > 0.0 && inside.enter <= inside.exit;
+}
+
 inline bool is_shaded(const World& world, const Vec3d& point) {
   const auto primitives = world.primitives();
   const Vec3d sun = to_sun(world);
   for (const Primitive& primitive : primitives) {
-    if (primitive.kind != PrimitiveKind::room && hit_primitive(primitive, point, sun).t < kNever) return true;
+    if (primitive.kind == PrimitiveKind::room ? is_behind(primitive, point, sun)
+                                              : hit_primitive(primitive, point, sun).t < kNever)
+      return true;
   }
   for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
     if (hit_triangle(world.triangles(), i, point, sun).t < kNever) return true;
@@ -151,6 +163,7 @@ inline Shade shade_at(const World& world, const Vec3d& point, const Vec3d& norma
 struct Surface {
   Vec3d color;
   int semantic, instance;
+  Vec3d emissive = Vec3d::Zero();
 };
 
 inline Surface surface_of(const World& world, int element) {
@@ -160,7 +173,7 @@ inline Surface surface_of(const World& world, int element) {
   const auto of_material = [&](std::size_t material, int instance) {
     const Material& its = world.materials()[material];
     const int semantic = its.semantic != 0 ? its.semantic : static_cast<int>(material) + 1;
-    return Surface{vector_of(its.base_color.data()), semantic, instance};
+    return Surface{vector_of(its.base_color.data()), semantic, instance, vector_of(its.emissive.data())};
   };
   if (element < primitives) return of_material(world.primitives()[static_cast<std::size_t>(element)].material, element + 1);
   if (element < first_marker(world)) {
@@ -258,6 +271,16 @@ inline Vec3d between_texels(const TexelGrid& grid, double s, double t, const std
   return color;
 }
 
+// The weights of a triangle's second and third corner at a point of it.
+inline Eigen::Vector2d weights_at(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
+  const auto corner = [&](std::size_t k) -> Vec3d {
+    return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])].cast<double>();
+  };
+  Eigen::Matrix<double, 3, 2> edges;
+  edges << corner(1) - corner(0), corner(2) - corner(0);
+  return edges.colPivHouseholderQr().solve(point - corner(0));
+}
+
 // What a triangle's texture shows at a point of it; white where it has none. pixel: width of one at planar depth 1.
 inline Vec3d texture_color(const World& world, const std::vector<std::vector<TexelGrid>>& images, std::size_t triangle,
                            const Vec3d& point, const Vec3d& normal, const Vec3d& direction, double depth, double pixel) {
@@ -272,14 +295,12 @@ inline Vec3d texture_color(const World& world, const std::vector<std::vector<Tex
     at[k] = mesh.vertices[vertex].cast<double>();
     uv[k] = {static_cast<double>(mesh.uv[vertex][0]), static_cast<double>(mesh.uv[vertex][1])};
   }
-  Eigen::Matrix<double, 3, 2> edges;
-  edges << at[1] - at[0], at[2] - at[0];
-  const Eigen::Vector2d weights = edges.colPivHouseholderQr().solve(point - at[0]);
+  const Eigen::Vector2d weights = weights_at(mesh, triangle, point);
   const Eigen::Vector2d place = uv[0] + weights[0] * (uv[1] - uv[0]) + weights[1] * (uv[2] - uv[0]);
   Eigen::Matrix2d shown;
   shown << uv[1] - uv[0], uv[2] - uv[0];
   const double texels =
-      std::abs(shown.determinant()) * image.width_px * image.height_px / edges.col(0).cross(edges.col(1)).norm();
+      std::abs(shown.determinant()) * image.width_px * image.height_px / (at[1] - at[0]).cross(at[2] - at[0]).norm();
   const double covered = texels * std::pow(pixel * depth * direction.norm() / std::abs(normal.dot(direction)), 2);
   int exponent = 0;
   const double mantissa = 2.0 * std::frexp(covered, &exponent);
@@ -291,6 +312,16 @@ inline Vec3d texture_color(const World& world, const std::vector<std::vector<Tex
   };
   const double fine = std::floor(detail);
   return color(fine) + (detail - fine) * (color(std::min(fine + 1.0, last)) - color(fine));
+}
+
+// The colours of a triangle's vertices at a point of it; white where they have none.
+inline Vec3d vertex_color(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
+  if (mesh.colors.empty()) return Vec3d::Ones();
+  const auto color = [&](std::size_t k) {
+    return vector_of(mesh.colors[static_cast<std::size_t>(mesh.triangles[triangle][k])].data());
+  };
+  const Eigen::Vector2d weights = weights_at(mesh, triangle, point);
+  return color(0) + weights[0] * (color(1) - color(0)) + weights[1] * (color(2) - color(0));
 }
 
 // -- How it is written.
@@ -307,17 +338,28 @@ inline Vec3d lerp(const std::array<float, 3>& a, const std::array<float, 3>& b, 
   return vector_of(a.data()) + part * (vector_of(b.data()) - vector_of(a.data()));
 }
 
-inline std::array<int, 3> surface_levels(const World& world, const Vec3d& color, const Vec3d& normal, bool shaded) {
+inline std::array<int, 3> surface_levels(const World& world, const Surface& surface, const Vec3d& normal, bool shaded) {
   const Light& light = world.light();
   const double sun = shaded ? 0.0 : std::max(0.0, normal.dot(to_sun(world)));
   const Vec3d light_there =
       sun * vector_of(light.sun_color.data()) + lerp(light.ground_ambient, light.sky_ambient, 0.5 * (1.0 + normal.z()));
-  return levels(world, color.cwiseProduct(light_there));
+  return levels(world, surface.color.cwiseProduct(light_there) + surface.emissive);
 }
 
 inline std::array<int, 3> sky_levels(const World& world, const Vec3d& direction) {
   const Light& light = world.light();
-  return levels(world, lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z())));
+  Vec3d sky = lerp(light.horizon_color, light.zenith_color, std::max(0.0, direction.normalized().z()));
+  // The sun's disc and its glow, by angles.
+  const Vec3d sun = vector_of(light.sun_color.data());
+  if (sun.maxCoeff() > 0.0) {
+    const double angle = std::atan2(direction.cross(to_sun(world)).norm(), direction.dot(to_sun(world)));
+    const double radius = static_cast<double>(light.sun_radius_deg) * std::numbers::pi / 180.0;
+    const double chord = 2.0 * std::sin(0.5 * angle) / std::max(2.0 * std::sin(0.5 * radius), 1e-9);  // radii
+    const double disc = std::clamp((1.0 - chord * chord) / 0.19, 0.0, 1.0);
+    const double glow = static_cast<double>(light.sun_glow) / (1.0 + 400.0 * std::pow(std::sin(0.5 * angle), 2));
+    sky += std::max(disc, glow) * (sun / sun.maxCoeff() - sky);
+  }
+  return levels(world, sky);
 }
 
 }  // namespace flockstep::oracle
@@ -435,13 +477,16 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
       if (seen.element >= primitives && seen.element < oracle::first_marker(world)) {
         const auto triangle = static_cast<std::size_t>(seen.element - primitives);
         const double width_of_pixel = 1.0 / oracle::focal_lengths(config)[0];
-        surface.color = surface.color.cwiseProduct(
-            oracle::texture_color(world, images, triangle, point, seen.normal, direction, seen.depth, width_of_pixel));
+        const Vec3d tint =
+            oracle::texture_color(world, images, triangle, point, seen.normal, direction, seen.depth, width_of_pixel)
+                .cwiseProduct(oracle::vertex_color(world.triangles(), triangle, point));
+        surface.color = surface.color.cwiseProduct(tint);
+        surface.emissive = surface.emissive.cwiseProduct(tint);
       }
       auto shade = oracle::Shade::lit;
       if (config.shadows) shade = oracle::shade_at(world, eye.origin + seen.depth * direction, seen.normal);
       colors_are_clear &= shade != oracle::Shade::unclear;
-      rgb = oracle::surface_levels(world, surface.color, seen.normal, shade == oracle::Shade::shaded);
+      rgb = oracle::surface_levels(world, surface, seen.normal, shade == oracle::Shade::shaded);
       compared.shaded += shade == oracle::Shade::shaded;
       compared.lit += shade == oracle::Shade::lit;
     }

@@ -197,6 +197,9 @@ class TestLight:
             {"sun_direction": [1e-300, 0, 0]},
             {"gamma": 1},
             {"gamma": 4.0},
+            {"sun_radius_deg": 0.1},
+            {"sun_radius_deg": 45},
+            {"sun_glow": 1},
             *({color: [0, 0.5, 100]} for color in COLORS),
         ],
     )
@@ -228,6 +231,11 @@ class TestLight:
             ("gamma", 4.01),
             ("gamma", "2"),
             ("gamma", None),
+            ("sun_radius_deg", 0.05),
+            ("sun_radius_deg", 46),
+            ("sun_radius_deg", "1"),
+            ("sun_glow", -0.1),
+            ("sun_glow", 1.1),
         ],
     )
     def test_refused(self, field, value):

@@ -211,6 +211,8 @@ class TestLight:
             "zenith_color": [0.5, 0.25, 0.125],
             "horizon_color": [1, 1, 1],
             "gamma": 1.5,
+            "sun_radius_deg": 2.5,
+            "sun_glow": 0.5,
         }
         world = flockstep.World.from_dict({**SCENE, "light": light})
         np.testing.assert_allclose(world.light["sun_direction"], [0, 0.6, -0.8], rtol=1e-7)

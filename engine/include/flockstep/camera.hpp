@@ -87,7 +87,7 @@ struct CameraConfig {
   ImageLayout layout = ImageLayout::hwc;  // of rgb and normal
   CaptureMode capture_mode = CaptureMode::every_step;
   int samples_per_pixel = 1;     // 1, 4, 9 or 16, a grid, averaged as written; colours only: the rest is of the pixel's centre
-  bool shadows = false;          // hard shadows of the sun; rooms and markers cast none
+  bool shadows = false;          // hard shadows of the sun, by all but markers; a room lets it in
   std::optional<float> rate_hz;  // frames per second of simulated time, of capture mode every_step; none: one after every step
 
   static constexpr auto fields() {

@@ -54,11 +54,16 @@ struct Material {
   std::uint16_t semantic = 0;                         // class that cameras report, at most 65532; 0: the material's index plus 1
   // Index into World::textures(): its colours, as linear RGB, are multiplied by base_color. On triangles alone.
   std::optional<std::uint16_t> texture;
+  // Linear RGB in [0, 100], shown whatever the light; on triangles multiplied by the texture and the colours of vertices, too.
+  std::array<float, 3> emissive{};
 };
 
 // What cameras see things by. Colours are linear RGB in [0, 100]. A surface of unit normal n and base colour c shows
-// c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in direction d
-// lerp(horizon_color, zenith_color, max(0, d.z)); a value v is written as 255 * min(v, 1)^(1 / gamma), rounded.
+// c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in unit direction d
+// lerp(horizon_color, zenith_color, max(0, d.z)); what a surface emits is added; a value v is written as 255 * min(v, 1)^(1 /
+// gamma), rounded. The sun stands in the sky where sun_radius_deg or sun_glow is not 0: with q = |d - sun_direction|^2 and r = 2
+// sin(sun_radius_deg / 2), the sky there is lerp(sky, s, max(disc, sun_glow / (1 + 100 q))), where disc = clamp((r^2 - q) / (0.19
+// r^2), 0, 1), of which the outer tenth of the radius is the soft border, and s = sun_color over its largest channel.
 struct Light {
   std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length but 0, a World's is unit
   std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};
@@ -66,7 +71,9 @@ struct Light {
   std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};
   std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};
   std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};
-  float gamma = 2.2F;  // in [1, 4]
+  float gamma = 2.2F;           // in [1, 4]
+  float sun_radius_deg = 0.0F;  // of its disc, as seen; 0 for none, or in [0.1, 45]
+  float sun_glow = 0.0F;        // in [0, 1], the sun's share of the colour beside it; it has halved 5.7 degrees away
 };
 
 struct TriangleMesh {
@@ -76,6 +83,8 @@ struct TriangleMesh {
   std::vector<std::uint16_t> objects;                  // one per triangle, which mesh of the scene it is of; none: all 0
   // One per vertex, where in a texture: (0, 0) its upper left corner, (1, 1) its lower right one; none: all (0, 0).
   std::vector<std::array<float, 2>> uv;
+  // One per vertex, linear RGB in [0, 1], by which base colour and emission are multiplied; none: all white.
+  std::vector<std::array<float, 3>> colors;
 };
 
 // Named places. A task reads them; nothing collides with them and no LiDAR sees them. Cameras see them as spheres, from outside
@@ -132,7 +141,7 @@ class World {
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
   // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
-  // direction unit; uv where a material has a texture, and not elsewhere.
+  // direction unit; uv where a material has a texture, and not elsewhere; colours of vertices where one is not white.
   // ignored: what ignored() returns.
   explicit World(SceneDescription description, std::vector<std::string> ignored = {});
   World(const World&) = delete;

@@ -13,11 +13,12 @@
 
 namespace flockstep {
 
-// Triangles of one object. uv: one per vertex, or none.
+// Triangles of one object. uv and colors: one per vertex, or none.
 struct MeshPart {
   std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // counter-clockwise seen from outside
   std::vector<std::array<float, 2>> uv;                // as in TriangleMesh
+  std::vector<std::array<float, 3>> colors;            // likewise
 };
 
 // Heights over a grid of points, m. The point (column, row) lies at corner + cell_m * (column, row).

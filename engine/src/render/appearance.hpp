@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "flockstep/pose.hpp"
@@ -15,6 +16,9 @@ struct Surface {
   std::uint16_t semantic = 0;
   std::uint16_t instance = 0;
   std::int32_t texture = -1;  // of triangles: index into World::textures(), or none
+  std::array<float, 3> emissive{};
+
+  bool emits() const { return emissive != std::array<float, 3>{}; }
 };
 
 // The colours of markers, linear RGB. The blob task tells the goal by its green; see task/green_blob.cpp.
@@ -28,6 +32,18 @@ struct MarkerSphere {
   Surface surface;
 };
 
+// The sun as it stands in the sky; see Light, whose q this is about.
+struct SunDisc {
+  explicit SunDisc(const Light& light);
+
+  bool shows = false;
+  std::array<float, 3> color{};  // s
+  float edge = 0.0F;             // r^2
+  float steepness = 0.0F;        // 1 / (0.19 r^2)
+  float glow = 0.0F;
+  static constexpr float kFocus = 100.0F;  // how soon the glow fades
+};
+
 struct Appearance {
   explicit Appearance(const World& world);
 
@@ -38,5 +54,9 @@ struct Appearance {
   float marker_radius = 0.25F;        // m
   Light light;
 };
+
+// The room of a world whose shadow falls on something: that has something outside it. Only from outside does it hide the sun,
+// because rays meet it from within alone.
+std::optional<Aabb> shading_room(const World& world);
 
 }  // namespace flockstep::render

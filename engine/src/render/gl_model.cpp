@@ -23,7 +23,7 @@ std::uint32_t pack(const Surface& surface) {
 }
 
 // The colour of a surface as it is written; see Light.
-std::uint32_t shade(const Light& light, const std::array<float, 3>& color, const Vec3d& normal, bool sun) {
+std::uint32_t shade(const Light& light, const Surface& surface, const Vec3d& normal, bool sun) {
   double facing = 0.0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     facing += normal[static_cast<Eigen::Index>(axis)] * static_cast<double>(light.sun_direction[axis]);
@@ -34,7 +34,8 @@ std::uint32_t shade(const Light& light, const std::array<float, 3>& color, const
     const double ambient = static_cast<double>(light.ground_ambient[i]) +
                            above * (static_cast<double>(light.sky_ambient[i]) - static_cast<double>(light.ground_ambient[i]));
     const double direct = sun ? static_cast<double>(light.sun_color[i]) * std::max(0.0, facing) : 0.0;
-    const double value = std::min(1.0, static_cast<double>(color[i]) * (direct + ambient));
+    const double reflected = static_cast<double>(surface.color[i]) * (direct + ambient);
+    const double value = std::min(1.0, reflected + static_cast<double>(surface.emissive[i]));
     const double written = std::floor(255.0 * std::pow(value, 1.0 / static_cast<double>(light.gamma)) + 0.5);
     packed |= static_cast<std::uint32_t>(written) << (8U * static_cast<std::uint32_t>(i));
   }
@@ -46,14 +47,17 @@ struct Triangle {
   std::array<std::uint32_t, 3> corners;  // into Soup::positions
   Vec3 normal;                           // unit
   Surface surface;
-  float density;     // texels to a square metre
-  Vec3 middle;       // m, of its bounding box
-  float size = 0.0;  // m, longest side of that
+  float density;        // texels to a square metre
+  std::uint32_t paint;  // as in PaintedVertex
+  Vec3 middle;          // m, of its bounding box
+  float size = 0.0;     // m, longest side of that
 };
 
 struct Soup {
   std::vector<Vec3> positions;
-  std::vector<std::array<float, 2>> uv;  // one for each of these, or none where no triangle has a texture
+  bool is_painted = false;                   // some triangles are
+  std::vector<std::array<float, 2>> uv;      // one for each of these then
+  std::vector<std::array<float, 3>> colors;  // likewise
   std::vector<Triangle> triangles;
 
   std::uint32_t add(const Vec3& position) {
@@ -61,13 +65,14 @@ struct Soup {
     return static_cast<std::uint32_t>(positions.size() - 1);
   }
 
-  void add(const std::array<std::uint32_t, 3>& corners, const Vec3d& normal, const Surface& surface, float density = 0.0F) {
+  void add(const std::array<std::uint32_t, 3>& corners, const Vec3d& normal, const Surface& surface, float density = 0.0F,
+           std::uint32_t paint = 0) {
     const Vec3& a = positions[corners[0]];
     const Vec3& b = positions[corners[1]];
     const Vec3& c = positions[corners[2]];
     const Vec3 low = a.cwiseMin(b).cwiseMin(c);
     const Vec3 high = a.cwiseMax(b).cwiseMax(c);
-    triangles.push_back({corners, normal.cast<float>(), surface, density, 0.5F * (low + high), (high - low).maxCoeff()});
+    triangles.push_back({corners, normal.cast<float>(), surface, density, paint, 0.5F * (low + high), (high - low).maxCoeff()});
   }
 };
 
@@ -103,9 +108,15 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
   const std::vector<float> densities = texels_per_square_metre(world);
   const auto base = static_cast<std::uint32_t>(soup.positions.size());
   soup.positions.insert(soup.positions.end(), mesh.vertices.begin(), mesh.vertices.end());
-  if (!mesh.uv.empty()) {
+  constexpr std::array<float, 3> kWhite{1.0F, 1.0F, 1.0F};
+  soup.is_painted = !mesh.uv.empty() || !mesh.colors.empty();
+  if (soup.is_painted) {
     soup.uv.resize(base);
     soup.uv.insert(soup.uv.end(), mesh.uv.begin(), mesh.uv.end());
+    soup.uv.resize(soup.positions.size());
+    soup.colors.resize(base, kWhite);
+    soup.colors.insert(soup.colors.end(), mesh.colors.begin(), mesh.colors.end());
+    soup.colors.resize(soup.positions.size(), kWhite);
   }
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
     std::array<std::uint32_t, 3> corners{};
@@ -118,7 +129,12 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
     if (!(normal.norm() > 0.0)) continue;  // without an area it is never seen
     Surface surface = appearance.materials[mesh.materials[i]];
     surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
-    soup.add(corners, normal.normalized(), surface, densities.empty() ? 0.0F : densities[i]);
+    const bool is_painted =
+        soup.is_painted && (surface.texture >= 0 || std::any_of(corners.begin(), corners.end(), [&](std::uint32_t corner) {
+                              return soup.colors[corner] != kWhite;
+                            }));
+    soup.add(corners, normal.normalized(), surface, densities.empty() ? 0.0F : densities[i],
+             is_painted ? mesh.materials[i] + 1U : 0U);
   }
 }
 
@@ -159,8 +175,8 @@ void sort_for_chunks(std::vector<Triangle>& triangles) {
 // Corners of one chunk, each the last one of a triangle at most.
 class Corners {
  public:
-  Corners(const Soup& soup, std::vector<FlatVertex>& vertices, std::vector<TexturedVertex>& textured)
-      : soup_(soup), vertices_(vertices), textured_(textured) {}
+  Corners(const Soup& soup, std::vector<FlatVertex>& vertices, std::vector<PaintedVertex>& painted)
+      : soup_(soup), vertices_(vertices), painted_(painted) {}
 
   void start_chunk() { copies_.clear(); }
 
@@ -183,16 +199,14 @@ class Corners {
     const Vec3d normal = triangle.normal.cast<double>();
     last.normal = array_of(triangle.normal);
     const auto both_sides = [&](bool sun) -> std::array<std::uint32_t, 2> {
-      return {shade(light, triangle.surface.color, normal, sun), shade(light, triangle.surface.color, -normal, sun)};
+      return {shade(light, triangle.surface, normal, sun), shade(light, triangle.surface, -normal, sun)};
     };
     last.sunlit = both_sides(true);
     last.shadowy = both_sides(false);
     last.ids = pack(triangle.surface);
-    if (!soup_.uv.empty()) {
-      TexturedVertex& shown = textured_[indices[2]];
-      shown.density = triangle.density;
-      shown.texture = static_cast<std::uint32_t>(triangle.surface.texture + 1);
-      shown.base_color = triangle.surface.color;
+    if (soup_.is_painted) {
+      painted_[indices[2]].density = triangle.density;
+      painted_[indices[2]].paint = triangle.paint;
     }
     return indices;
   }
@@ -212,18 +226,18 @@ class Corners {
   std::uint32_t append(std::uint32_t corner) {
     vertices_.push_back({});
     vertices_.back().position = array_of(soup_.positions[corner]);
-    if (!soup_.uv.empty()) textured_.push_back({.uv = soup_.uv[corner]});
+    if (soup_.is_painted) painted_.push_back({soup_.uv[corner], 0.0F, 0, soup_.colors[corner], 0.0F});
     return static_cast<std::uint32_t>(vertices_.size() - 1);
   }
 
   const Soup& soup_;
   std::vector<FlatVertex>& vertices_;
-  std::vector<TexturedVertex>& textured_;
+  std::vector<PaintedVertex>& painted_;
   std::unordered_map<std::uint32_t, Copy> copies_;
 };
 
 void make_chunks(const Soup& soup, const Light& light, GlModel& model) {
-  Corners corners(soup, model.vertices, model.textured);
+  Corners corners(soup, model.vertices, model.painted);
   for (std::size_t first = 0; first < soup.triangles.size(); first += kChunkTriangles) {
     const auto chunk = std::span(soup.triangles).subspan(first, std::min(kChunkTriangles, soup.triangles.size() - first));
     const auto first_index = static_cast<std::uint32_t>(model.indices.size());
@@ -238,9 +252,20 @@ void make_chunks(const Soup& soup, const Light& light, GlModel& model) {
   }
 }
 
+// A surface under a light: how a RoundShape and a Paint show.
+template <class Record>
+void set_light(Record& record, const Surface& surface, const Light& light) {
+  record.gamma_exponent = 1.0F / light.gamma;
+  for (std::size_t i = 0; i < 3; ++i) {
+    record.middle[i] = 0.5F * surface.color[i] * (light.sky_ambient[i] + light.ground_ambient[i]) + surface.emissive[i];
+    record.slope[i] = 0.5F * surface.color[i] * (light.sky_ambient[i] - light.ground_ambient[i]);
+    record.sun[i] = surface.color[i] * light.sun_color[i];
+  }
+  record.sun_direction = light.sun_direction;
+}
+
 void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const Vec3& half, const Surface& surface,
                bool only_front, GlModel& model) {
-  const Light& light = model.light;
   RoundShape shape{};
   shape.center = array_of(center);
   shape.radius = half.x();
@@ -249,13 +274,7 @@ void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const V
   shape.axis_z = array_of(rotation.col(2));
   shape.half_height = half.z();
   shape.only_front = only_front ? 1.0F : 0.0F;
-  shape.gamma_exponent = 1.0F / light.gamma;
-  for (std::size_t i = 0; i < 3; ++i) {
-    shape.middle[i] = 0.5F * surface.color[i] * (light.sky_ambient[i] + light.ground_ambient[i]);
-    shape.slope[i] = 0.5F * surface.color[i] * (light.sky_ambient[i] - light.ground_ambient[i]);
-    shape.sun[i] = surface.color[i] * light.sun_color[i];
-  }
-  shape.sun_direction = light.sun_direction;
+  set_light(shape, surface, model.light);
   shape.ids = pack(surface);
   model.shapes[static_cast<std::size_t>(kind)].push_back(shape);
   const float reach = kind == RoundKind::cylinder ? std::hypot(half.x(), half.z()) : std::max(half.x(), half.z());
@@ -301,6 +320,11 @@ GlModel::GlModel(const World& world) : textures(world.textures()) {
   for (const MarkerSphere& marker : appearance.markers) {
     add_round(RoundKind::sphere, marker.center, Mat3::Identity(), Vec3::Constant(appearance.marker_radius), marker.surface, true,
               *this);
+  }
+  for (std::size_t i = 0; soup.is_painted && i < appearance.materials.size(); ++i) {
+    Paint& paint = paints.emplace_back();
+    set_light(paint, appearance.materials[i], light);
+    paint.texture = static_cast<float>(appearance.materials[i].texture + 1);
   }
   sort_for_chunks(soup.triangles);
   make_chunks(soup, light, *this);

@@ -23,15 +23,29 @@ struct FlatVertex {
   std::uint32_t ids;                     // semantic, and instance in the upper half
 };
 
-// What a corner has besides, where a world has textures. All but uv describes a triangle, as in FlatVertex.
-struct TexturedVertex {
+// What a corner has besides, where a world has textures or colours of vertices. Density and paint describe a triangle, as in
+// FlatVertex.
+struct PaintedVertex {
   std::array<float, 2> uv;
-  float density;                    // texels to a square metre
-  std::uint32_t texture;            // its number plus 1; 0: none
-  std::array<float, 3> base_color;  // linear RGB
+  float density;               // texels to a square metre
+  std::uint32_t paint;         // its number plus 1; 0: FlatVertex says its colour
+  std::array<float, 3> color;  // linear RGB, by which that of the paint is multiplied
   float unused;
 };
-static_assert(sizeof(TexturedVertex) == 2 * 16);
+static_assert(sizeof(PaintedVertex) == 2 * 16);
+
+// How a material shows on such triangles, as the shaders read it; each row is a vec4.
+struct Paint {
+  std::array<float, 3> middle;  // light that comes from all around, and what is emitted: middle + slope * n.z
+  float gamma_exponent;         // 1 / gamma
+  std::array<float, 3> slope;
+  float texture;             // its number plus 1; 0: none
+  std::array<float, 3> sun;  // light of the sun from right above
+  float unused_1;
+  std::array<float, 3> sun_direction;  // towards the sun, world frame
+  float unused_2;
+};
+static_assert(sizeof(Paint) == 4 * 16);
 
 // Flat geometry that is drawn or left out as a whole.
 struct FlatChunk {
@@ -53,7 +67,7 @@ struct RoundShape {
   float only_front;  // 1: not seen from within
   std::array<float, 3> axis_z;
   float gamma_exponent;         // 1 / gamma
-  std::array<float, 3> middle;  // light that comes from all around: middle + slope * n.z
+  std::array<float, 3> middle;  // light that comes from all around, and what is emitted: middle + slope * n.z
   std::uint32_t ids;            // as in FlatVertex
   std::array<float, 3> slope;
   float unused_1;
@@ -75,7 +89,8 @@ struct GlModel {
   explicit GlModel(const World& world);
 
   std::vector<FlatVertex> vertices;
-  std::vector<TexturedVertex> textured;  // one for each of these, or none where no triangle has a texture
+  std::vector<PaintedVertex> painted;  // one for each of these, or none where all triangles have plain colours
+  std::vector<Paint> paints;           // of each material, likewise
   Textures textures;
   std::vector<std::uint32_t> indices;  // three a triangle
   std::vector<FlatChunk> chunks;       // in the order of their indices, without gaps

@@ -97,12 +97,12 @@ GlPainter::GlPainter()
     at(5 + i, kCameras);
   }
   glVertexArrayBindingDivisor(array, kCameras, 1);
-  constexpr GLuint kTextured = 2;
-  glVertexArrayAttribFormat(array, 12, 2, GL_FLOAT, GL_FALSE, offsetof(TexturedVertex, uv));
-  glVertexArrayAttribFormat(array, 13, 1, GL_FLOAT, GL_FALSE, offsetof(TexturedVertex, density));
-  glVertexArrayAttribIFormat(array, 14, 1, GL_UNSIGNED_INT, offsetof(TexturedVertex, texture));
-  glVertexArrayAttribFormat(array, 15, 3, GL_FLOAT, GL_FALSE, offsetof(TexturedVertex, base_color));
-  for (GLuint location = 12; location < 16; ++location) glVertexArrayAttribBinding(array, location, kTextured);
+  constexpr GLuint kPainted = 2;
+  glVertexArrayAttribFormat(array, 12, 2, GL_FLOAT, GL_FALSE, offsetof(PaintedVertex, uv));
+  glVertexArrayAttribFormat(array, 13, 1, GL_FLOAT, GL_FALSE, offsetof(PaintedVertex, density));
+  glVertexArrayAttribIFormat(array, 14, 1, GL_UNSIGNED_INT, offsetof(PaintedVertex, paint));
+  glVertexArrayAttribFormat(array, 15, 3, GL_FLOAT, GL_FALSE, offsetof(PaintedVertex, color));
+  for (GLuint location = 12; location < 16; ++location) glVertexArrayAttribBinding(array, location, kPainted);
 
   glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
   glFrontFace(GL_CW);  // pictures are upside down: row 0, the top, is what OpenGL calls the lowest
@@ -114,12 +114,8 @@ void GlPainter::add(const GlModel& model) {
   UploadedModel uploaded;
   const std::size_t first_vertex = vertices_.append(std::span(model.vertices));
   uploaded.first_vertex = static_cast<GLint>(first_vertex);
-  uploaded.has_textures = !model.textured.empty();
-  if (uploaded.has_textures) add_textures(model, first_vertex);
-  const Light& light = model.light;
-  const LightRecord record{row(light.sun_direction, 0.0F), row(light.sun_color, 0.0F), row(light.sky_ambient, 0.0F),
-                           row(light.ground_ambient, 1.0F / light.gamma)};
-  lights_.append(std::span<const LightRecord>(&record, 1));
+  uploaded.is_painted = !model.painted.empty();
+  if (uploaded.is_painted) add_paints(model, first_vertex);
   const std::size_t first_index = indices_.append(std::span(model.indices));
   uploaded.chunks = model.chunks;
   for (FlatChunk& chunk : uploaded.chunks) chunk.first_index += static_cast<std::uint32_t>(first_index);
@@ -129,10 +125,11 @@ void GlPainter::add(const GlModel& model) {
   uploaded.bounds = model.bounds;
   uploaded.rooms = model.rooms;
   uploaded.light = model.light;
+  uploaded.sun_disc = SunDisc(model.light);
   models_.push_back(std::move(uploaded));
 }
 
-void GlPainter::add_textures(const GlModel& model, std::size_t first_vertex) {
+void GlPainter::add_paints(const GlModel& model, std::size_t first_vertex) {
   const Textures& textures = model.textures;
   if (texels_.size() == 0) {
     const auto& linear = srgb_to_linear();
@@ -154,12 +151,17 @@ void GlPainter::add_textures(const GlModel& model, std::size_t first_vertex) {
                        number(textures.height[i]), 0});
   }
   textures_.append(std::span<const std::array<std::uint32_t, 4>>(records));
-  std::vector<TexturedVertex> vertices(first_vertex - textured_.size());  // of models without textures, added before
-  for (TexturedVertex vertex : model.textured) {
-    if (vertex.texture != 0) vertex.texture += static_cast<std::uint32_t>(first_texture);
+  std::vector<Paint> paints = model.paints;
+  for (Paint& paint : paints) {
+    if (paint.texture > 0.0F) paint.texture += static_cast<float>(first_texture);
+  }
+  const auto first_paint = static_cast<std::uint32_t>(paints_.append(std::span<const Paint>(paints)));
+  std::vector<PaintedVertex> vertices(first_vertex - painted_.size());  // of models without paints, added before
+  for (PaintedVertex vertex : model.painted) {
+    if (vertex.paint != 0) vertex.paint += first_paint;
     vertices.push_back(vertex);
   }
-  textured_.append(std::span<const TexturedVertex>(vertices));
+  painted_.append(std::span<const PaintedVertex>(vertices));
 }
 
 void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
@@ -215,10 +217,10 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   };
   if (!flat_commands_.empty()) {
     ShaderTraits traits = pass.traits;
-    traits.textures =
-        std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].has_textures; });
+    traits.painted =
+        std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_painted; });
     use(shaders_.flat(traits));
-    draw_flat(traits.textures);
+    draw_flat(traits.painted);
   }
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     for (const bool boxes : {false, true}) {
@@ -228,7 +230,10 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     }
   }
   if (writes.color && !sky_cameras_.empty()) {
-    use(shaders_.sky(pass.traits));
+    ShaderTraits traits = pass.traits;
+    traits.sun = std::any_of(sky_cameras_.begin(), sky_cameras_.end(),
+                             [&](std::uint32_t i) { return models_[cameras[i].model].sun_disc.shows; });
+    use(shaders_.sky(traits));
     draw_sky();
   }
 }
@@ -254,9 +259,10 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   const double middle = (2.0 * number + 1.0) / size.tiles - 1.0;
   const float gamma_exponent = 1.0F / model.light.gamma;
   const Vec3d eye = camera.position.cast<double>();
-  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy),
-                      row(-left / fx, camera.model), row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
-                      row(model.light.zenith_color, 0.0F)});
+  records_.push_back({row(eye, middle), row(forward, cx), row(x, cy), row(y, 1.0 / fx), row(ray_0, 1.0 / fy), row(-left / fx),
+                      row(-up / fy, model.grid), row(model.light.horizon_color, gamma_exponent),
+                      row(model.light.zenith_color, model.sun_disc.glow), row(model.light.sun_direction, model.sun_disc.edge),
+                      row(model.sun_disc.color, model.sun_disc.steepness)});
 
   const double near = static_cast<double>(pass.near_m);
   const double far = static_cast<double>(pass.far_m);
@@ -323,24 +329,24 @@ void GlPainter::cull_round(const UploadedModel& model, const Frustum& frustum, c
   }
 }
 
-void GlPainter::draw_flat(bool textures) {
+void GlPainter::draw_flat(bool painted) {
   glDisable(GL_CULL_FACE);
   glBindVertexArray(flat_array_.name());
   glVertexArrayVertexBuffer(flat_array_.name(), 0, vertices_.name(), 0, sizeof(FlatVertex));
   glVertexArrayVertexBuffer(flat_array_.name(), 1, cameras_.name(), 0, sizeof(CameraRecord));
   glVertexArrayElementBuffer(flat_array_.name(), indices_.name());
-  if (textures) {
-    // Vertices of models that were added after the last one with textures have none.
-    if (textured_.size() < vertices_.size()) {
-      textured_.append(std::span<const TexturedVertex>(std::vector<TexturedVertex>(vertices_.size() - textured_.size())));
+  if (painted) {
+    // Vertices of models that were added after the last one with paints have none.
+    if (painted_.size() < vertices_.size()) {
+      painted_.append(std::span<const PaintedVertex>(std::vector<PaintedVertex>(vertices_.size() - painted_.size())));
     }
-    glVertexArrayVertexBuffer(flat_array_.name(), 2, textured_.name(), 0, sizeof(TexturedVertex));
+    glVertexArrayVertexBuffer(flat_array_.name(), 2, painted_.name(), 0, sizeof(PaintedVertex));
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kTexelsBinding, texels_.name());
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kTexturesBinding, textures_.name());
-    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kLightsBinding, lights_.name());
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, kPaintsBinding, paints_.name());
   }
   for (GLuint location = 12; location < 16; ++location) {
-    (textures ? glEnableVertexArrayAttrib : glDisableVertexArrayAttrib)(flat_array_.name(), location);
+    (painted ? glEnableVertexArrayAttrib : glDisableVertexArrayAttrib)(flat_array_.name(), location);
   }
   upload(commands_, std::span<const DrawCommand>(flat_commands_));
   glBindBuffer(GL_DRAW_INDIRECT_BUFFER, commands_.name());

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "render/appearance.hpp"
 #include "render/gl_atlas.hpp"
 #include "render/gl_model.hpp"
 #include "render/gl_objects.hpp"
@@ -53,22 +54,20 @@ class GlPainter {
     std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
     std::vector<Aabb> rooms;
     Light light;
+    SunDisc sun_disc{Light()};
     std::uint32_t grid = 0;  // into grids_
-    bool has_textures = false;
+    bool is_painted = false;
   };
   // A TileCamera as the shaders read it; each row is a vec4.
   struct CameraRecord {
-    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith;
+    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith_glow, sun_edge,
+        disc_steepness;
   };
   // A grid of the sun as the shaders read it; each row is a vec4.
   struct GridRecord {
     std::array<std::array<float, 4>, 3> to_sun;  // columns
     std::array<float, 4> left_low_cell;
     std::array<std::uint32_t, 4> size;
-  };
-  // The light of a model as the shaders read it; each row is a vec4.
-  struct LightRecord {
-    std::array<float, 4> sun_direction, sun, sky, ground_gamma;
   };
   struct DrawCommand {  // as OpenGL reads it
     GLuint count, instance_count, first_index;
@@ -84,22 +83,22 @@ class GlPainter {
   };
   using Frustum = std::array<Plane, 6>;
 
-  void add_textures(const GlModel& model, std::size_t first_vertex);
+  void add_paints(const GlModel& model, std::size_t first_vertex);
   void cull(const TileCamera& camera, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
   void cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number);
   void cull_round(const UploadedModel& model, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
                   std::uint32_t number);
-  void draw_flat(bool textures);
+  void draw_flat(bool painted);
   void draw_round(std::size_t kind, bool boxes);
   void draw_sky();
 
   GlShaders shaders_;
   std::vector<UploadedModel> models_;
   GlStore<FlatVertex> vertices_;
-  GlStore<TexturedVertex> textured_;  // of the same; those of the models added last may be missing
+  GlStore<PaintedVertex> painted_;  // of the same; those of the models added last may be missing
+  GlStore<Paint> paints_;
   GlStore<std::uint32_t> texels_;
   GlStore<std::array<std::uint32_t, 4>> textures_;
-  GlStore<LightRecord> lights_;  // of each model
   GlStore<std::uint32_t> indices_;
   std::array<GlStore<RoundShape>, kNumRoundKinds> shapes_;
   GlStore<GridRecord> grids_;

@@ -3,6 +3,7 @@
 #include <array>
 #include <string>
 
+#include "render/appearance.hpp"
 #include "render/egl_context.hpp"
 
 namespace flockstep::render {
@@ -33,7 +34,9 @@ struct Camera {
   vec4 ray_u;
   vec4 ray_v_grid;  // and which of the grids of the sun
   vec4 horizon;  // and 1 / gamma
-  vec4 zenith;
+  vec4 zenith_glow;
+  vec4 sun_edge;  // the direction to it; see SunDisc
+  vec4 disc_steepness;  // its colour
 };
 )";
 
@@ -118,34 +121,38 @@ layout(location = 1) flat out uvec3 tints_ids;  // in the sun, in shadow
 #ifdef NORMAL
 layout(location = 2) flat out vec3 facing;
 #endif
-#ifdef TEXTURES
+#ifdef PAINT
 layout(location = 12) in vec2 uv;
 layout(location = 13) in float density;
-layout(location = 14) in uint texture_number;
-layout(location = 15) in vec3 base_color;
+layout(location = 14) in uint paint_number;
+layout(location = 15) in vec3 color;
 
-struct Light {
-  vec4 sun_direction;
+struct Paint {
+  vec4 middle_gamma;
+  vec4 slope_texture;
   vec4 sun;
-  vec4 sky;
-  vec4 ground_gamma;
+  vec4 sun_direction;
 };
-layout(std430, binding = 7) readonly buffer Lights { Light lights[]; };
+layout(std430, binding = 7) readonly buffer Paints { Paint paints[]; };
 
 layout(location = 3) out vec2 texture_at;
 layout(location = 4) flat out vec4 lens;
 layout(location = 5) flat out vec4 in_sun_height;
 layout(location = 6) flat out vec4 in_shadow_gamma;
-layout(location = 7) flat out vec2 texture_density;  // its number plus 1
+layout(location = 7) flat out vec3 painted_texture_density;  // 1: painted; the texture's number plus 1
+layout(location = 8) out vec3 tint;
 
-void light_texture(vec3 n, float height, uint model) {
-  Light light = lights[model];
-  vec3 ambient = mix(light.ground_gamma.xyz, light.sky.xyz, 0.5 + 0.5 * n.z);
+void paint(vec3 n, float height) {
   texture_at = uv;
+  tint = color;
+  painted_texture_density = vec3(0.0);
+  if (paint_number == 0u) return;
+  Paint its = paints[paint_number - 1u];
+  vec3 shadowed = its.middle_gamma.xyz + its.slope_texture.xyz * n.z;
   lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
-  in_sun_height = vec4(base_color * (ambient + light.sun.xyz * max(0.0, dot(n, light.sun_direction.xyz))), height);
-  in_shadow_gamma = vec4(base_color * ambient, light.ground_gamma.w);
-  texture_density = vec2(float(texture_number), density);
+  in_sun_height = vec4(shadowed + its.sun.xyz * max(0.0, dot(n, its.sun_direction.xyz)), height);
+  in_shadow_gamma = vec4(shadowed, its.middle_gamma.w);
+  painted_texture_density = vec3(1.0, its.slope_texture.w, density);
 }
 #endif
 
@@ -158,8 +165,8 @@ void main() {
   nearness = vec3(dot(normal, ray_0_fy.xyz), dot(normal, ray_u.xyz), dot(normal, ray_v_grid.xyz)) / height;
   bool front = height < 0.0;
   tints_ids = uvec3(front ? sunlit.x : sunlit.y, front ? shadowy.x : shadowy.y, ids);
-#ifdef TEXTURES
-  light_texture(front ? normal : -normal, height, uint(ray_u.w));
+#ifdef PAINT
+  paint(front ? normal : -normal, height);
 #endif
 #ifdef NORMAL
   facing = front ? normal : -normal;
@@ -176,12 +183,13 @@ layout(location = 1) flat in uvec3 tints_ids;
 #ifdef NORMAL
 layout(location = 2) flat in vec3 facing;
 #endif
-#ifdef TEXTURES
+#ifdef PAINT
 layout(location = 3) in vec2 texture_at;
 layout(location = 4) flat in vec4 lens;
 layout(location = 5) flat in vec4 in_sun_height;
 layout(location = 6) flat in vec4 in_shadow_gamma;
-layout(location = 7) flat in vec2 texture_density;
+layout(location = 7) flat in vec3 painted_texture_density;
+layout(location = 8) in vec3 tint;
 
 layout(std430, binding = 1) readonly buffer Texels { uint texels[]; };  // before them the linear values of bytes, as floats
 // Of a texture: its first level, their number, how it wraps; of a level: its first texel, width and height.
@@ -223,10 +231,10 @@ vec3 level_color(uint level, vec2 at, uvec2 wrap) {
 
 // As textures.hpp says.
 vec3 texture_color(float depth, vec3 at) {
-  uvec4 image = textures[uint(texture_density.x) - 1u];
+  uvec4 image = textures[uint(painted_texture_density.y) - 1u];
   vec2 ray = (lens.xy - at.yz) * lens.zw;
   float square = depth * depth / in_sun_height.w;
-  float covered = texture_density.y * lens.z * lens.w * (1.0 + dot(ray, ray)) * square * square;
+  float covered = painted_texture_density.z * lens.z * lens.w * (1.0 + dot(ray, ray)) * square * square;
   float detail = 0.5 * (float(floatBitsToInt(covered)) * exp2(-23.0) - 127.0);
   detail = clamp(detail, 0.0, float(image.y - 1u));
   uint fine = uint(detail);
@@ -239,17 +247,23 @@ vec3 texture_color(float depth, vec3 at) {
 void main() {
 #ifdef COLOR
   bool sun = true;
-#if defined(SHADOWS) || defined(TEXTURES)
+#if defined(SHADOWS) || defined(PAINT)
   vec3 at = pixel();
   float depth = 1.0 / dot(nearness, at);
 #endif
 #ifdef SHADOWS
-  sun = !in_shadow(depth, at, tints_ids.x != tints_ids.y);
+  bool matters = tints_ids.x != tints_ids.y;
+#ifdef PAINT
+  matters = matters || (painted_texture_density.x > 0.0 && in_sun_height.xyz != in_shadow_gamma.xyz);
+#endif
+  sun = !in_shadow(depth, at, matters);
 #endif
   out_color = unpackUnorm4x8(sun ? tints_ids.x : tints_ids.y);
-#ifdef TEXTURES
-  if (texture_density.x > 0.0) {
-    out_color = encode((sun ? in_sun_height.xyz : in_shadow_gamma.xyz) * texture_color(depth, at), in_shadow_gamma.w);
+#ifdef PAINT
+  if (painted_texture_density.x > 0.0) {
+    vec3 shown = (sun ? in_sun_height.xyz : in_shadow_gamma.xyz) * tint;
+    if (painted_texture_density.y > 0.0) shown *= texture_color(depth, at);
+    out_color = encode(shown, in_shadow_gamma.w);
   }
 #endif
 #endif
@@ -485,7 +499,7 @@ bool in_shadow(float depth, vec3 at, bool matters) {
     vec3 d = to_solid[2];
     int kind = int(solid[0].w);
     vec2 inside;
-    if (kind == 1) {
+    if (kind == 1 || kind == 5) {
       inside = intersection(slab(o.x, d.x, half_extents.x), slab(o.y, d.y, half_extents.y));
       inside = intersection(inside, slab(o.z, d.z, half_extents.z));
     } else if (kind == 2) {
@@ -495,7 +509,7 @@ bool in_shadow(float depth, vec3 at, bool matters) {
     } else {
       inside = capsule(o, d, half_extents.x, half_extents.z);
     }
-    hidden = inside.x <= inside.y && inside.y >= 0.0;
+    hidden = inside.x <= inside.y && (kind == 5 ? inside.x : inside.y) >= 0.0;  // a room only from outside
   }
   return hidden;
 }
@@ -580,15 +594,25 @@ layout(location = 1) flat out vec3 ray_u;
 layout(location = 2) flat out vec3 ray_v;
 layout(location = 3) flat out vec3 horizon;
 layout(location = 4) flat out vec3 zenith;
+#ifdef SUN
+layout(location = 5) flat out vec4 sun_edge;
+layout(location = 6) flat out vec4 disc_steepness;
+layout(location = 7) flat out float glow;
+#endif
 
 void main() {
   Camera camera = cameras[gl_VertexID >> 2];
+#ifdef SUN
+  sun_edge = camera.sun_edge;
+  disc_steepness = camera.disc_steepness;
+  glow = camera.zenith_glow.w;
+#endif
   place(vec3(vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0, 1.0), 0.0, camera.eye_offset.w);
   ray_0_gamma = vec4(camera.ray_0_fy.xyz, camera.horizon.w);
   ray_u = camera.ray_u.xyz;
   ray_v = camera.ray_v_grid.xyz;
   horizon = camera.horizon.xyz;
-  zenith = camera.zenith.xyz;
+  zenith = camera.zenith_glow.xyz;
 }
 )";
 
@@ -598,11 +622,23 @@ layout(location = 1) flat in vec3 ray_u;
 layout(location = 2) flat in vec3 ray_v;
 layout(location = 3) flat in vec3 horizon;
 layout(location = 4) flat in vec3 zenith;
+#ifdef SUN
+layout(location = 5) flat in vec4 sun_edge;
+layout(location = 6) flat in vec4 disc_steepness;
+layout(location = 7) flat in float glow;
+#endif
 
 void main() {
   vec3 at = pixel();
   vec3 ray = ray_0_gamma.xyz + ray_u * at.y + ray_v * at.z;
-  out_color = encode(mix(horizon, zenith, max(0.0, ray.z) / length(ray)), ray_0_gamma.w);
+  vec3 color = mix(horizon, zenith, max(0.0, ray.z) / length(ray));
+#ifdef SUN
+  vec3 apart = ray / length(ray) - sun_edge.xyz;
+  float q = dot(apart, apart);
+  float disc = min((sun_edge.w - q) * disc_steepness.w, 1.0);
+  color = mix(color, disc_steepness.xyz, max(disc, glow / (1.0 + sun_focus * q)));
+#endif
+  out_color = encode(color, ray_0_gamma.w);
 #ifdef IDS
   out_ids = uvec2(0u);
 #endif
@@ -666,10 +702,18 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
                                        ""};
-  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
-                         traits.writes.normal, traits.shadows,      traits.textures && traits.writes.color};
-  static constexpr std::array kFlagDefines{"#define COLOR\n",  "#define DEPTH\n",   "#define IDS\n",
-                                           "#define NORMAL\n", "#define SHADOWS\n", "#define TEXTURES\n"};
+  const std::array flags{traits.writes.color, traits.writes.depth,
+                         traits.writes.ids,   traits.writes.normal,
+                         traits.shadows,      traits.painted && traits.writes.color,
+                         traits.sun};
+  static const std::array<std::string, flags.size()> kFlagDefines{
+      "#define COLOR\n",
+      "#define DEPTH\n",
+      "#define IDS\n",
+      "#define NORMAL\n",
+      "#define SHADOWS\n",
+      "#define PAINT\n",
+      "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n'};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -703,7 +747,7 @@ GLuint GlShaders::flat(const ShaderTraits& traits) { return get(Role::flat, trai
 
 GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
   ShaderTraits traits = all_traits;
-  traits.textures = false;
+  traits.painted = false;
   switch (kind) {
     case RoundKind::cylinder:
       return get(Role::cylinder, traits);
@@ -716,7 +760,7 @@ GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
   }
 }
 
-GLuint GlShaders::sky(const ShaderTraits& traits) { return get(Role::sky, {.writes = traits.writes}); }
+GLuint GlShaders::sky(const ShaderTraits& traits) { return get(Role::sky, {.writes = traits.writes, .sun = traits.sun}); }
 
 GLuint GlShaders::resolve() { return get(Role::resolve, {.writes = {.color = true}}); }
 

@@ -23,7 +23,8 @@ struct Attachments {
 struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // of the sun
-  bool textures = false;
+  bool painted = false;  // some triangles have textures or colours of vertices
+  bool sun = false;      // stands in the sky
 };
 
 // Numbers in the shaders' layout qualifiers.
@@ -36,7 +37,7 @@ inline constexpr GLuint kVisibleBinding = 1;
 inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
 inline constexpr GLuint kTexelsBinding = 1;  // flat geometry has no use for the two before
 inline constexpr GLuint kTexturesBinding = 2;
-inline constexpr GLuint kLightsBinding = 7;
+inline constexpr GLuint kPaintsBinding = 7;
 inline constexpr GLuint kGridsBinding = 3;
 inline constexpr GLuint kStartsBinding = 4;
 inline constexpr GLuint kEntriesBinding = 5;

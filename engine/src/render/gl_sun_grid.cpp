@@ -5,6 +5,8 @@
 #include <limits>
 #include <numeric>
 
+#include "render/appearance.hpp"
+
 namespace flockstep::render {
 namespace {
 
@@ -71,7 +73,7 @@ class Casters {
     }
     Shadow shadow{};
     shadow.kind = kind_of(primitive.kind);
-    if (shadow.kind == CasterKind::box) {
+    if (shadow.kind == CasterKind::box || shadow.kind == CasterKind::room) {
       for (int i = 0; i < 8; ++i) {
         const Vec3d corner(i % 2 == 0 ? -1.0 : 1.0, i / 2 % 2 == 0 ? -1.0 : 1.0, i / 4 == 0 ? -1.0 : 1.0);
         shadow.add_point(center + rotation * corner.cwiseProduct(half));
@@ -136,6 +138,8 @@ class Casters {
         return CasterKind::sphere;
       case PrimitiveKind::capsule:
         return CasterKind::capsule;
+      case PrimitiveKind::room:
+        return CasterKind::room;
       default:
         return CasterKind::box;
     }
@@ -209,8 +213,9 @@ GlSunGrid::GlSunGrid(const World& world) {
   rotation.row(1) = sun.cross(Vec3d(rotation.row(0)));
   to_sun = rotation.cast<float>();
   Casters all(rotation, *this);
+  const bool has_shading_room = shading_room(world).has_value();
   for (const Primitive& primitive : world.primitives()) {
-    if (primitive.kind != PrimitiveKind::room) all.add(primitive);
+    if (primitive.kind != PrimitiveKind::room || has_shading_room) all.add(primitive);
   }
   const TriangleMesh& mesh = world.triangles();
   for (const auto& [a, b, c] : mesh.triangles) {

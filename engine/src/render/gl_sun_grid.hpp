@@ -14,7 +14,7 @@
 namespace flockstep::render {
 
 // A plane is a box, a disc a cylinder of no thickness.
-enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule };
+enum class CasterKind : std::uint8_t { triangle, box, cylinder, sphere, capsule, room };
 
 // Each cell has two: one of its triangles, and one of its solids.
 inline constexpr std::size_t kNumLists = 2;

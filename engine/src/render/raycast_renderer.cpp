@@ -16,6 +16,23 @@ static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == tra
 // How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
 constexpr float kLift = 1e-4F;
 
+// Whether the way from a point to the sun leads through a room that the point is outside of.
+bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
+  float enter = -std::numeric_limits<float>::max();
+  float leave = std::numeric_limits<float>::max();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    if (sun[axis] == 0.0F) {
+      if (point[axis] < room.min[axis] || point[axis] > room.max[axis]) return false;
+      continue;
+    }
+    const float low = (room.min[axis] - point[axis]) / sun[axis];
+    const float high = (room.max[axis] - point[axis]) / sun[axis];
+    enter = std::max(enter, std::min(low, high));
+    leave = std::min(leave, std::max(low, high));
+  }
+  return enter > 0.0F && enter <= leave;
+}
+
 // Which of the rays' hits lie in the shadow of something: traces from each towards the sun.
 void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
   trace::RayBlock& block = scratch.tracer.block();
@@ -40,6 +57,11 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
   }
   scratch.tracer.trace_shadows(*request.scene);
   for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
+  const std::optional<Aabb>& room = request.shading->room();
+  for (std::size_t i = 0; room && i < rays.count; ++i) {
+    const Vec3 point(block.org_x[i], block.org_y[i], block.org_z[i]);
+    if (rays.element[i] >= 0 && is_behind(*room, point, sun)) scratch.shaded[i] = 1;
+  }
 }
 
 // Traces and shades one sample of each pixel of the tile.

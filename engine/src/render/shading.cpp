@@ -110,10 +110,12 @@ HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
 
 HWY_INLINE I packed(I red, I green, I blue) { return hn::Or(red, hn::Or(hn::ShiftLeft<8>(green), hn::ShiftLeft<16>(blue))); }
 
+struct Nothing {};  // is emitted
+
 // What a base colour shows where the cosine of the angle between normal and sun is `sunward`, and the normal's z `upward`.
-template <bool kShadows, class Base>
+template <bool kShadows, class Base, class Emitted = Nothing>
 HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& base, V sunward, V upward,
-                 const Rays<kShadows>& rays) {
+                 const Rays<kShadows>& rays, const Emitted& emitted = {}) {
   const Light& light = tables.light;
   V sun = hn::Max(sunward, hn::Zero(d));
   if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
@@ -121,7 +123,9 @@ HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& b
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const V ambient = hn::Add(hn::Set(d, light.ground_ambient[c]),
                               hn::Mul(hn::Set(d, light.sky_ambient[c] - light.ground_ambient[c]), hn::Max(sky, hn::Zero(d))));
-    return level(d, di, tables, hn::Mul(base(c), hn::Add(ambient, hn::Mul(hn::Set(d, light.sun_color[c]), sun))));
+    V value = hn::Mul(base(c), hn::Add(ambient, hn::Mul(hn::Set(d, light.sun_color[c]), sun)));
+    if constexpr (!std::is_same_v<Emitted, Nothing>) value = hn::Add(value, emitted(c));
+    return level(d, di, tables, value);
   };
   return packed(channel(0), channel(1), channel(2));
 }
@@ -134,11 +138,30 @@ HWY_INLINE I on_ramp(Floats d, Ints di, const std::int32_t* ramp, V sunward, con
   return hn::GatherIndex(di, ramp, hn::ConvertTo(di, index));
 }
 
+// How much of the sky's colour in a direction is the sun's; see Light.
+HWY_INLINE V sun_share(Floats d, const Shading::Tables& tables, const Vec3V<V>& direction, V length) {
+  const SunDisc& disc = tables.sun_disc;
+  const auto& to_sun = tables.light.sun_direction;
+  const Vec3V<V> apart{hn::Sub(hn::Div(direction.x, length), hn::Set(d, to_sun[0])),
+                       hn::Sub(hn::Div(direction.y, length), hn::Set(d, to_sun[1])),
+                       hn::Sub(hn::Div(direction.z, length), hn::Set(d, to_sun[2]))};
+  const V q = dot(apart, apart);
+  const V one = hn::Set(d, 1.0F);
+  const V within = hn::Mul(hn::Sub(hn::Set(d, disc.edge), q), hn::Set(d, disc.steepness));
+  const V glow = hn::Div(hn::Set(d, disc.glow), hn::Add(one, hn::Mul(hn::Set(d, SunDisc::kFocus), q)));
+  return hn::Max(hn::Min(within, one), glow);
+}
+
 HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
-  const V up = hn::Max(hn::Div(direction.z, hn::Sqrt(dot(direction, direction))), hn::Zero(d));
+  const V length = hn::Sqrt(dot(direction, direction));
+  const V up = hn::Max(hn::Div(direction.z, length), hn::Zero(d));
+  const V share = tables.sun_disc.shows ? sun_share(d, tables, direction, length) : hn::Zero(d);
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const float horizon = tables.light.horizon_color[c];
-    const V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
+    V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
+    if (tables.sun_disc.shows) {
+      color = hn::Add(color, hn::Mul(hn::Sub(hn::Set(d, tables.sun_disc.color[c]), color), share));
+    }
     return level(d, di, tables, color);
   };
   return packed(channel(0), channel(1), channel(2));
@@ -178,6 +201,9 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
     const auto base = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.color[c]); };
     if (wanted.any_color() && solid.ramp != nullptr) {
       pixels.color = on_ramp(d, di, solid.ramp, cosine(solid.sun), rays);
+    } else if (wanted.any_color() && solid.surface.emits()) {
+      const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.emissive[c]); };
+      pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted);
     } else if (wanted.any_color()) {
       pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays);
     }
@@ -296,7 +322,7 @@ HWY_INLINE V footprint(Floats d, const Rays<kShadows>& rays, const Vec3V<V>& nor
   return hn::Div(hn::Mul(square, dot(rays.direction, rays.direction)), hn::Mul(across, across));
 }
 
-// Multiplies the colours of triangles that have textures by these.
+// Multiplies the colours of triangles by what their textures show.
 HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements, std::uint64_t which,
                      const std::int32_t* material, const trace::HitDetails& details, std::size_t first, V covered,
                      std::array<V, 3>& colors) {
@@ -346,6 +372,22 @@ HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std
   }
 }
 
+// The colours of vertices, at the points that rays have hit.
+HWY_INLINE std::array<V, 3> vertex_colors(Floats d, const Shading::Tables& tables, const std::int32_t* elements,
+                                          std::uint64_t which, const trace::HitDetails& details, std::size_t first) {
+  alignas(64) float color[3][PixelTile::kSide] = {};
+  for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
+    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+    const auto& corners = tables.triangles[static_cast<std::size_t>(elements[lane] - tables.first_triangle)];
+    const float u = details.u[first + lane], v = details.v[first + lane], w = 1.0F - u - v;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const auto of = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
+      color[c][lane] = w * of(0) + u * of(1) + v * of(2);
+    }
+  }
+  return {hn::Load(d, color[0]), hn::Load(d, color[1]), hn::Load(d, color[2])};
+}
+
 // Triangles: element by element from tables.
 template <bool kShadows>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
@@ -366,17 +408,24 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
   Pixels pixels{hn::Zero(di), hn::GatherIndex(di, tables.semantic.data(), materials),
                 hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object)), normal};
   if (wanted.any_color()) {
-    const std::array<const float*, 3> channels{tables.red.data(), tables.green.data(), tables.blue.data()};
-    std::array<V, 3> colors;
-    for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::GatherIndex(d, channels[c], materials);
+    const V one = hn::Set(d, 1.0F);
+    std::array<V, 3> tints{one, one, one};
+    const bool tinted = !tables.uv.empty() || !tables.colors.empty();
+    if (!tables.colors.empty()) tints = vertex_colors(d, tables, elements, which, details, first);
     if (!tables.uv.empty()) {
       const V texels = footprint(d, rays, normal, pixel_area);
-      tint(d, di, tables, elements, which, material, details, first, texels, colors);
+      tint(d, di, tables, elements, which, material, details, first, texels, tints);
     }
-    const auto base = [&](std::size_t c) HWY_ATTR { return colors[c]; };
+    const auto of_material = [&](const std::array<std::vector<float>, 3>& table, std::size_t c) HWY_ATTR {
+      const V value = hn::GatherIndex(d, table[c].data(), materials);
+      return tinted ? hn::Mul(value, tints[c]) : value;
+    };
+    const auto base = [&](std::size_t c) HWY_ATTR { return of_material(tables.color, c); };
+    const auto emitted = [&](std::size_t c) HWY_ATTR { return of_material(tables.emissive, c); };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-    pixels.color = lit(d, di, tables, base, sunward, normal.z, rays);
+    pixels.color = tables.emits ? lit(d, di, tables, base, sunward, normal.z, rays, emitted)
+                                : lit(d, di, tables, base, sunward, normal.z, rays);
   }
   return pixels;
 }
@@ -524,12 +573,13 @@ namespace {
 HWY_EXPORT(shade);
 
 // What the kernels' `lit` computes, of one surface.
-std::int32_t lit_color(const Shading::Tables& tables, const std::array<float, 3>& base, float sunward, float upward) {
+std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, float sunward, float upward) {
   const Light& light = tables.light;
   std::uint32_t color = 0;
   for (std::size_t c = 0; c < 3; ++c) {
     const float ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * 0.5F * (1.0F + upward);
-    const float root = std::sqrt(std::min(1.0F, base[c] * (ambient + light.sun_color[c] * std::max(0.0F, sunward))));
+    const float reflected = surface.color[c] * (ambient + light.sun_color[c] * std::max(0.0F, sunward));
+    const float root = std::sqrt(std::min(1.0F, reflected + surface.emissive[c]));
     const int level = tables.levels[static_cast<std::size_t>(std::lround(root * Shading::kLevels))];
     color |= static_cast<std::uint32_t>(level) << (8 * c);
   }
@@ -556,8 +606,8 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
     solid.up[axis] = outward.z();
     for (std::size_t shaded = 0; shaded < 2; ++shaded) {
       const float sunward = shaded != 0 ? 0.0F : outward.dot(to_sun);
-      solid.faces[shaded][2 * axis] = lit_color(tables, surface.color, -sunward, -outward.z());
-      solid.faces[shaded][2 * axis + 1] = lit_color(tables, surface.color, sunward, outward.z());
+      solid.faces[shaded][2 * axis] = lit_color(tables, surface, -sunward, -outward.z());
+      solid.faces[shaded][2 * axis + 1] = lit_color(tables, surface, sunward, outward.z());
     }
   }
   return solid;
@@ -565,9 +615,8 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 }  // namespace
 
-Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world) {
+Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world), room_(shading_room(world)) {
   const Appearance appearance(world);
-  tables_.light = appearance.light;
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
     const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);
     tables_.levels[i] =
@@ -577,7 +626,7 @@ Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world)
     auto& ramp = tables_.ramps.emplace_back();
     for (std::size_t i = 0; i < ramp.size(); ++i) {
       const float root = static_cast<float>(i) / kRamp;
-      ramp[i] = lit_color(tables_, material.color, root * root, 0.0F);
+      ramp[i] = lit_color(tables_, material, root * root, 0.0F);
     }
   }
   for (std::size_t i = 0; i < appearance.primitives.size(); ++i) {
@@ -596,14 +645,17 @@ Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world)
   tables_.triangle_material = world.triangles().materials;
   tables_.triangle_object = world.triangles().objects;
   for (const Surface& material : appearance.materials) {
-    tables_.red.push_back(material.color[0]);
-    tables_.green.push_back(material.color[1]);
-    tables_.blue.push_back(material.color[2]);
+    for (std::size_t c = 0; c < 3; ++c) {
+      tables_.color[c].push_back(material.color[c]);
+      tables_.emissive[c].push_back(material.emissive[c]);
+    }
+    tables_.emits |= material.emits();
     tables_.semantic.push_back(material.semantic);
     tables_.texture.push_back(material.texture);
   }
   tables_.triangles = world.triangles().triangles;
   tables_.uv = world.triangles().uv;
+  tables_.colors = world.triangles().colors;
   tables_.texels_per_square_metre = texels_per_square_metre(world);
   tables_.first_object = appearance.first_object;
 }

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -48,6 +49,9 @@ class Shading {
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
+  // As shading_room() says.
+  const std::optional<Aabb>& room() const { return room_; }
+
   // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
@@ -57,22 +61,26 @@ class Shading {
     std::vector<ShadedSolid> markers;                   // start, waypoints, goal
     std::int32_t first_triangle = 0, first_marker = 0;  // their elements
     std::span<const std::uint16_t> triangle_material, triangle_object;
-    std::vector<float> red, green, blue;  // of each material
-    std::vector<std::int32_t> semantic;   // likewise
-    std::vector<std::int32_t> texture;    // likewise; -1: none
+    std::array<std::vector<float>, 3> color, emissive;  // of each material: red, green, blue
+    bool emits = false;                                 // one of them does
+    std::vector<std::int32_t> semantic;                 // likewise
+    std::vector<std::int32_t> texture;                  // likewise; -1: none
     Textures textures;
     std::span<const std::array<std::int32_t, 3>> triangles;
-    std::span<const std::array<float, 2>> uv;    // of their vertices; empty where no material has a texture
-    std::vector<float> texels_per_square_metre;  // of triangles
+    std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
+    std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
+    std::vector<float> texels_per_square_metre;    // of triangles
     std::int32_t first_object = 0;
     Light light;
+    SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
-    explicit Tables(const World& world) : textures(world.textures()) {}
+    explicit Tables(const World& world) : textures(world.textures()), light(world.light()), sun_disc(world.light()) {}
   };
 
  private:
   Tables tables_;
+  std::optional<Aabb> room_;
 };
 
 }  // namespace flockstep::render

@@ -78,6 +78,8 @@ class Forest {
     light.sun_color = {1.5F, 1.35F, 1.1F};
     light.sky_ambient = {0.55F, 0.65F, 0.8F};
     light.ground_ambient = {0.22F, 0.2F, 0.16F};
+    light.sun_radius_deg = 1.2F;  // as wide as a camera's glare makes it
+    light.sun_glow = 0.6F;
     builder.light(light);
     builder.start(start_.cast<float>());
     builder.goal(goal_.cast<float>());

@@ -50,7 +50,7 @@ class Scene {
   // Each takes what it has that is nearer than the block's t_hit. A ray's result has the same bits in any block, beside any other
   // rays. Call under FlushDenormals.
   void intersect_primitives(RayBlock& rays) const;
-  void intersect_casters(RayBlock& rays) const;  // the primitives that cast a shadow: all but the rooms
+  void intersect_casters(RayBlock& rays) const;  // all primitives but the rooms
   void intersect_markers(RayBlock& rays) const;
   void intersect_triangles(RayBlock& rays, HitDetails* details) const;  // details: null where only distances are of interest
   // The same for a tile, whose bits are those of the tile as a whole: its rows of kTileWidth rays go through Embree together.

@@ -53,7 +53,7 @@ class Tracer {
   RayBlock& block() { return block_; }
   // Nearest hits of the block.
   void trace_block(const Scene& scene);
-  // Whether anything that casts a shadow, rooms and markers do not, lies on the rays of the block: t_hit is finite then.
+  // Whether anything but rooms and markers lies on the rays of the block: t_hit is finite then.
   void trace_shadows(const Scene& scene);
 
   // What is known of the hits of the last trace() or trace_block() on triangles.

@@ -25,11 +25,13 @@ void add(Hash& hash, const std::optional<Vec3>& point) {
 }
 
 void add(Hash& hash, const Material& material) {
-  const auto& [name, base_color, semantic, texture] = material;
+  const auto& [name, base_color, semantic, texture, emissive] = material;
   hash.add(name);
   hash.add(std::span<const float>(base_color));
   hash.add(semantic);
-  if (texture) hash.add(*texture);  // worlds without textures keep the hash that snapshots of theirs hold
+  // Worlds without what came later keep the hash that snapshots of theirs hold.
+  if (texture) hash.add(*texture);
+  if (emissive != Material().emissive) hash.add(std::span<const float>(emissive));
 }
 
 void add(Hash& hash, const Texture& texture) {
@@ -52,7 +54,7 @@ void add(Hash& hash, const Primitive& primitive) {
 }
 
 void add(Hash& hash, const TriangleMesh& mesh) {
-  const auto& [vertices, triangles, materials, objects, uv] = mesh;
+  const auto& [vertices, triangles, materials, objects, uv, colors] = mesh;
   static_assert(sizeof(triangles[0]) == 3 * sizeof(std::int32_t));
   add(hash, vertices);
   hash.add(std::as_bytes(std::span(triangles)));
@@ -60,6 +62,8 @@ void add(Hash& hash, const TriangleMesh& mesh) {
   hash.add(std::span<const std::uint16_t>(objects));
   static_assert(sizeof(uv[0]) == 2 * sizeof(float));
   if (!uv.empty()) hash.add(std::as_bytes(std::span(uv)));
+  static_assert(sizeof(colors[0]) == 3 * sizeof(float));
+  if (!colors.empty()) hash.add(std::as_bytes(std::span(colors)));
 }
 
 void add(Hash& hash, const Markers& markers) {
@@ -77,11 +81,15 @@ void add(Hash& hash, const Markers& markers) {
 }
 
 void add(Hash& hash, const Light& light) {
-  const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma] = light;
+  const auto& [sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, horizon_color, gamma, sun_radius_deg,
+               sun_glow] = light;
   for (const auto* triple : {&sun_direction, &sun_color, &sky_ambient, &ground_ambient, &zenith_color, &horizon_color}) {
     hash.add(std::span<const float>(*triple));
   }
   hash.add(gamma);
+  if (sun_radius_deg == 0.0F && sun_glow == 0.0F) return;  // keeps the hash of before there were these
+  hash.add(sun_radius_deg);
+  hash.add(sun_glow);
 }
 
 }  // namespace

@@ -181,7 +181,11 @@ class GltfReader {
     const tinygltf::Material& given = model_.materials[i];
     Material material;
     const auto& factor = given.pbrMetallicRoughness.baseColorFactor;
-    for (std::size_t c = 0; c < 3; ++c) material.base_color[c] = static_cast<float>(factor[c]);
+    for (std::size_t c = 0; c < 3; ++c) {
+      material.base_color[c] = static_cast<float>(factor[c]);
+      material.emissive[c] = static_cast<float>(given.emissiveFactor[c]);
+    }
+    if (given.extras.Has(kGltfUnlit)) material.emissive = std::exchange(material.base_color, {});
     material.semantic = static_cast<std::uint16_t>(semantic != 0 ? semantic : semantic_of(given.extras));
     const int texture = given.pbrMetallicRoughness.baseColorTexture.index;
     if (texture >= 0) material.texture = texture_of(static_cast<std::size_t>(texture));
@@ -449,6 +453,16 @@ class GltfReader {
     return uv;
   }
 
+  // The colour of each vertex of a primitive. Alpha is not read.
+  std::optional<Elements> colors_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) const {
+    const auto found = primitive.attributes.find("COLOR_0");
+    if (found == primitive.attributes.end()) return std::nullopt;
+    const Elements colors = elements_of(found->second, {TINYGLTF_TYPE_VEC3, TINYGLTF_TYPE_VEC4}, "VEC3 or VEC4 colours");
+    require(colors.size() == num_vertices, field("accessors", static_cast<std::size_t>(found->second)),
+            "as many colours as positions (" + std::to_string(num_vertices) + ')', colors.size());
+    return colors;
+  }
+
   void read_primitive(const tinygltf::Primitive& primitive, const Eigen::Affine3d& place, int semantic, std::uint16_t object) {
     Interrupt::poll();
     const int position = primitive.attributes.at("POSITION");
@@ -461,11 +475,14 @@ class GltfReader {
         uv ? model_.materials[static_cast<std::size_t>(primitive.material)].pbrMetallicRoughness.baseColorTexture
            : tinygltf::TextureInfo());
 
+    const std::optional<Elements> colors = colors_of(primitive, positions.size());
+
     // Many primitives may share their vertices: of these, those that are used.
     std::vector<std::uint32_t> used = corners;
     std::sort(used.begin(), used.end());
     used.erase(std::unique(used.begin(), used.end()), used.end());
     TriangleMesh& mesh = scene().mesh;
+    std::vector<std::array<float, 3>> shown_colors;
     const auto first = static_cast<std::int32_t>(mesh.vertices.size());
     for (const std::uint32_t vertex : used) {
       if (vertex % 4096 == 0) Interrupt::poll();
@@ -479,7 +496,11 @@ class GltfReader {
       Vec2d where = Vec2d::Zero();
       if (uv) where = to_image.turn * Vec2d(uv->number(vertex, 0), uv->number(vertex, 1)) + to_image.offset;
       mesh.uv.push_back({static_cast<float>(where.x()), static_cast<float>(where.y())});
+      if (!colors) continue;
+      std::array<float, 3>& shown = shown_colors.emplace_back();
+      for (std::size_t c = 0; c < 3; ++c) shown[c] = static_cast<float>(std::clamp(colors->number(vertex, c), 0.0, 1.0));
     }
+    append_colors(shown_colors, used.size(), mesh);
     const bool is_mirrored = place.linear().determinant() < 0.0;
     for (std::size_t i = 0; i < corners.size(); i += 3) {
       std::array<std::int32_t, 3> triangle{};

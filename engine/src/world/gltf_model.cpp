@@ -15,6 +15,7 @@
 #include "base/require.hpp"
 #include "world/base64.hpp"
 #include "world/json_document.hpp"
+#include "world/scene_description.hpp"
 #include "world/text_file.hpp"
 
 #define TINYGLTF_IMPLEMENTATION
@@ -31,8 +32,9 @@ constexpr std::uint64_t kMaxBufferBytes = static_cast<std::uint64_t>(kMaxFileByt
 constexpr std::size_t kMaxReadBytes = std::size_t{4} * static_cast<std::size_t>(kMaxFileBytes);  // of all files named, together
 constexpr double kMaxNumber = 1e30;  // of transforms: their products stay far from overflow for some levels, and are checked
 
-// What a file may require and is read; KHR_materials_unlit says how surfaces are lit, which is the same for all of them here.
-constexpr std::array<std::string_view, 4> kExtensions{"KHR_texture_transform", "KHR_materials_unlit", "KHR_lights_punctual",
+// What a file may require and is read.
+constexpr std::array<std::string_view, 5> kExtensions{"KHR_texture_transform", "KHR_materials_unlit",
+                                                      "KHR_materials_emissive_strength", "KHR_lights_punctual",
                                                       "KHR_mesh_quantization"};
 
 std::string count_of(std::size_t count, const char* singular, const char* plural) {
@@ -199,7 +201,7 @@ class Checker {
         if (!is_read(text(field)))
           refuse(field,
                  "no extension that is required but those read (KHR_texture_transform, "
-                 "KHR_materials_unlit, KHR_lights_punctual, KHR_mesh_quantization)");
+                 "KHR_materials_unlit, KHR_materials_emissive_strength, KHR_lights_punctual, KHR_mesh_quantization)");
       }
     }
     if (const auto used = find(root_, "extensionsUsed")) {
@@ -308,9 +310,13 @@ class Checker {
     if (const auto alpha = find(field, "alphaMode"); alpha && text(*alpha) != "OPAQUE") ++transparent_;
     normal_maps_ += find(field, "normalTexture") ? 1U : 0U;
     occluded_ += find(field, "occlusionTexture") ? 1U : 0U;
-    const auto glow = find(field, "emissiveFactor");
-    glowing_ += find(field, "emissiveTexture") || (glow && glow->value != Json::array({0, 0, 0})) ? 1U : 0U;
     const auto surface = find_object(field, "pbrMetallicRoughness");
+    const auto extensions_of_material = find_object(field, "extensions");
+    if (extensions_of_material && find_object(*extensions_of_material, "KHR_materials_unlit")) {
+      kept["extras"][kGltfUnlit] = true;  // and emits nothing of its own
+    } else {
+      check_emission(field, surface, extensions_of_material, kept);
+    }
     if (!surface) return;
     Json& kept_surface = kept["pbrMetallicRoughness"] = Json::object();
     keep_numbers(*surface, "baseColorFactor", 4, 0.0, 1.0, "a number in [0, 1]", kept_surface);
@@ -331,6 +337,27 @@ class Checker {
       kept_transform["rotation"] = number(*angle, -kMaxCoordinate, kMaxCoordinate, kExpected);
     }
     if (transform->value.contains("texCoord")) keep_integer(*transform, "texCoord", 0, 0, kMaxTexCoord, kept_texture);
+  }
+
+  // Emission is multiplied by the texture of the base colour: what a file has by another is not read.
+  void check_emission(const JsonField& field, const std::optional<JsonField>& surface, const std::optional<JsonField>& extensions,
+                      Json& kept) {
+    Json factors = Json::object();
+    keep_numbers(field, "emissiveFactor", 3, 0.0, 1.0, "a number in [0, 1]", factors);
+    const auto strong = extensions ? find_object(*extensions, "KHR_materials_emissive_strength") : std::nullopt;
+    const auto strength = strong ? find(*strong, "emissiveStrength") : std::nullopt;
+    const double times = strength ? number(*strength, 0.0, kMaxNumber, "a number >= 0") : 1.0;
+    bool emits = false;
+    for (Json& factor : factors["emissiveFactor"]) {
+      factor = std::min(factor.get<double>() * times, kMaxLightColor);
+      emits |= factor.get<double>() > 0.0;
+    }
+    if (!emits) return;
+    const auto ours = surface ? find(*surface, "baseColorTexture") : std::nullopt;
+    const auto theirs = find(field, "emissiveTexture");
+    const bool is_same = ours.has_value() == theirs.has_value() && (!ours || ours->value == theirs->value);
+    if (is_same) kept["emissiveFactor"] = factors["emissiveFactor"];
+    glowing_ += is_same ? 0U : 1U;
   }
 
   void check_mesh(const JsonField& field, Json& kept) {
@@ -357,7 +384,7 @@ class Checker {
     require_object(attributes);
     Json& kept_attributes = kept["attributes"] = Json::object();
     for (const auto& [name, value] : attributes.value.items()) {
-      if (name != "POSITION" && !name.starts_with("TEXCOORD_")) continue;
+      if (name != "POSITION" && name != "COLOR_0" && !name.starts_with("TEXCOORD_")) continue;
       kept_attributes[name] = index(child(attributes, name, value), "accessors");
     }
     require(attributes, "POSITION");
@@ -429,7 +456,8 @@ class Checker {
     note(transparent_, "material's transparency", "materials' transparency");
     note(normal_maps_, "material's normal map", "materials' normal maps");
     note(occluded_, "material's occlusion", "materials' occlusion");
-    note(glowing_, "material's emission", "materials' emission");
+    note(glowing_, "material's emission by another texture than its base colour's",
+         "materials' emission by other textures than their base colours'");
     note(textures_without_image_, "texture without a PNG or JPEG image", "textures without a PNG or JPEG image");
     note(one_sided_, "node's extras visual_only or collision_only", "nodes' extras visual_only or collision_only");
   }

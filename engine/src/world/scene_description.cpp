@@ -99,6 +99,20 @@ void check_uv(TriangleMesh& mesh, bool is_textured) {
   }
 }
 
+constexpr std::array<float, 3> kWhite{1.0F, 1.0F, 1.0F};
+
+void check_colors(const TriangleMesh& mesh) {
+  if (!mesh.colors.empty() && mesh.colors.size() != mesh.vertices.size()) {
+    refuse("mesh.colors", "one per vertex (" + std::to_string(mesh.vertices.size()) + ')', std::to_string(mesh.colors.size()));
+  }
+  for (std::size_t i = 0; i < mesh.colors.size(); ++i) {
+    for (const float value : mesh.colors[i]) {
+      const bool is_color = value >= 0.0F && value <= 1.0F;
+      if (!is_color) refuse("mesh." + element("colors", i), "numbers in [0, 1]", std::to_string(value));
+    }
+  }
+}
+
 void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
   for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
     if (i % kBetweenPolls == 0) Interrupt::poll();
@@ -154,6 +168,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
       moved[static_cast<std::size_t>(index)] = static_cast<std::int32_t>(ordered.vertices.size());
       ordered.vertices.push_back(mesh.vertices[static_cast<std::size_t>(index)]);
       if (!mesh.uv.empty()) ordered.uv.push_back(mesh.uv[static_cast<std::size_t>(index)]);
+      if (!mesh.colors.empty()) ordered.colors.push_back(mesh.colors[static_cast<std::size_t>(index)]);
     }
     for (; first != last; ++first) {
       std::array<std::int32_t, 3> triangle = mesh.triangles[*first];
@@ -162,6 +177,9 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
       ordered.materials.push_back(mesh.materials[*first]);
       ordered.objects.push_back(object);
     }
+  }
+  if (std::all_of(ordered.colors.begin(), ordered.colors.end(), [](const auto& color) { return color == kWhite; })) {
+    ordered.colors.clear();
   }
   return ordered;
 }
@@ -192,6 +210,11 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
     for (const float value : materials[i].base_color) {
       if (!(value >= 0.0F && value <= 1.0F)) {
         refuse(element("materials", i) + ".base_color", "numbers in [0, 1]", std::to_string(value));
+      }
+    }
+    for (const float value : materials[i].emissive) {
+      if (!(value >= 0.0F && value <= static_cast<float>(kMaxLightColor))) {
+        refuse(element("materials", i) + ".emissive", "numbers in [0, 100]", std::to_string(value));
       }
     }
     if (materials[i].semantic >= kSemanticStart) {
@@ -232,6 +255,12 @@ void check_light(Light& light) {
   check_color("horizon_color", light.horizon_color);
   if (!(light.gamma >= static_cast<float>(kMinGamma) && light.gamma <= static_cast<float>(kMaxGamma))) {
     refuse("light.gamma", "a number in [1, 4]", std::to_string(light.gamma));
+  }
+  const float radius = light.sun_radius_deg;
+  const bool is_radius = radius >= static_cast<float>(kMinSunRadiusDeg) && radius <= static_cast<float>(kMaxSunRadiusDeg);
+  if (radius != 0.0F && !is_radius) refuse("light.sun_radius_deg", "0 or a number in [0.1, 45]", std::to_string(radius));
+  if (!(light.sun_glow >= 0.0F && light.sun_glow <= 1.0F)) {
+    refuse("light.sun_glow", "a number in [0, 1]", std::to_string(light.sun_glow));
   }
 }
 
@@ -291,6 +320,7 @@ SceneDescription canonical(SceneDescription description) {
   const auto& materials = description.materials;
   check_uv(description.mesh,
            std::any_of(materials.begin(), materials.end(), [](const Material& m) { return m.texture.has_value(); }));
+  check_colors(description.mesh);
   description.mesh = ordered_by_object(description.mesh);
   if (primitives.empty() && description.mesh.triangles.empty()) {
     refuse("scene", "at least one primitive or triangle", "an empty scene");
@@ -298,6 +328,13 @@ SceneDescription canonical(SceneDescription description) {
   check_markers(description.markers);
   check_light(description.light);
   return description;
+}
+
+void append_colors(std::span<const std::array<float, 3>> colors, std::size_t count, TriangleMesh& mesh) {
+  if (colors.empty() && mesh.colors.empty()) return;
+  mesh.colors.resize(mesh.vertices.size() - count, kWhite);
+  mesh.colors.insert(mesh.colors.end(), colors.begin(), colors.end());
+  mesh.colors.resize(mesh.vertices.size(), kWhite);
 }
 
 Aabb bounds(const Primitive& primitive) {

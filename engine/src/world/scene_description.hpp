@@ -1,7 +1,9 @@
 // The rules every scene obeys, wherever it came from.
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <span>
 
 #include "flockstep/world.hpp"
 
@@ -26,6 +28,9 @@ inline constexpr int kMaxTexturePx = 16384;
 inline constexpr double kMaxLightColor = 100.0;
 inline constexpr double kMinGamma = 1.0;
 inline constexpr double kMaxGamma = 4.0;
+// Of the sun's disc, where it has one. Directions in float32 are accurate enough to show the least.
+inline constexpr double kMinSunRadiusDeg = 0.1;
+inline constexpr double kMaxSunRadiusDeg = 45.0;
 
 // True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
@@ -45,6 +50,9 @@ void check_markers(const Markers& markers);
 // of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form
 // come out as they are. Throws std::invalid_argument naming the field, what was expected and what came.
 SceneDescription canonical(SceneDescription description);
+
+// Goes on with the colours of a mesh's vertices, or begins with them: `count` vertices were added last, and have these or none.
+void append_colors(std::span<const std::array<float, 3>> colors, std::size_t count, TriangleMesh& mesh);
 
 // The smallest axis-aligned box around a primitive.
 Aabb bounds(const Primitive& primitive);

@@ -110,6 +110,7 @@ struct LightColor {
   const char* key;
   std::array<float, 3> Light::* color;
 };
+constexpr const char* kInLight = "3 numbers in [0, 100]";
 constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_color},
                                                   {"sky_ambient", &Light::sky_ambient},
                                                   {"ground_ambient", &Light::ground_ambient},
@@ -253,11 +254,12 @@ class SceneReader {
     if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
     for (const std::string& name : material_names_) {
       const JsonField field = require(*materials, name);
-      check_object(field, {"base_color", "semantic", "texture"});
+      check_object(field, {"base_color", "semantic", "texture", "emissive"});
       Material material{name};
       material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
       if (const auto semantic = find(field, "semantic")) material.semantic = semantic_id(*semantic);
       if (const auto texture = find(field, "texture")) material.texture = named_texture(*texture);
+      if (const auto emissive = find(field, "emissive")) material.emissive = color(*emissive, kMaxLightColor, kInLight);
       add_material(std::move(material));
     }
   }
@@ -412,9 +414,10 @@ class SceneReader {
 
   // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
   void read_mesh(const JsonField& field, std::uint16_t object) {
-    check_object(field, {"file", "vertices", "triangles", "uv", "position", "quat_wxyz", "scale", "material"});
+    check_object(field, {"file", "vertices", "triangles", "uv", "colors", "position", "quat_wxyz", "scale", "material"});
     const bool has_file = field.value.contains("file");
-    if (has_file == (field.value.contains("vertices") || field.value.contains("triangles") || field.value.contains("uv"))) {
+    const auto is_inline = [&](const char* key) { return field.value.contains(key); };
+    if (has_file == (is_inline("vertices") || is_inline("triangles") || is_inline("uv") || is_inline("colors"))) {
       fail(field, "expected either \"file\" or \"vertices\" and \"triangles\"");
     }
     const TriangleMesh part = has_file ? read_mesh_file(require(field, "file")) : read_inline_mesh(field);
@@ -450,6 +453,7 @@ class SceneReader {
     } else if (!mesh.uv.empty()) {
       mesh.uv.resize(mesh.vertices.size());
     }
+    append_colors(part.colors, part.vertices.size(), mesh);
     mesh.objects.insert(mesh.objects.end(), part.triangles.size(), object);
     read_mesh_materials(field, part.triangles.size());
   }
@@ -496,6 +500,14 @@ class SceneReader {
         mesh.uv.push_back({static_cast<float>(number(child(pair, 0))), static_cast<float>(number(child(pair, 1)))});
       }
     }
+    if (const auto colors = find(field, "colors")) {
+      const std::size_t count = require_array(*colors, "an array of (r, g, b)").size();
+      if (count != num_vertices) refuse(*colors, "one per vertex (" + std::to_string(num_vertices) + ')', count);
+      for (std::size_t i = 0; i < count; ++i) {
+        Interrupt::poll();
+        mesh.colors.push_back(color(child(*colors, i), 1.0, "3 numbers in [0, 1]"));
+      }
+    }
     return mesh;
   }
 
@@ -531,8 +543,8 @@ class SceneReader {
   }
 
   void read_light(const JsonField& field) {
-    check_object(field,
-                 {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma"});
+    check_object(field, {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma",
+                         "sun_radius_deg", "sun_glow"});
     Light& light = scene_.light;
     if (const auto sun_direction = find(field, "sun_direction")) {
       const Vec3d given = vec3(*sun_direction);
@@ -541,12 +553,23 @@ class SceneReader {
       light.sun_direction = {direction.x(), direction.y(), direction.z()};
     }
     for (const auto& [key, member] : kLightColors) {
-      if (const auto given = find(field, key)) light.*member = color(*given, kMaxLightColor, "3 numbers in [0, 100]");
+      if (const auto given = find(field, key)) light.*member = color(*given, kMaxLightColor, kInLight);
     }
     if (const auto gamma = find(field, "gamma")) {
       const double value = number(*gamma);
       if (!(value >= kMinGamma && value <= kMaxGamma)) refuse(*gamma, "a number in [1, 4]");
       light.gamma = static_cast<float>(value);
+    }
+    if (const auto radius = find(field, "sun_radius_deg")) {
+      const double value = number(*radius);
+      const bool is_radius = value == 0.0 || (value >= kMinSunRadiusDeg && value <= kMaxSunRadiusDeg);
+      if (!is_radius) refuse(*radius, "0 or a number in [0.1, 45]");
+      light.sun_radius_deg = static_cast<float>(value);
+    }
+    if (const auto glow = find(field, "sun_glow")) {
+      const double value = number(*glow);
+      if (!(value >= 0.0 && value <= 1.0)) refuse(*glow, "a number in [0, 1]");
+      light.sun_glow = static_cast<float>(value);
     }
   }
 
@@ -579,6 +602,7 @@ std::string write_materials(const SceneDescription& description) {
     OrderedJson object = {{"base_color", numbers(material.base_color)}};
     if (material.semantic != 0) object["semantic"] = material.semantic;
     if (material.texture) object["texture"] = description.textures[*material.texture].name;
+    if (material.emissive != Material().emissive) object["emissive"] = numbers(material.emissive);
     text += (text.size() > 1 ? "," : "") + OrderedJson(material.name).dump() + ':' + object.dump();
   }
   return text + '}';
@@ -668,6 +692,14 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
       uv.push_back(OrderedJson::array({json::shortest(mesh.uv[i][0]), json::shortest(mesh.uv[i][1])}));
     }
   }
+  // Of a mesh of its own colours; those that are white have none.
+  const auto is_white = [](const std::array<float, 3>& color) { return color == std::array{1.0F, 1.0F, 1.0F}; };
+  const auto colors = std::span(mesh.colors)
+                          .subspan(mesh.colors.empty() ? 0 : first_vertex, mesh.colors.empty() ? 0 : last_vertex - first_vertex);
+  if (!std::all_of(colors.begin(), colors.end(), is_white)) {
+    OrderedJson& written = object["colors"] = OrderedJson::array();
+    for (const std::array<float, 3>& color : colors) written.push_back(numbers(color));
+  }
   bool is_of_one_material = first != last;
   for (std::size_t i = first; i < last; ++i) {
     std::array<std::int32_t, 3> triangle = mesh.triangles[i];
@@ -726,6 +758,8 @@ OrderedJson write_light(const Light& light) {
     if (light.*member != usual.*member) object[key] = numbers(light.*member);
   }
   if (light.gamma != usual.gamma) object["gamma"] = json::shortest(light.gamma);
+  if (light.sun_radius_deg != usual.sun_radius_deg) object["sun_radius_deg"] = json::shortest(light.sun_radius_deg);
+  if (light.sun_glow != usual.sun_glow) object["sun_glow"] = json::shortest(light.sun_glow);
   return object;
 }
 

@@ -85,6 +85,8 @@ void WorldBuilder::disc(const Vec3& center, float radius, std::uint16_t material
 void WorldBuilder::mesh(const MeshPart& part, std::uint16_t material) {
   require(part.uv.empty() || part.uv.size() == part.vertices.size(), "uv",
           "one per vertex (" + std::to_string(part.vertices.size()) + "), or none", part.uv.size());
+  require(part.colors.empty() || part.colors.size() == part.vertices.size(), "colors",
+          "one per vertex (" + std::to_string(part.vertices.size()) + "), or none", part.colors.size());
   require(objects_ < kMaxObjects - 1, "meshes", "at most 65535 of them", objects_);
   const auto count = static_cast<std::int32_t>(part.vertices.size());
   for (const auto& triangle : part.triangles) {
@@ -97,6 +99,7 @@ void WorldBuilder::mesh(const MeshPart& part, std::uint16_t material) {
   mesh.vertices.insert(mesh.vertices.end(), part.vertices.begin(), part.vertices.end());
   mesh.uv.insert(mesh.uv.end(), part.uv.begin(), part.uv.end());
   mesh.uv.resize(mesh.vertices.size());
+  append_colors(part.colors, part.vertices.size(), mesh);
   for (auto triangle : part.triangles) {
     for (std::int32_t& index : triangle) index += first;
     mesh.triangles.push_back(triangle);

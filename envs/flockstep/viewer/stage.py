@@ -163,7 +163,7 @@ def _emptied(world: World) -> World | None:
         {
             "flockstep_scene": 1,
             "name": world.name,
-            "materials": {m["name"]: {"base_color": m["base_color"]} for m in world.materials},
+            "materials": {m["name"]: {k: m[k] for k in ("base_color", "emissive")} for m in world.materials},
             "room": {
                 "min": (center - half).tolist(),
                 "max": (center + half).tolist(),

@@ -1,0 +1,282 @@
+// What the sun does in pictures, of both backends against the oracle.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "on_target.hpp"
+#include "picture_oracle.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::camera_batch;
+using testing::Compared;
+using testing::expect_picture;
+using testing::kAllOutputs;
+using testing::primitive;
+using enum PrimitiveKind;
+
+CameraConfig camera_of(bool shadows, float hfov_deg = 90.0F) {
+  CameraConfig camera;
+  camera.width_px = 96;
+  camera.height_px = 72;
+  camera.hfov_deg = hfov_deg;
+  camera.outputs = kAllOutputs;
+  camera.shadows = shadows;
+  return camera;
+}
+
+struct View {
+  Vec3 from, towards;
+};
+
+class LitPictures : public ::testing::TestWithParam<CameraBackend> {
+ protected:
+  // A batch that has looked from each of the views; null where OpenGL is not installed.
+  static std::unique_ptr<Batch> pictures(const Batch::Worlds& worlds, const CameraConfig& camera,
+                                         const std::vector<View>& views) {
+    BatchConfig config = camera_batch(camera, static_cast<int>(views.size()));
+    config.camera_backend = GetParam();
+    std::unique_ptr<Batch> batch;
+    try {
+      batch = std::make_unique<Batch>(config, worlds);
+    } catch (const std::exception& error) {
+      if (std::string(error.what()).find("not installed") == std::string::npos) throw;
+      return nullptr;
+    }
+    std::vector<float> places, turns;
+    for (const auto& [from, towards] : views) {
+      const Vec3 along = towards - from;
+      const Quat q = Eigen::AngleAxisf(std::atan2(along.y(), along.x()), Vec3::UnitZ()) *
+                     Eigen::AngleAxisf(-std::atan2(along.z(), along.head<2>().norm()), Vec3::UnitY());
+      places.insert(places.end(), {from.x(), from.y(), from.z()});
+      turns.insert(turns.end(), {q.w(), q.x(), q.y(), q.z()});
+    }
+    batch->set_pose(places, turns);
+    batch->sense();
+    return batch;
+  }
+
+  static Compared compared(const std::shared_ptr<const World>& world, const CameraConfig& camera, const std::vector<View>& views,
+                           std::size_t stride) {
+    const auto batch = pictures({world}, camera, views);
+    Compared all;
+    for (std::size_t drone = 0; batch && drone < views.size(); ++drone) all += expect_picture(*batch, drone, 0, stride);
+    return all;
+  }
+};
+
+#define PICTURES_OR_SKIP(name, ...) \
+  const auto name = __VA_ARGS__;    \
+  if (name.pixels == 0) GTEST_SKIP() << "OpenGL is not installed"
+
+// On a ground outside stands a room, open to the sun, which comes in and lights the floor but where a pillar stands; behind the
+// room lies its shadow.
+TEST_P(LitPictures, ARoomLetsTheSunInAndShadesWhatLiesBehindIt) {
+  SceneDescription scene;
+  scene.light.sun_direction = {-0.6F, 0.3F, 0.7F};
+  scene.primitives = {primitive(room, {0, 0, 1.5F}, {2, 1.5F, 1.4F}), primitive(cylinder, {0.5F, 0, 1.5F}, {0.3F, 0.3F, 1.4F}),
+                      primitive(plane, {0, 0, 0}, {12, 12, 0}), primitive(sphere, {4, -0.5F, 0.5F}, {0.5F, 0.5F, 0.5F})};
+  scene.markers.goal = Vec3(3.5F, 1, 0.4F);
+  const auto world = std::make_shared<const World>(scene);
+  const std::vector<View> outside{{{9, -5, 5}, {3, -1, 0}}, {{7, 6, 2}, {3, 0, 0}}};
+  PICTURES_OR_SKIP(out, compared(world, camera_of(true), outside, 3));
+  EXPECT_GT(out.shaded, 250U);
+  EXPECT_GT(out.lit, 500U);
+  const std::vector<View> inside{{{-1.8F, -1.3F, 2.7F}, {0.5F, 0.3F, 0}}};
+  const auto in = compared(world, camera_of(true), inside, 3);
+  EXPECT_GT(in.shaded, 50U);
+  EXPECT_GT(in.lit, 500U);
+}
+
+// A mast before the sun, and a world without one beside it.
+TEST_P(LitPictures, TheSunStandsInTheSky) {
+  for (const float radius : {0.0F, 0.27F, 3.0F, 20.0F}) {
+    SceneDescription scene;
+    scene.light.sun_direction = {0.8F, 0.1F, 0.6F};
+    scene.light.sun_color = {1.2F, 1.0F, 0.4F};
+    scene.light.sun_radius_deg = radius;
+    scene.light.sun_glow = radius == 20.0F ? 0.0F : 0.7F;
+    scene.primitives = {primitive(cylinder, {5, 0.55F, 3}, {0.1F, 0.1F, 3}), primitive(plane, {0, 0, 0}, {12, 12, 0})};
+    const Vec3 eye(0, 0, 1);
+    const std::vector<View> views{
+        {eye, eye + Vec3(8, 1, 6)}, {eye, {2, -1, 1.5F}}, {eye, {-2, 1, 0.5F}}, {{0.3F, -2, 4}, {1, 1, 9}}};
+    const auto world = std::make_shared<const World>(scene);
+    PICTURES_OR_SKIP(wide, compared(world, camera_of(false), views, 3));
+    EXPECT_GT(wide.sky, 3000U);
+    EXPECT_GT(compared(world, camera_of(false, 4.0F), {views[0]}, 1).sky, 3000U);  // the disc's border, magnified
+  }
+}
+
+TEST_P(LitPictures, OfWorldsWithAndWithoutASunInTheSky) {
+  SceneDescription plain;
+  plain.light.sun_direction = {1, 0, 0.2F};
+  plain.primitives = {primitive(box, {3, 3, 0}, {1, 1, 1})};
+  SceneDescription sunny = plain;
+  sunny.light.sun_radius_deg = 10.0F;
+  SceneDescription dark = sunny;
+  dark.light.sun_color = {0, 0, 0};
+  Batch::Worlds worlds;
+  for (const SceneDescription& scene : {plain, sunny, dark}) worlds.push_back(std::make_shared<const World>(scene));
+  const std::vector<View> views(3, {{0, 0, 0}, {3, 0.5F, 0.5F}});
+  const auto batch = pictures(worlds, camera_of(false), views);
+  if (!batch) GTEST_SKIP() << "OpenGL is not installed";
+  for (std::size_t drone = 0; drone < 3; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 3).sky, 1000U);
+  const auto& rgb = batch->images(0).rgb;
+  const auto size = static_cast<std::ptrdiff_t>(rgb.size() / 3);
+  EXPECT_TRUE(std::equal(rgb.begin(), rgb.begin() + size, rgb.begin() + 2 * size)) << "no sun, no disc";
+  EXPECT_FALSE(std::equal(rgb.begin(), rgb.begin() + size, rgb.begin() + size));
+}
+
+// One of each kind that glows, beside the same that does not, and triangles with and without a texture and colours of vertices.
+std::shared_ptr<const World> lamps() {
+  SceneDescription scene;
+  scene.light.sun_direction = {-0.5F, 0.4F, 0.7F};
+  Texture checks{"checks", 2, 2, {}, {TextureWrap::repeat, TextureWrap::repeat}};
+  for (const int byte : {250, 60, 90, 200}) {
+    const auto value = static_cast<std::uint8_t>(byte);
+    checks.rgba.insert(checks.rgba.end(), {value, static_cast<std::uint8_t>(255 - byte), value, 255});
+  }
+  scene.textures = {checks};
+  scene.materials = {Material{"dull", {0.5F, 0.4F, 0.3F}}, Material{"lamp", {0.2F, 0.3F, 0.1F}, 0, {}, {0.1F, 0.25F, 0.5F}},
+                     Material{"screen", {0, 0, 0}, 0, std::uint16_t{0}, {0.9F, 0.8F, 0.7F}},
+                     Material{"neon", {0.4F, 0.4F, 0.4F}, 0, {}, {0, 5, 0}}, Material{"wood", {1, 1, 1}, 0, std::uint16_t{0}}};
+  const std::array kinds{box, cylinder, sphere, capsule, plane, disc};
+  for (std::size_t i = 0; i < 12; ++i) {
+    const PrimitiveKind kind = kinds[i % 6];
+    Vec3 half(0.4F, 0.4F, kind == capsule ? 0.7F : 0.4F);
+    if (kind == plane || kind == disc) half.z() = 0.0F;
+    const float turn = i % 4 == 1 || kind == sphere ? 0.0F : 0.7F;  // an upright cylinder has a ramp of colours
+    scene.primitives.push_back(primitive(kind, {4.0F + static_cast<float>(i / 6) * 1.5F, 1.2F * static_cast<float>(i % 6) - 3, 1},
+                                         half, Quat(Eigen::AngleAxisf(turn, Vec3(1, 1, 0).normalized()))));
+    scene.primitives.back().material = static_cast<std::uint16_t>(i % 5 == 4 ? 3 : (i + i / 6) % 2);
+  }
+  TriangleMesh& mesh = scene.mesh;
+  for (std::uint16_t i = 0; i < 10; ++i) {  // each material with colours of vertices, and white
+    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+    const float y = 1.3F * static_cast<float>(i % 5) - 3.2F;
+    const float z = i < 5 ? 2.2F : 3.7F;
+    for (const Vec3& at : {Vec3(5, y, z), Vec3(5.5F, y + 1.2F, z), Vec3(5.2F, y + 1.1F, z + 1.2F), Vec3(4.8F, y + 0.1F, z + 1)}) {
+      mesh.vertices.push_back(at);
+      mesh.uv.push_back({2 * at.y(), -2 * at.z()});
+    }
+    constexpr std::array<std::array<float, 3>, 4> kCorners{{{1, 0.1F, 0.2F}, {0.3F, 1, 0.1F}, {0, 0.2F, 0.9F}, {1, 1, 1}}};
+    for (const auto& color : kCorners) mesh.colors.push_back(i < 5 ? color : std::array<float, 3>{1, 1, 1});
+    mesh.triangles.insert(mesh.triangles.end(), {{first, first + 1, first + 2}, {first, first + 2, first + 3}});
+    mesh.materials.insert(mesh.materials.end(), 2, i % 5);
+    mesh.objects.insert(mesh.objects.end(), 2, i);
+  }
+  mesh.vertices.insert(mesh.vertices.end(), {Vec3(-9, -9, 0), Vec3(20, -9, 0), Vec3(0, 30, 0)});  // the ground
+  mesh.uv.resize(mesh.vertices.size());
+  mesh.colors.insert(mesh.colors.end(), {{0.2F, 0.6F, 0.1F}, {0.7F, 0.5F, 0.2F}, {1, 1, 1}});
+  mesh.triangles.push_back({40, 41, 42});
+  mesh.materials.push_back(0);
+  mesh.objects.push_back(10);
+  return std::make_shared<const World>(scene);
+}
+
+const std::vector<View> kLampViews{{{0, 0, 2}, {5, 0, 2}}, {{1, -3, 3}, {5, 0, 1}}, {{8, 2, 3.5F}, {4.5F, 0, 2}}};
+
+TEST_P(LitPictures, WhatGlowsAndWhatHasColoursAtItsVertices) {
+  for (const bool shadows : {false, true}) {
+    PICTURES_OR_SKIP(all, compared(lamps(), camera_of(shadows), kLampViews, 2));
+    EXPECT_GT(all.clear, 6000U);
+    for (int element = 0; element < 12 + 21; ++element) EXPECT_TRUE(all.elements.contains(element)) << element;
+  }
+}
+
+// Whatever stands before and after them in a backend's arrays; colours without textures, and emission without either.
+TEST_P(LitPictures, OfSeveralWorldsThatGlow) {
+  SceneDescription colored;
+  colored.mesh.vertices = {Vec3(3, -2, -1), Vec3(3, 2, -1), Vec3(3, 0, 2)};
+  colored.mesh.triangles = {{0, 1, 2}};
+  SceneDescription glowing = colored;
+  colored.mesh.colors = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  glowing.materials[0].emissive = {0.2F, 0, 0.1F};
+  const Batch::Worlds worlds{std::make_shared<const World>(glowing), lamps(), testing::closet(),
+                             std::make_shared<const World>(colored), std::make_shared<const World>(glowing)};
+  const auto batch = pictures(worlds, camera_of(true), std::vector<View>(5, {{0, 0, 1}, {3, 0, 1}}));
+  if (!batch) GTEST_SKIP() << "OpenGL is not installed";
+  for (std::size_t drone = 0; drone < 5; ++drone) EXPECT_GT(expect_picture(*batch, drone, 0, 5).clear, 1000U);
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, LitPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
+                         [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
+
+TEST(Light, EverySimdTargetShowsTheSameBits) {
+  SceneDescription sky;
+  sky.light.sun_radius_deg = 5.0F;
+  sky.light.sun_glow = 0.5F;
+  sky.light.sun_direction = {1, 0.2F, 0.1F};
+  sky.primitives = {primitive(sphere, {3, 0, -1}, {1, 1, 1})};
+  for (const auto& world : {lamps(), std::make_shared<const World>(sky)}) {
+    std::vector<std::uint8_t> first;
+    for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+      const testing::OnTarget on(target);
+      const auto batch = testing::look(world, camera_of(true), {0, 0, 2});
+      const auto& rgb = batch->images(0).rgb;
+      if (first.empty()) first.assign(rgb.begin(), rgb.end());
+      EXPECT_TRUE(std::equal(first.begin(), first.end(), rgb.begin())) << hwy::TargetName(target);
+    }
+  }
+}
+
+TEST(Light, ColoursOfVerticesAreKeptWhereOneIsNotWhite) {
+  SceneDescription scene;
+  scene.mesh.vertices = {Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0), Vec3(5, 5, 5)};  // the last one unused
+  scene.mesh.triangles = {{0, 1, 2}};
+  scene.mesh.colors.assign(4, {1, 1, 1});
+  scene.mesh.colors[3] = {0, 0, 0};
+  const std::uint64_t white = World(scene).content_hash();
+  EXPECT_TRUE(World(scene).triangles().colors.empty());
+  scene.mesh.colors[1] = {0.25F, 1, 0.1F};
+  const World world(scene);
+  EXPECT_EQ(world.triangles().colors, (std::vector<std::array<float, 3>>{{1, 1, 1}, {0.25F, 1, 0.1F}, {1, 1, 1}}));
+  EXPECT_NE(world.content_hash(), white);
+  scene.mesh.colors.clear();
+  EXPECT_EQ(World(scene).content_hash(), white);
+  scene.materials[0].emissive = {0, 0, 0.5F};
+  EXPECT_NE(World(scene).content_hash(), white);
+}
+
+TEST(Light, ComesBackEqualFromAFile) {
+  const auto world = lamps();
+  const auto again = World::from_json(world->to_json());
+  EXPECT_EQ(again->content_hash(), world->content_hash());
+  EXPECT_EQ(again->to_json(), world->to_json());
+  EXPECT_EQ(again->triangles().colors, world->triangles().colors);
+  EXPECT_EQ(again->materials()[1].emissive, (std::array{0.1F, 0.25F, 0.5F}));
+}
+
+TEST(Light, BadValuesAreRefused) {
+  SceneDescription good;
+  good.mesh.vertices = {Vec3(0, 0, 0), Vec3(1, 0, 0), Vec3(0, 1, 0)};
+  good.mesh.triangles = {{0, 1, 2}};
+  good.mesh.colors.assign(3, {0.5F, 0.5F, 0.5F});
+  const auto refusal = [&](const auto& spoil) {
+    SceneDescription scene = good;
+    spoil(scene);
+    return testing::message_of([&] { World world(std::move(scene)); });
+  };
+  EXPECT_EQ(refusal([](auto&) {}), "nothing was thrown");
+  EXPECT_EQ(refusal([](auto& s) { s.mesh.colors.pop_back(); }), "mesh.colors: expected one per vertex (3), got 2");
+  EXPECT_EQ(refusal([](auto& s) { s.mesh.colors[1][2] = std::nanf(""); }), "mesh.colors[1]: expected numbers in [0, 1], got nan");
+  EXPECT_EQ(refusal([](auto& s) { s.mesh.colors[2][0] = 1.5F; }), "mesh.colors[2]: expected numbers in [0, 1], got 1.500000");
+  EXPECT_EQ(refusal([](auto& s) { s.materials[0].emissive[1] = -1.0F; }),
+            "materials[0].emissive: expected numbers in [0, 100], got -1.000000");
+  EXPECT_EQ(refusal([](auto& s) { s.light.sun_radius_deg = 0.05F; }),
+            "light.sun_radius_deg: expected 0 or a number in [0.1, 45], got 0.050000");
+  EXPECT_EQ(refusal([](auto& s) { s.light.sun_glow = std::nanf(""); }), "light.sun_glow: expected a number in [0, 1], got nan");
+}
+
+}  // namespace
+}  // namespace flockstep
