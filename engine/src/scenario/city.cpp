@@ -21,7 +21,7 @@
 #include "scenario/noise.hpp"
 #include "scenario/way.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 namespace {
 
 struct Span {  // m, along an axis
@@ -579,8 +579,12 @@ void check(const CityConfig& config) {
 }
 
 }  // namespace
+}  // namespace flockstep::streets
+
+namespace flockstep {
 
 std::shared_ptr<const World> city(const CityConfig& config) {
+  using namespace streets;
   constexpr std::uint32_t kAttempts = 16;
   check(config);
   const collision::Hull hull(DroneModel::quadrotor650());

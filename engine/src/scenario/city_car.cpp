@@ -6,7 +6,7 @@
 
 #include "scenario/city_surfaces.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 namespace {
 
 // A section through the body: where along it, as a share of its length; its lowest and highest, m; how wide, as a share of the
@@ -258,4 +258,4 @@ void add_car(WorldBuilder& builder, std::uint16_t material, const Frame& frame, 
   builder.mesh(Car(frame, shape_of(kind), paint).made(), material);
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

@@ -4,7 +4,7 @@
 #include "scenario/city_parts.hpp"
 #include "scenario/draws.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 
 enum class CarKind : std::uint8_t { hatchback, sedan, estate, taxi, van, bus };
 
@@ -16,4 +16,4 @@ CarSize size_of(CarKind kind);
 // On the road at the frame's origin, its middle there, facing along x.
 void add_car(WorldBuilder& builder, std::uint16_t material, const Frame& frame, CarKind kind, Draws& draws);
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace flockstep {
+namespace flockstep::streets {
 namespace {
 
 class House {
@@ -449,4 +449,4 @@ double add_house(WorldBuilder& builder, const CitySurfaces& surfaces, const Lot&
   return House(builder, surfaces, lot, draws).built(max_height_m, boldness);
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

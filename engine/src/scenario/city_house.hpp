@@ -7,7 +7,7 @@
 #include "scenario/city_surfaces.hpp"
 #include "scenario/draws.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 
 enum class Side : std::uint8_t { street, alley, party };  // party: another house stands against it
 
@@ -23,4 +23,4 @@ struct Lot {
 double add_house(WorldBuilder& builder, const CitySurfaces& surfaces, const Lot& lot, double max_height_m, double boldness,
                  Draws& draws);
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

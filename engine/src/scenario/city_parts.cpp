@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-namespace flockstep {
+namespace flockstep::streets {
 
 void add_panel(MeshPart& part, const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d, const std::array<double, 2>& first,
                const std::array<double, 2>& third) {
@@ -73,4 +73,4 @@ Quat turned_to(const Vec3d& direction) {
       .normalized();
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

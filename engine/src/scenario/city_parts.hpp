@@ -9,7 +9,7 @@
 #include "flockstep/world_builder.hpp"
 #include "scenario/parts.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 
 inline constexpr double kPavementHeight = 0.14;  // m above the road
 
@@ -54,4 +54,4 @@ void add_wire(MeshPart& part, std::span<const Vec3d> points, double radius);
 // What turns the z axis towards a direction of length 1, which is not straight down.
 Quat turned_to(const Vec3d& direction);
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

@@ -9,7 +9,7 @@
 #include "scenario/draws.hpp"
 #include "scenario/noise.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 namespace {
 
 // Classes that cameras report. Several materials share one.
@@ -500,4 +500,4 @@ CitySurfaces add_city_surfaces(WorldBuilder& builder, std::uint64_t seed) {
   return made;
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

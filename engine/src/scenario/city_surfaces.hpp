@@ -6,7 +6,7 @@
 
 #include "flockstep/world_builder.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 
 // A wall with windows. Its texture shows four bays by so many floors.
 struct Facade {
@@ -34,4 +34,4 @@ inline constexpr int kCarPaints = 9, kCarColors = 16;
 // Adds them all.
 CitySurfaces add_city_surfaces(WorldBuilder& builder, std::uint64_t seed);
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

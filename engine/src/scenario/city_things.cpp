@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-namespace flockstep {
+namespace flockstep::streets {
 namespace {
 
 Vec2d a_turn(Draws& draws) {
@@ -203,4 +203,4 @@ void add_bridge(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d
   thing.into(builder);
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

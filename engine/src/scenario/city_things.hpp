@@ -5,7 +5,7 @@
 #include "scenario/city_surfaces.hpp"
 #include "scenario/draws.hpp"
 
-namespace flockstep {
+namespace flockstep::streets {
 
 // How far it reaches, m.
 struct TreeSize {
@@ -33,4 +33,4 @@ void add_cable(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d&
 // A closed bridge of glass between two walls: from one corner below to the opposite one above.
 void add_bridge(WorldBuilder& builder, const CitySurfaces& surfaces, const Vec3d& low, const Vec3d& high);
 
-}  // namespace flockstep
+}  // namespace flockstep::streets

@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-namespace flockstep {
+namespace flockstep::indoors {
 namespace {
 
 class FloorPlanner {
@@ -210,4 +210,4 @@ std::vector<std::size_t> FloorPlan::doors_between(std::size_t from, std::size_t 
 
 FloorPlan floor_plan(const Vec2d& size, Draws& draws) { return FloorPlanner(size, draws).drawn(); }
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

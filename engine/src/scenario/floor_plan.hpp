@@ -10,7 +10,7 @@
 #include "scenario/draws.hpp"
 #include "scenario/places.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 
 enum class RoomUse : std::uint8_t { corridor, lounge, open_plan, meeting, single, storage };
 
@@ -61,4 +61,4 @@ struct FloorPlan {
 // may be reached; none is closed yet.
 FloorPlan floor_plan(const Vec2d& size, Draws& draws);
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

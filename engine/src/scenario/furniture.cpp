@@ -5,7 +5,7 @@
 
 #include "scenario/parts.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 namespace {
 
 // The spot at (x, y) of a piece's frame, facing as `facing` there does.
@@ -489,4 +489,4 @@ void Furniture::workbench(const Spot& spot) {
   add(shape, Kind::table);
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

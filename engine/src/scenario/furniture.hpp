@@ -11,7 +11,7 @@
 #include "scenario/places.hpp"
 #include "scenario/shape.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 
 // What a thing is: the semantic id that cameras report of it, less 1.
 enum class Kind : std::uint8_t {
@@ -100,4 +100,4 @@ class Furniture {
   std::array<std::optional<std::uint16_t>, static_cast<std::size_t>(Kind::count)> materials_;
 };
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

@@ -19,7 +19,7 @@
 #include "scenario/places.hpp"
 #include "scenario/way.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 namespace {
 
 enum class Floor : std::uint8_t { carpet, wood, tile };
@@ -789,8 +789,12 @@ void check(const OfficeConfig& config) {
 }
 
 }  // namespace
+}  // namespace flockstep::indoors
+
+namespace flockstep {
 
 std::shared_ptr<const World> office(const OfficeConfig& config) {
+  using namespace indoors;
   constexpr std::uint32_t kAttempts = 16;
   check(config);
   const collision::Hull hull(DroneModel::quadrotor650());

@@ -7,7 +7,7 @@
 
 #include "scenario/draws.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 
 struct Rect {
   Vec2d low = Vec2d::Zero(), high = Vec2d::Zero();
@@ -67,4 +67,4 @@ class Places {
   std::vector<Rect> taken_;
 };
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

@@ -7,7 +7,7 @@
 #include "scenario/noise.hpp"
 #include "scenario/parts.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 
 const std::array<Vec2d, 16>& circle() {
   static const std::array<Vec2d, 16> kCorners = [] {
@@ -192,4 +192,4 @@ void Shape::blade(const Vec3d& from, const Vec2d& along, double reach, double ri
   }
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

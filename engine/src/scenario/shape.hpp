@@ -7,7 +7,7 @@
 #include "scenario/draws.hpp"
 #include "scenario/swatches.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 
 // Where a piece stands: its frame's origin on the floor, and the unit vector, level, that its y axis has. z is up.
 struct Spot {
@@ -53,4 +53,4 @@ class Shape {
 // The corners of a regular polygon of 16 corners on the unit circle, counter-clockwise from +x.
 const std::array<Vec2d, 16>& circle();
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

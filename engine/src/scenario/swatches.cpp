@@ -5,7 +5,7 @@
 
 #include "scenario/noise.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 namespace {
 
 constexpr int kSwatchPx = 512;
@@ -257,4 +257,4 @@ std::uint16_t swatch_texture(WorldBuilder& builder, std::uint32_t purpose, std::
   });
 }
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

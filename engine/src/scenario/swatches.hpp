@@ -7,7 +7,7 @@
 
 #include "flockstep/world_builder.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 
 enum class Swatch : std::uint8_t {
   // Colours.
@@ -68,4 +68,4 @@ SwatchArea area(Swatch swatch);
 // The image, drawn from a seed; purpose as of Draws.
 std::uint16_t swatch_texture(WorldBuilder& builder, std::uint32_t purpose, std::uint64_t seed);
 
-}  // namespace flockstep
+}  // namespace flockstep::indoors

@@ -18,7 +18,7 @@
 #include "scenario/places.hpp"
 #include "scenario/way.hpp"
 
-namespace flockstep {
+namespace flockstep::indoors {
 namespace {
 
 class Warehouse {
@@ -572,8 +572,12 @@ void check(const WarehouseConfig& config) {
 }
 
 }  // namespace
+}  // namespace flockstep::indoors
+
+namespace flockstep {
 
 std::shared_ptr<const World> warehouse(const WarehouseConfig& config) {
+  using namespace indoors;
   constexpr std::uint32_t kAttempts = 16;
   check(config);
   const collision::Hull hull(DroneModel::quadrotor650());
