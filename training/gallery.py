@@ -36,6 +36,7 @@ HFOV_DEG = 80.0
 #: What the LiDAR sees: a spinning one, every so many metres of the way.
 LIDAR = flockstep.LidarConfig(channels=32, beams=720, hfov_deg=360.0, vfov_deg=60.0, max_range_m=25.0)
 SCAN_EVERY_M = 0.7
+EYES_M = 6.0  # above what is below: views from higher up are taken where there are no others
 
 Image = npt.NDArray[np.uint8]
 Points = npt.NDArray[np.float32]
@@ -45,7 +46,7 @@ View: TypeAlias = tuple[Points, Points]  # from where, and what to look at, m
 def way_through(world: flockstep.World, step_m: float = 0.1) -> Points:
     """Return points (n, 3) along a way from start to goal, so far apart; straight where none is found."""
     goals = [*world.waypoints, world.goal]
-    path = flockstep.plan(world, world.start, goals, cell_m=0.4)
+    path = flockstep.plan(world, world.start, goals, cell_m=max(0.4, 0.012 * float(np.ptp(world.bounds, axis=0).max())))
     corners = np.array([world.start, *goals]) if path is None else path
     legs = [np.linspace(a, b, max(round(float(np.linalg.norm(b - a)) / step_m), 1) + 1) for a, b in pairwise(corners)]
     return np.concatenate([leg[1:] for leg in legs]).astype(np.float32)
@@ -55,7 +56,10 @@ def along(world: flockstep.World, way: Points, first: float, last: float) -> Vie
     """Return the view ahead, from between two shares of the way, that is least blocked."""
     camera = flockstep.CameraConfig(width_px=64, height_px=36, hfov_deg=HFOV_DEG, outputs=("depth",))
     best: tuple[float, View] | None = None
-    for here in (np.linspace(first, last, 24) * (len(way) - 61)).astype(int):
+    down = world.raycast(way, np.tile(np.float32([0, 0, -1]), (len(way), 1)), 1000.0)["t_hit"]
+    places = (np.linspace(first, last, 24) * (len(way) - 61)).astype(int)
+    low = places[down[places] < EYES_M]
+    for here in low if len(low) else places:
         target = np.array([*way[here + 60][:2], way[here][2] - 0.3], np.float32)  # 6 m ahead
         depth = flockstep.render(world, way[here], look_at=target, camera=camera)["depth"]
         width = float(np.log(np.clip(depth, 0.3, 15)).mean())
