@@ -39,6 +39,7 @@ void expect_same(const World& a, const World& b) {
     EXPECT_EQ(a.materials()[i].name, b.materials()[i].name);
     EXPECT_EQ(a.materials()[i].base_color, b.materials()[i].base_color);
     EXPECT_EQ(a.materials()[i].semantic, b.materials()[i].semantic);
+    EXPECT_EQ(a.materials()[i].emissive, b.materials()[i].emissive);
   }
   ASSERT_EQ(a.primitives().size(), b.primitives().size());
   for (std::size_t i = 0; i < a.primitives().size(); ++i) {
@@ -54,6 +55,7 @@ void expect_same(const World& a, const World& b) {
   EXPECT_EQ(a.triangles().triangles, b.triangles().triangles);
   EXPECT_EQ(a.triangles().materials, b.triangles().materials);
   EXPECT_EQ(a.triangles().objects, b.triangles().objects);
+  EXPECT_EQ(a.triangles().colors, b.triangles().colors);
   ASSERT_EQ(a.triangles().vertices.size(), b.triangles().vertices.size());
   for (std::size_t i = 0; i < a.triangles().vertices.size(); ++i) {
     expect_same_bits(a.triangles().vertices[i], b.triangles().vertices[i], "vertex " + std::to_string(i));
@@ -69,7 +71,7 @@ void expect_same(const World& a, const World& b) {
     EXPECT_EQ(m.spawn_box->min, n.spawn_box->min);
     EXPECT_EQ(m.spawn_box->max, n.spawn_box->max);
   }
-  static_assert(sizeof(Light) == 19 * sizeof(float), "padding would be compared as well");
+  static_assert(sizeof(Light) == 21 * sizeof(float), "padding would be compared as well");
   expect_same_bits(a.light(), b.light(), "light");
 }
 
