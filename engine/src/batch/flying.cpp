@@ -62,7 +62,7 @@ class Group {
   // Takes as many drones from the front of the list as it has lanes for. Where all of a row of kLanes drones that follow each
   // other are a thread's own, their arrays are read and written as a piece.
   Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch)
-      : sim_(sim), flock_(scratch.flock), obstacles_(*sim.obstacles[sim.world_index_of(sim.env_of(drones[0]))]) {
+      : sim_(sim), flock_(scratch.flock), obstacles_(*sim.obstacles[sim.slot_of(sim.env_of(drones[0]))]) {
     is_row_ = own.count >= kLanes;
     if (is_row_) {
       const std::size_t first = std::min(std::size_t{drones[0]}, own.first + own.count - kLanes);
@@ -195,7 +195,7 @@ class Group {
       rays.dir_z[lane] = -1.0F;
       rays.range[lane] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
     }
-    scratch.tracer.trace_block(*sim_.scenes[sim_.world_index_of(sim_.env_of(drones_[0]))]);
+    scratch.tracer.trace_block(*sim_.scenes[sim_.slot_of(sim_.env_of(drones_[0]))]);
     for (std::size_t lane = 0; lane < kLanes; ++lane) flock_.height[lane] = rays.t_hit[lane];
   }
 
@@ -218,7 +218,7 @@ class Group {
   bool is_free(std::size_t lane) {
     const Vec3 center = vec3(base_, lane);
     const float radius = std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center);
-    const std::size_t world = sim_.world_index_of(sim_.env_of(drones_[lane]));
+    const std::int32_t world = sim_.state.world_index[sim_.env_of(drones_[lane])];
     OpenBall& open = sim_.open[drones_[lane]];
     if (open.world == world && (center - open.center).norm() + radius <= open.radius) return true;
     for (const float beyond : {kOpenBeyond, 0.0F}) {
@@ -477,7 +477,7 @@ void blow(Simulation& sim, std::span<const std::uint32_t> drones) {
 
 void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
   const Pose from = pose_of(sim.state, drone);
-  const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(sim.env_of(drone))];
+  const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(sim.env_of(drone))];
   const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
   set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   write_contact(sim.state, drone, contact);
@@ -492,7 +492,13 @@ Row row_of(const Simulation& sim, const Block& block) {
 void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch) {
   dynamics::Physics coasting = *sim.physics;
   coasting.stage = dynamics::Stage::rotors;
-  for_each_group(sim, drones, own, scratch, [&](Group& group) { group.feel(coasting, scratch); });
+  while (!drones.empty()) {  // episodes that begin together may be in different worlds
+    const std::size_t slot = sim.slot_of(sim.env_of(drones[0]));
+    const auto other = std::ranges::find_if(drones, [&](std::uint32_t drone) { return sim.slot_of(sim.env_of(drone)) != slot; });
+    const auto count = static_cast<std::size_t>(other - drones.begin());
+    for_each_group(sim, drones.first(count), own, scratch, [&](Group& group) { group.feel(coasting, scratch); });
+    drones = drones.subspan(count);
+  }
 }
 
 void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row own, const Told& told, int first_tick, int ticks,

@@ -127,11 +127,11 @@ void Lidar::restored() {
   saved_ = {};
 }
 
-void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes, std::size_t drones_per_env,
-                 const State& state, trace::Tracer& tracer) {
+void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes,
+                 std::span<const std::int32_t> slots, std::size_t drones_per_env, const State& state, trace::Tracer& tracer) {
   for (const std::uint32_t drone : drones) {
     const std::size_t env = drones_per_env == 1 ? drone : drone / drones_per_env;
-    const trace::Scene& scene = *scenes[static_cast<std::size_t>(state.world_index[env])];
+    const trace::Scene& scene = *scenes[static_cast<std::size_t>(slots[env])];
     scan(scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, tracer);
   }
   tracer.finish();
