@@ -129,7 +129,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Number of drones.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
-        these; or a `WorldPool`, of which every episode draws one. Default: ``"train"``, for camera tasks ``"camera-train"``; with a `Task`, what it says.
+        these; or a `WorldPool`, of which every episode draws one. Default: ``"train"``, for camera tasks
+        ``"camera-train"``; with a `Task`, what it says.
     task
         Instead of the navigation task: a `HoverConfig` or a `TrackConfig`; a `Task` of your own (an object, or its
         class), or a `NativeTask` in C++.

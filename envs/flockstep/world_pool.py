@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import weakref
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from numbers import Integral, Real
-from typing import TypeAlias
+from numbers import Real
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from flockstep._core import World
 
@@ -58,13 +61,11 @@ class WorldPool:
     ) -> None:
         if not callable(make):
             raise TypeError(f"make: expected a function of a number that returns a World, got {make!r}")
-        self.make = make
-        self.size = _integer("size", size, _MOST)
-        if not (isinstance(fresh, Real) and 0 <= float(fresh) <= _MOST):
-            raise ValueError(f"fresh: expected a number in [0, {_MOST}], got {fresh!r}")
-        self.fresh = float(fresh)
-        self.difficulty = _difficulty(difficulty)
-        self.threads = _integer("threads", threads, 1024)
+        self.make: Callable[..., World] = make
+        self.size: int = _integer("size", size, _MOST)
+        self.fresh: float = _fresh(fresh)
+        self.difficulty: Difficulty | None = _difficulty(difficulty)
+        self.threads: int = _integer("threads", threads, 1024)
 
     def __repr__(self) -> str:
         return f"WorldPool({self.make!r}, size={self.size}, fresh={self.fresh})"
@@ -109,9 +110,8 @@ class Builds:
         self._prepare = prepare  # what the batch would else do in the middle of a step
         self._most = pool.size + num_envs
         self._builds: OrderedDict[int, Future[World]] = OrderedDict()
-        self._executor = ThreadPoolExecutor(pool.threads, thread_name_prefix="flockstep-world")
-        # With the batch the threads go, once they are through with the worlds that they are at.
-        weakref.finalize(self, self._executor.shutdown, wait=False, cancel_futures=True)
+        self._line = _Line(pool.threads)
+        weakref.finalize(self, self._line.close)
 
     def want(self, numbers: Sequence[int]) -> None:
         """Build these worlds, after those that have been wanted before."""
@@ -131,31 +131,82 @@ class Builds:
         if number in self._builds:
             self._builds.move_to_end(number)
             return self._builds[number]
-        build = self._builds[number] = self._executor.submit(_built, self._pool, self._prepare, number)
+        build = self._builds[number] = Future()
+        pool, prepare = self._pool, self._prepare  # not self: what waits must not keep it
+        self._line.add(lambda: _run(build, pool, prepare, number))
         while len(self._builds) > self._most:
             _, oldest = self._builds.popitem(last=False)
             oldest.cancel()  # unless it has begun
         return build
 
 
-def _built(pool: WorldPool, prepare: Callable[[World], None], number: int) -> World:
-    """Return a world that is ready to be flown in."""
-    if not threading.main_thread().is_alive():  # the program ends, which waits for what is left to do here
-        raise RuntimeError("the interpreter is ending")
-    world = pool.world(number)
-    prepare(world)
-    return world
+class _Line:
+    """What is to be done in turn, on some threads in the background.
+
+    Each piece is handed to the executor when one before it is done. An executor finishes all that it has been given
+    before the program may end, and takes no more from then on: so no more is begun.
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._executor = ThreadPoolExecutor(threads, thread_name_prefix="flockstep-world")
+        self._lock = threading.Lock()
+        self._waiting: deque[Callable[[], None]] = deque()
+        self._idle = threads
+
+    def add(self, work: Callable[[], None]) -> None:
+        with self._lock:
+            self._waiting.append(work)
+            if self._idle == 0:
+                return
+            self._idle -= 1
+        self._executor.submit(self._next)
+
+    def close(self) -> None:
+        """Begin nothing more. The threads go once they are through with what they are at."""
+        with self._lock:
+            self._waiting.clear()
+        self._executor.shutdown(wait=False, cancel_futures=True)
+
+    def _next(self) -> None:
+        with self._lock:
+            if not self._waiting:
+                self._idle += 1
+                return
+            work = self._waiting.popleft()
+        work()
+        del work  # and what it holds
+        with contextlib.suppress(RuntimeError):  # closed
+            self._executor.submit(self._next)
 
 
-def _integer(name: str, value: int, most: int) -> int:
-    if not isinstance(value, Integral) or isinstance(value, bool) or not 1 <= value <= most:
+def _run(build: Future[World], pool: WorldPool, prepare: Callable[[World], None], number: int) -> None:
+    if not build.set_running_or_notify_cancel():
+        return
+    try:
+        world = pool.world(number)
+        prepare(world)
+    except BaseException as error:
+        build.set_exception(error)
+    else:
+        build.set_result(world)
+
+
+def _integer(name: str, value: Any, most: int) -> int:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not 1 <= value <= most:
         raise ValueError(f"{name}: expected an integer in [1, {most}], got {value!r}")
     return int(value)
 
 
-def _difficulty(given: Difficulty | None) -> Difficulty | None:
+def _fresh(value: Any) -> float:
+    if not isinstance(value, Real) or not 0 <= float(value) <= _MOST:
+        raise ValueError(f"fresh: expected a number in [0, {_MOST}], got {value!r}")
+    return float(value)
+
+
+def _difficulty(given: Any) -> Difficulty | None:
     if given is None or callable(given):
-        return given
+        function: Callable[[int], float] | None = given
+        return function
     expected = "a function of a number, or (first, last, over) with over >= 1"
     if not isinstance(given, Sequence) or len(given) != 3 or not all(isinstance(value, Real) for value in given):
         raise TypeError(f"difficulty: expected {expected}, got {given!r}")

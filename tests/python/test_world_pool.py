@@ -1,4 +1,4 @@
-"""Pools of worlds: which one an episode draws, the same bits however long worlds take, and what is left when they fail."""
+"""Pools of worlds: which one episodes draw, the same bits however long they take, and what is left when they fail."""
 
 import copy
 import gc
@@ -69,6 +69,11 @@ def make(num_drones=8, pool=None, *, mode="same_step", steps=5, **arguments):
     return flockstep.Batch(pool or WorldPool(hall, 16), num_drones, episode=episode, **arguments)
 
 
+def fly(batch, steps):
+    for _ in range(steps):
+        batch.step([4] * batch.num_drones)
+
+
 class Cross(flockstep.Task):
     """Fly to the goal, in Python."""
 
@@ -83,7 +88,7 @@ class Cross(flockstep.Task):
         return np.column_stack([batch.terms.goal_direction(), batch.terms.goal_distance()]).astype(np.float32)
 
 
-# ------------------------------------------------------------------------------------------------------ which world it is
+# ---------------------------------------------------------------------------------------------------- which world it is
 
 
 @pytest.mark.parametrize(("size", "fresh"), [(1, 0.0), (64, 0.0), (10, 1.5), (1000, 0.3), (3, 7)])
@@ -136,7 +141,7 @@ def test_a_curriculum_gets_harder():
     assert WorldPool(hall, difficulty=lambda number: number / 2).difficulty_of(6) == 3
 
 
-# ------------------------------------------------------------------------------------------------------------ the same bits
+# -------------------------------------------------------------------------------------------------------- the same bits
 
 
 @pytest.fixture(scope="module", params=["next_step", "same_step"])
@@ -175,11 +180,9 @@ def test_the_time_that_worlds_take_does_not_matter(wide, threads):
 @pytest.mark.parametrize("own_task", [False, True])
 def test_autoreset_modes_agree_but_for_the_reset_rows(own_task):
     def run(mode):
-        arguments = (
-            {"task": Cross(), "max_episode_steps": 7} if own_task else {"max_episode_steps": 7, "random_start": True}
-        )
+        arguments = {"task": Cross()} if own_task else {"random_start": True}
         pool = WorldPool(hall_at_leisure, 9, 1.0)
-        env = flockstep.DroneVectorEnv(5, worlds=pool, autoreset_mode=mode, **arguments)
+        env = flockstep.DroneVectorEnv(5, worlds=pool, autoreset_mode=mode, max_episode_steps=7, **arguments)
         wave = np.random.default_rng(1).uniform(-1, 1, (5, 99, 99, 3))
         return episodes(env, 5, lambda i, e, s: wave[i, e, s] if own_task else int(6 * abs(wave[i, e, s, 0])))
 
@@ -290,7 +293,7 @@ def test_pictures_are_of_the_world_that_a_drone_is_in():
         np.testing.assert_array_equal(a[:, :4], b)
 
 
-# ------------------------------------------------------------------------------------------------------------ going back
+# ----------------------------------------------------------------------------------------------------------- going back
 
 
 def test_restored_equals_uninterrupted():
@@ -345,7 +348,7 @@ def test_copies_and_pickles_go_on_as_the_env_does():
     assert made.batch.world_index.tolist() == [number_of(3 + i, 0, 8, 1.0) for i in range(4)]
 
 
-# --------------------------------------------------------------------------------------------------------- what goes wrong
+# ------------------------------------------------------------------------------------------------------ what goes wrong
 
 
 class TestFailures:
@@ -360,14 +363,14 @@ class TestFailures:
         def how():
             raise KeyError("lost")
 
-        bad = {4}
+        bad = {number_of(1, 4, 2, 1.0)}
         batch = self.batch(bad, how, steps=1)
         batch.reset([1] * 8)  # whose episodes are all in the same worlds
-        with pytest.raises(RuntimeError, match="making world 4 raised KeyError: 'lost'") as error:
-            for _ in range(9):
-                batch.step([4] * 8)
+        last = next(n for n in range(9) if number_of(1, n, 2, 1.0) in bad) - 1
+        with pytest.raises(RuntimeError, match=r"making world [45] raised KeyError: 'lost'") as error:
+            fly(batch, 9)
         assert isinstance(error.value.__cause__, KeyError)
-        assert 3 <= batch.episode.max() <= 4
+        assert batch.episode.tolist() == [last] * 8
         with pytest.raises(RuntimeError, match="cut the last step"):
             batch.step([4] * 8)
         batch.reset([1] * 8)
@@ -386,7 +389,7 @@ class TestFailures:
         batch.reset([seed] * 8)
         batch.step([0] * 8)
         before = batch.snapshot()
-        with pytest.raises(TypeError, match="world 1: expected that make returns a flockstep.World, got None"):
+        with pytest.raises(TypeError, match=r"world 1: expected that make returns a flockstep\.World, got None"):
             batch.reset([seed] * 7 + [other])
         assert batch.snapshot() == before
         batch.step([0] * 8)
@@ -435,15 +438,15 @@ class TestFailures:
             batch.set_world([0] * 8)
         with pytest.raises(ValueError, match="world_index: expected none"):
             batch.spawn([0], [[1, 2.5, 1.5]], world_index=[0])
-        with pytest.raises(AttributeError, match="ask|world_of"):
+        with pytest.raises(AttributeError, match="world_of"):
             _ = batch.worlds
         with pytest.raises(IndexError, match=r"index: expected an integer in \[0, 8\), got 8"):
             batch.world_of(8)
-        with pytest.raises(TypeError, match="or a flockstep.WorldPool"):
+        with pytest.raises(TypeError, match=r"or a flockstep\.WorldPool"):
             flockstep.Batch(hall(0))
 
 
-# ----------------------------------------------------------------------------------------------------- threads and memory
+# --------------------------------------------------------------------------------------------------- threads and memory
 
 
 def builders():
@@ -502,7 +505,7 @@ def test_threads_go_with_the_batch():
     batch = make(pool=WorldPool(slow, 64))
     envs = flockstep.DroneVectorEnv(2, worlds=WorldPool(hall, 64))
     envs.reset(seed=0)
-    waiting = threading.Thread(target=lambda: batch.reset(np.arange(8)))
+    waiting = threading.Thread(target=batch.reset, args=(np.arange(8),))
     waiting.start()
     assert len(builders()) == 2
     envs.close()
@@ -590,10 +593,9 @@ def test_a_program_ends_without_what_is_left_to_build():
     program = """
 import time, numpy as np, flockstep
 from test_world_pool import hall, make
-batch = make(64, pool=flockstep.WorldPool(lambda k: (time.sleep(0.2 if k > 63 else 0), hall(k))[1], 64, 64.0), steps=1)
+batch = make(64, pool=flockstep.WorldPool(lambda k: (time.sleep(k > 63), hall(k))[1], 64, 64.0), steps=1)
 batch.reset(np.arange(64))
-batch.step([4] * 64) if False else None
 """
     begun = time.monotonic()
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60, cwd=__file__.rpartition("/")[0])
-    assert time.monotonic() - begun < 10  # and not the twelve seconds that these 64 worlds take
+    assert time.monotonic() - begun < 40  # and not the 64 seconds that these 64 worlds take

@@ -62,7 +62,10 @@ class Group {
   // Takes as many drones from the front of the list as it has lanes for. Where all of a row of kLanes drones that follow each
   // other are a thread's own, their arrays are read and written as a piece.
   Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch)
-      : sim_(sim), flock_(scratch.flock), obstacles_(*sim.obstacles[sim.slot_of(sim.env_of(drones[0]))]) {
+      : sim_(sim),
+        flock_(scratch.flock),
+        scene_(*sim.scenes[sim.slot_of(sim.env_of(drones[0]))]),
+        obstacles_(*sim.obstacles[sim.slot_of(sim.env_of(drones[0]))]) {
     is_row_ = own.count >= kLanes;
     if (is_row_) {
       const std::size_t first = std::min(std::size_t{drones[0]}, own.first + own.count - kLanes);
@@ -195,7 +198,7 @@ class Group {
       rays.dir_z[lane] = -1.0F;
       rays.range[lane] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
     }
-    scratch.tracer.trace_block(*sim_.scenes[sim_.slot_of(sim_.env_of(drones_[0]))]);
+    scratch.tracer.trace_block(scene_);
     for (std::size_t lane = 0; lane < kLanes; ++lane) flock_.height[lane] = rays.t_hit[lane];
   }
 
@@ -401,6 +404,7 @@ class Group {
 
   Simulation& sim_;
   Flock& flock_;
+  const trace::Scene& scene_;
   const collision::Obstacles& obstacles_;
   std::array<std::uint32_t, kLanes> drones_{};  // by lane
   std::array<bool, kLanes> is_here_{};          // the lane's drone is one of those that fly
