@@ -101,11 +101,11 @@ void profile(bench::Figures& figures) {
   stages.add("command", [&] { task.command(all, sim.run->actions, sim.run->setpoints); });
   stages.add("sweep", [&] {
     for (const std::uint32_t drone : drones) {
-      const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(drone)];
+      const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(drone)];
       sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.run->setpoints.target[drone]).fraction;
     }
   });
-  stages.add("lidar", [&] { sim.lidar->scan(drones, sim.scenes, 1, sim.state, sim.scratches[0]->tracer); });
+  stages.add("lidar", [&] { sim.lidar->scan(drones, sim.scenes, sim.slots(), 1, sim.state, sim.scratches[0]->tracer); });
   stages.add("pose_sensor", [&] { sim.pose_sensor.read(drones, sim.state); });
   stages.add("score", [&] { task.score(all, sim.run->score); });
   stages.add("episodes", [&] {

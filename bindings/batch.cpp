@@ -15,6 +15,7 @@
 #include "released.hpp"
 #include "task.hpp"
 #include "terms.hpp"
+#include "world_pool.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -33,7 +34,7 @@ struct Released {
 };
 
 Worlds worlds_of(const py::object& given) {
-  const std::string expected = "a sequence of flockstep.World objects";
+  const std::string expected = "a sequence of flockstep.World objects or a flockstep.WorldPool";
   if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
     throw py::type_error("worlds: expected " + expected + ", got " + std::string(py::repr(given)));
   }
@@ -68,7 +69,6 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                 "clock",  "dynamics",   "num_threads", "block_size",     "world_index"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
   }
-  const Worlds worlds = worlds_of(given_worlds);
   BatchConfig config;
   config.num_envs = from_python<int>(num_drones, "num_drones");
   config.num_threads = from_python<int>(num_threads, "num_threads");
@@ -83,10 +83,15 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.dynamics = optional_argument<DynamicsConfig>(dynamics, "dynamics").value_or(DynamicsConfig());
   const auto model = optional_argument<DroneModel>(drone, "drone");
   const auto index = integers<std::int32_t>(world_index, "world_index", {config.num_envs});
+  std::optional<WorldPool> pool = world_pool(given_worlds, config);
+  const Worlds worlds = pool ? Worlds() : worlds_of(given_worlds);
+  require(!pool || !index.given(), "world_index", "none with a WorldPool: each episode draws its world", "some");
   std::unique_ptr<Task> own_task = make_task(task);
   auto batch = released([&] {  // worlds are prepared for tracing, backends timed
-    auto made = std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task),
-                                        model.value_or(DroneModel::quadrotor650()), index);
+    const DroneModel flown = model.value_or(DroneModel::quadrotor650());
+    auto made =
+        pool ? std::make_unique<Batch>(config, std::move(*pool), std::move(own_task), flown)
+             : std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task), flown, index);
     return std::unique_ptr<Batch, Released>(made.release());
   });
   warn(*batch);
@@ -271,9 +276,23 @@ void register_batch(py::module_& module) {
       .def_property_readonly("worlds",
                              [](const Batch& batch) {
                                Worlds worlds;
+                               if (batch.worlds().empty()) {
+                                 throw py::attribute_error("the worlds of this Batch come from a WorldPool, which has no end: "
+                                                           "world_of(i) is the one that drone i is in");
+                               }
                                for (const auto& world : batch.worlds()) worlds.push_back(std::const_pointer_cast<World>(world));
                                return worlds;
                              })
+      .def(
+          "world_of",
+          [](const Batch& batch, const py::object& index) {
+            const auto drone = from_python<std::int64_t>(index, "index");
+            if (drone < 0 || drone >= size_of(batch)) {
+              throw py::index_error("index: expected an integer in [0, " + std::to_string(size_of(batch)) + "), got " + std::to_string(drone));
+            }
+            return std::const_pointer_cast<World>(batch.world_of(static_cast<std::size_t>(drone)));
+          },
+          py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
       .def_property_readonly("position", state_view<float>([](const Batch& b) -> auto& { return b.state().position; }, 3))
       .def_property_readonly("quat_wxyz", state_view<float>([](const Batch& b) -> auto& { return b.state().quat_wxyz; }, 4))

@@ -28,11 +28,10 @@ std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   const auto index = integers<std::int32_t>(goal_index, "goal_index", {n});
   const std::span<const std::int32_t> indices = index;
   std::vector<Vec3> result;
-  result.reserve(terms.size());
-  const Batch::Worlds& worlds = batch.worlds();
-  const std::vector<std::int32_t>& world_index = batch.state().world_index;
-  for (std::size_t env = 0; env < world_index.size(); ++env) {
-    const World& world = *worlds[static_cast<std::size_t>(world_index[env])];
+  const std::size_t count = terms.size();
+  result.reserve(count);
+  for (std::size_t env = 0; env < count; ++env) {
+    const World& world = *batch.world_of(env);
     const auto waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
     const std::int32_t which = indices.empty() ? waypoints : indices[env];
     if (which < 0) throw py::value_error("goal_index: expected integers >= 0, got " + std::to_string(which));
@@ -81,9 +80,10 @@ py::array_t<double> goal_distance(const Terms& terms, const py::object& goal_ind
 py::array_t<float> start(const Terms& terms) {
   const Batch& batch = terms.batch();
   std::vector<Vec3> points;
-  points.reserve(terms.size());
-  for (const std::int32_t index : batch.state().world_index) {
-    const World& world = *batch.worlds()[static_cast<std::size_t>(index)];
+  const std::size_t count = terms.size();
+  points.reserve(count);
+  for (std::size_t env = 0; env < count; ++env) {
+    const World& world = *batch.world_of(env);
     if (!world.markers().start)
       throw py::value_error("world '" + world.name() + "' has no start marker, where Task.reset puts drones; override it");
     points.push_back(*world.markers().start);

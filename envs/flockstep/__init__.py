@@ -46,6 +46,7 @@ from flockstep.recording import record
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.viewer.picture import render
+from flockstep.world_pool import WorldPool
 
 __all__ = [
     "Batch",
@@ -72,6 +73,7 @@ __all__ = [
     "WindConfig",
     "World",
     "WorldBuilder",
+    "WorldPool",
     "__version__",
     "green_blob",
     "include_dir",

@@ -14,6 +14,8 @@ from typing import Any, ClassVar, Literal, TypeAlias, final
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.world_pool import WorldPool
+
 _F32: TypeAlias = npt.NDArray[np.float32]
 _F64: TypeAlias = npt.NDArray[np.float64]
 _I32: TypeAlias = npt.NDArray[np.int32]
@@ -1518,7 +1520,8 @@ class Batch:
     Parameters
     ----------
     worlds
-        At least one.
+        At least one; or a `WorldPool`, from which each `reset` and each episode that begins draws one: it takes a task. Until their
+        first reset, all drones are in world 0 of a pool.
     num_drones
         N, from 1 to 2**20.
     lidar, pose_sensor, imu
@@ -1532,7 +1535,8 @@ class Batch:
         most 65535 primitives, meshes and markers.
     camera_backend
         ``"raycast"``: the engine's own tracing, which repeats to the bit. ``"gl"``: OpenGL through EGL. ``"auto"``: the
-        faster of the two, timed on the batch's worlds. Without OpenGL, both are raycast with a `RuntimeWarning`.
+        faster of the two, timed on the batch's worlds. Without OpenGL, both are raycast with a `RuntimeWarning`. With a
+        `WorldPool`, ``"gl"`` is refused, and ``"auto"`` is raycast.
     episode, clock, dynamics
         Of the task's episodes, of time, and of motion.
     num_threads
@@ -1545,7 +1549,7 @@ class Batch:
 
     def __init__(
         self,
-        worlds: Sequence[World],
+        worlds: Sequence[World] | WorldPool,
         num_drones: int = 1,
         *,
         lidar: LidarConfig | None = None,
@@ -1580,7 +1584,10 @@ class Batch:
 
     @property
     def worlds(self) -> list[World]:
-        """The W worlds, by `world_index`."""
+        """The W worlds, by `world_index`. With a `WorldPool`, `AttributeError`: ask `world_of`."""
+
+    def world_of(self, index: int) -> World:
+        """Return the world that a drone is in."""
 
     @property
     def drone(self) -> DroneModel:
@@ -1624,7 +1631,7 @@ class Batch:
 
     @property
     def world_index(self) -> _I32:
-        """(N,) index into `worlds`."""
+        """(N,) index into `worlds`. With a `WorldPool`, the number of each drone's world."""
 
     @property
     def contact(self) -> Contact:
@@ -1717,7 +1724,7 @@ class Batch:
         """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Put drones into worlds (N,); each keeps its coordinates."""
+        """Put drones into worlds (N,); each keeps its coordinates. Refused with a `WorldPool`, as a world in `spawn` is."""
 
     def set_lidar(
         self,

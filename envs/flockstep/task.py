@@ -34,6 +34,7 @@ from flockstep._core import (
 if TYPE_CHECKING:
     from flockstep.scenes import WorldsLike
     from flockstep.viewer.drawing import Drawing
+    from flockstep.world_pool import WorldPool
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -135,7 +136,7 @@ class Task:
     reward_terms: tuple[str, ...] = ("reward",)
     lidar: LidarConfig | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
-    worlds: WorldsLike | None = None
+    worlds: WorldsLike | WorldPool | None = None
     drone: DroneModel | str | None = None
     dynamics: DynamicsConfig | None = None
     clock: ClockConfig | None = None

@@ -36,6 +36,7 @@ from flockstep._core import (
 from flockstep.task import Task, TaskCalls, native_task
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
+from flockstep.world_pool import WorldPool
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -120,7 +121,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,). The camera's layout is ``"chw"``.
 
-    Env i is in world i modulo the number of worlds, unless ``random_world`` is set.
+    Env i is in world i modulo the number of worlds, unless ``random_world`` is set or they come from a `WorldPool`.
 
     Parameters
     ----------
@@ -128,7 +129,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Number of drones.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
-        these. Default: ``"train"``, for camera tasks ``"camera-train"``; with a `Task`, what it says.
+        these; or a `WorldPool`, of which every episode draws one. Default: ``"train"``, for camera tasks
+        ``"camera-train"``; with a `Task`, what it says.
     task
         Instead of the navigation task: a `HoverConfig` or a `TrackConfig`; a `Task` of your own (an object, or its
         class), or a `NativeTask` in C++.
@@ -207,7 +209,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self,
         num_envs: int = 1,
         *,
-        worlds: scenes.WorldsLike | None = None,
+        worlds: scenes.WorldsLike | WorldPool | None = None,
         task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | None = None,
         observation: str = "goal",
         lidar: LidarConfig | None = None,
@@ -284,8 +286,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.lidar = copied(defaults["lidar"] if lidar is None else lidar)
         self.cameras = _listed(defaults["cameras"] if camera is None else camera)
 
+        chosen_worlds = defaults["worlds"] if worlds is None else worlds
         self.batch = Batch(
-            scenes.load(defaults["worlds"] if worlds is None else worlds),
+            chosen_worlds if isinstance(chosen_worlds, WorldPool) else scenes.load(chosen_worlds),
             num_envs,
             lidar=self.lidar,
             cameras=self.cameras,

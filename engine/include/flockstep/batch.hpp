@@ -16,6 +16,7 @@
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
 #include "flockstep/world.hpp"
+#include "flockstep/world_pool.hpp"
 
 namespace flockstep {
 
@@ -63,12 +64,16 @@ class Batch {
   // its bounds. Without a task there is nothing to reset() and step(), and all else works.
   Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task = nullptr, DroneModel drone = DroneModel::quadrotor650(),
         std::span<const std::int32_t> world_index = {});
+  // The worlds are those of a pool, which resets draw from: it takes a task. state().world_index has their numbers; until their
+  // first reset all drones are in world 0. Cameras are rendered by raycast.
+  Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone = DroneModel::quadrotor650());
   ~Batch();
   Batch(const Batch&) = delete;
   Batch& operator=(const Batch&) = delete;
 
   const BatchConfig& config() const;
-  const Worlds& worlds() const;
+  const Worlds& worlds() const;  // by state().world_index; empty with a pool
+  const std::shared_ptr<const World>& world_of(std::size_t env) const;
   const DroneModel& drone() const;
   int num_threads() const;  // what num_threads = 0 became
   const State& state() const;
@@ -90,7 +95,7 @@ class Batch {
       std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
       std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span leaves the value unchanged
   void remove(std::span<const std::int64_t> indices);
-  void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (E,)
+  void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (E,); refused with a pool
 
   // --- the pose sensor
   const std::vector<float>& sensed_position() const;   // (N, 3) m

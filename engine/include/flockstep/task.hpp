@@ -62,7 +62,7 @@ class TaskContext {
   virtual const State& state() const = 0;
   virtual const EpisodeState& episodes() const = 0;
   virtual const DroneModel& drone_model() const = 0;
-  virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;
+  virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;  // by state().world_index; empty with a WorldPool
   virtual const World& world_of(std::size_t env) const = 0;
 
   // Sensors. Of all drones: the ranges (N, channels x beams) m, inf on a miss, and the maximum ranges (N,) m; empty without a
@@ -128,6 +128,12 @@ class Task {
   // Called once, before any call about envs: allocate what has a row per env, and refuse what the task cannot work with, by
   // std::invalid_argument. defaults() may be called earlier, on another object. spec() may change here, and stays from then on.
   virtual void setup(const TaskContext& context) = 0;
+  // Refuse, by std::invalid_argument, a world that episodes cannot be flown in. Called after setup(), for each world; with a
+  // WorldPool before an episode is flown in one.
+  virtual void require_world(const World& world, const DroneModel& drone) const {
+    static_cast<void>(world);
+    static_cast<void>(drone);
+  }
   // Put the drones where an episode begins. By default: level, facing +x, at the start marker of their world, or
   // at the centre of its bounds if it has none.
   virtual void place(const TaskBlock& block) {

@@ -63,10 +63,18 @@ Batch::Batch(BatchConfig config, Worlds worlds, std::unique_ptr<Task> task, Dron
              std::span<const std::int32_t> world_index)
     : sim_(std::make_unique<Simulation>(std::move(config), std::move(worlds), std::move(task), std::move(drone), world_index)) {}
 
+Batch::Batch(BatchConfig config, WorldPool pool, std::unique_ptr<Task> task, DroneModel drone)
+    : sim_(std::make_unique<Simulation>(std::move(config), Worlds(), std::move(task), std::move(drone),
+                                        std::span<const std::int32_t>(), std::move(pool))) {}
+
 Batch::~Batch() = default;
 
 const BatchConfig& Batch::config() const { return sim_->config; }
-const Batch::Worlds& Batch::worlds() const { return sim_->worlds; }
+const Batch::Worlds& Batch::worlds() const {
+  static const Worlds kNone;
+  return sim_->pool ? kNone : sim_->worlds;
+}
+const std::shared_ptr<const World>& Batch::world_of(std::size_t env) const { return sim_->worlds[sim_->slot_of(env)]; }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
 int Batch::num_threads() const { return sim_->workers.num_threads(); }
 const State& Batch::state() const { return sim_->state; }
@@ -256,10 +264,24 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
   if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
-  if (is_of_all(*sim_, mask)) sim_->is_cut_short = false;
-  checks::whole(*sim_);
-  sim_->outputs.turn_and_copy();
+  if (!is_of_all(*sim_, mask)) checks::whole(*sim_);
   list_chosen(*sim_, mask, &Block::opening);
+  if (sim_->pool) {
+    PoolRun& run = *sim_->pool;
+    run.moves.clear();
+    for (const Block& block : sim_->schedule.blocks()) {
+      for (const std::uint32_t env : block.opening) {
+        const bool goes_on = seeds.empty();
+        const std::uint64_t seed = goes_on ? sim_->state.seed[env] : seeds[env];
+        run.moves.push_back({env, run.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
+      }
+    }
+    fetch_worlds(*sim_);
+    sim_->is_cut_short = true;  // until they all have moved
+    move_envs(*sim_);
+  }
+  sim_->is_cut_short = false;
+  sim_->outputs.turn_and_copy();
   for (const Block& block : sim_->schedule.blocks()) {
     for (const std::uint32_t env : block.opening) {
       if (seeds.empty()) {
@@ -335,6 +357,10 @@ void Batch::restore(const std::string& blob) {
     if (!sim_->state.active[drone]) mark_absent(*sim_, drone);  // in the other slot too, where it may have been alive
   }
   sim_->rebuild_schedule();
+  if (sim_->pool) {
+    list_chosen(*sim_, {}, &Block::opening);
+    look_ahead(*sim_);
+  }
   sim_->cameras.ask_again();
   sim_->cameras.start();
   sim_->cameras.finish(sim_->workers);

@@ -180,6 +180,7 @@ void poses(std::span<const float> position, std::span<const float> quat_wxyz, st
 
 void world_index(const Simulation& sim, std::span<const std::int32_t> world_index, std::size_t rows) {
   if (world_index.empty()) return;
+  require(!sim.pool, "world_index", "none with a pool: each episode draws its world", "some");
   size(world_index.size(), rows, "world_index");
   for (std::size_t row = 0; row < rows; ++row) {
     if (world_index[row] >= 0 && static_cast<std::size_t>(world_index[row]) < sim.worlds.size()) continue;

@@ -101,6 +101,10 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
           "one that this task tells drones by (those of most tasks are told poses, those of flight anything else)",
           '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"');
   run.task->setup(*sim.context);
+  if (sim.pool) require_world_of_pool(sim, 0, sim.world_pointers[0]);
+  if (!sim.pool) {
+    for (const World* const world : sim.world_pointers) run.task->require_world(*world, sim.drone_model);
+  }
   const TaskSpec& spec = run.spec();
   checks::spec(spec);
   double bytes = 0.0;  // of an observation, in two slots, twice: the present and the final one
@@ -139,15 +143,19 @@ void forget_readings(Simulation& sim, std::size_t env) {
   for (std::size_t m = 0; m < sim.drones_per_env(); ++m) sim.cameras.mark_stale(env * sim.drones_per_env() + m);
 }
 
+std::int64_t next_episode(const Simulation& sim, std::size_t env) {
+  return sim.state.episode[env] + (sim.episodes.begun[env] ? 1 : 0);
+}
+
 void open_next_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
-  if (sim.episodes.begun[env]) ++sim.state.episode[env];
+  sim.state.episode[env] = next_episode(sim, env);
   open_episode(sim, env, scratch);
 }
 
 void open_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
   State& state = sim.state;
   forget_readings(sim, env);
-  if (sim.config.episode.random_world) {
+  if (sim.config.episode.random_world && !sim.pool) {
     const double u = uniform01(draw(state, env, Stream::world, 0)[0]);
     const auto world = static_cast<std::int32_t>(u * static_cast<double>(sim.worlds.size()));
     scratch.moved_world |= world != state.world_index[env];
@@ -242,12 +250,14 @@ void keep_final(Simulation& sim, Block& block) {
   }
 }
 
-void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
-  if (sim.config.episode.autoreset_mode == AutoresetMode::same_step) {
-    for (const std::uint32_t env : block.flown) {
-      if (sim.episodes.done[env]) block.opening.push(env);
-    }
+void list_opening(Simulation& sim, Block& block) {
+  if (sim.config.episode.autoreset_mode != AutoresetMode::same_step) return;
+  for (const std::uint32_t env : block.flown) {
+    if (sim.episodes.done[env]) block.opening.push(env);
   }
+}
+
+void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
   for (const std::uint32_t env : block.opening) open_next_episode(sim, env, scratch);
 }
 

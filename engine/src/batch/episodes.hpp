@@ -16,6 +16,7 @@ void clear_contact(State& state, std::size_t first, std::size_t count = 1);  // 
 bool touches(const Simulation& sim, std::size_t env);  // a drone of it has touched something in its last motion
 
 // --- of one env
+std::int64_t next_episode(const Simulation& sim, std::size_t env);  // the first where none has begun
 // Names the episode that begins: the next one, or the first where none has begun. Draws its world, where that is random.
 void open_next_episode(Simulation& sim, std::size_t env, Scratch& scratch);
 void open_episode(Simulation& sim, std::size_t env, Scratch& scratch);  // the one that state.seed and state.episode name
@@ -29,6 +30,8 @@ void take_part(Simulation& sim, Block& block);
 void settle(Simulation& sim, Block& block);
 // The observations of the episodes that have ended are their last.
 void keep_final(Simulation& sim, Block& block);
+// With same-step autoreset, the envs whose episode has ended begin the next one.
+void list_opening(Simulation& sim, Block& block);
 // Opens the next episodes of the envs that are to be reset in this step.
 void turn_over(Simulation& sim, Block& block, Scratch& scratch);
 // The drones of the envs that begin have been placed: their first moment.

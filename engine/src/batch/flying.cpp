@@ -180,8 +180,8 @@ class Group {
     return wish;
   }
 
-  std::size_t world_of(std::size_t lane) const { return sim_.world_index_of(sim_.env_of(drones_[lane])); }
-  const collision::Obstacles& obstacles(std::size_t lane) const { return *sim_.obstacles[world_of(lane)]; }
+  std::size_t slot_of(std::size_t lane) const { return sim_.slot_of(sim_.env_of(drones_[lane])); }
+  const collision::Obstacles& obstacles(std::size_t lane) const { return *sim_.obstacles[slot_of(lane)]; }
 
   void find_ground(Scratch& scratch) {
     flock_.height.fill(std::numeric_limits<float>::infinity());
@@ -190,7 +190,7 @@ class Group {
     rays.near = 0.0F;
     for (std::size_t first = 0; first < kLanes; first += rays.count) {  // those that follow each other in one world
       rays.count = 0;
-      for (std::size_t lane = first; lane < kLanes && world_of(lane) == world_of(first); ++lane, ++rays.count) {
+      for (std::size_t lane = first; lane < kLanes && slot_of(lane) == slot_of(first); ++lane, ++rays.count) {
         rays.org_x[rays.count] = base_[0][lane];
         rays.org_y[rays.count] = base_[1][lane];
         rays.org_z[rays.count] = base_[2][lane];
@@ -198,7 +198,7 @@ class Group {
         rays.dir_z[rays.count] = -1.0F;
         rays.range[rays.count] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
       }
-      scratch.tracer.trace_block(*sim_.scenes[world_of(first)]);
+      scratch.tracer.trace_block(*sim_.scenes[slot_of(first)]);
       std::copy_n(rays.t_hit, rays.count, flock_.height.data() + first);
     }
   }
@@ -222,7 +222,7 @@ class Group {
   bool is_free(std::size_t lane) {
     const Vec3 center = vec3(base_, lane);
     const float radius = std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center);
-    const std::size_t world = world_of(lane);
+    const std::int32_t world = sim_.state.world_index[sim_.env_of(drones_[lane])];
     OpenBall& open = sim_.open[drones_[lane]];
     if (open.world == world && (center - open.center).norm() + radius <= open.radius) return true;
     for (const float beyond : {kOpenBeyond, 0.0F}) {
@@ -480,7 +480,7 @@ void blow(Simulation& sim, std::span<const std::uint32_t> drones) {
 
 void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
   const Pose from = pose_of(sim.state, drone);
-  const collision::Obstacles& obstacles = *sim.obstacles[sim.world_index_of(sim.env_of(drone))];
+  const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(sim.env_of(drone))];
   const collision::Contact contact = collision::sweep(obstacles, sim.hull, from, target);
   set_pose_of(sim.state, drone, contact.hit ? collision::interpolate(from, target, contact.fraction) : target);
   write_contact(sim.state, drone, contact);

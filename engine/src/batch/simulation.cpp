@@ -56,6 +56,23 @@ Batch::Worlds validated(Batch::Worlds worlds) {
   return worlds;
 }
 
+PoolRun validated(WorldPool pool, const BatchConfig& config, bool has_task, bool has_world_index) {
+  pool.validate();
+  require(has_task, "worlds", "worlds, where there is no task: its resets draw from a pool", "a pool");
+  require(!has_world_index, "world_index", "none with a pool: each episode draws its world", "some");
+  require(config.camera_backend != CameraBackend::gl || config.cameras.empty(), "camera_backend",
+          "raycast, with a pool of worlds", "gl");
+  return PoolRun(std::move(pool), static_cast<std::size_t>(config.num_envs));
+}
+
+// Every env begins in world 0.
+Batch::Worlds first_world(const PoolRun& run) {
+  Batch::Worlds worlds(run.slots.size());
+  worlds[0] = run.pool.source->get(0);
+  require(worlds[0] != nullptr, "worlds", "worlds", "a null pointer, world 0 of the pool");
+  return worlds;
+}
+
 std::vector<const World*> pointers(const Batch::Worlds& worlds) {
   std::vector<const World*> result;
   for (const auto& world : worlds) result.push_back(world.get());
@@ -93,16 +110,18 @@ void allocate(FlightState& flight, std::size_t num_drones) {
 }  // namespace
 
 Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::unique_ptr<Task> task, DroneModel drone,
-                       std::span<const std::int32_t> world_index)
+                       std::span<const std::int32_t> world_index, std::optional<WorldPool> pool_in)
     : config(validated(std::move(config_in))),
-      worlds(validated(std::move(worlds_in))),
+      pool(pool_in ? std::optional(validated(std::move(*pool_in), config, task != nullptr, !world_index.empty())) : std::nullopt),
+      worlds(pool ? first_world(*pool) : validated(std::move(worlds_in))),
       world_pointers(pointers(worlds)),
       drone_model(std::move(drone)),
       hull(drone_model),
       physics(physics_of(config, drone_model)),
       wind(config.dynamics.wind, config.clock.step_s()),
       pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
-      cameras(config.cameras, config.clock, world_pointers, state, drones_per_env(), num_drones()),
+      cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
+              num_drones()),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       owner(process_id()) {
@@ -116,8 +135,8 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   // Built here, not by whichever thread first needs them in the middle of a step.
   for (const World* const world : world_pointers) {
-    scenes.push_back(&compiled(*world).scene());
-    obstacles.push_back(&compiled(*world).obstacles());
+    scenes.push_back(world != nullptr ? &compiled(*world).scene() : nullptr);
+    obstacles.push_back(world != nullptr ? &compiled(*world).obstacles() : nullptr);
   }
   checks::world_index(*this, world_index, num_envs());
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones());
@@ -129,10 +148,10 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
   for (std::size_t env = 0; env < num_envs(); ++env) {
-    state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
+    if (!pool) state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
   }
   for (std::size_t i = 0; i < num_drones(); ++i) {
-    const World& world = *world_pointers[world_index_of(env_of(i))];
+    const World& world = *world_pointers[slot_of(env_of(i))];
     set_pose_of(state, i, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
     clear_contact(state, i);
     start_flight(*this, i, {});
@@ -144,7 +163,8 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   captured.reserve(num_drones());
   if (physics) open.resize(num_drones());
   for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
-  cameras.choose_backend(config.camera_backend, drones_of(listed, *scratches[0]), workers);
+  // Worlds come and go with a pool, and OpenGL keeps what it draws.
+  cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones_of(listed, *scratches[0]), workers);
 
   context = make_task_context(*this);
   if (task) begin_task(*this, std::move(task));

@@ -16,6 +16,7 @@
 #include "base/prefetch.hpp"
 #include "base/workers.hpp"
 #include "batch/outputs.hpp"
+#include "batch/pool_run.hpp"
 #include "batch/schedule.hpp"
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
@@ -61,12 +62,12 @@ struct TaskRun {
 struct OpenBall {
   Vec3 center = Vec3::Zero();  // m
   float radius = -1.0F;        // m; negative: not known
-  std::size_t world = 0;
+  std::int32_t world = 0;      // its world_index
 };
 
 struct Simulation {
   Simulation(BatchConfig config, Batch::Worlds worlds, std::unique_ptr<Task> task, DroneModel drone,
-             std::span<const std::int32_t> world_index);
+             std::span<const std::int32_t> world_index, std::optional<WorldPool> pool = std::nullopt);
 
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
@@ -74,7 +75,9 @@ struct Simulation {
   std::size_t env_of(std::size_t drone) const {  // without a division where it can be
     return config.drones_per_env == 1 ? drone : drone / drones_per_env();
   }
-  std::size_t world_index_of(std::size_t env) const { return static_cast<std::size_t>(state.world_index[env]); }
+  // Where the world of each env is in the tables of worlds below.
+  const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
+  std::size_t slot_of(std::size_t env) const { return static_cast<std::size_t>(slots()[env]); }
   // The drones of some envs; holds until the next call with this scratch.
   std::span<const std::uint32_t> drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const {
     return config.drones_per_env == 1 ? envs : list_drones(envs, scratch);
@@ -92,19 +95,20 @@ struct Simulation {
   void fetch_ahead(std::span<const std::uint32_t> drones, std::size_t i) const {
     constexpr std::size_t kParts = 4, kWhole = 8;  // drones ahead
     if (i + kWhole < drones.size()) {
-      const std::size_t world = world_index_of(env_of(drones[i + kWhole]));
-      if (world == world_index_of(env_of(drones[i]))) return;
+      const std::size_t world = slot_of(env_of(drones[i + kWhole]));
+      if (world == slot_of(env_of(drones[i]))) return;
       prefetch(obstacles[world], sizeof(*obstacles[world]));
       prefetch(scenes[world], sizeof(*scenes[world]));
       prefetch(&world_pointers[world]->markers(), sizeof(Markers));
     }
-    if (i + kParts < drones.size()) obstacles[world_index_of(env_of(drones[i + kParts]))]->prefetch_parts();
+    if (i + kParts < drones.size()) obstacles[slot_of(env_of(drones[i + kParts]))]->prefetch_parts();
   }
-  void rebuild_schedule() { schedule.rebuild(state.world_index, state.active); }
+  void rebuild_schedule() { schedule.rebuild(slots(), state.active); }
 
   const BatchConfig config;
-  const Batch::Worlds worlds;
-  // Of each world: itself, and as rays and drones meet it.
+  std::optional<PoolRun> pool;  // where the worlds are drawn from one
+  // Of each slot: its world, and as rays and drones meet it. They stay what they are, but with a pool, where free ones are null.
+  Batch::Worlds worlds;
   std::vector<const World*> world_pointers;
   std::vector<const trace::Scene*> scenes;
   std::vector<const collision::Obstacles*> obstacles;

@@ -34,6 +34,7 @@ std::uint64_t checksum_of(Header header, std::string_view body) {
 // Everything that a snapshot holds but what the task keeps, in its order.
 void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
+  if (sim.pool) visitor.array("world_content", sim.pool->contents);
   sim.pose_sensor.visit(visitor);
   if (sim.imu) sim.imu->visit(visitor);
   if (sim.lidar) sim.lidar->visit(visitor);
@@ -124,6 +125,41 @@ void check_world_indices(const Simulation& sim, std::span<const std::byte> bytes
   }
 }
 
+template <class T>
+std::vector<T> values_of(std::span<const std::byte> bytes) {
+  std::vector<T> values(bytes.size() / sizeof(T));
+  std::memcpy(values.data(), bytes.data(), values.size() * sizeof(T));
+  return values;
+}
+
+// Fetches the worlds that a snapshot's envs are in, which have to be those it was taken in. The envs do not move yet.
+void fetch_worlds_of(Simulation& sim, const Reader& reader) {
+  std::vector<std::uint64_t> contents;
+  reader.for_each("world_content", [&](std::span<const std::byte> bytes) { contents = values_of<std::uint64_t>(bytes); });
+  sim.pool->moves.clear();
+  reader.for_each("world_index", [&](std::span<const std::byte> bytes) {
+    const auto numbers = values_of<std::int32_t>(bytes);
+    for (std::size_t env = 0; env < numbers.size(); ++env) {
+      require(numbers[env] >= 0, "snapshot", "numbers of worlds", numbers[env]);
+      sim.pool->moves.push_back({static_cast<std::uint32_t>(env), numbers[env], nullptr});
+    }
+  });
+  fetch_worlds(sim);
+  for (const Move& move : sim.pool->moves) {
+    require(move.world->content_hash() == contents[move.env], "snapshot", "one of a batch whose pool makes these worlds",
+            "one with another world " + std::to_string(move.number));
+  }
+}
+
+// The moves that would bring all envs to where they are.
+std::vector<Move> moves_to_here(const Simulation& sim) {
+  std::vector<Move> moves;
+  for (std::size_t env = 0; env < sim.num_envs(); ++env) {
+    moves.push_back({static_cast<std::uint32_t>(env), sim.state.world_index[env], sim.worlds[sim.slot_of(env)]});
+  }
+  return moves;
+}
+
 // Puts the arrays of a body that has been read before in their places.
 void put(Simulation& sim, std::string_view body) {
   Reader reader(body);
@@ -212,7 +248,13 @@ std::uint64_t config_hash(Simulation& sim) {
     hash.add(sim.run->spec());
     hash.add(sim.run->max_episode_steps);
   }
-  for (const auto& world : sim.worlds) hash.add(world->content_hash());
+  if (sim.pool) {  // the worlds of which nobody knows yet; snapshots have the hashes of those that envs are in
+    hash.add("pool");
+    hash.add(sim.pool->pool.size);
+    hash.add(sim.pool->pool.fresh);
+  } else {
+    for (const auto& world : sim.worlds) hash.add(world->content_hash());
+  }
   for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
   if (sim.physics) hash.add(*sim.drone_model.airframe());
   sim.known_hash = hash.value();
@@ -220,6 +262,9 @@ std::uint64_t config_hash(Simulation& sim) {
 }
 
 std::string make_snapshot(Simulation& sim) {
+  for (std::size_t env = 0; sim.pool && env < sim.num_envs(); ++env) {
+    sim.pool->contents[env] = sim.worlds[sim.slot_of(env)]->content_hash();
+  }
   std::string blob(sizeof(Header), '\0');
   Writer writer(blob);
   visit(sim, writer);
@@ -245,8 +290,10 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   Reader reader(body);
   visit_own(sim, reader);
   const auto check_worlds = [&](std::span<const std::byte> bytes) { check_world_indices(sim, bytes); };
-  reader.for_each("world_index", check_worlds);
-  reader.for_each("taken_world", check_worlds);
+  if (!sim.pool) {
+    reader.for_each("world_index", check_worlds);
+    reader.for_each("taken_world", check_worlds);
+  }
   reader.for_each("lidar_settings", [&](std::span<const std::byte> bytes) { sim.lidar->check_restored(bytes); });
   std::size_t camera = 0;
   reader.for_each("camera_capture_mode", [&](std::span<const std::byte> bytes) {
@@ -256,18 +303,28 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   });
   camera = 0;
   reader.for_each("camera_settings", [&](std::span<const std::byte> bytes) { sim.cameras[camera++].check_restored(bytes); });
+  std::optional<Reader> own;  // of a pool's batch
+  if (sim.pool) own = reader;
   if (sim.run) sim.run->task->visit(reader);  // now, since its arrays may have the names of those above
   reader.require_end();
+  if (own) fetch_worlds_of(sim, *own);
 
   // Into the slot whose turn it is, as by a step: what the last call returned stays whole. What turns out to mean nothing, or a
   // task refuses, is undone.
   const std::string before = make_snapshot(sim);
+  std::vector<Move> back;
+  if (sim.pool) back = moves_to_here(sim);
   sim.outputs.turn();
   try {
+    if (sim.pool) move_envs(sim);
     put(sim, body);
     require_meaning(sim);
   } catch (...) {
     const bool was_cut_short = std::exchange(sim.is_cut_short, true);  // where the memory is out, there is no way back
+    if (sim.pool) {
+      sim.pool->moves = std::move(back);
+      move_envs(sim);
+    }
     put(sim, std::string_view(before).substr(sizeof(Header)));
     sim.is_cut_short = was_cut_short;
     sim.outputs.turn();

@@ -46,7 +46,7 @@ bool reads_between_ticks(const Simulation& sim) {
 void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scratch& scratch) {
   if (sim.lidar) {
     const auto drones = readers(sim, envs, sim.lidar->period(), when, scratch);
-    sim.lidar->scan(drones, sim.scenes, sim.drones_per_env(), sim.state, scratch.tracer);
+    sim.lidar->scan(drones, sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
   }
   sim.pose_sensor.read(readers(sim, envs, sim.pose_sensor.period(), when, scratch), sim.state);
   if (sim.imu) sim.imu->read(readers(sim, envs, sim.imu->period(), when, scratch), sim.state);
@@ -185,6 +185,8 @@ class StageByStage {
 
 // --------------------------------------------------------------------------------------------------- the table of contents
 
+bool resets_at_once(const Simulation& sim) { return sim.config.episode.autoreset_mode == AutoresetMode::same_step; }
+
 void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
 void check_opened(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.opening, false); }
 
@@ -203,12 +205,12 @@ void begin_program(Simulation& sim, Run& run, bool place) {
   run.finish_frames();
 }
 
-template <class Run>
-void step_program(Simulation& sim, Run run) {
-  Task& task = *sim.run->task;
-  const auto observe = [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); };
-  const auto keep = [](Simulation& s, Block& block, Scratch&) { keep_final(s, block); };
+void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
 
+// A step is two programs: what is flown, and what begins. Between them the envs that begin may change their worlds.
+template <class Run>
+void fly_program(Simulation& sim, Run& run) {
+  Task& task = *sim.run->task;
   run.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
   for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
     const bool is_last = flown == sim.config.episode.frame_skip;
@@ -223,15 +225,20 @@ void step_program(Simulation& sim, Run run) {
     run.each([](Simulation& s, Block& block, Scratch&) { settle(s, block); });
   }
   // An env that is reset in the step in which it ended is observed twice: as its episode ends, and as the next begins.
-  const bool resets_at_once = sim.config.episode.autoreset_mode == AutoresetMode::same_step;
-  if (resets_at_once) {
-    run.task({&Block::flown}, observe);
+  if (resets_at_once(sim)) {
+    run.task({&Block::flown}, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
     run.each(check_flown);
     run.each(keep);
   }
+  run.each([](Simulation& s, Block& block, Scratch&) { list_opening(s, block); });
+}
+
+template <class Run>
+void turn_program(Simulation& sim, Run& run) {
+  const auto observe = [&](const TaskBlock& envs) { sim.run->task->observe(envs, sim.outputs.now().observation); };
   run.each(turn_over);
   begin_program(sim, run, true);
-  if (resets_at_once) {
+  if (resets_at_once(sim)) {
     run.task({&Block::opening}, observe);
     run.each(check_opened);
   } else {
@@ -266,13 +273,26 @@ class Stepping {
 void step(Simulation& sim) {
   const Stepping stepping(sim);
   sim.outputs.turn();
-  if (sim.cameras.empty() && !sim.run->task->takes_all_envs_at_once()) {
-    sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
-      step_program(sim, BlockByBlock(sim, block, scratch, thread));
-    });
+  if (!sim.cameras.empty() || sim.run->task->takes_all_envs_at_once()) {
+    StageByStage run(sim);
+    fly_program(sim, run);
+    if (sim.pool) change_worlds(sim);
+    turn_program(sim, run);
   } else {
-    step_program(sim, StageByStage(sim));
+    sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
+      BlockByBlock run(sim, block, scratch, thread);
+      fly_program(sim, run);
+      if (!sim.pool) turn_program(sim, run);
+    });
+    if (sim.pool) {
+      change_worlds(sim);
+      sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
+        BlockByBlock run(sim, block, scratch, thread);
+        turn_program(sim, run);
+      });
+    }
   }
+  if (sim.pool) look_ahead(sim);
 }
 
 void begin_episodes(Simulation& sim, bool place) {
@@ -281,6 +301,7 @@ void begin_episodes(Simulation& sim, bool place) {
   begin_program(sim, run, place);
   run.task({&Block::opening}, [&](const TaskBlock& envs) { sim.run->task->observe(envs, sim.outputs.now().observation); });
   run.each(check_opened);
+  if (sim.pool) look_ahead(sim);
 }
 
 void read_sensors(Simulation& sim) {

@@ -20,8 +20,10 @@ class Context final : public TaskContext {
   const State& state() const override { return sim_.state; }
   const EpisodeState& episodes() const override { return sim_.episodes; }
   const DroneModel& drone_model() const override { return sim_.drone_model; }
-  std::span<const std::shared_ptr<const World>> worlds() const override { return sim_.worlds; }
-  const World& world_of(std::size_t env) const override { return *sim_.world_pointers[sim_.world_index_of(env)]; }
+  std::span<const std::shared_ptr<const World>> worlds() const override {
+    return sim_.pool ? std::span<const std::shared_ptr<const World>>() : sim_.worlds;
+  }
+  const World& world_of(std::size_t env) const override { return *sim_.world_pointers[sim_.slot_of(env)]; }
 
   const std::optional<LidarConfig>& lidar() const override { return sim_.config.lidar; }
   std::span<const float> lidar_ranges() const override {
@@ -44,7 +46,7 @@ class Context final : public TaskContext {
     return draw_uniform(sim_.state, env, stream, index);
   }
   bool is_free(std::size_t env, const Pose& pose) const override {
-    return !collision::overlaps(*sim_.obstacles[sim_.world_index_of(env)], sim_.hull, pose);
+    return !collision::overlaps(*sim_.obstacles[sim_.slot_of(env)], sim_.hull, pose);
   }
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }

@@ -28,12 +28,10 @@ void require_instances(const World& world) {
 }  // namespace
 
 CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
-                     const State& state, std::size_t drones_per_env, std::size_t num_drones)
-    : worlds_(worlds.begin(), worlds.end()), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
+                     const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env,
+                     std::size_t num_drones)
+    : worlds_(worlds), slots_(&slots), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
   for (const CameraConfig& config : configs) {
-    if (config.outputs.instance) {
-      for (const World* const world : worlds_) require_instances(*world);
-    }
     try {
       cameras_.push_back(std::make_unique<Camera>(config, clock, drones_per_env, num_drones));
     } catch (const std::bad_alloc&) {
@@ -43,11 +41,22 @@ CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig
     }
   }
   requests_.reserve(num_drones * cameras_.size());
+  for (const World* const world : worlds_) {
+    if (world != nullptr) require_world(*world);
+  }
+}
+
+void CameraRig::require_world(const World& world) const {
+  for (const auto& camera : cameras_) {
+    if (camera->config().outputs.instance) return require_instances(world);
+  }
 }
 
 void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers) {
   if (empty()) return;
-  for (const World* const world : worlds_) compiled(*world).shading();  // built here, not by whichever thread first needs it
+  for (const World* const world : worlds_) {  // built here, not by whichever thread first needs it
+    if (world != nullptr) compiled(*world).shading();
+  }
   requests_.clear();
   for (const auto& camera : cameras_) {
     if (backend != CameraBackend::automatic) break;
@@ -81,7 +90,9 @@ void CameraRig::ask_again() {
   for (const auto& camera : cameras_) {
     for (std::size_t drone = 0; drone < num_drones_; ++drone) {
       if (!state_->active[drone] || camera->images().frame_step[drone] < 0) continue;
-      requests_.push_back(camera->retake(drone, *worlds_[static_cast<std::size_t>(camera->taken_world(drone))]));
+      const bool by_slot = slots_ == &state_->world_index;  // else a frame that is of another world is stale
+      requests_.push_back(
+          camera->retake(drone, by_slot ? *worlds_[static_cast<std::size_t>(camera->taken_world(drone))] : world_of(drone)));
     }
   }
 }
@@ -120,7 +131,7 @@ std::string CameraRig::jpeg(std::size_t camera, std::size_t drone, int quality) 
 }
 
 const World& CameraRig::world_of(std::size_t drone) const {
-  return *worlds_[static_cast<std::size_t>(state_->world_index[drone / drones_per_env_])];
+  return *worlds_[static_cast<std::size_t>((*slots_)[drone / drones_per_env_])];
 }
 
 }  // namespace flockstep::sensors

@@ -21,9 +21,13 @@ namespace flockstep::sensors {
 
 class CameraRig {
  public:
-  // The worlds and the state outlive the rig.
+  // Env e is in worlds[slots[e]]; null where no env is. These and the state outlive the rig, and the worlds stay where they are
+  // in memory.
   CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
-            const State& state, std::size_t drones_per_env, std::size_t num_drones);
+            const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones);
+
+  // Throws std::invalid_argument where a camera cannot show a world.
+  void require_world(const World& world) const;
 
   // Chooses who renders, now that every drone has its place; typical: drones spread over the batch, to time backends by.
   void choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers);
@@ -61,7 +65,8 @@ class CameraRig {
  private:
   const World& world_of(std::size_t drone) const;
 
-  std::vector<const World*> worlds_;
+  std::span<const World* const> worlds_;
+  const std::vector<std::int32_t>* slots_;  // (E,)
   const State* state_;
   std::size_t drones_per_env_;
   std::size_t num_drones_;

@@ -127,11 +127,11 @@ void Lidar::restored() {
   saved_ = {};
 }
 
-void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes, std::size_t drones_per_env,
-                 const State& state, trace::Tracer& tracer) {
+void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes,
+                 std::span<const std::int32_t> slots, std::size_t drones_per_env, const State& state, trace::Tracer& tracer) {
   const auto scene_of = [&](std::uint32_t drone) {
     const std::size_t env = drones_per_env == 1 ? drone : drone / drones_per_env;
-    return scenes[static_cast<std::size_t>(state.world_index[env])];
+    return scenes[static_cast<std::size_t>(slots[env])];
   };
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const std::uint32_t drone = drones[i];

@@ -33,10 +33,10 @@ class Lidar {
   // The changed setting is checked before any drone's is changed.
   void change(const LidarChange& change, std::span<const std::uint32_t> drones);
 
-  // Scans the listed drones; drone d is in scenes[world_index[d / drones_per_env]]. Where rays go through Embree, consecutive
+  // Scans the listed drones; drone d is in scenes[slots[d / drones_per_env]]. Where rays go through Embree, consecutive
   // drones in the same world share packets.
-  void scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes, std::size_t drones_per_env,
-            const State& state, trace::Tracer& tracer);
+  void scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes,
+            std::span<const std::int32_t> slots, std::size_t drones_per_env, const State& state, trace::Tracer& tracer);
   void clear(std::size_t drone);  // a removed drone sees nothing
 
   void write_directions(std::span<float> out) const;                  // (N, channels, beams, 3) unit, body frame

@@ -88,9 +88,7 @@ class FlightTask : public Task {
     action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
     rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
     step_s_ = context.clock().step_s();
-    for (const auto& world : context.worlds()) {
-      middles_.push_back(world->markers().goal.value_or((world->bounds().min + world->bounds().max) / 2.0F));
-    }
+    middles_.resize(context.num_envs());
     action_before_.resize(kActions * context.num_envs());
     action_now_.resize(kActions * context.num_envs());
   }
@@ -131,8 +129,14 @@ class FlightTask : public Task {
   }
 
   // The goal marker of an env's world, or the middle of it.
-  const Vec3& middle_of(const State& state, std::size_t env) const {
-    return middles_[static_cast<std::size_t>(state.world_index[env])];
+  const Vec3& middle_of(const TaskContext& context, std::size_t env) {
+    Middle& middle = middles_[env];
+    const std::int32_t world_index = context.state().world_index[env];
+    if (middle.world_index != world_index) {
+      const World& world = context.world_of(env);
+      middle = {world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F), world_index};
+    }
+    return middle.at;
   }
 
   // Velocity, up, angular velocity, rotor speeds.
@@ -164,10 +168,15 @@ class FlightTask : public Task {
   TaskSpec spec_;
 
  private:
+  struct Middle {
+    Vec3 at = Vec3::Zero();         // m
+    std::int32_t world_index = -1;  // of the world that it is of
+  };
+
   FlightAction action_;
   ActionRanges rotor_;
   double step_s_ = 0.0;
-  std::vector<Vec3> middles_;         // m, of each world
+  std::vector<Middle> middles_;       // (E,)
   std::vector<float> action_before_;  // (E, 4) in [-1, 1], of the step before; 0 in the first
   std::vector<float> action_now_;     // (E, 4) likewise, of the present or last step
 };

@@ -47,7 +47,7 @@ class Hover final : public FlightTask {
 
   void place(const TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) {
-      Pose pose{middle_of(block.context.state(), env), Quat::Identity()};
+      Pose pose{middle_of(block.context, env), Quat::Identity()};
       Velocity velocity;
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
         const auto [thrown_pose, thrown_velocity] = thrown(block.context, env, attempt);
@@ -71,7 +71,7 @@ class Hover final : public FlightTask {
     Together all;
     for_each_together(block.envs, [&](std::span<const std::uint32_t> envs) {
       for (std::size_t i = 0; i < envs.size(); ++i) {
-        all.set_way(i, middle_of(state, envs[i]), position_of(state, envs[i]));
+        all.set_way(i, middle_of(block.context, envs[i]), position_of(state, envs[i]));
         all.set_flight(i, state, envs[i]);
       }
       const Together::Doubles distance = all.distance();
@@ -103,7 +103,7 @@ class Hover final : public FlightTask {
     for (const std::uint32_t env : block.envs) {
       const Pose pose = block.context.sensed_pose(env);
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
-      const Vec3 way = to_body * (middle_of(block.context.state(), env) - pose.position);
+      const Vec3 way = to_body * (middle_of(block.context, env) - pose.position);
       const std::span<float> row = observation[0].row<float>(env);
       std::copy_n(way.data(), 3, row.data());
       observe_flight(state, env, to_body, row.subspan(3));
@@ -124,7 +124,7 @@ class Hover final : public FlightTask {
   enum Term : std::size_t { kNear, kHold, kSpeed, kSpin, kChange, kCrash };
   static constexpr std::uint32_t kTries = 64;  // starts drawn before the point itself is taken
 
-  std::pair<Pose, Velocity> thrown(const TaskContext& context, std::uint32_t env, std::uint32_t attempt) const {
+  std::pair<Pose, Velocity> thrown(const TaskContext& context, std::uint32_t env, std::uint32_t attempt) {
     constexpr std::uint32_t kDraws = 12;
     constexpr float kPi = std::numbers::pi_v<float>;
     std::array<float, kDraws> unit;
@@ -142,7 +142,7 @@ class Hover final : public FlightTask {
     const float level = std::sqrt(1.0F - upward * upward);
     const float heading = 2.0F * kPi * unit[8];
     const Vec3 direction(level * std::cos(heading), level * std::sin(heading), upward);
-    return {{middle_of(context.state(), env) + config_.start_offset_m * around(0), (tilted * headed).normalized()},
+    return {{middle_of(context, env) + config_.start_offset_m * around(0), (tilted * headed).normalized()},
             {config_.start_speed_mps * unit[6] * direction, config_.start_rate_dps * kPi / 180.0F * around(9)}};
   }
 

@@ -69,15 +69,11 @@ struct Surroundings {
   explicit Surroundings(const TaskContext& context)
       : state(context.state()),
         episodes(context.episodes()),
-        worlds(context.worlds()),
         ranges(context.lidar_ranges()),
         max_range_m(context.lidar_max_range_m()) {}
 
-  const World& world_of(std::size_t env) const { return *worlds[static_cast<std::size_t>(state.world_index[env])]; }
-
   const State& state;
   const EpisodeState& episodes;
-  std::span<const std::shared_ptr<const World>> worlds;
   std::span<const float> ranges;       // (N, rays) m
   std::span<const float> max_range_m;  // (N,)
 };
@@ -109,7 +105,6 @@ class Navigation final : public Task {
   void setup(const TaskContext& context) override {
     require(context.lidar().has_value(), "lidar", "a LidarConfig (the navigation task needs one)", "None");
     if (config_.observation != ObservationKind::goal) require_camera(context);
-    for (const auto& world : context.worlds()) require_navigable(*world, context.drone_model());
     rays_ = static_cast<std::size_t>(context.lidar()->rows()) * static_cast<std::size_t>(context.lidar()->columns());
     spec_.observation = observation_fields(context);
     context_ = &context;
@@ -117,6 +112,8 @@ class Navigation final : public Task {
     state_.last_distance.resize(context.num_envs());
     green_.resize(context.num_threads());
   }
+
+  void require_world(const World& world, const DroneModel& drone) const override { require_navigable(world, drone); }
 
   void place(const TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) block.context.place(env, {start_position(block.context, env), Quat::Identity()});
@@ -142,7 +139,7 @@ class Navigation final : public Task {
 
   void score(const TaskBlock& block, Score& score) override {
     const Surroundings around(block.context);
-    for (const std::uint32_t env : block.envs) score_env(around, env, score);
+    for (const std::uint32_t env : block.envs) score_env(around, block.context.world_of(env), env, score);
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
@@ -155,7 +152,7 @@ class Navigation final : public Task {
       switch (config_.observation) {
         case ObservationKind::goal: {
           const Vec3 direction =
-              direction_to(block.context.sensed_pose(env), goal_of(around.world_of(env), state_.goal_index[env]));
+              direction_to(block.context.sensed_pose(env), goal_of(block.context.world_of(env), state_.goal_index[env]));
           std::copy_n(direction.data(), 3, row.data());
           break;
         }
@@ -252,10 +249,9 @@ class Navigation final : public Task {
     return {pose.position + pose.rotation * step, rotation};
   }
 
-  void score_env(const Surroundings& around, std::uint32_t env, Score& score) {
+  void score_env(const Surroundings& around, const World& world, std::uint32_t env, Score& score) {
     const NavigationReward& reward = config_.reward;
     const State& state = around.state;
-    const World& world = around.world_of(env);
     const Vec3 position = position_of(state, env);
     const bool crashed = state.contact.hit[env] != 0;
     const double goal_reward = reward.goal_reward;

@@ -137,7 +137,7 @@ class Track final : public FlightTask {
       for (std::uint32_t k = 0; k < kPhases; ++k) phases[k] = block.context.random(env, kPhaseStream, k);
       const Path::Waves waves = path_.waves_at(0.0, phases);
       const float yaw = yaw_at(waves);
-      Pose pose{middle_of(block.context.state(), env) + path_.position(waves), Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))};
+      Pose pose{middle_of(block.context, env) + path_.position(waves), Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))};
       for (std::uint32_t axis = 0; axis < 3; ++axis) {
         pose.position[static_cast<Eigen::Index>(axis)] +=
             config_.start_offset_m * (2.0F * block.context.random(env, kStartStream, axis) - 1.0F);
@@ -157,7 +157,7 @@ class Track final : public FlightTask {
     for (const std::uint32_t env : block.envs) {
       const Path::Waves waves = waves_of(episodes, env);
       const Pose pose = pose_of(state, env);
-      const double distance = distance_m(middle_of(block.context.state(), env) + path_.position(waves), pose.position);
+      const double distance = distance_m(middle_of(block.context, env) + path_.position(waves), pose.position);
       const auto close = static_cast<double>(config_.close_m);
       const bool crashed = state.contact.hit[env] != 0 || distance > static_cast<double>(config_.max_distance_m);
       squares_[env] += distance * distance;
@@ -182,7 +182,7 @@ class Track final : public FlightTask {
       const auto points = static_cast<std::size_t>(config_.points);
       Path::Waves waves = waves_of(block.context.episodes(), env);
       const float missing = missing_yaw(waves, pose.rotation);
-      const Vec3 from_middle = pose.position - middle_of(block.context.state(), env);
+      const Vec3 from_middle = pose.position - middle_of(block.context, env);
       for (std::size_t i = 0; i < points; ++i) {
         if (i > 0) path_.turn(waves, ahead_);
         const Vec3 way = to_body * (path_.position(waves) - from_middle);

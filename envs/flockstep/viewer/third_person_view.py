@@ -23,6 +23,7 @@ _FRUSTUM: Color = (130, 40, 170)
 _FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
 _MAX_BEAMS = 256  # more would hide the world
 _FINER = 2  # drawn so many times larger, then averaged: smooth edges
+_WORLDS = 64  # so many are kept to be drawn again
 _FOLLOWED, _LAG = 12, 0.5  # the viewer follows the mean of so many steps, so many lengths behind at most
 
 
@@ -84,7 +85,10 @@ class ThirdPersonView:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
         index = int(self._batch.world_index[env])
         if index not in self._stages:
-            world = with_markers(self._batch.worlds[index], self._markers)
+            if len(self._stages) >= _WORLDS:
+                self._stages.clear()
+                self._still.clear()
+            world = with_markers(self._batch.world_of(env), self._markers)
             self._stages[index] = Stage(world, self._length, self._size_px)
         position = np.asarray(self._batch.position[env], float)
         quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)

@@ -23,6 +23,7 @@ _DRONE: Color = (35, 70, 160)
 
 _CIRCLE = np.stack([np.cos(a := np.linspace(0, 2 * np.pi, 24, endpoint=False)), np.sin(a), 0 * a], axis=1)
 _MARGIN = 0.02  # of the picture's side, left free around the world
+_WORLDS = 64  # so many are kept to be drawn again
 _LEAST_PX = 7  # so long is a drone at least, and a marker so wide
 
 
@@ -71,7 +72,9 @@ class TopView:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
         index = int(self._batch.world_index[env])
         if index not in self._canvases:
-            self._canvases[index] = _Canvas(self._batch.worlds[index], self._markers, self._size_px)
+            if len(self._canvases) >= _WORLDS:
+                self._canvases.clear()
+            self._canvases[index] = _Canvas(self._batch.world_of(env), self._markers, self._size_px)
         canvas = self._canvases[index]
         position = np.asarray(self._batch.position[env], float)
         hull = rotate(np.asarray(self._batch.quat_wxyz[env], float), self._hull)

@@ -1,0 +1,151 @@
+#include "batch/pool_run.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "base/random.hpp"
+#include "base/require.hpp"
+#include "batch/episodes.hpp"
+#include "batch/simulation.hpp"
+#include "compiled/compiled_world.hpp"
+
+namespace flockstep {
+namespace {
+
+constexpr std::int32_t kMostWorlds = 1 << 24;  // as many as uniform01() can tell apart
+
+// The world of a slot, as a table of the simulation has it, or nothing.
+void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> world) {
+  const auto at = static_cast<std::size_t>(slot);
+  sim.world_pointers[at] = world.get();
+  sim.scenes[at] = world ? &compiled(*world).scene() : nullptr;
+  sim.obstacles[at] = world ? &compiled(*world).obstacles() : nullptr;
+  sim.worlds[at] = std::move(world);
+}
+
+void leave(Simulation& sim, std::uint32_t env) {
+  PoolRun& run = *sim.pool;
+  const std::int32_t slot = run.slots[env];
+  if (--run.users[static_cast<std::size_t>(slot)] > 0) return;
+  run.slot_of.erase(sim.state.world_index[env]);
+  run.free_slots.push_back(slot);
+  set_slot(sim, slot, nullptr);
+}
+
+}  // namespace
+
+void WorldPool::validate() const {
+  require(source != nullptr, "worlds", "a pool with a source", "none");
+  require(size >= 1 && size <= kMostWorlds, "size", "an integer in [1, 16777216]", size);
+  require(fresh >= 0.0 && fresh <= kMostWorlds, "fresh", "a number in [0, 16777216]", fresh);
+}
+
+std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) const {
+  const double u = uniform01(draw(seed, episode, static_cast<std::uint32_t>(Stream::world), 0)[0]);
+  const double most = std::numeric_limits<std::int32_t>::max() - (size - 1);
+  const double first = std::min(std::floor(static_cast<double>(episode) * fresh), most);
+  return static_cast<std::int32_t>(first) + static_cast<std::int32_t>(u * size);
+}
+
+void build_ahead(const World& world, bool cameras) {
+  compiled(world).scene();
+  compiled(world).obstacles();
+  if (cameras) compiled(world).shading();
+}
+
+PoolRun::PoolRun(WorldPool pool_in, std::size_t num_envs)
+    : pool(std::move(pool_in)), slots(num_envs), users(num_envs), free_slots(num_envs - 1), contents(num_envs) {
+  users[0] = static_cast<std::uint32_t>(num_envs);
+  slot_of.emplace(0, 0);
+  std::iota(free_slots.rbegin(), free_slots.rend(), 1);
+  free_slots.reserve(num_envs);
+  moves.reserve(num_envs);
+  wanted.reserve(num_envs);
+}
+
+void require_world_of_pool(const Simulation& sim, std::int32_t number, const World* world) {
+  try {
+    if (world == nullptr) refuse("worlds", "worlds", "a null pointer");
+    sim.cameras.require_world(*world);
+    if (sim.run) sim.run->task->require_world(*world, sim.drone_model);
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument("world " + std::to_string(number) + " of the pool: " + error.what());
+  }
+}
+
+void fetch_worlds(Simulation& sim) {
+  PoolRun& run = *sim.pool;
+  const auto by_number = [](const Move& a, const Move& b) { return std::pair(a.number, a.env) < std::pair(b.number, b.env); };
+  std::sort(run.moves.begin(), run.moves.end(), by_number);
+  run.wanted.clear();
+  for (Move& move : run.moves) {
+    if (const auto found = run.slot_of.find(move.number); found != run.slot_of.end()) {
+      move.world = sim.worlds[static_cast<std::size_t>(found->second)];
+    } else if (run.wanted.empty() || run.wanted.back() != move.number) {
+      run.wanted.push_back(move.number);
+    }
+  }
+  if (run.wanted.empty()) return;
+  run.pool.source->want(run.wanted);
+  for (std::size_t i = 0; i < run.moves.size(); ++i) {
+    Move& move = run.moves[i];
+    if (move.world) continue;
+    if (i > 0 && run.moves[i - 1].number == move.number) {
+      move.world = run.moves[i - 1].world;
+      continue;
+    }
+    move.world = run.pool.source->get(move.number);
+    require_world_of_pool(sim, move.number, move.world.get());
+    build_ahead(*move.world, !sim.cameras.empty());  // where the source has not
+  }
+}
+
+void move_envs(Simulation& sim) {
+  PoolRun& run = *sim.pool;
+  for (Move& move : run.moves) {
+    const auto [known, is_new] = run.slot_of.try_emplace(move.number, -1);  // first, since it may throw
+    if (!is_new && known->second == run.slots[move.env]) continue;
+    leave(sim, move.env);
+    if (is_new) {
+      known->second = run.free_slots.back();
+      run.free_slots.pop_back();
+      set_slot(sim, known->second, std::move(move.world));
+    }
+    run.slots[move.env] = known->second;
+    ++run.users[static_cast<std::size_t>(known->second)];
+    sim.state.world_index[move.env] = move.number;
+    sim.scratches[0]->moved_world = true;
+  }
+  run.moves.clear();
+}
+
+void look_ahead(Simulation& sim) {
+  PoolRun& run = *sim.pool;
+  run.wanted.clear();
+  for (const Block& block : sim.schedule.blocks()) {
+    for (const std::uint32_t env : block.opening) {
+      run.wanted.push_back(run.pool.number_of(sim.state.seed[env], sim.state.episode[env] + 1));
+    }
+  }
+  if (!run.wanted.empty()) run.pool.source->want(run.wanted);
+}
+
+void change_worlds(Simulation& sim) {
+  PoolRun& run = *sim.pool;
+  run.moves.clear();
+  for (const Block& block : sim.schedule.blocks()) {
+    for (const std::uint32_t env : block.opening) {
+      run.moves.push_back({env, run.pool.number_of(sim.state.seed[env], next_episode(sim, env)), nullptr});
+    }
+  }
+  if (run.moves.empty()) return;
+  fetch_worlds(sim);
+  move_envs(sim);
+}
+
+}  // namespace flockstep

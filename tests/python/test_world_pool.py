@@ -1,0 +1,601 @@
+"""Pools of worlds: which one episodes draw, the same bits however long they take, and what is left when they fail."""
+
+import copy
+import gc
+import multiprocessing
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+import weakref
+
+import gymnasium
+import numpy as np
+import pytest
+from test_bitwise import actions_of, assert_same, episodes, history, outputs
+
+import flockstep
+from flockstep import World, WorldPool
+
+LIDAR = flockstep.LidarConfig()
+
+
+def hall(number):
+    """A small room whose pillar stands elsewhere in each."""
+    x, y = np.random.default_rng(number).uniform([2.2, 0.8], [4.8, 4.2])
+    scene = {
+        "flockstep_scene": 1,
+        "name": f"hall-{number}",
+        "room": {"min": [0, 0, 0], "max": [6, 5, 3]},
+        "pillars": [{"center": [x, y], "radius": 0.3}],
+        "markers": {
+            "start": [1, 2.5, 1.5],
+            "goal": [5.2, 2.5, 1.5],
+            "spawn_box": {"min": [0.7, 2, 1], "max": [1.3, 3, 2]},
+        },
+    }
+    return World.from_dict(scene)
+
+
+def hall_at_leisure(number):
+    time.sleep(random.uniform(0, 0.01))
+    return hall(number)
+
+
+def philox(counter, key):
+    """Philox 4x32-10, as the paper has it (Salmon et al., SC11)."""
+    c, k = list(counter), list(key)
+    for _ in range(10):
+        a, b = 0xD2511F53 * c[0], 0xCD9E8D57 * c[2]
+        c = [(b >> 32) ^ c[1] ^ k[0], b & 0xFFFFFFFF, (a >> 32) ^ c[3] ^ k[1], a & 0xFFFFFFFF]
+        k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
+    return c
+
+
+def number_of(seed, episode, size, fresh):
+    """The number that an env of this seed draws in this episode."""
+    world_stream = 0x80000003
+    word = philox([0, world_stream, episode & 0xFFFFFFFF, episode >> 32], [seed & 0xFFFFFFFF, seed >> 32])[0]
+    return int(np.floor(episode * fresh)) + int((word >> 8) / 2**24 * size)
+
+
+def make(num_drones=8, pool=None, *, mode="same_step", steps=5, **arguments):
+    """A batch of short episodes."""
+    arguments = {"lidar": LIDAR, "task": flockstep.NavigationConfig(), "num_threads": 1, **arguments}
+    episode = flockstep.EpisodeConfig(autoreset_mode=mode, max_episode_steps=steps)
+    return flockstep.Batch(pool or WorldPool(hall, 16), num_drones, episode=episode, **arguments)
+
+
+def fly(batch, steps):
+    for _ in range(steps):
+        batch.step([4] * batch.num_drones)
+
+
+class Cross(flockstep.Task):
+    """Fly to the goal, in Python."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float32)
+    max_episode_steps = 7
+    lidar = LIDAR
+
+    def step(self, batch):
+        return -batch.terms.goal_distance(), batch.contact.hit.copy()
+
+    def observe(self, batch):
+        return np.column_stack([batch.terms.goal_direction(), batch.terms.goal_distance()]).astype(np.float32)
+
+
+# ---------------------------------------------------------------------------------------------------- which world it is
+
+
+@pytest.mark.parametrize(("size", "fresh"), [(1, 0.0), (64, 0.0), (10, 1.5), (1000, 0.3), (3, 7)])
+def test_numbers_are_those_of_the_rule(size, fresh):
+    seeds = np.array([0, 1, 77, 2**40 + 3, 2**64 - 1], np.uint64)
+    batch = make(5, WorldPool(hall, size, fresh), steps=2)
+    assert batch.world_index.tolist() == [0] * 5
+    batch.reset(seeds)
+    for _ in range(12):
+        expected = [number_of(int(s), int(e), size, fresh) for s, e in zip(seeds, batch.episode, strict=True)]
+        assert batch.world_index.tolist() == expected
+        assert [batch.world_of(i).name for i in range(5)] == [f"hall-{number}" for number in expected]
+        batch.step([4] * 5)
+    assert batch.episode.min() == 6
+
+
+def test_a_drone_is_in_the_world_that_its_number_says():
+    batch = make(20, WorldPool(hall, 50, 2.0), steps=3)
+    batch.reset(np.arange(20))
+    for _ in range(10):
+        batch.step([0] * 20)
+        ranges = batch.lidar().ranges.copy()
+        for i in range(20):
+            alone = flockstep.Batch([hall(int(batch.world_index[i]))], 1, lidar=LIDAR)
+            alone.set_pose(batch.position[i : i + 1], batch.quat_wxyz[i : i + 1])
+            alone.sense()
+            np.testing.assert_array_equal(alone.lidar().ranges[0], ranges[i])
+
+
+def test_a_curriculum_gets_harder():
+    asked = {}
+
+    def playground(number, pillars):
+        asked[number] = pillars
+        return World.playground(number, pillars=round(pillars), size_m=(10, 10, 4))
+
+    pool = WorldPool(playground, 4, 2.0, difficulty=(2, 8, 12))
+    envs = flockstep.DroneVectorEnv(4, worlds=pool, max_episode_steps=1, autoreset_mode="same_step")
+    envs.reset(seed=0)
+    pillars = []
+    for _ in range(10):
+        worlds = [envs.batch.world_of(i) for i in range(4)]
+        pillars.append(np.mean([sum(p["kind"] == "cylinder" for p in world.primitives) for world in worlds]))
+        envs.step([4] * 4)
+    assert pillars[0] < 4
+    assert pillars[-1] == 8
+    assert np.all(np.diff(pillars) >= -1.5)
+    for number, difficulty in asked.items():
+        assert difficulty == pytest.approx(2 + 6 * min(number / 12, 1))
+    assert WorldPool(hall, difficulty=lambda number: number / 2).difficulty_of(6) == 3
+
+
+# -------------------------------------------------------------------------------------------------------- the same bits
+
+
+@pytest.fixture(scope="module", params=["next_step", "same_step"])
+def wide(request):
+    mode = request.param
+    return mode, history(WorldPool(hall, 24, 0.5), 64, autoreset_mode=mode)
+
+
+def test_something_happens(wide):
+    _, run = wide
+    assert (run["terminated"] | run["truncated"]).sum() > 120
+    assert run["crashed"].sum() > 5
+    assert len(np.unique(run["world_index"])) > 20
+
+
+@pytest.mark.parametrize("num_drones", [1, 10])
+def test_env_i_of_few_is_env_i_of_many(wide, num_drones):
+    mode, many = wide
+    few = history(WorldPool(hall, 24, 0.5), num_drones, autoreset_mode=mode)
+    assert_same(few, {name: rows[:, :num_drones] for name, rows in many.items()})
+
+
+@pytest.mark.parametrize("arguments", [{"num_threads": 2}, {"block_size": 3, "num_threads": 2}, {"block_size": 1}])
+def test_threads_and_blocks_do_not_matter(wide, arguments):
+    mode, run = wide
+    assert_same(history(WorldPool(hall, 24, 0.5), 64, autoreset_mode=mode, **arguments), run)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_time_that_worlds_take_does_not_matter(wide, threads):
+    mode, run = wide
+    pool = WorldPool(hall_at_leisure, 24, 0.5, threads=threads)
+    assert_same(history(pool, 64, autoreset_mode=mode, num_threads=2), run)
+
+
+@pytest.mark.parametrize("own_task", [False, True])
+def test_autoreset_modes_agree_but_for_the_reset_rows(own_task):
+    def run(mode):
+        arguments = {"task": Cross()} if own_task else {"random_start": True}
+        pool = WorldPool(hall_at_leisure, 9, 1.0)
+        env = flockstep.DroneVectorEnv(5, worlds=pool, autoreset_mode=mode, max_episode_steps=7, **arguments)
+        wave = np.random.default_rng(1).uniform(-1, 1, (5, 99, 99, 3))
+        return episodes(env, 5, lambda i, e, s: wave[i, e, s] if own_task else int(6 * abs(wave[i, e, s, 0])))
+
+    first_starts, first_rows = run("next_step")
+    assert min(len(starts) for starts in first_starts) > 8
+    for mode in ("same_step", "disabled"):
+        starts, rows = run(mode)
+        for i in range(5):
+            for a, b in zip(first_starts[i], starts[i], strict=False):
+                np.testing.assert_array_equal(a, b)
+            for (obs_a, *rest_a), (obs_b, *rest_b) in zip(first_rows[i], rows[i], strict=False):
+                np.testing.assert_array_equal(obs_a, obs_b)
+                assert rest_a == rest_b
+
+
+def flight(num_drones, worlds, *, steps=40, **arguments):
+    """Positions, accelerations and observations of drones that fly by rotors near the ground."""
+    dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts", ground_effect=True)
+    batch = make(
+        num_drones,
+        worlds,
+        steps=6,
+        task=flockstep.HoverConfig(start_offset_m=0.3),
+        drone=flockstep.DroneModel.load("crazyflie"),
+        dynamics=dynamics,
+        clock=flockstep.ClockConfig(policy_hz=50),
+        **arguments,
+    )
+    batch.reset(np.arange(num_drones) + 5)
+    rows = []
+    for actions in actions_of(64)[:steps, :num_drones]:
+        rows.append([a.copy() for a in (batch.position, batch.acceleration, batch.observation, batch.world_index)])
+        batch.step(actions)
+    return [np.stack(arrays) for arrays in zip(*rows, strict=True)]
+
+
+def pad(number):
+    """A hall with a floor that is higher in each, and the drone just above it."""
+    z = 0.1 * (number % 7)
+    scene = {"flockstep_scene": 1, "name": f"pad-{number}", "room": {"min": [-4, -4, z], "max": [4, 4, 5]}}
+    return World.from_dict({**scene, "markers": {"goal": [0.1 * number, 0, z + 0.35]}})
+
+
+@pytest.mark.parametrize("pool", [True, False])
+def test_drones_that_fly_by_rotors_keep_their_bits(pool):
+    def worlds():
+        return WorldPool(pad, 12, 0.5) if pool else [pad(k) for k in range(12)]
+
+    many = flight(64, worlds())
+    if pool:
+        assert len(np.unique(many[3])) > 12
+        goal = np.stack([pad(int(k)).goal for k in many[3][-1]])
+        assert np.linalg.norm(many[0][-1] - goal, axis=1).max() < 2
+    for num_drones, arguments in ((3, {}), (64, {"num_threads": 2, "block_size": 5})):
+        if not pool and num_drones == 3:
+            continue  # env i is in world i modulo W, of whatever N
+        for a, b in zip(many, flight(num_drones, worlds(), **arguments), strict=True):
+            np.testing.assert_array_equal(a[:, :num_drones], b)
+
+
+def test_a_random_world_is_the_same_whoever_begins_beside_it():
+    """Drones that begin together in different worlds feel the ground of their own."""
+
+    def first(block_size):
+        episode = flockstep.EpisodeConfig(autoreset_mode="same_step", max_episode_steps=4, random_world=True)
+        dynamics = flockstep.DynamicsConfig(motion="rotors", control="rotor_thrusts", ground_effect=True)
+        batch = flockstep.Batch(
+            [pad(k) for k in range(7)],
+            40,
+            task=flockstep.HoverConfig(start_offset_m=0.3),
+            drone=flockstep.DroneModel.load("crazyflie"),
+            dynamics=dynamics,
+            episode=episode,
+            clock=flockstep.ClockConfig(policy_hz=50),
+            block_size=block_size,
+            num_threads=1,
+        )
+        batch.reset(np.arange(40))
+        rows = []
+        for actions in actions_of(64)[:12, :40]:
+            batch.step(actions)
+            rows.append(batch.acceleration.copy())
+        return np.stack(rows)
+
+    np.testing.assert_array_equal(first(1), first(40))
+
+
+def test_pictures_are_of_the_world_that_a_drone_is_in():
+    camera = flockstep.CameraConfig(width_px=8, height_px=6, outputs=("rgb", "depth", "instance"))
+
+    def run(num_drones, **arguments):
+        batch = make(num_drones, WorldPool(hall_at_leisure, 12, 1.0), steps=3, cameras=[camera], **arguments)
+        batch.reset(np.arange(num_drones))
+        rows = []
+        for _ in range(9):
+            batch.step([0] * num_drones)
+            rows.append((batch.camera().depth.copy(), batch.camera().rgb.copy(), batch.world_index.copy()))
+        i = num_drones - 1
+        alone = flockstep.Batch([hall(int(batch.world_index[i]))], 1, cameras=[camera])
+        alone.set_pose(batch.position[i : i + 1], batch.quat_wxyz[i : i + 1])
+        alone.sense()
+        np.testing.assert_array_equal(alone.camera().depth[0], rows[-1][0][i])
+        return [np.stack(arrays) for arrays in zip(*rows, strict=True)]
+
+    many = run(12, num_threads=2, camera_backend="auto")
+    assert len(np.unique(many[2])) > 8
+    for a, b in zip(many, run(4), strict=True):
+        np.testing.assert_array_equal(a[:, :4], b)
+
+
+# ----------------------------------------------------------------------------------------------------------- going back
+
+
+def test_restored_equals_uninterrupted():
+    camera = flockstep.CameraConfig(width_px=8, height_px=6)
+    arguments = {"steps": 7, "cameras": [camera], "num_threads": 2}
+    one = make(20, WorldPool(hall, 8, 0.7), **arguments)
+    one.reset(np.arange(20))
+    actions = actions_of(20, "discrete")
+    for row in actions[:30]:
+        one.step(row)
+    other = make(20, WorldPool(hall_at_leisure, 8, 0.7), **arguments)
+    other.reset(np.arange(20) + 50)
+    other.restore(one.snapshot())
+    for row in actions[30:]:
+        assert_same(outputs(one), outputs(other))
+        np.testing.assert_array_equal(one.camera().rgb, other.camera().rgb)
+        assert one.snapshot() == other.snapshot()
+        one.step(row)
+        other.step(row)
+
+
+def test_a_snapshot_of_other_worlds_is_refused():
+    def elsewhere(number):
+        return hall(number + (number > 3))
+
+    one, other = make(), make(pool=WorldPool(elsewhere, 16))
+    for batch in (one, other):
+        batch.reset(np.arange(8))
+    before = other.snapshot()
+    with pytest.raises(ValueError, match=r"whose pool makes these worlds, got one with another world \d+"):
+        other.restore(one.snapshot())
+    assert other.snapshot() == before
+    for pool in (WorldPool(hall, 15), WorldPool(hall, 16, 0.5)):
+        with pytest.raises(ValueError, match="another"):
+            make(pool=pool).restore(one.snapshot())
+    with pytest.raises(ValueError, match="another"):
+        make(pool=[hall(0)]).restore(one.snapshot())
+
+
+def test_copies_and_pickles_go_on_as_the_env_does():
+    envs = flockstep.DroneVectorEnv(4, worlds=WorldPool(hall, 8, 1.0), max_episode_steps=3)
+    envs.reset(seed=3)
+    for _ in range(7):
+        envs.step([0] * 4)
+    twins = [copy.deepcopy(envs), pickle.loads(pickle.dumps(envs))]
+    for _ in range(7):
+        observation = envs.step([1] * 4)[0]
+        for twin in twins:
+            np.testing.assert_array_equal(twin.step([1] * 4)[0], observation)
+    made = gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=4, worlds=WorldPool(hall, 8, 1.0))
+    made.reset(seed=3)
+    assert made.batch.world_index.tolist() == [number_of(3 + i, 0, 8, 1.0) for i in range(4)]
+
+
+# ------------------------------------------------------------------------------------------------------ what goes wrong
+
+
+class TestFailures:
+    @staticmethod
+    def failing(number, bad, how):
+        return how() if number in bad else hall(number)
+
+    def batch(self, bad, how, **arguments):
+        return make(pool=WorldPool(lambda number: self.failing(number, bad, how), 2, 1.0), **arguments)
+
+    def test_a_make_that_raises(self):
+        def how():
+            raise KeyError("lost")
+
+        bad = {number_of(1, 4, 2, 1.0)}
+        batch = self.batch(bad, how, steps=1)
+        batch.reset([1] * 8)  # whose episodes are all in the same worlds
+        last = next(n for n in range(9) if number_of(1, n, 2, 1.0) in bad) - 1
+        with pytest.raises(RuntimeError, match=r"making world [45] raised KeyError: 'lost'") as error:
+            fly(batch, 9)
+        assert isinstance(error.value.__cause__, KeyError)
+        assert batch.episode.tolist() == [last] * 8
+        with pytest.raises(RuntimeError, match="cut the last step"):
+            batch.step([4] * 8)
+        batch.reset([1] * 8)
+        bad.clear()  # what has failed is tried again
+        for _ in range(9):
+            batch.step([4] * 8)
+        assert batch.episode.min() == 9
+
+    def test_a_reset_that_fails_changes_nothing(self):
+        def how():
+            return None
+
+        batch = self.batch({1, 2, 3}, how)
+        seed = next(s for s in range(99) if number_of(s, 0, 2, 1.0) == 0)
+        other = next(s for s in range(99) if number_of(s, 0, 2, 1.0) == 1)
+        batch.reset([seed] * 8)
+        batch.step([0] * 8)
+        before = batch.snapshot()
+        with pytest.raises(TypeError, match=r"world 1: expected that make returns a flockstep\.World, got None"):
+            batch.reset([seed] * 7 + [other])
+        assert batch.snapshot() == before
+        batch.step([0] * 8)
+
+    def test_a_world_that_the_task_cannot_be_flown_in(self):
+        def how():
+            return World.from_dict({"flockstep_scene": 1, "room": {"min": [0, 0, 0], "max": [6, 5, 3]}})
+
+        batch = self.batch(range(1, 99), how)
+        with pytest.raises(ValueError, match=r"world [12] of the pool: .*markers.start: expected a point, found none"):
+            batch.reset(np.arange(8))
+        with pytest.raises(ValueError, match=r"world 0 of the pool: .*markers.start"):
+            self.batch([0], how)
+
+    def test_world_0_fails_at_once(self):
+        with pytest.raises(TypeError, match="world 0: expected that make returns"):
+            make(pool=WorldPool(lambda number: number))
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ({"size": 0}, r"size: expected an integer in \[1, 16777216\], got 0"),
+            ({"size": 1.5}, r"size: expected an integer"),
+            ({"fresh": -1}, r"fresh: expected a number in \[0, 16777216\], got -1"),
+            ({"fresh": float("nan")}, r"fresh: expected a number"),
+            ({"threads": 0}, r"threads: expected an integer"),
+            ({"difficulty": (1, 2)}, r"difficulty: expected a function of a number, or \(first, last, over\)"),
+            ({"difficulty": (1, 2, 0)}, r"difficulty: over: expected an integer"),
+            ({"make": 3}, "make: expected a function of a number"),
+        ],
+    )
+    def test_wrong_pools(self, arguments, message):
+        with pytest.raises((TypeError, ValueError), match=message):
+            WorldPool(**{"make": hall, **arguments})
+
+    def test_what_a_pool_cannot_do(self):
+        with pytest.raises(ValueError, match="worlds: expected worlds, where there is no task"):
+            flockstep.Batch(WorldPool(hall), 1)
+        with pytest.raises(ValueError, match="camera_backend: expected raycast"):
+            make(cameras=[flockstep.CameraConfig()], camera_backend="gl")
+        with pytest.raises(ValueError, match="world_index: expected none"):
+            make(world_index=[0] * 8)
+        batch = make()
+        batch.reset(np.arange(8))
+        with pytest.raises(ValueError, match="world_index: expected none"):
+            batch.set_world([0] * 8)
+        with pytest.raises(ValueError, match="world_index: expected none"):
+            batch.spawn([0], [[1, 2.5, 1.5]], world_index=[0])
+        with pytest.raises(AttributeError, match="world_of"):
+            _ = batch.worlds
+        with pytest.raises(IndexError, match=r"index: expected an integer in \[0, 8\), got 8"):
+            batch.world_of(8)
+        with pytest.raises(TypeError, match=r"or a flockstep\.WorldPool"):
+            flockstep.Batch(hall(0))
+
+
+# --------------------------------------------------------------------------------------------------- threads and memory
+
+
+def builders():
+    return [thread for thread in threading.enumerate() if thread.name.startswith("flockstep-world")]
+
+
+def eventually(holds):
+    end = time.monotonic() + 10
+    while not holds() and time.monotonic() < end:
+        gc.collect()
+        time.sleep(0.01)
+    assert holds()
+
+
+def test_old_worlds_are_dropped():
+    made = []
+
+    def counted(number):
+        world = hall(number)
+        made.append(weakref.ref(world))
+        return world
+
+    batch = make(8, WorldPool(counted, 16, 4.0), steps=1)
+    batch.reset(np.arange(8))
+    for _ in range(60):
+        batch.step([4] * 8)
+        assert sum(ref() is not None for ref in made) <= 16 + 8 + 2
+    assert len(made) > 200
+    del batch
+    eventually(lambda: all(ref() is None for ref in made))
+
+
+def test_worlds_are_made_once_where_they_are_drawn_again():
+    numbers = []
+
+    def counted(number):
+        numbers.append(number)
+        return hall(number)
+
+    batch = make(8, WorldPool(counted, 16), steps=1)
+    batch.reset(np.arange(8))
+    for _ in range(60):
+        batch.step([4] * 8)
+    assert sorted(numbers) == list(range(16))
+
+
+def test_threads_go_with_the_batch():
+    gate = threading.Event()
+
+    def slow(number):
+        if number > 0:
+            gate.wait(20)
+        return hall(number)
+
+    eventually(lambda: not builders())
+    batch = make(pool=WorldPool(slow, 64))
+    envs = flockstep.DroneVectorEnv(2, worlds=WorldPool(hall, 64))
+    envs.reset(seed=0)
+    waiting = threading.Thread(target=batch.reset, args=(np.arange(8),))
+    waiting.start()
+    assert len(builders()) == 2
+    envs.close()
+    gate.set()
+    waiting.join()
+    del batch, waiting
+    eventually(lambda: not builders())
+
+
+def test_a_batch_does_not_survive_fork():
+    batch = make()
+    batch.reset(np.arange(8))
+
+    def use(sender):
+        nonlocal batch
+        try:
+            batch.reset()
+        except RuntimeError as error:
+            sender.send(str(error))
+        batch = None
+        make().reset(np.arange(8))  # one of its own works
+        sender.send("done")
+
+    receiver, sender = multiprocessing.get_context("fork").Pipe(duplex=False)
+    child = multiprocessing.get_context("fork").Process(target=use, args=(sender,))
+    child.start()
+    assert receiver.poll(60), "the child hangs"
+    assert "does not survive fork()" in receiver.recv()
+    assert receiver.poll(60), "the child hangs"
+    assert receiver.recv() == "done"
+    child.join(60)
+    assert child.exitcode == 0
+
+
+PROGRAM = """
+import signal, sys, time
+import numpy as np
+import flockstep
+from test_world_pool import hall, make
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+stuck = {}
+
+def slow(number):
+    while number in stuck:
+        time.sleep(0.01)
+    return hall(number)
+
+batch = make(pool=flockstep.WorldPool(slow, 4, 4.0), steps=1, mode=sys.argv[1])
+batch.reset(np.arange(8))
+stuck = set(range(4, 99))
+batch.step([4] * 8)
+print("begun", flush=True)
+try:
+    batch.reset() if sys.argv[1] == "disabled" else batch.step([4] * 8)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+stuck.clear()
+batch.reset(np.arange(8))
+batch.step([4] * 8)
+print("goes on", flush=True)
+"""
+
+
+@pytest.mark.parametrize("mode", ["next_step", "disabled"])
+def test_ctrl_c_ends_the_wait(mode):
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, mode],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=__file__.rpartition("/")[0],
+    ) as child:
+        assert child.stdout.readline() == "begun\n"
+        time.sleep(0.3)
+        child.send_signal(signal.SIGINT)
+        asked = time.monotonic()
+        assert child.stdout.readline() == "interrupted\n"
+        assert time.monotonic() - asked < 5
+        assert child.stdout.read() == "goes on\n"
+        assert child.wait(60) == 0
+
+
+def test_a_program_ends_without_what_is_left_to_build():
+    program = """
+import time, numpy as np, flockstep
+from test_world_pool import hall, make
+batch = make(64, pool=flockstep.WorldPool(lambda k: (time.sleep(k > 63), hall(k))[1], 64, 64.0), steps=1)
+batch.reset(np.arange(64))
+"""
+    begun = time.monotonic()
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60, cwd=__file__.rpartition("/")[0])
+    assert time.monotonic() - begun < 40  # and not the 64 seconds that these 64 worlds take
