@@ -37,10 +37,7 @@ py::array_t<float> box_rows(const Aabb& box) {
   return rows(corners);
 }
 
-const char* kind_name(PrimitiveKind kind) {
-  constexpr const char* kNames[] = {"room", "box", "cylinder", "sphere", "capsule", "plane", "disc"};
-  return kNames[static_cast<int>(kind)];
-}
+const char* kind_name(PrimitiveKind kind) { return EnumNames<PrimitiveKind>::kNames[static_cast<std::size_t>(kind)]; }
 
 py::list primitives(const World& world) {
   py::list list;

@@ -937,10 +937,19 @@ class World:
         round: radius, radius, half height), ``material``."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `save` writes; triangle meshes are inline."""
+        """Return what `save` writes to a ``.json``; triangle meshes are inline."""
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write a scene file (``.json``)."""
+        """Write a scene file (``.json``) or a glTF 2.0 file (``.glb``, ``.gltf``), which `load` makes an equal world of.
+
+        In glTF, which any viewer shows, primitives are tessellated, and ``extras`` say what they are. The file is written whole
+        or not at all.
+
+        Raises
+        ------
+        ValueError
+            Another suffix, a place that cannot be written, or a world too large for glTF: a file has at most 1 GiB.
+        """
 
     def mesh(self, chord_error_m: float = 1e-3) -> dict[str, npt.NDArray[Any]]:
         """Return everything as triangles.

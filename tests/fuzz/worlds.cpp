@@ -1,12 +1,14 @@
 #include <cstdlib>
-#include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "flockstep/world.hpp"
 #include "fuzz/targets.hpp"
 #include "world/gltf.hpp"
+#include "world/gltf_writer.hpp"
 #include "world/obj.hpp"
+#include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
 
 namespace flockstep::fuzz {
@@ -14,18 +16,25 @@ namespace {
 
 std::string text_of(Bytes input) { return {reinterpret_cast<const char*>(input.data()), input.size()}; }
 
+// Written and read again, to the last bit.
+void require_same_again(const SceneDescription& scene) {
+  const World world(scene);
+  const auto from_json = World::from_json(world.to_json());
+  if (from_json->to_json() != world.to_json() || from_json->content_hash() != world.content_hash()) std::abort();
+  GltfFile file = parse_gltf(write_gltf(scene, GltfForm::binary, "gltf"), "gltf", "/nowhere");
+  if (!file.ignored.empty() || World(std::move(file.scene)).content_hash() != world.content_hash()) std::abort();
+}
+
 }  // namespace
 
-// What is read is written and read again, to the last bit.
 void scene(Bytes input) {
-  std::shared_ptr<const World> world;
+  SceneDescription read;
   try {
-    world = std::make_shared<const World>(parse_scene(text_of(input), "scene", "/nowhere"));
+    read = canonical(parse_scene(text_of(input), "scene", "/nowhere"));
   } catch (const std::invalid_argument&) {
     return;
   }
-  const auto again = World::from_json(world->to_json());
-  if (again->to_json() != world->to_json() || again->content_hash() != world->content_hash()) std::abort();
+  require_same_again(read);
 }
 
 void obj(Bytes input) {
@@ -41,15 +50,14 @@ void obj(Bytes input) {
   }
 }
 
-// What is read comes back equal from a scene file.
 void gltf(Bytes input) {
-  std::shared_ptr<const World> world;
+  SceneDescription read;
   try {
-    world = std::make_shared<const World>(parse_gltf(text_of(input), "gltf", "/nowhere").scene);
+    read = canonical(parse_gltf(text_of(input), "gltf", "/nowhere").scene);
   } catch (const std::invalid_argument&) {
     return;
   }
-  if (World::from_json(world->to_json())->content_hash() != world->content_hash()) std::abort();
+  require_same_again(read);
 }
 
 }  // namespace flockstep::fuzz

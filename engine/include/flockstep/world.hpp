@@ -20,6 +20,10 @@ namespace flockstep {
 // Solids are full (a ray from outside stops at their surface); a room is the inside of a box, seen and hit from within. A plane
 // (a rectangle) and a disc have no thickness and are seen and hit from both sides.
 enum class PrimitiveKind : std::uint8_t { room, box, cylinder, sphere, capsule, plane, disc };
+template <>
+struct EnumNames<PrimitiveKind> {
+  static constexpr std::array kNames{"room", "box", "cylinder", "sphere", "capsule", "plane", "disc"};
+};
 
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::box;
@@ -160,7 +164,9 @@ class World {
   // What the file that this world was loaded from has and flockstep does not read, in words ("2 animations").
   std::span<const std::string> ignored() const { return ignored_; }
 
-  std::string to_json() const;  // what save() writes; triangle meshes are written inline
+  std::string to_json() const;  // a scene file's text; triangle meshes are written inline
+  // Writes a scene file (.json) or a glTF 2.0 file (.glb, .gltf), from which load() makes an equal world; whole or not at all.
+  // Throws std::invalid_argument naming the file and the cause.
   void save(const std::filesystem::path& path) const;
 
   // Everything as triangles; round primitives are tessellated so that no chord is farther than chord_error_m from the surface.

@@ -11,6 +11,7 @@ namespace flockstep {
 
 struct GltfFile {
   SceneDescription scene;
+  bool has_name = false;             // the scene's name is the file's own
   std::vector<std::string> ignored;  // what the file has and is not read, in words
 };
 

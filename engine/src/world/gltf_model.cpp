@@ -104,7 +104,7 @@ class Checker {
     each("meshes", [this](const JsonField& field, Json& kept) { check_mesh(field, kept); });
     find_suns();
     each("nodes", [this](const JsonField& field, Json& kept) { check_node(field, kept); });
-    each("scenes", [this](const JsonField& field, Json& kept) { keep_indices(field, "nodes", "nodes", kept); });
+    each("scenes", [this](const JsonField& field, Json& kept) { check_scene(field, kept); });
     keep_index(root_, "scene", "scenes", kept_);
     note_rest();
     return std::move(kept_);
@@ -432,8 +432,13 @@ class Checker {
     if (const auto name = find(field, "name"); name && is_gltf_marker(text(*name)) && !field.value.contains("mesh")) {
       kept["extras"][kGltfMarker] = text(*name);
     }
+    GltfNodeExtras& ours = out_.node_extras.emplace_back();
     const std::optional<JsonField> extras = find(field, "extras");
     if (!extras || !extras->value.is_object()) return;
+    ours = read_gltf_node_extras(*extras);
+    if ((ours.primitive || ours.object) && !field.value.contains("mesh")) {
+      fail(*extras, std::string("expected a mesh of the node, which \"") + kGltfExtras + "\" tells more about, found none");
+    }
     if (const auto marker = find(*extras, kGltfMarker)) {
       if (!marker->value.is_string() || !is_gltf_marker(text(*marker))) {
         refuse(*marker, "\"start\", \"goal\", \"waypoint\" or \"waypoint.\" and a number");
@@ -441,6 +446,13 @@ class Checker {
       kept["extras"][kGltfMarker] = text(*marker);
     }
     one_sided_ += extras->value.contains("visual_only") || extras->value.contains("collision_only") ? 1U : 0U;
+  }
+
+  void check_scene(const JsonField& field, Json& kept) {
+    keep_name(field, kept);
+    keep_indices(field, "nodes", "nodes", kept);
+    const std::optional<JsonField> extras = find(field, "extras");
+    out_.scene_extras.push_back(extras ? read_gltf_scene_extras(*extras) : std::nullopt);
   }
 
   void note_rest() {

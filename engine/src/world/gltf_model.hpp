@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "flockstep/world.hpp"
+#include "world/gltf_extras.hpp"
 #include "world/tinygltf.hpp"
 
 namespace flockstep {
@@ -50,7 +51,9 @@ struct GltfImage {
 struct GltfModel {
   tinygltf::Model model;
   std::vector<GltfImage> images;
-  std::vector<std::string> ignored;  // what the file has of these
+  std::vector<GltfNodeExtras> node_extras;                   // of each node
+  std::vector<std::optional<GltfSceneExtras>> scene_extras;  // of each scene
+  std::vector<std::string> ignored;                          // what the file has of these
 };
 
 // `bytes` is a .gltf or .glb file, which its first bytes tell.

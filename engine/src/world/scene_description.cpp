@@ -40,12 +40,26 @@ void check_material(const std::string& field, std::size_t index, std::size_t cou
   if (index >= count) refuse(field, "an index below " + std::to_string(count), std::to_string(index));
 }
 
+// A room is what its corners in double precision give, since a scene file has these: where centre and half extents are of very
+// different sizes, the last bits of one of them are not.
+void take_corners(const std::string& field, Primitive& room) {
+  const Eigen::Vector3d center = room.center.cast<double>(), half = room.half_extents.cast<double>();
+  const Eigen::Vector3d low = center - half, high = center + half;
+  if (!(low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff() <= kMaxCorner)) {
+    refuse(field, "corners within +-1e+06 m", text(low.cast<float>()) + " and " + text(high.cast<float>()));
+  }
+  room.center = ((low + high) / 2.0).cast<float>();
+  room.half_extents = ((high - low) / 2.0).cast<float>();
+}
+
 void check_primitive(const std::string& field, Primitive& primitive, std::size_t num_materials) {
   check_point(field + ".center", primitive.center);
   const Vec3& half = primitive.half_extents;
   check_point(field + ".half_extents", half);
+  if (primitive.kind == PrimitiveKind::room) take_corners(field, primitive);
   const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
   if (is_flat && half.z() != 0.0F) refuse(field + ".half_extents", "thickness 0", text(half));
+  if (is_flat) primitive.half_extents.z() = 0.0F;  // as which -0 is written
   if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize))) {
     refuse(field + ".half_extents", "sizes >= 1e-06 m", text(half));
   }
@@ -58,6 +72,7 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   primitive.rotation = unit_quaternion(wxyz);
 
   const bool is_identity = q.w() == 1.0F && q.vec().isZero(0.0F);
+  if (is_identity) primitive.rotation = Quat::Identity();  // without any -0
   switch (primitive.kind) {
     case PrimitiveKind::room:
       if (!is_identity) refuse(field + ".rotation", "the identity for a room", text(q.vec()));

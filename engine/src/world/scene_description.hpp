@@ -11,6 +11,8 @@ namespace flockstep {
 
 // Sizes below this are refused: their squares are still far from underflow.
 inline constexpr double kMinSize = 1e-6;  // m
+// Corners of rooms, which may be half a float32 step from where they were read.
+inline constexpr double kMaxCorner = kMaxCoordinate + 0.125;  // m
 // How far the norm of a quaternion may be from 1 before it is taken for a mistake rather than for rounding.
 inline constexpr double kQuaternionTolerance = 1e-3;
 
@@ -45,10 +47,11 @@ Vec3 unit_direction(const Eigen::Vector3d& direction);
 // Throws std::invalid_argument naming the marker, what was expected and what came.
 void check_markers(const Markers& markers);
 
-// Brings a description into the one form the engine relies on: primitives ordered by kind (stable), quaternions and the sun's
-// direction unit, one material index and one object number per triangle, and the triangles of each object together, in the order
-// of the objects, with vertices that are theirs alone and all used; uv where a material has a texture. Descriptions in that form
-// come out as they are. Throws std::invalid_argument naming the field, what was expected and what came.
+// Brings a description into the one form the engine relies on: primitives ordered by kind (stable), rooms as their corners give
+// them, quaternions and the sun's direction unit, one material index and one object number per triangle, and the triangles of
+// each object together, in the order of the objects, with vertices that are theirs alone and all used; uv where a material has a
+// texture. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
+// what came.
 SceneDescription canonical(SceneDescription description);
 
 // Goes on with the colours of a mesh's vertices, or begins with them: `count` vertices were added last, and have these or none.

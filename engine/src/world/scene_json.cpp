@@ -79,13 +79,11 @@ struct Box3d {
   Vec3d min, max;
 };
 
-// A room is written by its corners, which may be half a float32 step from where they were read.
-constexpr double kMaxCorner = kMaxCoordinate + 0.125;
 constexpr double kMaxSize = 2.0 * kMaxCoordinate;
 
 Box3d min_max(const JsonField& field, bool needs_volume) {
   const Box3d box{vec3(require(field, "min"), kMaxCorner), vec3(require(field, "max"), kMaxCorner)};
-  const double least = needs_volume ? 2.0 * kMinSize : 0.0;
+  const double least = needs_volume ? 2.0 * static_cast<float>(kMinSize) : 0.0;
   if (!((box.max - box.min).array() >= least).all()) refuse(field, needs_volume ? "min < max" : "min <= max");
   return box;
 }
@@ -155,8 +153,8 @@ class SceneReader {
     for_each("planes", [this](const JsonField& field) { read_plane(field); });
     for_each("discs", [this](const JsonField& field) { read_disc(field); });
     read_meshes();
-    if (const auto markers = find(root_, "markers")) read_markers(*markers);
-    if (const auto light = find(root_, "light")) read_light(*light);
+    if (const auto markers = find(root_, "markers")) scene_.markers = read_markers(*markers);
+    if (const auto light = find(root_, "light")) scene_.light = read_light(*light);
     if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
       refuse(root_, "at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes",
@@ -525,54 +523,6 @@ class SceneReader {
     for (std::size_t i = 0; i < num_triangles; ++i) materials.push_back(named_material(child(*material, i)));
   }
 
-  void read_markers(const JsonField& field) {
-    check_object(field, {"radius", "start", "waypoints", "goal", "spawn_box"});
-    Markers& markers = scene_.markers;
-    if (const auto radius = find(field, "radius")) markers.radius = static_cast<float>(positive(*radius));
-    if (const auto start = find(field, "start")) markers.start = point(*start);
-    if (const auto goal = find(field, "goal")) markers.goal = point(*goal);
-    if (const auto waypoints = find(field, "waypoints")) {
-      const std::size_t count = require_array(*waypoints, "an array of (x, y, z)").size();
-      for (std::size_t i = 0; i < count; ++i) markers.waypoints.push_back(point(child(*waypoints, i)));
-    }
-    if (const auto spawn_box = find(field, "spawn_box")) {
-      check_object(*spawn_box, {"min", "max"});
-      const Box3d box = min_max(*spawn_box, false);
-      markers.spawn_box = Aabb{box.min.cast<float>(), box.max.cast<float>()};
-    }
-  }
-
-  void read_light(const JsonField& field) {
-    check_object(field, {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma",
-                         "sun_radius_deg", "sun_glow"});
-    Light& light = scene_.light;
-    if (const auto sun_direction = find(field, "sun_direction")) {
-      const Vec3d given = vec3(*sun_direction);
-      if (given.isZero(0.0)) refuse(*sun_direction, "a direction that is not 0");
-      const Vec3 direction = unit_direction(given);
-      light.sun_direction = {direction.x(), direction.y(), direction.z()};
-    }
-    for (const auto& [key, member] : kLightColors) {
-      if (const auto given = find(field, key)) light.*member = color(*given, kMaxLightColor, kInLight);
-    }
-    if (const auto gamma = find(field, "gamma")) {
-      const double value = number(*gamma);
-      if (!(value >= kMinGamma && value <= kMaxGamma)) refuse(*gamma, "a number in [1, 4]");
-      light.gamma = static_cast<float>(value);
-    }
-    if (const auto radius = find(field, "sun_radius_deg")) {
-      const double value = number(*radius);
-      const bool is_radius = value == 0.0 || (value >= kMinSunRadiusDeg && value <= kMaxSunRadiusDeg);
-      if (!is_radius) refuse(*radius, "0 or a number in [0.1, 45]");
-      light.sun_radius_deg = static_cast<float>(value);
-    }
-    if (const auto glow = find(field, "sun_glow")) {
-      const double value = number(*glow);
-      if (!(value >= 0.0 && value <= 1.0)) refuse(*glow, "a number in [0, 1]");
-      light.sun_glow = static_cast<float>(value);
-    }
-  }
-
   JsonField root_;
   std::span<const std::string> material_names_, texture_names_;  // in the order of the file
   std::filesystem::path base_dir_;
@@ -735,34 +685,6 @@ OrderedJson write_meshes(const TriangleMesh& mesh, const std::vector<Material>& 
   return meshes;
 }
 
-OrderedJson write_markers(const Markers& markers) {
-  OrderedJson object = {{"radius", json::shortest(markers.radius)}};
-  if (markers.start) object["start"] = numbers(*markers.start);
-  if (!markers.waypoints.empty()) {
-    OrderedJson& waypoints = object["waypoints"] = OrderedJson::array();
-    for (const Vec3& waypoint : markers.waypoints) waypoints.push_back(numbers(waypoint));
-  }
-  if (markers.goal) object["goal"] = numbers(*markers.goal);
-  if (markers.spawn_box) {
-    object["spawn_box"] = {{"min", numbers(markers.spawn_box->min)}, {"max", numbers(markers.spawn_box->max)}};
-  }
-  return object;
-}
-
-// What differs from the default.
-OrderedJson write_light(const Light& light) {
-  const Light usual;
-  OrderedJson object = OrderedJson::object();
-  if (light.sun_direction != usual.sun_direction) object["sun_direction"] = numbers(light.sun_direction);
-  for (const auto& [key, member] : kLightColors) {
-    if (light.*member != usual.*member) object[key] = numbers(light.*member);
-  }
-  if (light.gamma != usual.gamma) object["gamma"] = json::shortest(light.gamma);
-  if (light.sun_radius_deg != usual.sun_radius_deg) object["sun_radius_deg"] = json::shortest(light.sun_radius_deg);
-  if (light.sun_glow != usual.sun_glow) object["sun_glow"] = json::shortest(light.sun_glow);
-  return object;
-}
-
 // One line per top-level field, and per element where a field is a list of objects.
 std::string format(const OrderedJson& document, const SceneDescription& description) {
   std::string text = "{";
@@ -789,6 +711,83 @@ std::string format(const OrderedJson& document, const SceneDescription& descript
 }
 
 }  // namespace
+
+Markers read_markers(const JsonField& field) {
+  check_object(field, {"radius", "start", "waypoints", "goal", "spawn_box"});
+  Markers markers;
+  if (const auto radius = find(field, "radius")) markers.radius = static_cast<float>(positive(*radius));
+  if (const auto start = find(field, "start")) markers.start = point(*start);
+  if (const auto goal = find(field, "goal")) markers.goal = point(*goal);
+  if (const auto waypoints = find(field, "waypoints")) {
+    const std::size_t count = require_array(*waypoints, "an array of (x, y, z)").size();
+    for (std::size_t i = 0; i < count; ++i) markers.waypoints.push_back(point(child(*waypoints, i)));
+  }
+  if (const auto spawn_box = find(field, "spawn_box")) {
+    check_object(*spawn_box, {"min", "max"});
+    const Box3d box = min_max(*spawn_box, false);
+    markers.spawn_box = Aabb{box.min.cast<float>(), box.max.cast<float>()};
+  }
+  return markers;
+}
+
+Light read_light(const JsonField& field) {
+  check_object(field, {"sun_direction", "sun_color", "sky_ambient", "ground_ambient", "zenith_color", "horizon_color", "gamma",
+                       "sun_radius_deg", "sun_glow"});
+  Light light;
+  if (const auto sun_direction = find(field, "sun_direction")) {
+    const Vec3d given = vec3(*sun_direction);
+    if (given.isZero(0.0)) refuse(*sun_direction, "a direction that is not 0");
+    const Vec3 direction = unit_direction(given);
+    light.sun_direction = {direction.x(), direction.y(), direction.z()};
+  }
+  for (const auto& [key, member] : kLightColors) {
+    if (const auto given = find(field, key)) light.*member = color(*given, kMaxLightColor, "3 numbers in [0, 100]");
+  }
+  if (const auto gamma = find(field, "gamma")) {
+    const double value = number(*gamma);
+    if (!(value >= kMinGamma && value <= kMaxGamma)) refuse(*gamma, "a number in [1, 4]");
+    light.gamma = static_cast<float>(value);
+  }
+  if (const auto radius = find(field, "sun_radius_deg")) {
+    const double value = number(*radius);
+    const bool is_radius = value == 0.0 || (value >= kMinSunRadiusDeg && value <= kMaxSunRadiusDeg);
+    if (!is_radius) refuse(*radius, "0 or a number in [0.1, 45]");
+    light.sun_radius_deg = static_cast<float>(value);
+  }
+  if (const auto glow = find(field, "sun_glow")) {
+    const double value = number(*glow);
+    if (!(value >= 0.0 && value <= 1.0)) refuse(*glow, "a number in [0, 1]");
+    light.sun_glow = static_cast<float>(value);
+  }
+  return light;
+}
+
+OrderedJson write_markers(const Markers& markers) {
+  OrderedJson object = {{"radius", json::shortest(markers.radius)}};
+  if (markers.start) object["start"] = numbers(*markers.start);
+  if (!markers.waypoints.empty()) {
+    OrderedJson& waypoints = object["waypoints"] = OrderedJson::array();
+    for (const Vec3& waypoint : markers.waypoints) waypoints.push_back(numbers(waypoint));
+  }
+  if (markers.goal) object["goal"] = numbers(*markers.goal);
+  if (markers.spawn_box) {
+    object["spawn_box"] = {{"min", numbers(markers.spawn_box->min)}, {"max", numbers(markers.spawn_box->max)}};
+  }
+  return object;
+}
+
+OrderedJson write_light(const Light& light) {
+  const Light usual;
+  OrderedJson object = OrderedJson::object();
+  if (light.sun_direction != usual.sun_direction) object["sun_direction"] = numbers(light.sun_direction);
+  for (const auto& [key, member] : kLightColors) {
+    if (light.*member != usual.*member) object[key] = numbers(light.*member);
+  }
+  if (light.gamma != usual.gamma) object["gamma"] = json::shortest(light.gamma);
+  if (light.sun_radius_deg != usual.sun_radius_deg) object["sun_radius_deg"] = json::shortest(light.sun_radius_deg);
+  if (light.sun_glow != usual.sun_glow) object["sun_glow"] = json::shortest(light.sun_glow);
+  return object;
+}
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files) {

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "flockstep/world.hpp"
+#include "world/json_document.hpp"
 
 namespace flockstep {
 
@@ -16,5 +18,11 @@ SceneDescription parse_scene(const std::string& text, const std::string& source,
 // Takes a description as canonical() leaves it. Numbers are written so that reading them again gives the same float32 bits, a
 // mesh for each object (an empty one for a number that no triangle has), and of the light only what is not the default.
 std::string write_scene(const SceneDescription& description);
+
+// Parts of a scene file, in its words, for other formats that hold them. Of the light, what is not the default is written.
+Markers read_markers(const json::JsonField& field);
+Light read_light(const json::JsonField& field);
+nlohmann::ordered_json write_markers(const Markers& markers);
+nlohmann::ordered_json write_light(const Light& light);
 
 }  // namespace flockstep

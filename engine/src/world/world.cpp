@@ -8,6 +8,7 @@
 #include "base/require.hpp"
 #include "world/content_hash.hpp"
 #include "world/gltf.hpp"
+#include "world/gltf_writer.hpp"
 #include "world/obj.hpp"
 #include "world/placement.hpp"
 #include "world/scene_description.hpp"
@@ -19,6 +20,13 @@ namespace flockstep {
 namespace {
 
 constexpr const char* kSceneFile = "a scene file";
+constexpr const char* kGltfFile = "a glTF file";
+
+std::string extension_of(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return extension;
+}
 
 Aabb bounds_of(const SceneDescription& description) {
   Eigen::AlignedBox3f box;
@@ -44,8 +52,7 @@ std::shared_ptr<const World> made_from(SceneDescription description, const std::
 
 std::shared_ptr<const World> World::load(const std::filesystem::path& path, const LoadOptions& options) {
   check_placement(options);
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  const std::string extension = extension_of(path);
   if (extension == ".json") {
     SceneDescription scene = parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), options.files);
     if (moves(options)) return made_from(placed(std::move(scene), options), path);
@@ -79,7 +86,15 @@ std::uint16_t World::semantic(std::size_t material) const {
 
 std::string World::to_json() const { return write_scene(description_); }
 
-void World::save(const std::filesystem::path& path) const { write_text_file(path, kSceneFile, to_json()); }
+void World::save(const std::filesystem::path& path) const {
+  const std::string extension = extension_of(path);
+  if (extension == ".json") return write_text_file(path, kSceneFile, to_json());
+  if (extension == ".glb" || extension == ".gltf") {
+    const GltfForm form = extension == ".glb" ? GltfForm::binary : GltfForm::text;
+    return write_text_file(path, kGltfFile, write_gltf(description_, form, path.string()));
+  }
+  refuse(path.string(), "a file ending in .json, .glb or .gltf", '"' + extension + '"');
+}
 
 TriangleMesh World::mesh(float chord_error_m, std::vector<std::int32_t>* all_objects) const {
   return tessellate(description_, chord_error_m, all_objects);

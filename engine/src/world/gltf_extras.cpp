@@ -1,0 +1,137 @@
+#include "world/gltf_extras.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "base/interrupt.hpp"
+#include "world/scene_description.hpp"
+#include "world/scene_json.hpp"
+#include "world/tessellate.hpp"
+
+namespace flockstep {
+namespace {
+
+using json::JsonField;
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr const auto& kKinds = EnumNames<PrimitiveKind>::kNames;
+
+std::uint32_t integer(const JsonField& field, double most) {
+  const double value = field.value.is_number() ? field.value.get<double>() : -1.0;
+  if (!(value >= 0.0 && value <= most && value == std::floor(value))) {
+    refuse(field, "an integer in [0, " + std::to_string(static_cast<std::uint64_t>(most)) + ']');
+  }
+  return static_cast<std::uint32_t>(value);
+}
+
+float half_size(const JsonField& field, double size_of_half) {
+  const double half = field.value.is_number() ? field.value.get<double>() / size_of_half : 0.0;
+  if (!(half >= static_cast<double>(static_cast<float>(kMinSize)) && half <= kMaxCoordinate)) {
+    refuse(field, "a number in [" + std::string(size_of_half > 1.0 ? "2e-06, 2e+06]" : "1e-06, 1e+06]"));
+  }
+  return static_cast<float>(half);
+}
+
+Primitive read_primitive(const JsonField& field) {
+  check_object(field, {"primitive", "radius", "height"});
+  const JsonField kind = json::require(field, "primitive");
+  const auto known = std::find_if(kKinds.begin(), kKinds.end(), [&](const char* name) { return kind.value == name; });
+  if (known == kKinds.end()) refuse(kind, "\"room\", \"box\", \"cylinder\", \"sphere\", \"capsule\", \"plane\" or \"disc\"");
+  Primitive primitive{.kind = static_cast<PrimitiveKind>(known - kKinds.begin()), .half_extents = Vec3::Ones()};
+  if (primitive.kind == PrimitiveKind::capsule) {
+    const float radius = half_size(json::require(field, "radius"), 1.0);
+    const JsonField height = json::require(field, "height");
+    primitive.half_extents = {radius, radius, half_size(height, 2.0)};
+    if (primitive.half_extents.z() < radius) refuse(height, "a number >= twice the radius");
+  } else {
+    check_object(field, {"primitive"});
+  }
+  if (primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc) primitive.half_extents.z() = 0.0F;
+  return primitive;
+}
+
+std::vector<std::uint32_t> read_order(const JsonField& field) {
+  std::vector<std::uint32_t> order;
+  const std::size_t count = require_array(field, "an array of integers").size();
+  if (count % 2 != 0) refuse(field, "two integers for each run of triangles", count);
+  for (std::size_t i = 0; i < count; ++i) {
+    Interrupt::poll();
+    order.push_back(integer(json::child(field, i), std::numeric_limits<std::uint32_t>::max()));
+  }
+  return order;
+}
+
+std::optional<JsonField> find_ours(const JsonField& extras) {
+  return extras.value.is_object() ? find(extras, kGltfExtras) : std::nullopt;
+}
+
+}  // namespace
+
+GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
+  GltfNodeExtras read;
+  const std::optional<JsonField> ours = find_ours(extras);
+  if (!ours) return read;
+  check_object(*ours, {"primitive", "radius", "height", "object", "order"});
+  if (ours->value.contains("primitive")) {
+    read.primitive = read_primitive(*ours);
+    return read;
+  }
+  check_object(*ours, {"object", "order"});
+  read.object = static_cast<std::uint16_t>(integer(json::require(*ours, "object"), kMaxObjects - 1));
+  if (const auto order = find(*ours, "order")) read.order = read_order(*order);
+  return read;
+}
+
+std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
+  const std::optional<JsonField> ours = find_ours(extras);
+  if (!ours) return std::nullopt;
+  check_object(*ours, {"light", "markers"});
+  GltfSceneExtras read;
+  if (const auto light = find(*ours, "light")) read.light = read_light(*light);
+  if (const auto markers = find(*ours, "markers")) {
+    check_object(*markers, {"radius", "spawn_box"});
+    read.markers = read_markers(*markers);
+  }
+  return read;
+}
+
+OrderedJson write_gltf_extras(const GltfNodeExtras& extras) {
+  OrderedJson ours = OrderedJson::object();
+  if (extras.primitive) {
+    const auto& [kind, center, rotation, half, material] = *extras.primitive;
+    ours["primitive"] = kKinds[static_cast<std::size_t>(kind)];
+    if (kind == PrimitiveKind::capsule) {
+      ours["radius"] = json::shortest(half.x());
+      ours["height"] = json::shortest(2.0 * static_cast<double>(half.z()));
+    }
+  }
+  if (extras.object) ours["object"] = *extras.object;
+  if (!extras.order.empty()) ours["order"] = extras.order;
+  return {{kGltfExtras, std::move(ours)}};
+}
+
+OrderedJson write_gltf_extras(const GltfSceneExtras& extras) {
+  Markers rest;
+  rest.radius = extras.markers.radius;
+  rest.spawn_box = extras.markers.spawn_box;
+  return {{kGltfExtras, {{"light", write_light(extras.light)}, {"markers", write_markers(rest)}}}};
+}
+
+TriangleMesh gltf_tessellation(const Primitive& primitive) {
+  constexpr float kChordError = 0.01F;  // of the radius: balls of 32 by 16 cells
+  // Of radius 1, and then scaled: a chord error has a least length.
+  Primitive unit = primitive;
+  const float radius = primitive.half_extents.x();
+  unit.half_extents /= radius;
+  SceneDescription description;
+  description.primitives = {unit};
+  TriangleMesh mesh = tessellate(description, kChordError);
+  for (Vec3& vertex : mesh.vertices) vertex *= radius;
+  return mesh;
+}
+
+}  // namespace flockstep

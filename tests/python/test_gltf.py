@@ -1,0 +1,134 @@
+"""Worlds saved as glTF: trimesh finds in the file what `World.mesh` says, and it loads back equal.
+
+`./dev validate-gltf` has the Khronos validator look at many such files (`validate_gltf.py`).
+"""
+
+import json
+
+import numpy as np
+import pytest
+import scipy.spatial
+import trimesh
+
+import flockstep
+
+RADIUS = 0.25  # m, of everything round that is compared: files are tessellated to a hundredth of it
+
+
+def random_world(seed, radius=None):
+    """A world of all that a world may have; everything round in it of one radius, if one is given."""
+    random = np.random.default_rng(seed)
+    builder = flockstep.WorldBuilder(f"random {seed}")
+
+    def point():
+        return random.uniform(-9, 9, 3)
+
+    def size():
+        return random.uniform(0.1, 2)
+
+    def rotation():
+        wxyz = random.normal(size=4)
+        return wxyz / np.linalg.norm(wxyz)
+
+    images = [
+        builder.texture(f"image {i}", random.integers(0, 256, (5 + i, 7, 3), np.uint8), wrap=(wrap, "repeat"))
+        for i, wrap in enumerate(("repeat", "mirror", "clamp"))
+    ]
+    materials = [builder.material(f"material {i}", random.uniform(0, 1, 3), semantic=i + 9) for i in range(4)]
+    materials += [builder.material(f"paper {i}", [1, 1, 1], texture=image) for i, image in enumerate(images)]
+    builder.room([-10, -10, -10], [10, 10, 10], builder.material("wall", [0.5, 0.6, 0.7]))
+    for i in range(3):
+        r = radius or size()
+        builder.box(point(), random.uniform(0.1, 2, 3), materials[i], rotation())
+        builder.cylinder(point(), r, size(), materials[i], rotation())
+        builder.capsule(point(), r, 2 * r + size(), materials[i], rotation())
+        builder.sphere(point(), r, materials[i])
+        builder.plane(point(), random.uniform(0.1, 2, 2), materials[i], rotation())
+        builder.disc(point(), r, materials[i + 3], rotation())
+        builder.mesh(
+            random.uniform(-5, 5, (12, 3)), np.arange(12).reshape(4, 3), materials[i + 4], random.normal(size=(12, 2))
+        )
+    builder.heightfield(random.uniform(-9, -8, (6, 8)), materials[1], corner=(-8, -8))
+    builder.start(point())
+    builder.waypoint(point())
+    builder.waypoint(point())
+    builder.goal(point())
+    builder.spawn_box([-1, -2, -3], [1, 2, 3])
+    builder.light(sun_direction=point(), sun_color=random.uniform(0, 2, 3), gamma=2)
+    return builder.build()
+
+
+def as_trimesh_reads(path):
+    """(T, 3, 3) m, the triangles of a file where its nodes place them, z up."""
+    parts = []
+    scene = trimesh.load(path)
+    for node in scene.graph.nodes_geometry:
+        place, name = scene.graph[node]
+        parts.append(trimesh.transform_points(scene.geometry[name].vertices, place)[scene.geometry[name].faces])
+    x, y, z = np.moveaxis(np.concatenate(parts), -1, 0)
+    return np.stack([x, -z, y], -1)
+
+
+def with_normals(triangles):
+    """(T, 6): the middle of each triangle, and its normal times its area; the middle weighs more."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    return np.concatenate([100 * (a + b + c) / 3, np.cross(b - a, c - a) / 2], -1)
+
+
+@pytest.mark.parametrize("name", ["playground/train-1", "playground/validation-2", *range(4)])
+def test_another_reader_finds_the_same_triangles(tmp_path, name):
+    suffix = "glb" if name != 0 else "gltf"
+    world = random_world(name, RADIUS) if isinstance(name, int) else flockstep.World.load(name)
+    world.save(tmp_path / f"world.{suffix}")
+    vertices, triangles = world.mesh(RADIUS / 100)
+    expected, got = with_normals(vertices[triangles]), with_normals(as_trimesh_reads(tmp_path / f"world.{suffix}"))
+    assert len(got) == len(expected)
+    for ours, theirs in ((expected, got), (got, expected)):
+        distance, _ = scipy.spatial.cKDTree(ours).query(theirs)
+        assert distance.max() < 2e-3  # 20 um of the middle
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_saved_world_loads_back_equal(tmp_path, seed):
+    world = random_world(seed)
+    for name in ("world.glb", "world.gltf", "world.json"):
+        world.save(tmp_path / name)
+        assert flockstep.World.load(tmp_path / name).to_dict() == world.to_dict()
+
+
+def test_materials_are_what_another_reader_sees(tmp_path):
+    world = random_world(0)
+    world.save(tmp_path / "world.glb")
+    scene = trimesh.load(tmp_path / "world.glb")
+    read = {part.visual.material.name: part.visual for part in scene.geometry.values()}
+    looks = world.to_dict()["materials"]
+    for name in ("wall", "material 1"):
+        np.testing.assert_allclose(
+            read[name].material.baseColorFactor[:3] / 255, looks[name]["base_color"], atol=1 / 255
+        )
+        assert read[name].material.metallicFactor == 0
+    assert not read["wall"].material.doubleSided  # of a room alone
+    assert read["material 1"].material.doubleSided  # of planes, too
+    (paper,) = (
+        part.visual
+        for part in scene.geometry.values()
+        if part.visual.material.name == "paper 0" and len(part.faces) == 4
+    )
+    random = np.random.default_rng(0)
+    np.testing.assert_array_equal(
+        np.asarray(paper.material.baseColorTexture)[..., :3], random.integers(0, 256, (5, 7, 3), np.uint8)
+    )
+    written = np.array(world.to_dict()["meshes"][0]["uv"])
+    np.testing.assert_allclose(np.asarray(paper.uv) * [1, -1] + [0, 1], written, atol=1e-6)  # trimesh counts upwards
+
+
+def test_what_is_shared_is_written_once(tmp_path):
+    flockstep.World.playground(seed=1, pillars=40).save(tmp_path / "world.gltf")
+    gltf = json.loads((tmp_path / "world.gltf").read_text())
+    assert len(gltf["meshes"]) < len(gltf["nodes"]) / 4
+
+
+def test_other_suffixes_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"world\.stl: expected a file ending in \.json, \.glb or \.gltf"):
+        random_world(0).save(tmp_path / "world.stl")
+    assert not list(tmp_path.iterdir())
