@@ -80,7 +80,8 @@ def test_another_reader_finds_the_same_triangles(tmp_path, name):
     suffix = "glb" if name != 0 else "gltf"
     world = random_world(name, RADIUS) if isinstance(name, int) else flockstep.World.load(name)
     world.save(tmp_path / f"world.{suffix}")
-    vertices, triangles = world.mesh(RADIUS / 100)
+    mesh = world.mesh(RADIUS / 100)
+    vertices, triangles = mesh["vertices"], mesh["triangles"]
     expected, got = with_normals(vertices[triangles]), with_normals(as_trimesh_reads(tmp_path / f"world.{suffix}"))
     assert len(got) == len(expected)
     for ours, theirs in ((expected, got), (got, expected)):

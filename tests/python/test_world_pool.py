@@ -547,7 +547,7 @@ import flockstep
 from test_world_pool import hall, make
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
-stuck = {}
+stuck = set(range(4, 99))
 
 def slow(number):
     while number in stuck:
@@ -556,7 +556,6 @@ def slow(number):
 
 batch = make(pool=flockstep.WorldPool(slow, 4, 4.0), steps=1, mode=sys.argv[1])
 batch.reset(np.arange(8))
-stuck = set(range(4, 99))
 batch.step([4] * 8)
 print("begun", flush=True)
 try:
