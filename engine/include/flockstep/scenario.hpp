@@ -58,13 +58,13 @@ std::shared_ptr<const World> city(const CityConfig& config);
 // and a goal in rooms at opposite ends of it.
 struct OfficeConfig {
   std::uint64_t seed = 0;
-  std::array<float, 2> size_m{36.0F, 20.0F};  // along x, from start to goal, in [20, 200], and y, in [14, 200]; cut to half metres
+  std::array<float, 2> size_m{36.0F, 20.0F};  // along x, in [20, 200], and y, in [14, 200]; rounded down to half metres
   float furniture = 0.8F;                     // how densely it is furnished, in [0, 1]
 };
 
-// A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through open
-// doors it can fly there, at a height of 1.35 m, which is tried in the world itself. Throws std::invalid_argument on a bad config,
-// or where no such way is found in many layouts.
+// A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through
+// open doors it can fly there, 1.35 m above the floor, which is tried in the world itself. Throws std::invalid_argument on a bad
+// config, or where no such way is found in many layouts.
 std::shared_ptr<const World> office(const OfficeConfig& config);
 
 // A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a start
@@ -75,9 +75,9 @@ struct WarehouseConfig {
   float height_m = 8.0F;                      // of the eaves, in [5, 20]; up to five pallets stand above each other
 };
 
-// A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around racks
-// and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad config, or
-// where no such way is found in many layouts.
+// A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around
+// racks and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad config,
+// or where no such way is found in many layouts.
 std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
 
 // The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and

@@ -130,9 +130,9 @@ class Office {
     };
     lane_.push_back(place(from));
     std::size_t room = from;
-    for (const std::size_t number : plan_.doors_between(from, to)) {
-      Door& door = plan_.doors[number];
-      on_lane_.push_back(number);
+    const std::vector<std::size_t> doors = plan_.doors_between(from, to);
+    for (const std::size_t number : doors) {
+      const Door& door = plan_.doors[number];
       const double way = door.is_across_x ? plan_.rooms[room].cell.center().x() - door.at.x()
                                           : plan_.rooms[room].cell.center().y() - door.at.y();
       const Vec2d ahead = (way > 0.0 ? -0.9 : 0.9) * (door.is_across_x ? Vec2d::UnitX() : Vec2d::UnitY());
@@ -145,7 +145,7 @@ class Office {
     for (std::size_t i = 0; i < plan_.doors.size(); ++i) {
       Door& door = plan_.doors[i];
       const bool is_inner = door.width < 2.0;
-      if (std::find(on_lane_.begin(), on_lane_.end(), i) == on_lane_.end() && is_inner) door.is_closed = draws_.below(3) == 0;
+      if (std::find(doors.begin(), doors.end(), i) == doors.end() && is_inner) door.is_closed = draws_.below(3) == 0;
       const Vec2d half = door.is_across_x ? Vec2d(1.1, 0.5 * door.width) : Vec2d(0.5 * door.width, 1.1);
       places_.add({door.at - half, door.at + half});
     }
@@ -168,17 +168,15 @@ class Office {
         const Color color = floor_color(noise, floor, kRepeat * static_cast<double>(s), 0.1 + kEdge * from_wall, kRepeat);
         return mixed(color, {0.0F, 0.0F, 0.0F}, 0.5 * far * far);
       });
-      // Below furniture: no planks and no tiles, which would not meet those around.
-      const std::uint16_t shade = builder_.texture(name + " shade", 128, 32, [&](float s, float t) {
-        const double light = 0.42 + 0.58 * static_cast<double>(t), x = static_cast<double>(s);
-        const Color mean = floor == Floor::wood ? Color{0.37F, 0.235F, 0.125F} : Color{0.48F, 0.47F, 0.445F};
-        const Color color =
-            floor == Floor::carpet ? floor_color(noise, floor, kRepeat * x, 0.3 * static_cast<double>(t), kRepeat) : mean;
-        return mixed(Color{0.0F, 0.0F, 0.0F}, color, light);
-      });
-      floors_[number] = {floor_material(name, inner), floor_material(name + " edge", edge),
-                         floor_material("shaded " + name, shade)};
+      floors_[number] = {floor_material(name, inner), floor_material(name + " edge", edge)};
     }
+    const Noise pile(Draws::kOffice, seed, 20);
+    const std::uint16_t dim = builder_.texture("carpet shade", 128, 32, [&](float s, float t) {
+      const double x = kRepeat * static_cast<double>(s), y = 0.3 * static_cast<double>(t);
+      return mixed(Color{0.0F, 0.0F, 0.0F}, floor_color(pile, Floor::carpet, x, y, kRepeat),
+                   0.42 + 0.58 * static_cast<double>(t));
+    });
+    shade_ = floor_material("shaded carpet", dim);
     const Noise noise(Draws::kOffice, seed, 30);
     const auto plaster = [&](float s, float t) -> Color {
       const double z = kHigh * (1.0 - static_cast<double>(t));
@@ -237,7 +235,7 @@ class Office {
   // Floor, ceiling, lamps and the walls of a room as seen from within.
   void add_shell(const Room& room) {
     const Rect in = room.inside();
-    const auto& [inner, edge, shade] = floors_[static_cast<std::size_t>(floor_of(room.use))];
+    const auto& [inner, edge] = floors_[static_cast<std::size_t>(floor_of(room.use))];
     MeshPart floor, border, ceiling;
     const Rect middle = in.grown(-kEdge);
     const auto flat = [&](MeshPart& part, const Rect& rect, double z, bool is_up) {
@@ -490,14 +488,8 @@ class Office {
            std::none_of(hung_[room_].begin(), hung_[room_].end(), is_in_the_way);
   }
 
-  struct Place {
-    Spot spot;  // the middle of what is covered, or on the wall
-    Side side;
-    double along;
-  };
-
   // A place with its back to a wall, for something so high.
-  std::optional<Place> against_wall(double across, double deep, double high) {
+  std::optional<Spot> against_wall(double across, double deep, double high) {
     const Rect in = room().inside();
     for (int i = 0; i < 16; ++i) {
       const Side side = kSides[static_cast<std::size_t>(draws_.below(4))];
@@ -510,7 +502,7 @@ class Office {
       spot.at += (0.5 * deep + 0.03) * spot.facing;
       if (!take(spot, across, deep)) continue;
       hung_[room_].push_back({side, along - 0.5 * across, along + 0.5 * across, 0.0, high, false});
-      return Place{spot, side, along};
+      return spot;
     }
     return std::nullopt;
   }
@@ -565,12 +557,10 @@ class Office {
     }
   }
 
-  // Below a piece that covers a rectangle; wider where the floor has no pattern that it would break.
+  // Below a piece that covers a rectangle, so far out. On carpet alone: it would break the pattern of planks and tiles.
   void add_shade(const Rect& rect, double out) {
-    const Floor floor = floor_of(room().use);
-    const double wide = floor == Floor::carpet ? out : 0.1;
-    if (room().inside().contains(rect.grown(wide)))
-      builder_.mesh(shade(rect, wide, kRepeat), floors_[static_cast<std::size_t>(floor)].shade);
+    const bool is_carpet = floor_of(room().use) == Floor::carpet;
+    if (is_carpet && room().inside().contains(rect.grown(out))) builder_.mesh(shade(rect, out, kRepeat), shade_);
   }
 
   void add_pictures(int count) {
@@ -595,7 +585,7 @@ class Office {
   void add_plants(int count, double low, double high) {
     for (int i = 0; i < count; ++i) {
       const double tall = draws_.uniform(low, high);
-      if (const auto place = against_wall(0.6, 0.6, 0.6)) furniture_.plant(place->spot, tall);
+      if (const auto place = against_wall(0.6, 0.6, 0.6)) furniture_.plant(*place, tall);
     }
   }
 
@@ -604,7 +594,7 @@ class Office {
       const bool is_low = draws_.below(3) == 0;
       const Vec3d size(draws_.uniform(0.8, 1.4), is_low ? 0.45 : 0.34, is_low ? 0.78 : draws_.uniform(1.7, 2.1));
       if (const auto place = against_wall(size.x(), size.y(), size.z())) {
-        is_low ? furniture_.cabinet(place->spot, size) : furniture_.bookshelf(place->spot, size);
+        is_low ? furniture_.cabinet(*place, size) : furniture_.bookshelf(*place, size);
       }
     }
   }
@@ -613,7 +603,7 @@ class Office {
     add_pictures(times(room().cell.size().x() / 2.5));
     add_plants(times(1.5), 0.8, 1.3);
     if (chance(0.5)) {
-      if (const auto place = against_wall(0.36, 0.36, 1.5)) furniture_.water_cooler(place->spot);
+      if (const auto place = against_wall(0.36, 0.36, 1.5)) furniture_.water_cooler(*place);
     }
   }
 
@@ -647,10 +637,10 @@ class Office {
       if (const auto spot = hang(2.0, 1.1, 1.45)) furniture_.framed(*spot, 1.45, 2.0, 1.1, Swatch::whiteboard, Kind::whiteboard);
     }
     if (chance(0.4)) {
-      if (const auto place = against_wall(0.7, 0.65, 1.1)) furniture_.printer(place->spot);
+      if (const auto place = against_wall(0.7, 0.65, 1.1)) furniture_.printer(*place);
     }
     add_pictures(times(3.0));
-    if (const auto place = against_wall(0.36, 0.36, 0.4)) furniture_.bin(place->spot);
+    if (const auto place = against_wall(0.36, 0.36, 0.4)) furniture_.bin(*place);
   }
 
   void furnish_meeting() {
@@ -670,7 +660,7 @@ class Office {
     if (const auto spot = hang(1.7, 1.0, 1.5)) furniture_.framed(*spot, 1.5, 1.7, 1.0, Swatch::slides, Kind::monitor);
     if (const auto spot = hang(2.0, 1.1, 1.45)) furniture_.framed(*spot, 1.45, 2.0, 1.1, Swatch::whiteboard, Kind::whiteboard);
     if (chance(0.6)) {
-      if (const auto place = against_wall(1.6, 0.45, 0.78)) furniture_.cabinet(place->spot, {1.6, 0.45, 0.78});
+      if (const auto place = against_wall(1.6, 0.45, 0.78)) furniture_.cabinet(*place, {1.6, 0.45, 0.78});
     }
     add_plants(times(2.5), 1.0, 1.8);
     add_pictures(times(2.0));
@@ -682,7 +672,6 @@ class Office {
     for (int i = 0; i < desks; ++i) {
       if (const auto spot = anywhere(1.7, 2.0)) {
         furniture_.desk({spot->at - 0.55 * spot->facing, spot->facing, 0.0});
-        add_shade(covered({spot->at - 0.5 * spot->facing, spot->facing, 0.0}, 1.3, 0.6), 0.2);
         furniture_.chair(
             {spot->at + 0.3 * spot->facing, Vec2d(-spot->facing + draws_.point({-0.3, -0.3}, {0.3, 0.3})).normalized(), 0.0},
             cloth);
@@ -690,18 +679,18 @@ class Office {
     }
     add_shelves(times(3.0));
     if (chance(0.4)) {
-      if (const auto place = against_wall(1.5, 0.9, 0.85)) furniture_.sofa(place->spot, 1.45, cloth);
+      if (const auto place = against_wall(1.5, 0.9, 0.85)) furniture_.sofa(*place, 1.45, cloth);
     }
     add_plants(times(2.0), 0.8, 1.6);
     add_pictures(times(3.0));
-    if (const auto place = against_wall(0.36, 0.36, 0.4)) furniture_.bin(place->spot);
+    if (const auto place = against_wall(0.36, 0.36, 0.4)) furniture_.bin(*place);
   }
 
   void furnish_storage() {
     add_shelves(times(room().cell.area() / 3.0));
-    if (const auto place = against_wall(0.7, 0.65, 1.1)) furniture_.printer(place->spot);
+    if (const auto place = against_wall(0.7, 0.65, 1.1)) furniture_.printer(*place);
     for (int i = times(4.0); i > 0; --i) {
-      if (const auto place = against_wall(0.66, 0.56, 1.0)) furniture_.cartons(place->spot, 1 + draws_.below(3));
+      if (const auto place = against_wall(0.66, 0.56, 1.0)) furniture_.cartons(*place, 1 + draws_.below(3));
     }
   }
 
@@ -710,7 +699,7 @@ class Office {
     const double area = in.area();
     // A kitchen, and a fridge at its end.
     if (const auto place = against_wall(3.5, 0.68, 2.15)) {
-      Spot kitchen = place->spot, fridge = place->spot;
+      Spot kitchen = *place, fridge = *place;
       const Vec2d right(kitchen.facing.y(), -kitchen.facing.x());
       kitchen.at -= 0.36 * right;
       fridge.at += 1.4 * right;
@@ -726,7 +715,6 @@ class Office {
         const std::array<Vec2d, 2> side{Vec2d(radius, 0.0), Vec2d(radius, kHigh)};
         column.turned({0, 0}, side, Swatch::white, 16);
         furniture_.add(column, Kind::column);
-        add_shade(covered({at, Vec2d::UnitY(), 0.0}, 1.6 * radius, 1.6 * radius), 0.12);
         break;
       }
     }
@@ -748,7 +736,7 @@ class Office {
       for (std::size_t k = 0; k < 3; ++k)
         furniture_.stool({spot->at + 0.75 * circle()[(first + 5 * k) % 16], Vec2d::UnitY(), 0.0});
     }
-    if (const auto place = against_wall(0.36, 0.36, 1.5)) furniture_.water_cooler(place->spot);
+    if (const auto place = against_wall(0.36, 0.36, 1.5)) furniture_.water_cooler(*place);
     add_shelves(times(2.0));
     add_plants(times(area / 14.0), 1.0, 1.9);
     add_pictures(times(area / 16.0));
@@ -761,7 +749,6 @@ class Office {
   WorldBuilder builder_;
   Furniture furniture_;
   std::vector<Vec2d> lane_;                 // corners
-  std::vector<std::size_t> on_lane_;        // doors
   Places places_;                           // doors open there, or something stands there
   std::vector<std::vector<Opening>> hung_;  // of each room: what is on its walls
   std::size_t painting_ = 0;                // that was hung last
@@ -770,12 +757,9 @@ class Office {
   struct Pair {
     std::uint16_t first = 0, second = 0;
   };
-  struct FloorMaterials {
-    std::uint16_t middle = 0, edge = 0, shade = 0;
-  };
-  std::array<FloorMaterials, 3> floors_;  // of each Floor
-  std::array<Pair, 2> walls_;             // plain and accented: along x, along y
-  std::uint16_t ceiling_ = 0, lamp_ = 0, facade_ = 0;
+  std::array<Pair, 3> floors_;  // of each Floor: its middle, its edge
+  std::array<Pair, 2> walls_;   // plain and accented: along x, along y
+  std::uint16_t shade_ = 0, ceiling_ = 0, lamp_ = 0, facade_ = 0;
 };
 
 void check(const OfficeConfig& config) {
