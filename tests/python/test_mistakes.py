@@ -37,11 +37,11 @@ ID = "flockstep/LidarNavigation-v0"
         ),
         (
             lambda: flockstep.Batch("playground/train-1"),
-            "worlds: expected a sequence of flockstep.World objects, got 'playground/train-1'",
+            "worlds: expected a sequence of flockstep.World objects or a flockstep.WorldPool, got 'playground/train-1'",
         ),
         (
             lambda: flockstep.Batch(["playground/train-1"]),
-            "worlds: expected a sequence of flockstep.World objects, got 'playground/train-1'",
+            "worlds: expected a sequence of flockstep.World objects or a flockstep.WorldPool, got 'playground/train-1'",
         ),
         (
             lambda: flockstep.Batch([flockstep.World.playground(0)], cameras=flockstep.CameraConfig()),
