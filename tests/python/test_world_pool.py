@@ -293,6 +293,19 @@ def test_pictures_are_of_the_world_that_a_drone_is_in():
         np.testing.assert_array_equal(a[:, :4], b)
 
 
+@pytest.mark.parametrize("view", ["top", "third_person"])
+def test_views_show_the_world_that_a_drone_is_in(view):
+    arguments = {"render_mode": "rgb_array", "render_view": view, "render_size": (64, 48)}
+    envs = flockstep.DroneVectorEnv(2, worlds=WorldPool(hall, 16, 1.0), **arguments)
+    envs.reset(seed=0)
+    envs.render()
+    envs.reset()
+    for i, frame in enumerate(envs.render()):
+        alone = flockstep.DroneVectorEnv(1, worlds=hall(int(envs.batch.world_index[i])), **arguments)
+        alone.reset(seed=0)
+        np.testing.assert_array_equal(frame, alone.render()[0])
+
+
 # ----------------------------------------------------------------------------------------------------------- going back
 
 
