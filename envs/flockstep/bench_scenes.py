@@ -97,7 +97,8 @@ def _speckle(rng: np.random.Generator) -> npt.NDArray[np.uint8]:
     grey = np.full((256, 256), 128.0)
     for step in (2, 4, 16, 64):
         grey += np.kron(rng.normal(0, 11, (256 // step, 256 // step)), np.ones((step, step)))
-    return np.clip(grey[..., None] * [1.0, 0.97, 0.91], 0, 255).astype(np.uint8)
+    pixels: npt.NDArray[np.uint8] = np.clip(grey[..., None] * [1.0, 0.97, 0.91], 0, 255).astype(np.uint8)
+    return pixels
 
 
 def _faces() -> npt.NDArray[np.int32]:

@@ -317,7 +317,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
        "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
       {"unknown field of a material", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"),
-       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture"},
+       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture, emissive"},
       {"semantic below the least", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
        "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 0"},
       {"negative semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),
@@ -358,7 +358,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"light that is none", scene(kRoom + R"(, "light": [1, 1, 1])"), "x.json: /light: expected an object, got [1,1,1]"},
       {"unknown field of the light", scene(kRoom + R"(, "light": {"sun": [1, 1, 1]})"),
        "x.json: /light/sun: unknown field; expected one of sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, "
-       "horizon_color, gamma"},
+       "horizon_color, gamma, sun_radius_deg, sun_glow"},
       {"no direction", scene(kRoom + R"(, "light": {"sun_direction": [0, -0.0, 0.0]})"),
        "x.json: /light/sun_direction: expected a direction that is not 0, got [0,-0.0,0.0]"},
       {"two coordinates of a direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 1]})"),

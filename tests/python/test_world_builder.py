@@ -24,14 +24,27 @@ def test_it_makes_what_a_scene_file_says():
         "capsules": [{"center": [-3, 1, 1], "radius": 0.25, "height": 1.5, "material": "wall"}],
         "planes": [{"center": [0, 2, 1], "size": [1, 2], "material": "wall"}],
         "discs": [{"center": [0, -2, 1], "radius": 0.75, "quat_wxyz": [0.6, 0.8, 0, 0], "material": "wall"}],
-        "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]], "triangles": [[0, 1, 2]], "colors": COLORS, "material": "thing"}],
+        "meshes": [
+            {
+                "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0.5]],
+                "triangles": [[0, 1, 2]],
+                "colors": COLORS,
+                "material": "thing",
+            }
+        ],
         "markers": {
             "start": [-4, 0, 1],
             "waypoints": [[0, 3, 1], [1, 3, 1]],
             "goal": [4, 0, 1],
             "spawn_box": {"min": [-4.5, -0.5, 1], "max": [-4, 0.5, 1.5]},
         },
-        "light": {"sun_direction": [0, 0.6, 0.8], "sun_color": [1, 0.9, 0.8], "gamma": 2, "sun_radius_deg": 1, "sun_glow": 0.5},
+        "light": {
+            "sun_direction": [0, 0.6, 0.8],
+            "sun_color": [1, 0.9, 0.8],
+            "gamma": 2,
+            "sun_radius_deg": 1,
+            "sun_glow": 0.5,
+        },
     }
     builder = flockstep.WorldBuilder("hall")
     wall = builder.material("wall", [0.8, 0.7, 0.6], emissive=[0, 2, 0.5])
@@ -97,7 +110,10 @@ def test_what_is_built_is_left_alone_by_what_follows():
         (lambda b: b.mesh([[0, 0, 0]], [[0, 0, 1]], 0), r"triangles: expected vertex indices in \[0, 1\), got 1"),
         (lambda b: b.mesh([[0, 0, 0]], [[0, 0, -1]], 0), "triangles: expected vertex indices"),
         (lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, [[0, 0]]), r"uv: expected one per vertex \(3\), or none, got 1"),
-        (lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, colors=[[0, 0, 0]]), r"colors: expected one per vertex \(3\), or none"),
+        (
+            lambda b: b.mesh(np.eye(3), [[0, 1, 2]], 0, colors=[[0, 0, 0]]),
+            r"colors: expected one per vertex \(3\), or none",
+        ),
         (lambda b: b.heightfield([[0.0]], 0), r"heightfield: columns: expected an integer in \[2, 32768\], got 1"),
         (lambda b: b.heightfield([[0, 0], [0, 0]], 0, cell_m=0), "heightfield: cell_m: expected a number > 0, got 0"),
         (lambda b: b.build(), "scene: expected at least one primitive or triangle, got an empty scene"),

@@ -67,8 +67,8 @@ struct OfficeConfig {
 // config, or where no such way is found in many layouts.
 std::shared_ptr<const World> office(const OfficeConfig& config);
 
-// A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a start
-// and a goal at opposite ends of it.
+// A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a
+// start and a goal at opposite ends of it.
 struct WarehouseConfig {
   std::uint64_t seed = 0;
   std::array<float, 2> size_m{48.0F, 30.0F};  // along x, across the rows of racks, in [26, 200], and y, in [16, 200]
@@ -76,8 +76,8 @@ struct WarehouseConfig {
 };
 
 // A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around
-// racks and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad config,
-// or where no such way is found in many layouts.
+// racks and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad
+// config, or where no such way is found in many layouts.
 std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
 
 // The corners (K, 3) of a path from start over the goals in their order, straight in between, along which the drone, level and
