@@ -8,6 +8,7 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -183,6 +184,16 @@ TEST(GltfWriter, VerticesBeyond16BitsAreKept) {
     if (i >= 2) scene.mesh.triangles.push_back({i - 2, i - 1, i});
   }
   expect_equal_world(World(std::move(scene)), GltfForm::binary);
+}
+
+// The tessellation is part of the format: files of before are read as they were.
+TEST(GltfWriter, FilesOfBeforeKeepTheirPrimitives) {
+  const std::filesystem::path folder = std::filesystem::path(FLOCKSTEP_CORPUS) / "gltf";
+  for (const auto& [name, count] : std::map<std::string, std::size_t>{{"ours_flat.glb", 3}, {"ours_round.glb", 4}}) {
+    const auto world = World::load(folder / name);
+    EXPECT_EQ(world->primitives().size(), count) << name;
+    EXPECT_TRUE(world->ignored().empty()) << name;
+  }
 }
 
 // ------------------------------------------------------------------------------------------------------ placed and edited
