@@ -283,7 +283,7 @@ class GltfReader {
     return true;
   }
 
-  // False where a scale makes a ball of a primitive's kind no ball, or a rotation a room no room.
+  // False where a scale makes an egg of a ball, or the rotation is none that a room can have.
   static bool take_size(Primitive& primitive, Vec3d scale) {
     const auto is_even = [&](int a, int b) { return std::abs(scale[a] - scale[b]) <= kRounding * scale[a]; };
     switch (primitive.kind) {
@@ -338,6 +338,7 @@ class GltfReader {
     const std::vector<std::uint32_t> corners = corners_of(primitive, positions.size());
     Extent extent;
     for (std::size_t i = 0; i < corners.size(); i += 3) {
+      if (i % 4096 == 0) Interrupt::poll();
       std::array<Vec3d, 3> triangle;
       for (std::size_t k = 0; k < 3; ++k) {
         const std::uint32_t vertex = corners[i + k];
