@@ -415,7 +415,7 @@ TEST(Gltf, EmissionIsReadWhereItIsOfTheBaseColoursTexture) {
   const auto& materials = read.scene.materials;
   EXPECT_EQ(materials[0].emissive, (Triple{100, 100, 0}));
   EXPECT_EQ(materials[1].emissive, (Triple{0, 0.5F, 0}));
-  for (const std::size_t none : {2, 3, 4}) EXPECT_EQ(materials[none].emissive, Triple{}) << none;
+  for (const std::size_t none : {2U, 3U, 4U}) EXPECT_EQ(materials[none].emissive, Triple{}) << none;
   EXPECT_EQ(materials[5].emissive, (Triple{0.5F, 0.25F, 1}));
   EXPECT_EQ(materials[5].base_color, Triple{});
   EXPECT_EQ(materials[5].texture, 0);

@@ -142,7 +142,7 @@ class Car {
       for (std::size_t k = 0; k < 7; ++k) quad(back[k], front[k], front[k + 1], back[k + 1], k == 0 || k == 6 ? plastic : paint);
     }
     const auto tail = ring(shape_.body.front()), nose = ring(shape_.body.back());
-    for (const std::size_t k : {0, 1, 2}) {  // from sill to sill, slice by slice
+    for (std::size_t k = 0; k < 3; ++k) {  // from sill to sill, slice by slice
       quad(nose[k], nose[7 - k], nose[6 - k], nose[k + 1], k == 0 ? plastic : paint);
       quad(tail[7 - k], tail[k], tail[k + 1], tail[6 - k], k == 0 ? plastic : paint);
     }
@@ -161,7 +161,7 @@ class Car {
 
   // A window in a quad of corners a, b below and c, d above, seen from outside; from left to right and from below to above.
   void inlaid(const std::array<Vec3d, 4>& corners, double left, double right, double low, double high) {
-    const auto& [a, b, c, d] = corners;
+    const Vec3d &a = corners[0], &b = corners[1], &c = corners[2], &d = corners[3];
     const Vec3d out = kOut * (b - a).cross(d - a).normalized();
     const auto at = [&](double u, double v) -> Vec3d { return (1.0 - v) * (a + u * (b - a)) + v * (d + u * (c - d)) + out; };
     glass(at(left, low), at(right, low), at(right, high), at(left, high));
