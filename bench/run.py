@@ -7,7 +7,9 @@ train   PPO from scratch, several seeds: speed, and how much of what it has neve
 camera_train  the same of the camera task, by what is green in an image
 pixels_train  the same of the task that sees the image itself; half an hour
 camera_large  the camera task at 640 x 480; half an hour
+places_train  the LiDAR task in generated offices and forests
 flight_train  Hover and Track by five seeds each, beside the controller alone; the LiDAR task's policy flown by rotors
+worlds  LiDARs and cameras in every shipped world, and how much of it goes through Embree
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
 dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
@@ -38,6 +40,7 @@ import numpy as np
 import dynamics_accuracy
 import dynamics_peers
 import flockstep
+import shipped
 from flockstep import _core
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -271,6 +274,10 @@ def bench_camera_large() -> list[Figure]:
     return trained("camera_large")
 
 
+def bench_places_train() -> list[Figure]:
+    return trained("places_train")
+
+
 def bench_flight_train() -> list[Figure]:
     return trained("flight_train", "benchmark_flight.py", "--seeds", "0", "1", "2", "3", "4")
 
@@ -298,15 +305,19 @@ def bench_load() -> list[Figure]:
                 flockstep.World.load(path)
                 times.append(time.perf_counter() - before)
         figures.append(figure(f"load/spheres{count}_materials{materials}/seconds", statistics.median(times), "s", RUNS))
-    return figures
+    return figures + [figure(*measured) for measured in shipped.measure_loading()]
+
+
+def bench_worlds() -> list[Figure]:
+    return [figure(*measured) for measured in (*shipped.measure(), *shipped.measure_looks())]
 
 
 def bench_snippet() -> list[Figure]:
-    """Run the README's first training as it stands, with five seeds, and with three times its steps."""
+    """Run the README's first training as it is, and three times as long, by five seeds that its choice has not seen."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     figures = []
-    for seed in range(5):
+    for seed in range(10, 15):
         for subject, steps in ((f"snippet/seed{seed}", "1_000_000"), (f"snippet/longer/seed{seed}", "3_000_000")):
             text = block[1]
             for old, new in (('device="cpu"', f'device="cpu", seed={seed}'), ("1_000_000, progress_bar=True", steps)):
@@ -361,10 +372,12 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "camera_train": bench_camera_train,
     "pixels_train": bench_pixels_train,
     "camera_large": bench_camera_large,
+    "places_train": bench_places_train,
     "flight_train": bench_flight_train,
     "trainers": bench_trainers,
     "snippet": bench_snippet,
     "load": bench_load,
+    "worlds": bench_worlds,
     "dynamics": bench_dynamics,
     "dynamics_accuracy": bench_dynamics_accuracy,
     "dynamics_peers": bench_dynamics_peers,

@@ -35,9 +35,11 @@ NAMES = (
     "camera_train",
     "pixels_train",
     "camera_large",
+    "places_train",
     "trainers",
     "snippet",
     "load",
+    "worlds",
     "dynamics",
 )
 #: These have tables of their own only.

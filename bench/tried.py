@@ -5,9 +5,11 @@ pushes   ticks of drones that fly by rotors and push against walls and corners: 
 motions  sweeps against fine stepping with an independent convex distance
 rays     rays traced directly, through Embree, and by closed forms in double precision
 worlds   seeds of the generated worlds: each has a way that has been flown, of every fiftieth a planner finds one
-scene, obj, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
+scene, obj, ply, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
 
-Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there.
+Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there. The first four run in
+parts, each with seeds of its own, and write after each: what was stopped goes on with the next part, on another machine
+from what was kept.
 """
 
 from __future__ import annotations
@@ -17,37 +19,48 @@ import json
 import os
 import re
 import subprocess
-import sys
 import xml.etree.ElementTree
 
 from run import ROOT, commit, machine
 
 OUT = ROOT / "out" / "tried"
-#: Tests of the C++ engine, and how many times as often as in the suite.
+KEPT = ROOT / "bench" / "results" / "tried"
+#: Tests of the C++ engine, how many parts they run in, and how many times as often as in the suite a part tries.
 TESTS = {
-    "moves": ("*Creep*", 1000),
-    "pushes": ("Contact.Pushed*", 300),
-    "motions": ("SweepAgainstFineStepping*", 100),
-    "rays": ("Agreement*", 1000),
+    "moves": ("*Creep*", 50, 20),
+    "pushes": ("Contact.Pushed*", 30, 10),
+    "motions": ("SweepAgainstFineStepping*", 10, 10),
+    "rays": ("Agreement*", 20, 50),
 }
 #: Generators of worlds, and the cells (m) of a planner that finds a way in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
 SEEDS, PLANNED = 1000, 50  # of each generator; one of so many is planned
-FUZZERS = ("scene", "obj", "gltf", "snapshot", "calls")
+FUZZERS = ("scene", "obj", "ply", "gltf", "snapshot", "calls")
 RUNS, HOUR_S = 1_000_000, 3600  # of a fuzzer, whichever comes first
 
 
-def run_tests(name: str, factor: int | None) -> int:
-    """Run the tests; return what they have counted."""
-    tests, times = TESTS[name]
+def run_part(name: str, part: int) -> int:
+    """Run the tests with the seeds of a part; return what they have counted."""
+    tests, _, times = TESTS[name]
     report = OUT / f"{name}.xml"
     subprocess.run(
         [ROOT / "build/release/flockstep_tests", f"--gtest_filter={tests}", f"--gtest_output=xml:{report}"],
         check=True,
-        env=os.environ | {"FLOCKSTEP_TRY": str(times if factor is None else factor)},
+        stdout=subprocess.DEVNULL,
+        env=os.environ | {"FLOCKSTEP_TRY": str(times), "FLOCKSTEP_TRY_PART": str(part)},
     )
     properties = xml.etree.ElementTree.parse(report).getroot().iter("property")
     return sum(int(p.attrib["value"]) for p in properties if p.attrib["name"] == f"tried_{name}")
+
+
+def run_tests(name: str) -> None:
+    """Run the parts that no result has yet; write each."""
+    known = [json.loads(place.read_text()) for place in (OUT / f"{name}.json", KEPT / f"{name}.json") if place.exists()]
+    parts = max((result.get("parts", []) for result in known), key=len, default=[])
+    for part in range(len(parts), TESTS[name][1]):
+        parts.append({**source(), "count": run_part(name, part)})
+        print(f"{name}: part {part + 1} of {TESTS[name][1]}, {parts[-1]['count']:,} {name}", flush=True)
+        write(name, {**source(), "count": sum(p["count"] for p in parts), "unit": name, "parts": parts})
 
 
 def run_fuzzer(name: str, runs: int) -> int:
@@ -80,13 +93,22 @@ def run_worlds(seeds: int) -> int:
     return seeds * len(WORLDS)
 
 
+def source() -> dict[str, str]:
+    return {"commit": commit(), "cpu": machine()["cpu"]}
+
+
+def write(name: str, result: dict[str, object]) -> None:
+    print(f"{name}: {result['count']:,} {result['unit']}", flush=True)
+    if str(result["commit"]).endswith("-dirty"):
+        print("   not written: the checkout has changes")
+    else:
+        (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
 def main() -> None:
     names = [*TESTS, "worlds", *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
-    parser.add_argument(
-        "--times", type=int, help="of tests: how many times as often as the suite; else as the table says"
-    )
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each generator of worlds")
     parser.add_argument("--runs", type=int, default=RUNS, help="of a fuzzer; it ends after an hour all the same")
     args = parser.parse_args()
@@ -95,19 +117,13 @@ def main() -> None:
             parser.error(f"nothing to try is called {name!r}: there are {', '.join(names)}")
     OUT.mkdir(parents=True, exist_ok=True)
     for name in args.names or names:
-        source = {"commit": commit(), "cpu": machine()["cpu"]}
-        if name == "worlds":
-            count = run_worlds(args.seeds)
+        if name in TESTS:
+            run_tests(name)
+        elif name == "worlds":
+            write(name, {**source(), "count": run_worlds(args.seeds), "unit": name})
         else:
-            count = run_tests(name, args.times) if name in TESTS else run_fuzzer(name, args.runs)
-        unit = "runs" if name in FUZZERS else name
-        print(f"{name}: {count:,} {unit}")
-        if source["commit"].endswith("-dirty"):
-            print("   not written: the checkout has changes")
-        else:
-            result = {**source, "count": count, "unit": unit}
-            (OUT / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+            write(name, {**source(), "count": run_fuzzer(name, args.runs), "unit": "runs"})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

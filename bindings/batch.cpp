@@ -271,6 +271,8 @@ void register_batch(py::module_& module) {
            py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
+      .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree_rays(); })
+      .def_property_readonly("embree_packets", [](const Batch& batch) { return batch.embree_packets(); })
       .def_property_readonly("dynamics", [](const Batch& batch) { return batch.config().dynamics; })
       .def_property_readonly("clock", [](const Batch& batch) { return batch.config().clock; })
       .def_property_readonly("worlds",

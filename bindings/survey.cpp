@@ -58,6 +58,13 @@ py::dict object_list(const World& world) {
   py::dict result;
   result["boxes"] = boxes(list.boxes);
   result["materials"] = column(list.materials);
+  std::vector<std::uint8_t> visible, solid;
+  for (const Presence presence : list.presence) {
+    visible.push_back(is_visible(presence));
+    solid.push_back(is_solid(presence));
+  }
+  result["visible"] = column(visible).attr("astype")("bool");
+  result["solid"] = column(solid).attr("astype")("bool");
   return result;
 }
 

@@ -49,6 +49,8 @@ py::list primitives(const World& world) {
     entry["quat_wxyz"] = py::make_tuple(q.w(), q.x(), q.y(), q.z());
     entry["half_extents"] = row(primitive.half_extents);
     entry["material"] = world.materials()[primitive.material].name;
+    entry["visible"] = is_visible(primitive.presence);
+    entry["solid"] = is_solid(primitive.presence);
     list.append(entry);
   }
   return list;
@@ -66,6 +68,7 @@ py::list materials(const World& world) {
     entry["base_color"] = triple(material.base_color);
     entry["semantic"] = world.semantic(i);
     entry["emissive"] = triple(material.emissive);
+    entry["alpha_cutoff"] = material.alpha_cutoff;
     list.append(entry);
   }
   return list;
@@ -151,7 +154,9 @@ void register_world(py::module_& module) {
           [](const py::object& scene, const std::filesystem::path& base_dir, bool meshes_anywhere) {
             const std::string text = json_text(scene, "scene");
             const auto files = meshes_anywhere ? MeshFiles::anywhere : MeshFiles::in_folder;
-            return std::const_pointer_cast<World>(released([&] { return World::from_json(text, base_dir, files); }));
+            const auto world = released([&] { return World::from_json(text, base_dir, files); });
+            warn_of_ignored(*world, "scene");
+            return std::const_pointer_cast<World>(world);
           },
           py::arg("scene"), py::arg("base_dir") = "", py::kw_only(), py::arg("meshes_anywhere") = false)
       .def_static(
@@ -176,16 +181,18 @@ void register_world(py::module_& module) {
           py::arg("seed"), py::arg("blocks") = CityConfig().blocks, py::arg("height_m") = CityConfig().height_m)
       .def_static(
           "office",
-          [](std::uint64_t seed, const std::array<float, 2>& size_m, float furniture) {
-            return std::const_pointer_cast<World>(released([&] { return office({seed, size_m, furniture}); }));
+          [](std::uint64_t seed, const std::array<float, 2>& size_m, float furniture, bool waypoints) {
+            return std::const_pointer_cast<World>(released([&] { return office({seed, size_m, furniture, waypoints}); }));
           },
-          py::arg("seed"), py::arg("size_m") = OfficeConfig().size_m, py::arg("furniture") = OfficeConfig().furniture)
+          py::arg("seed"), py::arg("size_m") = OfficeConfig().size_m, py::arg("furniture") = OfficeConfig().furniture,
+          py::arg("waypoints") = false)
       .def_static(
           "warehouse",
-          [](std::uint64_t seed, const std::array<float, 2>& size_m, float height_m) {
-            return std::const_pointer_cast<World>(released([&] { return warehouse({seed, size_m, height_m}); }));
+          [](std::uint64_t seed, const std::array<float, 2>& size_m, float height_m, bool waypoints) {
+            return std::const_pointer_cast<World>(released([&] { return warehouse({seed, size_m, height_m, waypoints}); }));
           },
-          py::arg("seed"), py::arg("size_m") = WarehouseConfig().size_m, py::arg("height_m") = WarehouseConfig().height_m)
+          py::arg("seed"), py::arg("size_m") = WarehouseConfig().size_m, py::arg("height_m") = WarehouseConfig().height_m,
+          py::arg("waypoints") = false)
       .def_property_readonly("name", [](const World& world) { return world.name(); })
       .def_property_readonly("bounds", [](const World& world) { return box_rows(world.bounds()); })
       .def_property_readonly("start", [](const World& world) { return row(world.markers().start); })

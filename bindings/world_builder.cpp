@@ -38,8 +38,8 @@ Texture texture(const std::string& name, const py::object& pixels, const std::ar
   const std::size_t count = static_cast<std::size_t>(image.shape(0)) * static_cast<std::size_t>(image.shape(1));
   made.rgba.reserve(4 * count);
   for (std::size_t i = 0; i < count; ++i) {
-    const std::uint8_t* const rgb = bytes.data() + channels * i;
-    made.rgba.insert(made.rgba.end(), {rgb[0], rgb[1], rgb[2], std::uint8_t{255}});
+    const std::uint8_t* const pixel = bytes.data() + channels * i;
+    made.rgba.insert(made.rgba.end(), {pixel[0], pixel[1], pixel[2], channels == 4 ? pixel[3] : std::uint8_t{255}});
   }
   made.wrap = {enum_of<TextureWrap>(wrap[0], "wrap"), enum_of<TextureWrap>(wrap[1], "wrap")};
   return made;
@@ -71,12 +71,20 @@ Heightfield field_of(const py::object& heights, const py::object& corner, float 
   return field;
 }
 
+Presence presence(bool visible, bool solid) {
+  if (!visible && !solid) throw py::value_error("visible, solid: expected one of them to be True, got neither");
+  return visible && solid ? Presence::full : (visible ? Presence::visual : Presence::solid);
+}
+
 }  // namespace
 
 void register_world_builder(py::module_& module) {
   const py::object none = py::none();
   const auto wall = py::arg("material");
   const auto turned = py::arg("quat_wxyz") = none;
+  const py::kw_only keywords;
+  const auto seen = py::arg("visible").noconvert() = true;
+  const auto hit = py::arg("solid").noconvert() = true;
   py::class_<WorldBuilder>(module, "WorldBuilder")
       .def(py::init<std::string>(), py::arg("name") = "unnamed")
       .def(
@@ -88,12 +96,12 @@ void register_world_builder(py::module_& module) {
       .def(
           "material",
           [](WorldBuilder& b, const std::string& name, const py::object& base_color, std::uint16_t semantic,
-             const std::optional<std::uint16_t>& texture, const std::array<float, 3>& emissive) {
+             const std::optional<std::uint16_t>& texture, const std::array<float, 3>& emissive, float alpha_cutoff) {
             const Vec3 color = point(base_color, "base_color");
-            return b.material({name, {color.x(), color.y(), color.z()}, semantic, texture, emissive});
+            return b.material({name, {color.x(), color.y(), color.z()}, semantic, texture, emissive, alpha_cutoff});
           },
           py::arg("name"), py::arg("base_color") = py::make_tuple(1.0, 1.0, 1.0), py::kw_only(), py::arg("semantic") = 0,
-          py::arg("texture") = none, py::arg("emissive") = Material().emissive)
+          py::arg("texture") = none, py::arg("emissive") = Material().emissive, py::arg("alpha_cutoff") = Material().alpha_cutoff)
       .def(
           "room",
           [](WorldBuilder& b, const py::object& min, const py::object& max, std::uint16_t material) {
@@ -102,51 +110,55 @@ void register_world_builder(py::module_& module) {
           py::arg("min"), py::arg("max"), wall)
       .def(
           "box",
-          [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q) {
-            b.box(point(center, "center"), point(size, "size"), material, rotation(q));
+          [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q,
+             bool visible, bool solid) {
+            b.box(point(center, "center"), point(size, "size"), material, rotation(q), presence(visible, solid));
           },
-          py::arg("center"), py::arg("size"), wall, turned)
+          py::arg("center"), py::arg("size"), wall, turned, keywords, seen, hit)
       .def(
           "cylinder",
-          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q) {
-            b.cylinder(point(center, "center"), radius, height, material, rotation(q));
+          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
+             bool visible, bool solid) {
+            b.cylinder(point(center, "center"), radius, height, material, rotation(q), presence(visible, solid));
           },
-          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned)
+          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit)
       .def(
           "capsule",
-          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q) {
-            b.capsule(point(center, "center"), radius, height, material, rotation(q));
-          },
-          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned)
+          [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
+             bool visible,
+             bool solid) { b.capsule(point(center, "center"), radius, height, material, rotation(q), presence(visible, solid)); },
+          py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit)
       .def(
           "sphere",
-          [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material) {
-            b.sphere(point(center, "center"), radius, material);
+          [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, bool visible, bool solid) {
+            b.sphere(point(center, "center"), radius, material, presence(visible, solid));
           },
-          py::arg("center"), py::arg("radius"), wall)
+          py::arg("center"), py::arg("radius"), wall, keywords, seen, hit)
       .def(
           "plane",
-          [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q) {
-            b.plane(point(center, "center"), pair(size, "size"), material, rotation(q));
+          [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q,
+             bool visible, bool solid) {
+            b.plane(point(center, "center"), pair(size, "size"), material, rotation(q), presence(visible, solid));
           },
-          py::arg("center"), py::arg("size"), wall, turned)
+          py::arg("center"), py::arg("size"), wall, turned, keywords, seen, hit)
       .def(
           "disc",
-          [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, const py::object& q) {
-            b.disc(point(center, "center"), radius, material, rotation(q));
-          },
-          py::arg("center"), py::arg("radius"), wall, turned)
+          [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, const py::object& q, bool visible,
+             bool solid) { b.disc(point(center, "center"), radius, material, rotation(q), presence(visible, solid)); },
+          py::arg("center"), py::arg("radius"), wall, turned, keywords, seen, hit)
       .def(
           "mesh",
           [](WorldBuilder& b, const py::object& vertices, const py::object& triangles, std::uint16_t material,
-             const py::object& uv, const py::object& colors) { b.mesh(part_of(vertices, triangles, uv, colors), material); },
-          py::arg("vertices"), py::arg("triangles"), wall, py::arg("uv") = none, py::arg("colors") = none)
+             const py::object& uv, const py::object& colors, bool visible,
+             bool solid) { b.mesh(part_of(vertices, triangles, uv, colors), material, presence(visible, solid)); },
+          py::arg("vertices"), py::arg("triangles"), wall, py::arg("uv") = none, py::arg("colors") = none, keywords, seen, hit)
       .def(
           "heightfield",
           [](WorldBuilder& b, const py::object& heights, std::uint16_t material, const py::object& corner, float cell_m,
-             float texture_m) { b.heightfield(field_of(heights, corner, cell_m, texture_m), material); },
+             float texture_m, bool visible,
+             bool solid) { b.heightfield(field_of(heights, corner, cell_m, texture_m), material, presence(visible, solid)); },
           py::arg("heights"), wall, py::kw_only(), py::arg("corner") = py::make_tuple(0.0, 0.0), py::arg("cell_m") = 1.0F,
-          py::arg("texture_m") = Heightfield().texture_m)
+          py::arg("texture_m") = Heightfield().texture_m, seen, hit)
       .def(
           "light",
           [](WorldBuilder& b, const std::array<float, 3>& sun_direction, const std::array<float, 3>& sun_color,

@@ -1,4 +1,4 @@
-"""The figures of training that `./dev bench train`, `camera_train`, `pixels_train` and `camera_large` report.
+"""The figures of training that `./dev bench` reports: train, camera_train, pixels_train, camera_large, places_train.
 
 .venv/bin/python training/benchmark.py train --figures out/bench/train.figures
 
@@ -16,15 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import tyro
 
 import flockstep
-from evaluate import MAX_STEPS, Policy, baselines, fly, greedy, summary
+from evaluate import MAX_STEPS, Policy, baselines, fly, fly_routes, greedy, random_policy, summary
 from tasks import UNSEEN_SEEDS, Setup
 from train_ppo import DEFAULTS, Args, Outcome, train
 
 SEEDS = (0, 1, 2, 3, 4)
 UNSEEN_WORLDS = 100
+PLACE_STEPS = 1500  # within which an office or a forest has to be crossed: 55 m and more, 10 cm at a time
 START_FLIGHTS = 50  # from all over each spawn box, of a camera task
 
 Figure = dict[str, Any]
@@ -124,14 +126,68 @@ def task_figures(args: Args, seeds: Sequence[int], out: Path) -> list[Figure]:
     return figures
 
 
+#: The LiDAR task in places to fly in: what it is trained with there. The settings were found by trainings with seed 0.
+PLACES = {
+    "office": dataclasses.replace(
+        DEFAULTS["lidar"],
+        worlds=("guided_office/seed-0..99",),
+        evaluation_worlds=("guided_office/seed-900..999",),
+        total_steps=3_000_000,
+    ),
+    "forest": dataclasses.replace(
+        DEFAULTS["lidar"],
+        worlds=("forest/seed-0..99",),
+        evaluation_worlds=("forest/seed-900..999",),
+        total_steps=5_000_000,
+        lidar_channels=5,
+        lidar_vfov_deg=60.0,
+    ),
+}
+PLACES_SEED = 1
+UNSEEN_PLACES = "seed-1000..1099"
+
+
+def places_figures(out: Path) -> list[Figure]:
+    """Return the figures of one training in each kind of place, flown where neither training nor choosing has been."""
+    figures: list[Figure] = []
+    for name, args in PLACES.items():
+        args = dataclasses.replace(
+            args,
+            generated=0,
+            evaluation_flights=100,
+            evaluation_steps=PLACE_STEPS,
+            max_episode_steps=MAX_STEPS,
+            evaluate_every=500_000,
+            seed=PLACES_SEED,
+        )
+        worlds = flockstep.scenes.load(f"{args.worlds[0].split('/')[0]}/{UNSEEN_PLACES}")
+        model, outcome = train(dataclasses.replace(args, out=out / name, progress=False))
+        flights = fly(greedy(model), worlds, PLACE_STEPS, setup=args.setup)
+        random = fly(random_policy(args.setup), worlds, PLACE_STEPS, setup=args.setup)
+        straight = [np.stack([world.start, world.goal]) for world in worlds]
+        rates = {
+            "unseen_success_rate": summary(flights)["success_rate"],
+            "unseen_crash_rate": summary(flights)["crash_rate"],
+            "random_policy": summary(random)["success_rate"],
+            "straight_flight": float(np.mean(fly_routes(worlds, straight))),
+        }
+        figures += [figure(f"train/{name}/{what}", rate, "1", len(worlds)) for what, rate in rates.items()]
+        figures += [
+            figure(f"train/{name}/steps", outcome.steps, "1", 1),
+            figure(f"train/{name}/seconds", outcome.seconds, "s", 1),
+        ]
+    return figures
+
+
 @dataclass
 class Options:
     """Measure training."""
 
-    name: tyro.conf.Positional[Literal["train", "camera_train", "pixels_train", "camera_large"]]
-    """The LiDAR task; the camera task; the task that sees pixels; the camera task at 640 x 480."""
+    name: tyro.conf.Positional[Literal["train", "camera_train", "pixels_train", "camera_large", "places_train"]]
+    """The LiDAR task; the camera task; the task that sees pixels; the camera task at 640 x 480; the LiDAR task in
+    offices and forests."""
     seeds: tuple[int, ...] = SEEDS
-    """At 640 x 480, the first alone."""
+    """At 640 x 480, the first alone; in offices and forests, one of their own."""
     out: Path = Path("out/bench/train")
     """Where models and logs go, a folder for each training."""
     figures: Path = Path("out/bench/train/figures.json")
@@ -141,7 +197,9 @@ class Options:
 def main(options: Options) -> None:
     """Train, fly, and write the figures."""
     task = {"train": "lidar", "camera_train": "camera", "pixels_train": "pixels"}.get(options.name)
-    if task is not None:
+    if options.name == "places_train":
+        figures = places_figures(options.out)
+    elif task is not None:
         figures = task_figures(DEFAULTS[task], options.seeds, options.out)
     else:
         args = dataclasses.replace(DEFAULTS["camera"], width_px=640, evaluation_flights=20, seed=options.seeds[0])

@@ -139,6 +139,8 @@ class Setup:
     frame_skip: int = 1
     worlds: tuple[str, ...] = ()  # to train in, as flockstep.scenes.load takes them; by default the task's own
     evaluation_worlds: tuple[str, ...] = ()
+    lidar_channels: int = 1  # of the built-in tasks' LiDAR, and how far apart the highest and lowest are
+    lidar_vfov_deg: float = 0.0
 
     @property
     def is_own(self) -> bool:
@@ -170,6 +172,8 @@ class Setup:
                 samples_per_pixel=self.samples_per_pixel,
                 layout="chw",
             )
+        if self.lidar_channels > 1:
+            keywords["lidar"] = flockstep.LidarConfig(channels=self.lidar_channels, vfov_deg=self.lidar_vfov_deg)
         return flockstep.DroneVectorEnv(
             num_envs, **{**env_keywords(self.task), "frame_skip": self.frame_skip, **keywords}
         )

@@ -39,10 +39,6 @@ from flockstep.sb3 import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatur
 from flockstep.sb3.features import is_image
 from tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, first_env_seed, own_defaults, remember
 
-#: An evaluation flight of a built-in task that takes more flown steps has failed: those that reach the goal take half
-#: as long.
-EVALUATION_STEPS = 500
-
 # Options of glibc's mallopt, from malloc.h.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
@@ -71,6 +67,9 @@ class Args:
     of your own that trains in none, the worlds it trains in."""
     evaluation_flights: int = 500
     """In how many of the former, or how often."""
+    evaluation_steps: int = 500
+    """A flight of a built-in task that takes more flown steps has failed: in the playgrounds, those that reach the goal
+    take half as long."""
     solved_rate: float = 0.985
     """Solved: this share of an evaluation's flights succeeds."""
     stop_when_solved: bool = True
@@ -89,6 +88,10 @@ class Args:
     """Of the camera of the built-in tasks; 4:3."""
     samples_per_pixel: int = 1
     """Of that camera."""
+    lidar_channels: int = 1
+    """Rows of beams of the built-in tasks' LiDAR: one is level, several see the ground, too."""
+    lidar_vfov_deg: float = 0.0
+    """Between the highest and the lowest of them."""
     frame_skip: int = 1
     """Flown steps per decision of the policy. The other numbers of steps here count decisions, but for the next one."""
     max_episode_steps: int | None = 400
@@ -140,6 +143,8 @@ class Args:
             self.frame_skip,
             self.worlds,
             self.evaluation_worlds,
+            self.lidar_channels,
+            self.lidar_vfov_deg,
         )
 
 
@@ -329,7 +334,7 @@ class Supervisor(BaseCallback):
         """Fly the deterministic policy in the playgrounds kept for this; keep the model if it is the best so far."""
         before = time.perf_counter()
         setup, seconds = self.args.setup, self.training_s()
-        limit = self.args.max_episode_steps if setup.is_own else EVALUATION_STEPS
+        limit = self.args.max_episode_steps if setup.is_own else self.args.evaluation_steps
         flights = fly(greedy(self.model), self.worlds, limit, setup=setup, seed=CHOOSING_SEEDS.start)
         rate = float(np.mean([flight.outcome == "success" for flight in flights]))
         self.logger.record("eval/success_rate", rate)

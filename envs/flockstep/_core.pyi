@@ -831,7 +831,7 @@ class World:
         origin: Sequence[float] = (0.0, 0.0, 0.0),
         up: Literal["y", "z"] | None = None,
     ) -> World:
-        """Load a shipped scene by its name, or a ``.json``, ``.gltf``, ``.glb`` or ``.obj`` file by its path.
+        """Load a shipped scene by its name, or a ``.json``, ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file by its path.
 
         Files that it names have to lie in its folder or below it, unless ``meshes_anywhere`` is set. Its points are turned so that
         the axis ``up`` points up (``"y"`` is usual for glTF and ``"z"`` for others), multiplied by ``scale``, and moved so that
@@ -842,7 +842,10 @@ class World:
     def from_dict(
         scene: Mapping[str, Any], base_dir: str | PathLike[str] = "", *, meshes_anywhere: bool = False
     ) -> World:
-        """Make a world of what a scene file says; ``base_dir`` is its folder, the current one if empty."""
+        """Make a world of what a scene file says; ``base_dir`` is its folder, the current one if empty.
+
+        A `UserWarning` names what the files have that the scene names, and is not read.
+        """
 
     @staticmethod
     def playground(
@@ -871,21 +874,26 @@ class World:
         """
 
     @staticmethod
-    def office(seed: int, size_m: Sequence[float] = (36.0, 20.0), furniture: float = 0.8) -> World:
+    def office(
+        seed: int, size_m: Sequence[float] = (36.0, 20.0), furniture: float = 0.8, waypoints: bool = False
+    ) -> World:
         """Generate a floor of an office building: rooms, corridors and lounges, textured and furnished, behind windows.
 
         ``size_m`` is along x, from 20, and y, from 14; ``furniture`` in [0, 1] is how densely it is furnished. Start and goal
         are in rooms at opposite ends of x. The default drone can fly from one to the other through doors, and not straight.
-        The same arguments make the same world.
+        With ``waypoints`` that way has one before and one behind each door. The same arguments make the same world.
         """
 
     @staticmethod
-    def warehouse(seed: int, size_m: Sequence[float] = (48.0, 30.0), height_m: float = 8.0) -> World:
+    def warehouse(
+        seed: int, size_m: Sequence[float] = (48.0, 30.0), height_m: float = 8.0, waypoints: bool = False
+    ) -> World:
         """Generate a warehouse: a hall with skylights, rows of racks with pallets, forklifts, a conveyor and more, textured.
 
         ``size_m`` is along x, from 26, across the rows of racks, and y, from 16; ``height_m`` in [5, 20] is that of the
         eaves. Start and goal are at opposite ends of x. The default drone can fly from one to the other around racks and
-        through empty bays, and not straight. The same arguments make the same world.
+        through empty bays, and not straight; with ``waypoints`` there is one where that way turns. The same arguments make
+        the same world.
         """
 
     def __copy__(self) -> World: ...
@@ -922,7 +930,8 @@ class World:
     def materials(self) -> list[dict[str, Any]]:
         """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1], ``semantic`` (the class that cameras report, in
         [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise), ``emissive`` (3,) linear RGB in
-        [0, 100]: what is shown whatever the light."""
+        [0, 100]: what is shown whatever the light, ``alpha_cutoff`` in [0, 1]: cameras see through meshes where the texture's
+        alpha is below it."""
 
     @property
     def light(self) -> dict[str, Any]:
@@ -934,7 +943,7 @@ class World:
     def primitives(self) -> list[dict[str, Any]]:
         """A dict for each: ``kind`` (``"room"``, ``"box"``, ``"cylinder"``, ``"sphere"``,
         ``"capsule"``, ``"plane"``, ``"disc"``), ``center`` (3,) m, ``quat_wxyz`` (4,), ``half_extents`` (3,) m (of what is
-        round: radius, radius, half height), ``material``."""
+        round: radius, radius, half height), ``material``, ``visible`` and ``solid``."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `save` writes to a ``.json``; triangle meshes are inline."""
@@ -970,7 +979,8 @@ class World:
         Returns
         -------
         ``boxes`` (K, 2, 3) float32 m, least and greatest corner of the smallest box around each; ``materials`` (K,) int32, an index
-        into `materials`, -1 where an object has several.
+        into `materials`, -1 where an object has several; ``visible`` and ``solid`` (K,) bool, whether sensors see it and whether
+        drones hit it.
         """
 
     def point_cloud(self, spacing_m: float) -> dict[str, npt.NDArray[Any]]:
@@ -1145,7 +1155,8 @@ class WorldBuilder:
 
     Lengths and places are metres in the world frame, quaternions (w, x, y, z) from the piece's own frame to the world.
     Materials and textures are given by the numbers that `material` and `texture` return. What does not fit together is
-    refused by `build`, or before.
+    refused by `build`, or before. Cameras, LiDARs and rays see what is ``visible``; drones hit what is ``solid``, and planners
+    go around it. Everything is one of these, or both.
 
     Parameters
     ----------
@@ -1160,7 +1171,8 @@ class WorldBuilder:
         pixels: npt.NDArray[np.uint8],
         wrap: Sequence[Literal["repeat", "mirror", "clamp"]] = ("repeat", "repeat"),
     ) -> int:
-        """Add an image (height, width, 3 or 4) in sRGB, row 0 at the top; return its number. A fourth channel is not read.
+        """Add an image (height, width, 3 or 4) in sRGB, row 0 at the top; return its number. The fourth channel is alpha, 255
+        where there is none; only ``alpha_cutoff`` of a material asks for it.
 
         ``wrap`` says what it shows beyond its borders, across and down.
         """
@@ -1173,12 +1185,14 @@ class WorldBuilder:
         semantic: int = 0,
         texture: int | None = None,
         emissive: Sequence[float] = ...,
+        alpha_cutoff: float = 0.0,
     ) -> int:
         """Add a material and return its number.
 
         ``base_color`` is linear RGB in [0, 1]; a texture's colours are multiplied by it, on meshes and height fields.
         ``semantic`` is the class that cameras report; 0: the material's number plus 1. ``emissive`` is linear RGB in
-        [0, 100], by default 0, and shown whatever the light.
+        [0, 100], by default 0, and shown whatever the light. Cameras see through meshes and height fields, and the sun
+        shines through, where the texture's alpha, from 0 to 1, is below ``alpha_cutoff``; all else meets the whole of them.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
@@ -1190,6 +1204,9 @@ class WorldBuilder:
         size: Sequence[float],
         material: int,
         quat_wxyz: Sequence[float] | None = None,
+        *,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add a box of a size along its own x, y, z."""
 
@@ -1200,6 +1217,9 @@ class WorldBuilder:
         height: float,
         material: int,
         quat_wxyz: Sequence[float] | None = None,
+        *,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add a cylinder with flat caps along its own z."""
 
@@ -1210,10 +1230,15 @@ class WorldBuilder:
         height: float,
         material: int,
         quat_wxyz: Sequence[float] | None = None,
+        *,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add a capsule along its own z; its height includes the round caps."""
 
-    def sphere(self, center: Sequence[float], radius: float, material: int) -> None:
+    def sphere(
+        self, center: Sequence[float], radius: float, material: int, *, visible: bool = True, solid: bool = True
+    ) -> None:
         """Add a sphere."""
 
     def plane(
@@ -1222,11 +1247,21 @@ class WorldBuilder:
         size: Sequence[float],
         material: int,
         quat_wxyz: Sequence[float] | None = None,
+        *,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add a rectangle of a size along its own x and y, seen and hit from both sides."""
 
     def disc(
-        self, center: Sequence[float], radius: float, material: int, quat_wxyz: Sequence[float] | None = None
+        self,
+        center: Sequence[float],
+        radius: float,
+        material: int,
+        quat_wxyz: Sequence[float] | None = None,
+        *,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add a disc across its own z, seen and hit from both sides."""
 
@@ -1237,6 +1272,9 @@ class WorldBuilder:
         material: int,
         uv: npt.ArrayLike | None = None,
         colors: npt.ArrayLike | None = None,
+        *,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add triangles (T, 3) of vertices (V, 3), an object of their own.
 
@@ -1252,6 +1290,8 @@ class WorldBuilder:
         corner: Sequence[float] = (0.0, 0.0),
         cell_m: float = 1.0,
         texture_m: float = 4.0,
+        visible: bool = True,
+        solid: bool = True,
     ) -> None:
         """Add ground of heights (rows, columns), as triangles: that of row r, column c at ``corner + cell_m * (c, r)``.
 
@@ -1590,6 +1630,17 @@ class Batch:
     @property
     def num_threads(self) -> int:
         """Threads that step the batch, the caller's among them."""
+
+    @property
+    def embree_rays(self) -> int:
+        """How many rays have met triangles through Embree, those of shadows included, since the batch was made.
+
+        Rays of LiDARs and of cameras that ``raycast`` renders; rays that meet only primitives are not among them.
+        """
+
+    @property
+    def embree_packets(self) -> int:
+        """In how many packets these rays went; it may depend on the number of threads."""
 
     @property
     def worlds(self) -> list[World]:

@@ -38,12 +38,14 @@ GENERATORS: dict[str, Callable[[int], World]] = {
     "city": World.city,
     "office": World.office,
     "warehouse": World.warehouse,
+    "guided_office": lambda seed: World.office(seed, waypoints=True),
+    "guided_warehouse": lambda seed: World.warehouse(seed, waypoints=True),
 }
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
 _MOST_SEEDS = 100_000  # of a range
 
-_SUFFIXES = (".json", ".gltf", ".glb", ".obj")
+_SUFFIXES = (".json", ".gltf", ".glb", ".obj", ".ply")
 
 
 def directory() -> Path:
@@ -66,7 +68,7 @@ def find(source: str | PathLike[str]) -> Path | World:
     ----------
     source
         A shipped name such as ``"playground/train-1"``, a generator and its seed such as ``"forest/seed-7"``, or the
-        path of a ``.json``, ``.gltf``, ``.glb`` or ``.obj`` file.
+        path of a ``.json``, ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file.
 
     Raises
     ------
@@ -87,7 +89,7 @@ def find(source: str | PathLike[str]) -> Path | World:
     if isinstance(source, str) and source in names():
         return directory() / f"{source}.json"
     raise ValueError(
-        f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb or .obj file, "
+        f"unknown scene {str(source)!r}: expected the path of a .json, .gltf, .glb, .obj or .ply file, "
         f"a generator and its seed such as 'forest/seed-7' (of {', '.join(GENERATORS)}), "
         f"or one of {', '.join(names())}"
     )

@@ -971,7 +971,7 @@ TEST(CameraCrowds, PacketsOfEitherShapeHitTheSame) {
     std::fill_n(rays.t_hit, trace::kMaxRays, kInfinity);
     std::fill_n(rays.element, trace::kMaxRays, -1);
     const FlushDenormals flush;
-    trace::trace_tile(scene.get(), 0, wide, rays, details);
+    trace::trace_tile(scene.get(), 0, wide, trace::Through::nothing, rays, details);
   };
   Random random(60);
   const auto four = std::make_unique<trace::RayBundle>();

@@ -80,11 +80,15 @@ TEST(ContentHash, EveryByteOfEveryFieldCounts) {
     seen.flip("primitives.rotation", primitive.rotation);
     seen.flip("primitives.half_extents", primitive.half_extents);
     seen.flip("primitives.material", primitive.material);
+    seen.flip("primitives.presence", primitive.presence);
   }
   for (Vec3& vertex : scene.mesh.vertices) seen.flip("mesh.vertices", vertex);
   for (auto& triangle : scene.mesh.triangles) seen.flip("mesh.triangles", triangle);
   for (auto& material : scene.mesh.materials) seen.flip("mesh.materials", material);
   for (auto& object : scene.mesh.objects) seen.flip("mesh.objects", object);
+  for (const auto& presence : {std::vector{Presence::visual}, {Presence::solid}, {Presence::full, Presence::visual}}) {
+    seen.change("mesh.presence", scene.mesh.presence, presence);
+  }
   seen.flip("markers.radius", scene.markers.radius);
   seen.flip("markers.start", *scene.markers.start);
   for (Vec3& waypoint : scene.markers.waypoints) seen.flip("markers.waypoints", waypoint);
@@ -163,6 +167,7 @@ TEST(ContentHash, TellsTexturesApart) {
   };
   expect_other([](auto& s) { s.materials[0].texture = 1; });
   expect_other([](auto& s) { s.materials[0].texture.reset(); });
+  expect_other([](auto& s) { s.materials[0].alpha_cutoff = 0.5F; });
   expect_other([](auto& s) { s.textures[0].rgba[5] = 8; });
   expect_other([](auto& s) { s.textures[0].wrap[0] = TextureWrap::clamp; });
   expect_other([](auto& s) { s.textures[0].wrap[1] = TextureWrap::clamp; });

@@ -425,6 +425,38 @@ TEST(Gltf, EmissionIsReadWhereItIsOfTheBaseColoursTexture) {
             "x.gltf: /materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength: expected a number >= 0, got -1");
 }
 
+TEST(Gltf, MasksHaveACutoffOfTheTexturesAlpha) {
+  File file = one_triangle();
+  const auto with_alpha = [](double alpha) { return Json{{"baseColorFactor", {1, 1, 1, alpha}}}; };
+  file.json["materials"] = {{{"alphaMode", "MASK"}},
+                            {{"alphaMode", "MASK"}, {"alphaCutoff", 0.25}},
+                            {{"alphaMode", "MASK"}, {"alphaCutoff", 0.25}, {"pbrMetallicRoughness", with_alpha(0.5)}},
+                            {{"alphaMode", "MASK"}, {"pbrMetallicRoughness", with_alpha(0.5)}},
+                            {{"alphaMode", "MASK"}, {"alphaCutoff", 0}, {"pbrMetallicRoughness", with_alpha(0)}},
+                            {{"alphaMode", "OPAQUE"}, {"alphaCutoff", 0.25}},
+                            {{"alphaCutoff", 0.25}},
+                            {{"alphaMode", "MASK"}, {"alphaCutoff", 0.5}, {"pbrMetallicRoughness", with_alpha(0.25)}},
+                            {{"alphaMode", "MASK"}, {"alphaCutoff", 2}}};
+  const auto primitive = file.json["meshes"][0]["primitives"][0];
+  auto& primitives = file.json["meshes"][0]["primitives"] = Json::array();
+  for (std::size_t i = 0; i < 9; ++i) {
+    primitives.push_back(primitive);
+    primitives.back()["material"] = i;
+  }
+  const GltfFile read = parse(file);
+  const SceneDescription& scene = read.scene;
+  const std::vector<float> expected{0.5F, 0.25F, 0.5F, 1, 0, 0, 0, 0, 0};
+  ASSERT_EQ(scene.materials.size(), 9U);
+  for (std::size_t i = 0; i < 9; ++i) EXPECT_EQ(scene.materials[i].alpha_cutoff, expected[i]) << i;
+  EXPECT_EQ(read.ignored, std::vector<std::string>{"2 materials' masks that hide all of them"});
+  file.json["materials"][1]["alphaCutoff"] = -0.5;
+  EXPECT_EQ(message_of(file), "x.gltf: /materials/1/alphaCutoff: expected a number >= 0, got -0.5");
+  file.json["materials"][1]["alphaCutoff"] = "half";
+  EXPECT_EQ(message_of(file), "x.gltf: /materials/1/alphaCutoff: expected a number >= 0, got \"half\"");
+  file.json["materials"][1]["alphaMode"] = 1;
+  EXPECT_EQ(message_of(file), "x.gltf: /materials/1/alphaMode: expected a string, got 1");
+}
+
 TEST(Gltf, ColoursOfVertices) {
   File file;
   const std::size_t positions = file.accessor(bytes_of<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}), kFloat, "VEC3", 3);
@@ -448,8 +480,47 @@ TEST(Gltf, ColoursOfVertices) {
   EXPECT_EQ(message_of(file), "x.gltf: /accessors/1: expected as many colours as positions (3), got 2");
 }
 
+TEST(Gltf, NodesSayWhatTheyAreThereFor) {
+  const auto presence_of = [](const std::vector<Json>& nodes) {
+    File file = one_triangle();
+    file.json["nodes"] = nodes;
+    file.json["nodes"].push_back({{"mesh", 0}});
+    file.json["scenes"] = {{{"nodes", {0, nodes.size()}}}};
+    file.json["scene"] = 0;
+    const GltfFile read = parse(file);
+    EXPECT_TRUE(read.ignored.empty());
+    return read.scene.mesh.presence;
+  };
+  using All = std::vector<Presence>;
+  constexpr Presence kFull = Presence::full, kVisual = Presence::visual, kSolid = Presence::solid;
+  const Json shown = {{"visual_only", true}}, hit = {{"collision_only", 1}};
+  EXPECT_EQ(presence_of({{{"mesh", 0}}}), (All{kFull, kFull}));
+  EXPECT_EQ(presence_of({{{"mesh", 0}, {"extras", shown}}}), (All{kVisual, kFull}));
+  EXPECT_EQ(presence_of({{{"mesh", 0}, {"extras", hit}}}), (All{kSolid, kFull}));
+  EXPECT_EQ(presence_of({{{"mesh", 0}, {"extras", {{"collision_only", 0}, {"visual_only", false}}}}}), (All{kFull, kFull}));
+  for (const char* const name : {"UCX_a", "UBX_a", "USP_a", "UCP_a", "a-colonly", "a-convcolonly"}) {
+    EXPECT_EQ(presence_of({{{"mesh", 0}, {"name", name}}}), (All{kSolid, kFull}));
+    EXPECT_EQ(presence_of({{{"mesh", 0}, {"name", name}, {"extras", {{"collision_only", false}}}}}), (All{kFull, kFull}));
+  }
+  for (const char* const name : {"ucx_a", "aUCX_", "a-col", "-colonly.001"}) {
+    EXPECT_EQ(presence_of({{{"mesh", 0}, {"name", name}}}), (All{kFull, kFull}));
+  }
+  // Of all below, until one of them says otherwise.
+  EXPECT_EQ(presence_of({{{"children", {1, 2}}, {"extras", hit}},
+                         {{"mesh", 0}, {"extras", shown}},
+                         {{"mesh", 0}, {"children", {3}}},
+                         {{"mesh", 0}, {"children", {4}}, {"extras", {{"collision_only", false}}}},
+                         {{"mesh", 0}}}),
+            (All{kVisual, kSolid, kFull, kFull, kFull}));
+
+  EXPECT_EQ(message_of(one_triangle({{"extras", {{"visual_only", "yes"}}}})),
+            "x.gltf: /nodes/0/extras/visual_only: expected true or false, got \"yes\"");
+  EXPECT_EQ(message_of(one_triangle({{"extras", {{"visual_only", true}, {"collision_only", true}}}})),
+            "x.gltf: /nodes/0/extras: expected one of visual_only and collision_only to be true, got both");
+}
+
 TEST(Gltf, WhatIsNotReadIsNamed) {
-  File file = one_triangle({{"skin", 0}, {"extras", {{"visual_only", true}}}});
+  File file = one_triangle({{"skin", 0}});
   file.json["animations"] = {Json::object(), Json::object()};
   file.json["skins"] = {Json::object()};
   file.json["cameras"] = {Json::object()};
@@ -460,11 +531,11 @@ TEST(Gltf, WhatIsNotReadIsNamed) {
                             {{"emissiveFactor", {0, 0.5, 0}}, {"emissiveTexture", {{"index", 0}}}}};
   file.json["meshes"][0]["primitives"][0]["targets"] = {{{"POSITION", 0}}};
   file.json["extensionsUsed"] = {"KHR_materials_unlit", "KHR_materials_clearcoat"};
-  EXPECT_EQ(parse(file).ignored,
-            (std::vector<std::string>{"extension KHR_materials_clearcoat", "2 animations", "1 skin", "1 camera",
-                                      "1 mesh primitive's morph targets", "1 material's transparency", "1 material's normal map",
-                                      "1 material's occlusion", "1 material's emission by another texture than its base colour's",
-                                      "1 node's extras visual_only or collision_only"}));
+  EXPECT_EQ(
+      parse(file).ignored,
+      (std::vector<std::string>{"extension KHR_materials_clearcoat", "2 animations", "1 skin", "1 camera",
+                                "1 mesh primitive's morph targets", "1 material's transparency", "1 material's normal map",
+                                "1 material's occlusion", "1 material's emission by another texture than its base colour's"}));
   file.json["extensionsRequired"] = {"KHR_draco_mesh_compression"};
   EXPECT_EQ(message_of(file),
             "x.gltf: /extensionsRequired/0: expected no extension that is required but those read (KHR_texture_transform, "

@@ -64,6 +64,7 @@ class AnyWorld {
         material.texture = static_cast<std::uint16_t>(below(static_cast<int>(scene.textures.size())));
       }
       if (below(2) == 0) material.emissive = {share(), below(2) == 0 ? 100.0F * share() : 0.0F, 0.1F};
+      if (below(2) == 0) material.alpha_cutoff = share();
       scene.materials.push_back(material);
     }
     for (int kind = 0; kind < 7; ++kind) {

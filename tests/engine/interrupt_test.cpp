@@ -64,7 +64,7 @@ TEST(Interrupt, EndsLoading) {
   std::string obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
   for (int i = 0; i < 20'000; ++i) obj += "f 1 2 3\n";
   EXPECT_EQ(parse_scene(scene, "x", {}).primitives.size(), 2000U);
-  EXPECT_EQ(parse_obj(obj, "x").triangles.size(), 20'000U);
+  EXPECT_EQ(parse_obj(obj, "x").mesh.triangles.size(), 20'000U);
   const Stop stop;
   EXPECT_THROW(parse_scene(scene, "x", {}), Stopped);
   EXPECT_THROW(parse_obj(obj, "x"), Stopped);

@@ -15,7 +15,7 @@ class Obj : public testing::Test {
 
   TriangleMesh load(const std::string& text) const {
     std::ofstream(path_, std::ios::binary) << text;
-    return load_obj(path_);
+    return load_obj(path_).mesh;
   }
 
   // The message without the path it begins with.
@@ -34,6 +34,8 @@ class Obj : public testing::Test {
 };
 
 const std::string kSquare = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+
+bool with_uv(const ObjNames&) { return true; }
 
 double area(const TriangleMesh& mesh) {
   double sum = 0.0;
@@ -73,13 +75,84 @@ TEST_F(Obj, KeepsPlacesInTexturesWhereTheyAreWanted) {
   const TriangleMesh plain = load(text);
   EXPECT_TRUE(plain.uv.empty());
   EXPECT_EQ(plain.vertices.size(), 4U);
-  const TriangleMesh mesh = parse_obj(text, "x", true);
+  const TriangleMesh mesh = parse_obj(text, "x", with_uv).mesh;
   // Vertices 0 and 2 get a copy for their second place, and 3 for that which is no number, which is another than none.
   EXPECT_EQ(mesh.triangles, (std::vector<std::array<std::int32_t, 3>>{{0, 1, 2}, {4, 2, 3}, {1, 5, 6}}));
   EXPECT_EQ(mesh.uv, (std::vector<std::array<float, 2>>{{0.25F, 0.25F}, {0.5F, 1}, {0, 0}, {0, 0}, {0.5F, 1}, {0, 0}, {0, 0}}));
   EXPECT_EQ(mesh.vertices[4], mesh.vertices[0]);
   EXPECT_EQ(mesh.vertices[6], mesh.vertices[3]);
-  EXPECT_TRUE(parse_obj(kSquare + "f 1/1 2/2 3/3\n", "x", true).uv.empty());
+  EXPECT_TRUE(parse_obj(kSquare + "f 1/1 2/2 3/3\n", "x", with_uv).mesh.uv.empty());
+}
+
+TEST_F(Obj, ObjectsAndMaterialsAreNumberedByTheirFirstFaces) {
+  const std::string f = "f 1 2 3\n";
+  using Numbers = std::vector<std::uint16_t>;
+  const auto read = [](const std::string& text) { return parse_obj(kSquare + text, "x"); };
+
+  // Groups, which go on where their name comes again; a name without a face is none.
+  ObjMesh mesh = read("usemtl none\n" + f + "g a\nusemtl  red stone \n" + f + "g b\ng c d\n" + f + "g a\nusemtl none\n" + f);
+  EXPECT_EQ(mesh.mesh.objects, (Numbers{0, 1, 2, 1}));
+  EXPECT_EQ(mesh.mesh.materials, (Numbers{0, 1, 1, 0}));
+  EXPECT_EQ(mesh.names.materials, (std::vector<std::string>{"none", "red stone"}));
+
+  // Where there are objects, groups are none.
+  mesh = read(f + "g a\n" + f + "o chair\n" + f + "g b\n" + f + "o table\n" + f);
+  EXPECT_EQ(mesh.mesh.objects, (Numbers{0, 0, 1, 1, 2}));
+  EXPECT_EQ(mesh.mesh.materials, (Numbers{0, 0, 0, 0, 0}));
+  EXPECT_EQ(mesh.names.materials, std::vector<std::string>{""});
+
+  mesh = read("mtllib a.mtl b c.mtl\nmtllib \\x\n" + f + "l 1 2\np 1\n");
+  EXPECT_EQ(mesh.names.libraries, (std::vector<std::string>{"a.mtl b c.mtl", "\\x"}));
+  EXPECT_EQ(mesh.ignored, std::vector<std::string>{"2 lines and points"});
+}
+
+TEST_F(Obj, NamesSayWhatIsThereForCollisionAlone) {
+  const std::string f = "f 1 2 3\n";
+  const TriangleMesh mesh =
+      load(kSquare + "o a\n" + f + "o UCX_a\n" + f + "o b-colonly\n" + f + "o UCX_a\n" + f + "o c-col\n" + f);
+  EXPECT_EQ(mesh.objects, (std::vector<std::uint16_t>{0, 1, 2, 1, 3}));
+  EXPECT_EQ(mesh.presence, (std::vector<Presence>{Presence::full, Presence::solid, Presence::solid}));
+  EXPECT_TRUE(load(kSquare + "g a\n" + f).presence.empty());
+}
+
+TEST_F(Obj, ObjectsAndMaterialsAreOfBoundedNumber) {
+  std::string objects = kSquare, materials = kSquare;
+  for (int i = 0; i < 65536; ++i) {
+    objects += "o " + std::to_string(i) + "\nf 1 2 3\n";
+    if (i < 65532) materials += "usemtl " + std::to_string(i) + "\nf 1 2 3\n";
+  }
+  EXPECT_EQ(parse_obj(objects, "x").mesh.objects.back(), 65535);
+  EXPECT_EQ(message_of(objects + "o more\nf 1 2 3\n"), ":131078: expected at most 65536 objects, got \"more\"");
+  EXPECT_EQ(parse_obj(materials, "x").mesh.materials.back(), 65531);
+  EXPECT_EQ(message_of(materials + "usemtl more\nf 1 2 3\n"), ":131070: expected fewer than 65533 materials, got \"more\"");
+}
+
+// A file is cut into parts where tinyobjloader would have much to do at once: its objects go on.
+TEST_F(Obj, AnObjectOfManyCornersIsOne) {
+  std::string vertices, text = "o a\nusemtl red\n";
+  std::string face = "f";
+  for (int i = 1; i <= 1000; ++i) {
+    vertices += "v " + std::to_string(i) + ' ' + std::to_string(i * i) + " 0\n";
+    face += ' ' + std::to_string(i);
+  }
+  for (int i = 0; i < 3; ++i) text += face + '\n';
+  const ObjMesh mesh = parse_obj(vertices + text + "o b\n" + face, "x");
+  ASSERT_EQ(mesh.mesh.triangles.size(), 4 * 998U);
+  for (std::size_t i = 0; i < mesh.mesh.triangles.size(); ++i) {
+    ASSERT_EQ(mesh.mesh.objects[i], i < 3 * 998 ? 0 : 1);
+    ASSERT_EQ(mesh.mesh.materials[i], 0);
+  }
+}
+
+TEST_F(Obj, ThreeNumbersBehindAVertexAreItsColorInSrgb) {
+  const TriangleMesh mesh = load("v 0 0 0 1 0.5 0\nv 1 0 0 0.02 0 1\nv 1 1 0 9\nv 1 2 0 1 1 2\nv 2 2 0 0 0 0 0\nf 1 2 3\n");
+  ASSERT_EQ(mesh.colors.size(), 5U);
+  EXPECT_NEAR(mesh.colors[0][1], 0.2140, 1e-4);  // as tables of sRGB have it
+  EXPECT_NEAR(mesh.colors[1][0], 0.001548, 1e-6);
+  EXPECT_EQ(mesh.colors[0][0], 1.0F);
+  EXPECT_EQ(mesh.colors[0][2], 0.0F);
+  for (std::size_t i = 2; i < 5; ++i) EXPECT_EQ(mesh.colors[i], (std::array{1.0F, 1.0F, 1.0F}));
+  EXPECT_TRUE(load(kSquare + "f 1 2 3\n").colors.empty());
 }
 
 TEST_F(Obj, BadFilesAreRefusedWithTheLine) {

@@ -12,6 +12,7 @@
 #include <memory>
 #include <numbers>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "batch_helpers.hpp"
@@ -55,6 +56,67 @@ inline Vec3d direction_through(const CameraConfig& camera, const Eye& eye, doubl
   return eye.rotation * Vec3d(1.0, (0.5 * camera.width_px - u) / fx, (0.5 * camera.height_px - v) / fy);
 }
 
+// -- Where cameras see through triangles.
+
+inline double wrapped(double x, TextureWrap wrap) {
+  if (wrap == TextureWrap::clamp) return std::clamp(x, 0.0, 1.0);
+  if (wrap == TextureWrap::repeat) return x - std::floor(x);
+  const double there_and_back = std::fmod(std::abs(x), 2.0);
+  return there_and_back > 1.0 ? 2.0 - there_and_back : there_and_back;
+}
+
+// The index of a texel, maybe one beyond the border.
+inline int texel_index(int index, int size, TextureWrap wrap) {
+  return wrap == TextureWrap::repeat ? (index + size) % size : std::clamp(index, 0, size - 1);
+}
+
+// The weights of a triangle's second and third corner at a point of it.
+inline Eigen::Vector2d weights_at(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
+  const auto corner = [&](std::size_t k) -> Vec3d {
+    return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])].cast<double>();
+  };
+  Eigen::Matrix<double, 3, 2> edges;
+  edges << corner(1) - corner(0), corner(2) - corner(0);
+  return edges.colPivHouseholderQr().solve(point - corner(0));
+}
+
+inline Eigen::Vector2d place_in_texture(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
+  std::array<Eigen::Vector2d, 3> uv;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto vertex = static_cast<std::size_t>(mesh.triangles[triangle][k]);
+    uv[k] = {static_cast<double>(mesh.uv[vertex][0]), static_cast<double>(mesh.uv[vertex][1])};
+  }
+  const Eigen::Vector2d weights = weights_at(mesh, triangle, point);
+  return uv[0] + weights[0] * (uv[1] - uv[0]) + weights[1] * (uv[2] - uv[0]);
+}
+
+// The alpha of an image at (s, t), 0 to 1.
+inline double alpha_at(const Texture& image, double s, double t) {
+  const double x = wrapped(s, image.wrap[0]) * image.width_px - 0.5;
+  const double y = wrapped(t, image.wrap[1]) * image.height_px - 0.5;
+  double alpha = 0.0;
+  for (int j = 0; j < 2; ++j) {
+    for (int i = 0; i < 2; ++i) {
+      const double across = x - std::floor(x);
+      const double down = y - std::floor(y);
+      const int column = texel_index(static_cast<int>(std::floor(x)) + i, image.width_px, image.wrap[0]);
+      const int row = texel_index(static_cast<int>(std::floor(y)) + j, image.height_px, image.wrap[1]);
+      const auto byte = image.rgba[static_cast<std::size_t>(4 * (row * image.width_px + column) + 3)];
+      alpha += (i == 0 ? 1.0 - across : across) * (j == 0 ? 1.0 - down : down) * byte / 255.0;
+    }
+  }
+  return alpha;
+}
+
+// Whether cameras and the sun's light meet a triangle at a point of it.
+inline bool is_seen(const World& world, std::size_t triangle, const Vec3d& point) {
+  const TriangleMesh& mesh = world.triangles();
+  const Material& material = world.materials()[mesh.materials[triangle]];
+  if (material.alpha_cutoff == 0.0F || !material.texture) return true;
+  const Eigen::Vector2d place = place_in_texture(mesh, triangle, point);
+  return alpha_at(world.textures()[*material.texture], place.x(), place.y()) >= static_cast<double>(material.alpha_cutoff);
+}
+
 // -- What is there.
 
 // Elements are numbered as by World::raycast, the markers after all triangles: start, waypoints, goal.
@@ -82,7 +144,8 @@ inline Seen see(const World& world, const CameraConfig& camera, const Vec3d& ori
   const double far = camera.far_m;
   const double length = direction.norm();
   Seen seen;
-  const Hit hit = nearest(world, origin + near * direction, direction / length, (far - near) * length);
+  const Hit hit = nearest(world, origin + near * direction, direction / length, (far - near) * length,
+                          [&](std::size_t triangle, const Vec3d& point) { return is_seen(world, triangle, point); });
   if (hit.element >= 0) seen = {near + hit.t / length, hit.element, hit.normal};
   int element = first_marker(world);
   for (const Vec3d& place : places_of(world.markers())) {
@@ -138,7 +201,8 @@ inline bool is_shaded(const World& world, const Vec3d& point) {
       return true;
   }
   for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
-    if (hit_triangle(world.triangles(), i, point, sun).t < kNever) return true;
+    const Hit hit = hit_triangle(world.triangles(), i, point, sun);
+    if (hit.t < kNever && is_seen(world, i, point + hit.t * sun)) return true;
   }
   return false;
 }
@@ -193,6 +257,7 @@ inline Surface surface_of(const World& world, int element) {
 struct TexelGrid {
   int width, height;
   std::vector<Vec3d> linear;  // row by row
+  std::vector<double> alpha;  // likewise, bytes; none where it does not matter
 
   const Vec3d& at(int row, int column) const {
     return linear[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
@@ -208,35 +273,45 @@ inline double rounded_to_byte(double linear) {
   return std::round(255.0 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1.0 / 2.4) - 0.055));
 }
 
-// The mean over a rectangle, given in texels.
-inline Vec3d mean_over(const TexelGrid& grid, double left, double right, double top, double bottom) {
-  Vec3d sum = Vec3d::Zero();
+// The mean over a rectangle, given in texels, of the colours by their alphas, where these matter and are not all 0; and of
+// alphas.
+inline std::pair<Vec3d, double> mean_over(const TexelGrid& grid, double left, double right, double top, double bottom) {
+  Vec3d sum = Vec3d::Zero(), seen = Vec3d::Zero();
+  double alpha = 0.0;
   for (int row = 0; row < grid.height; ++row) {
     for (int column = 0; column < grid.width; ++column) {
       const double across = std::min(right, column + 1.0) - std::max(left, 1.0 * column);
       const double down = std::min(bottom, row + 1.0) - std::max(top, 1.0 * row);
-      if (across > 0.0 && down > 0.0) sum += across * down * grid.at(row, column);
+      if (!(across > 0.0 && down > 0.0)) continue;
+      sum += across * down * grid.at(row, column);
+      if (grid.alpha.empty()) continue;
+      const double weight = across * down * grid.alpha[static_cast<std::size_t>(row * grid.width + column)];
+      seen += weight * grid.at(row, column);
+      alpha += weight;
     }
   }
-  return sum / ((right - left) * (bottom - top));
+  const double area = (right - left) * (bottom - top);
+  return {alpha > 0.0 ? Vec3d(seen / alpha) : Vec3d(sum / area), alpha / area};
 }
 
-// The mip levels of an image, each kept in bytes of sRGB.
-inline std::vector<TexelGrid> mip_levels(const Texture& image) {
-  std::vector<TexelGrid> levels{{image.width_px, image.height_px, {}}};
+// The mip levels of an image, each kept in bytes of sRGB. masked: something is seen through by it.
+inline std::vector<TexelGrid> mip_levels(const Texture& image, bool masked = false) {
+  std::vector<TexelGrid> levels{{image.width_px, image.height_px, {}, {}}};
   for (std::size_t i = 0; i < image.rgba.size(); i += 4) {
     levels[0].linear.emplace_back(linear_of(image.rgba[i]), linear_of(image.rgba[i + 1]), linear_of(image.rgba[i + 2]));
+    if (masked) levels[0].alpha.push_back(image.rgba[i + 3]);
   }
   while (levels.back().width > 1 || levels.back().height > 1) {
     const TexelGrid before = levels.back();
-    TexelGrid next{std::max(before.width / 2, 1), std::max(before.height / 2, 1), {}};
+    TexelGrid next{std::max(before.width / 2, 1), std::max(before.height / 2, 1), {}, {}};
     const double x = static_cast<double>(before.width) / next.width;
     const double y = static_cast<double>(before.height) / next.height;
     for (int row = 0; row < next.height; ++row) {
       for (int column = 0; column < next.width; ++column) {
-        Vec3d mean = mean_over(before, column * x, (column + 1) * x, row * y, (row + 1) * y);
+        auto [mean, alpha] = mean_over(before, column * x, (column + 1) * x, row * y, (row + 1) * y);
         for (double& value : mean) value = linear_of(rounded_to_byte(value));
         next.linear.push_back(mean);
+        if (masked) next.alpha.push_back(std::round(alpha));
       }
     }
     levels.push_back(next);
@@ -244,41 +319,20 @@ inline std::vector<TexelGrid> mip_levels(const Texture& image) {
   return levels;
 }
 
-inline double wrapped(double x, TextureWrap wrap) {
-  if (wrap == TextureWrap::clamp) return std::clamp(x, 0.0, 1.0);
-  if (wrap == TextureWrap::repeat) return x - std::floor(x);
-  const double there_and_back = std::fmod(std::abs(x), 2.0);
-  return there_and_back > 1.0 ? 2.0 - there_and_back : there_and_back;
-}
-
 inline Vec3d between_texels(const TexelGrid& grid, double s, double t, const std::array<TextureWrap, 2>& wrap) {
   const double x = wrapped(s, wrap[0]) * grid.width - 0.5;
   const double y = wrapped(t, wrap[1]) * grid.height - 0.5;
-  const auto texel = [](int index, int size, TextureWrap how) {
-    if (how == TextureWrap::repeat) return (index + size) % size;
-    return std::clamp(index, 0, size - 1);
-  };
   Vec3d color = Vec3d::Zero();
   for (int j = 0; j < 2; ++j) {
     for (int i = 0; i < 2; ++i) {
       const double across = x - std::floor(x);
       const double down = y - std::floor(y);
-      const int column = texel(static_cast<int>(std::floor(x)) + i, grid.width, wrap[0]);
-      const int row = texel(static_cast<int>(std::floor(y)) + j, grid.height, wrap[1]);
+      const int column = texel_index(static_cast<int>(std::floor(x)) + i, grid.width, wrap[0]);
+      const int row = texel_index(static_cast<int>(std::floor(y)) + j, grid.height, wrap[1]);
       color += (i == 0 ? 1.0 - across : across) * (j == 0 ? 1.0 - down : down) * grid.at(row, column);
     }
   }
   return color;
-}
-
-// The weights of a triangle's second and third corner at a point of it.
-inline Eigen::Vector2d weights_at(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {
-  const auto corner = [&](std::size_t k) -> Vec3d {
-    return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])].cast<double>();
-  };
-  Eigen::Matrix<double, 3, 2> edges;
-  edges << corner(1) - corner(0), corner(2) - corner(0);
-  return edges.colPivHouseholderQr().solve(point - corner(0));
 }
 
 // What a triangle's texture shows at a point of it; white where it has none. pixel: width of one at planar depth 1.
@@ -295,8 +349,7 @@ inline Vec3d texture_color(const World& world, const std::vector<std::vector<Tex
     at[k] = mesh.vertices[vertex].cast<double>();
     uv[k] = {static_cast<double>(mesh.uv[vertex][0]), static_cast<double>(mesh.uv[vertex][1])};
   }
-  const Eigen::Vector2d weights = weights_at(mesh, triangle, point);
-  const Eigen::Vector2d place = uv[0] + weights[0] * (uv[1] - uv[0]) + weights[1] * (uv[2] - uv[0]);
+  const Eigen::Vector2d place = place_in_texture(mesh, triangle, point);
   Eigen::Matrix2d shown;
   shown << uv[1] - uv[0], uv[2] - uv[0];
   const double texels =
@@ -453,7 +506,15 @@ inline Compared expect_picture(const Batch& batch, std::size_t drone = 0, std::s
   const auto width = static_cast<std::size_t>(config.width_px);
   const auto height = static_cast<std::size_t>(config.height_px);
   std::vector<std::vector<oracle::TexelGrid>> images;
-  for (const Texture& image : world.textures()) images.push_back(oracle::mip_levels(image));
+  for (std::size_t i = 0; i < world.textures().size(); ++i) {
+    const Texture& image = world.textures()[i];
+    bool masked = false;
+    for (const Material& material : world.materials()) {
+      if (material.texture != i) continue;
+      for (std::size_t k = 3; k < image.rgba.size(); k += 4) masked |= image.rgba[k] < 255.0F * material.alpha_cutoff;
+    }
+    images.push_back(oracle::mip_levels(image, masked));
+  }
   Compared compared;
   std::size_t wrong = 0;
   for (std::size_t place = 0; place < width * height; place += stride) {

@@ -131,7 +131,9 @@ inline Hit hit_triangle(const TriangleMesh& mesh, std::size_t index, const Vec3d
   return {t, 0, ab.cross(ac).normalized()};
 }
 
-inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& direction, double max_range) {
+// counts(triangle, point): whether a triangle is met at a point of it.
+template <class Counts>
+Hit nearest(const World& world, const Vec3d& origin, const Vec3d& direction, double max_range, const Counts& counts) {
   Hit found;
   const auto take = [&](Hit hit, std::size_t element) {
     if (hit.t > max_range || hit.t >= found.t) return;
@@ -141,10 +143,15 @@ inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& directi
   const auto primitives = world.primitives();
   for (std::size_t i = 0; i < primitives.size(); ++i) take(hit_primitive(primitives[i], origin, direction), i);
   for (std::size_t i = 0; i < world.triangles().triangles.size(); ++i) {
-    take(hit_triangle(world.triangles(), i, origin, direction), primitives.size() + i);
+    const Hit hit = hit_triangle(world.triangles(), i, origin, direction);
+    if (hit.t < kNever && counts(i, Vec3d(origin + hit.t * direction))) take(hit, primitives.size() + i);
   }
   if (found.normal.dot(direction) > 0.0) found.normal = -found.normal;
   return found;
+}
+
+inline Hit nearest(const World& world, const Vec3d& origin, const Vec3d& direction, double max_range) {
+  return nearest(world, origin, direction, max_range, [](std::size_t, const Vec3d&) { return true; });
 }
 
 // How many times farther along the ray the hits of the rays beside this one, 1e-5 m away, are: what an error across the ray is

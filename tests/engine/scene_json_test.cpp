@@ -40,6 +40,7 @@ void expect_same(const World& a, const World& b) {
     EXPECT_EQ(a.materials()[i].base_color, b.materials()[i].base_color);
     EXPECT_EQ(a.materials()[i].semantic, b.materials()[i].semantic);
     EXPECT_EQ(a.materials()[i].emissive, b.materials()[i].emissive);
+    EXPECT_EQ(a.materials()[i].alpha_cutoff, b.materials()[i].alpha_cutoff);
   }
   ASSERT_EQ(a.primitives().size(), b.primitives().size());
   for (std::size_t i = 0; i < a.primitives().size(); ++i) {
@@ -248,7 +249,7 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
        "cylinders, boxes, spheres, capsules, planes, discs, meshes, markers, light"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
-       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material"},
+       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid"},
       {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),
        "x.json: /markers/a~1b~0c: unknown field; expected one of radius, start, waypoints, goal, spawn_box"},
       {"field given twice", scene(kRoom + ", " + kRoom), "x.json: expected each field once, got \"room\" twice in one object"},
@@ -291,11 +292,11 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"plane of no width", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 0]}])"),
        "x.json: /planes/0/size/1: expected a number > 0, got 0"},
       {"plane with a thickness", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1], "thickness": 0.1}])"),
-       "x.json: /planes/0/thickness: unknown field; expected one of center, size, quat_wxyz, material"},
+       "x.json: /planes/0/thickness: unknown field; expected one of center, size, quat_wxyz, material, visible, solid"},
       {"zero radius of a disc", scene(R"("discs": [{"center": [1, 1, 1], "radius": 0}])"),
        "x.json: /discs/0/radius: expected a number > 0, got 0"},
       {"disc with a height", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "height": 1}])"),
-       "x.json: /discs/0/height: unknown field; expected one of center, radius, quat_wxyz, material"},
+       "x.json: /discs/0/height: unknown field; expected one of center, radius, quat_wxyz, material, visible, solid"},
       {"disc turned by no rotation", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "quat_wxyz": [0, 0, 0, 0]}])"),
        "x.json: /discs/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
       {"room inside out", scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"),
@@ -317,7 +318,11 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
       {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
        "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
       {"unknown field of a material", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"),
-       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture, emissive"},
+       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture, emissive, alpha_cutoff"},
+      {"cutoff out of range", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": 1.5}})"),
+       "x.json: /materials/a/alpha_cutoff: expected a number in [0, 1], got 1.5"},
+      {"cutoff that is no number", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": "MASK"}})"),
+       "x.json: /materials/a/alpha_cutoff: expected a number, got \"MASK\""},
       {"semantic below the least", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
        "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 0"},
       {"negative semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),
@@ -554,6 +559,32 @@ TEST(SceneJson, ShippedScenesRoundTrip) {
     ++count;
   }
   EXPECT_EQ(count, 11);
+}
+
+TEST(SceneJson, SolidsAreVisibleOrSolidOrBoth) {
+  const auto read = [](const std::string& flags) {
+    const std::string ball = R"("center": [0, 0, 0], "radius": 1)";
+    return parse_scene(scene(R"("spheres": [{)" + ball + flags + R"(}], "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}],
+      "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]])" +
+                             flags + "}]"),
+                       "x.json", {});
+  };
+  const auto expect = [&](const std::string& flags, Presence presence) {
+    const SceneDescription description = read(flags);
+    EXPECT_EQ(description.primitives[0].presence, Presence::full) << flags;
+    EXPECT_EQ(description.primitives[1].presence, presence) << flags;
+    EXPECT_EQ(description.mesh.presence, std::vector<Presence>{presence}) << flags;
+    const World world(description);
+    EXPECT_EQ(World::from_json(world.to_json())->content_hash(), world.content_hash()) << flags;
+  };
+  expect("", Presence::full);
+  expect(R"(, "visible": true, "solid": true)", Presence::full);
+  expect(R"(, "visible": false)", Presence::solid);
+  expect(R"(, "solid": false)", Presence::visual);
+  EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
+            "x.json: /spheres/0/solid: expected true or false, got 0");
+  EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),
+            "x.json: /spheres/0: expected one of \"visible\" and \"solid\" to be true, got neither");
 }
 
 TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {

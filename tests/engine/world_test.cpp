@@ -257,7 +257,7 @@ std::string load_message(const std::filesystem::path& path) {
 TEST(World, LoadNamesTheFileThatIsWrong) {
   EXPECT_EQ(load_message("no-such.json"), "no-such.json: cannot read a scene file: No such file or directory");
   EXPECT_EQ(load_message("no-such.obj"), "no-such.obj: cannot read an OBJ file: No such file or directory");
-  EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json, .gltf, .glb or .obj, got \".stl\"");
+  EXPECT_EQ(load_message("scene.stl"), "scene.stl: expected a file ending in .json, .gltf, .glb, .obj or .ply, got \".stl\"");
   EXPECT_EQ(load_message(testing::TempDir()).rfind(testing::TempDir(), 0), 0U);
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_folder.json";
   std::filesystem::create_directories(folder);
@@ -300,8 +300,7 @@ TEST(World, LoadsABareMesh) {
   EXPECT_EQ(world->bounds().max, Vec3(1, 2, 0));
 
   std::ofstream(path) << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
-  EXPECT_EQ(load_message(path),
-            path.string() + ": mesh.triangles[0]: expected a triangle with an area, got (0, 0, 0) (1, 0, 0) (2, 0, 0)");
+  EXPECT_EQ(load_message(path), path.string() + ": expected at least one triangle with an area, got none");
   std::filesystem::remove(path);
 }
 

@@ -11,7 +11,8 @@ namespace flockstep::fuzz {
 using Bytes = std::span<const std::uint8_t>;
 
 void scene(Bytes input);     // a scene file
-void obj(Bytes input);       // an OBJ file
+void obj(Bytes input);       // an OBJ file, and behind a line "#mtl" its material file m.mtl
+void ply(Bytes input);       // a PLY file
 void gltf(Bytes input);      // a glTF file, text or binary
 void snapshot(Bytes input);  // a snapshot with bytes changed and its checksum mended
 void calls(Bytes input);     // calls on a batch, one after another
@@ -21,7 +22,8 @@ struct Target {
   void (*run)(Bytes input);
 };
 inline const std::vector<Target>& targets() {
-  static const std::vector<Target> all{{"scene", scene}, {"obj", obj}, {"gltf", gltf}, {"snapshot", snapshot}, {"calls", calls}};
+  static const std::vector<Target> all{{"scene", scene}, {"obj", obj},           {"ply", ply},
+                                       {"gltf", gltf},   {"snapshot", snapshot}, {"calls", calls}};
   return all;
 }
 

@@ -1,13 +1,20 @@
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
+#include <system_error>
 #include <utility>
+#include <vector>
 
+#include "base/platform.hpp"
 #include "flockstep/world.hpp"
 #include "fuzz/targets.hpp"
 #include "world/gltf.hpp"
 #include "world/gltf_writer.hpp"
-#include "world/obj.hpp"
+#include "world/mesh_scene.hpp"
+#include "world/ply.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
 
@@ -25,6 +32,24 @@ void require_same_again(const SceneDescription& scene) {
   if (!file.ignored.empty() || World(std::move(file.scene)).content_hash() != world.content_hash()) std::abort();
 }
 
+// Files of one process.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() : path_(std::filesystem::temp_directory_path() / ("flockstep-fuzz-" + std::to_string(process_id()))) {
+    std::filesystem::create_directories(path_);
+  }
+  ~TemporaryFolder() {
+    std::error_code error;
+    std::filesystem::remove_all(path_, error);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
 }  // namespace
 
 void scene(Bytes input) {
@@ -37,17 +62,34 @@ void scene(Bytes input) {
   require_same_again(read);
 }
 
+// The beginning is the OBJ file, the rest after a line "#mtl" its material file.
 void obj(Bytes input) {
+  const std::string text = text_of(input);
+  constexpr std::string_view kBreak = "\n#mtl\n";
+  const std::size_t at = text.find(kBreak);
+  static const TemporaryFolder folder;
+  const std::filesystem::path path = folder.path() / "m.obj";
+  std::ofstream(path, std::ios::binary) << text.substr(0, at);
+  std::ofstream(folder.path() / "m.mtl", std::ios::binary) << (at == text.npos ? "" : text.substr(at + kBreak.size()));
+  SceneDescription read;
   try {
-    const TriangleMesh mesh = parse_obj(text_of(input), "mesh");
-    for (const auto& triangle : mesh.triangles) {
-      for (const std::int32_t index : triangle) {
-        if (index < 0 || static_cast<std::size_t>(index) >= mesh.vertices.size()) std::abort();
-      }
-    }
+    std::vector<std::string> ignored;
+    read = canonical(load_obj_scene(path, {}, ignored));
   } catch (const std::invalid_argument&) {
     return;
   }
+  require_same_again(read);
+}
+
+void ply(Bytes input) {
+  SceneDescription read;
+  try {
+    read.mesh = parse_ply(text_of(input), "ply").mesh;
+    read = canonical(std::move(read));
+  } catch (const std::invalid_argument&) {
+    return;
+  }
+  require_same_again(read);
 }
 
 void gltf(Bytes input) {

@@ -355,3 +355,28 @@ class TestSnapshot:
         with pytest.raises(ValueError, match="snapshot"):
             batch.restore(damage(blob))
         np.testing.assert_array_equal(batch.position, position)
+
+
+def test_rays_through_embree_are_counted():
+    def world(triangles):
+        builder = flockstep.WorldBuilder()
+        stone = builder.material("stone", base_color=(0.5, 0.5, 0.5))
+        builder.box((5, 0, 1), (1, 1, 1), stone)
+        if triangles:
+            builder.heightfield(np.zeros((30, 30), np.float32), stone, corner=(-15, -15))
+        return builder.build()
+
+    lidar = flockstep.LidarConfig(beams=35)
+    camera = flockstep.CameraConfig(width_px=64, height_px=64, shadows=True)
+    for triangles in (False, True):
+        batch = flockstep.Batch([world(triangles)], 10, lidar=lidar, num_threads=1)
+        batch.set_pose(np.tile(np.float32([0, 0, 1]), (10, 1)))
+        batch.sense()
+        # Packets of 8; those of one drone are filled up with rays of the next.
+        assert (batch.embree_rays, batch.embree_packets) == ((350, 44) if triangles else (0, 0))
+        batch.sense()
+        assert batch.embree_rays == (700 if triangles else 0)
+        pictures = flockstep.Batch([world(triangles)], cameras=[camera], num_threads=1)
+        pictures.set_pose(np.float32([[0, 0, 1]]))
+        pictures.sense()
+        assert pictures.embree_rays == (2 * 64 * 64 if triangles else 0)  # and one more of each towards the sun

@@ -39,14 +39,19 @@ def random_world(seed, radius=None):
     builder.room([-10, -10, -10], [10, 10, 10], builder.material("wall", [0.5, 0.6, 0.7]))
     for i in range(3):
         r = radius or size()
-        builder.box(point(), random.uniform(0.1, 2, 3), materials[i], rotation())
-        builder.cylinder(point(), r, size(), materials[i], rotation())
+        builder.box(point(), random.uniform(0.1, 2, 3), materials[i], rotation(), solid=i > 0)
+        builder.cylinder(point(), r, size(), materials[i], rotation(), visible=i > 1)
         builder.capsule(point(), r, 2 * r + size(), materials[i], rotation())
         builder.sphere(point(), r, materials[i])
         builder.plane(point(), random.uniform(0.1, 2, 2), materials[i], rotation())
         builder.disc(point(), r, materials[i + 3], rotation())
         builder.mesh(
-            random.uniform(-5, 5, (12, 3)), np.arange(12).reshape(4, 3), materials[i + 4], random.normal(size=(12, 2))
+            random.uniform(-5, 5, (12, 3)),
+            np.arange(12).reshape(4, 3),
+            materials[i + 4],
+            random.normal(size=(12, 2)),
+            visible=i != 1,
+            solid=i != 2,
         )
     builder.heightfield(random.uniform(-9, -8, (6, 8)), materials[1], corner=(-8, -8))
     builder.start(point())

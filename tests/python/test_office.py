@@ -15,8 +15,8 @@ def test_the_same_arguments_make_the_same_office():
     # Made of correctly rounded operations, so that it is the same on every machine.
     mesh = first.mesh()
     vertices, triangles = mesh["vertices"], mesh["triangles"]
-    assert len(triangles) == 18622
-    np.testing.assert_allclose(vertices.astype(float).sum(axis=0), [332782.75, 211365.09, 27302.73], rtol=1e-6)
+    assert len(triangles) == 20468
+    np.testing.assert_allclose(vertices.astype(float).sum(axis=0), [341802.93, 251554.24, 27832.0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", [0, 2])
@@ -89,3 +89,19 @@ def test_threads_and_company_change_no_bits():
 def test_bad_arguments(arguments, match):
     with pytest.raises(ValueError, match=match):
         flockstep.World.office(1, **arguments)
+
+
+@pytest.mark.parametrize("make", [flockstep.World.office, flockstep.World.warehouse])
+def test_waypoints_lead_along_the_way_that_is_flown(make):
+    plain, world = make(2), make(2, waypoints=True)
+    assert plain.waypoints.shape == (0, 3)
+    data = world.to_dict()
+    del data["markers"]["waypoints"]
+    assert data == plain.to_dict()  # nothing else differs
+    stops = np.concatenate([[world.start], world.waypoints, [world.goal]]).astype(np.float32)
+    batch = flockstep.Batch([world], len(stops) - 1, num_threads=1)
+    batch.set_pose(stops[:-1])
+    batch.move(stops[1:])
+    assert not batch.contact.hit.any()
+    (named,) = flockstep.scenes.load(f"guided_{world.name}")
+    assert named.to_dict() == world.to_dict()

@@ -91,6 +91,31 @@ def test_textures_show_on_meshes():
     assert not blue.any()
 
 
+@pytest.mark.parametrize("suffix", [".json", ".glb"])
+def test_cameras_see_through_masks_and_files_keep_them(suffix, tmp_path):
+    left_half = np.full((2, 2, 4), (255, 0, 0, 255), np.uint8)
+    left_half[:, 0, 3] = 127
+    builder = flockstep.WorldBuilder()
+    fence = builder.material("fence", texture=builder.texture("bars", left_half, ("clamp", "clamp")), alpha_cutoff=0.75)
+    corners, uv = [[2, 5, 5], [2, -5, 5], [2, -5, -5], [2, 5, -5]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    builder.mesh(corners, [[0, 1, 2], [0, 2, 3]], fence, uv=uv)
+    builder.box([4, 0, 0], [1, 20, 20], builder.material("wall", [0, 0, 1]))
+    built = builder.build()
+    built.save(tmp_path / f"fence{suffix}")
+    world = flockstep.World.load(tmp_path / f"fence{suffix}")
+    assert world.to_dict() == built.to_dict()
+    assert [m["alpha_cutoff"] for m in world.materials] == [0.75, 0]
+    camera = flockstep.CameraConfig(width_px=8, height_px=6, outputs=("rgb", "depth", "semantic"))
+    images = flockstep.render(world, [0, 0, 0], camera=camera)
+    # The alpha is 127 up to a quarter of the fence, 255 from three quarters on, 0.75 just to the right of its middle.
+    np.testing.assert_allclose(images["depth"], np.tile(np.repeat([3.5, 2], 4), (6, 1)), atol=1e-4)
+    assert (images["semantic"] == np.repeat([2, 1], 4)).all()
+    assert (images["rgb"][:, :4, 2] > images["rgb"][:, :4, 0]).all()
+    assert (images["rgb"][:, 4:, 0] > images["rgb"][:, 4:, 2]).all()
+    hits = world.raycast(np.zeros((2, 3)), [[1, 0.5, 0.1], [1, -0.5, 0.1]], 10)
+    assert (hits["primitive"] == [2, 1]).all()  # a LiDAR meets the whole
+
+
 def test_what_is_built_is_left_alone_by_what_follows():
     builder = flockstep.WorldBuilder()
     builder.sphere([0, 0, 0], 1, builder.material("a"))

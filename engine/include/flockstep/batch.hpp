@@ -76,6 +76,10 @@ class Batch {
   const std::shared_ptr<const World>& world_of(std::size_t env) const;
   const DroneModel& drone() const;
   int num_threads() const;  // what num_threads = 0 became
+  // How many rays of LiDARs and cameras, shadow rays included, have gone through Embree's trees of triangles, and in how many
+  // packets; since the batch was made.
+  std::int64_t embree_rays() const;
+  std::int64_t embree_packets() const;
   const State& state() const;
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged

@@ -60,6 +60,7 @@ struct OfficeConfig {
   std::uint64_t seed = 0;
   std::array<float, 2> size_m{36.0F, 20.0F};  // along x, in [20, 200], and y, in [14, 200]; rounded down to half metres
   float furniture = 0.8F;                     // how densely it is furnished, in [0, 1]
+  bool waypoints = false;                     // before and behind each door of the way
 };
 
 // A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through
@@ -73,6 +74,7 @@ struct WarehouseConfig {
   std::uint64_t seed = 0;
   std::array<float, 2> size_m{48.0F, 30.0F};  // along x, across the rows of racks, in [26, 200], and y, in [16, 200]
   float height_m = 8.0F;                      // of the eaves, in [5, 20]; up to five pallets stand above each other
+  bool waypoints = false;                     // where the way turns
 };
 
 // A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around

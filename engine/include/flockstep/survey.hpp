@@ -15,6 +15,7 @@ namespace flockstep {
 struct ObjectList {
   std::vector<Aabb> boxes;              // m, world frame, the smallest around each object; NaN where a number has no object
   std::vector<std::int32_t> materials;  // index into World::materials(), -1 where an object has several
+  std::vector<Presence> presence;       // full where a number has no object
 };
 ObjectList objects(const World& world);
 
@@ -25,9 +26,9 @@ struct PointCloud {
   std::vector<std::int32_t> objects;
 };
 
-// Points spread evenly over all surfaces, about one for every spacing_m * spacing_m of them, and the same ones each time. They
-// lie on World::mesh(spacing_m / 100). Throws std::invalid_argument unless spacing_m is at least 1e-4 and the points at most
-// 50,000,000.
+// Points spread evenly over all surfaces that are visual, about one for every spacing_m * spacing_m of them, and the same ones
+// each time. They lie on World::mesh(spacing_m / 100). Throws std::invalid_argument unless spacing_m is at least 1e-4 and the
+// points at most 50,000,000.
 PointCloud point_cloud(const World& world, float spacing_m);
 
 // Cubes side by side. Cell (i, j, k) has its centre at origin + cell_m * (i + 1/2, j + 1/2, k + 1/2), and the place

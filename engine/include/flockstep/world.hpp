@@ -25,6 +25,12 @@ struct EnumNames<PrimitiveKind> {
   static constexpr std::array kNames{"room", "box", "cylinder", "sphere", "capsule", "plane", "disc"};
 };
 
+// What a thing is there for. Cameras, LiDARs and rays see what is visual; drones hit, planners go around and distances are to
+// what is solid. A room is both.
+enum class Presence : std::uint8_t { full, visual, solid };
+inline bool is_visible(Presence presence) { return presence != Presence::solid; }
+inline bool is_solid(Presence presence) { return presence != Presence::visual; }
+
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::box;
   Vec3 center = Vec3::Zero();                // m, world frame
@@ -34,6 +40,7 @@ struct Primitive {
                                              // capsule: (radius, radius, half height, round caps included); plane: (half
                                              // sizes, 0) and disc: (radius, radius, 0), both normal to local z
   std::uint16_t material = 0;                // index into World::materials()
+  Presence presence = Presence::full;
 };
 
 // What a texture shows beyond its borders: itself again, itself mirrored, or its border.
@@ -47,7 +54,8 @@ struct EnumNames<TextureWrap> {
 struct Texture {
   std::string name;
   int width_px = 0, height_px = 0;  // 1 to 16384
-  // Red, green, blue in sRGB and a byte that nothing reads, row by row from the top: 4 width_px height_px bytes.
+  // Red, green, blue in sRGB and alpha, which only Material::alpha_cutoff asks for, row by row from the top: 4 width_px
+  // height_px bytes.
   std::vector<std::uint8_t> rgba;
   std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};  // across, down
 };
@@ -60,6 +68,9 @@ struct Material {
   std::optional<std::uint16_t> texture;
   // Linear RGB in [0, 100], shown whatever the light; on triangles multiplied by the texture and the colours of vertices, too.
   std::array<float, 3> emissive{};
+  // In [0, 1]. Cameras see through triangles, and the sun shines through, where the alpha of the texture, from 0 to 1, is below
+  // this; 0: nowhere. Everything else meets whole triangles.
+  float alpha_cutoff = 0.0F;
 };
 
 // What cameras see things by. Colours are linear RGB in [0, 100]. A surface of unit normal n and base colour c shows
@@ -89,6 +100,12 @@ struct TriangleMesh {
   std::vector<std::array<float, 2>> uv;
   // One per vertex, linear RGB in [0, 1], by which base colour and emission are multiplied; none: all white.
   std::vector<std::array<float, 3>> colors;
+  std::vector<Presence> presence;  // by the number of the object; those that are not listed are full
+
+  Presence presence_of(std::size_t triangle) const {
+    const std::size_t object = objects.empty() ? 0 : objects[triangle];
+    return object < presence.size() ? presence[object] : Presence::full;
+  }
 };
 
 // Named places. A task reads them; nothing collides with them and no LiDAR sees them. Cameras see them as spheres, from outside
@@ -145,7 +162,8 @@ class World {
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
   // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
-  // direction unit; uv where a material has a texture, and not elsewhere; colours of vertices where one is not white.
+  // direction unit; uv where a material has a texture, and not elsewhere; colours of vertices where one is not white;
+  // presence up to the last object that is not full.
   // ignored: what ignored() returns.
   explicit World(SceneDescription description, std::vector<std::string> ignored = {});
   World(const World&) = delete;

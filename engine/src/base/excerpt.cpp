@@ -39,4 +39,8 @@ std::string excerpt(std::string_view text, std::size_t max_bytes) {
   return shown;
 }
 
+std::string counted(std::size_t count, const char* singular, const char* plural) {
+  return std::to_string(count) + ' ' + (count == 1 ? singular : plural);
+}
+
 }  // namespace flockstep

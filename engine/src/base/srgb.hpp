@@ -6,6 +6,9 @@
 
 namespace flockstep {
 
+// The linear value in [0, 1] of one of sRGB in [0, 1].
+float linear_of_srgb(double value);
+
 // The linear value in [0, 1] of each byte.
 const std::array<float, 256>& srgb_to_linear();
 

@@ -77,6 +77,8 @@ const Batch::Worlds& Batch::worlds() const {
 const std::shared_ptr<const World>& Batch::world_of(std::size_t env) const { return sim_->worlds[sim_->slot_of(env)]; }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
 int Batch::num_threads() const { return sim_->workers.num_threads(); }
+std::int64_t Batch::embree_rays() const { return sim_->embree_use().rays; }
+std::int64_t Batch::embree_packets() const { return sim_->embree_use().packets; }
 const State& Batch::state() const { return sim_->state; }
 
 // ------------------------------------------------------------------------------------------------------ motion and sensing

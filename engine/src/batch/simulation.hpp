@@ -103,6 +103,11 @@ struct Simulation {
     }
     if (i + kParts < drones.size()) obstacles[slot_of(env_of(drones[i + kParts]))]->prefetch_parts();
   }
+  trace::EmbreeUse embree_use() const {
+    trace::EmbreeUse use = cameras.embree_use();
+    for (const auto& scratch : scratches) use += scratch->tracer.embree_use();
+    return use;
+  }
   void rebuild_schedule() { schedule.rebuild(slots(), state.active); }
 
   const BatchConfig config;

@@ -1,8 +1,11 @@
 #include "compiled/compiled_world.hpp"
 
+#include <algorithm>
+
 #include "collision/obstacles.hpp"
 #include "render/shading.hpp"
 #include "trace/scene.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep {
 
@@ -22,7 +25,15 @@ const trace::Scene& CompiledWorld::scene() const {
 }
 
 const collision::Obstacles& CompiledWorld::obstacles() const {
-  return once(obstacles_, [this] { return std::make_unique<const collision::Obstacles>(world_, scene()); });
+  return once(obstacles_, [this] {
+    const auto is_full = [](const auto& thing) { return thing.presence == Presence::full; };
+    const bool is_same =
+        std::all_of(world_.primitives().begin(), world_.primitives().end(), is_full) && world_.triangles().presence.empty();
+    if (is_same) return std::make_unique<const collision::Obstacles>(world_, scene());
+    const World& solids = once(solids_, [this] { return std::make_unique<const World>(solids_of(world_)); });
+    const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });
+    return std::make_unique<const collision::Obstacles>(solids, solid_scene);
+  });
 }
 
 const render::Shading& CompiledWorld::shading() const {

@@ -28,8 +28,8 @@ class CompiledWorld {
   CompiledWorld& operator=(const CompiledWorld&) = delete;
 
   const World& world() const { return world_; }
-  const trace::Scene& scene() const;              // as rays meet it
-  const collision::Obstacles& obstacles() const;  // as a moving drone meets it
+  const trace::Scene& scene() const;              // as rays meet it: what is visual
+  const collision::Obstacles& obstacles() const;  // as a moving drone meets it: what is solid
   const render::Shading& shading() const;         // as cameras see it
 
  private:
@@ -43,6 +43,8 @@ class CompiledWorld {
 
   const World& world_;
   mutable Part<trace::Scene> scene_;  // the others point to it
+  mutable Part<World> solids_;        // where not all is solid, and as rays meet it
+  mutable Part<trace::Scene> solid_scene_;
   mutable Part<collision::Obstacles> obstacles_;
   mutable Part<render::Shading> shading_;
 };

@@ -11,6 +11,7 @@ ObjectList objects(const World& world) {
   for (const Primitive& primitive : world.primitives()) {
     list.boxes.push_back(bounds(primitive));
     list.materials.push_back(primitive.material);
+    list.presence.push_back(primitive.presence);
   }
   const TriangleMesh& mesh = world.triangles();
   const std::size_t num_primitives = world.primitives().size();
@@ -30,6 +31,8 @@ ObjectList objects(const World& world) {
     list.materials.push_back(material);
     first = last;
   }
+  list.presence.resize(list.boxes.size(), Presence::full);
+  for (std::size_t i = 0; i < mesh.presence.size(); ++i) list.presence[num_primitives + i] = mesh.presence[i];
   return list;
 }
 

@@ -66,12 +66,33 @@ std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bou
   return triangles;
 }
 
+// What is not visual.
+void drop_hidden(const World& world, TriangleMesh& mesh, std::vector<std::int32_t>& objects) {
+  const auto primitives = world.primitives();
+  const std::vector<Presence>& presence = world.triangles().presence;
+  const auto is_seen = [&](std::int32_t number) {
+    const auto object = static_cast<std::size_t>(number);
+    if (object < primitives.size()) return is_visible(primitives[object].presence);
+    const std::size_t place = object - primitives.size();
+    return place >= presence.size() || is_visible(presence[place]);
+  };
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (!is_seen(objects[i])) continue;
+    mesh.triangles[kept] = mesh.triangles[i];
+    mesh.materials[kept] = mesh.materials[i];
+    objects[kept++] = objects[i];
+  }
+  mesh.triangles.resize(kept);
+}
+
 }  // namespace
 
 PointCloud point_cloud(const World& world, float spacing_m) {
   require(spacing_m >= 1e-4F && is_in_world(spacing_m), "spacing_m", "a number in [1e-04, 1e+06]", spacing_m);
   std::vector<std::int32_t> objects;
-  const TriangleMesh mesh = world.mesh(spacing_m / 100.0F, &objects);
+  TriangleMesh mesh = world.mesh(spacing_m / 100.0F, &objects);
+  drop_hidden(world, mesh, objects);
   const auto corners = [&mesh](std::size_t triangle) {
     Corners at;
     for (std::size_t i = 0; i < 3; ++i)

@@ -8,6 +8,7 @@
 #include <unordered_map>
 
 #include "render/appearance.hpp"
+#include "trace/masks.hpp"
 
 namespace flockstep::render {
 namespace {
@@ -119,6 +120,7 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
     soup.colors.resize(soup.positions.size(), kWhite);
   }
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (!is_visible(mesh.presence_of(i))) continue;
     std::array<std::uint32_t, 3> corners{};
     std::array<Vec3d, 3> at;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -283,12 +285,13 @@ void add_round(RoundKind kind, const Vec3& center, const Mat3& rotation, const V
 
 }  // namespace
 
-GlModel::GlModel(const World& world) : textures(world.textures()) {
+GlModel::GlModel(const World& world) : textures(world) {
   const Appearance appearance(world);
   light = appearance.light;
   Soup soup;
   for (std::size_t i = 0; i < world.primitives().size(); ++i) {
     const Primitive& primitive = world.primitives()[i];
+    if (!is_visible(primitive.presence)) continue;
     const Surface& surface = appearance.primitives[i];
     const auto round = [&](RoundKind kind) {
       const Mat3 rotation = primitive.rotation.cast<double>().normalized().toRotationMatrix().cast<float>();
@@ -321,10 +324,13 @@ GlModel::GlModel(const World& world) : textures(world.textures()) {
     add_round(RoundKind::sphere, marker.center, Mat3::Identity(), Vec3::Constant(appearance.marker_radius), marker.surface, true,
               *this);
   }
+  const std::vector<bool> masking = trace::masking_materials(world);
   for (std::size_t i = 0; soup.is_painted && i < appearance.materials.size(); ++i) {
     Paint& paint = paints.emplace_back();
     set_light(paint, appearance.materials[i], light);
     paint.texture = static_cast<float>(appearance.materials[i].texture + 1);
+    if (masking[i]) paint.cutoff = 255.0F * world.materials()[i].alpha_cutoff;
+    masked |= masking[i];
   }
   sort_for_chunks(soup.triangles);
   make_chunks(soup, light, *this);

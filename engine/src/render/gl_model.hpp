@@ -39,11 +39,11 @@ struct Paint {
   std::array<float, 3> middle;  // light that comes from all around, and what is emitted: middle + slope * n.z
   float gamma_exponent;         // 1 / gamma
   std::array<float, 3> slope;
-  float texture;             // its number plus 1; 0: none
-  std::array<float, 3> sun;  // light of the sun from right above
-  float unused_1;
+  float texture;                       // its number plus 1; 0: none
+  std::array<float, 3> sun;            // light of the sun from right above
+  float cutoff;                        // of the texture's alpha in [0, 255], below which it is seen through; 0: nowhere
   std::array<float, 3> sun_direction;  // towards the sun, world frame
-  float unused_2;
+  float unused;
 };
 static_assert(sizeof(Paint) == 4 * 16);
 
@@ -91,6 +91,7 @@ struct GlModel {
   std::vector<FlatVertex> vertices;
   std::vector<PaintedVertex> painted;  // one for each of these, or none where all triangles have plain colours
   std::vector<Paint> paints;           // of each material, likewise
+  bool masked = false;                 // one of them is seen through somewhere
   Textures textures;
   std::vector<std::uint32_t> indices;  // three a triangle
   std::vector<FlatChunk> chunks;       // in the order of their indices, without gaps

@@ -115,6 +115,7 @@ void GlPainter::add(const GlModel& model) {
   const std::size_t first_vertex = vertices_.append(std::span(model.vertices));
   uploaded.first_vertex = static_cast<GLint>(first_vertex);
   uploaded.is_painted = !model.painted.empty();
+  uploaded.is_masked = model.masked;
   if (uploaded.is_painted) add_paints(model, first_vertex);
   const std::size_t first_index = indices_.append(std::span(model.indices));
   uploaded.chunks = model.chunks;
@@ -169,13 +170,17 @@ void GlPainter::add(std::uint32_t model, const GlSunGrid& grid) {
   std::vector<std::uint32_t> entries = grid.entries;
   for (std::uint32_t& entry : entries) entry += first_caster;
   const auto first_entry = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(entries)));
+  const auto first_alpha = static_cast<std::uint32_t>(entries_.append(std::span<const std::uint32_t>(grid.alphas)));
+  std::vector<SunCaster> masks = grid.masks;
+  for (SunCaster& mask : masks) mask.begin_alphas(first_alpha);
+  const auto first_mask = static_cast<std::uint32_t>(casters_.append(std::span<const SunCaster>(masks)));
   std::vector<std::uint32_t> starts = grid.starts;
   for (std::uint32_t& start : starts) start += first_entry;
   const auto first_start = static_cast<std::uint32_t>(starts_.append(std::span<const std::uint32_t>(starts)));
   GridRecord record{};
   for (Eigen::Index i = 0; i < 3; ++i) record.to_sun[static_cast<std::size_t>(i)] = row(grid.to_sun.col(i).cast<double>());
   record.left_low_cell = {grid.left, grid.low, grid.cell, 1.0F / grid.cell};
-  record.size = {grid.columns, grid.rows, first_start, 0};
+  record.size = {grid.columns, grid.rows, first_start, first_mask};
   models_[model].grid = static_cast<std::uint32_t>(grids_.append(std::span<const GridRecord>(&record, 1)));
 }
 
@@ -215,8 +220,9 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
     glUniform4f(kTilesUniform, tile_height, 1.0F / tile_height, 1.0F / static_cast<float>(size.tiles), 0.0F);
     glUniform4f(kRangeUniform, pass.near_m, pass.far_m, 1.0F / pass.far_m, 1.0F / (1.0F / pass.near_m - 1.0F / pass.far_m));
   };
+  ShaderTraits traits = pass.traits;
+  traits.masked = std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_masked; });
   if (!flat_commands_.empty()) {
-    ShaderTraits traits = pass.traits;
     traits.painted =
         std::any_of(cameras.begin(), cameras.end(), [&](const TileCamera& c) { return models_[c.model].is_painted; });
     use(shaders_.flat(traits));
@@ -225,12 +231,11 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   for (std::size_t kind = 0; kind < kNumRoundKinds; ++kind) {
     for (const bool boxes : {false, true}) {
       if (visible_[kind][boxes ? 1 : 0].empty()) continue;
-      use(shaders_.round(static_cast<RoundKind>(kind), pass.traits));
+      use(shaders_.round(static_cast<RoundKind>(kind), traits));
       draw_round(kind, boxes);
     }
   }
   if (writes.color && !sky_cameras_.empty()) {
-    ShaderTraits traits = pass.traits;
     traits.sun = std::any_of(sky_cameras_.begin(), sky_cameras_.end(),
                              [&](std::uint32_t i) { return models_[cameras[i].model].sun_disc.shows; });
     use(shaders_.sky(traits));

@@ -56,7 +56,7 @@ class GlPainter {
     Light light;
     SunDisc sun_disc{Light()};
     std::uint32_t grid = 0;  // into grids_
-    bool is_painted = false;
+    bool is_painted = false, is_masked = false;
   };
   // A TileCamera as the shaders read it; each row is a vec4.
   struct CameraRecord {

@@ -58,7 +58,7 @@ void place(vec3 clip, float depth, float tile_middle) {
 struct Grid {
   mat3 to_sun;
   vec4 left_low_cell;  // and 1 / cell
-  uvec4 size;          // columns, rows, where its starts begin
+  uvec4 size;          // columns, rows, where its starts begin, and where its masks
 };
 layout(std430, binding = 3) readonly buffer Grids { Grid grids[]; };
 
@@ -67,7 +67,7 @@ layout(location = 11) flat out vec4 sun_eye_left;
 layout(location = 12) flat out vec4 sun_ray_0_low;
 layout(location = 13) flat out vec4 sun_ray_u_cells;  // cells a metre
 layout(location = 14) flat out vec3 sun_ray_v;
-layout(location = 15) flat out uvec3 sun_grid;
+layout(location = 15) flat out uvec4 sun_grid;
 
 void look_at_sun(vec3 eye, vec3 ray_0, vec3 ray_u, vec3 ray_v, float number) {
   Grid grid = grids[uint(number)];
@@ -75,7 +75,7 @@ void look_at_sun(vec3 eye, vec3 ray_0, vec3 ray_u, vec3 ray_v, float number) {
   sun_ray_0_low = vec4(grid.to_sun * ray_0, grid.left_low_cell.y);
   sun_ray_u_cells = vec4(grid.to_sun * ray_u, grid.left_low_cell.w);
   sun_ray_v = grid.to_sun * ray_v;
-  sun_grid = grid.size.xyz;
+  sun_grid = grid.size;
 }
 #endif
 )";
@@ -130,7 +130,7 @@ layout(location = 15) in vec3 color;
 struct Paint {
   vec4 middle_gamma;
   vec4 slope_texture;
-  vec4 sun;
+  vec4 sun_cutoff;
   vec4 sun_direction;
 };
 layout(std430, binding = 7) readonly buffer Paints { Paint paints[]; };
@@ -139,20 +139,20 @@ layout(location = 3) out vec2 texture_at;
 layout(location = 4) flat out vec4 lens;
 layout(location = 5) flat out vec4 in_sun_height;
 layout(location = 6) flat out vec4 in_shadow_gamma;
-layout(location = 7) flat out vec3 painted_texture_density;  // 1: painted; the texture's number plus 1
+layout(location = 7) flat out vec4 painted_texture_density;  // 1: painted; the texture's number plus 1; and a Paint's cutoff
 layout(location = 8) out vec3 tint;
 
 void paint(vec3 n, float height) {
   texture_at = uv;
   tint = color;
-  painted_texture_density = vec3(0.0);
+  painted_texture_density = vec4(0.0);
   if (paint_number == 0u) return;
   Paint its = paints[paint_number - 1u];
   vec3 shadowed = its.middle_gamma.xyz + its.slope_texture.xyz * n.z;
   lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
-  in_sun_height = vec4(shadowed + its.sun.xyz * max(0.0, dot(n, its.sun_direction.xyz)), height);
+  in_sun_height = vec4(shadowed + its.sun_cutoff.xyz * max(0.0, dot(n, its.sun_direction.xyz)), height);
   in_shadow_gamma = vec4(shadowed, its.middle_gamma.w);
-  painted_texture_density = vec3(1.0, its.slope_texture.w, density);
+  painted_texture_density = vec4(1.0, its.slope_texture.w, density, its.sun_cutoff.w);
 }
 #endif
 
@@ -177,24 +177,8 @@ void main() {
 }
 )";
 
-constexpr const char* kFlatFragment = R"(
-layout(location = 0) flat in vec3 nearness;
-layout(location = 1) flat in uvec3 tints_ids;
-#ifdef NORMAL
-layout(location = 2) flat in vec3 facing;
-#endif
-#ifdef PAINT
-layout(location = 3) in vec2 texture_at;
-layout(location = 4) flat in vec4 lens;
-layout(location = 5) flat in vec4 in_sun_height;
-layout(location = 6) flat in vec4 in_shadow_gamma;
-layout(location = 7) flat in vec3 painted_texture_density;
-layout(location = 8) in vec3 tint;
-
-layout(std430, binding = 1) readonly buffer Texels { uint texels[]; };  // before them the linear values of bytes, as floats
-// Of a texture: its first level, their number, how it wraps; of a level: its first texel, width and height.
-layout(std430, binding = 2) readonly buffer Textures { uvec4 textures[]; };
-
+// Where in a texture to look; the fragments before know which one.
+constexpr const char* kLookup = R"(
 float wrapped(float x, uint wrap) {
   float there_and_back = x - 2.0 * floor(0.5 * x);
   float mirrored = there_and_back > 1.0 ? 2.0 - there_and_back : there_and_back;
@@ -209,6 +193,27 @@ ivec2 neighbours(float below, int size, uint wrap) {
   if (second >= size) second = wrap == 0u ? 0 : size - 1;
   return ivec2(first, second);
 }
+
+float mixed(float a, float b, float share) { return a + (b - a) * share; }
+)";
+
+constexpr const char* kFlatFragment = R"(
+layout(location = 0) flat in vec3 nearness;
+layout(location = 1) flat in uvec3 tints_ids;
+#ifdef NORMAL
+layout(location = 2) flat in vec3 facing;
+#endif
+#ifdef PAINT
+layout(location = 3) in vec2 texture_at;
+layout(location = 4) flat in vec4 lens;
+layout(location = 5) flat in vec4 in_sun_height;
+layout(location = 6) flat in vec4 in_shadow_gamma;
+layout(location = 7) flat in vec4 painted_texture_density;
+layout(location = 8) in vec3 tint;
+
+layout(std430, binding = 1) readonly buffer Texels { uint texels[]; };  // before them the linear values of bytes, as floats
+// Of a texture: its first level, their number, how it wraps; of a level: its first texel, width and height.
+layout(std430, binding = 2) readonly buffer Textures { uvec4 textures[]; };
 
 vec3 linear_texel(uint offset, int row, int column, int width) {
   uint texel = texels[offset + uint(row * width + column)];
@@ -229,6 +234,24 @@ vec3 level_color(uint level, vec2 at, uvec2 wrap) {
   return mix(upper, lower, towards.y);
 }
 
+#ifdef MASK
+// As masks.hpp says.
+bool is_seen_through() {
+  if (painted_texture_density.w == 0.0) return false;
+  uvec4 image = textures[uint(painted_texture_density.y) - 1u];
+  uvec4 place = textures[image.x];
+  ivec2 size = ivec2(place.yz);
+  vec2 texel = vec2(wrapped(texture_at.x, image.z), wrapped(texture_at.y, image.w)) * vec2(size) - 0.5;
+  vec2 below = floor(texel);
+  vec2 towards = texel - below;
+  ivec2 x = neighbours(below.x, size.x, image.z);
+  ivec2 y = neighbours(below.y, size.y, image.w) * size.x;
+  float upper = mixed(float(texels[place.x + uint(y.x + x.x)] >> 24u), float(texels[place.x + uint(y.x + x.y)] >> 24u), towards.x);
+  float lower = mixed(float(texels[place.x + uint(y.y + x.x)] >> 24u), float(texels[place.x + uint(y.y + x.y)] >> 24u), towards.x);
+  return mixed(upper, lower, towards.y) < painted_texture_density.w;
+}
+#endif
+
 // As textures.hpp says.
 vec3 texture_color(float depth, vec3 at) {
   uvec4 image = textures[uint(painted_texture_density.y) - 1u];
@@ -245,6 +268,9 @@ vec3 texture_color(float depth, vec3 at) {
 #endif
 
 void main() {
+#ifdef MASK
+  if (is_seen_through()) discard;
+#endif
 #ifdef COLOR
   bool sun = true;
 #if defined(SHADOWS) || defined(PAINT)
@@ -465,11 +491,34 @@ layout(location = 11) flat in vec4 sun_eye_left;
 layout(location = 12) flat in vec4 sun_ray_0_low;
 layout(location = 13) flat in vec4 sun_ray_u_cells;
 layout(location = 14) flat in vec3 sun_ray_v;
-layout(location = 15) flat in uvec3 sun_grid;
+layout(location = 15) flat in uvec4 sun_grid;
 
 layout(std430, binding = 4) readonly buffer Starts { uint starts[]; };
 layout(std430, binding = 5) readonly buffer Entries { uint entries[]; };
 layout(std430, binding = 6) readonly buffer Casters { mat4 casters[]; };  // columns are what GlSunGrid calls rows
+
+#ifdef MASK
+float mask_alpha(uint first, int texel) {
+  return float(entries[first + uint(texel >> 2)] >> uint(8 * (texel & 3)) & 0xFFu);
+}
+
+// Whether the sun shines through a triangle where its second and third corner have these weights; as masks.hpp says.
+bool is_shone_through(mat4 triangle, float b, float c) {
+  mat4 mask = casters[sun_grid.w + uint(triangle[0].w) - 1u];
+  uvec2 wrap = uvec2(mask[0].zw);
+  ivec2 size = ivec2(mask[0].xy);
+  uint first = uint(mask[1].x) << 16u | uint(mask[1].y);
+  vec2 place = triangle[2].zw + b * triangle[3].xy + c * triangle[3].zw;
+  vec2 texel = vec2(wrapped(place.x, wrap.x), wrapped(place.y, wrap.y)) * vec2(size) - 0.5;
+  vec2 below = floor(texel);
+  vec2 towards = texel - below;
+  ivec2 x = neighbours(below.x, size.x, wrap.x);
+  ivec2 y = neighbours(below.y, size.y, wrap.y) * size.x;
+  float upper = mixed(mask_alpha(first, y.x + x.x), mask_alpha(first, y.x + x.y), towards.x);
+  float lower = mixed(mask_alpha(first, y.y + x.x), mask_alpha(first, y.y + x.y), towards.x);
+  return mixed(upper, lower, towards.y) < mask[1].z;
+}
+#endif
 
 bool in_shadow(float depth, vec3 at, bool matters) {
   vec3 ray = sun_ray_0_low.xyz + sun_ray_u_cells.xyz * at.y + sun_ray_v * at.z;
@@ -490,6 +539,9 @@ bool in_shadow(float depth, vec3 at, bool matters) {
     float b = dot(from_corner, triangle[1].xy);
     float c = dot(from_corner, triangle[1].zw);
     hidden = b >= 0.0 && c >= 0.0 && b + c <= 1.0 && triangle[0].z + b * triangle[2].x + c * triangle[2].y > p.z;
+#ifdef MASK
+    if (hidden && triangle[0].w > 0.0) hidden = !is_shone_through(triangle, b, c);
+#endif
   }
   for (next = solids; next < end && !hidden; ++next) {
     mat4 solid = casters[entries[next]];
@@ -702,10 +754,9 @@ GlProgram link(const GlShader& vertex, const GlShader& fragment) {
 GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   static constexpr std::array kDefines{"", "#define CYLINDER\n", "#define SPHERE\n", "#define CAPSULE\n", "#define DISC\n", "",
                                        ""};
-  const std::array flags{traits.writes.color, traits.writes.depth,
-                         traits.writes.ids,   traits.writes.normal,
-                         traits.shadows,      traits.painted && traits.writes.color,
-                         traits.sun};
+  const std::array flags{traits.writes.color,  traits.writes.depth, traits.writes.ids,
+                         traits.writes.normal, traits.shadows,      traits.painted && (traits.writes.color || traits.masked),
+                         traits.sun,           traits.masked};
   static const std::array<std::string, flags.size()> kFlagDefines{
       "#define COLOR\n",
       "#define DEPTH\n",
@@ -713,7 +764,8 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       "#define NORMAL\n",
       "#define SHADOWS\n",
       "#define PAINT\n",
-      "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n'};
+      "#define SUN\n#define sun_focus " + std::to_string(SunDisc::kFocus) + '\n',
+      "#define MASK\n"};
   auto key = static_cast<std::uint32_t>(role);
   std::string defines;
   for (std::size_t i = 0; i < flags.size(); ++i) key |= (flags[i] ? 1U : 0U) << (8U + static_cast<std::uint32_t>(i));
@@ -728,7 +780,7 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
   GlProgram program;
   switch (role) {
     case Role::flat:
-      program = make({kVertexCommon, kFlatVertex}, {kFragmentCommon, kLines, kShadows, kFlatFragment});
+      program = make({kVertexCommon, kFlatVertex}, {kFragmentCommon, kLookup, kLines, kShadows, kFlatFragment});
       break;
     case Role::sky:
       program = make({kVertexCommon, kSkyVertex}, {kFragmentCommon, kSkyFragment});
@@ -737,7 +789,8 @@ GLuint GlShaders::get(Role role, const ShaderTraits& traits) {
       program = make({kResolveVertex}, {kFragmentCommon, kResolveFragment});
       break;
     default:
-      program = make({kVertexCommon, kRoundVertex}, {kFragmentCommon, kLines, kShadows, kRoundInputs, kRoundKinds, kRoundMain});
+      program = make({kVertexCommon, kRoundVertex},
+                     {kFragmentCommon, kLookup, kLines, kShadows, kRoundInputs, kRoundKinds, kRoundMain});
       break;
   }
   return programs_.emplace(key, std::move(program)).first->second.name();
@@ -748,6 +801,7 @@ GLuint GlShaders::flat(const ShaderTraits& traits) { return get(Role::flat, trai
 GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
   ShaderTraits traits = all_traits;
   traits.painted = false;
+  traits.masked = all_traits.masked && all_traits.shadows;  // only their shadows concern it
   switch (kind) {
     case RoundKind::cylinder:
       return get(Role::cylinder, traits);

@@ -24,6 +24,7 @@ struct ShaderTraits {
   Attachments writes;
   bool shadows = false;  // of the sun
   bool painted = false;  // some triangles have textures or colours of vertices
+  bool masked = false;   // some are seen through in places
   bool sun = false;      // stands in the sky
 };
 

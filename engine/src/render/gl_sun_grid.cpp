@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numeric>
+#include <span>
 
 #include "render/appearance.hpp"
+#include "trace/masks.hpp"
 
 namespace flockstep::render {
 namespace {
@@ -91,7 +94,7 @@ class Casters {
     push(caster, shadow);
   }
 
-  void add(const Vec3& a, const Vec3& b, const Vec3& c) {
+  void add(const Vec3& a, const Vec3& b, const Vec3& c, const trace::Masks::Triangle* masked) {
     const Vec3d corner = to_sun_ * a.cast<double>();
     const Vec3d ab = to_sun_ * (b.cast<double>() - a.cast<double>());
     const Vec3d ac = to_sun_ * (c.cast<double>() - a.cast<double>());
@@ -102,6 +105,13 @@ class Casters {
     caster.rows[0] = row(corner.x(), corner.y(), corner.z(), 0.0);
     caster.rows[1] = row(ac.y() / area, -ac.x() / area, -ab.y() / area, ab.x() / area);
     caster.rows[2] = row(ab.z(), ac.z(), 0.0, 0.0);
+    if (masked != nullptr) {
+      const auto& [first, second, third] = masked->uv;
+      caster.rows[0][3] = static_cast<float>(masked->mask + 1);
+      caster.rows[2][2] = first[0];
+      caster.rows[2][3] = first[1];
+      caster.rows[3] = {second[0] - first[0], second[1] - first[1], third[0] - first[0], third[1] - first[1]};
+    }
     Shadow shadow{};
     shadow.kind = CasterKind::triangle;
     for (const Vec3d& point : {corner, Vec3d(corner + ab), Vec3d(corner + ac)}) shadow.add_point(point);
@@ -202,6 +212,24 @@ class Casters {
   double margin_ = 0.0;  // m
 };
 
+// Each image begins with a number of its own.
+void add_masks(const trace::Masks& from, GlSunGrid& grid) {
+  std::map<std::size_t, std::uint32_t> first_of;  // number, by the first alpha
+  for (const trace::Masks::Mask& mask : from.masks()) {
+    const auto [first, is_new] = first_of.try_emplace(mask.first, static_cast<std::uint32_t>(grid.alphas.size()));
+    const std::size_t count = static_cast<std::size_t>(mask.width) * static_cast<std::size_t>(mask.height);
+    const std::span<const std::uint8_t> alphas = from.alphas().subspan(mask.first, count);
+    for (std::size_t i = 0; is_new && i < count; ++i) {
+      if (i % 4 == 0) grid.alphas.push_back(0);
+      grid.alphas.back() |= static_cast<std::uint32_t>(alphas[i]) << (8U * static_cast<std::uint32_t>(i % 4));
+    }
+    SunCaster& caster = grid.masks.emplace_back();
+    caster.rows[0] = row(mask.width, mask.height, static_cast<double>(mask.wrap[0]), static_cast<double>(mask.wrap[1]));
+    caster.rows[1][2] = mask.cutoff;
+    caster.begin_alphas(first->second);
+  }
+}
+
 }  // namespace
 
 GlSunGrid::GlSunGrid(const World& world) {
@@ -215,14 +243,20 @@ GlSunGrid::GlSunGrid(const World& world) {
   Casters all(rotation, *this);
   const bool has_shading_room = shading_room(world).has_value();
   for (const Primitive& primitive : world.primitives()) {
-    if (primitive.kind != PrimitiveKind::room || has_shading_room) all.add(primitive);
+    const bool casts = primitive.kind != PrimitiveKind::room || has_shading_room;
+    if (casts && is_visible(primitive.presence)) all.add(primitive);
   }
   const TriangleMesh& mesh = world.triangles();
-  for (const auto& [a, b, c] : mesh.triangles) {
-    const auto at = [&](std::int32_t vertex) -> const Vec3& { return mesh.vertices[static_cast<std::size_t>(vertex)]; };
-    all.add(at(a), at(b), at(c));
+  const trace::Masks seen_through(world);
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (!is_visible(mesh.presence_of(i))) continue;
+    const auto corner = [&](std::size_t k) -> const Vec3& {
+      return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])];
+    };
+    all.add(corner(0), corner(1), corner(2), seen_through.find(i));
   }
   all.finish();
+  add_masks(seen_through, *this);
 }
 
 }  // namespace flockstep::render

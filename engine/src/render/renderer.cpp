@@ -67,6 +67,12 @@ void Renderer::give_up_gl(const std::string& why) {
 }
 
 // Requests of one camera follow each other, and have the same tiles.
+trace::EmbreeUse Renderer::embree_use() const {
+  trace::EmbreeUse use;
+  for (const auto& scratch : raycast_scratches_) use += scratch->tracer.embree_use();
+  return use;
+}
+
 void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
   while (!requests.empty()) {
     const std::size_t tiles = requests[0].pinhole->tiles.size();

@@ -29,6 +29,8 @@ class Renderer {
   // says so.
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
+  trace::EmbreeUse embree_use() const;  // by raycast
+
   // Between the two OpenGL renders already, on a thread of its own; the requests must not change meanwhile.
   void start(std::span<const RenderRequest> requests);
   void finish(std::span<const RenderRequest> requests, Workers& workers);

@@ -71,8 +71,8 @@ using V = hn::Vec<Floats>;
 using I = hn::Vec<Ints>;
 using Mask = hn::Mask<Floats>;
 
-// One vector of pixels. kShadows: some may be in the shadow of something.
-template <bool kShadows>
+// One vector of pixels. kShadows: some may be in the shadow of something. kPlain: as Shading::Tables says.
+template <bool kShadows, bool kPlain>
 struct Rays {
   Vec3V<V> direction;  // world frame
   V t;
@@ -113,9 +113,9 @@ HWY_INLINE I packed(I red, I green, I blue) { return hn::Or(red, hn::Or(hn::Shif
 struct Nothing {};  // is emitted
 
 // What a base colour shows where the cosine of the angle between normal and sun is `sunward`, and the normal's z `upward`.
-template <bool kShadows, class Base, class Emitted = Nothing>
+template <bool kShadows, bool kPlain, class Base, class Emitted = Nothing>
 HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& base, V sunward, V upward,
-                 const Rays<kShadows>& rays, const Emitted& emitted = {}) {
+                 const Rays<kShadows, kPlain>& rays, const Emitted& emitted = {}) {
   const Light& light = tables.light;
   V sun = hn::Max(sunward, hn::Zero(d));
   if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
@@ -130,8 +130,8 @@ HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& b
   return packed(channel(0), channel(1), channel(2));
 }
 
-template <bool kShadows>
-HWY_INLINE I on_ramp(Floats d, Ints di, const std::int32_t* ramp, V sunward, const Rays<kShadows>& rays) {
+template <bool kShadows, bool kPlain>
+HWY_INLINE I on_ramp(Floats d, Ints di, const std::int32_t* ramp, V sunward, const Rays<kShadows, kPlain>& rays) {
   V sun = hn::Min(hn::Max(sunward, hn::Zero(d)), hn::Set(d, 1.0F));
   if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
   const V index = hn::Add(hn::Mul(hn::Sqrt(sun), hn::Set(d, static_cast<float>(Shading::kRamp))), hn::Set(d, 0.5F));
@@ -152,14 +152,16 @@ HWY_INLINE V sun_share(Floats d, const Shading::Tables& tables, const Vec3V<V>& 
   return hn::Max(hn::Min(within, one), glow);
 }
 
+template <bool kPlain>
 HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
   const V length = hn::Sqrt(dot(direction, direction));
   const V up = hn::Max(hn::Div(direction.z, length), hn::Zero(d));
-  const V share = tables.sun_disc.shows ? sun_share(d, tables, direction, length) : hn::Zero(d);
+  const bool disc = !kPlain && tables.sun_disc.shows;
+  const V share = disc ? sun_share(d, tables, direction, length) : hn::Zero(d);
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const float horizon = tables.light.horizon_color[c];
     V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
-    if (tables.sun_disc.shows) {
+    if (disc) {
       color = hn::Add(color, hn::Mul(hn::Sub(hn::Set(d, tables.sun_disc.color[c]), color), share));
     }
     return level(d, di, tables, color);
@@ -168,9 +170,9 @@ HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V
 }
 
 // A solid at the points its rays have hit.
-template <bool kShadows>
+template <bool kShadows, bool kPlain>
 HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
-                               const Rays<kShadows>& rays, const CameraOutputs& wanted) {
+                               const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted) {
   const trace::Shape& shape = *solid.shape;
   const float* const half = shape.half_extents;
   const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
@@ -201,7 +203,7 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
     const auto base = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.color[c]); };
     if (wanted.any_color() && solid.ramp != nullptr) {
       pixels.color = on_ramp(d, di, solid.ramp, cosine(solid.sun), rays);
-    } else if (wanted.any_color() && solid.surface.emits()) {
+    } else if (!kPlain && wanted.any_color() && solid.surface.emits()) {
       const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.emissive[c]); };
       pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted);
     } else if (wanted.any_color()) {
@@ -315,8 +317,8 @@ HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Textures& text
 }
 
 // The square of how much of a surface a pixel covers along the longer side, m^2.
-template <bool kShadows>
-HWY_INLINE V footprint(Floats d, const Rays<kShadows>& rays, const Vec3V<V>& normal, float pixel_area) {
+template <bool kShadows, bool kPlain>
+HWY_INLINE V footprint(Floats d, const Rays<kShadows, kPlain>& rays, const Vec3V<V>& normal, float pixel_area) {
   const V across = dot(normal, rays.direction);
   const V square = hn::Mul(hn::Mul(rays.t, rays.t), hn::Set(d, pixel_area));
   return hn::Div(hn::Mul(square, dot(rays.direction, rays.direction)), hn::Mul(across, across));
@@ -389,10 +391,10 @@ HWY_INLINE std::array<V, 3> vertex_colors(Floats d, const Shading::Tables& table
 }
 
 // Triangles: element by element from tables.
-template <bool kShadows>
+template <bool kShadows, bool kPlain>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
                                   std::uint64_t which, const trace::HitDetails& details, std::size_t first,
-                                  const Rays<kShadows>& rays, float pixel_area, const CameraOutputs& wanted) {
+                                  const Rays<kShadows, kPlain>& rays, float pixel_area, const CameraOutputs& wanted) {
   alignas(64) std::int32_t material[PixelTile::kSide] = {};
   alignas(64) std::int32_t object[PixelTile::kSide] = {};
   for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
@@ -410,8 +412,8 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
   if (wanted.any_color()) {
     const V one = hn::Set(d, 1.0F);
     std::array<V, 3> tints{one, one, one};
-    const bool tinted = !tables.uv.empty() || !tables.colors.empty();
-    if (!tables.colors.empty()) tints = vertex_colors(d, tables, elements, which, details, first);
+    const bool colored = !kPlain && !tables.colors.empty(), tinted = colored || !tables.uv.empty();
+    if (colored) tints = vertex_colors(d, tables, elements, which, details, first);
     if (!tables.uv.empty()) {
       const V texels = footprint(d, rays, normal, pixel_area);
       tint(d, di, tables, elements, which, material, details, first, texels, tints);
@@ -424,8 +426,8 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
     const auto emitted = [&](std::size_t c) HWY_ATTR { return of_material(tables.emissive, c); };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-    pixels.color = tables.emits ? lit(d, di, tables, base, sunward, normal.z, rays, emitted)
-                                : lit(d, di, tables, base, sunward, normal.z, rays);
+    pixels.color = !kPlain && tables.emits ? lit(d, di, tables, base, sunward, normal.z, rays, emitted)
+                                           : lit(d, di, tables, base, sunward, normal.z, rays);
   }
   return pixels;
 }
@@ -483,17 +485,17 @@ bool all_equal(const std::int32_t* values, std::size_t count) {
   return hn::AllTrue(di, hn::Eq(differing, hn::Zero(di)));
 }
 
-template <bool kShadows>
-HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
-                           const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
-                           TilePixels& out) {
+template <bool kShadows, bool kPlain>
+void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
+                const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
+                TilePixels& out) {
   const Floats d;
   const Ints di;
   const hn::Rebind<std::uint8_t, Floats> du8;
   const hn::Rebind<std::uint16_t, Floats> du16;
   const std::size_t lanes = hn::Lanes(d);
   for (std::size_t i = 0; i < bundle.count; i += lanes) {
-    Rays<kShadows> rays{
+    Rays<kShadows, kPlain> rays{
         rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + i), hn::LoadU(d, bundle.y + i), hn::LoadU(d, bundle.z + i)}),
         hn::Load(d, bundle.t_hit + i), hn::Not(every(d))};
     if constexpr (kShadows) {
@@ -513,7 +515,7 @@ HWY_INLINE void shade_tile(const Shading::Tables& tables, const trace::RayBundle
         mask = hn::RebindMask(d, hn::Lt(element, hn::Zero(di)));
         shown.semantic = shown.instance = hn::Zero(di);
         shown.normal = {zero, zero, zero};
-        if (wanted.any_color()) shown.color = sky(d, di, tables, rays.direction);
+        if (wanted.any_color()) shown.color = sky<kPlain>(d, di, tables, rays.direction);
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
         mask = hn::RebindMask(d, hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)),
                                          hn::Lt(element, hn::Set(di, tables.first_marker))));
@@ -557,9 +559,11 @@ void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const 
         return;
       }
     }
-    shade_tile<false>(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
+    const auto tile = tables.is_plain() ? shade_tile<false, true> : shade_tile<false, false>;
+    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
   } else {
-    shade_tile<true>(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
+    const auto tile = tables.is_plain() ? shade_tile<true, true> : shade_tile<true, false>;
+    tile(tables, bundle, details, shaded, pixel_area, wanted, depth_kind, out);
   }
 }
 

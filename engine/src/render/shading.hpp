@@ -75,7 +75,9 @@ class Shading {
     SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
     std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
-    explicit Tables(const World& world) : textures(world.textures()), light(world.light()), sun_disc(world.light()) {}
+    // Neither a sun disc, nor what glows, nor colours of vertices: the kernels leave the code for them out.
+    bool is_plain() const { return !sun_disc.shows && !emits && colors.empty(); }
+    explicit Tables(const World& world) : textures(world), light(world.light()), sun_disc(world.light()) {}
   };
 
  private:

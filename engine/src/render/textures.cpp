@@ -6,12 +6,14 @@
 
 #include "base/require.hpp"
 #include "base/srgb.hpp"
+#include "trace/masks.hpp"
 
 namespace flockstep::render {
 namespace {
 
-std::uint32_t packed(std::uint8_t red, std::uint8_t green, std::uint8_t blue) {
-  return red | static_cast<std::uint32_t>(green) << 8U | static_cast<std::uint32_t>(blue) << 16U;
+std::uint32_t packed(std::uint8_t red, std::uint8_t green, std::uint8_t blue, std::uint8_t alpha) {
+  return red | static_cast<std::uint32_t>(green) << 8U | static_cast<std::uint32_t>(blue) << 16U |
+         static_cast<std::uint32_t>(alpha) << 24U;
 }
 
 // What a texel of a row half as long covers of the longer one: up to three texels, each by its share.
@@ -47,20 +49,21 @@ Level largest(const Texture& texture) {
   level.texels.resize(texture.rgba.size() / 4);
   for (std::size_t i = 0; i < level.texels.size(); ++i) {
     const std::uint8_t* const rgba = texture.rgba.data() + 4 * i;
-    level.texels[i] = packed(rgba[0], rgba[1], rgba[2]);
+    level.texels[i] = packed(rgba[0], rgba[1], rgba[2], rgba[3]);
   }
   return level;
 }
 
 // Half as wide and high, but a texel at least: means of linear values.
-Level halved(const Level& from) {
+Level halved(const Level& from, bool is_masked) {
   const std::array<float, 256>& linear = srgb_to_linear();
   Level half{{}, std::max(from.width / 2, 1), std::max(from.height / 2, 1)};
   const std::vector<Cover> across = covers(from.width, half.width);
   const std::vector<Cover> down = covers(from.height, half.height);
   for (const Cover& rows : down) {
     for (const Cover& columns : across) {
-      std::array<float, 3> sum{};
+      std::array<float, 3> sum{}, seen{};
+      float alpha = 0.0F;
       for (int j = 0; j < 3; ++j) {
         for (int i = 0; i < 3; ++i) {
           const float share = rows.shares[static_cast<std::size_t>(j)] * columns.shares[static_cast<std::size_t>(i)];
@@ -70,23 +73,41 @@ Level halved(const Level& from) {
           const std::uint32_t texel = from.texels[static_cast<std::size_t>(row) * static_cast<std::size_t>(from.width) +
                                                   static_cast<std::size_t>(column)];
           for (std::size_t c = 0; c < 3; ++c) sum[c] += share * linear[texel >> 8U * c & 0xFFU];
+          if (!is_masked) continue;
+          const float weight = share * static_cast<float>(texel >> 24U);
+          alpha += weight;
+          for (std::size_t c = 0; c < 3; ++c) seen[c] += weight * linear[texel >> 8U * c & 0xFFU];
         }
       }
-      half.texels.push_back(packed(linear_to_srgb(sum[0]), linear_to_srgb(sum[1]), linear_to_srgb(sum[2])));
+      for (std::size_t c = 0; alpha > 0.0F && c < 3; ++c) sum[c] = seen[c] / alpha;
+      half.texels.push_back(packed(linear_to_srgb(sum[0]), linear_to_srgb(sum[1]), linear_to_srgb(sum[2]),
+                                   static_cast<std::uint8_t>(std::lround(std::min(alpha, 255.0F)))));
     }
   }
   return half;
 }
 
+std::vector<bool> masked_textures(const World& world) {
+  std::vector<bool> masked(world.textures().size());
+  const std::vector<bool> masking = trace::masking_materials(world);
+  for (std::size_t i = 0; i < masking.size(); ++i) {
+    if (masking[i]) masked[*world.materials()[i].texture] = true;
+  }
+  return masked;
+}
+
 }  // namespace
 
-Textures::Textures(std::span<const Texture> textures) {
+Textures::Textures(const World& world) : Textures(world.textures(), masked_textures(world)) {}
+
+Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked) {
   constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
   for (const Texture& texture : textures) {
     first_level.push_back(static_cast<std::int32_t>(offset.size()));
     wrap_across.push_back(static_cast<std::int32_t>(texture.wrap[0]));
     wrap_down.push_back(static_cast<std::int32_t>(texture.wrap[1]));
-    for (Level level = largest(texture);; level = halved(level)) {
+    const bool is_masked = !masked.empty() && masked[first_level.size() - 1];
+    for (Level level = largest(texture);; level = halved(level, is_masked)) {
       require(texels.size() + level.texels.size() < kMost, "textures", "less than 2^31 texels, mip levels included",
               texture.name);
       offset.push_back(static_cast<std::int32_t>(texels.size()));

@@ -5,6 +5,9 @@
 // d of length 1 along the optical axis that meets the surface, whose unit normal is n, at planar depth z, the level of detail is
 // log2(sqrt(t4) p z |d| / |n . d|): one texel a pixel, along the longer side of what the pixel covers. log2 is a straight line
 // between powers of two, off by 0.09 at most, so that every processor computes the same.
+//
+// A texel of a level is the mean of those it covers of the level before. Where things are seen through by a texture, each counts
+// as much as its alpha, so that what is cut away gives no colour to what is left.
 #pragma once
 
 #include <array>
@@ -17,12 +20,14 @@
 namespace flockstep::render {
 
 struct Textures {
+  // masked: which of them something is seen through by, if any.
   // Throws std::invalid_argument where they have too many texels to be numbered.
-  explicit Textures(std::span<const Texture> textures);
+  explicit Textures(std::span<const Texture> textures, const std::vector<bool>& masked = {});
+  explicit Textures(const World& world);
 
   bool empty() const { return first_level.empty(); }
 
-  std::vector<std::uint32_t> texels;  // red, green, blue from the lowest byte on, sRGB; level by level, row by row
+  std::vector<std::uint32_t> texels;  // red, green, blue in sRGB and alpha from the lowest byte on; level by level, row by row
   // Of each texture.
   std::vector<std::int32_t> first_level, num_levels;
   std::vector<std::int32_t> wrap_across, wrap_down;  // TextureWrap

@@ -483,7 +483,8 @@ void Furniture::workbench(const Spot& spot) {
   shape.block({0, -0.25, 1.83}, {1.9, 0.26, 0.03}, Swatch::steel);
   for (int i = 0; i < 4; ++i) {
     shape.block({-0.7 + 0.42 * i, -0.25, 1.94}, {0.3, 0.22, 0.18}, any_color());
-    shape.block({-0.6 + 0.4 * i, -0.35, draws_.uniform(1.3, 1.6)}, {0.05, 0.02, draws_.uniform(0.15, 0.3)}, any_color());
+    const double z = draws_.uniform(1.3, 1.6), high = draws_.uniform(0.15, 0.3);
+    shape.block({-0.6 + 0.4 * i, -0.35, z}, {0.05, 0.02, high}, any_color());
   }
   shape.block({0.55, -0.05, 1.04}, {0.4, 0.3, 0.26}, Swatch::carton_plain, Swatch::carton_top);
   add(shape, Kind::table);

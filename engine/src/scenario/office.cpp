@@ -106,6 +106,10 @@ class Office {
     const Vec3 start = lane().front(), reach = Vec3::Constant(static_cast<float>(kSpawnReach));
     builder_.start(start);
     builder_.goal(lane().back());
+    if (config_.waypoints) {
+      const std::vector<Vec3> way = lane();
+      for (std::size_t i = 1; i + 1 < way.size(); ++i) builder_.waypoint(way[i]);
+    }
     builder_.spawn_box({start - reach, start + reach});
     return builder_;
   }
@@ -592,7 +596,8 @@ class Office {
   void add_shelves(int count) {
     for (int i = 0; i < count; ++i) {
       const bool is_low = draws_.below(3) == 0;
-      const Vec3d size(draws_.uniform(0.8, 1.4), is_low ? 0.45 : 0.34, is_low ? 0.78 : draws_.uniform(1.7, 2.1));
+      const double across = draws_.uniform(0.8, 1.4), high = is_low ? 0.78 : draws_.uniform(1.7, 2.1);
+      const Vec3d size(across, is_low ? 0.45 : 0.34, high);
       if (const auto place = against_wall(size.x(), size.y(), size.z())) {
         is_low ? furniture_.cabinet(*place, size) : furniture_.bookshelf(*place, size);
       }

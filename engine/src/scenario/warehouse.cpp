@@ -94,6 +94,10 @@ class Warehouse {
     const Vec3 start = lane().front(), reach = Vec3::Constant(static_cast<float>(kSpawnReach));
     builder_.start(start);
     builder_.goal(lane().back());
+    if (config_.waypoints) {
+      const std::vector<Vec3> way = lane();
+      for (std::size_t i = 1; i + 1 < way.size(); ++i) builder_.waypoint(way[i]);
+    }
     builder_.spawn_box({start - reach, start + reach});
     return builder_;
   }
@@ -458,7 +462,8 @@ class Warehouse {
     for (int i = 0; i < 3; ++i) {
       if (draws_.below(5) == 0) continue;
       const double at = y + kBay * (i + 0.5) / 3.0 + draws_.uniform(-0.02, 0.02);
-      furniture_.load({{x + draws_.uniform(-0.05, 0.05), at}, Vec2d::UnitY(), z}, draws_.uniform(0.95, 1.55));
+      const double high = draws_.uniform(0.95, 1.55);
+      furniture_.load({{x + draws_.uniform(-0.05, 0.05), at}, Vec2d::UnitY(), z}, high);
     }
   }
 

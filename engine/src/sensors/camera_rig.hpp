@@ -59,6 +59,7 @@ class CameraRig {
   // Which backend renders, and why; what the user has not been told yet.
   const std::string& report() const;
   std::string take_warning();
+  trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // A JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, std::size_t drone, int quality) const;
 

@@ -9,6 +9,8 @@
 
 #include <cstddef>
 
+#include "trace/masks.hpp"
+
 namespace flockstep::trace {
 
 // Sixteen or eight rays and their hits, structure of arrays, as Embree reads and writes them.
@@ -23,51 +25,48 @@ struct Packet<16> {
   RTCRayHit16 rays;
 };
 
-// Traces a packet whose rays may have anything to do with each other. Embree's coherent traversal would let a ray's last bits, at
-// the edges triangles share, depend on the rays beside it.
+// Whether the rays of a packet point much the same way and always come together. Embree's coherent traversal lets a ray's last
+// bits, at the edges triangles share, depend on the rays beside it.
+enum class Coherence : bool { none, tile };
+
+// What the filters of geometry are told of a packet.
+struct PacketContext {
 #if FLOCKSTEP_EMBREE_MAJOR >= 4
-inline void intersect_packet(const int* valid, RTCScene scene, Packet<8>& packet) {
-  rtcIntersect8(valid, scene, &packet.rays, nullptr);
-}
-inline void intersect_packet(const int* valid, RTCScene scene, Packet<16>& packet) {
-  rtcIntersect16(valid, scene, &packet.rays, nullptr);
-}
-// For rays that point the same way and always come together.
-inline void intersect_coherent(const int* valid, RTCScene scene, Packet<8>& packet) {
-  RTCIntersectArguments arguments;
-  rtcInitIntersectArguments(&arguments);
-  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
-  rtcIntersect8(valid, scene, &packet.rays, &arguments);
-}
-inline void intersect_coherent(const int* valid, RTCScene scene, Packet<16>& packet) {
-  RTCIntersectArguments arguments;
-  rtcInitIntersectArguments(&arguments);
-  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
-  rtcIntersect16(valid, scene, &packet.rays, &arguments);
-}
+  RTCRayQueryContext embree;
 #else
-inline void intersect_packet(const int* valid, RTCScene scene, Packet<8>& packet) {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  rtcIntersect8(valid, scene, &context, &packet.rays);
-}
-inline void intersect_packet(const int* valid, RTCScene scene, Packet<16>& packet) {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  rtcIntersect16(valid, scene, &context, &packet.rays);
-}
-inline void intersect_coherent(const int* valid, RTCScene scene, Packet<8>& packet) {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-  rtcIntersect8(valid, scene, &context, &packet.rays);
-}
-inline void intersect_coherent(const int* valid, RTCScene scene, Packet<16>& packet) {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-  rtcIntersect16(valid, scene, &context, &packet.rays);
-}
+  RTCIntersectContext embree;
 #endif
+  Through through;
+};
+
+inline Through through_of(const RTCFilterFunctionNArguments& asked) {
+  return reinterpret_cast<const PacketContext*>(asked.context)->through;  // whose first member that is
+}
+
+template <std::size_t kSize>
+void intersect_packet(const int* valid, RTCScene scene, Packet<kSize>& packet, Coherence coherence, Through through) {
+  PacketContext context;
+  context.through = through;
+#if FLOCKSTEP_EMBREE_MAJOR >= 4
+  rtcInitRayQueryContext(&context.embree);
+  RTCIntersectArguments arguments;
+  rtcInitIntersectArguments(&arguments);
+  arguments.context = &context.embree;
+  if (coherence == Coherence::tile) arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  if constexpr (kSize == 8) {
+    rtcIntersect8(valid, scene, &packet.rays, &arguments);
+  } else {
+    rtcIntersect16(valid, scene, &packet.rays, &arguments);
+  }
+#else
+  rtcInitIntersectContext(&context.embree);
+  if (coherence == Coherence::tile) context.embree.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  if constexpr (kSize == 8) {
+    rtcIntersect8(valid, scene, &context.embree, &packet.rays);
+  } else {
+    rtcIntersect16(valid, scene, &context.embree, &packet.rays);
+  }
+#endif
+}
 
 }  // namespace flockstep::trace

@@ -30,7 +30,7 @@ HWY_INLINE void store_details(D d, const Hits& hits, std::size_t lane, hn::Mask<
 }
 
 template <std::size_t kSize>
-void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays, HitDetails* details) {
+void trace_packets(RTCScene scene, std::int32_t first_element, Through through, RayBlock& rays, HitDetails* details) {
   const hn::CappedTag<float, kSize> d;
   const hn::RebindToSigned<decltype(d)> di;
   const std::size_t lanes = hn::Lanes(d);
@@ -73,7 +73,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, RayBlock& rays, H
       // On processors without packets of this size Embree ignores `valid`; it leaves out rays that end before they begin.
       std::fill(packet.ray.tfar + left, packet.ray.tfar + kSize, -1.0F);
     }
-    intersect_packet(valid, scene, buffer);
+    intersect_packet(valid, scene, buffer, Coherence::none, through);
     for (std::size_t i = 0; i < kSize; i += lanes) {
       const std::size_t ray = first + i;
       const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + i)), invalid);
@@ -97,7 +97,7 @@ HWY_INLINE void for_4_by(std::size_t lanes, const F& f) {
 }
 
 template <std::size_t kRows>
-HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBundle& rays, HitDetails& details) {
+HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, Through through, RayBundle& rays, HitDetails& details) {
   const hn::CappedTag<float, 4> d;
   const hn::RebindToSigned<decltype(d)> di;
   using V = hn::Vec<decltype(d)>;
@@ -135,7 +135,7 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBun
         hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + lane);
         hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + lane));
       });
-      intersect_coherent(valid, scene, buffer);
+      intersect_packet(valid, scene, buffer, Coherence::tile, through);
       for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
         const std::size_t ray = first + offset;
         const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + lane)), invalid);
@@ -150,19 +150,19 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, RayBun
   }
 }
 
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, HitDetails& details) {
+void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, Through through, RayBundle& rays, HitDetails& details) {
   if (wide) {
-    trace_tile_by<4>(scene, first_element, rays, details);
+    trace_tile_by<4>(scene, first_element, through, rays, details);
   } else {
-    trace_tile_by<2>(scene, first_element, rays, details);
+    trace_tile_by<2>(scene, first_element, through, rays, details);
   }
 }
 
 void trace_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
-  trace_packets<16>(scene, first_element, rays, nullptr);
+  trace_packets<16>(scene, first_element, Through::nothing, rays, nullptr);
 }
-void trace_8(RTCScene scene, std::int32_t first_element, RayBlock& rays, HitDetails* details) {
-  trace_packets<8>(scene, first_element, rays, details);
+void trace_8(RTCScene scene, std::int32_t first_element, Through through, RayBlock& rays, HitDetails* details) {
+  trace_packets<8>(scene, first_element, through, rays, details);
 }
 
 }  // namespace flockstep::trace::HWY_NAMESPACE
@@ -178,11 +178,15 @@ HWY_EXPORT(trace_8);
 void trace_packets_of_16(RTCScene scene, std::int32_t first_element, RayBlock& rays) {
   HWY_DYNAMIC_DISPATCH(trace_16)(scene, first_element, rays);
 }
-void trace_packets_of_8(RTCScene scene, std::int32_t first_element, RayBlock& rays, HitDetails* details) {
-  HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, rays, details);
+std::size_t trace_packets_of_8(RTCScene scene, std::int32_t first_element, Through through, RayBlock& rays, HitDetails* details) {
+  HWY_DYNAMIC_DISPATCH(trace_8)(scene, first_element, through, rays, details);
+  return (rays.count + 7) / 8;
 }
-void trace_tile(RTCScene scene, std::int32_t first_element, bool wide, RayBundle& rays, HitDetails& details) {
-  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, rays, details);
+std::size_t trace_tile(RTCScene scene, std::int32_t first_element, bool wide, Through through, RayBundle& rays,
+                       HitDetails& details) {
+  HWY_DYNAMIC_DISPATCH(trace_tile)(scene, first_element, wide, through, rays, details);
+  const std::size_t strip = kTileWidth * (wide ? 4 : 2);
+  return (rays.count + strip - 1) / strip * (kTileWidth / 4);
 }
 
 }  // namespace flockstep::trace

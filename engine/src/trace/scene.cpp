@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <exception>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -61,6 +63,18 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
   return device;
 }
 
+// The filter of triangles with masks: rays that pass through these do not meet them where they are seen through. What becomes of
+// a ray depends on that ray alone.
+void pass_through_masks(const RTCFilterFunctionNArguments* args) {
+  if (through_of(*args) == Through::nothing) return;
+  const auto& masks = *static_cast<const Masks*>(args->geometryUserPtr);
+  for (unsigned int i = 0; i < args->N; ++i) {
+    if (args->valid[i] == 0) continue;
+    const unsigned int triangle = RTCHitN_primID(args->hit, args->N, i);
+    if (masks.lets_through(triangle, RTCHitN_u(args->hit, args->N, i), RTCHitN_v(args->hit, args->N, i))) args->valid[i] = 0;
+  }
+}
+
 // near: nothing nearer is seen, so what is within it may be seen otherwise than the short cuts have it.
 OriginHint hint_in_room(const Shape& room, const std::array<float, 3>& o, float near) {
   const float* const half = room.half_extents;
@@ -80,7 +94,7 @@ OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, floa
 
 Scene::Scene(const World& world, std::size_t max_direct) {
   add_primitives(world.primitives(), max_direct);
-  add_triangles(world.triangles());
+  add_triangles(world);
   const Markers& markers = world.markers();
   const auto add_marker = [&](const Vec3& center) {
     const auto element = static_cast<std::int32_t>(shapes_.size() + world.triangles().triangles.size() + markers_.size());
@@ -136,17 +150,22 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
     shapes_.push_back({make_shape(primitive), static_cast<std::int32_t>(element)});
     if (primitive.kind == PrimitiveKind::room) {
       ++num_rooms_;
-    } else {
+    } else if (is_visible(primitive.presence)) {
       boxes.push_back(shapes_.back().shape.bounds());
       numbers.push_back(element);
     }
   }
   tree_ = ShapeTree(boxes, numbers);
-  if (shapes_.size() <= max_direct) return;  // every bundle has few enough, too
+  const auto is_visual = [&](const NumberedShape& shape) {
+    return is_visible(primitives[static_cast<std::size_t>(shape.element)].presence);
+  };
+  is_all_visible_ = std::all_of(shapes_.begin(), shapes_.end(), is_visual);
+  if (!is_all_visible_) std::copy_if(shapes_.begin(), shapes_.end(), std::back_inserter(visible_), is_visual);
+  if (traced().size() <= max_direct) return;  // every bundle has few enough, too
   for (const NumberedShape& shape : shapes_) {
     crowd_shapes_.push_back(shape.shape);
     // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
-    if (crowd_shapes_.size() <= num_rooms_) crowd_shapes_.back().box_half = Vec3::Constant(-1.0F);
+    if (crowd_shapes_.size() <= num_rooms_ || !is_visual(shape)) crowd_shapes_.back().box_half = Vec3::Constant(-1.0F);
   }
   crowd_ = new_scene();
   const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER), device_.get()));
@@ -171,9 +190,29 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
   thread_sanitizer::acquire(crowd_shapes_.data());
 }
 
-void Scene::add_triangles(const TriangleMesh& mesh) {
-  if (mesh.triangles.empty()) return;
+void Scene::add_triangles(const World& world) {
+  const TriangleMesh& mesh = world.triangles();
+  Eigen::AlignedBox3f box;
+  bool any = false;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (!is_visible(mesh.presence_of(i))) continue;
+    for (const std::int32_t index : mesh.triangles[i]) box.extend(mesh.vertices[static_cast<std::size_t>(index)]);
+    any = true;
+  }
+  if (!any) return;
+  masks_ = Masks(world);
   meshes_ = new_scene();
+  attach_triangles(mesh, false);
+  if (!masks_.empty()) attach_triangles(mesh, true);
+  mesh_center_ = box.center();
+  mesh_half_ = 0.5F * box.sizes() + kRounding * (Vec3::Ones() + box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()));
+  commit(meshes_.get());
+  wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
+}
+
+// The visible triangles with masks, or the others. In both geometries all keep their numbers: Embree leaves out those whose
+// vertices it does not find.
+void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
   const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE), device_.get()));
   RTCGeometry geometry = owned.get();
   auto* vertices = static_cast<float*>(required(
@@ -186,34 +225,32 @@ void Scene::add_triangles(const TriangleMesh& mesh) {
   for (const Vec3& vertex : mesh.vertices) {
     for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
   }
-  Eigen::AlignedBox3f box;
-  for (const auto& triangle : mesh.triangles) {
-    for (const std::int32_t index : triangle) {
-      *indices++ = static_cast<unsigned int>(index);
-      box.extend(mesh.vertices[static_cast<std::size_t>(index)]);
-    }
+  constexpr unsigned int kNowhere = std::numeric_limits<unsigned int>::max();
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const bool is_here = is_visible(mesh.presence_of(i)) && (masks_.find(i) != nullptr) == masked;
+    for (const std::int32_t index : mesh.triangles[i]) *indices++ = is_here ? static_cast<unsigned int>(index) : kNowhere;
   }
-  mesh_center_ = box.center();
-  mesh_half_ = 0.5F * box.sizes() + kRounding * (Vec3::Ones() + box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()));
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
+  if (masked) {
+    rtcSetGeometryUserData(geometry, &masks_);
+    rtcSetGeometryIntersectFilterFunction(geometry, pass_through_masks);
+  }
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(meshes_.get(), geometry);
-  commit(meshes_.get());
-  wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }
 
 void Scene::intersect_primitives(RayBlock& rays) const {
   if (!crowd_) {
-    trace_direct(shapes_, rays);
+    trace_direct(traced(), rays);
   } else {
-    trace_direct(std::span(shapes_).first(num_rooms_), rays);
+    trace_direct(traced().first(num_rooms_), rays);
     trace_packets_of_16(crowd_.get(), 0, rays);
   }
 }
 
 void Scene::intersect_casters(RayBlock& rays) const {
   if (!crowd_) {
-    trace_direct(std::span(shapes_).subspan(num_rooms_), rays);
+    trace_direct(traced().subspan(num_rooms_), rays);
   } else {
     trace_packets_of_16(crowd_.get(), 0, rays);
   }
@@ -221,12 +258,13 @@ void Scene::intersect_casters(RayBlock& rays) const {
 
 void Scene::intersect_markers(RayBlock& rays) const { trace_markers(markers_, rays); }
 
-void Scene::intersect_triangles(RayBlock& rays, HitDetails* details) const {
-  if (meshes_) trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), rays, details);
+std::size_t Scene::intersect_triangles(RayBlock& rays, HitDetails* details, Through through) const {
+  return !meshes_ ? 0 : trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), through, rays, details);
 }
 
-void Scene::intersect_triangles(RayBundle& tile, HitDetails& details) const {
-  if (meshes_) trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, tile, details);
+std::size_t Scene::intersect_triangles(RayBundle& tile, HitDetails& details) const {
+  if (!meshes_) return 0;
+  return trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, Through::masks, tile, details);
 }
 
 void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const {

@@ -1,6 +1,8 @@
 // trace::Scene: one world as rays meet it, and what can be asked of each kind of thing in it. A Tracer puts the questions
 // together.
 //
+// What is not visual is not in it: it keeps its number, and nothing meets it.
+//
 // Primitives are traced directly where few are within reach (see CandidateSet), and by Embree where many are; triangles always by
 // Embree.
 #pragma once
@@ -16,6 +18,7 @@
 #include "trace/calibrated.hpp"
 #include "trace/direct.hpp"
 #include "trace/embree.hpp"
+#include "trace/masks.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 #include "trace/shape_tree.hpp"
@@ -52,9 +55,11 @@ class Scene {
   void intersect_primitives(RayBlock& rays) const;
   void intersect_casters(RayBlock& rays) const;  // all primitives but the rooms
   void intersect_markers(RayBlock& rays) const;
-  void intersect_triangles(RayBlock& rays, HitDetails* details) const;  // details: null where only distances are of interest
-  // The same for a tile, whose bits are those of the tile as a whole: its rows of kTileWidth rays go through Embree together.
-  void intersect_triangles(RayBundle& tile, HitDetails& details) const;
+  // Returns how many packets went through Embree. details: null where only distances are of interest.
+  std::size_t intersect_triangles(RayBlock& rays, HitDetails* details, Through through = Through::nothing) const;
+  // The same for a camera's tile, through masks. Its bits are those of the tile as a whole: its rows of kTileWidth rays go
+  // through Embree together.
+  std::size_t intersect_triangles(RayBundle& tile, HitDetails& details) const;
 
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
   std::span<const NumberedShape> markers() const { return markers_; }
@@ -80,14 +85,20 @@ class Scene {
   EmbreeScene new_scene();
   void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const;
   void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
-  void add_triangles(const TriangleMesh& mesh);
+  void add_triangles(const World& world);
+  void attach_triangles(const TriangleMesh& mesh, bool masked);
   void commit(RTCScene scene) const;
 
+  std::span<const NumberedShape> traced() const { return is_all_visible_ ? shapes_ : visible_; }
+
   std::vector<NumberedShape> shapes_;   // all primitives, in the order of their elements: rooms first
+  std::vector<NumberedShape> visible_;  // those of them that are visual, where some are not
+  bool is_all_visible_ = true;
   std::vector<NumberedShape> markers_;  // start, waypoints, goal
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
   std::vector<Shape> crowd_shapes_;
+  Masks masks_;
   Vec3 mesh_center_, mesh_half_;         // m, of the bounding box, a little wider than the triangles
   std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
   EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few

@@ -45,7 +45,9 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
     std::copy_n(block_.t_hit, bundle_.count, bundle_.t_hit);
     std::copy_n(block_.element, bundle_.count, bundle_.element);
   }
-  if (candidates_.triangles) scene_->intersect_triangles(bundle_, details_);
+  if (candidates_.triangles) {
+    note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
+  }
   return bundle_;  // the static world ends here
 }
 
@@ -70,13 +72,13 @@ void Tracer::finish() {
 void Tracer::trace_block(const Scene& scene) {
   forget_hits(block_);
   scene.intersect_primitives(block_);
-  scene.intersect_triangles(block_, &details_);  // the static world ends here
+  meet_triangles(scene, block_, &details_);  // the static world ends here
 }
 
 void Tracer::trace_shadows(const Scene& scene) {
   forget_hits(block_);
   scene.intersect_casters(block_);
-  scene.intersect_triangles(block_, nullptr);  // the static world ends here
+  meet_triangles(scene, block_, nullptr, Through::masks);  // the static world ends here
 }
 
 bool Tracer::trace_candidates(const RayTile& tile) {
@@ -91,6 +93,14 @@ bool Tracer::trace_candidates(const RayTile& tile) {
 void Tracer::meet_primitives(RayBlock& rays) const {
   scene_->intersect_primitives(rays);
   if (sees_markers_) scene_->intersect_markers(rays);
+}
+
+void Tracer::meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through) {
+  note(rays.count, scene.intersect_triangles(rays, details, through));
+}
+
+void Tracer::note(std::size_t rays, std::size_t packets) {
+  if (packets > 0) embree_use_ += {static_cast<std::int64_t>(rays), static_cast<std::int64_t>(packets)};
 }
 
 // Lets the bundle's rays join those that wait, with what they have hit so far.
@@ -110,7 +120,7 @@ void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waitin
 void Tracer::deliver(Waiting& waiting) {
   if (waiting.rays.count == 0) return;
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);
-  scene_->intersect_triangles(waiting.rays, nullptr);  // the static world ends here
+  meet_triangles(*scene_, waiting.rays, nullptr);  // the static world ends here
   const float* t_hit = waiting.rays.t_hit;
   for (std::size_t i = 0; i < waiting.num_runs; ++i) {
     std::copy_n(t_hit, waiting.runs[i].count, waiting.runs[i].ranges);

@@ -33,6 +33,18 @@ struct RayTile {
   const Frustum* frustum;   // that holds them, sensor frame
 };
 
+// What has gone through Embree's trees of triangles, shadow rays included.
+struct EmbreeUse {
+  std::int64_t rays = 0;
+  std::int64_t packets = 0;
+
+  EmbreeUse& operator+=(const EmbreeUse& other) {
+    rays += other.rays;
+    packets += other.packets;
+    return *this;
+  }
+};
+
 // A thread's own; some 60 KB, so make it once. Nothing is allocated while it traces. A ray's result has the same bits beside any
 // other rays, except those of trace(), whose tile is always the same for a pixel. Call under FlushDenormals.
 class Tracer {
@@ -41,7 +53,8 @@ class Tracer {
   // these may join them. The scene outlives what is traced in it.
   void settle(const Scene& scene, const Viewpoint& viewpoint);
 
-  // Nearest hits of a tile, whose rows are kTileWidth wide and, up to a multiple of 4 of them, have directions to be read.
+  // Nearest hits of a camera's tile, through masks. Its rows are kTileWidth wide and, up to a multiple of 4 of them, have
+  // directions to be read.
   const RayBundle& trace(const RayTile& tile);
 
   // Distances of a tile, row by row to ranges, ranges + stride and so on: at once, or by finish() at the latest, where rays go
@@ -53,11 +66,14 @@ class Tracer {
   RayBlock& block() { return block_; }
   // Nearest hits of the block.
   void trace_block(const Scene& scene);
-  // Whether anything but rooms and markers lies on the rays of the block: t_hit is finite then.
+  // Whether anything but rooms and markers lies on the rays of the block, through masks: t_hit is finite then.
   void trace_shadows(const Scene& scene);
 
   // What is known of the hits of the last trace() or trace_block() on triangles.
   const HitDetails& details() const { return details_; }
+
+  // Since the tracer was made. Packets are shared by what waits, so their number depends on the order in which sensors come.
+  const EmbreeUse& embree_use() const { return embree_use_; }
 
  private:
   // Rays of several sensors, with what they have hit so far.
@@ -73,6 +89,8 @@ class Tracer {
 
   bool trace_candidates(const RayTile& tile);  // false if they are too many
   void meet_primitives(RayBlock& rays) const;
+  void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
+  void note(std::size_t rays, std::size_t packets);  // that they went through Embree; no packets: they did not
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);
 
@@ -81,6 +99,7 @@ class Tracer {
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
   HitDetails details_;
+  EmbreeUse embree_use_;
   RayBlock block_;
   Waiting for_everything_, for_triangles_;
 };

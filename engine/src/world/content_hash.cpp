@@ -25,13 +25,14 @@ void add(Hash& hash, const std::optional<Vec3>& point) {
 }
 
 void add(Hash& hash, const Material& material) {
-  const auto& [name, base_color, semantic, texture, emissive] = material;
+  const auto& [name, base_color, semantic, texture, emissive, alpha_cutoff] = material;
   hash.add(name);
   hash.add(std::span<const float>(base_color));
   hash.add(semantic);
   // Worlds without what came later keep the hash that snapshots of theirs hold.
   if (texture) hash.add(*texture);
   if (emissive != Material().emissive) hash.add(std::span<const float>(emissive));
+  if (alpha_cutoff != 0.0F) hash.add(alpha_cutoff);
 }
 
 void add(Hash& hash, const Texture& texture) {
@@ -45,16 +46,17 @@ void add(Hash& hash, const Texture& texture) {
 }
 
 void add(Hash& hash, const Primitive& primitive) {
-  const auto& [kind, center, rotation, half_extents, material] = primitive;
+  const auto& [kind, center, rotation, half_extents, material, presence] = primitive;
   hash.add(kind);
   add(hash, center);
   hash.add(std::span<const float>(rotation.coeffs().data(), 4));
   add(hash, half_extents);
   hash.add(material);
+  if (presence != Presence::full) hash.add(presence);
 }
 
 void add(Hash& hash, const TriangleMesh& mesh) {
-  const auto& [vertices, triangles, materials, objects, uv, colors] = mesh;
+  const auto& [vertices, triangles, materials, objects, uv, colors, presence] = mesh;
   static_assert(sizeof(triangles[0]) == 3 * sizeof(std::int32_t));
   add(hash, vertices);
   hash.add(std::as_bytes(std::span(triangles)));
@@ -64,6 +66,7 @@ void add(Hash& hash, const TriangleMesh& mesh) {
   if (!uv.empty()) hash.add(std::as_bytes(std::span(uv)));
   static_assert(sizeof(colors[0]) == 3 * sizeof(float));
   if (!colors.empty()) hash.add(std::as_bytes(std::span(colors)));
+  if (!presence.empty()) hash.add(std::as_bytes(std::span(presence)));
 }
 
 void add(Hash& hash, const Markers& markers) {

@@ -9,7 +9,6 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <set>
 #include <span>
 #include <string_view>
 #include <tuple>
@@ -25,6 +24,7 @@
 #include "world/placement.hpp"
 #include "world/scene_description.hpp"
 #include "world/text_file.hpp"
+#include "world/unused_names.hpp"
 
 namespace flockstep {
 namespace {
@@ -120,22 +120,6 @@ struct UvTransform {
   static constexpr const char* kName = "KHR_texture_transform";
 };
 
-// Names that are all different.
-class Names {
- public:
-  std::string unused(const std::string& wanted) {
-    std::string name = wanted;
-    for (std::size_t& number = numbers_.try_emplace(wanted, 1).first->second; !used_.insert(name).second;) {
-      name = wanted + ' ' + std::to_string(++number);
-    }
-    return name;
-  }
-
- private:
-  std::set<std::string> used_;
-  std::map<std::string, std::size_t> numbers_;  // the last suffix of each
-};
-
 // From the file's axes to the world's, and nothing more.
 const Eigen::Affine3d& upright() {
   static const Eigen::Affine3d kUpright = placement({}, UpAxis::y);
@@ -192,7 +176,7 @@ class GltfReader {
     order_waypoints();
     if (scene().materials.empty()) material_of(-1, 0);
     if (dropped_ > 0) {
-      file_.ignored.push_back(std::to_string(dropped_) + (dropped_ == 1 ? " triangle" : " triangles") + " without an area");
+      file_.ignored.push_back(words_of_flat(dropped_));
     }
     if (reshaped_ > 0) {
       file_.ignored.push_back(std::to_string(reshaped_) + (reshaped_ == 1 ? " primitive" : " primitives") +
@@ -215,6 +199,16 @@ class GltfReader {
 
   static int semantic_of(const tinygltf::Value& extras) {
     return extras.Has(kGltfSemantic) ? extras.Get(kGltfSemantic).GetNumberAsInt() : 0;
+  }
+
+  // A node's own word comes before that of those above it.
+  static Presence presence_of(const tinygltf::Value& extras, Presence inherited) {
+    const auto is = [&](const char* key, bool value) { return extras.Has(key) && extras.Get(key).Get<bool>() == value; };
+    if (is(kGltfVisual, true)) return Presence::visual;
+    if (is(kGltfSolid, true)) return Presence::solid;
+    const bool is_off =
+        (inherited == Presence::visual && is(kGltfVisual, false)) || (inherited == Presence::solid && is(kGltfSolid, false));
+    return is_off ? Presence::full : inherited;
   }
 
   // -------------------------------------------------------------------------------------- what flockstep itself has written
@@ -247,8 +241,8 @@ class GltfReader {
   }
 
   // Of a node whose extras call its mesh a primitive; false where the mesh is another one, or the node makes another of it.
-  bool read_primitive_of(const tinygltf::Node& node, std::size_t index, bool is_root, const Eigen::Affine3d& place,
-                         int semantic) {
+  bool read_primitive_of(const tinygltf::Node& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
+                         Presence presence) {
     const auto mesh = static_cast<std::size_t>(node.mesh);
     Primitive primitive = *gltf_.node_extras[index].primitive;
     if (model_.meshes[mesh].primitives.size() != 1 || !is_tessellation(mesh, primitive)) return false;
@@ -279,6 +273,8 @@ class GltfReader {
     if (!fits) refuse(field("nodes", index), "a primitive within +-1e+06 m, of sizes >= 1e-06 m", written(center));
     primitive.center = center.cast<float>();
     primitive.material = material_of(model_.meshes[mesh].primitives[0].material, semantic);
+    // A room is what it is.
+    primitive.presence = primitive.kind == PrimitiveKind::room ? Presence::full : presence;
     scene().primitives.push_back(primitive);
     return true;
   }
@@ -354,7 +350,7 @@ class GltfReader {
   std::uint16_t push_material(Material material, const std::string& wanted_name) {
     require(scene().materials.size() < kMaxMaterials, source_,
             "fewer than 65533 materials, those of nodes with a semantic included", "more");
-    material.name = material_names_.unused(wanted_name);
+    material.name = material_names_.take(wanted_name);
     scene().materials.push_back(std::move(material));
     return static_cast<std::uint16_t>(scene().materials.size() - 1);
   }
@@ -368,6 +364,7 @@ class GltfReader {
       material.base_color[c] = static_cast<float>(factor[c]);
       material.emissive[c] = static_cast<float>(given.emissiveFactor[c]);
     }
+    if (given.alphaMode == "MASK") material.alpha_cutoff = static_cast<float>(given.alphaCutoff);
     if (given.extras.Has(kGltfUnlit)) material.emissive = std::exchange(material.base_color, {});
     material.semantic = static_cast<std::uint16_t>(semantic != 0 ? semantic : semantic_of(given.extras));
     const int texture = given.pbrMetallicRoughness.baseColorTexture.index;
@@ -415,7 +412,7 @@ class GltfReader {
   Texture image_of(std::size_t index) {
     const GltfImage& given = gltf_.images[index];
     Texture texture;
-    texture.name = texture_names_.unused(given.name.empty() && !is_ours_ ? "image " + std::to_string(index) : given.name);
+    texture.name = texture_names_.take(given.name.empty() && !is_ours_ ? "image " + std::to_string(index) : given.name);
     const std::string name = field("images", index);
     Image image;
     if (given.buffer_view) {
@@ -439,6 +436,7 @@ class GltfReader {
     std::size_t node;
     Eigen::Affine3d place;  // of its parent
     int semantic;           // that it inherits, 0 for none
+    Presence presence;      // likewise, full for none
     bool is_root;
   };
 
@@ -458,9 +456,10 @@ class GltfReader {
     // Each node is met once, so that the tree is one, and neither its depth nor a circle in it matters.
     std::vector<bool> is_met(model_.nodes.size(), false);
     std::vector<Placed> open;
-    const auto push = [&](const std::vector<int>& nodes, const Eigen::Affine3d& place, int semantic, bool are_roots) {
+    const auto push = [&](const std::vector<int>& nodes, const Eigen::Affine3d& place, int semantic, Presence presence,
+                          bool are_roots) {
       for (auto i = nodes.rbegin(); i != nodes.rend(); ++i) {
-        open.push_back({static_cast<std::size_t>(*i), place, semantic, are_roots});
+        open.push_back({static_cast<std::size_t>(*i), place, semantic, presence, are_roots});
       }
       for (const int i : nodes) {
         const auto node = static_cast<std::size_t>(i);
@@ -468,7 +467,7 @@ class GltfReader {
         is_met[node] = true;
       }
     };
-    push(roots, place_, 0, true);
+    push(roots, place_, 0, Presence::full, true);
     while (!open.empty()) {
       Interrupt::poll();
       const Placed at = open.back();
@@ -480,8 +479,9 @@ class GltfReader {
       if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one that overflows");
       const int own = semantic_of(node.extras);
       const int semantic = own != 0 ? own : at.semantic;
-      read_node(node, at, place, semantic);
-      push(node.children, place, semantic, false);
+      const Presence presence = presence_of(node.extras, at.presence);
+      read_node(node, at, place, semantic, presence);
+      push(node.children, place, semantic, presence, false);
     }
   }
 
@@ -505,7 +505,7 @@ class GltfReader {
     return place;
   }
 
-  void read_node(const tinygltf::Node& node, const Placed& at, const Eigen::Affine3d& place, int semantic) {
+  void read_node(const tinygltf::Node& node, const Placed& at, const Eigen::Affine3d& place, int semantic, Presence presence) {
     const std::size_t index = at.node;
     if (node.extras.Has(kGltfMarker)) read_marker(node.extras.Get(kGltfMarker).Get<std::string>(), index, place.translation());
     if (node.extras.Has(kGltfSun)) {
@@ -520,13 +520,13 @@ class GltfReader {
     }
     if (node.mesh < 0) return;
     if (gltf_.node_extras[index].primitive) {
-      if (read_primitive_of(node, index, at.is_root, place, semantic)) return;
+      if (read_primitive_of(node, index, at.is_root, place, semantic, presence)) return;
       ++reshaped_;
     }
     require(shown_.size() < kMaxObjects, field("nodes", index), "at most 65536 nodes with a mesh", "more");
     const auto mesh = static_cast<std::size_t>(node.mesh);
     count_triangles(mesh);
-    shown_.push_back({mesh, index, place, semantic});
+    shown_.push_back({mesh, index, place, semantic, presence});
   }
 
   void read_marker(std::string_view name, std::size_t index, const Vec3d& place) {
@@ -561,6 +561,7 @@ class GltfReader {
     std::size_t mesh, node;
     Eigen::Affine3d place;
     int semantic;
+    Presence presence;
   };
 
   static std::size_t num_triangles(const tinygltf::Primitive& primitive, std::size_t num_corners) {
@@ -636,6 +637,8 @@ class GltfReader {
     }
     TriangleMesh& mesh = scene().mesh;
     mesh.objects.resize(mesh.triangles.size(), object);
+    mesh.presence.resize(object, Presence::full);
+    mesh.presence.push_back(shown.presence);
     if (!extras.order.empty()) put_in_order(extras.order, first, begins);
   }
 
@@ -798,7 +801,7 @@ class GltfReader {
   Eigen::Affine3d place_;
   bool is_ours_ = false;  // the default scene has extras of flockstep's
   GltfFile file_;
-  Names material_names_, texture_names_;
+  UnusedNames material_names_, texture_names_;
   std::map<std::pair<int, int>, std::uint16_t> materials_;  // by the file's, -1 for none, and the class of a node, 0 for none
   std::map<std::pair<std::size_t, std::array<TextureWrap, 2>>, std::uint16_t> textures_;
   std::vector<std::pair<std::uint32_t, Vec3>> waypoints_;

@@ -14,6 +14,10 @@ namespace flockstep {
 
 inline constexpr const char* kGltfExtras = "flockstep";
 
+// Beside it in the extras of nodes, true or false: what the node and all below it are there for.
+inline constexpr const char* kGltfVisual = "visual_only";
+inline constexpr const char* kGltfSolid = "collision_only";
+
 // Of a node with a mesh, one of the two:
 struct GltfNodeExtras {
   // The primitive that the mesh is gltf_tessellation() of, in the node's frame with z up. Half extents are 1 (0 across a plane or

@@ -16,6 +16,7 @@
 #include "world/base64.hpp"
 #include "world/json_document.hpp"
 #include "world/scene_description.hpp"
+#include "world/solid_names.hpp"
 #include "world/text_file.hpp"
 
 #define TINYGLTF_IMPLEMENTATION
@@ -28,18 +29,13 @@ using json::Json;
 using json::JsonField;
 
 constexpr std::uint64_t kMaxCount = 1U << 31U;
-constexpr std::uint64_t kMaxBufferBytes = static_cast<std::uint64_t>(kMaxFileBytes);             // of all buffers together
-constexpr std::size_t kMaxReadBytes = std::size_t{4} * static_cast<std::size_t>(kMaxFileBytes);  // of all files named, together
+constexpr std::uint64_t kMaxBufferBytes = static_cast<std::uint64_t>(kMaxFileBytes);  // of all buffers together
 constexpr double kMaxNumber = 1e30;  // of transforms: their products stay far from overflow for some levels, and are checked
 
 // What a file may require and is read.
 constexpr std::array<std::string_view, 5> kExtensions{"KHR_texture_transform", "KHR_materials_unlit",
                                                       "KHR_materials_emissive_strength", "KHR_lights_punctual",
                                                       "KHR_mesh_quantization"};
-
-std::string count_of(std::size_t count, const char* singular, const char* plural) {
-  return std::to_string(count) + ' ' + (count == 1 ? singular : plural);
-}
 
 // ------------------------------------------------------------------------------------------------------------- fields
 
@@ -307,10 +303,10 @@ class Checker {
   void check_material(const JsonField& field, Json& kept) {
     keep_name(field, kept);
     keep_semantic(field, kept);
-    if (const auto alpha = find(field, "alphaMode"); alpha && text(*alpha) != "OPAQUE") ++transparent_;
     normal_maps_ += find(field, "normalTexture") ? 1U : 0U;
     occluded_ += find(field, "occlusionTexture") ? 1U : 0U;
     const auto surface = find_object(field, "pbrMetallicRoughness");
+    check_alpha(field, surface, kept);
     const auto extensions_of_material = find_object(field, "extensions");
     if (extensions_of_material && find_object(*extensions_of_material, "KHR_materials_unlit")) {
       kept["extras"][kGltfUnlit] = true;  // and emits nothing of its own
@@ -337,6 +333,29 @@ class Checker {
       kept_transform["rotation"] = number(*angle, -kMaxCoordinate, kMaxCoordinate, kExpected);
     }
     if (transform->value.contains("texCoord")) keep_integer(*transform, "texCoord", 0, 0, kMaxTexCoord, kept_texture);
+  }
+
+  // A mask cuts where the alpha of the base colour is below the cutoff. That alpha is the factor's times the texture's; ours is
+  // the texture's alone, so the cutoff is divided by the factor's.
+  void check_alpha(const JsonField& field, const std::optional<JsonField>& surface, Json& kept) {
+    const auto mode = find(field, "alphaMode");
+    if (!mode || text(*mode) == "OPAQUE") return;
+    if (text(*mode) != "MASK") {
+      ++transparent_;
+      return;
+    }
+    const auto given = find(field, "alphaCutoff");
+    const double cutoff = given ? number(*given, 0.0, kMaxNumber, "a number >= 0") : 0.5;
+    Json factors = Json::object();
+    if (surface) keep_numbers(*surface, "baseColorFactor", 4, 0.0, 1.0, "a number in [0, 1]", factors);
+    const double factor = factors.empty() ? 1.0 : factors["baseColorFactor"][3].get<double>();
+    if (cutoff == 0.0) return;
+    if (cutoff > factor) {
+      ++hidden_;
+      return;
+    }
+    kept["alphaMode"] = "MASK";
+    kept["alphaCutoff"] = cutoff / factor;
   }
 
   // Emission is multiplied by the texture of the base colour: what a file has by another is not read.
@@ -432,6 +451,7 @@ class Checker {
     if (const auto name = find(field, "name"); name && is_gltf_marker(text(*name)) && !field.value.contains("mesh")) {
       kept["extras"][kGltfMarker] = text(*name);
     }
+    if (const auto name = find(field, "name"); name && is_solid_name(text(*name))) kept["extras"][kGltfSolid] = true;
     GltfNodeExtras& ours = out_.node_extras.emplace_back();
     const std::optional<JsonField> extras = find(field, "extras");
     if (!extras || !extras->value.is_object()) return;
@@ -445,7 +465,22 @@ class Checker {
       }
       kept["extras"][kGltfMarker] = text(*marker);
     }
-    one_sided_ += extras->value.contains("visual_only") || extras->value.contains("collision_only") ? 1U : 0U;
+    for (const char* const key : {kGltfVisual, kGltfSolid}) {
+      const auto flag = find(*extras, key);
+      if (!flag) continue;
+      // What is exported from a box to tick comes as a number.
+      const bool is_number = flag->value.is_number() && (flag->value == 0 || flag->value == 1);
+      if (!flag->value.is_boolean() && !is_number) refuse(*flag, "true or false");
+      kept["extras"][key] = is_number ? flag->value == 1 : flag->value.get<bool>();
+    }
+    if (is_true(kept, kGltfVisual) && is_true(kept, kGltfSolid)) {
+      fail(*extras, "expected one of visual_only and collision_only to be true, got both");
+    }
+  }
+
+  static bool is_true(const Json& kept, const char* key) {
+    const auto extras = kept.find("extras");
+    return extras != kept.end() && extras->contains(key) && (*extras)[key] == true;
   }
 
   void check_scene(const JsonField& field, Json& kept) {
@@ -457,7 +492,7 @@ class Checker {
 
   void note_rest() {
     const auto note = [this](std::size_t count, const char* singular, const char* plural) {
-      if (count > 0) out_.ignored.push_back(count_of(count, singular, plural));
+      if (count > 0) out_.ignored.push_back(counted(count, singular, plural));
     };
     note(size_of(root_, "animations"), "animation", "animations");
     note(size_of(root_, "skins"), "skin", "skins");
@@ -466,12 +501,12 @@ class Checker {
     note(lines_, "mesh primitive of points or lines", "mesh primitives of points or lines");
     note(lamps_, "light that is not directional", "lights that are not directional");
     note(transparent_, "material's transparency", "materials' transparency");
+    note(hidden_, "material's mask that hides all of it", "materials' masks that hide all of them");
     note(normal_maps_, "material's normal map", "materials' normal maps");
     note(occluded_, "material's occlusion", "materials' occlusion");
     note(glowing_, "material's emission by another texture than its base colour's",
          "materials' emission by other textures than their base colours'");
     note(textures_without_image_, "texture without a PNG or JPEG image", "textures without a PNG or JPEG image");
-    note(one_sided_, "node's extras visual_only or collision_only", "nodes' extras visual_only or collision_only");
   }
 
   static constexpr std::uint64_t kMaxTexCoord = 15;
@@ -488,8 +523,8 @@ class Checker {
   std::vector<std::uint64_t> buffer_lengths_;
   std::vector<View> views_;
   std::vector<bool> is_sun_;
-  std::size_t morphed_ = 0, lines_ = 0, lamps_ = 0, transparent_ = 0, textures_without_image_ = 0, one_sided_ = 0;
-  std::size_t normal_maps_ = 0, occluded_ = 0, glowing_ = 0;
+  std::size_t morphed_ = 0, lines_ = 0, lamps_ = 0, transparent_ = 0, textures_without_image_ = 0;
+  std::size_t normal_maps_ = 0, occluded_ = 0, glowing_ = 0, hidden_ = 0;
 };
 
 // -------------------------------------------------------------------------------------------------------------- files

@@ -185,13 +185,17 @@ class GltfWriter {
       if (primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc) is_double[primitive.material] = true;
     }
     for (std::size_t i = 0; i < world_.materials.size(); ++i) {
-      const auto& [name, color, semantic, texture, emissive] = world_.materials[i];
+      const auto& [name, color, semantic, texture, emissive, alpha_cutoff] = world_.materials[i];
       OrderedJson surface = {
           {"baseColorFactor", {json::shortest(color[0]), json::shortest(color[1]), json::shortest(color[2]), 1.0}},
           {"metallicFactor", 0.0}};
       if (texture) surface["baseColorTexture"] = {{"index", *texture}};
       OrderedJson material = {{"name", name}, {"pbrMetallicRoughness", surface}};
       if (is_double[i]) material["doubleSided"] = true;
+      if (alpha_cutoff != 0.0F) {
+        material["alphaMode"] = "MASK";
+        material["alphaCutoff"] = json::shortest(alpha_cutoff);
+      }
       if (emissive != Material().emissive) {
         // Factors are at most 1; a power of two takes the rest, so that no bit is lost.
         float strength = 1.0F;
@@ -211,7 +215,7 @@ class GltfWriter {
   // -------------------------------------------------------------------------------------------------------- primitives
 
   void write_primitive(const Primitive& primitive) {
-    const auto& [kind, center, rotation, half, material] = primitive;
+    const auto& [kind, center, rotation, half, material, presence] = primitive;
     const std::string name = EnumNames<PrimitiveKind>::kNames[static_cast<std::size_t>(kind)];
     const bool is_capsule = kind == PrimitiveKind::capsule, is_flat = half.z() == 0.0F;
     GltfNodeExtras extras;
@@ -225,7 +229,7 @@ class GltfWriter {
       node["rotation"].push_back(json::shortest(rotation.w()));
     }
     if (!is_capsule) node["scale"] = in_file(Vec3(half.x(), is_flat ? 1.0F : half.z(), half.y()));
-    node["extras"] = write_gltf_extras(extras);
+    node["extras"] = with_presence(write_gltf_extras(extras), presence);
     nodes_.add(node);
   }
 
@@ -315,7 +319,13 @@ class GltfWriter {
     }
     const std::string name = "mesh " + std::to_string(*extras.object);
     const std::size_t index = add_mesh(name, primitives, last - first);
-    nodes_.add({{"name", name}, {"mesh", index}, {"extras", write_gltf_extras(extras)}});
+    nodes_.add({{"name", name}, {"mesh", index}, {"extras", with_presence(write_gltf_extras(extras), mesh.presence_of(first))}});
+  }
+
+  static OrderedJson with_presence(OrderedJson extras, Presence presence) {
+    if (!is_solid(presence)) extras[kGltfVisual] = true;
+    if (!is_visible(presence)) extras[kGltfSolid] = true;
+    return extras;
   }
 
   // ------------------------------------------------------------------------------------------------------------ others

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 
@@ -52,6 +53,10 @@ void take_corners(const std::string& field, Primitive& room) {
   room.half_extents = ((high - low) / 2.0).cast<float>();
 }
 
+void check_presence(const std::string& field, Presence presence) {
+  if (presence > Presence::solid) refuse(field, "a Presence", std::to_string(static_cast<int>(presence)));
+}
+
 void check_primitive(const std::string& field, Primitive& primitive, std::size_t num_materials) {
   check_point(field + ".center", primitive.center);
   const Vec3& half = primitive.half_extents;
@@ -62,6 +67,11 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   if (is_flat) primitive.half_extents.z() = 0.0F;  // as which -0 is written
   if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize))) {
     refuse(field + ".half_extents", "sizes >= 1e-06 m", text(half));
+  }
+
+  check_presence(field + ".presence", primitive.presence);
+  if (primitive.kind == PrimitiveKind::room && primitive.presence != Presence::full) {
+    refuse(field + ".presence", "a room that is full", "another");
   }
 
   const Quat& q = primitive.rotation;
@@ -196,7 +206,27 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   if (std::all_of(ordered.colors.begin(), ordered.colors.end(), [](const auto& color) { return color == kWhite; })) {
     ordered.colors.clear();
   }
+  for (std::size_t i = 0; i < mesh.presence.size() && i < kMaxObjects; ++i) {
+    const auto has_object = [&](std::size_t object) {
+      return std::binary_search(ordered.objects.begin(), ordered.objects.end(), static_cast<std::uint16_t>(object));
+    };
+    check_presence("mesh." + element("presence", i), mesh.presence[i]);
+    if (mesh.presence[i] == Presence::full || !has_object(i)) continue;
+    ordered.presence.resize(i);
+    ordered.presence.push_back(mesh.presence[i]);
+  }
   return ordered;
+}
+
+// Drones have to fly around something.
+void check_solid(const SceneDescription& description) {
+  const auto is_one = [](const Primitive& primitive) { return is_solid(primitive.presence); };
+  if (std::any_of(description.primitives.begin(), description.primitives.end(), is_one)) return;
+  const TriangleMesh& mesh = description.mesh;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (is_solid(mesh.presence_of(i))) return;
+  }
+  refuse("scene", "at least one primitive or triangle that is solid", "none");
 }
 
 void check_textures(const std::vector<Texture>& textures) {
@@ -231,6 +261,9 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
       if (!(value >= 0.0F && value <= static_cast<float>(kMaxLightColor))) {
         refuse(element("materials", i) + ".emissive", "numbers in [0, 100]", std::to_string(value));
       }
+    }
+    if (!(materials[i].alpha_cutoff >= 0.0F && materials[i].alpha_cutoff <= 1.0F)) {
+      refuse(element("materials", i) + ".alpha_cutoff", "a number in [0, 1]", std::to_string(materials[i].alpha_cutoff));
     }
     if (materials[i].semantic >= kSemanticStart) {
       refuse(element("materials", i) + ".semantic", "a number below " + std::to_string(kSemanticStart),
@@ -298,6 +331,8 @@ bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
   return !(ab.cross(ac).norm() > kDegenerateRatio * longest_squared);
 }
 
+std::string words_of_flat(std::size_t count) { return counted(count, "triangle without an area", "triangles without an area"); }
+
 Quat unit_quaternion(const Eigen::Vector4d& wxyz) {
   const Eigen::Vector4f q = unit<4>(wxyz);
   return Quat(q[0], q[1], q[2], q[3]);
@@ -340,6 +375,7 @@ SceneDescription canonical(SceneDescription description) {
   if (primitives.empty() && description.mesh.triangles.empty()) {
     refuse("scene", "at least one primitive or triangle", "an empty scene");
   }
+  check_solid(description);
   check_markers(description.markers);
   check_light(description.light);
   return description;
@@ -350,6 +386,22 @@ void append_colors(std::span<const std::array<float, 3>> colors, std::size_t cou
   mesh.colors.resize(mesh.vertices.size() - count, kWhite);
   mesh.colors.insert(mesh.colors.end(), colors.begin(), colors.end());
   mesh.colors.resize(mesh.vertices.size(), kWhite);
+}
+
+SceneDescription solids_of(const World& world) {
+  SceneDescription solids;
+  for (Primitive primitive : world.primitives()) {
+    if (!is_solid(primitive.presence)) continue;
+    primitive.material = 0;
+    primitive.presence = Presence::full;
+    solids.primitives.push_back(primitive);
+  }
+  const TriangleMesh& mesh = world.triangles();
+  solids.mesh.vertices = mesh.vertices;
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    if (is_solid(mesh.presence_of(i))) solids.mesh.triangles.push_back(mesh.triangles[i]);
+  }
+  return solids;
 }
 
 Aabb bounds(const Primitive& primitive) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <span>
+#include <string>
 
 #include "flockstep/world.hpp"
 
@@ -37,6 +38,9 @@ inline constexpr double kMaxSunRadiusDeg = 45.0;
 // True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
 
+// "2 triangles without an area", which a reader has left out.
+std::string words_of_flat(std::size_t count);
+
 // (w, x, y, z) as a unit quaternion in float32; a quaternion that is already unit in float32 keeps its bits, so that writing and
 // reading it again changes nothing. The norm must be within kQuaternionTolerance of 1.
 Quat unit_quaternion(const Eigen::Vector4d& wxyz);
@@ -53,6 +57,9 @@ void check_markers(const Markers& markers);
 // texture. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
 // what came.
 SceneDescription canonical(SceneDescription description);
+
+// What of a world is solid, of one material, and that visual, too; without markers and light.
+SceneDescription solids_of(const World& world);
 
 // Goes on with the colours of a mesh's vertices, or begins with them: `count` vertices were added last, and have these or none.
 void append_colors(std::span<const std::array<float, 3>> colors, std::size_t count, TriangleMesh& mesh);

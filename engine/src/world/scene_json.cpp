@@ -17,12 +17,15 @@
 #include <unordered_map>
 #include <utility>
 
+#include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "world/base64.hpp"
 #include "world/image.hpp"
 #include "world/json_document.hpp"
+#include "world/mtl.hpp"
 #include "world/obj.hpp"
+#include "world/ply.hpp"
 #include "world/scene_description.hpp"
 #include "world/text_file.hpp"
 
@@ -97,6 +100,12 @@ std::uint16_t semantic_id(const JsonField& field) {
   return static_cast<std::uint16_t>(value);
 }
 
+float share(const JsonField& field) {
+  const double value = number(field);
+  if (!(value >= 0.0 && value <= 1.0)) refuse(field, "a number in [0, 1]");
+  return static_cast<float>(value);
+}
+
 std::array<float, 3> color(const JsonField& field, double max, const char* expected) {
   const Vec3d rgb = vec3(field);
   if (!((rgb.array() >= 0.0).all() && (rgb.array() <= max).all())) refuse(field, expected);
@@ -119,6 +128,7 @@ constexpr std::array<LightColor, 5> kLightColors{{{"sun_color", &Light::sun_colo
 constexpr const char* kVersionKey = "flockstep_scene";
 constexpr const char* kMaterialsKey = "materials";
 constexpr const char* kTexturesKey = "textures";
+constexpr const char* kDefault = "default";  // a material that is there without being listed
 constexpr const auto& kWraps = EnumNames<TextureWrap>::kNames;
 
 class SceneReader {
@@ -155,12 +165,19 @@ class SceneReader {
     read_meshes();
     if (const auto markers = find(root_, "markers")) scene_.markers = read_markers(*markers);
     if (const auto light = find(root_, "light")) scene_.light = read_light(*light);
-    if (scene_.materials.empty()) scene_.materials.push_back(Material{"default"});
+    if (scene_.materials.empty()) scene_.materials.push_back(Material{kDefault});
     if (scene_.primitives.empty() && scene_.mesh.triangles.empty()) {
       refuse(root_, "at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes",
              "an empty scene");
     }
     return std::move(scene_);
+  }
+
+  // What has not been read of the files that it names.
+  std::vector<std::string> ignored() const {
+    std::vector<std::string> all = file_materials_ ? file_materials_->ignored() : std::vector<std::string>();
+    all.insert(all.end(), ignored_.begin(), ignored_.end());
+    return all;
   }
 
  private:
@@ -252,12 +269,13 @@ class SceneReader {
     if (materials->value.size() > kMaxMaterials) refuse(*materials, "fewer than 65533 materials", materials->value.size());
     for (const std::string& name : material_names_) {
       const JsonField field = require(*materials, name);
-      check_object(field, {"base_color", "semantic", "texture", "emissive"});
+      check_object(field, {"base_color", "semantic", "texture", "emissive", "alpha_cutoff"});
       Material material{name};
       material.base_color = color(require(field, "base_color"), 1.0, "3 numbers in [0, 1]");
       if (const auto semantic = find(field, "semantic")) material.semantic = semantic_id(*semantic);
       if (const auto texture = find(field, "texture")) material.texture = named_texture(*texture);
       if (const auto emissive = find(field, "emissive")) material.emissive = color(*emissive, kMaxLightColor, kInLight);
+      if (const auto cutoff = find(field, "alpha_cutoff")) material.alpha_cutoff = share(*cutoff);
       add_material(std::move(material));
     }
   }
@@ -285,17 +303,28 @@ class SceneReader {
   }
 
   std::uint16_t default_material(const JsonField& object) {
-    const auto found = material_index_.find("default");
+    const auto found = material_index_.find(kDefault);
     if (found != material_index_.end()) return found->second;
     if (scene_.materials.size() == kMaxMaterials) {
       fail(object, "expected a field \"material\" (/materials leaves no room for \"default\"), found none");
     }
-    return add_material(Material{"default"});
+    return add_material(Material{kDefault});
   }
 
   std::uint16_t read_material(const JsonField& object) {
     const std::optional<JsonField> field = find(object, "material");
     return field ? named_material(*field) : default_material(object);
+  }
+
+  static Presence read_presence(const JsonField& field) {
+    const auto flag = [&](const char* key) {
+      const std::optional<JsonField> given = find(field, key);
+      if (given && !given->value.is_boolean()) refuse(*given, "true or false");
+      return !given || given->value.get<bool>();
+    };
+    const bool is_visible = flag("visible"), is_solid = flag("solid");
+    if (!is_visible && !is_solid) fail(field, "expected one of \"visible\" and \"solid\" to be true, got neither");
+    return is_visible && is_solid ? Presence::full : (is_visible ? Presence::visual : Presence::solid);
   }
 
   void read_room(const JsonField& field) {
@@ -309,7 +338,7 @@ class SceneReader {
 
   // A vertical cylinder that stands on the floor of the room and reaches its ceiling, unless z says otherwise.
   void read_pillar(const JsonField& field) {
-    check_object(field, {"center", "radius", "z", "material"});
+    check_object(field, {"center", "radius", "z", "material", "visible", "solid"});
     const JsonField center = require(field, "center");
     if (!center.value.is_array() || center.value.size() != 2) refuse(center, "an array of 2 numbers (x, y)");
     const double x = number(child(center, 0));
@@ -332,12 +361,13 @@ class SceneReader {
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::cylinder,
                                           .center = Vec3d(x, y, (low + high) / 2.0).cast<float>(),
                                           .half_extents = Vec3(radius, radius, half_height),
-                                          .material = read_material(field)});
+                                          .material = read_material(field),
+                                          .presence = read_presence(field)});
   }
 
   // A cylinder, or a capsule, whose height includes its round caps.
   void read_round(const JsonField& field, PrimitiveKind kind) {
-    check_object(field, {"center", "radius", "height", "quat_wxyz", "material"});
+    check_object(field, {"center", "radius", "height", "quat_wxyz", "material", "visible", "solid"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     const JsonField height = require(field, "height");
     const float half_height = half_size(height, positive(height, kMaxSize));
@@ -346,11 +376,12 @@ class SceneReader {
                                           .center = point(require(field, "center")),
                                           .rotation = optional_quaternion(field),
                                           .half_extents = Vec3(radius, radius, half_height),
-                                          .material = read_material(field)});
+                                          .material = read_material(field),
+                                          .presence = read_presence(field)});
   }
 
   void read_box(const JsonField& field) {
-    check_object(field, {"center", "size", "quat_wxyz", "material"});
+    check_object(field, {"center", "size", "quat_wxyz", "material", "visible", "solid"});
     const JsonField size = require(field, "size");
     Vec3 half_extents = vec3(size, kMaxSize).cast<float>();
     for (std::size_t i = 0; i < 3; ++i) {
@@ -361,20 +392,22 @@ class SceneReader {
                                           .center = point(require(field, "center")),
                                           .rotation = optional_quaternion(field),
                                           .half_extents = half_extents,
-                                          .material = read_material(field)});
+                                          .material = read_material(field),
+                                          .presence = read_presence(field)});
   }
 
   void read_sphere(const JsonField& field) {
-    check_object(field, {"center", "radius", "material"});
+    check_object(field, {"center", "radius", "material", "visible", "solid"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::sphere,
                                           .center = point(require(field, "center")),
                                           .half_extents = Vec3::Constant(radius),
-                                          .material = read_material(field)});
+                                          .material = read_material(field),
+                                          .presence = read_presence(field)});
   }
 
   void read_plane(const JsonField& field) {
-    check_object(field, {"center", "size", "quat_wxyz", "material"});
+    check_object(field, {"center", "size", "quat_wxyz", "material", "visible", "solid"});
     const JsonField size = require(field, "size");
     if (!size.value.is_array() || size.value.size() != 2) refuse(size, "an array of 2 numbers (along local x, y)");
     const JsonField x = child(size, 0);
@@ -384,17 +417,19 @@ class SceneReader {
                   .center = point(require(field, "center")),
                   .rotation = optional_quaternion(field),
                   .half_extents = Vec3(half_size(x, positive(x, kMaxSize)), half_size(y, positive(y, kMaxSize)), 0.0F),
-                  .material = read_material(field)});
+                  .material = read_material(field),
+                  .presence = read_presence(field)});
   }
 
   void read_disc(const JsonField& field) {
-    check_object(field, {"center", "radius", "quat_wxyz", "material"});
+    check_object(field, {"center", "radius", "quat_wxyz", "material", "visible", "solid"});
     const float radius = static_cast<float>(positive(require(field, "radius")));
     scene_.primitives.push_back(Primitive{.kind = PrimitiveKind::disc,
                                           .center = point(require(field, "center")),
                                           .rotation = optional_quaternion(field),
                                           .half_extents = Vec3(radius, radius, 0.0F),
-                                          .material = read_material(field)});
+                                          .material = read_material(field),
+                                          .presence = read_presence(field)});
   }
 
   static float half_size(const JsonField& field, double size) {
@@ -412,13 +447,14 @@ class SceneReader {
 
   // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
   void read_mesh(const JsonField& field, std::uint16_t object) {
-    check_object(field, {"file", "vertices", "triangles", "uv", "colors", "position", "quat_wxyz", "scale", "material"});
+    check_object(field, {"file", "vertices", "triangles", "uv", "colors", "position", "quat_wxyz", "scale", "material", "visible",
+                         "solid"});
     const bool has_file = field.value.contains("file");
     const auto is_inline = [&](const char* key) { return field.value.contains(key); };
     if (has_file == (is_inline("vertices") || is_inline("triangles") || is_inline("uv") || is_inline("colors"))) {
       fail(field, "expected either \"file\" or \"vertices\" and \"triangles\"");
     }
-    const TriangleMesh part = has_file ? read_mesh_file(require(field, "file")) : read_inline_mesh(field);
+    const TriangleMesh part = has_file ? read_mesh_file(field) : read_inline_mesh(field);
     const Quat rotation = optional_quaternion(field);
     const Vec3 position = optional_point(field, "position");
     const auto scale_field = find(field, "scale");
@@ -453,16 +489,52 @@ class SceneReader {
     }
     append_colors(part.colors, part.vertices.size(), mesh);
     mesh.objects.insert(mesh.objects.end(), part.triangles.size(), object);
-    read_mesh_materials(field, part.triangles.size());
+    mesh.presence.resize(object, Presence::full);
+    mesh.presence.push_back(read_presence(field));
+    if (part.materials.empty()) {
+      read_mesh_materials(field, part.triangles.size());
+    } else {
+      mesh.materials.insert(mesh.materials.end(), part.materials.begin(), part.materials.end());
+    }
   }
 
-  TriangleMesh read_mesh_file(const JsonField& file) const {
-    const std::filesystem::path path = path_of(file, "the path of an OBJ file");
+  // materials: of the scene, where the mesh names none; else there are none.
+  TriangleMesh read_mesh_file(const JsonField& field) {
+    const JsonField file = require(field, "file");
+    const std::filesystem::path path = path_of(file, "the path of an OBJ or PLY file");
+    const bool has_own = !field.value.contains("material");
     try {
-      return load_obj(path, has_textured_material_);
+      if (extension_of(path) == ".ply") {
+        PlyMesh read = load_ply(path);
+        note_ignored(read.ignored, path);
+        return std::move(read.mesh);
+      }
+      std::vector<std::uint16_t> numbers;
+      ObjMesh read = load_obj(path, [&](const ObjNames& names) {
+        if (has_own) numbers = materials_of(names, path, field);
+        const auto is_textured = [this](std::uint16_t number) { return scene_.materials[number].texture.has_value(); };
+        return has_textured_material_ || std::any_of(numbers.begin(), numbers.end(), is_textured);
+      });
+      note_ignored(read.ignored, path);
+      for (std::uint16_t& material : read.mesh.materials) material = has_own ? numbers[material] : 0;
+      if (!has_own) read.mesh.materials.clear();
+      return std::move(read.mesh);
     } catch (const std::invalid_argument& error) {
       fail(file, error.what());
     }
+  }
+
+  void note_ignored(const std::vector<std::string>& ignored, const std::filesystem::path& path) {
+    for (const std::string& what : ignored) ignored_.push_back(what + " of " + excerpt(path.filename().string()));
+  }
+
+  std::vector<std::uint16_t> materials_of(const ObjNames& names, const std::filesystem::path& path, const JsonField& field) {
+    if (!file_materials_) {
+      const bool has_default = material_index_.contains(kDefault);
+      file_materials_.emplace(scene_, base_dir_, files_);
+      if (!has_default) file_materials_->take(kDefault);
+    }
+    return file_materials_->numbers(names, path, [&] { return default_material(field); }, pixels_left_);
   }
 
   static TriangleMesh read_inline_mesh(const JsonField& field) {
@@ -533,6 +605,8 @@ class SceneReader {
   std::size_t pixels_left_ = kMaxScenePixels;
   std::optional<Box3d> room_;
   SceneDescription scene_;
+  std::optional<ObjMaterials> file_materials_;
+  std::vector<std::string> ignored_;
 };
 
 // ---------------------------------------------------------------------------------------------------------------- writing
@@ -553,6 +627,7 @@ std::string write_materials(const SceneDescription& description) {
     if (material.semantic != 0) object["semantic"] = material.semantic;
     if (material.texture) object["texture"] = description.textures[*material.texture].name;
     if (material.emissive != Material().emissive) object["emissive"] = numbers(material.emissive);
+    if (material.alpha_cutoff != 0.0F) object["alpha_cutoff"] = json::shortest(material.alpha_cutoff);
     text += (text.size() > 1 ? "," : "") + OrderedJson(material.name).dump() + ':' + object.dump();
   }
   return text + '}';
@@ -596,6 +671,11 @@ void write_rotation(OrderedJson& object, const Quat& q) {
       OrderedJson::array({json::shortest(q.w()), json::shortest(q.x()), json::shortest(q.y()), json::shortest(q.z())});
 }
 
+void write_presence(OrderedJson& object, Presence presence) {
+  if (!is_visible(presence)) object["visible"] = false;
+  if (!is_solid(presence)) object["solid"] = false;
+}
+
 void write_primitive(OrderedJson& document, const Primitive& primitive, const std::string& material) {
   const Vec3d center = primitive.center.cast<double>();
   const Vec3d half = primitive.half_extents.cast<double>();
@@ -626,6 +706,7 @@ void write_primitive(OrderedJson& document, const Primitive& primitive, const st
       break;
   }
   object["material"] = material;
+  write_presence(object, primitive.presence);
   constexpr const char* kLists[] = {"room", "boxes", "cylinders", "spheres", "capsules", "planes", "discs"};
   document[kLists[static_cast<std::size_t>(primitive.kind)]].push_back(std::move(object));
 }
@@ -662,6 +743,7 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
   } else {
     for (std::size_t i = first; i < last; ++i) object["material"].push_back(materials[mesh.materials[i]].name);
   }
+  if (first != last) write_presence(object, mesh.presence_of(first));
   return object;
 }
 
@@ -754,11 +836,7 @@ Light read_light(const JsonField& field) {
     if (!is_radius) refuse(*radius, "0 or a number in [0.1, 45]");
     light.sun_radius_deg = static_cast<float>(value);
   }
-  if (const auto glow = find(field, "sun_glow")) {
-    const double value = number(*glow);
-    if (!(value >= 0.0 && value <= 1.0)) refuse(*glow, "a number in [0, 1]");
-    light.sun_glow = static_cast<float>(value);
-  }
+  if (const auto glow = find(field, "sun_glow")) light.sun_glow = share(*glow);
   return light;
 }
 
@@ -790,9 +868,12 @@ OrderedJson write_light(const Light& light) {
 }
 
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
-                             MeshFiles files) {
+                             MeshFiles files, std::vector<std::string>* ignored) {
   const auto document = json::Document::parse(text, source, {kMaterialsKey, kTexturesKey});
-  return SceneReader(*document, base_dir, files).read();
+  SceneReader reader(*document, base_dir, files);
+  SceneDescription scene = reader.read();
+  if (ignored != nullptr) *ignored = reader.ignored();
+  return scene;
 }
 
 std::string write_scene(const SceneDescription& description) {

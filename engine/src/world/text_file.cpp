@@ -66,6 +66,12 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
   }
 }
 
+std::string extension_of(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return extension;
+}
+
 bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder) {
   std::error_code error;
   const auto resolved = [&error](const std::filesystem::path& p) {

@@ -9,7 +9,7 @@
 #include "world/content_hash.hpp"
 #include "world/gltf.hpp"
 #include "world/gltf_writer.hpp"
-#include "world/obj.hpp"
+#include "world/mesh_scene.hpp"
 #include "world/placement.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
@@ -21,12 +21,6 @@ namespace {
 
 constexpr const char* kSceneFile = "a scene file";
 constexpr const char* kGltfFile = "a glTF file";
-
-std::string extension_of(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return extension;
-}
 
 Aabb bounds_of(const SceneDescription& description) {
   Eigen::AlignedBox3f box;
@@ -54,26 +48,29 @@ std::shared_ptr<const World> World::load(const std::filesystem::path& path, cons
   check_placement(options);
   const std::string extension = extension_of(path);
   if (extension == ".json") {
-    SceneDescription scene = parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), options.files);
-    if (moves(options)) return made_from(placed(std::move(scene), options), path);
-    return std::make_shared<const World>(std::move(scene));
+    std::vector<std::string> ignored;
+    SceneDescription scene =
+        parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), options.files, &ignored);
+    if (moves(options)) return made_from(placed(std::move(scene), options), path, std::move(ignored));
+    return std::make_shared<const World>(std::move(scene), std::move(ignored));
   }
   if (extension == ".gltf" || extension == ".glb") {
     GltfFile file = load_gltf(path, options);
     return made_from(std::move(file.scene), path, std::move(file.ignored));
   }
-  if (extension == ".obj") {
-    SceneDescription description;
-    description.name = path.stem().string();
-    description.mesh = load_obj(path);
-    if (moves(options)) description = placed(std::move(description), options);
-    return made_from(std::move(description), path);
+  if (extension == ".obj" || extension == ".ply") {
+    std::vector<std::string> ignored;
+    SceneDescription scene =
+        extension == ".obj" ? load_obj_scene(path, options, ignored) : load_ply_scene(path, options, ignored);
+    return made_from(std::move(scene), path, std::move(ignored));
   }
-  refuse(path.string(), "a file ending in .json, .gltf, .glb or .obj", '"' + extension + '"');
+  refuse(path.string(), "a file ending in .json, .gltf, .glb, .obj or .ply", '"' + extension + '"');
 }
 
 std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir, MeshFiles files) {
-  return std::make_shared<const World>(parse_scene(text, "scene", base_dir, files));
+  std::vector<std::string> ignored;
+  SceneDescription scene = parse_scene(text, "scene", base_dir, files, &ignored);
+  return std::make_shared<const World>(std::move(scene), std::move(ignored));
 }
 
 World::World(SceneDescription description, std::vector<std::string> ignored)

@@ -50,7 +50,7 @@ class Relief:
         self._places[:, self._up] = np.broadcast_to(up[:, None], shape).ravel()
         primitives = world.primitives
         self._num_primitives = len(primitives)
-        self._solids = _Solids(primitives)
+        self._solids = _Solids([p for p in primitives if p["visible"]])
         self._ceilings = [
             self._toward * p["center"][self._axis] + p["half_extents"][self._axis]
             for p in primitives
@@ -111,7 +111,8 @@ class Relief:
         """Draw where surfaces cross the plane, at least a pixel wide."""
         if self._triangles is None:
             mesh = self._world.mesh(max(0.25 / float(self._px_per_m.min()), 1e-4))
-            self._triangles = mesh["vertices"].astype(float)[mesh["triangles"]]
+            visible = self._world.objects()["visible"][mesh["objects"]]
+            self._triangles = mesh["vertices"].astype(float)[mesh["triangles"][visible]]
         beyond = self._triangles[:, :, self._axis] > cut_m
         crossed = beyond.any(axis=1) & ~beyond.all(axis=1)
         corners, beyond = self._triangles[crossed], beyond[crossed]

@@ -173,3 +173,19 @@ def test_from_the_side_nearer_is_smaller_y(heights):
     through = picture(world, 2.0, "side", high=(8, 4), size=(160, 80))
     assert same(through[front], SOLID) == 1
     assert same(through[back & ~front & (z > 2.1)], SOLID) == 0
+
+
+def test_what_is_hidden_is_not_cut():
+    wall = {"vertices": [[2, 2, 0], [2, 6, 0], [2, 6, 3], [2, 2, 3]], "triangles": [[0, 1, 2], [0, 2, 3]]}
+    box = {"center": [4, 4, 1], "size": [2, 2, 2]}
+    floor = {"center": [4, 4, 0], "size": [8, 8]}
+    bare = picture(world_of(planes=[floor]), 1.0)
+    hidden = picture(
+        world_of(planes=[floor], boxes=[{**box, "visible": False}], meshes=[{**wall, "visible": False}]), 1.0
+    )
+    seen = picture(world_of(planes=[floor], boxes=[{**box, "solid": False}], meshes=[{**wall, "solid": False}]), 1.0)
+    dark = (picture(world_of(planes=[floor], boxes=[box], meshes=[wall]), 1.0) == SOLID).all(axis=-1)
+    assert dark.any()
+    np.testing.assert_array_equal((seen == SOLID).all(axis=-1), dark)
+    assert not (hidden == SOLID).all(axis=-1).any()
+    assert not (bare == SOLID).all(axis=-1).any()

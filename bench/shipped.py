@@ -1,0 +1,171 @@
+"""LiDARs and cameras in every shipped world, and what loading many triangles takes."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import flockstep
+
+RUNS = 5
+DRONES = 256
+#: By the name of their figures: a sensor, and how many drones have it.
+LIDARS = {
+    "fan35": flockstep.LidarConfig(channels=1, beams=35, hfov_deg=270.0, max_range_m=100.0),
+    "grid16x360": flockstep.LidarConfig(channels=16, beams=360, hfov_deg=360.0, vfov_deg=30.0, max_range_m=100.0),
+}
+SIZES_PX = {"camera64x64": ((64, 64), DRONES), "camera640x480": ((640, 480), 4)}
+
+Measured = tuple[str, float, str, int]  # name, value, unit, runs
+
+
+def seconds_per_sense(batch: flockstep.Batch, at_least_s: float = 0.1) -> float:
+    count, before = 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - before) < at_least_s:
+        batch.sense()
+        count += 1
+    return elapsed / count
+
+
+def sensing(world: flockstep.World, places: Any, **sensors: Any) -> flockstep.Batch:
+    """Return a batch of drones at places, each turned another way."""
+    batch = flockstep.Batch([world], len(places), num_threads=1, **sensors)
+    half = np.linspace(0, np.pi, len(places), dtype=np.float32)
+    zero = np.zeros_like(half)
+    batch.set_pose(places, np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1))
+    batch.sense()
+    return batch
+
+
+def measure() -> list[Measured]:
+    """Time LiDAR scans and frames with depth on one thread, at places drawn from free space."""
+    found: list[Measured] = []
+    for name in flockstep.scenes.names():
+        (world,) = flockstep.scenes.load(name)
+        places = world.free_places(DRONES, seed=0)
+        batches = {sensor: sensing(world, places, lidar=lidar) for sensor, lidar in LIDARS.items()}
+        for sensor, ((width, height), count) in SIZES_PX.items():
+            camera = flockstep.CameraConfig(
+                width_px=width, height_px=height, hfov_deg=90.0, far_m=1000.0, outputs=("rgb", "depth")
+            )
+            batches[sensor] = sensing(world, places[:count], cameras=[camera])
+        times: dict[str, list[float]] = {sensor: [] for sensor in batches}
+        for _ in range(RUNS):
+            for sensor, batch in batches.items():
+                times[sensor].append(seconds_per_sense(batch))
+        found.append((f"worlds/{name}/triangles", float(world.check()["triangles"]), "1", 1))
+        for sensor, batch in batches.items():
+            rate = batch.num_drones / statistics.median(times[sensor])
+            packets = batch.embree_packets
+            batch.sense()
+            found += [
+                (f"worlds/{name}/{sensor}_per_second", rate, "1/s", RUNS),
+                (f"worlds/{name}/{sensor}_embree_packets", (batch.embree_packets - packets) / batch.num_drones, "1", 1),
+            ]
+    return found
+
+
+#: What the pictures of one world cost with and without what makes them look real.
+LOOKS_IN = "outdoor/city"
+LOOKS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {  # what is taken from the world, what the camera is told
+    "as_it_is": ((), {}),
+    "shadows": ((), {"shadows": True}),
+    "four_samples": ((), {"samples_per_pixel": 4}),
+    "no_textures": (("textures",), {}),
+    "no_disc_of_the_sun": (("sun",), {}),
+}
+
+
+def plainer(world: flockstep.World, without: tuple[str, ...]) -> flockstep.World:
+    """Return the world without its textures, or without the sun in its sky."""
+    data = world.to_dict()
+    if "textures" in without:
+        del data["textures"]
+        for material in data["materials"].values():
+            material.pop("texture", None)
+    if "sun" in without:
+        data["light"].update(sun_radius_deg=0.0, sun_glow=0.0)
+    return flockstep.World.from_dict(data)
+
+
+def measure_looks() -> list[Measured]:
+    """Time frames of 320 x 240 on one thread, by both backends, with and without what makes them look real."""
+    (world,) = flockstep.scenes.load(LOOKS_IN)
+    places = world.free_places(8, seed=0)
+    batches = {}
+    for backend in ("raycast", "gl"):
+        for look, (without, settings) in LOOKS.items():
+            camera = flockstep.CameraConfig(width_px=320, height_px=240, hfov_deg=90.0, far_m=1000.0, **settings)
+            batches[backend, look] = sensing(plainer(world, without), places, cameras=[camera], camera_backend=backend)
+    times: dict[tuple[str, str], list[float]] = {key: [] for key in batches}
+    for _ in range(RUNS):
+        for key, batch in batches.items():
+            times[key].append(seconds_per_sense(batch, 0.3) / batch.num_drones)
+    return [
+        (f"looks/{backend}/{look}/ms_per_frame", 1e3 * statistics.median(times[backend, look]), "ms", RUNS)
+        for backend, look in batches
+    ]
+
+
+def ground(rows: int, texture_px: int, path: Path) -> int:
+    """Write a glTF file of rolling ground; return the number of its triangles."""
+    builder = flockstep.WorldBuilder()
+    texture: dict[str, Any] = {}
+    if texture_px:
+        noise = np.random.default_rng(0).integers(0, 256, (texture_px // 16, texture_px // 16, 3), np.uint8)
+        texture["texture"] = builder.texture("noise", np.repeat(np.repeat(noise, 16, 0), 16, 1))
+    material = builder.material("ground", base_color=(0.6, 0.6, 0.5), **texture)
+    along = np.arange(rows) / 12
+    heights = (3 * np.sin(along)[:, None] + 3 * np.cos(0.8 * along)[None, :]).astype(np.float32)
+    cell_m = 400 / rows
+    builder.heightfield(heights, material, corner=(-200, -200), cell_m=cell_m, texture_m=400)
+    builder.build().save(path)
+    return 2 * (rows - 1) ** 2
+
+
+LOAD = """
+import json, re, sys, time, numpy as np, flockstep
+def memory(what): return 1024 * int(re.search(what + r":\\s+(\\d+)", open("/proc/self/status").read())[1])
+before_bytes, before = memory("VmRSS"), time.perf_counter()
+world = flockstep.World.load(sys.argv[1])
+loaded = time.perf_counter()
+batch = flockstep.Batch([world], lidar=flockstep.LidarConfig(), cameras=[flockstep.CameraConfig()], num_threads=1)
+batch.set_pose(np.float32([[0, 0, 8]]))
+batch.sense()
+scanned = time.perf_counter()
+print(json.dumps([loaded - before, scanned - before, memory("VmRSS") - before_bytes, memory("VmHWM") - before_bytes]))
+"""
+
+
+def measure_loading() -> list[Measured]:
+    """Load a million triangles, and two million with a texture of 8,192 x 8,192 pixels, up to the first scan."""
+    found: list[Measured] = []
+    for name, rows, texture_px in (("gltf1M", 708, 0), ("scan2M_8k", 1001, 8192)):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "ground.glb"
+            triangles = ground(rows, texture_px, path)
+            runs = []
+            for _ in range(3):
+                program: list[str | Path] = [sys.executable, "-c", LOAD, path]
+                runs.append(json.loads(subprocess.run(program, check=True, stdout=subprocess.PIPE).stdout))
+            load_s, scan_s, resident, peak = np.median(runs, axis=0).tolist()
+        found += [
+            (f"load/{name}/seconds", load_s, "s", 3),
+            (f"load/{name}/seconds_to_first_scan", scan_s, "s", 3),
+            (f"load/{name}/resident_megabytes", resident / 1e6, "MB", 3),
+            (f"load/{name}/peak_megabytes", peak / 1e6, "MB", 3),
+        ]
+        if not texture_px:
+            found += [
+                (f"load/{name}/bytes_per_triangle", resident / triangles, "B", 3),
+                (f"load/{name}/peak_bytes_per_triangle", peak / triangles, "B", 3),
+            ]
+    return found

@@ -1,0 +1,35 @@
+// Tracing tiles of rays at triangles: what rays of one origin have in common is done once for all of them.
+//
+// A ray of a tile is (1, u, v) in the tile's frame, so the whole tile is a picture, and a triangle, once it is turned into that
+// frame, is three edges and a depth in it, all of them linear in u and v: a test is multiplications and additions for whole
+// vectors of rays. A tile goes through the tree once, near things first, and leaves out boxes that lie outside of it or behind
+// all that its rays have hit so far; so do its sub-tiles of 4 x 4 rays.
+//
+// A ray's result has the same bits on every target, whatever rays are beside it; it depends on the frame, the origin, the ray,
+// and the triangles:
+// - Whether a ray hits a triangle does not depend on how it came there. The corners are rounded into the tile's frame, each for
+//   itself, so that triangles which share a corner still do. From there on the answer is exact: where the sign of an edge might
+//   be rounding, a test in double precision that is exact decides (see hits_exactly). So no ray slips between triangles that
+//   share an edge or a corner.
+// - The distance is computed from the triangle and the ray alone, and is no less than that of the triangle's nearest corner and
+// no
+//   greater than that of its farthest.
+// - Boxes are left out only where no triangle in them can be hit, or only beyond what was hit: each box is widened by more than
+//   the rounding of a corner, each rectangle by more than the rounding of a quotient.
+// - Of hits at the same distance, the triangle with the lowest number counts.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "trace/mesh_tree.hpp"
+#include "trace/ray_block.hpp"
+
+namespace flockstep::trace {
+
+// Takes what the tree has nearer than the rays' t_hit and element; a hit gets the element first_element + its triangle. The rays
+// are rows of 16 whose directions' x is 1; rows up to a multiple of 4 have directions that may be read. details: of the hits
+// taken. Call under FlushDenormals.
+void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, RayBundle& rays, HitDetails& details);
+
+}  // namespace flockstep::trace

@@ -1,0 +1,53 @@
+// MeshTree: triangles in a wide tree, for tiles of rays that share an origin. See mesh_tiles.hpp.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "flockstep/world.hpp"
+#include "trace/embree.hpp"
+
+namespace flockstep::trace {
+
+inline constexpr std::size_t kTreeWidth = 16;  // children of a node, triangles of a leaf
+
+// The boxes of up to kTreeWidth children.
+struct alignas(64) MeshNode {
+  float center[3][kTreeWidth];  // m, world frame
+  float half[3][kTreeWidth];    // m; less than 0: no child
+  std::uint32_t child[kTreeWidth];
+};
+
+// Triangles, corner by corner. Where there is none its coordinates are NaN, and so it is never in view.
+struct alignas(64) MeshLeaf {
+  float corner[3][3][kTreeWidth];     // m, world frame: of a corner, along an axis
+  std::int32_t triangle[kTreeWidth];  // as numbered in the mesh, -1 where there is none
+};
+
+class MeshTree {
+ public:
+  // Keeps no reference to the mesh, which has triangles. Throws std::bad_alloc where Embree, whose builder decides what lies
+  // beside what, has no memory.
+  MeshTree(RTCDevice device, const TriangleMesh& mesh);
+
+  static bool is_leaf(std::uint32_t child) { return (child & kLeaf) != 0; }
+  const MeshNode& node(std::uint32_t child) const { return nodes_[child]; }
+  const MeshLeaf& leaf(std::uint32_t child) const { return leaves_[child & ~kLeaf]; }
+  std::uint32_t root() const { return root_; }
+  float extent() const { return extent_; }  // m: no coordinate is larger, nor is a side of the box around all
+  std::size_t bytes() const { return nodes_.size() * sizeof(MeshNode) + leaves_.size() * sizeof(MeshLeaf); }
+
+ private:
+  struct Built;
+  static constexpr std::uint32_t kLeaf = 0x80000000U;
+
+  std::uint32_t take(const Built& built, const TriangleMesh& mesh);
+
+  std::vector<MeshNode> nodes_;
+  std::vector<MeshLeaf> leaves_;
+  std::uint32_t root_ = 0;
+  float extent_ = 0.0F;
+};
+
+}  // namespace flockstep::trace

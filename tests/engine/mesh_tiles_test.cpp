@@ -1,0 +1,239 @@
+#include "trace/mesh_tiles.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "base/flush_denormals.hpp"
+#include "batch_helpers.hpp"
+#include "random.hpp"
+#include "ray_oracle.hpp"
+#include "trace/mesh_tree.hpp"
+
+namespace flockstep::trace {
+namespace {
+
+using testing::Random;
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+struct Device {
+  std::unique_ptr<RTCDeviceTy, decltype(&rtcReleaseDevice)> device{rtcNewDevice(nullptr), &rtcReleaseDevice};
+  MeshTree tree(const TriangleMesh& mesh) const { return {device.get(), mesh}; }
+};
+
+// A ball, or what it becomes as its points are moved along their rays: closed, whatever `bumps` is.
+TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
+  TriangleMesh mesh;
+  const auto add = [&](float polar, float azimuth) {
+    const float radius = 3.0F + bumps * random.within(-1, 1);
+    mesh.vertices.push_back(radius *
+                            Vec3(std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth), std::cos(polar)));
+  };
+  constexpr float kPi = 3.14159265F;
+  add(0.0F, 0.0F);
+  for (int ring = 1; ring < rings; ++ring) {
+    for (int side = 0; side < sides; ++side) {
+      add(kPi * static_cast<float>(ring) / static_cast<float>(rings),
+          2 * kPi * static_cast<float>(side) / static_cast<float>(sides));
+    }
+  }
+  add(kPi, 0.0F);
+  const auto at = [&](int ring, int side) { return 1 + (ring - 1) * sides + side % sides; };
+  const auto last = static_cast<std::int32_t>(mesh.vertices.size()) - 1;
+  for (int side = 0; side < sides; ++side) {
+    mesh.triangles.push_back({0, at(1, side), at(1, side + 1)});
+    for (int ring = 1; ring + 1 < rings; ++ring) {
+      mesh.triangles.push_back({at(ring, side), at(ring + 1, side), at(ring + 1, side + 1)});
+      mesh.triangles.push_back({at(ring, side), at(ring + 1, side + 1), at(ring, side + 1)});
+    }
+    mesh.triangles.push_back({last, at(rings - 1, side + 1), at(rings - 1, side)});
+  }
+  mesh.materials.assign(mesh.triangles.size(), 0);
+  mesh.objects.assign(mesh.triangles.size(), 0);
+  return mesh;
+}
+
+// 256 rays (1, u, v), where they are and what they hit.
+struct Tile {
+  std::vector<float> x = std::vector<float>(kMaxRays + kRayPadding, 1.0F), y = x, z = x;
+  std::unique_ptr<RayBundle> rays = std::make_unique<RayBundle>();
+  std::unique_ptr<HitDetails> details = std::make_unique<HitDetails>();
+
+  void trace(const MeshTree& tree, const Vec3& origin, const Mat3& rotation, std::size_t count = kMaxRays) {
+    rays->origin = origin;
+    rays->rotation = rotation;
+    rays->near = 0.01F;
+    rays->range = 100.0F;
+    rays->count = count;
+    rays->x = x.data();
+    rays->y = y.data();
+    rays->z = z.data();
+    std::fill_n(rays->t_hit, kMaxRays, kInfinity);
+    std::fill_n(rays->element, kMaxRays, -1);
+    const FlushDenormals flush;
+    trace_mesh_tile(tree, 0, *rays, *details);
+  }
+};
+
+// A picture of so many radians between pixels that looks along (1, u, v).
+void look(Tile& tile, float pixel, float u = 0.0F, float v = 0.0F) {
+  for (std::size_t i = 0; i < kMaxRays; ++i) {
+    tile.y[i] = u + pixel * (7.5F - static_cast<float>(i % 16));
+    tile.z[i] = v + pixel * (7.5F - static_cast<float>(i / 16));
+  }
+}
+
+TEST(MeshTiles, HitWhatAnOracleInDoublePrecisionSays) {
+  const Device device;
+  Random random(1);
+  std::size_t compared = 0, hits = 0;
+  for (const int rings : {3, 8, 30}) {
+    const TriangleMesh mesh = ball(rings, 2 * rings, 0.5F, random);
+    const auto shared = testing::make_world({}, {}, mesh);
+    const World& world = *shared;
+    const MeshTree tree = device.tree(mesh);
+    Tile tile;
+    for (int i = 0; i < 12; ++i) {
+      const Mat3 rotation = random.rotation().toRotationMatrix();
+      const Vec3 origin = i % 3 == 0 ? random.point(1.0F) : Vec3(random.point(6.0F));
+      look(tile, std::array{0.15F, 0.02F, 0.002F}[static_cast<std::size_t>(i % 3)], random.within(-0.5F, 0.5F));
+      const std::size_t count = i % 4 == 3 ? 112 : kMaxRays;  // rows that do not fill the last sub-tiles
+      tile.trace(tree, origin, rotation, count);
+      for (std::size_t ray = 0; ray < count; ray += 3) {
+        const Eigen::Vector3d from = origin.cast<double>(), along = tile.rays->direction(ray).cast<double>();
+        const oracle::Hit expected = oracle::nearest(world, from, along, 100.0);
+        if (!oracle::is_clear_cut(world, expected, from, along, 100.0)) continue;
+        ++compared;
+        ASSERT_EQ(tile.rays->element[ray], expected.element) << "ray " << ray << " of tile " << i;
+        if (expected.element < 0) continue;
+        ++hits;
+        ASSERT_NEAR(static_cast<double>(tile.rays->t_hit[ray]), expected.t, 1e-5 * std::max(1.0, expected.t));
+        const auto& [a, b, c] = mesh.triangles[static_cast<std::size_t>(expected.element)];
+        const auto corner = [&](std::int32_t vertex) { return mesh.vertices[static_cast<std::size_t>(vertex)]; };
+        const float u = tile.details->u[ray], v = tile.details->v[ray];
+        const Vec3 point = origin + tile.rays->t_hit[ray] * tile.rays->direction(ray);
+        ASSERT_LT(((1.0F - u - v) * corner(a) + u * corner(b) + v * corner(c) - point).norm(), 1e-3F);
+        const Vec3 normal(tile.details->normal_x[ray], tile.details->normal_y[ray], tile.details->normal_z[ray]);
+        const Vec3 expected_normal = (corner(b) - corner(a)).cross(corner(c) - corner(a)).normalized();
+        ASSERT_GT(std::abs(normal.normalized().dot(expected_normal)), 0.9999F);
+      }
+    }
+  }
+  EXPECT_GT(compared, 2000U);
+  EXPECT_GT(hits, 1000U);
+}
+
+// Rays at corners, at the middle of edges, and a few roundings beside them, from within something closed.
+TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
+  const Device device;
+  Random random(2);
+  std::size_t rays = 0;
+  for (const int rings : {4, 12, 40}) {
+    const TriangleMesh mesh = ball(rings, 2 * rings, rings == 12 ? 1.0F : 0.0F, random);
+    const MeshTree tree = device.tree(mesh);
+    Tile tile;
+    for (int turn = 0; turn < 40; ++turn) {
+      const Mat3 rotation = turn % 4 == 0 ? Mat3(Mat3::Identity()) : random.rotation().toRotationMatrix();
+      const Vec3 origin = turn % 2 == 0 ? Vec3(Vec3::Zero()) : random.point(0.8F);
+      std::size_t count = 0;
+      while (count < kMaxRays) {
+        const auto& triangle = mesh.triangles[random.generator()() % mesh.triangles.size()];
+        const Vec3 a = mesh.vertices[static_cast<std::size_t>(triangle[0])],
+                   b = mesh.vertices[static_cast<std::size_t>(triangle[1])];
+        const Vec3 target = random.within(0, 1) < 0.5F ? a : Vec3(a + std::array{0.5F, 0.25F, 1e-4F}[count % 3] * (b - a));
+        const Vec3 seen = rotation.transpose() * (target - origin);
+        if (seen.x() < 0.3F) continue;
+        tile.y[count] = seen.y() / seen.x();
+        tile.z[count] = seen.z() / seen.x();
+        if (count % 5 == 1) tile.y[count] = std::nextafter(tile.y[count], 10.0F);
+        if (count % 5 == 2) tile.z[count] = std::nextafter(tile.z[count], -10.0F);
+        ++count;
+      }
+      tile.trace(tree, origin, rotation);
+      for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+        ++rays;
+        ASSERT_GE(tile.rays->element[ray], 0) << "ray " << ray << " of turn " << turn << ", " << rings << " rings";
+        const float t = tile.rays->t_hit[ray] * tile.rays->direction(ray).norm();
+        ASSERT_GT(t, 0.1F);
+        ASSERT_LT(t, 6.0F);
+      }
+    }
+  }
+  EXPECT_EQ(rays, 3U * 40U * kMaxRays);
+}
+
+// What lies beside a ray, and which way the tree is gone through, changes no bit: rays of one origin and frame, shuffled.
+TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
+  const Device device;
+  Random random(3);
+  std::size_t hits = 0;
+  for (const int rings : {5, 60}) {
+    const TriangleMesh mesh = ball(rings, 2 * rings, 0.7F, random);
+    const MeshTree tree = device.tree(mesh);
+    Tile tile, shuffled, alone;
+    for (int i = 0; i < 10; ++i) {
+      const Mat3 rotation = random.rotation().toRotationMatrix();
+      const Vec3 origin = random.point(5.0F);
+      look(tile, i % 2 == 0 ? 0.1F : 0.004F);
+      tile.trace(tree, origin, rotation);
+      std::array<std::size_t, kMaxRays> from;
+      for (std::size_t ray = 0; ray < kMaxRays; ++ray) from[ray] = ray;
+      std::shuffle(from.begin(), from.end(), random.generator());
+      for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+        const bool is_other = ray % 7 == 0;  // and some that point elsewhere
+        shuffled.y[ray] = is_other ? random.within(-3, 3) : tile.y[from[ray]];
+        shuffled.z[ray] = is_other ? random.within(-3, 3) : tile.z[from[ray]];
+      }
+      shuffled.trace(tree, origin, rotation);
+      for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+        if (ray % 7 == 0) continue;
+        ASSERT_EQ(shuffled.rays->element[ray], tile.rays->element[from[ray]]);
+        ASSERT_EQ(shuffled.rays->t_hit[ray], tile.rays->t_hit[from[ray]]);
+        hits += shuffled.rays->element[ray] >= 0;
+      }
+      for (std::size_t ray = 0; ray < kMaxRays; ray += 17) {
+        std::fill(alone.y.begin(), alone.y.end(), tile.y[ray]);
+        std::fill(alone.z.begin(), alone.z.end(), tile.z[ray]);
+        alone.trace(tree, origin, rotation, 16);
+        ASSERT_EQ(alone.rays->element[5], tile.rays->element[ray]);
+        ASSERT_EQ(alone.rays->t_hit[5], tile.rays->t_hit[ray]);
+      }
+    }
+  }
+  EXPECT_GT(hits, 1000U);
+}
+
+TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {
+  const Device device;
+  Random random(4);
+  const MeshTree tree = device.tree(ball(10, 20, 0.0F, random));
+  Tile tile;
+  look(tile, 0.02F);
+  tile.trace(tree, Vec3::Zero(), Mat3::Identity());
+  const std::vector<float> depth(tile.rays->t_hit, tile.rays->t_hit + kMaxRays);
+  for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+    tile.rays->t_hit[ray] = ray % 2 == 0 ? 1.0F : 50.0F;
+    tile.rays->element[ray] = 1000;
+  }
+  const FlushDenormals flush;
+  trace_mesh_tile(tree, 7, *tile.rays, *tile.details);
+  for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+    ASSERT_EQ(tile.rays->t_hit[ray], ray % 2 == 0 ? 1.0F : depth[ray]);
+    ASSERT_EQ(tile.rays->element[ray] == 1000, ray % 2 == 0);
+    ASSERT_GE(tile.rays->element[ray], 7);
+  }
+  tile.rays->range = 2.0F;
+  std::fill_n(tile.rays->t_hit, kMaxRays, kInfinity);
+  std::fill_n(tile.rays->element, kMaxRays, -1);
+  trace_mesh_tile(tree, 0, *tile.rays, *tile.details);
+  EXPECT_TRUE(std::all_of(tile.rays->element, tile.rays->element + kMaxRays, [](std::int32_t e) { return e == -1; }));
+}
+
+}  // namespace
+}  // namespace flockstep::trace

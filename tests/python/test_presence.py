@@ -1,0 +1,103 @@
+"""What is visible and not solid, or solid and not visible: sensors see the one, drones meet the other."""
+
+import numpy as np
+import pytest
+
+import flockstep
+
+DOWN = (0.5**0.5, 0.0, 0.5**0.5, 0.0)
+X, SIZE = 3.0, (0.5, 4.0, 4.0)
+
+
+def wall(builder, form, **flags):
+    """A wall at X across the x axis, of a primitive or of triangles."""
+    material = builder.material("wall", [0.8, 0.2, 0.1])
+    if form == "box":
+        builder.box([X + 0.25, 0, 0], SIZE, material, **flags)
+    else:
+        corners = [[X, -2, -2], [X, 2, -2], [X, 2, 2], [X, -2, 2]]
+        builder.mesh(corners, [[0, 1, 2], [0, 2, 3]], material, **flags)
+
+
+def hall(form, **flags):
+    """A room of 12 m with a wall in the middle of one side of it."""
+    builder = flockstep.WorldBuilder("hall")
+    builder.room([-6, -6, -6], [6, 6, 6], builder.material("room"))
+    wall(builder, form, **flags)
+    return builder.build()
+
+
+@pytest.fixture(params=["box", "mesh"])
+def form(request):
+    return request.param
+
+
+@pytest.mark.parametrize(("flags", "seen"), [({}, True), ({"solid": False}, True), ({"visible": False}, False)])
+def test_sensors_see_what_is_visible(form, flags, seen):
+    world = hall(form, **flags)
+    expected = X if seen else 6.0
+    assert world.raycast([[0, 0, 0]], [[1, 0, 0]], 20)["t_hit"] == pytest.approx(expected)
+    camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("depth", "instance"), far_m=50)
+    pictures = []
+    for backend in ("raycast", "gl"):
+        batch = flockstep.Batch(
+            [world], 1, lidar=flockstep.LidarConfig(beams=1, max_range_m=20), cameras=[camera], camera_backend=backend
+        )
+        batch.set_pose([[0, 0, 0]])
+        batch.sense()
+        batch.capture()
+        assert batch.lidar().ranges[0, 0, 0] == pytest.approx(expected, abs=1e-5)
+        camera_frames = batch.camera()
+        pictures.append((camera_frames.depth[0].copy(), camera_frames.instance[0].copy()))
+        assert pictures[-1][0][12, 16] == pytest.approx(expected, abs=1e-3)
+        assert pictures[-1][1][12, 16] == (2 if seen else 1)  # numbers stay those of the world
+    np.testing.assert_allclose(pictures[0][0], pictures[1][0], rtol=1e-3)
+    cloud = world.point_cloud(0.25)
+    assert (cloud["objects"] == 1).any() == seen
+
+
+@pytest.mark.parametrize(("flags", "hit"), [({}, True), ({"solid": False}, False), ({"visible": False}, True)])
+def test_drones_hit_what_is_solid(form, flags, hit):
+    world = hall(form, **flags)
+    batch = flockstep.Batch([world], 1)
+    batch.set_pose([[0, 0, 0]])
+    assert bool(batch.move([[5, 0, 0]]).hit[0]) == hit
+    assert (batch.position[0, 0] < X) == hit
+    path = flockstep.plan(world, [0, 0, 0], [[5, 0, 0]])
+    assert (sum(np.linalg.norm(np.diff(path, axis=0), axis=1)) > 5.1) == hit
+    i, j, k = ((np.array([X + 0.01, 0.1, 0.1]) + 6) / 0.5).astype(int)
+    assert bool(world.occupancy(0.5)["occupied"][i, j, k]) == hit
+    assert (world.distance(0.5)["distance_m"][i, j, k] < 0.5) == hit
+    objects = world.objects()
+    assert objects["solid"].tolist() == [True, hit]
+    assert objects["visible"].tolist() == [True, flags.get("visible", True)]
+
+
+def test_what_is_hidden_casts_no_shadow():
+    builder = flockstep.WorldBuilder("yard")
+    builder.plane([0, 0, 0], [20, 20], builder.material("ground", [1, 1, 1]))
+    lit = builder.build()
+    builder.box([0, 0, 3], [4, 4, 0.5], builder.material("roof"), visible=False)
+    hidden = builder.build()
+    for backend in ("raycast", "gl"):
+        frames = []
+        for world in (lit, hidden):
+            camera = flockstep.CameraConfig(width_px=32, height_px=24, shadows=True, quat_wxyz=DOWN)
+            batch = flockstep.Batch([world], 1, cameras=[camera], camera_backend=backend)
+            batch.set_pose([[0, 0, 2]])
+            batch.sense()
+            batch.capture()
+            frames.append(batch.camera().rgb[0].copy())
+        np.testing.assert_array_equal(*frames)
+
+
+def test_flags_are_flags():
+    builder = flockstep.WorldBuilder()
+    material = builder.material("a")
+    with pytest.raises(ValueError, match="visible, solid: expected one of them to be True, got neither"):
+        builder.sphere([0, 0, 0], 1, material, visible=False, solid=False)
+    with pytest.raises(TypeError):
+        builder.sphere([0, 0, 0], 1, material, visible=0)
+    builder.sphere([0, 0, 0], 1, material, solid=False)
+    with pytest.raises(ValueError, match="expected at least one primitive or triangle that is solid"):
+        builder.build()
