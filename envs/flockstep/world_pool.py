@@ -162,20 +162,23 @@ class _Line:
         self._executor.submit(self._next)
 
     def close(self) -> None:
-        """Begin nothing more. The threads go once they are through with what they are at."""
-        with self._lock:
-            self._waiting.clear()
-        self._executor.shutdown(wait=False, cancel_futures=True)
+        """Begin nothing more. The executor's threads go with it, once they are through with what they are at.
+
+        This may be called by the garbage collector, in whatever a thread is at, also while it holds the locks of this
+        line or of any executor. So it takes none, and leaves it to the executor to end with its last reference.
+        """
+        self._waiting.clear()
 
     def _next(self) -> None:
         with self._lock:
-            if not self._waiting:
+            try:
+                work = self._waiting.popleft()
+            except IndexError:  # none, or closed just now
                 self._idle += 1
                 return
-            work = self._waiting.popleft()
         work()
         del work  # and what it holds
-        with contextlib.suppress(RuntimeError):  # closed
+        with contextlib.suppress(RuntimeError):  # the program is ending
             self._executor.submit(self._next)
 
 

@@ -1,5 +1,7 @@
 """Pools of worlds: which one episodes draw, the same bits however long they take, and what is left when they fail."""
 
+import concurrent.futures.thread
+import contextlib
 import copy
 import gc
 import multiprocessing
@@ -525,6 +527,32 @@ def test_threads_go_with_the_batch():
     gate.set()
     waiting.join()
     del batch, waiting
+    eventually(lambda: not builders())
+
+
+def test_a_batch_may_be_collected_whatever_a_thread_holds():
+    # The garbage collector runs wherever something is made, so also inside of an executor, which then holds its locks.
+    batch = make(pool=WorldPool(hall, 64))
+    batch.reset(np.arange(8))
+    gone = threading.Event()
+    weakref.finalize(batch, gone.set)
+
+    def collect(held):
+        with contextlib.ExitStack() as locks:
+            for executor in [e for e in gc.get_objects() if isinstance(e, concurrent.futures.ThreadPoolExecutor)]:
+                locks.enter_context(executor._shutdown_lock)
+            locks.enter_context(concurrent.futures.thread._global_shutdown_lock)
+            del executor
+            held.clear()
+            gc.collect()
+
+    held = [batch]
+    del batch
+    thread = threading.Thread(target=collect, args=(held,), daemon=True)
+    thread.start()
+    thread.join(20)
+    assert not thread.is_alive()
+    assert gone.is_set()
     eventually(lambda: not builders())
 
 
