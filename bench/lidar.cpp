@@ -182,6 +182,8 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   config.num_threads = 1;
   config.lidar = lidar;
   flockstep::Batch batch(config, worlds);
+  config.tracer = flockstep::TracerKind::tiles;
+  flockstep::Batch by_tiles(config, worlds);
   const auto n = static_cast<std::size_t>(num_drones);
   std::vector<float> position(3 * n);
   for (std::size_t w = 0; w < worlds.size(); ++w) {
@@ -192,6 +194,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   }
   batch.set_pose(position, {});
   batch.sense();
+  by_tiles.set_pose(position, {});
 
   const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
   std::vector<float> directions(3 * n * per_drone);
@@ -248,6 +251,8 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
           [&, coherent](std::size_t w) { trace_bare<RTCRayHit16, 16>(scenes[w]->scene, rays[w], coherent); });
     }
   }
+  const std::size_t end_of_bare = variants.size();
+  if (!has_primitives) variants.push_back({"engine by tiles", [&by_tiles] { by_tiles.sense(); }});
   const flockstep::FlushDenormals flush;
   bench::Times times = bench::interleave(variants, runs);
 
@@ -266,12 +271,15 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   const auto ratio = [&](const std::string& figure, std::size_t v) {
     figures.add("lidar/" + figure, bench::median_ratio(times[v], times[0]), "1", runs);
   };
-  const std::size_t best = fastest(first_analytic, variants.size());
+  const std::size_t best = fastest(first_analytic, end_of_bare);
   ratio(name + "/ratio_to_bare_embree", best);
   figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", runs);
   figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", runs);
-  if (!has_primitives) return;
-  const std::size_t best_triangles = fastest(first_triangles, variants.size());
+  if (!has_primitives) {
+    figures.add("lidar/tiles_" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1", runs);
+    return;
+  }
+  const std::size_t best_triangles = fastest(first_triangles, end_of_bare);
   ratio("direct_" + name + "/ratio_to_bare_embree", best_triangles);
   ratio("direct_" + name + "/ratio_to_bare_direct", 1);
   figures.add("lidar/direct_" + name + "/bare_embree_scans_per_second", per_second(best_triangles), "1/s", runs);

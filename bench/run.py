@@ -9,6 +9,7 @@ pixels_train  the same of the task that sees the image itself; half an hour
 camera_large  the camera task at 640 x 480; half an hour
 places_train  the LiDAR task in generated offices and forests
 flight_train  Hover and Track by five seeds each, beside the controller alone; the LiDAR task's policy flown by rotors
+tiles   rays at triangles by tiles and by Embree's packets, tracing alone
 worlds  LiDARs and cameras in every shipped world, and how much of it goes through Embree
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
@@ -65,6 +66,11 @@ def native(name: str, *args: str) -> list[Figure]:
 
 def bench_lidar() -> list[Figure]:
     return native("lidar")
+
+
+def bench_tiles() -> list[Figure]:
+    """Trace triangles in tiles, without what comes before and after."""
+    return native("tiles")
 
 
 def seconds_per_call(call: Callable[[int], object], at_least_s: float = 0.25) -> float:
@@ -317,10 +323,10 @@ def bench_snippet() -> list[Figure]:
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     figures = []
-    for seed in range(10, 15):
-        for subject, steps in ((f"snippet/seed{seed}", "1_000_000"), (f"snippet/longer/seed{seed}", "3_000_000")):
+    for seed in range(20, 25):
+        for subject, steps in ((f"snippet/seed{seed}", "1_200_000"), (f"snippet/longer/seed{seed}", "3_600_000")):
             text = block[1]
-            for old, new in (('device="cpu"', f'device="cpu", seed={seed}'), ("1_000_000, progress_bar=True", steps)):
+            for old, new in (('device="cpu"', f'device="cpu", seed={seed}'), ("1_200_000, progress_bar=True", steps)):
                 assert text.count(old) == 1, f"README.md: expected {old} once in its first block"
                 text = text.replace(old, new)
             before = time.perf_counter()
@@ -378,6 +384,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "snippet": bench_snippet,
     "load": bench_load,
     "worlds": bench_worlds,
+    "tiles": bench_tiles,
     "dynamics": bench_dynamics,
     "dynamics_accuracy": bench_dynamics_accuracy,
     "dynamics_peers": bench_dynamics_peers,

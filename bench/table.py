@@ -40,6 +40,7 @@ NAMES = (
     "snippet",
     "load",
     "worlds",
+    "tiles",
     "dynamics",
 )
 #: These have tables of their own only.

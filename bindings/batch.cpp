@@ -62,11 +62,11 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& drone, const py::object& cameras, const py::object& backend,
                                             const py::object& episode, const py::object& clock, const py::object& dynamics,
                                             const py::object& num_threads, const py::object& block_size,
-                                            const py::object& world_index, const py::kwargs& unknown) {
+                                            const py::object& world_index, const py::object& tracer, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds", "num_drones", "lidar",       "pose_sensor",    "imu",
-                                "task",   "drone",      "cameras",     "camera_backend", "episode",
-                                "clock",  "dynamics",   "num_threads", "block_size",     "world_index"};
+    constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",   "task",
+                                "drone",       "cameras",    "camera_backend", "episode",     "clock", "dynamics",
+                                "num_threads", "block_size", "world_index",    "tracer"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
   }
   BatchConfig config;
@@ -78,6 +78,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.imu = optional_argument<ImuConfig>(imu, "imu");
   config.cameras = cameras_of(cameras);
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
+  config.tracer = from_python<TracerKind>(tracer, "tracer");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
   config.clock = optional_argument<ClockConfig>(clock, "clock").value_or(ClockConfig());
   config.dynamics = optional_argument<DynamicsConfig>(dynamics, "dynamics").value_or(DynamicsConfig());
@@ -268,7 +269,8 @@ void register_batch(py::module_& module) {
       .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
            py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
            py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
-           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none)
+           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none,
+           py::arg("tracer") = "auto")
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
       .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree_rays(); })

@@ -42,8 +42,7 @@ class Builds final : public WorldSource {
 std::optional<WorldPool> world_pool(const py::object& worlds, const BatchConfig& config) {
   const auto module = py::module_::import("flockstep.world_pool");
   if (!py::isinstance(worlds, module.attr("WorldPool"))) return std::nullopt;
-  const py::cpp_function prepare(
-      [cameras = !config.cameras.empty()](const World& world) { released([&] { build_ahead(world, cameras); }); });
+  const py::cpp_function prepare([config](const World& world) { released([&] { build_ahead(world, config); }); });
   WorldPool pool{.size = worlds.attr("size").cast<std::int32_t>(), .fresh = worlds.attr("fresh").cast<double>()};
   pool.source = std::make_shared<Builds>(module.attr("Builds")(worlds, config.num_envs, prepare));
   return pool;

@@ -144,6 +144,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         over 90 degrees, facing forward, else none; with a `Task`, what it asks for.
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
+    tracer
+        ``"auto"`` or ``"tiles"``, which is faster at many triangles; see `Batch`.
     pose_sensor, imu, drone
         Default: an exact pose; none; what the task says, for navigation the 650-class quadrotor. A drone is a
         `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path.
@@ -215,6 +217,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         lidar: LidarConfig | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
         camera_backend: str = "raycast",
+        tracer: str = "auto",
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | None = None,
         drone: DroneModel | str | None = None,
@@ -293,6 +296,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             lidar=self.lidar,
             cameras=self.cameras,
             camera_backend=camera_backend,
+            tracer=tracer,
             pose_sensor=pose_sensor,
             imu=imu,
             task=description,

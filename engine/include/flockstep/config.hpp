@@ -16,6 +16,16 @@
 
 namespace flockstep {
 
+// How rays of cameras and LiDARs meet triangles.
+enum class TracerKind : std::uint8_t {
+  automatic,  // by Embree, in packets
+  tiles,      // cameras, and LiDARs whose beams lie close, by tiles of rays that go through a tree of their own together
+};
+template <>
+struct EnumNames<TracerKind> {
+  static constexpr std::array kNames{"auto", "tiles"};
+};
+
 struct BatchConfig {
   int num_envs = 1;        // E; E x M in [1, 1 << 20]
   int drones_per_env = 1;  // M; 1: envs of several drones are not there yet
@@ -24,6 +34,7 @@ struct BatchConfig {
   std::optional<LidarConfig> lidar;
   std::vector<CameraConfig> cameras;  // of different names; at most 2^32 pixels each, of all drones
   CameraBackend camera_backend = CameraBackend::raycast;
+  TracerKind tracer = TracerKind::automatic;
   PoseSensorConfig pose_sensor;
   std::optional<ImuConfig> imu;
   EpisodeConfig episode;
@@ -36,8 +47,8 @@ struct BatchConfig {
                       field("num_threads", &C::num_threads, Decides::nothing),
                       field("block_size", &C::block_size, Decides::nothing), field("lidar", &C::lidar),
                       field("cameras", &C::cameras), field("camera_backend", &C::camera_backend, Decides::nothing),
-                      field("pose_sensor", &C::pose_sensor), field("imu", &C::imu), field("episode", &C::episode),
-                      field("clock", &C::clock), field("dynamics", &C::dynamics));
+                      field("tracer", &C::tracer), field("pose_sensor", &C::pose_sensor), field("imu", &C::imu),
+                      field("episode", &C::episode), field("clock", &C::clock), field("dynamics", &C::dynamics));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

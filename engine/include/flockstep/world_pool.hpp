@@ -5,6 +5,7 @@
 #include <memory>
 #include <span>
 
+#include "flockstep/config.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -33,7 +34,7 @@ struct WorldPool {
 };
 
 // Builds all that a batch needs of a world, which costs more than the world itself where there are triangles: for the threads of
-// a source. cameras: whether the batch has some. Thread-safe.
-void build_ahead(const World& world, bool cameras);
+// a source. Thread-safe.
+void build_ahead(const World& world, const BatchConfig& config);
 
 }  // namespace flockstep

@@ -13,6 +13,7 @@
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
 #include "compiled/compiled_world.hpp"
+#include "trace/scene.hpp"
 
 namespace flockstep {
 namespace {
@@ -52,10 +53,11 @@ std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) cons
   return static_cast<std::int32_t>(first) + static_cast<std::int32_t>(u * size);
 }
 
-void build_ahead(const World& world, bool cameras) {
-  compiled(world).scene();
+void build_ahead(const World& world, const BatchConfig& config) {
+  const trace::Scene& scene = compiled(world).scene();
+  if (config.tracer == TracerKind::tiles) scene.prepare_tiles(world.triangles());
   compiled(world).obstacles();
-  if (cameras) compiled(world).shading();
+  if (!config.cameras.empty()) compiled(world).shading();
 }
 
 PoolRun::PoolRun(WorldPool pool_in, std::size_t num_envs)
@@ -101,7 +103,7 @@ void fetch_worlds(Simulation& sim) {
     }
     move.world = run.pool.source->get(move.number);
     require_world_of_pool(sim, move.number, move.world.get());
-    build_ahead(*move.world, !sim.cameras.empty());  // where the source has not
+    build_ahead(*move.world, sim.config);  // where the source has not
   }
 }
 

@@ -119,7 +119,8 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                          .near = camera.near_m,
                                          .range = camera.far_m,
                                          .longest = pinhole.corner,
-                                         .sees_markers = true});
+                                         .sees_markers = true,
+                                         .tiles = request.tiles});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;

@@ -40,6 +40,7 @@ struct RenderRequest {
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   Frame frame;
+  bool tiles = false;  // rays meet triangles as trace::Viewpoint has it
 };
 
 }  // namespace flockstep::render

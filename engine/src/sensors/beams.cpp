@@ -4,12 +4,14 @@
 #include <cmath>
 #include <numbers>
 
+#include "trace/packets.hpp"
+
 namespace flockstep::sensors {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-constexpr std::size_t kTileWidth = 16;  // beams: a vector, and a narrow view
-constexpr std::size_t kFan = 64;        // beams of a single channel that are worth only one view
+constexpr std::size_t kTileWidth = trace::kTileWidth;  // beams: a vector, and a narrow view
+constexpr std::size_t kFan = 64;                       // beams of a single channel that are worth only one view
 
 // Evenly spaced over [-fov/2, fov/2]; the end is left out where it would be the beginning again.
 double spread_deg(int index, int count, double fov_deg) {
@@ -42,6 +44,44 @@ void for_each_beam(const BeamPattern& pattern, const BeamTile& tile, const F& f)
   }
 }
 
+// Appends the view of the pattern's last tile, if its beams fill some of a picture and lie within a narrow cone.
+void add_view(BeamPattern& pattern, BeamTile& tile) {
+  constexpr std::size_t kFewest = 64;  // beams, in rows that fill the kernel's sub-tiles of four
+  constexpr double kLeastAhead = 0.9;  // cosine: 26 degrees from the tile's axis
+  const std::size_t beams = tile.rows * tile.width;
+  if (tile.rows < 4 || tile.width > trace::kTileWidth || beams < kFewest) return;
+  const auto direction = [&](std::size_t i) {
+    return Eigen::Vector3d(pattern.x[tile.first + i], pattern.y[tile.first + i], pattern.z[tile.first + i]);
+  };
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();
+  for (std::size_t i = 0; i < beams; ++i) axis += direction(i);
+  axis.normalize();
+  Eigen::Matrix3d to_sensor;
+  to_sensor.col(0) = axis;
+  to_sensor.col(1) = (std::abs(axis.z()) < 0.7 ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d::UnitX()).cross(axis).normalized();
+  to_sensor.col(2) = axis.cross(to_sensor.col(1));
+  trace::TileView view{.to_sensor = to_sensor.cast<float>()};
+  for (std::size_t i = 0; i < beams; ++i) {
+    const Eigen::Vector3d seen = to_sensor.transpose() * direction(i);
+    if (!(seen.x() >= kLeastAhead)) return;
+    const std::size_t at = i / tile.width * trace::kTileWidth + i % tile.width;
+    view.u[at] = static_cast<float>(seen.y() / seen.x());
+    view.v[at] = static_cast<float>(seen.z() / seen.x());
+    view.ahead[at] = static_cast<float>(seen.x());
+  }
+  // What lies beside the tile looks where its nearest beam does, so that it makes the view no wider.
+  const std::size_t rows = (tile.rows + 3) / 4 * 4;
+  for (std::size_t row = 0; row < rows; ++row) {
+    for (std::size_t i = row < tile.rows ? tile.width : 0; i < trace::kTileWidth; ++i) {
+      const std::size_t from = std::min(row, tile.rows - 1) * trace::kTileWidth + std::min(i, tile.width - 1);
+      view.u[row * trace::kTileWidth + i] = view.u[from];
+      view.v[row * trace::kTileWidth + i] = view.v[from];
+    }
+  }
+  tile.view = static_cast<std::int32_t>(pattern.views.size());
+  pattern.views.push_back(view);
+}
+
 }  // namespace
 
 BeamPattern make_pattern(const LidarConfig& config) {
@@ -55,13 +95,14 @@ BeamPattern make_pattern(const LidarConfig& config) {
   for (std::size_t channel = 0; channel < channels; channel += height) {
     for (std::size_t beam = 0; beam < pattern.columns; beam += width) {
       BeamTile tile{
-          pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}};
+          pattern.x.size(), std::min(height, channels - channel), std::min(width, pattern.columns - beam), channel, beam, {}, -1};
       for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
         const Eigen::Vector3d direction = mounting * beam_direction(config, channel + i / tile.width, beam + i % tile.width);
         pattern.x.push_back(static_cast<float>(direction.x()));
         pattern.y.push_back(static_cast<float>(direction.y()));
         pattern.z.push_back(static_cast<float>(direction.z()));
       }
+      add_view(pattern, tile);
       const auto part = [&tile](const std::vector<float>& all) { return std::span(all).subspan(tile.first); };
       tile.frustum = trace::make_frustum(part(pattern.x), part(pattern.y), part(pattern.z));
       pattern.tiles.push_back(tile);

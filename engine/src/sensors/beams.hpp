@@ -2,12 +2,14 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "trace/frustum.hpp"
 #include "trace/ray_block.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep::sensors {
 
@@ -17,6 +19,7 @@ struct BeamTile {
   std::size_t rows, width;    // rows * width beams
   std::size_t channel, beam;  // of its first
   trace::Frustum frustum;     // body frame
+  std::int32_t view = -1;     // into the pattern's views; -1: its beams are too far apart for one
 };
 
 // The beams of one setting (mounting rotation included), structure of arrays, tile by tile, padded so that whole vectors can be
@@ -24,6 +27,7 @@ struct BeamTile {
 struct BeamPattern {
   std::vector<float> x, y, z;  // (rays + trace::kRayPadding,) unit, body frame
   std::vector<BeamTile> tiles;
+  std::vector<trace::TileView> views;
   std::size_t columns;  // beams per channel
 };
 

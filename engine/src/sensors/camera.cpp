@@ -32,8 +32,10 @@ void for_each_image(CameraImages& images, const F& f) {
 
 }  // namespace
 
-Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones)
+Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
+               bool tiles)
     : config_(config),
+      tiles_(tiles),
       period_(period_in_ticks(config.rate_hz, clock, "camera.rate_hz")),
       drones_per_env_(drones_per_env),
       pixels_(static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px)),
@@ -153,7 +155,8 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
                                 .pinhole = &settings_[setting_[drone]]->pinhole,
                                 .position = pose.position + trace::rotated(body, offset_[drone]),
                                 .rotation = rotation,
-                                .frame = {}};
+                                .frame = {},
+                                .tiles = tiles_};
   const auto image = [&](auto& images, std::size_t values) {
     return images.empty() ? nullptr : images.data() + drone * pixels_ * values;
   };

@@ -21,7 +21,9 @@ namespace flockstep::sensors {
 
 class Camera {
  public:
-  Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones);
+  // tiles: as trace::Viewpoint has it.
+  Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
+         bool tiles = false);
   Camera(const Camera&) = delete;  // requests point into it
   Camera& operator=(const Camera&) = delete;
 
@@ -81,6 +83,7 @@ class Camera {
   render::RenderRequest request(std::size_t drone, const World& world, const Pose& pose);
 
   CameraConfig config_;
+  bool tiles_;
   std::int64_t period_;  // ticks, as period_in_ticks() has it
   std::size_t drones_per_env_;
   std::size_t pixels_;

@@ -24,7 +24,8 @@ class CameraRig {
   // Env e is in worlds[slots[e]]; null where no env is. These and the state outlive the rig, and the worlds stay where they are
   // in memory.
   CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
-            const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones);
+            const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones,
+            bool tiles);
 
   // Throws std::invalid_argument where a camera cannot show a world.
   void require_world(const World& world) const;

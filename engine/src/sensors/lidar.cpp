@@ -19,8 +19,9 @@ bool same_beams(const LidarConfig& a, const LidarConfig& b) {
 
 }  // namespace
 
-Lidar::Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones)
+Lidar::Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones, bool tiles)
     : config_(config),
+      tiles_(tiles),
       period_(period_in_ticks(config.rate_hz, clock, "lidar.rate_hz")),
       rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
       ranges_(num_drones * rays_, kInfinity),
@@ -145,16 +146,18 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::S
 void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, trace::Tracer& tracer) const {
   const BeamPattern& pattern = pattern_of(drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
-  tracer.settle(
-      scene,
-      {.origin = pose.position + trace::rotated(rotation, offset_[drone]), .rotation = rotation, .range = max_range_[drone]});
+  tracer.settle(scene, {.origin = pose.position + trace::rotated(rotation, offset_[drone]),
+                        .rotation = rotation,
+                        .range = max_range_[drone],
+                        .tiles = tiles_});
   for (const BeamTile& tile : pattern.tiles) {
     tracer.trace_later({.x = pattern.x.data() + tile.first,
                         .y = pattern.y.data() + tile.first,
                         .z = pattern.z.data() + tile.first,
                         .rows = tile.rows,
                         .width = tile.width,
-                        .frustum = &tile.frustum},
+                        .frustum = &tile.frustum,
+                        .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)]},
                        ranges + tile.channel * pattern.columns + tile.beam, pattern.columns);
   }
 }

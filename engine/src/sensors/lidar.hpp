@@ -19,7 +19,8 @@ namespace flockstep::sensors {
 
 class Lidar {
  public:
-  Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones);
+  // tiles: as trace::Viewpoint has it.
+  Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones, bool tiles = false);
 
   std::size_t rays_per_drone() const { return rays_; }
   std::int64_t period() const { return period_; }               // ticks, as period_in_ticks() has it
@@ -59,6 +60,7 @@ class Lidar {
   LidarConfig with(const Saved& saved) const;
 
   LidarConfig config_;
+  bool tiles_;
   std::int64_t period_;
   std::size_t rays_;
   std::vector<float> ranges_;  // (N, rays) m

@@ -27,8 +27,8 @@ struct alignas(64) MeshLeaf {
 
 class MeshTree {
  public:
-  // Keeps no reference to the mesh, which has triangles. Throws std::bad_alloc where Embree, whose builder decides what lies
-  // beside what, has no memory.
+  // Of the visible triangles, of which there are some. Keeps no reference to the mesh. Throws std::bad_alloc where Embree, whose
+  // builder decides what lies beside what, has no memory.
   MeshTree(RTCDevice device, const TriangleMesh& mesh);
 
   static bool is_leaf(std::uint32_t child) { return (child & kLeaf) != 0; }

@@ -239,6 +239,12 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
   rtcAttachGeometry(meshes_.get(), geometry);
 }
 
+void Scene::prepare_tiles(const TriangleMesh& mesh) const {
+  if (!meshes_ || !masks_.empty()) return;
+  const std::lock_guard lock(tiles_mutex_);
+  if (!tiles_) tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
+}
+
 void Scene::intersect_primitives(RayBlock& rays) const {
   if (!crowd_) {
     trace_direct(traced(), rays);
@@ -259,12 +265,12 @@ void Scene::intersect_casters(RayBlock& rays) const {
 void Scene::intersect_markers(RayBlock& rays) const { trace_markers(markers_, rays); }
 
 std::size_t Scene::intersect_triangles(RayBlock& rays, HitDetails* details, Through through) const {
-  return !meshes_ ? 0 : trace_packets_of_8(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), through, rays, details);
+  return !meshes_ ? 0 : trace_packets_of_8(meshes_.get(), first_triangle(), through, rays, details);
 }
 
 std::size_t Scene::intersect_triangles(RayBundle& tile, HitDetails& details) const {
   if (!meshes_) return 0;
-  return trace_tile(meshes_.get(), static_cast<std::int32_t>(shapes_.size()), wide_packets_, Through::masks, tile, details);
+  return trace_tile(meshes_.get(), first_triangle(), wide_packets_, Through::masks, tile, details);
 }
 
 void Scene::add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const {

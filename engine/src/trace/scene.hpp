@@ -3,14 +3,15 @@
 //
 // What is not visual is not in it: it keeps its number, and nothing meets it.
 //
-// Primitives are traced directly where few are within reach (see CandidateSet), and by Embree where many are; triangles always by
-// Embree.
+// Primitives are traced directly where few are within reach (see CandidateSet), and by Embree where many are; triangles by
+// Embree, or in tiles of rays by a tree of their own.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <vector>
 
@@ -19,6 +20,7 @@
 #include "trace/direct.hpp"
 #include "trace/embree.hpp"
 #include "trace/masks.hpp"
+#include "trace/mesh_tree.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/shape.hpp"
 #include "trace/shape_tree.hpp"
@@ -60,6 +62,12 @@ class Scene {
   // The same for a camera's tile, through masks. Its bits are those of the tile as a whole: its rows of kTileWidth rays go
   // through Embree together.
   std::size_t intersect_triangles(RayBundle& tile, HitDetails& details) const;
+
+  // Builds the tree for tiles of rays, unless it is there: whoever is to call tiles() calls this first. mesh: of the world.
+  void prepare_tiles(const TriangleMesh& mesh) const;
+  // Null where nothing is to be traced in tiles: no triangles, or some with masks, which Embree's filters know.
+  const MeshTree* tiles() const { return tiles_.get(); }
+  std::int32_t first_triangle() const { return static_cast<std::int32_t>(shapes_.size()); }
 
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
   std::span<const NumberedShape> markers() const { return markers_; }
@@ -104,6 +112,8 @@ class Scene {
   EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few
   EmbreeScene meshes_;                   // all triangles; null without any
   bool wide_packets_ = false;            // the processor has vectors for packets of 16
+  mutable std::mutex tiles_mutex_;
+  mutable std::unique_ptr<const MeshTree> tiles_;  // null until they are prepared
 };
 
 }  // namespace flockstep::trace

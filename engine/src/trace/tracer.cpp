@@ -6,6 +6,8 @@
 
 #include "trace/calibrated.hpp"
 #include "trace/direct.hpp"
+#include "trace/mesh_tiles.hpp"
+#include "trace/packets.hpp"
 
 namespace flockstep::trace {
 namespace {
@@ -29,6 +31,7 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
   }
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
+  tree_ = viewpoint.tiles ? scene.tiles() : nullptr;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
@@ -36,31 +39,30 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
-  if (!trace_candidates(tile)) {
-    forget_hits(bundle_);
-    block_.count = 0;
-    block_.near = bundle_.near;
-    append(bundle_, 0, bundle_.count, block_);
-    meet_primitives(block_);
-    std::copy_n(block_.t_hit, bundle_.count, bundle_.t_hit);
-    std::copy_n(block_.element, bundle_.count, bundle_.element);
-  }
-  if (candidates_.triangles) {
+  if (!trace_candidates(tile)) trace_crowd();
+  if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
+  if (tree_ != nullptr) {
+    trace_mesh_tile(*tree_, scene_->first_triangle(), bundle_, details_);
+  } else {
     note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
   }
-  return bundle_;  // the static world ends here
+  return bundle_;
 }
 
 void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride) {
+  const bool in_view = tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
   if (!trace_candidates(tile)) {
-    forget_hits(bundle_);
-    wait(tile, ranges, stride, for_everything_);
-  } else if (candidates_.triangles) {
-    wait(tile, ranges, stride, for_triangles_);
-  } else {  // the static world ends here
-    for (std::size_t row = 0; row < tile.rows; ++row) {
-      std::copy_n(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
+    if (!in_view) {
+      forget_hits(bundle_);
+      return wait(tile, ranges, stride, for_everything_);
     }
+    trace_crowd();
+  } else if (candidates_.triangles && !in_view) {
+    return wait(tile, ranges, stride, for_triangles_);
+  }
+  if (in_view) trace_view(*tile.view, tile.rows, tile.width);
+  for (std::size_t row = 0; row < tile.rows; ++row) {  // the static world ends here
+    std::copy_n(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
   }
 }
 
@@ -88,6 +90,44 @@ bool Tracer::trace_candidates(const RayTile& tile) {
   bundle_.count = tile.rows * tile.width;
   bundle_.frustum = tile.frustum;
   return !candidates_.crowded && trace_direct(std::span(candidates_.list).first(candidates_.count), kMaxDirect, bundle_);
+}
+
+void Tracer::trace_crowd() {
+  forget_hits(bundle_);
+  block_.count = 0;
+  block_.near = bundle_.near;
+  append(bundle_, 0, bundle_.count, block_);
+  meet_primitives(block_);
+  std::copy_n(block_.t_hit, bundle_.count, bundle_.t_hit);
+  std::copy_n(block_.element, bundle_.count, bundle_.element);
+}
+
+// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept.
+void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width) {
+  RayBundle& seen = view_bundle_;
+  seen.origin = bundle_.origin;
+  for (int axis = 0; axis < 3; ++axis) seen.rotation.col(axis) = rotated(bundle_.rotation, view.to_sensor.col(axis));
+  seen.near = bundle_.near;
+  seen.range = bundle_.range;
+  seen.y = view.u;
+  seen.z = view.v;
+  seen.count = rows * kTileWidth;
+  std::fill_n(seen.element, seen.count, -1);
+  for (std::size_t row = 0; row < rows; ++row) {
+    float* const depth = seen.t_hit + row * kTileWidth;
+    const float *const ahead = view.ahead + row * kTileWidth, *const found = bundle_.t_hit + row * width;
+    std::fill_n(depth, kTileWidth, -1.0F);  // beside the tile: nothing is nearer
+    for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
+  }
+  trace_mesh_tile(*tree_, 0, seen, details_);
+  for (std::size_t row = 0; row < rows; ++row) {
+    const float *const depth = seen.t_hit + row * kTileWidth, *const ahead = view.ahead + row * kTileWidth;
+    const std::int32_t* const element = seen.element + row * kTileWidth;
+    float* const found = bundle_.t_hit + row * width;
+    for (std::size_t i = 0; i < width; ++i) {
+      if (element[i] >= 0) found[i] = std::min(depth[i] / ahead[i], found[i]);
+    }
+  }
 }
 
 void Tracer::meet_primitives(RayBlock& rays) const {

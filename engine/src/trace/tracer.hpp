@@ -24,13 +24,22 @@ struct Viewpoint {
   float range;                // likewise
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
+  bool tiles = false;         // triangles are traced in tiles where they can be, for which the scene is prepared
+};
+
+// Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
+struct TileView {
+  Mat3 to_sensor;                                        // rotation, tile's frame to the sensor's
+  alignas(64) float u[kMaxRays] = {}, v[kMaxRays] = {};  // rows of kTileWidth, whatever the tile's width
+  alignas(64) float ahead[kMaxRays] = {};                // length of the direction along the tile's axis; 0 beside the tile
 };
 
 // Rays of a sensor that are traced together, since they point much the same way.
 struct RayTile {
-  const float *x, *y, *z;   // (rows * width + kRayPadding,) directions, sensor frame, row by row
-  std::size_t rows, width;  // rows * width is at most kMaxRays
-  const Frustum* frustum;   // that holds them, sensor frame
+  const float *x, *y, *z;          // (rows * width + kRayPadding,) directions, sensor frame, row by row
+  std::size_t rows, width;         // rows * width is at most kMaxRays
+  const Frustum* frustum;          // that holds them, sensor frame
+  const TileView* view = nullptr;  // if they lie close enough; for trace_later() only
 };
 
 // What has gone through Embree's trees of triangles, shadow rays included.
@@ -88,16 +97,20 @@ class Tracer {
   };
 
   bool trace_candidates(const RayTile& tile);  // false if they are too many
+  void trace_crowd();                          // what trace_candidates() has not
+  void trace_view(const TileView& view, std::size_t rows, std::size_t width);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
   void note(std::size_t rays, std::size_t packets);  // that they went through Embree; no packets: they did not
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);
 
-  const Scene* scene_ = nullptr;  // that the sensor is in
+  const Scene* scene_ = nullptr;    // that the sensor is in
+  const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
+  RayBundle view_bundle_;    // the same in the frame of its view
   HitDetails details_;
   EmbreeUse embree_use_;
   RayBlock block_;

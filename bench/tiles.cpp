@@ -1,0 +1,328 @@
+// How tiles of rays compare with Embree's packets at triangles: tracing alone, from the same poses, on one thread.
+//
+// Bare Embree: packets of 8 or 16 neighbouring rays of one sensor, coherent or not, in rectangles of 4 x 2 or 4 x 4 where the
+// pattern has rows; the best of all. It stores what the engine does: of cameras distance, triangle and normal, of LiDARs the
+// distance. Engine: a Tracer, whose fans go through Embree, too. All take turns within one run. Prints a JSON list of figures.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <memory>
+#include <numbers>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bare_embree.hpp"
+#include "base/flush_denormals.hpp"
+#include "bench.hpp"
+#include "flockstep/scenario.hpp"
+#include "mesh_world.hpp"
+#include "render/pinhole_camera.hpp"
+#include "sensors/beams.hpp"
+#include "trace/packets.hpp"
+#include "trace/scene.hpp"
+#include "trace/tracer.hpp"
+
+namespace {
+
+using flockstep::Mat3;
+using flockstep::Quat;
+using flockstep::Vec3;
+
+constexpr int kRuns = 7;
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+// Rays of a sensor, row by row, in its frame; x is 1 of a camera's.
+struct Pattern {
+  std::string name;
+  std::size_t rows, columns;
+  int sensors;
+  bool is_camera;
+  float near, range;
+  std::vector<float> x, y, z;
+};
+
+struct Poses {
+  std::vector<Vec3> position;
+  std::vector<Mat3> rotation;
+
+  Poses(const flockstep::World& world, int count) : position(bench::free_positions(world, count, 1)) {
+    std::mt19937 random(2);
+    while (rotation.size() < position.size()) {
+      const float yaw = std::uniform_real_distribution<float>(0.0F, 2.0F * std::numbers::pi_v<float>)(random);
+      const float pitch = std::uniform_real_distribution<float>(-0.2F, 0.2F)(random);
+      rotation.emplace_back((Eigen::AngleAxisf(yaw, Vec3::UnitZ()) * Eigen::AngleAxisf(pitch, Vec3::UnitY())).toRotationMatrix());
+    }
+  }
+};
+
+// What the rays of one sensor after the other have hit.
+struct Hits {
+  std::vector<float> distance;
+  std::vector<unsigned int> triangle;
+  std::vector<std::array<float, 3>> normal;
+
+  Hits(const Pattern& pattern, std::size_t sensors) : distance(pattern.rows * pattern.columns * sensors) {
+    if (!pattern.is_camera) return;
+    triangle.resize(distance.size());
+    normal.resize(distance.size());
+  }
+};
+
+// Packets of kWide x kHigh rays.
+template <class Packet, std::size_t kWide, std::size_t kHigh>
+void trace_bare(const bench::BareScene& scene, const Pattern& pattern, const Poses& poses, bool coherent, Hits& hits) {
+  constexpr std::size_t kLanes = kWide * kHigh;
+  alignas(64) Packet packet{};
+  alignas(64) std::array<int, kLanes> valid;
+  bench::Query query = bench::make_query(coherent);
+  std::fill_n(packet.ray.mask, kLanes, 0xFFFFFFFFU);
+  std::fill_n(packet.ray.tnear, kLanes, pattern.near);
+  std::array<std::size_t, kLanes> index;
+  for (std::size_t sensor = 0; sensor < poses.position.size(); ++sensor) {
+    const Vec3& origin = poses.position[sensor];
+    const Mat3& r = poses.rotation[sensor];
+    const std::size_t first = sensor * pattern.rows * pattern.columns;
+    std::fill_n(packet.ray.org_x, kLanes, origin.x());
+    std::fill_n(packet.ray.org_y, kLanes, origin.y());
+    std::fill_n(packet.ray.org_z, kLanes, origin.z());
+    for (std::size_t row = 0; row < pattern.rows; row += kHigh) {
+      for (std::size_t column = 0; column < pattern.columns; column += kWide) {
+        for (std::size_t i = 0; i < kLanes; ++i) {
+          const std::size_t its_row = row + i / kWide, its_column = column + i % kWide;
+          valid[i] = its_row < pattern.rows && its_column < pattern.columns ? -1 : 0;
+          index[i] = std::min(its_row, pattern.rows - 1) * pattern.columns + std::min(its_column, pattern.columns - 1);
+          const float x = pattern.x[index[i]], y = pattern.y[index[i]], z = pattern.z[index[i]];
+          packet.ray.dir_x[i] = r(0, 0) * x + r(0, 1) * y + r(0, 2) * z;
+          packet.ray.dir_y[i] = r(1, 0) * x + r(1, 1) * y + r(1, 2) * z;
+          packet.ray.dir_z[i] = r(2, 0) * x + r(2, 1) * y + r(2, 2) * z;
+          packet.ray.tfar[i] = pattern.range;
+          packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+        }
+        bench::trace_packet(scene.scene, valid.data(), packet, query);
+        for (std::size_t i = 0; i < kLanes; ++i) {
+          if (valid[i] == 0) continue;
+          const std::size_t to = first + index[i];
+          const bool is_hit = packet.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+          hits.distance[to] = is_hit ? packet.ray.tfar[i] : kInfinity;
+          if (!pattern.is_camera) continue;
+          hits.triangle[to] = packet.hit.primID[i];
+          hits.normal[to] = {packet.hit.Ng_x[i], packet.hit.Ng_y[i], packet.hit.Ng_z[i]};
+        }
+      }
+    }
+  }
+}
+
+class Engine {
+ public:
+  Engine(const flockstep::World& world, const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar)
+      : scene_(flockstep::compiled(world).scene()), ones_(flockstep::trace::kMaxRays + flockstep::trace::kRayPadding, 1.0F) {
+    scene_.prepare_tiles(world.triangles());
+    if (camera != nullptr) pinhole_ = flockstep::render::make_pinhole_camera(*camera);
+    if (lidar != nullptr) beams_ = flockstep::sensors::make_pattern(*lidar);
+  }
+
+  void trace(const Pattern& pattern, const Poses& poses, Hits& hits) {
+    for (std::size_t sensor = 0; sensor < poses.position.size(); ++sensor) {
+      tracer_.settle(scene_, {.origin = poses.position[sensor],
+                              .rotation = poses.rotation[sensor],
+                              .near = pattern.near,
+                              .range = pattern.range,
+                              .longest = pattern.is_camera ? pinhole_.corner : 1.0F,
+                              .tiles = true});
+      const std::size_t first = sensor * pattern.rows * pattern.columns;
+      pattern.is_camera ? trace_camera(pattern, first, hits) : trace_lidar(pattern, first, hits);
+    }
+    tracer_.finish();
+  }
+
+ private:
+  void trace_camera(const Pattern& pattern, std::size_t first, Hits& hits) {
+    constexpr std::size_t kSide = flockstep::render::PixelTile::kSide;
+    const auto& grid = pinhole_.grids[0];
+    for (const auto& tile : pinhole_.tiles) {
+      const flockstep::trace::RayBundle& rays = tracer_.trace({.x = ones_.data(),
+                                                               .y = grid.left.data() + tile.column * kSide,
+                                                               .z = grid.up.data() + tile.row * kSide,
+                                                               .rows = tile.height,
+                                                               .width = kSide,
+                                                               .frustum = &tile.frustum});
+      const flockstep::trace::HitDetails& details = tracer_.details();
+      for (std::size_t row = 0; row < tile.height; ++row) {
+        const std::size_t to = first + (tile.row + row) * pattern.columns + tile.column;
+        for (std::size_t i = 0; i < tile.width; ++i) {
+          const std::size_t from = row * kSide + i;
+          hits.distance[to + i] = rays.t_hit[from];
+          hits.triangle[to + i] = static_cast<unsigned int>(rays.element[from]);
+          hits.normal[to + i] = {details.normal_x[from], details.normal_y[from], details.normal_z[from]};
+        }
+      }
+    }
+  }
+
+  void trace_lidar(const Pattern& pattern, std::size_t first, Hits& hits) {
+    for (const auto& tile : beams_.tiles) {
+      tracer_.trace_later({.x = beams_.x.data() + tile.first,
+                           .y = beams_.y.data() + tile.first,
+                           .z = beams_.z.data() + tile.first,
+                           .rows = tile.rows,
+                           .width = tile.width,
+                           .frustum = &tile.frustum,
+                           .view = tile.view < 0 ? nullptr : &beams_.views[static_cast<std::size_t>(tile.view)]},
+                          hits.distance.data() + first + tile.channel * pattern.columns + tile.beam, pattern.columns);
+    }
+  }
+
+  const flockstep::trace::Scene& scene_;
+  std::vector<float> ones_;
+  flockstep::render::PinholeCamera pinhole_{};
+  flockstep::sensors::BeamPattern beams_{};
+  flockstep::trace::Tracer tracer_;
+};
+
+void bench_case(const std::string& scene, const flockstep::World& world, const bench::BareScene& bare, const Pattern& pattern,
+                const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar, bench::Figures& figures) {
+  const Poses poses(world, pattern.sensors);
+  Engine engine(world, camera, lidar);
+  Hits ours(pattern, poses.position.size()), theirs = ours;
+  std::vector<bench::Variant> variants{{"engine", [&] { engine.trace(pattern, poses, ours); }}};
+  for (const bool coherent : {false, true}) {
+    const std::string flag = coherent ? " coherent" : " incoherent";
+    const auto add = [&](const char* shape, auto trace) {
+      variants.push_back(
+          {"bare Embree " + std::string(shape) + flag, [&, trace, coherent] { trace(bare, pattern, poses, coherent, theirs); }});
+    };
+    add("8 x 1", trace_bare<RTCRayHit8, 8, 1>);
+    add("16 x 1", trace_bare<RTCRayHit16, 16, 1>);
+    if (pattern.rows == 1) continue;
+    add("4 x 2", trace_bare<RTCRayHit8, 4, 2>);
+    add("4 x 4", trace_bare<RTCRayHit16, 4, 4>);
+  }
+  const flockstep::FlushDenormals flush;
+  const bench::Times times = bench::interleave(variants, kRuns);
+  std::size_t best = 1;
+  for (std::size_t v = 1; v < variants.size(); ++v) {
+    if (bench::median(times[v]) < bench::median(times[best])) best = v;
+  }
+  const std::string name = "tiles/" + scene + '/' + pattern.name;
+  for (std::size_t v = 0; v < variants.size(); ++v) {
+    std::fprintf(stderr, "  %-26s %-28s %8.2f M rays/s\n", name.c_str(), variants[v].label.c_str(),
+                 static_cast<double>(ours.distance.size()) / bench::median(times[v]) / 1e6);
+  }
+  std::size_t differ = 0;
+  for (std::size_t i = 0; i < ours.distance.size(); ++i) {
+    const float a = ours.distance[i], b = theirs.distance[i];
+    differ += !(a == b || std::abs(a - b) < 1e-3F * (1.0F + a));
+  }
+  if (differ > ours.distance.size() / 1000) {  // of different things nothing is to be compared
+    std::fprintf(stderr, "%s: %zu of %zu rays hit elsewhere\n", name.c_str(), differ, ours.distance.size());
+    std::exit(1);
+  }
+  const auto rate = [&](std::size_t v) { return static_cast<double>(ours.distance.size()) / bench::median(times[v]); };
+  figures.add(name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[0]), "1", kRuns);
+  figures.add(name + "/rays_per_second", rate(0), "1/s", kRuns);
+  figures.add(name + "/bare_embree_rays_per_second", rate(best), "1/s", kRuns);
+}
+
+flockstep::CameraConfig camera_of(int width, int height) {
+  flockstep::CameraConfig camera;
+  camera.width_px = width;
+  camera.height_px = height;
+  camera.far_m = 100.0F;
+  return camera;
+}
+
+Pattern pattern_of(const flockstep::CameraConfig& camera, int sensors) {
+  const float fx = camera.fx(), fy = camera.fy();
+  Pattern pattern{std::to_string(camera.width_px) + 'x' + std::to_string(camera.height_px),
+                  static_cast<std::size_t>(camera.height_px),
+                  static_cast<std::size_t>(camera.width_px),
+                  sensors,
+                  true,
+                  camera.near_m,
+                  camera.far_m,
+                  {},
+                  {},
+                  {}};
+  for (int row = 0; row < camera.height_px; ++row) {
+    for (int column = 0; column < camera.width_px; ++column) {
+      pattern.x.push_back(1.0F);
+      pattern.y.push_back((0.5F * static_cast<float>(camera.width_px - 1) - static_cast<float>(column)) / fx);
+      pattern.z.push_back((0.5F * static_cast<float>(camera.height_px - 1) - static_cast<float>(row)) / fy);
+    }
+  }
+  return pattern;
+}
+
+flockstep::LidarConfig lidar_of(int channels, int beams, float vfov_deg) {
+  flockstep::LidarConfig lidar;
+  lidar.channels = channels;
+  lidar.beams = beams;
+  lidar.hfov_deg = channels == 1 ? lidar.hfov_deg : 360.0F;
+  lidar.vfov_deg = vfov_deg;
+  lidar.max_range_m = 30.0F;
+  return lidar;
+}
+
+Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
+  const auto rows = static_cast<std::size_t>(lidar.channels), columns = static_cast<std::size_t>(lidar.beams);
+  const std::string name = rows == 1 ? "fan" + std::to_string(columns) : std::to_string(rows) + 'x' + std::to_string(columns);
+  Pattern pattern{name, rows, columns, sensors, false, 0.0F, lidar.max_range_m, {}, {}, {}};
+  std::vector<float> directions(3 * rows * columns);
+  write_directions(flockstep::sensors::make_pattern(lidar), directions.data());
+  for (std::size_t i = 0; i < rows * columns; ++i) {
+    pattern.x.push_back(directions[3 * i]);
+    pattern.y.push_back(directions[3 * i + 1]);
+    pattern.z.push_back(directions[3 * i + 2]);
+  }
+  return pattern;
+}
+
+// A world's triangles alone, primitives tessellated and masks forgotten.
+std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world) {
+  flockstep::SceneDescription description;
+  description.mesh = world.mesh(bench::chord_error(world));
+  description.materials.resize(world.materials().size());
+  for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = "m" + std::to_string(i);
+  description.mesh.uv.clear();
+  return std::make_shared<const flockstep::World>(std::move(description));
+}
+
+}  // namespace
+
+// The scenes and patterns to measure, e.g. "office 64x64"; none: all.
+int main(int argc, char** argv) {
+  const std::string only_scene = argc > 1 ? argv[1] : "", only_pattern = argc > 2 ? argv[2] : "";
+  const std::vector<std::pair<std::string, std::function<std::shared_ptr<const flockstep::World>()>>> scenes{
+      {"pillars", [] { return triangles_of(*flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
+      {"hills1k", [] { return bench::mesh_world(20, 20.0F); }},
+      {"office", [] { return triangles_of(*flockstep::office(flockstep::OfficeConfig{})); }},
+      {"hills100k", [] { return bench::mesh_world(200, 60.0F); }},
+      {"terrain", [] { return triangles_of(*flockstep::forest(flockstep::ForestConfig{})); }},
+      {"city", [] { return triangles_of(*flockstep::city(flockstep::CityConfig{})); }},
+      {"hills1M", [] { return bench::mesh_world(640, 180.0F); }}};
+  bench::Figures figures;
+  for (const auto& [scene, make] : scenes) {
+    if (!only_scene.empty() && only_scene != scene) continue;
+    const auto world = make();
+    const auto bare = bench::triangle_scene(*world);
+    figures.add("tiles/" + scene + "/triangles", static_cast<double>(world->triangles().triangles.size()), "1", 1);
+    const flockstep::CameraConfig small = camera_of(64, 64), large = camera_of(640, 480);
+    const flockstep::LidarConfig coarse = lidar_of(16, 360, 30.0F), dense = lidar_of(64, 1024, 45.0F),
+                                 fan = lidar_of(1, 35, 0.0F);
+    const auto measure = [&](const Pattern& pattern, const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar) {
+      if (only_pattern.empty() || only_pattern == pattern.name) bench_case(scene, *world, *bare, pattern, camera, lidar, figures);
+    };
+    measure(pattern_of(small, 64), &small, nullptr);
+    measure(pattern_of(large, 4), &large, nullptr);
+    measure(pattern_of(coarse, 64), nullptr, &coarse);
+    measure(pattern_of(dense, 8), nullptr, &dense);
+    measure(pattern_of(fan, 1024), nullptr, &fan);
+  }
+  figures.print();
+}
