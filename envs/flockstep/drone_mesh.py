@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import World
+from flockstep.few_corners import few_corners
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -23,9 +24,10 @@ Ints: TypeAlias = npt.NDArray[np.integer[Any]]
 
 _SUFFIXES = (".gltf", ".glb", ".obj", ".ply")
 _SIZE = 1000.0  # of a mesh when it is simplified: the library's thresholds are lengths
-_CELLS = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256)  # of that size: vertices within one are joined, if nothing finer will do
-_SAMPLES = 50_000  # points on a surface: two of them are about 0.5 % of its size apart
-_TURN = 0.02  # of the size: so far from a place counts the same place of a surface that faces the other way, over 2
+_CELLS = (0, 2, 4, 8, 16, 32, 64, 128, 256)  # edges of a grid's cells: vertices within one are joined before
+_FINE = 8  # so large cells are always tried, larger ones if nothing else will do
+_SAMPLES = 20_000  # points on a surface at least: two of them are about 1 % of its size apart
+_TURN = 0.02  # of the size: a surface that faces the other way counts as twice so far off
 _WHITE = (0.8, 0.8, 0.8)
 _LEAST_M = 1e-4  # thickness of a hull, as `DroneModel` wants it
 _MOST_CORNERS = 32  # likewise
@@ -162,9 +164,6 @@ class DroneMesh:
         """
         _require_count("points", points, 4, _MOST_CORNERS)
         spatial = _library("scipy.spatial", "scipy", "DroneMesh.hull")
-        # Imported here, as it needs SciPy.
-        from flockstep.few_corners import few_corners
-
         outermost = self._outermost.astype(float)
         try:
             hull = spatial.ConvexHull(outermost)
@@ -260,17 +259,16 @@ def _visible(world: World, path: str) -> tuple[Floats, Ints, Floats]:
 
 
 class _Texture:
-    """An image (H, W, 3) in linear RGB, and how it goes on beyond its borders."""
+    """An image (H, W, 3) in sRGB, and how it goes on beyond its borders."""
 
     def __init__(self, png: bytes, wrap: Sequence[str]) -> None:
         image = _library("PIL.Image", "Pillow, for textures", "DroneMesh.load")
-        srgb = np.asarray(image.open(io.BytesIO(png)).convert("RGB")) / 255
-        self._linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        self._levels = np.asarray(image.open(io.BytesIO(png)).convert("RGB"))
         self._wrap = wrap
 
     def __call__(self, uv: Floats) -> Floats:
-        """Return the colours (K, 3) at places (K, 2)."""
-        size = np.array(self._linear.shape[1::-1])
+        """Return the linear colours (K, 3) at places (K, 2)."""
+        size = self._levels.shape[1::-1]
         at = []
         for place, wrap, pixels in zip(uv.T, self._wrap, size, strict=True):
             if wrap == "repeat":
@@ -278,8 +276,9 @@ class _Texture:
             elif wrap == "mirror":
                 place = 1 - np.abs(place % 2 - 1)
             at.append(np.clip((place * pixels).astype(int), 0, pixels - 1))
-        colors: Floats = self._linear[at[1], at[0]]
-        return colors
+        srgb = self._levels[at[1], at[0]] / 255
+        linear: Floats = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        return linear
 
 
 def _images(scene: Mapping[str, Any]) -> Iterator[tuple[str, _Texture]]:
@@ -321,24 +320,24 @@ def _simplified(vertices: Floats, triangles: Ints, colors: Floats, most: int) ->
     size = float(np.ptp(vertices, axis=0).max()) / _SIZE
     places = (vertices - low) / size
     old = _Surface(places, triangles)
-    tree = spatial.cKDTree(old.points)
-    found = []
+    some = old.points[:: max(len(old.points) // _SAMPLES, 1)]
+    tree = spatial.cKDTree(some)
+    found: list[tuple[float, Floats, _Surface]] = []
+    # Which of these ways is best depends on the mesh: on how many borders, sheets and small parts it has.
     for cell in _CELLS:
-        welded, corners = _welded(places, triangles, cell)
-        # With its borders kept, a flat sheet stays; without, small parts do. What moved less is taken.
+        if found and cell > _FINE:
+            break
+        welded = _welded(places, triangles, cell)
         for preserve_border in (True, False):
-            if len(corners) > most:
-                points, faces = simplify(welded, corners, target_count=most, preserve_border=preserve_border)
+            points, faces = welded
+            if len(faces) > most:
+                points, faces = simplify(points, faces, target_count=most, preserve_border=preserve_border)
                 points, faces = _welded(points, faces, 0)
-            else:
-                points, faces = welded, corners
             if 0 < len(faces) <= most:
                 new = _Surface(points, faces)
-                far = spatial.cKDTree(new.points).query(old.points)[0].max(), tree.query(new.points)[0].max()
-                found.append((max(far), points, new))
-        if found:
-            break
-    else:
+                apart = spatial.cKDTree(new.points).query(some)[0], tree.query(new.points)[0]
+                found.append((max((distances**2).mean() for distances in apart), points, new))
+    if not found:
         raise ValueError(f"triangles: expected more than {most}, as nothing is left of this mesh then")
     _, points, new = min(found, key=lambda one: one[0])
     # Of the colours that are nearest to its points, the one nearest to their mean: that of most of them.

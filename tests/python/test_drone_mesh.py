@@ -251,6 +251,31 @@ def test_flat_sheets_do_not_vanish_and_have_no_hull(tmp_path):
         thin.hull()
 
 
+def test_sheets_with_many_borders_leave_something_for_the_rest(tmp_path):
+    """Eight finely cut blades and four plain arms: of 17,000 triangles 2,000 are left, and not of the blades alone."""
+    length, width = np.meshgrid(np.linspace(0.02, 0.12, 96), np.linspace(-0.01, 0.01, 12), indexing="ij")
+    hubs = 0.25 * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    vertices, triangles = [], []
+    for hub, side in itertools.product(hubs, (-1, 1)):
+        triangles.append(grid(96, 12) + sum(map(len, vertices)))
+        vertices.append(hub + np.stack([side * length, width, 0.02 + 0.3 * width], axis=-1).reshape(-1, 3))
+    arms = []
+    for hub in hubs:
+        across = 0.01 * np.array([-hub[1], hub[0], 0]) / np.linalg.norm(hub)
+        ends = [end + s * across + [0, 0, z] for end in (0 * hub, hub) for s in (-1, 1) for z in (-0.01, 0.01)]
+        triangles.append(
+            np.array([t for a, b, c, d in FACES for t in ((a, b, c), (a, c, d))]) + sum(map(len, vertices))
+        )
+        vertices.append(np.array(ends))
+        arms.append(np.linspace(vertices[-1][::2], vertices[-1][1::2], 9).reshape(-1, 3))
+    path = write_ply(tmp_path / "quad.ply", np.concatenate(vertices), np.concatenate(triangles))
+    mesh = flockstep.DroneMesh.load(path, triangles=2000)
+    assert mesh.triangles_in_file > 8 * len(mesh.triangles)
+    left = cKDTree(spread(mesh.vertices, mesh.triangles, 50_000))
+    for part in (*arms, *vertices):
+        assert left.query(part)[0].max() < 0.02 * 0.7
+
+
 def test_many_loose_parts_are_simplified_too(tmp_path):
     """Three hundred tetrahedra to 200 triangles: fewer than each needs."""
     rng = np.random.default_rng(0)
