@@ -41,6 +41,7 @@ from flockstep._core import (
     green_blob,
     plan,
 )
+from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.recording import record
 from flockstep.task import Task
@@ -55,6 +56,7 @@ __all__ = [
     "ClockConfig",
     "Contact",
     "DroneEnv",
+    "DroneMesh",
     "DroneModel",
     "DroneVectorEnv",
     "DynamicsConfig",

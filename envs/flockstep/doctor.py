@@ -18,6 +18,8 @@ _OPTIONAL = (
     ("pillow", "pictures"),
     ("imageio-ffmpeg", "films"),
     ("moviepy", "films by Gymnasium's recorders"),
+    ("fast-simplification", "meshes of drones"),
+    ("scipy", "hulls of these"),
     ("matplotlib", "plots"),
     ("tensorboard", "curves of a training"),
 )

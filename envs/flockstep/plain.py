@@ -29,6 +29,7 @@ from flockstep._core import (
     WindConfig,
     World,
 )
+from flockstep.drone_mesh import DroneMesh
 
 _PREFIX = "flockstep."
 _CONFIGS = (
@@ -51,6 +52,8 @@ def to_plain(value: Any) -> Any:
         return _tagged("World", value.to_dict())
     if isinstance(value, DroneModel):
         return _tagged("DroneModel", value.to_dict())
+    if isinstance(value, DroneMesh):
+        return _tagged("DroneMesh", value.to_dict())
     if isinstance(value, NativeTask):
         return _tagged("NativeTask", value.path)
     if isinstance(value, type) and _found(value.__module__, value.__qualname__) is value:
@@ -99,6 +102,8 @@ def from_plain(value: Any) -> Any:
         return World.from_dict(content)
     if kind == "DroneModel":
         return DroneModel.from_dict(content)
+    if kind == "DroneMesh":
+        return DroneMesh.from_dict(content)
     if kind == "NativeTask":
         return NativeTask(content)
     if kind == "Task":
@@ -108,9 +113,8 @@ def from_plain(value: Any) -> Any:
         if found is None:
             raise ValueError(f"task: expected a class of the module {module!r}, got {name!r}")
         return found
-    raise ValueError(
-        f"expected one of {', '.join([*by_name, 'World', 'DroneModel', 'NativeTask', 'Task'])}, got {key!r}"
-    )
+    kinds = [*by_name, "World", "DroneModel", "DroneMesh", "NativeTask", "Task"]
+    raise ValueError(f"expected one of {', '.join(kinds)}, got {key!r}")
 
 
 def _found(module: str, name: str) -> Any:

@@ -51,7 +51,7 @@ def record(
         ``steps``. They are flown without pictures; then its actions are flown again. None: film the first, however it
         ends.
     render_view
-        As `DroneVectorEnv` takes it; so are ``render_size`` and ``render_camera``.
+        As `DroneVectorEnv` takes it; so are ``render_size``, ``render_camera`` and ``drone_mesh``.
     fps
         Pictures per second of the film; there is one of each step, and one before. None: as fast as it is flown,
         ``policy_hz / frame_skip``, rounded, at least 1. Browsers show no more than 50 pictures of a GIF in a second.

@@ -33,6 +33,7 @@ from flockstep._core import (
     _unexpected_keyword,
     task_defaults,
 )
+from flockstep.drone_mesh import DroneMesh
 from flockstep.task import Task, TaskCalls, native_task
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
@@ -175,6 +176,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         whose pixels are enlarged or reduced to fit, else 640 x 480.
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
+    drone_mesh
+        How drones look in the views with depth, those from behind and from a fixed place: a `DroneMesh`. Default: as
+        the drone says, with arms and rotors or as its hull. What they collide as is the hull of ``drone`` either way.
     **fields
         Fields of `EpisodeConfig`, `ClockConfig` and `DynamicsConfig`, for every task: ``frame_skip``,
         ``stagger_first_episode``, ``random_world``, ``policy_hz``, ``physics_hz``, ``controller_hz``, ``motion``,
@@ -230,17 +234,20 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         render_view: str | npt.ArrayLike = "top",
         render_size: tuple[int, int] | None = None,
         render_camera: str | None = None,
+        drone_mesh: DroneMesh | None = None,
         **fields: Unpack[Fields],
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
         self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
-        worlds, task, lidar, camera, pose_sensor, imu, drone = (
-            plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, imu, drone)
+        worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh = (
+            plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh)
         )
         own_fields = {name: plain.from_plain(value) for name, value in fields.items()}
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
         shown = views.chosen(render_view, render_size, render_camera)
+        if drone_mesh is not None and not isinstance(drone_mesh, DroneMesh):
+            raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, got {drone_mesh!r}")
         self.reward_scale = _reward_scale(reward_scale)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -326,7 +333,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
             own = task if isinstance(task, Task) else None
-            self._view, self.trail = views.make(shown, self.batch, self.cameras, own)
+            self._view, self.trail = views.make(shown, self.batch, self.cameras, own, drone_mesh)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""

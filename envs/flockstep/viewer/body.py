@@ -1,4 +1,4 @@
-"""What a drone looks like: a middle, arms, and discs where rotors turn; without rotors, its convex hull."""
+"""What a drone looks like: its mesh; else a middle, arms and discs where rotors turn, or its hull where none do."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import DroneModel
+from flockstep.drone_mesh import DroneMesh
 from flockstep.task import rotate
 from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats
 
@@ -43,12 +44,20 @@ class Body:
     ----------
     drone
         The model. With rotors it is drawn as a quadrotor, the front ones orange; without, as its hull with edges.
+    mesh
+        What is drawn instead. None: the model.
     """
 
-    def __init__(self, drone: DroneModel) -> None:
+    def __init__(self, drone: DroneModel, mesh: DroneMesh | None = None) -> None:
         rotors = drone.to_dict().get("rotors")
         self._edges = np.empty((0, 2, 3))
-        if rotors is None:
+        self._mesh = mesh
+        self._parts: list[_Part] = []
+        if mesh is not None:
+            self._corners = mesh.vertices[mesh.triangles].astype(float)
+            normals = np.cross(self._corners[:, 1] - self._corners[:, 0], self._corners[:, 2] - self._corners[:, 0])
+            self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        elif rotors is None:
             corners = np.asarray(drone.hull, float)
             normals, offsets = _faces(corners)
             self._parts = [_Part(normals, offsets, corners, _HULL)]
@@ -61,13 +70,20 @@ class Body:
     ) -> None:
         """Draw it at a pose; pale: as one of the others."""
         axes = rotate(quat_wxyz, np.eye(3))
+        if self._mesh is not None:
+            shades = canvas.shaded(self._normals @ axes, _tinted(self._mesh.colors, pale))
+            canvas.triangles(position + self._corners @ axes, shades)
+            return
         for part in self._parts:
             normals = part.normals @ axes
-            color = 0.35 * np.array(part.color) + 0.65 * _PALE if pale else np.array(part.color)
-            shades = canvas.shaded(normals, color)
+            shades = canvas.shaded(normals, _tinted(np.array(part.color), pale))
             canvas.solid(normals, part.offsets + normals @ position, position + part.corners @ axes, shades)
         starts, ends = np.moveaxis(position + self._edges @ axes, 1, 0)
         canvas.lines(starts, ends, _EDGE, width_px=line_px)
+
+
+def _tinted(color: Floats, pale: bool) -> Floats:
+    return 0.35 * color + 0.65 * _PALE if pale else color
 
 
 def _quadrotor(hubs: Floats, radius_m: float) -> list[_Part]:

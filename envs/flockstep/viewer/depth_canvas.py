@@ -88,8 +88,7 @@ class DepthCanvas:
         # A sample per pixel of each line's longer side; of them inverse depth is linear.
         begin[:, 2], end[:, 2] = 1 / begin[:, 2], 1 / end[:, 2]
         counts = np.ceil(np.abs(end - begin)[:, :2].max(axis=1)).astype(int) + 1
-        line = np.repeat(np.arange(len(counts)), counts)
-        step = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
+        line, step = _counted(counts)
         t = step / np.maximum(counts - 1, 1)[line]
         samples = begin[line] + t[:, None] * (end - begin)[line]
         self._plot(samples[:, 0], samples[:, 1], 1 / samples[:, 2], color, width_px, opacity)
@@ -139,6 +138,41 @@ class DepthCanvas:
         seen = (enter < leave) & (enter >= self._near) & (enter.astype(np.float32) < self.depth[window])
         self.rgb[window][seen] = colors[face[seen]]
         self.depth[window][seen] = enter[seen]
+
+    def triangles(self, corners: Floats, colors: Image) -> None:
+        """Draw triangles (T, 3, 3), each in a color (T, 3), seen from both sides."""
+        local = self._to_camera(corners.reshape(-1, 3)).reshape(-1, 3, 3)
+        local, colors = self._ahead(local, colors)
+        if not len(local):
+            return
+        height, width = self.depth.shape
+        points = self._project(local.reshape(-1, 3)).reshape(-1, 3, 3)
+        order = np.argsort(points[:, :, 1], axis=1)  # from the top down, so that neighbours round an edge alike
+        top, middle, bottom = np.moveaxis(np.take_along_axis(points, order[:, :, None], axis=1), 1, 0)
+        # A row whose centre is within a triangle, from the long side to one of the others; then its pixels likewise.
+        first, end = (np.clip(np.ceil(y - 0.5), 0, height).astype(int) for y in (top[:, 1], bottom[:, 1]))
+        which, step = _counted(end - first)
+        row = first[which] + step
+        y = row + 0.5
+        upper = y < middle[which, 1]
+        near, far = np.where(upper, top[which].T, middle[which].T), np.where(upper, middle[which].T, bottom[which].T)
+        sides = np.sort([_crossing(y, top[which].T, bottom[which].T), _crossing(y, near, far)], axis=0)
+        left, right = np.clip(np.ceil(sides - 0.5), 0, width).astype(int)
+        span, step = _counted(right - left)
+        which, row, column = which[span], row[span], left[span] + step
+        # On the ray of a pixel is depth * (1, y, z): in the plane of the triangle, and no farther than its corners.
+        normals = np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0])
+        offsets = (normals * local[:, 0]).sum(axis=1)
+        slope = normals[which, 0] + normals[which, 1] * ((self._center[0] - column - 0.5) / self._focal[0])
+        slope += normals[which, 2] * ((self._center[1] - row - 0.5) / self._focal[1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = offsets[which] / slope
+        depth = np.clip(depth, local[:, :, 0].min(axis=1)[which], local[:, :, 0].max(axis=1)[which]).astype(np.float32)
+        at = row * width + column
+        seen = np.flatnonzero(depth < self.depth.reshape(-1)[at])
+        seen = seen[np.argsort(-depth[seen], kind="stable")]  # the nearest last: it stays
+        self.rgb.reshape(-1, 3)[at[seen]] = colors[which[seen]]
+        self.depth.reshape(-1)[at[seen]] = depth[seen]
 
     def sphere(self, center: Floats, radius_m: float, color: Color) -> None:
         """Draw a sphere, shaded. Whoever is inside does not see it."""
@@ -210,7 +244,7 @@ class DepthCanvas:
         self.depth[window][opacity > 0.5] = depth
 
     def shaded(self, normals: Floats, base_color: Floats) -> Image:
-        """Return the colours (F, 3) of faces of one base colour (3,), linear RGB, lit as cameras see the world."""
+        """Return the colours (F, 3) of faces of base colours (3,) or (F, 3), linear RGB, as cameras see them."""
         light = self._light
         sun = np.maximum(normals @ light["sun_direction"], 0)[:, None] * light["sun_color"]
         up = (1 + normals[:, 2:]) / 2
@@ -224,6 +258,22 @@ class DepthCanvas:
     def _project(self, local: Floats) -> Floats:
         pixels = self._center - local[:, 1:] / local[:, :1] * self._focal
         return np.concatenate([pixels, local[:, :1]], axis=1)
+
+    def _ahead(self, local: Floats, colors: Image) -> tuple[Floats, Image]:
+        """Return what of triangles (T, 3, 3), in the camera's frame, is before the near plane, with their colours."""
+        ahead = local[:, :, 0] >= self._near
+        count = ahead.sum(axis=1)
+        parts, shades = [local[count == 3]], [colors[count == 3]]
+        for some in (1, 2):
+            # The corner on a side of its own first; the sides from it are cut.
+            alone = ahead[count == some] if some == 1 else ~ahead[count == some]
+            order = (alone.argmax(axis=1)[:, None] + np.arange(3)) % 3
+            a, b, c = np.moveaxis(np.take_along_axis(local[count == some], order[:, :, None], axis=1), 1, 0)
+            to_b, to_c = (a + ((self._near - a[:, :1]) / (p - a)[:, :1]) * (p - a) for p in (b, c))
+            pieces = [(a, to_b, to_c)] if some == 1 else [(to_b, b, c), (to_b, c, to_c)]
+            parts += [np.stack(piece, axis=1) for piece in pieces]
+            shades += [colors[count == some]] * len(pieces)
+        return np.concatenate(parts), np.concatenate(shades)
 
     def _clip(self, a: Floats, b: Floats) -> tuple[Floats, Floats]:
         """Return what is in the frustum of lines from a (K, 3) to b (K, 3)."""
@@ -278,6 +328,20 @@ def overlap(shape: tuple[int, ...], size: tuple[int, ...], row: float, column: f
         covered.append(slice(first, end))
         by.append(slice(first - begin, end - begin))
     return (covered[0], covered[1]), (by[0], by[1])
+
+
+def _counted(counts: Ints) -> tuple[Ints, Ints]:
+    """Return of things that each come so often (K,): which, and the how manieth of it, from 0; below 0 is none."""
+    counts = np.maximum(counts, 0)
+    which = np.repeat(np.arange(len(counts)), counts)
+    return which, np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _crossing(y: Floats, begin: Floats, end: Floats) -> Floats:
+    """Return at which x (K,) a row at y crosses lines between (x, y, ...) and (x, y, ...), each (K,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x: Floats = begin[0] + (y - begin[1]) / (end[1] - begin[1]) * (end[0] - begin[0])
+    return x
 
 
 def _beyond(corners: Floats, near: float) -> Floats:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flockstep._core import Batch, CameraConfig
+from flockstep.drone_mesh import DroneMesh
 from flockstep.task import MARKERS, Task, rotate
 from flockstep.viewer.beams import beams_of
 from flockstep.viewer.body import Body
@@ -50,6 +51,8 @@ class ThirdPersonView:
         Which of the world's markers are drawn.
     task
         Its `draw` adds to the pictures. None: nothing does.
+    mesh
+        How the drones look. None: as their model says.
     """
 
     def __init__(
@@ -64,14 +67,16 @@ class ThirdPersonView:
         place: tuple[Floats, Floats] | None = None,
         markers: Sequence[str] = MARKERS,
         task: Task | None = None,
+        mesh: DroneMesh | None = None,
     ) -> None:
         self._batch = batch
         self._cameras = [batch.camera(name) for name in cameras]
         self._trail = trail
         self._beams = beams
         self._others = others
-        self._body = Body(batch.drone)
-        self._length = float(np.ptp(np.asarray(batch.drone.hull, float), axis=0).max())
+        self._body = Body(batch.drone, mesh)
+        corners = [np.asarray(batch.drone.hull, float)] + ([] if mesh is None else [mesh.vertices])
+        self._length = float(max(np.ptp(points, axis=0).max() for points in corners))
         width, height = size_px or (640, 480)
         self._size_px = (width * _FINER, height * _FINER)
         self._line_px = _FINER * line_px(width)

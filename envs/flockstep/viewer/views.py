@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig
+from flockstep.drone_mesh import DroneMesh
 from flockstep.task import MARKERS, Task
 from flockstep.viewer.third_person_view import ThirdPersonView
 from flockstep.viewer.top_view import TopView
@@ -111,7 +112,11 @@ def _place(view: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 
 def make(
-    choice: Choice, batch: Batch, cameras: Sequence[CameraConfig], task: Task | None = None
+    choice: Choice,
+    batch: Batch,
+    cameras: Sequence[CameraConfig],
+    task: Task | None = None,
+    mesh: DroneMesh | None = None,
 ) -> tuple[View, Trail | None]:
     """Return the view that is chosen, and the trail it shows, which is to be recorded.
 
@@ -138,6 +143,7 @@ def make(
         place=None if isinstance(choice.view, str) else choice.view,
         markers=markers,
         task=task,
+        mesh=mesh,
     )
     return view, trail
 

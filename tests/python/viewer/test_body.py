@@ -10,7 +10,7 @@ from flockstep.viewer.stage import Stage
 BOX = [[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)]
 
 
-def pictured(drone, **how):
+def pictured(drone, mesh=None, **how):
     """The picture of a drone from above, and where it is."""
     room = flockstep.World.from_dict(
         {"flockstep_scene": 1, "name": "room", "room": {"min": [-5, -5, -5], "max": [5, 5, 5]}}
@@ -18,7 +18,7 @@ def pictured(drone, **how):
     stage = Stage(room, 1.0, (320, 240))
     canvas = stage.seen_from(np.array([0.0, 0.0, 2.0]), np.zeros(3))
     before = canvas.rgb.copy()
-    Body(drone).draw(canvas, np.zeros(3), np.array([1.0, 0, 0, 0]), **how)
+    Body(drone, mesh).draw(canvas, np.zeros(3), np.array([1.0, 0, 0, 0]), **how)
     return canvas, (canvas.rgb != before).any(axis=-1)
 
 
@@ -79,3 +79,28 @@ def test_without_rotors_a_drone_is_its_hull_with_edges():
     np.testing.assert_allclose(found, expected, atol=2)
     colors = {tuple(color) for color in canvas.rgb[seen]}
     assert (20, 40, 110) in colors
+
+
+def test_a_mesh_is_drawn_in_its_colours_instead():
+    """A pyramid seen from above: its four sides in their colours, paler as one of the others, and nothing beside it."""
+    corners = [[0.4, 0.3, 0], [-0.4, 0.3, 0], [-0.4, -0.3, 0], [0.4, -0.3, 0], [0, 0, 0.2]]
+    sides = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    colors = np.array([[0.8, 0, 0], [0, 0.8, 0], [0, 0, 0.8], [0.7, 0.7, 0]])
+    mesh = flockstep.DroneMesh(corners, sides, colors)
+    drone = flockstep.DroneModel.load("crazyflie")
+    canvas, seen = pictured(drone, mesh)
+    paler, seen_pale = pictured(drone, mesh, pale=True)
+    np.testing.assert_array_equal(seen, seen_pale)
+    rim = canvas.project(np.array(corners[:4]))[:, :2]
+    area = np.prod(np.ptp(rim, axis=0))
+    assert seen.sum() == pytest.approx(area, rel=0.02)
+    rows, columns = np.nonzero(seen)
+    np.testing.assert_allclose([columns.min(), rows.min()], rim.min(axis=0), atol=1)
+    np.testing.assert_allclose([columns.max() + 1, rows.max() + 1], rim.max(axis=0), atol=1)
+    for (i, j, k), color in zip(sides, colors, strict=True):
+        ((x, y, depth),) = canvas.project(np.mean([corners[i], corners[j], corners[k]], axis=0)[None])
+        shown, pale = canvas.rgb[int(y), int(x)].astype(int), paler.rgb[int(y), int(x)].astype(int)
+        assert canvas.depth[int(y), int(x)] == pytest.approx(depth, abs=0.01)
+        assert (shown > 100).tolist() == (color > 0).tolist()
+        assert np.ptp(pale) < np.ptp(shown)
+        assert pale.min() > shown.min()

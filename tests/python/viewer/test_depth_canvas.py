@@ -248,3 +248,86 @@ def test_a_turned_viewer():
     quat_wxyz = np.array([np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)])  # faces +y
     drawn = canvas(position=(1, 2, 3), quat_wxyz=quat_wxyz)
     np.testing.assert_allclose(drawn.project(np.array([[1 - 1, 2 + 2, 3 + 1.0]])), [[10, 5, 2]], atol=1e-9)
+
+
+def brute_force(drawn, corners):
+    """(H, W) depth and which triangle, by the equation of each pixel's ray with each triangle in double precision."""
+    depth, which = np.full(drawn.depth.shape, np.inf), np.full(drawn.depth.shape, -1)
+    for row in range(30):
+        for column in range(40):
+            ray = np.array([1, (20 - column - 0.5) / 20, (15 - row - 0.5) / 20])
+            for index, (a, b, c) in enumerate(corners):
+                matrix = np.stack([a - b, a - c, ray], axis=1)
+                if abs(np.linalg.det(matrix)) < 1e-12:
+                    continue
+                u, v, distance = np.linalg.solve(matrix, a)
+                if u >= 0 and v >= 0 and u + v <= 1 and 0.1 <= distance < depth[row, column]:
+                    depth[row, column], which[row, column] = distance, index
+    return depth, which
+
+
+@pytest.mark.parametrize("nearest", [0.5, -1.0])
+def test_triangles_pixels_and_depth(nearest):
+    """Random ones that pierce each other, in the second case the near plane and the viewer too."""
+    rng = np.random.default_rng(4)
+    corners = rng.uniform([nearest, -1.5, -1.5], [4, 1.5, 1.5], (25, 3, 3))
+    colors = rng.integers(1, 255, (25, 3)).astype(np.uint8)
+    drawn = canvas()
+    drawn.triangles(corners, colors)
+    depth, which = brute_force(drawn, corners)
+    seen = np.isfinite(depth)
+    assert 300 < seen.sum() < 1200
+    np.testing.assert_array_equal(np.isfinite(drawn.depth), seen)
+    np.testing.assert_allclose(drawn.depth[seen], depth[seen], rtol=1e-5)
+    np.testing.assert_array_equal(drawn.rgb[seen], colors[which[seen]])
+    assert not drawn.rgb[~seen].any()
+
+
+def test_triangles_that_share_their_sides_leave_no_gap():
+    """A fan of slivers around a point fills the frame: every pixel, and each is drawn once, whatever the turn."""
+    angle = np.linspace(0, 2 * np.pi, 200)
+    rim = np.stack([np.full(200, 2.0), 4 * np.cos(angle), 4 * np.sin(angle)], axis=1)
+    fan = np.stack([np.broadcast_to([2.0, 0.013, 0.021], (199, 3)), rim[:-1], rim[1:]], axis=1)
+    drawn = canvas()
+    drawn.triangles(fan, np.full((199, 3), 9, np.uint8))
+    np.testing.assert_allclose(drawn.depth, 2, rtol=1e-6)
+    assert (drawn.rgb == 9).all()
+
+
+def test_triangles_hide_and_are_hidden():
+    square = np.array([[[2, 1, -1], [2, -1, -1], [2, 1, 1]], [[2, -1, -1], [2, -1, 1], [2, 1, 1]]], float)
+    ink = np.tile(np.array([INK], np.uint8), (2, 1))
+    wall = canvas(wall_m=1.9)
+    wall.triangles(square, ink)
+    assert not inked(wall)
+    drawn = canvas(wall_m=2.1)
+    drawn.triangles(square, ink)
+    assert inked(drawn) == {(row, column) for row in range(5, 25) for column in range(10, 30)}
+    drawn.lines(np.array([[3.0, 2, 0]]), np.array([[3.0, -2, 0]]), (0, 0, 200))  # behind the wall, too
+    assert len(inked(drawn)) == 400
+    box(drawn, (1.5, 0, 0), (0.2, 0.1, 0.1))
+    assert drawn.depth[15, 20] == pytest.approx(1.3)
+    drawn.triangles(square, ink)
+    assert drawn.depth[15, 20] == pytest.approx(1.3)
+    behind = canvas()
+    behind.triangles(square - np.array([5, 0, 0]), ink)
+    behind.triangles(square + np.array([0, 9, 0]), ink)
+    behind.triangles(square[:0], ink[:0])
+    assert not inked(behind)
+
+
+def test_triangles_agree_with_the_engines_mesh():
+    """The same mesh as a world has it: the same pixels, at the same depth."""
+    rng = np.random.default_rng(0)
+    corners = rng.uniform([1, -1, -1], [4, 1, 1], (40, 3, 3)).astype(np.float32)
+    mesh = {"vertices": corners.reshape(-1, 3).tolist(), "triangles": np.arange(120).reshape(-1, 3).tolist()}
+    camera = flockstep.CameraConfig(width_px=160, height_px=120, outputs=("rgb", "depth"))
+    world = flockstep.World.from_dict({"flockstep_scene": 1, "name": "mesh", "meshes": [mesh]})
+    expected = flockstep.render(world, (0, 0, 0), camera=camera)["depth"]
+    rgb, depth = np.zeros((120, 160, 3), np.uint8), np.full((120, 160), np.inf, np.float32)
+    drawn = DepthCanvas(rgb, depth, camera, np.zeros(3), LEVEL, LIGHT)
+    drawn.triangles(corners.astype(float), np.full((40, 3), 99, np.uint8))
+    both = np.isfinite(depth) & np.isfinite(expected)
+    assert (np.isfinite(depth) != np.isfinite(expected)).sum() <= 10
+    assert both.sum() > 4000
+    assert (np.abs(depth[both] - expected[both]) > 1e-4 * expected[both]).sum() <= 10  # at sides, where one just misses

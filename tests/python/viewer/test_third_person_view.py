@@ -80,6 +80,43 @@ def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
     np.testing.assert_allclose([columns.max(), rows.max()], high, atol=2)
 
 
+def test_a_mesh_is_what_is_seen_and_how_far_off_the_viewer_is(room):
+    """A slab twice as long as the drone fills the same rectangle of the picture as its corners; in the fleet, too."""
+    slab = np.array([[x, y, z] for x in (-0.9, 0.9) for y in (-0.3, 0.3) for z in (-0.1, 0.1)])
+    faces = [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+    ]
+    mesh = flockstep.DroneMesh(slab, [*faces, [1, 5, 7], [1, 7, 3]], (0.02, 0.08, 0.5))
+    batch = flockstep.Batch([room], 2, drone=flockstep.DroneModel())
+    batch.set_pose(np.float32([[5, 6, 2], [6.5, 2, 2]]))
+    view = ThirdPersonView(batch, mesh=mesh, beams=False)
+    fleet = ThirdPersonView(batch, mesh=mesh, beams=False, others=True)
+    seen, both = view.frame(0), fleet.frame(0)
+    batch.remove([0])
+    empty = view.frame(0)
+    drawn = changed(seen, empty)
+    assert mask_of(seen, "hull")[drawn].mean() > 0.9
+    canvas, _ = Stage(room, 1.8, (640, 480)).set(np.array([5.0, 6, 2]), np.array([1.0, 0, 0, 0]))
+    corners = canvas.project(np.array([5.0, 6, 2]) + slab)[:, :2]
+    rows, columns = np.nonzero(drawn)
+    np.testing.assert_allclose([columns.min(), rows.min()], corners.min(axis=0), atol=2)
+    np.testing.assert_allclose([columns.max(), rows.max()], corners.max(axis=0), atol=2)
+    other = changed(both, seen)
+    assert other.sum() > 300
+    ((x, y, _),) = canvas.project(np.array([[6.5, 2, 2.1]]))
+    assert other[int(y), int(x)]
+    assert both[int(y), int(x)].min() > seen[drawn].min()  # pale
+
+
 def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
     rng = np.random.default_rng(0)
     bare = flockstep.World.from_dict({k: v for k, v in room.to_dict().items() if k != "markers"})

@@ -1,0 +1,402 @@
+"""A drone's visual mesh: read, simplified, coloured, and the hull that collides in its place."""
+
+import copy
+import itertools
+import pickle
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import PIL.Image
+import pytest
+from scipy.spatial import ConvexHull, cKDTree
+
+import flockstep
+from flockstep.few_corners import few_corners
+
+MODELS = Path("/usr/share/assimp/models")  # of Debian's package assimp-testmodels
+HALF = np.array([0.26, 0.26, 0.07])  # of the bumpy body
+RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def write_ply(path, vertices, triangles, colors=None):
+    """A binary PLY file; colours are sRGB levels."""
+    fields = [(name, "<f4") for name in "xyz"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property float {name}" for name in "xyz"]
+    if colors is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+        header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    rows = np.zeros(len(vertices), fields)
+    for array, names in ((vertices, "xyz"), (colors, ("red", "green", "blue"))):
+        if array is not None:
+            for name, column in zip(names, np.asarray(array).T, strict=True):
+                rows[name] = column
+    faces = np.zeros(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, triangles
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header\n"]
+    path.write_bytes("\n".join(header).encode() + rows.tobytes() + faces.tobytes())
+    return path
+
+
+def grid(rows, columns, around=False):
+    """Triangles of a grid of vertices; around: the last column is beside the first."""
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns if around else columns - 1), indexing="ij")
+    a, b = i * columns + j, i * columns + (j + 1) % columns
+    return np.concatenate(
+        [np.stack([a, a + columns, b], -1).reshape(-1, 3), np.stack([b, a + columns, b + columns], -1).reshape(-1, 3)]
+    )
+
+
+def radius(around, down):
+    """Of the bumpy body, in halves of its size: four arms and a rough skin."""
+    return 1 + 0.35 * np.cos(4 * around) * np.sin(down) ** 2 + 0.01 * np.sin(40 * around) * np.sin(30 * down)
+
+
+@pytest.fixture(scope="module")
+def bumpy(tmp_path_factory):
+    """A file of some 144,000 triangles, red before and blue behind, its vertices, and what it is simplified to."""
+    n = 268
+    around, down = np.meshgrid(np.linspace(0, 2 * np.pi, n, endpoint=False), np.linspace(0, np.pi, n + 2)[1:-1])
+    unit = np.stack([np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down)], axis=-1)
+    vertices = (HALF * radius(around, down)[..., None] * unit).reshape(-1, 3).astype(np.float32)
+    colors = np.where(vertices[:, :1] > 0, [[255, 0, 0]], [[0, 0, 255]])
+    path = write_ply(tmp_path_factory.mktemp("mesh") / "bumpy.ply", vertices, grid(n, n, around=True), colors)
+    return path, vertices, flockstep.DroneMesh.load(path, triangles=5129)
+
+
+def spread(vertices, triangles, count, seed=0):
+    """Random points on triangles, evenly."""
+    rng = np.random.default_rng(seed)
+    a, b, c = vertices[triangles].astype(float).transpose(1, 0, 2)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    at = rng.choice(len(triangles), count, p=areas / areas.sum())
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    return a[at] + u * (b - a)[at] + v * (c - a)[at]
+
+
+def beyond(corners, points):
+    """How far a point is outside of the hull of corners, at most; below 0 all are inside."""
+    hull = ConvexHull(np.asarray(corners, float))
+    return float((np.asarray(points, float) @ hull.equations[:, :3].T + hull.equations[:, 3]).max())
+
+
+def test_144_000_triangles_become_5_129_and_stay_where_they_were(bumpy):
+    _, vertices, mesh = bumpy
+    assert mesh.triangles_in_file == 143_112
+    assert 5_000 < len(mesh.triangles) <= 5_129
+    assert (mesh.vertices.dtype, mesh.triangles.dtype, mesh.colors.dtype) == (np.float32, np.int32, np.float32)
+    assert repr(mesh) == f"<DroneMesh 'bumpy.ply', {len(mesh.triangles):,} of 143,112 triangles, 0.70 x 0.70 x 0.14 m>"
+    # By the formula of the body: what moved most, and on the average.
+    points = spread(mesh.vertices, mesh.triangles, 100_000) / HALF
+    distance = np.linalg.norm(points, axis=1)
+    expected = radius(np.arctan2(points[:, 1], points[:, 0]), np.arccos(points[:, 2] / distance))
+    # The small holes at the poles of the body are not in its formula.
+    off = HALF[0] * np.abs(distance - expected)[np.hypot(points[:, 0], points[:, 1]) > 0.05]
+    assert off.max() < 6e-3
+    assert off.mean() < 1e-3
+    # And nothing of the file is far from what is left of it.
+    assert cKDTree(points * HALF).query(vertices)[0].max() < 5e-3
+
+
+def test_colours_outlive_simplification(bumpy):
+    *_, mesh = bumpy
+    x = mesh.vertices[mesh.triangles][:, :, 0]
+    front, rear = mesh.colors[(x > 0.01).all(axis=1)], mesh.colors[(x < -0.01).all(axis=1)]  # of no triangle across
+    assert min(len(front), len(rear)) > 1_500
+    assert (front == RED).all()
+    assert (rear == BLUE).all()
+
+
+def test_the_hull_of_the_file_is_within_that_of_32_corners(bumpy):
+    _, vertices, mesh = bumpy
+    whole = ConvexHull(vertices).volume
+    for points, growth in ((32, 1.15), (16, 1.3), (8, 1.8), (4, 5.0)):
+        hull = mesh.hull(points)
+        assert hull.dtype == np.float32
+        assert 4 <= len(hull) <= points
+        assert beyond(hull, vertices) <= 0  # not by a rounding
+        assert ConvexHull(hull).volume < growth * whole
+    np.testing.assert_array_equal(flockstep.DroneModel(mesh.hull()).hull, mesh.hull())
+
+
+@pytest.mark.parametrize("most", [32, 12, 8, 4])
+@pytest.mark.parametrize("shape", ["ball", "disc", "needle", "far", "cloud", "cylinder"])
+def test_few_corners_hold_all_points_and_little_else(shape, most):
+    rng = np.random.default_rng(1)
+    ball = rng.normal(size=(600, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    points = {
+        "ball": ball,
+        "disc": ball * [1, 1, 1e-3],
+        "needle": ball * [1, 1e-3, 1e-3],
+        "far": 0.1 * ball + [90, -90, 90],  # where float32 is coarse
+        "cloud": rng.normal(size=(3000, 3)),
+        "cylinder": np.concatenate([rim, rim + np.array([0, 0, 0.2])]),
+    }[shape].astype(np.float32)
+    corners = few_corners(points, most)
+    assert len(corners) <= most
+    assert beyond(corners, points) <= 0
+    growth = ConvexHull(corners.astype(float)).volume / ConvexHull(points.astype(float)).volume
+    assert growth < {32: 1.15, 12: 1.5, 8: 2.2, 4: 8.0}[most]
+
+
+BOX = np.array(list(itertools.product((-0.3, 0.1), (-0.2, 0.2), (0, 0.1))), np.float32)
+FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def write_box(path, rows=()):
+    lines = [*rows, *(f"v {x} {y} {z}" for x, y, z in BOX)]
+    path.write_text("\n".join([*lines, *(f"f {' '.join(str(i + 1) for i in face)}" for face in FACES)]) + "\n")
+    return path
+
+
+def test_a_box_stays_as_it_is(tmp_path):
+    mesh = flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"))
+    assert repr(mesh) == "<DroneMesh 'box.obj', 12 triangles, 0.40 x 0.40 x 0.10 m>"
+    np.testing.assert_array_equal(mesh.vertices, BOX)
+    assert mesh.triangles_in_file == len(mesh.triangles) == 12
+    assert {tuple(corner) for corner in mesh.hull().tolist()} == {tuple(corner) for corner in BOX.tolist()}
+    np.testing.assert_allclose(mesh.colors, 0.8, atol=1e-6)
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0] = 0
+
+
+def test_places_are_those_of_world_load(tmp_path):
+    path = write_box(tmp_path / "box.obj")
+    placed = {"scale": 2.0, "up": "y", "origin": (1.0, 2.0, 3.0)}
+    mesh, world = flockstep.DroneMesh.load(path, **placed), flockstep.World.load(path, **placed)
+    np.testing.assert_array_equal(mesh.vertices, world.mesh()["vertices"])
+    turned = flockstep.DroneMesh.load(path, **placed, yaw_deg=90)
+    x, y, z = (mesh.vertices - [1, 2, 3]).T
+    np.testing.assert_allclose(turned.vertices - [1, 2, 3], np.stack([-y, x, z], axis=1), atol=1e-6)
+    # +z of a glTF file is forward there: -y, and forward by yaw_deg=90.
+    builder = flockstep.WorldBuilder()
+    builder.mesh([[0, -1, 0], [0.1, 0, 0], [0, 0, 0.1]], [[0, 1, 2]], builder.material("nose"))
+    builder.build().save(tmp_path / "nose.glb")
+    nose = flockstep.DroneMesh.load(tmp_path / "nose.glb", yaw_deg=90)
+    np.testing.assert_allclose(nose.vertices[np.abs(nose.vertices).max(axis=1).argmax()], [1, 0, 0], atol=1e-6)
+
+
+def test_a_texture_gives_each_triangle_its_mean_colour(tmp_path):
+    """The left half of the image is red, the right one half white, half black, in rows; beyond it, it repeats."""
+    image = np.zeros((64, 64, 3), np.uint8)
+    image[:, :32] = [255, 0, 0]
+    image[::2, 32:] = 255
+    PIL.Image.fromarray(image).save(tmp_path / "paint.png")
+    (tmp_path / "a.mtl").write_text("newmtl paint\nKd 0.5 0.5 0.5\nmap_Kd paint.png\n")
+    places = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0"]
+    uv = [
+        f"vt {u} {v}"
+        for left, right in ((2.01, 2.49), (0.51, 0.99))
+        for u, v in itertools.product((left, right), (0, 1))
+    ]
+    faces = ["f 1/1 2/3 3/4", "f 1/5 3/8 4/6"]
+    (tmp_path / "a.obj").write_text("\n".join(["mtllib a.mtl", *places, *uv, "usemtl paint", *faces]) + "\n")
+    mesh = flockstep.DroneMesh.load(tmp_path / "a.obj")
+    np.testing.assert_allclose(mesh.colors, [[0.5, 0, 0], [0.25, 0.25, 0.25]], atol=0.01)
+
+
+def test_colours_of_vertices_materials_and_what_glows_and_what_is_hidden(tmp_path):
+    builder = flockstep.WorldBuilder()
+    white, lamp = builder.material("white"), builder.material("lamp", (0, 0, 0), emissive=(0.2, 0.4, 9))
+    green = builder.material("green", (0, 0.5, 0))
+    builder.box((0, 0, 5), (1, 1, 1), green)
+    triangle = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    builder.mesh(triangle, [[0, 1, 2]], white, colors=np.eye(3))
+    builder.mesh(triangle, [[0, 1, 2]], lamp)
+    builder.mesh(np.array(triangle) * 9, [[0, 1, 2]], green, visible=False)
+    builder.build().save(tmp_path / "parts.glb")
+    mesh = flockstep.DroneMesh.load(tmp_path / "parts.glb", up="y")
+    assert len(mesh.triangles) == 14
+    assert np.abs(mesh.vertices[:, :2]).max() == 1
+    np.testing.assert_allclose(mesh.colors[:12], np.tile([0, 0.5, 0], (12, 1)), atol=1e-6)
+    np.testing.assert_allclose(mesh.colors[12:], [[1 / 3] * 3, [0.2, 0.4, 1]], atol=2e-3)
+
+
+def test_a_thin_plate_keeps_its_two_colours(tmp_path):
+    """Two millimetres apart, red above, blue below: simplified, no side takes the colour of the other."""
+    x, y = np.meshgrid(np.linspace(-0.2, 0.2, 80), np.linspace(-0.2, 0.2, 80))
+    waves = 0.01 * np.sin(20 * x) * np.cos(15 * y)
+    top, bottom = (np.stack([x, y, waves + z], axis=-1).reshape(-1, 3) for z in (0.001, -0.001))
+    colors = np.repeat([[255, 0, 0], [0, 0, 255]], len(top), axis=0)
+    faces = grid(80, 80)
+    triangles = np.concatenate([faces[:, ::-1], faces + len(top)])
+    path = write_ply(tmp_path / "plate.ply", np.concatenate([top, bottom]), triangles, colors)
+    mesh = flockstep.DroneMesh.load(path, triangles=3000)
+    a, b, c = mesh.vertices[mesh.triangles].transpose(1, 0, 2)
+    up = np.cross(b - a, c - a)[:, 2] > 0
+    assert 1000 < len(mesh.triangles) <= 3000
+    np.testing.assert_array_equal(mesh.colors, np.where(up[:, None], RED, BLUE))
+
+
+def test_flat_sheets_do_not_vanish_and_have_no_hull(tmp_path):
+    x, y = np.meshgrid(np.linspace(-0.3, 0.3, 50), np.linspace(-0.2, 0.2, 50))
+    sheet = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    path = write_ply(tmp_path / "sheet.ply", sheet, grid(50, 50))
+    mesh = flockstep.DroneMesh.load(path, triangles=300)
+    a, b, c = mesh.vertices[mesh.triangles].transpose(1, 0, 2)
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(0.24, rel=0.02)
+    for flat in (mesh, flockstep.DroneMesh.load(path)):
+        with pytest.raises(
+            ValueError, match=r"'sheet\.ply'.*at least 0\.0001 m thick in every direction.*got one of 0 m"
+        ):
+            flat.hull()
+    thin = flockstep.DroneMesh(BOX * [1, 1, 5e-4], [[0, 1, 3], [4, 6, 7], [5, 2, 0]])
+    with pytest.raises(ValueError, match="got one of 5e-05 m"):
+        thin.hull()
+
+
+def test_sheets_with_many_borders_leave_something_for_the_rest(tmp_path):
+    """Eight finely cut blades and four plain arms: of 17,000 triangles 2,000 are left, and not of the blades alone."""
+    length, width = np.meshgrid(np.linspace(0.02, 0.12, 96), np.linspace(-0.01, 0.01, 12), indexing="ij")
+    hubs = 0.25 * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    vertices, triangles = [], []
+    for hub, side in itertools.product(hubs, (-1, 1)):
+        triangles.append(grid(96, 12) + sum(map(len, vertices)))
+        vertices.append(hub + np.stack([side * length, width, 0.02 + 0.3 * width], axis=-1).reshape(-1, 3))
+    arms = []
+    for hub in hubs:
+        across = 0.01 * np.array([-hub[1], hub[0], 0]) / np.linalg.norm(hub)
+        ends = [end + s * across + [0, 0, z] for end in (0 * hub, hub) for s in (-1, 1) for z in (-0.01, 0.01)]
+        triangles.append(
+            np.array([t for a, b, c, d in FACES for t in ((a, b, c), (a, c, d))]) + sum(map(len, vertices))
+        )
+        vertices.append(np.array(ends))
+        arms.append(np.linspace(vertices[-1][::2], vertices[-1][1::2], 9).reshape(-1, 3))
+    path = write_ply(tmp_path / "quad.ply", np.concatenate(vertices), np.concatenate(triangles))
+    mesh = flockstep.DroneMesh.load(path, triangles=2000)
+    assert mesh.triangles_in_file > 8 * len(mesh.triangles)
+    left = cKDTree(spread(mesh.vertices, mesh.triangles, 50_000))
+    for part in (*arms, *vertices):
+        assert left.query(part)[0].max() < 0.02 * 0.7
+
+
+def test_many_loose_parts_are_simplified_too(tmp_path):
+    """Three hundred tetrahedra to 200 triangles: fewer than each needs."""
+    rng = np.random.default_rng(0)
+    corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    vertices = np.concatenate([0.02 * corner + place for place in rng.uniform(-0.5, 0.5, (300, 3))])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    triangles = np.concatenate([faces + 4 * i for i in range(300)])
+    mesh = flockstep.DroneMesh.load(write_ply(tmp_path / "dust.ply", vertices, triangles), triangles=200)
+    assert 0 < len(mesh.triangles) <= 200
+    assert beyond(mesh.hull(), vertices) <= 1e-7  # float32 of the file
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"triangles": 3}, "triangles: expected an integer >= 4, got 3"),
+        ({"triangles": 5e3}, r"triangles: expected an integer >= 4, got 5000\.0"),
+        ({"triangles": True}, "triangles: expected an integer >= 4, got True"),
+        ({"yaw_deg": np.nan}, "yaw_deg: expected a finite number, got nan"),
+        ({"yaw_deg": "left"}, "yaw_deg: expected a finite number, got 'left'"),
+        ({"scale": 0}, "scale: expected a number"),
+        ({"up": "x"}, 'up: expected "y" or "z", got "x"'),
+        ({"origin": (1e9, 0, 0)}, "origin: expected finite coordinates"),
+    ],
+)
+def test_arguments_that_make_no_sense(tmp_path, keywords, message):
+    with pytest.raises(ValueError, match=message):
+        flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"), **keywords)
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(ValueError, match=r"path: expected a name that ends with \.gltf, .*, got 'indoor/office'"):
+        flockstep.DroneMesh.load("indoor/office")
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.glb"):
+        flockstep.DroneMesh.load(tmp_path / "nowhere.glb")
+    (tmp_path / "broken.ply").write_text("ply\n")
+    with pytest.raises(ValueError, match=r"broken\.ply: "):
+        flockstep.DroneMesh.load(tmp_path / "broken.ply")
+    with pytest.raises(ValueError, match="points: expected an integer from 4 to 32, got 33"):
+        flockstep.DroneMesh.load(write_box(tmp_path / "box.obj")).hull(33)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([[0, 0]], [[0, 0, 0]]), r"vertices: expected numbers of shape \(V, 3\), got int64 \(1, 2\)"),
+        (([[0, 0, np.inf]], [[0, 0, 0]]), "vertices: expected finite coordinates"),
+        ((BOX, np.zeros((0, 3), int)), r"triangles: expected integers of shape \(T, 3\), got int64 \(0, 3\)"),
+        ((BOX, [[0, 1, 2.0]]), "triangles: expected integers"),
+        ((BOX, [[0, 1, 8]]), "triangles: expected indices of 8 vertices, got 8"),
+        ((BOX, [[0, 1, -1]]), "triangles: expected indices of 8 vertices, got -1"),
+        ((BOX, [[0, 1, 2]], [[1, 1]]), r"colors: expected numbers of shape \(1, 3\) or \(3,\), got int64 \(1, 2\)"),
+        ((BOX, [[0, 1, 2]], [0, 0, 255]), r"colors: expected linear RGB in \[0, 1\]"),
+        ((BOX, [[0, 1, 2]], [0, 0, np.nan]), r"colors: expected linear RGB in \[0, 1\]"),
+    ],
+)
+def test_arrays_that_are_no_mesh(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        flockstep.DroneMesh(*arguments)
+
+
+def test_without_the_extra_it_says_what_to_install(bumpy, tmp_path, monkeypatch):
+    path, _, mesh = bumpy
+    advice = r"which is not installed: pip install 'flockstep\[mesh\]'"
+    monkeypatch.setitem(sys.modules, "fast_simplification", None)
+    with pytest.raises(ModuleNotFoundError, match=f"DroneMesh.load needs fast-simplification, {advice}"):
+        flockstep.DroneMesh.load(path)
+    flockstep.DroneMesh.load(write_box(tmp_path / "box.obj"))  # needs none
+    monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+    with pytest.raises(ModuleNotFoundError, match=f"DroneMesh.hull needs scipy, {advice}"):
+        mesh.hull()
+
+
+def test_envs_take_it_and_copy_pickle_and_write_it_down(bumpy, room):
+    *_, mesh = bumpy
+    small = flockstep.DroneMesh(BOX, [[0, 1, 3], [4, 6, 7]], [0.1, 0.7, 0.3], "small")
+    small.triangles_in_file = 7
+    keywords = {"worlds": room, "render_mode": "rgb_array", "render_view": "fleet", "render_size": (80, 60)}
+    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 2, drone_mesh=small, **keywords)
+    spec = gymnasium.envs.registration.EnvSpec.from_json(envs.unwrapped.spec.to_json())
+    plain = flockstep.DroneVectorEnv(2, **keywords)
+    pictures = []
+    for made in (envs, gymnasium.make_vec(spec), copy.deepcopy(envs), pickle.loads(pickle.dumps(envs)), plain):
+        made.reset(seed=3)
+        pictures.append(made.render()[0])
+    for picture in pictures[1:4]:
+        np.testing.assert_array_equal(picture, pictures[0])
+    assert (pictures[0] != pictures[4]).any()
+    again = flockstep.DroneMesh.from_dict(mesh.to_dict())
+    assert repr(again) == repr(mesh)
+    for name in ("vertices", "triangles", "colors"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(mesh, name))
+    np.testing.assert_array_equal(again.hull(), mesh.hull())
+    with pytest.raises(TypeError, match=r"drone_mesh: expected a flockstep\.DroneMesh, got 'drone\.glb'"):
+        flockstep.DroneVectorEnv(1, worlds=room, drone_mesh="drone.glb")
+
+
+@pytest.mark.skipif(not MODELS.exists(), reason="Debian's package assimp-testmodels is not installed")
+@pytest.mark.parametrize(
+    ("name", "scale", "triangles", "count"),
+    [
+        ("glTF2/2CylinderEngine-glTF-Binary/2CylinderEngine.glb", 1e-3, 5129, 110_336),
+        ("OBJ/spider.obj", 1e-2, 500, 1_312),
+        ("glTF2/BoxTextured-glTF-Binary/BoxTextured.glb", 1.0, 5000, 12),
+        ("PLY/cube.ply", 1.0, 5000, 12),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*not read:UserWarning")
+def test_files_of_others(name, scale, triangles, count):
+    mesh = flockstep.DroneMesh.load(MODELS / name, scale=scale, triangles=triangles)
+    assert mesh.triangles_in_file == count
+    assert min(triangles, count) - 10 <= len(mesh.triangles) <= triangles
+    whole = flockstep.World.load(MODELS / name, scale=scale).mesh()
+    size = float(np.ptp(whole["vertices"], axis=0).max())
+    before, after = (
+        spread(vertices, faces, 100_000)
+        for vertices, faces in ((whole["vertices"], whole["triangles"]), (mesh.vertices, mesh.triangles))
+    )
+    for points, others in ((before, after), (after, before)):
+        apart = cKDTree(points).query(others)[0]
+        assert apart.mean() < 0.01 * size
+        assert apart.max() < 0.08 * size
+    assert beyond(mesh.hull(), whole["vertices"]) <= 1e-7 * size
+    assert 0.005 < mesh.colors.mean() < 1
