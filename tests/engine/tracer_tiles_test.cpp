@@ -115,6 +115,12 @@ std::unique_ptr<Batch> make_batch(const std::shared_ptr<const World>& world, Tra
   return batch;
 }
 
+#if defined(NDEBUG)
+constexpr std::size_t kEvery = 3;  // one ray of so many is held against the oracle
+#else                              // sanitizers and debug builds are slow
+constexpr std::size_t kEvery = 41;
+#endif
+
 class TracerTiles : public ::testing::TestWithParam<int> {};  // spheres
 
 TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
@@ -130,7 +136,7 @@ TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
     const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
     const Eigen::Vector3d origin =
         pose.position.cast<double>() + rotation * Eigen::Vector3d(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
-    for (std::size_t ray = drone % 3; ray < rays; ray += 3) {
+    for (std::size_t ray = drone % kEvery; ray < rays; ray += kEvery) {
       const float* const d = &directions[3 * (drone * rays + ray)];
       const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
       const oracle::Hit hit = oracle::nearest(*world, origin, direction, lidar.max_range_m);
@@ -146,7 +152,7 @@ TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
       ASSERT_NEAR(range, hit.t, 2e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << "drone " << drone << " ray " << ray;
     }
   }
-  EXPECT_GT(compared, rays * kDrones / 4);
+  EXPECT_GT(compared, rays / kEvery * kDrones * 3 / 4);
   EXPECT_GT(hits, compared / 4);
 }
 
