@@ -1,7 +1,7 @@
 """The documents: their examples run as they stand, and what they refer to is there.
 
 Each ```python block of README.md and docs/ runs on its own, in an empty folder. Where it would take long, a comment
-right before the block says what the test replaces: ``<!-- test: 256 -> 8; 1_200_000 -> 512 -->``. A block that trains
+right before the block says what the test replaces: ``<!-- test: 256 -> 8; 1_000_000 -> 512 -->``. A block that trains
 ends with printing `success_rates`, and must have learned.
 """
 
