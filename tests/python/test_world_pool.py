@@ -539,7 +539,7 @@ def test_a_batch_may_be_collected_whatever_a_thread_holds():
 
     def collect(held):
         with contextlib.ExitStack() as locks:
-            for executor in [e for e in gc.get_objects() if isinstance(e, concurrent.futures.ThreadPoolExecutor)]:
+            for executor in [e for e in gc.get_objects() if type(e) is concurrent.futures.ThreadPoolExecutor]:
                 locks.enter_context(executor._shutdown_lock)
             locks.enter_context(concurrent.futures.thread._global_shutdown_lock)
             del executor
