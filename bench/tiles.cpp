@@ -288,7 +288,7 @@ std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& wor
   flockstep::SceneDescription description;
   description.mesh = world.mesh(bench::chord_error(world));
   description.materials.resize(world.materials().size());
-  for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = "m" + std::to_string(i);
+  for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = std::to_string(i);
   description.mesh.uv.clear();
   return std::make_shared<const flockstep::World>(std::move(description));
 }
