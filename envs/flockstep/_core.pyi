@@ -1597,7 +1597,7 @@ class Batch:
     tracer
         How rays of cameras and LiDARs meet triangles. ``"auto"``: by Embree, in packets. ``"tiles"``: those of cameras, and
         of LiDARs whose beams lie close (at least four rows, sixteen beams of each within some 50 degrees), by tiles of 16 x
-        16 rays that go through a tree of their own together: faster, and the same but for rounding. It takes some 60 bytes
+        16 rays that go through a tree of their own together: faster, and the same but for rounding. It takes some 65 bytes
         for each triangle more. Worlds with alpha masks stay with Embree.
     """
 

@@ -11,9 +11,8 @@
 //   itself, so that triangles which share a corner still do. From there on the answer is exact: where the sign of an edge might
 //   be rounding, a test in double precision that is exact decides (see hits_exactly). So no ray slips between triangles that
 //   share an edge or a corner.
-// - The distance is computed from the triangle and the ray alone, and is no less than that of the triangle's nearest corner and
-// no
-//   greater than that of its farthest.
+// - The distance is computed from the triangle and the ray alone, and lies between those of the triangle's nearest and farthest
+//   corner.
 // - Boxes are left out only where no triangle in them can be hit, or only beyond what was hit: each box is widened by more than
 //   the rounding of a corner, each rectangle by more than the rounding of a quotient.
 // - Of hits at the same distance, the triangle with the lowest number counts.
