@@ -124,7 +124,7 @@ class Engine {
       : scene_(flockstep::compiled(world).scene()), ones_(flockstep::trace::kMaxRays + flockstep::trace::kRayPadding, 1.0F) {
     scene_.prepare_tiles(world.triangles());
     if (camera != nullptr) pinhole_ = flockstep::render::make_pinhole_camera(*camera);
-    if (lidar != nullptr) beams_ = flockstep::sensors::make_pattern(*lidar);
+    if (lidar != nullptr) beams_ = flockstep::sensors::make_pattern(*lidar, true);
   }
 
   void trace(const Pattern& pattern, const Poses& poses, Hits& hits) {
@@ -274,7 +274,7 @@ Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
   const std::string name = rows == 1 ? "fan" + std::to_string(columns) : std::to_string(rows) + 'x' + std::to_string(columns);
   Pattern pattern{name, rows, columns, sensors, false, 0.0F, lidar.max_range_m, {}, {}, {}};
   std::vector<float> directions(3 * rows * columns);
-  write_directions(flockstep::sensors::make_pattern(lidar), directions.data());
+  write_directions(flockstep::sensors::make_pattern(lidar, false), directions.data());
   for (std::size_t i = 0; i < rows * columns; ++i) {
     pattern.x.push_back(directions[3 * i]);
     pattern.y.push_back(directions[3 * i + 1]);

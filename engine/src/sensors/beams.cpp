@@ -84,7 +84,7 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
 
 }  // namespace
 
-BeamPattern make_pattern(const LidarConfig& config) {
+BeamPattern make_pattern(const LidarConfig& config, bool views) {
   const auto& q = config.quat_wxyz;
   const Eigen::Matrix3d mounting = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
   const auto channels = static_cast<std::size_t>(config.rows());
@@ -102,7 +102,7 @@ BeamPattern make_pattern(const LidarConfig& config) {
         pattern.y.push_back(static_cast<float>(direction.y()));
         pattern.z.push_back(static_cast<float>(direction.z()));
       }
-      add_view(pattern, tile);
+      if (views) add_view(pattern, tile);
       const auto part = [&tile](const std::vector<float>& all) { return std::span(all).subspan(tile.first); };
       tile.frustum = trace::make_frustum(part(pattern.x), part(pattern.y), part(pattern.z));
       pattern.tiles.push_back(tile);

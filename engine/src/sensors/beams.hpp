@@ -31,7 +31,8 @@ struct BeamPattern {
   std::size_t columns;  // beams per channel
 };
 
-BeamPattern make_pattern(const LidarConfig& config);
+// views: of those tiles that can have one; else of none.
+BeamPattern make_pattern(const LidarConfig& config, bool views);
 
 // Writes the pattern's directions to out (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);
