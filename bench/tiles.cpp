@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <limits>
 #include <memory>
 #include <numbers>
@@ -50,6 +51,7 @@ struct Poses {
   std::vector<Vec3> position;
   std::vector<Mat3> rotation;
 
+  Poses() = default;
   Poses(const flockstep::World& world, int count) : position(bench::free_positions(world, count, 1)) {
     std::mt19937 random(2);
     while (rotation.size() < position.size()) {
@@ -58,18 +60,25 @@ struct Poses {
       rotation.emplace_back((Eigen::AngleAxisf(yaw, Vec3::UnitZ()) * Eigen::AngleAxisf(pitch, Vec3::UnitY())).toRotationMatrix());
     }
   }
+
+  Poses only(std::size_t sensor) const {
+    Poses one;
+    one.position = {position[sensor]};
+    one.rotation = {rotation[sensor]};
+    return one;
+  }
 };
 
-// What the rays of one sensor after the other have hit.
+// What the rays of a sensor have hit. One sensor after the other is traced into the same place, which stays in a cache.
 struct Hits {
   std::vector<float> distance;
   std::vector<unsigned int> triangle;
-  std::vector<std::array<float, 3>> normal;
+  std::array<std::vector<float>, 3> normal;
 
-  Hits(const Pattern& pattern, std::size_t sensors) : distance(pattern.rows * pattern.columns * sensors) {
+  explicit Hits(const Pattern& pattern) : distance(pattern.rows * pattern.columns) {
     if (!pattern.is_camera) return;
     triangle.resize(distance.size());
-    normal.resize(distance.size());
+    for (std::vector<float>& axis : normal) axis.resize(distance.size());
   }
 };
 
@@ -86,7 +95,6 @@ void trace_bare(const bench::BareScene& scene, const Pattern& pattern, const Pos
   for (std::size_t sensor = 0; sensor < poses.position.size(); ++sensor) {
     const Vec3& origin = poses.position[sensor];
     const Mat3& r = poses.rotation[sensor];
-    const std::size_t first = sensor * pattern.rows * pattern.columns;
     std::fill_n(packet.ray.org_x, kLanes, origin.x());
     std::fill_n(packet.ray.org_y, kLanes, origin.y());
     std::fill_n(packet.ray.org_z, kLanes, origin.z());
@@ -106,12 +114,14 @@ void trace_bare(const bench::BareScene& scene, const Pattern& pattern, const Pos
         bench::trace_packet(scene.scene, valid.data(), packet, query);
         for (std::size_t i = 0; i < kLanes; ++i) {
           if (valid[i] == 0) continue;
-          const std::size_t to = first + index[i];
+          const std::size_t to = index[i];
           const bool is_hit = packet.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
           hits.distance[to] = is_hit ? packet.ray.tfar[i] : kInfinity;
           if (!pattern.is_camera) continue;
           hits.triangle[to] = packet.hit.primID[i];
-          hits.normal[to] = {packet.hit.Ng_x[i], packet.hit.Ng_y[i], packet.hit.Ng_z[i]};
+          hits.normal[0][to] = packet.hit.Ng_x[i];
+          hits.normal[1][to] = packet.hit.Ng_y[i];
+          hits.normal[2][to] = packet.hit.Ng_z[i];
         }
       }
     }
@@ -135,14 +145,13 @@ class Engine {
                               .range = pattern.range,
                               .longest = pattern.is_camera ? pinhole_.corner : 1.0F,
                               .tiles = true});
-      const std::size_t first = sensor * pattern.rows * pattern.columns;
-      pattern.is_camera ? trace_camera(pattern, first, hits) : trace_lidar(pattern, first, hits);
+      pattern.is_camera ? trace_camera(pattern, hits) : trace_lidar(pattern, hits);
     }
     tracer_.finish();
   }
 
  private:
-  void trace_camera(const Pattern& pattern, std::size_t first, Hits& hits) {
+  void trace_camera(const Pattern& pattern, Hits& hits) {
     constexpr std::size_t kSide = flockstep::render::PixelTile::kSide;
     const auto& grid = pinhole_.grids[0];
     for (const auto& tile : pinhole_.tiles) {
@@ -151,21 +160,30 @@ class Engine {
                                                                .z = grid.up.data() + tile.row * kSide,
                                                                .rows = tile.height,
                                                                .width = kSide,
-                                                               .frustum = &tile.frustum});
+                                                               .frustum = &tile.frustum,
+                                                               .u = &grid.columns[tile.column / kSide],
+                                                               .v = &grid.rows[tile.row / kSide]});
       const flockstep::trace::HitDetails& details = tracer_.details();
       for (std::size_t row = 0; row < tile.height; ++row) {
-        const std::size_t to = first + (tile.row + row) * pattern.columns + tile.column;
-        for (std::size_t i = 0; i < tile.width; ++i) {
-          const std::size_t from = row * kSide + i;
-          hits.distance[to + i] = rays.t_hit[from];
-          hits.triangle[to + i] = static_cast<unsigned int>(rays.element[from]);
-          hits.normal[to + i] = {details.normal_x[from], details.normal_y[from], details.normal_z[from]};
-        }
+        const std::size_t to = (tile.row + row) * pattern.columns + tile.column, from = row * kSide;
+        const auto copy = [&](const auto* values, auto* out) {
+          // Almost every row of a tile is a whole one, which is a few instructions.
+          if (tile.width == kSide) {
+            std::memcpy(out + to, values + from, kSide * sizeof *out);
+          } else {
+            std::memcpy(out + to, values + from, tile.width * sizeof *out);
+          }
+        };
+        copy(rays.t_hit, hits.distance.data());
+        copy(rays.element, hits.triangle.data());
+        copy(details.normal_x, hits.normal[0].data());
+        copy(details.normal_y, hits.normal[1].data());
+        copy(details.normal_z, hits.normal[2].data());
       }
     }
   }
 
-  void trace_lidar(const Pattern& pattern, std::size_t first, Hits& hits) {
+  void trace_lidar(const Pattern& pattern, Hits& hits) {
     for (const auto& tile : beams_.tiles) {
       tracer_.trace_later({.x = beams_.x.data() + tile.first,
                            .y = beams_.y.data() + tile.first,
@@ -174,7 +192,7 @@ class Engine {
                            .width = tile.width,
                            .frustum = &tile.frustum,
                            .view = tile.view < 0 ? nullptr : &beams_.views[static_cast<std::size_t>(tile.view)]},
-                          hits.distance.data() + first + tile.channel * pattern.columns + tile.beam, pattern.columns);
+                          hits.distance.data() + tile.channel * pattern.columns + tile.beam, pattern.columns);
     }
   }
 
@@ -189,7 +207,8 @@ void bench_case(const std::string& scene, const flockstep::World& world, const b
                 const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar, bench::Figures& figures) {
   const Poses poses(world, pattern.sensors);
   Engine engine(world, camera, lidar);
-  Hits ours(pattern, poses.position.size()), theirs = ours;
+  Hits ours(pattern), theirs = ours;
+  const std::size_t rays = poses.position.size() * ours.distance.size();
   std::vector<bench::Variant> variants{{"engine", [&] { engine.trace(pattern, poses, ours); }}};
   for (const bool coherent : {false, true}) {
     const std::string flag = coherent ? " coherent" : " incoherent";
@@ -212,18 +231,23 @@ void bench_case(const std::string& scene, const flockstep::World& world, const b
   const std::string name = "tiles/" + scene + '/' + pattern.name;
   for (std::size_t v = 0; v < variants.size(); ++v) {
     std::fprintf(stderr, "  %-26s %-28s %8.2f M rays/s\n", name.c_str(), variants[v].label.c_str(),
-                 static_cast<double>(ours.distance.size()) / bench::median(times[v]) / 1e6);
+                 static_cast<double>(rays) / bench::median(times[v]) / 1e6);
   }
   std::size_t differ = 0;
-  for (std::size_t i = 0; i < ours.distance.size(); ++i) {
-    const float a = ours.distance[i], b = theirs.distance[i];
-    differ += !(a == b || std::abs(a - b) < 1e-3F * (1.0F + a));
+  for (std::size_t sensor = 0; sensor < poses.position.size(); ++sensor) {
+    const Poses one = poses.only(sensor);
+    engine.trace(pattern, one, ours);
+    trace_bare<RTCRayHit8, 8, 1>(bare, pattern, one, false, theirs);
+    for (std::size_t i = 0; i < ours.distance.size(); ++i) {
+      const float a = ours.distance[i], b = theirs.distance[i];
+      differ += !(a == b || std::abs(a - b) < 1e-3F * (1.0F + a));
+    }
   }
-  if (differ > ours.distance.size() / 1000) {  // of different things nothing is to be compared
-    std::fprintf(stderr, "%s: %zu of %zu rays hit elsewhere\n", name.c_str(), differ, ours.distance.size());
+  if (differ > rays / 1000) {  // of different things nothing is to be compared
+    std::fprintf(stderr, "%s: %zu of %zu rays hit elsewhere\n", name.c_str(), differ, rays);
     std::exit(1);
   }
-  const auto rate = [&](std::size_t v) { return static_cast<double>(ours.distance.size()) / bench::median(times[v]); };
+  const auto rate = [&](std::size_t v) { return static_cast<double>(rays) / bench::median(times[v]); };
   figures.add(name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[0]), "1", kRuns);
   figures.add(name + "/rays_per_second", rate(0), "1/s", kRuns);
   figures.add(name + "/bare_embree_rays_per_second", rate(best), "1/s", kRuns);

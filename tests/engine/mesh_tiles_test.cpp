@@ -56,7 +56,25 @@ TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
   }
   mesh.materials.assign(mesh.triangles.size(), 0);
   mesh.objects.assign(mesh.triangles.size(), 0);
+  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});  // so that it matters where a triangle is hit
   return mesh;
+}
+
+// Adds triangles that are hard to decide about: needles, and ones that lie in a plane with `eye`, which sees them edge-on.
+void add_slivers(TriangleMesh& mesh, const Vec3& eye, Random& random) {
+  for (int i = 0; i < 60; ++i) {
+    const Vec3 a = random.point(4.0F), b = random.point(4.0F);
+    const float along = random.within(-1, 1);
+    const Vec3 c = i % 3 == 0   ? Vec3(a + 0.5F * (b - a) + 1e-5F * random.point(1.0F))       // a needle
+                   : i % 3 == 1 ? Vec3(eye + (1.0F + along) * (a - eye) + along * (b - eye))  // edge-on, but for rounding
+                                : Vec3(a.x() + 1e-3F, a.y(), a.z());
+    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+    mesh.vertices.insert(mesh.vertices.end(), {a, b, c});
+    mesh.triangles.push_back({first, first + 1, first + 2});
+  }
+  mesh.materials.assign(mesh.triangles.size(), 0);
+  mesh.objects.assign(mesh.triangles.size(), 0);
+  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});
 }
 
 // 256 rays (1, u, v), where they are and what they hit.
@@ -76,8 +94,13 @@ struct Tile {
     rays->z = z.data();
     std::fill_n(rays->t_hit, kMaxRays, kInfinity);
     std::fill_n(rays->element, kMaxRays, -1);
+    trace_on(tree, 0);
+  }
+
+  // As it stands, with what the rays have hit so far.
+  void trace_on(const MeshTree& tree, std::int32_t first_element) {
     const FlushDenormals flush;
-    trace_mesh_tile(tree, 0, *rays, *details);
+    trace_mesh_tile(tree, first_element, make_tile_axis(y.data()), make_tile_axis(z.data()), *rays, details.get());
   }
 };
 
@@ -174,12 +197,13 @@ TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
   Random random(3);
   std::size_t hits = 0;
   for (const int rings : {5, 60}) {
-    const TriangleMesh mesh = ball(rings, 2 * rings, 0.7F, random);
-    const MeshTree tree = device.tree(mesh);
     Tile tile, shuffled, alone;
     for (int i = 0; i < 10; ++i) {
       const Mat3 rotation = random.rotation().toRotationMatrix();
       const Vec3 origin = random.point(5.0F);
+      TriangleMesh mesh = ball(rings, 2 * rings, 0.7F, random);
+      if (i % 3 != 0) add_slivers(mesh, origin, random);
+      const MeshTree tree = device.tree(mesh);
       look(tile, i % 2 == 0 ? 0.1F : 0.004F);
       tile.trace(tree, origin, rotation);
       std::array<std::size_t, kMaxRays> from;
@@ -221,8 +245,7 @@ TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {
     tile.rays->t_hit[ray] = ray % 2 == 0 ? 1.0F : 50.0F;
     tile.rays->element[ray] = 1000;
   }
-  const FlushDenormals flush;
-  trace_mesh_tile(tree, 7, *tile.rays, *tile.details);
+  tile.trace_on(tree, 7);
   for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
     ASSERT_EQ(tile.rays->t_hit[ray], ray % 2 == 0 ? 1.0F : depth[ray]);
     ASSERT_EQ(tile.rays->element[ray] == 1000, ray % 2 == 0);
@@ -231,7 +254,7 @@ TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {
   tile.rays->range = 2.0F;
   std::fill_n(tile.rays->t_hit, kMaxRays, kInfinity);
   std::fill_n(tile.rays->element, kMaxRays, -1);
-  trace_mesh_tile(tree, 0, *tile.rays, *tile.details);
+  tile.trace_on(tree, 0);
   EXPECT_TRUE(std::all_of(tile.rays->element, tile.rays->element + kMaxRays, [](std::int32_t e) { return e == -1; }));
 }
 

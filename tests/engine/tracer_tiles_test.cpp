@@ -262,8 +262,9 @@ TEST(TracerTilesOf, ViewsPointWhereBeamsDo) {
     if (tile.view < 0) continue;
     const trace::TileView& view = pattern.views[static_cast<std::size_t>(tile.view)];
     for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
-      const std::size_t at = i / tile.width * 16 + i % tile.width;
-      const Vec3 seen = view.ahead[at] * (view.to_sensor * Vec3(1.0F, view.u[at], view.v[at]));
+      const std::size_t row = i / tile.width, column = i % tile.width, at = trace::TileAxis::place(row, column);
+      const Vec3 along(1.0F, view.u.of_ray[at], view.v.of_ray[at]);
+      const Vec3 seen = view.ahead[16 * row + column] * (view.to_sensor * along);
       const Vec3 beam(pattern.x[tile.first + i], pattern.y[tile.first + i], pattern.z[tile.first + i]);
       EXPECT_LT((seen - beam).norm(), 2e-7F);
     }

@@ -2,22 +2,32 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "trace/ray_block.hpp"
 
 namespace flockstep::render {
 namespace {
 
+constexpr std::size_t kPixels = PixelTile::kSide * PixelTile::kSide;  // of a tile
+
 // The slopes (centre - (i + place)) / focal of the pixels of every tile along one side of the image, for all pixels of a tile,
 // whose place along that side is `along(pixel)`.
 template <class Along>
 std::vector<float> slopes(int pixels, float centre, float focal, double place, const Along& along) {
-  constexpr std::size_t kCount = PixelTile::kSide * PixelTile::kSide;
   const std::size_t tiles = (static_cast<std::size_t>(pixels) + PixelTile::kSide - 1) / PixelTile::kSide;
-  std::vector<float> result(tiles * kCount + trace::kRayPadding);
-  for (std::size_t i = 0; i < tiles * kCount; ++i) {
-    const auto pixel = static_cast<double>(i / kCount * PixelTile::kSide + along(i % kCount));
+  std::vector<float> result(tiles * kPixels + trace::kRayPadding);
+  for (std::size_t i = 0; i < tiles * kPixels; ++i) {
+    const auto pixel = static_cast<double>(i / kPixels * PixelTile::kSide + along(i % kPixels));
     result[i] = static_cast<float>((static_cast<double>(centre) - (pixel + place)) / static_cast<double>(focal));
+  }
+  return result;
+}
+
+std::vector<trace::TileAxis> axes(const std::vector<float>& slopes) {
+  std::vector<trace::TileAxis> result;
+  for (std::size_t first = 0; first + kPixels <= slopes.size(); first += kPixels) {
+    result.push_back(trace::make_tile_axis(&slopes[first]));
   }
   return result;
 }
@@ -33,9 +43,14 @@ PinholeCamera make_pinhole_camera(const CameraConfig& camera) {
                         .tiles = {},
                         .corner = 0.0F};
   const auto add_grid = [&](double left, double up) {
-    pinhole.grids.push_back(
-        {slopes(camera.width_px, pinhole.cx, pinhole.fx, left, [](std::size_t pixel) { return pixel % PixelTile::kSide; }),
-         slopes(camera.height_px, pinhole.cy, pinhole.fy, up, [](std::size_t pixel) { return pixel / PixelTile::kSide; })});
+    PinholeCamera::Grid grid{
+        slopes(camera.width_px, pinhole.cx, pinhole.fx, left, [](std::size_t pixel) { return pixel % PixelTile::kSide; }),
+        slopes(camera.height_px, pinhole.cy, pinhole.fy, up, [](std::size_t pixel) { return pixel / PixelTile::kSide; }),
+        {},
+        {}};
+    grid.columns = axes(grid.left);
+    grid.rows = axes(grid.up);
+    pinhole.grids.push_back(std::move(grid));
   };
   add_grid(0.5, 0.5);
   const int side = static_cast<int>(std::lround(std::sqrt(static_cast<double>(camera.samples_per_pixel))));

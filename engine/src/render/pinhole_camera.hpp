@@ -6,6 +6,7 @@
 
 #include "flockstep/config.hpp"
 #include "trace/frustum.hpp"
+#include "trace/mesh_tiles.hpp"
 
 namespace flockstep::render {
 
@@ -27,6 +28,7 @@ struct PinholeCamera {
   struct Grid {
     std::vector<float> left;  // (columns of tiles, kSide * kSide) y of the directions of a tile's pixels, row by row
     std::vector<float> up;    // (rows of tiles, kSide * kSide) z, likewise
+    std::vector<trace::TileAxis> columns, rows;  // the same as mesh_tiles.hpp takes it
   };
   std::vector<Grid> grids;
   std::vector<PixelTile> tiles;  // row by row; the frustum of each holds all samples of its pixels

@@ -72,7 +72,9 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
                                                        .z = grid.up.data() + tile.row * PixelTile::kSide,
                                                        .rows = tile.height,
                                                        .width = PixelTile::kSide,
-                                                       .frustum = &tile.frustum});
+                                                       .frustum = &tile.frustum,
+                                                       .u = &grid.columns[tile.column / PixelTile::kSide],
+                                                       .v = &grid.rows[tile.row / PixelTile::kSide]});
   const bool shadows = request.camera->shadows && wanted.any_color();
   if (shadows) find_shadows(request, rays, scratch);
   const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
@@ -120,6 +122,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                          .range = camera.far_m,
                                          .longest = pinhole.corner,
                                          .sees_markers = true,
+                                         .details = camera.outputs.any_color() || camera.outputs.normal,
                                          .tiles = request.tiles});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;

@@ -1,6 +1,7 @@
 #include "sensors/beams.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -60,24 +61,26 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
   to_sensor.col(0) = axis;
   to_sensor.col(1) = (std::abs(axis.z()) < 0.7 ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d::UnitX()).cross(axis).normalized();
   to_sensor.col(2) = axis.cross(to_sensor.col(1));
-  trace::TileView view{.to_sensor = to_sensor.cast<float>()};
+  trace::TileView view{.to_sensor = to_sensor.cast<float>(), .u = {}, .v = {}};
+  std::array<float, trace::kMaxRays> u{}, v{};
   for (std::size_t i = 0; i < beams; ++i) {
     const Eigen::Vector3d seen = to_sensor.transpose() * direction(i);
     if (!(seen.x() >= kLeastAhead)) return;
     const std::size_t at = i / tile.width * trace::kTileWidth + i % tile.width;
-    view.u[at] = static_cast<float>(seen.y() / seen.x());
-    view.v[at] = static_cast<float>(seen.z() / seen.x());
+    u[at] = static_cast<float>(seen.y() / seen.x());
+    v[at] = static_cast<float>(seen.z() / seen.x());
     view.ahead[at] = static_cast<float>(seen.x());
   }
   // What lies beside the tile looks where its nearest beam does, so that it makes the view no wider.
-  const std::size_t rows = (tile.rows + 3) / 4 * 4;
-  for (std::size_t row = 0; row < rows; ++row) {
+  for (std::size_t row = 0; row < trace::kMaxRays / trace::kTileWidth; ++row) {
     for (std::size_t i = row < tile.rows ? tile.width : 0; i < trace::kTileWidth; ++i) {
       const std::size_t from = std::min(row, tile.rows - 1) * trace::kTileWidth + std::min(i, tile.width - 1);
-      view.u[row * trace::kTileWidth + i] = view.u[from];
-      view.v[row * trace::kTileWidth + i] = view.v[from];
+      u[row * trace::kTileWidth + i] = u[from];
+      v[row * trace::kTileWidth + i] = v[from];
     }
   }
+  view.u = trace::make_tile_axis(u.data());
+  view.v = trace::make_tile_axis(v.data());
   tile.view = static_cast<std::int32_t>(pattern.views.size());
   pattern.views.push_back(view);
 }

@@ -93,17 +93,18 @@ HWY_INLINE M operator>(const F& a, const F& b) { FLOCKSTEP_EACH(M, hn::Gt(a.part
 HWY_INLINE M operator==(const F& a, const F& b) { FLOCKSTEP_EACH(M, hn::Eq(a.part[p], b.part[p])); }
 HWY_INLINE M operator&(const M& a, const M& b) { FLOCKSTEP_EACH(M, hn::And(a.part[p], b.part[p])); }
 HWY_INLINE M operator|(const M& a, const M& b) { FLOCKSTEP_EACH(M, hn::Or(a.part[p], b.part[p])); }
+HWY_INLINE M without(const M& a, const M& b) { FLOCKSTEP_EACH(M, hn::AndNot(b.part[p], a.part[p])); }
 #undef FLOCKSTEP_EACH
 
 HWY_INLINE void store(const F& a, float* to) {
   for (std::size_t p = 0; p < kParts; ++p) hn::Store(a.part[p], D(), to + p * kLanes);
 }
-HWY_INLINE void store_where(const M& mask, const F& a, float* to) {
-  for (std::size_t p = 0; p < kParts; ++p) hn::BlendedStore(a.part[p], mask.part[p], D(), to + p * kLanes);
-}
+// Whole vectors: a store by mask is slow on some processors, and so is what reads it back soon.
+HWY_INLINE void store_where(const M& mask, const F& a, float* to) { store(select(mask, a, load(to)), to); }
 HWY_INLINE void store_where(const M& mask, std::int32_t value, std::int32_t* to) {
   for (std::size_t p = 0; p < kParts; ++p) {
-    hn::BlendedStore(hn::Set(DI(), value), hn::RebindMask(DI(), mask.part[p]), DI(), to + p * kLanes);
+    std::int32_t* const part = to + p * kLanes;
+    hn::Store(hn::IfThenElse(hn::RebindMask(DI(), mask.part[p]), hn::Set(DI(), value), hn::Load(DI(), part)), DI(), part);
   }
 }
 HWY_INLINE M is_above(const std::int32_t* values, std::int32_t value) {
@@ -113,12 +114,22 @@ HWY_INLINE M is_above(const std::int32_t* values, std::int32_t value) {
   }
   return result;
 }
+// The numbers with those of their places in their last four bits, so that no two are equal.
+HWY_INLINE F numbered(const F& a) {
+  F result;
+  for (std::size_t p = 0; p < kParts; ++p) {
+    const auto number = hn::Iota(DI(), static_cast<std::int32_t>(p * kLanes));
+    const auto kept = hn::And(hn::BitCast(DI(), a.part[p]), hn::Set(DI(), ~15));
+    result.part[p] = hn::BitCast(D(), hn::Or(kept, number));
+  }
+  return result;
+}
 HWY_INLINE Bits bits(const M& mask) {
   Bits result = 0;
   for (std::size_t p = 0; p < kParts; ++p) {
-    std::uint8_t bytes[8] = {};
-    hn::StoreMaskBits(D(), mask.part[p], bytes);
-    result |= (static_cast<Bits>(bytes[0]) | static_cast<Bits>(bytes[1]) << 8U) << (p * kLanes);
+    std::uint16_t part = 0;
+    hn::StoreMaskBits(D(), mask.part[p], reinterpret_cast<std::uint8_t*>(&part));
+    result |= static_cast<Bits>(part) << (p * kLanes);
   }
   return result;
 }
@@ -154,7 +165,8 @@ constexpr float kTiny = 1e-12F;        // m
 constexpr float kWide = 1e30F;
 constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
-constexpr int kFewSubs = 2;          // sub-tiles whose rays are looked at one by one
+constexpr int kFewSubs = 2;          // sub-tiles whose rays a node is compared with
+constexpr int kFewSubsOfLeaf = 6;    // likewise, a leaf
 constexpr std::size_t kFewRays = 2;  // rays that go on alone
 
 // Where sixteen things are in the tile's picture, at least: least and most u, least and most v, and the least depth.
@@ -189,19 +201,19 @@ struct Linear {
   HWY_INLINE F of_all(float u, float v) const { return (load(of_1) + load(of_u) * all(u)) + load(of_v) * all(v); }
 };
 struct Facets {
-  Linear edge[3];                  // what is at least 0 inside, raised by `slack`
-  alignas(64) float slack[3][16];  // more than rounding may change it by within the tile
-  Linear depth;                    // 1 / the depth, not yet between:
+  Linear edge[3];               // what is at least 0 inside, raised by more than rounding may lower it by within the tile
+  alignas(64) float clear[16];  // where all three are above this, rounding has no say
+  Linear depth;                 // 1 / the depth, not yet between least and most; its three numbers are a normal, too
   alignas(64) float least[16], most[16];
-  alignas(64) float corner[3][3][16];
-  alignas(64) float normal[3][16];
-  Bits slivers;  // seen so nearly edge-on that rounding may decide which side is seen
+  Bits slivers;  // seen so nearly edge-on that rounding may decide which side is seen: of them, least and most alone count
 };
 
+template <bool kDetails>
 class TileTrace {
  public:
-  TileTrace(const MeshTree& tree, std::int32_t first_element, RayBundle& rays, HitDetails& details)
-      : tree_(tree), first_element_(first_element), rays_(rays), details_(details) {}
+  TileTrace(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
+            HitDetails* details)
+      : tree_(tree), first_element_(first_element), u_(u), v_(v), rays_(rays), details_(details) {}
 
   void trace() {
     begin();
@@ -215,11 +227,6 @@ class TileTrace {
   }
 
  private:
-  // Sub-tile k is that of row k / 4 and column k % 4; its rays lie together, row by row.
-  static std::size_t place(std::size_t row, std::size_t column) {
-    return 64 * (row / 4) + 16 * (column / 4) + 4 * (row % 4) + column % 4;
-  }
-
   void begin() {
     for (std::size_t i = 0; i < 3; ++i) {
       origin_[i] = rays_.origin[static_cast<Eigen::Index>(i)];
@@ -236,35 +243,20 @@ class TileTrace {
     used_ = (1U << rows) - 1U;
     std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // of rows that fill up the last sub-tiles
     std::fill_n(id_, kRays, kNobody);
+    std::fill_n(w_of_, 16, FLT_MAX);
     for (std::size_t row = 0; row < rows; ++row) {
       for (std::size_t column = 0; column < 16; column += 4) {
-        const std::size_t from = 16 * row + column, to = place(row, column);
-        std::memcpy(u_ + to, rays_.y + from, 4 * sizeof(float));
-        std::memcpy(v_ + to, rays_.z + from, 4 * sizeof(float));
-        std::memcpy(w_ + to, rays_.t_hit + from, 4 * sizeof(float));
+        std::memcpy(w_ + TileAxis::place(row, column), rays_.t_hit + 16 * row + column, 4 * sizeof(float));
       }
     }
-    std::fill_n(w_of_, 16, FLT_MAX);
-    std::fill_n(u0_, 16, kWide);
-    std::fill_n(v0_, 16, kWide);
-    std::fill_n(u1_, 16, -kWide);
-    std::fill_n(v1_, 16, -kWide);
     for (std::size_t sub = 0; sub < rows; ++sub) {
-      const F u = load(u_ + 16 * sub), v = load(v_ + 16 * sub), t = load(w_ + 16 * sub);
+      const F t = load(w_ + 16 * sub);
       const F w = select(t >= all(0.0F), most(all(1.0F) / t, all(least_w)), all(FLT_MAX));
       store(w, w_ + 16 * sub);
       w_of_[sub] = least_of(w);
-      u0_[sub] = least_of(u);
-      u1_[sub] = most_of(u);
-      v0_[sub] = least_of(v);
-      v1_[sub] = most_of(v);
     }
-    whole_u_[0] = least_of(load(u0_));
-    whole_u_[1] = most_of(load(u1_));
-    whole_v_[0] = least_of(load(v0_));
-    whole_v_[1] = most_of(load(v1_));
-    largest_u_ = std::max(std::abs(whole_u_[0]), std::abs(whole_u_[1]));
-    largest_v_ = std::max(std::abs(whole_v_[0]), std::abs(whole_v_[1]));
+    largest_u_ = std::max(std::abs(u_.least_of_all), std::abs(u_.most_of_all));
+    largest_v_ = std::max(std::abs(v_.least_of_all), std::abs(v_.most_of_all));
     margin_ = kRounding * (1.0F + std::max(largest_u_, largest_v_));
     w_of_all_ = least_of(load(w_of_));
   }
@@ -278,13 +270,14 @@ class TileTrace {
 
   // Which of sixteen are in view, as far as this tells.
   HWY_INLINE Bits in_view(const Rectangles& r) const {
-    return bits((r.u1 >= all(whole_u_[0])) & (all(whole_u_[1]) >= r.u0) & (r.v1 >= all(whole_v_[0])) &
-                (all(whole_v_[1]) >= r.v0) & (all(kBeyond) >= r.near * all(w_of_all_)));
+    return bits((r.u1 >= all(u_.least_of_all)) & (all(u_.most_of_all) >= r.u0) & (r.v1 >= all(v_.least_of_all)) &
+                (all(v_.most_of_all) >= r.v0) & (all(kBeyond) >= r.near * all(w_of_all_)));
   }
   // Which sub-tiles one of sixteen may be hit in.
   HWY_INLINE Bits subs_in(const StoredRectangles& r, std::size_t i) const {
-    return bits((load(u1_) >= all(r.u0[i])) & (all(r.u1[i]) >= load(u0_)) & (load(v1_) >= all(r.v0[i])) &
-                (all(r.v1[i]) >= load(v0_)) & (all(kBeyond) >= all(r.near[i]) * load(w_of_)));
+    return used_ &
+           bits((load(u_.ends[1]) >= all(r.u0[i])) & (all(r.u1[i]) >= load(u_.ends[0])) & (load(v_.ends[1]) >= all(r.v0[i])) &
+                (all(r.v1[i]) >= load(v_.ends[0])) & (all(kBeyond) >= all(r.near[i]) * load(w_of_)));
   }
 
   HWY_INLINE Bits look(const MeshNode& node, Rectangles& r) const {
@@ -314,24 +307,29 @@ class TileTrace {
     Bits children = look(node, rectangles);
     if (children == 0) return;
     const StoredRectangles stored(rectangles);
-    // Near ones first. Their depths are keys that sort as integers do.
-    std::array<std::uint64_t, 16> order;
-    std::size_t count = 0;
-    for (; children != 0; children &= children - 1) {
-      const auto lane = static_cast<std::uint32_t>(std::countr_zero(children));
-      const std::uint64_t key = std::uint64_t{std::bit_cast<std::uint32_t>(std::max(stored.near[lane], 0.0F))} << 32U | lane;
-      std::size_t at = count++;
-      for (; at > 0 && order[at - 1] > key; --at) order[at] = order[at - 1];
-      order[at] = key;
+    // Near ones first: a child comes after those that are nearer, however many they are.
+    const F depths = numbered(most(rectangles.near, all(kTiny)));
+    alignas(64) float depth[16];
+    store(depths, depth);
+    std::array<std::uint8_t, 16> order;
+    const auto count = static_cast<std::size_t>(std::popcount(children));
+    for (Bits left = children; left != 0; left &= left - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(left));
+      order[static_cast<std::size_t>(std::popcount(children & bits(all(depth[lane]) > depths)))] =
+          static_cast<std::uint8_t>(lane);
     }
-    fetch(node.child[order[0] & 15U]);
+    fetch(node.child[order[0]]);
     for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t lane = order[i] & 15U;
+      const std::size_t lane = order[i];
       if (stored.near[lane] * w_of_all_ > kBeyond) return;
-      if (i + 1 < count) fetch(node.child[order[i + 1] & 15U]);
+      if (i + 1 < count) fetch(node.child[order[i + 1]]);
       const Bits subs = subs_in(stored, lane);
       if (subs == 0) continue;
       const std::uint32_t child = node.child[lane];
+      if (MeshTree::is_leaf(child)) {
+        visit(tree_.leaf(child), subs, &stored, lane);
+        continue;
+      }
       std::size_t count_in = kRays;
       if (std::popcount(subs) <= kFewSubs) {
         count_in = 0;
@@ -341,9 +339,7 @@ class TileTrace {
         }
         if (count_in == 0) continue;
       }
-      if (MeshTree::is_leaf(child)) {
-        visit(tree_.leaf(child), subs, &stored, lane);
-      } else if (count_in <= kFewRays) {
+      if (count_in <= kFewRays) {
         for (Bits left = subs; left != 0; left &= left - 1) {
           const auto sub = static_cast<std::size_t>(std::countr_zero(left));
           for (Bits rays = rays_in(stored, lane, sub); rays != 0; rays &= rays - 1) {
@@ -368,7 +364,7 @@ class TileTrace {
 
   // Which of a sub-tile's rays may hit one of sixteen.
   HWY_INLINE Bits rays_in(const StoredRectangles& r, std::size_t i, std::size_t sub) const {
-    const F u = load(u_ + 16 * sub), v = load(v_ + 16 * sub);
+    const F u = load(u_.of_ray + 16 * sub), v = load(v_.of_ray + 16 * sub);
     return bits((u >= all(r.u0[i])) & (all(r.u1[i]) >= u) & (v >= all(r.v0[i])) & (all(r.v1[i]) >= v) &
                 (all(kBeyond) >= all(r.near[i]) * load(w_ + 16 * sub)));
   }
@@ -386,7 +382,7 @@ class TileTrace {
   void descend(std::size_t ray, const MeshNode& node) {
     F enter = all(0.0F), leave = all(kBeyond / w_[ray]);
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const float along = (to_tile_[0][axis] + to_tile_[1][axis] * u_[ray]) + to_tile_[2][axis] * v_[ray];
+      const float along = (to_tile_[0][axis] + to_tile_[1][axis] * u_.of_ray[ray]) + to_tile_[2][axis] * v_.of_ray[ray];
       const float inverse = 1.0F / (std::abs(along) < kTiny ? std::copysign(kTiny, along) : along);
       const F middle = (load(node.center[axis]) - all(origin_[axis])) * all(inverse);
       const F reach = (load(node.half[axis]) + all(2.0F * widen_)) * all(std::abs(inverse));
@@ -427,11 +423,11 @@ class TileTrace {
     r.near = least(least(c[0].x, c[1].x), c[2].x);
     const F far = most(most(c[0].x, c[1].x), c[2].x);
     const M ahead = r.near > all(kTiny);
-    F u[3], v[3];
+    F u[3], v[3], inverse[3];
     for (std::size_t k = 0; k < 3; ++k) {
-      const F inverse = one / c[k].x;
-      u[k] = c[k].y * inverse;
-      v[k] = c[k].z * inverse;
+      inverse[k] = one / c[k].x;
+      u[k] = c[k].y * inverse[k];
+      v[k] = c[k].z * inverse[k];
     }
     r.u0 = select(ahead, least(least(u[0], u[1]), u[2]) - margin, zero - wide);
     r.u1 = select(ahead, most(most(u[0], u[1]), u[2]) + margin, wide);
@@ -439,141 +435,154 @@ class TileTrace {
     r.v1 = select(ahead, most(most(v[0], v[1]), v[2]) + margin, wide);
     const Bits seen = in_view(r) & bits(far > zero);
     if (seen == 0) return 0;
-    store(select(ahead, one / far, zero), facets.least);
-    store(select(ahead, one / r.near, all(FLT_MAX)), facets.most);
+    store(select(ahead, least(least(inverse[0], inverse[1]), inverse[2]), zero), facets.least);
+    store(select(ahead, most(most(inverse[0], inverse[1]), inverse[2]), all(FLT_MAX)), facets.most);
 
     // Twice the cross product of two corners: of the edge seen from its other triangle it differs in sign and in nothing else.
     // Each of its coordinates is off by some roundings of the largest product that it may be made of.
-    const F picture = all(2.0F * kRounding * (1.0F + largest_u_ + largest_v_));
     F3 edge[3];
-    F slack[3];
+    F length[3];
     for (std::size_t k = 0; k < 3; ++k) {
-      const F3 sum = c[(k + 1) % 3] + c[k], difference = c[(k + 1) % 3] - c[k];
-      edge[k] = cross(sum, difference);
-      slack[k] = picture * largest(sum) * largest(difference);
+      const F3 difference = c[(k + 1) % 3] - c[k];
+      edge[k] = cross(c[(k + 1) % 3] + c[k], difference);
+      length[k] = largest(difference);
     }
-    const F3 along = c[1] - c[0], across = c[2] - c[1];
-    const F3 normal = cross(along, across);
+    const F reach = most(most(largest(c[0]), largest(c[1])), largest(c[2]));
+    const F slack =
+        all(4.0F * kRounding * (1.0F + largest_u_ + largest_v_)) * reach * most(most(length[0], length[1]), length[2]);
+    store(all(2.0F) * slack, facets.clear);
+    const F3 normal = cross(c[1] - c[0], c[2] - c[1]);
     const F height = (normal.x * c[0].x + normal.y * c[0].y) + normal.z * c[0].z;
-    const M is_clear = magnitude(height) > all(6.0F * kRounding) * largest(along) * largest(across) * largest(c[0]);
+    const M is_clear = magnitude(height) > all(6.0F * kRounding) * length[0] * length[1] * reach;
     facets.slivers = ~bits(is_clear) & 0xFFFFU;
     const F side = select(height >= zero, one, zero - one);
-    for (std::size_t k = 0; k < 3; ++k) {
-      store(slack[k], facets.slack[k]);
-      facets.edge[k].set(side * edge[k].x + slack[k], side * edge[k].y, side * edge[k].z);
-    }
-    const F inverse = one / height;
-    facets.depth.set(select(is_clear, normal.x * inverse, zero), select(is_clear, normal.y * inverse, zero),
-                     select(is_clear, normal.z * inverse, zero));
-    store(normal.x, facets.normal[0]);
-    store(normal.y, facets.normal[1]);
-    store(normal.z, facets.normal[2]);
-    for (std::size_t k = 0; k < 3; ++k) {
-      store(c[k].x, facets.corner[k][0]);
-      store(c[k].y, facets.corner[k][1]);
-      store(c[k].z, facets.corner[k][2]);
-    }
+    for (std::size_t k = 0; k < 3; ++k) facets.edge[k].set(side * edge[k].x + slack, side * edge[k].y, side * edge[k].z);
+    const F share = one / height;
+    facets.depth.set(normal.x * share, normal.y * share, normal.z * share);
     return seen;
   }
 
   // box: that of the leaf, one of sixteen in a node; null for the root.
   void visit(const MeshLeaf& leaf, Bits subs, const StoredRectangles* boxes, std::size_t box) {
+    const bool few = boxes != nullptr && std::popcount(subs) <= kFewSubsOfLeaf;
+    std::array<Bits, 16> rays;  // of each sub-tile, that may hit one
+    if (few) {
+      for (Bits left = subs; left != 0; left &= left - 1) {
+        const auto sub = static_cast<std::size_t>(std::countr_zero(left));
+        rays[sub] = rays_in(*boxes, box, sub);
+        if (rays[sub] == 0) subs &= ~(left & (~left + 1U));
+      }
+      if (subs == 0) return;
+    }
     Rectangles rectangles;
     Facets facets;
-    const Bits seen = turn(leaf, facets, rectangles);
+    const Bits seen = turn(leaf, facets, rectangles), facing = seen & ~facets.slivers;
     if (seen == 0) return;
     Bits changed = 0;
-    if (boxes != nullptr && std::popcount(subs) <= kFewSubs) {
+    if (few) {
       // Rays by triangles or triangles by rays, what is fewer.
       for (Bits left = subs; left != 0; left &= left - 1) {
         const auto sub = static_cast<std::size_t>(std::countr_zero(left));
-        Bits rays = rays_in(*boxes, box, sub);
-        const Bits triangles =
-            seen & bits((rectangles.u1 >= all(u0_[sub])) & (all(u1_[sub]) >= rectangles.u0) & (rectangles.v1 >= all(v0_[sub])) &
-                        (all(v1_[sub]) >= rectangles.v0) & (all(kBeyond) >= rectangles.near * all(w_of_[sub])));
+        const Bits triangles = facing & triangles_in(rectangles, facets, sub);
         bool any = false;
-        if (std::popcount(rays) < std::popcount(triangles)) {
-          for (; rays != 0; rays &= rays - 1) {
-            any |= test_ray(facets, leaf, triangles, 16 * sub + static_cast<std::size_t>(std::countr_zero(rays)));
+        if (std::popcount(rays[sub]) < std::popcount(triangles)) {
+          for (Bits each = rays[sub]; each != 0; each &= each - 1) {
+            any |= test_ray(facets, leaf, triangles, 16 * sub + static_cast<std::size_t>(std::countr_zero(each)));
           }
         } else {
           for (Bits each = triangles; each != 0; each &= each - 1) {
-            const auto i = static_cast<std::size_t>(std::countr_zero(each));
-            any |= test(facets, leaf.triangle[i], i, sub);
+            any |= test(facets, leaf, static_cast<std::size_t>(std::countr_zero(each)), sub);
           }
         }
         if (any) changed |= left & (~left + 1U);
       }
     } else {
       const StoredRectangles stored(rectangles);
-      for (Bits left = seen; left != 0; left &= left - 1) {
+      for (Bits left = facing; left != 0; left &= left - 1) {
         const auto i = static_cast<std::size_t>(std::countr_zero(left));
         Bits in = subs & subs_in(stored, i);
         if (std::popcount(in) > 1) in &= subs_within(facets, i);
         for (; in != 0; in &= in - 1) {
-          if (test(facets, leaf.triangle[i], i, static_cast<std::size_t>(std::countr_zero(in)))) changed |= in & (~in + 1U);
+          if (test(facets, leaf, i, static_cast<std::size_t>(std::countr_zero(in)))) changed |= in & (~in + 1U);
+        }
+      }
+    }
+    for (Bits left = seen & facets.slivers; left != 0; left &= left - 1) {
+      const auto i = static_cast<std::size_t>(std::countr_zero(left));
+      for (Bits in = subs; in != 0; in &= in - 1) {
+        const auto sub = static_cast<std::size_t>(std::countr_zero(in));
+        for (std::size_t ray = 16 * sub; ray < 16 * sub + 16; ++ray) {
+          if (test_sliver(facets, leaf, i, ray)) changed |= in & (~in + 1U);
         }
       }
     }
     if (changed != 0) refresh(changed);
   }
 
-  // Which sub-tiles are not all outside of one edge of a triangle, or all behind it.
-  HWY_INLINE Bits subs_within(const Facets& facets, std::size_t i) const {
-    if ((facets.slivers >> i & 1U) != 0) return 0xFFFFU;
-    const F u = all(0.5F) * (load(u0_) + load(u1_)), v = all(0.5F) * (load(v0_) + load(v1_));
-    const F reach_u = all(0.5F) * (load(u1_) - load(u0_)) + all(margin_),
-            reach_v = all(0.5F) * (load(v1_) - load(v0_)) + all(margin_);
-    const auto highest = [&](const Linear& edge) HWY_ATTR {
-      return (edge.of_one(i, u, v) + all(std::abs(edge.of_u[i])) * reach_u) + all(std::abs(edge.of_v[i])) * reach_v;
+  // Which triangles may be hit in a sub-tile: as subs_in() and subs_within() say for one triangle.
+  HWY_INLINE Bits triangles_in(const Rectangles& r, const Facets& facets, std::size_t sub) const {
+    const F u0 = all(u_.ends[0][sub]), u1 = all(u_.ends[1][sub]), v0 = all(v_.ends[0][sub]), v1 = all(v_.ends[1][sub]);
+    const auto greatest = [&](const Linear& value) HWY_ATTR {
+      const F of_u = load(value.of_u), of_v = load(value.of_v);
+      return (load(value.of_1) + most(of_u * u0, of_u * u1)) + most(of_v * v0, of_v * v1);
     };
-    const F edges =
-        least(least(highest(facets.edge[0]) + all(facets.slack[0][i]), highest(facets.edge[1]) + all(facets.slack[1][i])),
-              highest(facets.edge[2]) + all(facets.slack[2][i]));
-    return bits(edges >= all(0.0F));
+    const F edges = least(least(greatest(facets.edge[0]), greatest(facets.edge[1])), greatest(facets.edge[2]));
+    return bits((r.u1 >= u0) & (u1 >= r.u0) & (r.v1 >= v0) & (v1 >= r.v0) & (edges >= all(0.0F)) &
+                (all(kBeyond) >= r.near * all(w_of_[sub])));
+  }
+
+  // 1 or 0 without a branch, which nothing could predict.
+  static std::size_t is_positive(float value) { return ~std::bit_cast<std::uint32_t>(value) >> 31U; }
+
+  // Which sub-tiles are not all outside of one edge of a triangle, or all nearer than it. What is linear is greatest in a corner
+  // of a sub-tile, and so it is when it is rounded, by multiplications and additions that never make the greater the lesser.
+  HWY_INLINE Bits subs_within(const Facets& facets, std::size_t i) const {
+    const auto greatest = [&](const Linear& value) HWY_ATTR {
+      return value.of_one(i, load(u_.ends[is_positive(value.of_u[i])]), load(v_.ends[is_positive(value.of_v[i])]));
+    };
+    const F edges = least(least(greatest(facets.edge[0]), greatest(facets.edge[1])), greatest(facets.edge[2]));
+    const F w = least(most(greatest(facets.depth), all(facets.least[i])), all(facets.most[i]));
+    return bits((edges >= all(0.0F)) & (w >= load(w_of_)));
   }
 
   // The rays of a sub-tile and one triangle. Whether one has hit it.
-  HWY_INLINE bool test(const Facets& facets, std::int32_t triangle, std::size_t i, std::size_t sub) {
-    const F u = load(u_ + 16 * sub), v = load(v_ + 16 * sub), best = load(w_ + 16 * sub);
+  HWY_INLINE bool test(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t sub) {
+    const F u = load(u_.of_ray + 16 * sub), v = load(v_.of_ray + 16 * sub), best = load(w_ + 16 * sub);
     const F a = facets.edge[0].of_one(i, u, v), b = facets.edge[1].of_one(i, u, v), c = facets.edge[2].of_one(i, u, v);
     const F w = least(most(facets.depth.of_one(i, u, v), all(facets.least[i])), all(facets.most[i]));
-    const bool is_sliver = (facets.slivers >> i & 1U) != 0;
-    M hit = (w >= best) & (all(most_w_) >= w);
-    if (!is_sliver) hit = hit & (least(least(a, b), c) >= all(0.0F));
+    const F lowest = least(least(a, b), c);
+    M hit = (lowest >= all(0.0F)) & (w >= best) & (all(most_w_) >= w);
     if (none(hit)) return false;
+    const std::int32_t triangle = leaf.triangle[i];
     hit = hit & ((w > best) | is_above(id_ + 16 * sub, triangle));
-    const M is_certain =
-        (a > all(2.0F * facets.slack[0][i])) & (b > all(2.0F * facets.slack[1][i])) & (c > all(2.0F * facets.slack[2][i]));
-    Bits taken = bits(hit);
-    if (Bits uncertain = is_sliver ? taken : taken & ~bits(is_certain); uncertain != 0) {
-      alignas(64) float keep[16];
-      store(select(hit, all(1.0F), all(0.0F)), keep);
-      for (; uncertain != 0; uncertain &= uncertain - 1) {
-        const auto lane = static_cast<std::size_t>(std::countr_zero(uncertain));
-        if (!hits(facets, i, 16 * sub + lane)) keep[lane] = 0.0F;
-      }
-      hit = load(keep) > all(0.0F);
-      taken = bits(hit);
+    if (const M doubtful = without(hit, lowest > all(facets.clear[i])); !none(doubtful)) {
+      hit = without(hit, missed(leaf, i, sub, bits(doubtful)));
     }
-    if (taken == 0) return false;
+    if (none(hit)) return false;
     store_where(hit, w, w_ + 16 * sub);
     store_where(hit, triangle, id_ + 16 * sub);
-    for (std::size_t axis = 0; axis < 3; ++axis) store_where(hit, all(facets.normal[axis][i]), n_[axis] + 16 * sub);
-    const F weight = all(1.0F) / most((a + b) + c, all(FLT_MIN));
-    store_where(hit, least(c * weight, all(1.0F)), b_ + 16 * sub);
-    store_where(hit, least(a * weight, all(1.0F)), c_ + 16 * sub);
+    if constexpr (kDetails) {
+      store_where(hit, all(facets.depth.of_1[i]), n_[0] + 16 * sub);
+      store_where(hit, all(facets.depth.of_u[i]), n_[1] + 16 * sub);
+      store_where(hit, all(facets.depth.of_v[i]), n_[2] + 16 * sub);
+      if (tree_.needs_weights()) {
+        store_where(hit, a, weight_[0] + 16 * sub);
+        store_where(hit, b, weight_[1] + 16 * sub);
+        store_where(hit, c, weight_[2] + 16 * sub);
+      }
+    }
     return true;
   }
 
   // One ray and the triangles of a leaf. Whether it has hit one.
   HWY_INLINE bool test_ray(const Facets& facets, const MeshLeaf& leaf, Bits triangles, std::size_t ray) {
-    const F a = facets.edge[0].of_all(u_[ray], v_[ray]), b = facets.edge[1].of_all(u_[ray], v_[ray]),
-            c = facets.edge[2].of_all(u_[ray], v_[ray]);
-    const F w = least(most(facets.depth.of_all(u_[ray], v_[ray]), load(facets.least)), load(facets.most));
-    const M inside = least(least(a, b), c) >= all(0.0F);
-    Bits hit = triangles & bits((w >= all(w_[ray])) & (all(most_w_) >= w)) & (bits(inside) | facets.slivers);
+    const F a = facets.edge[0].of_all(u_.of_ray[ray], v_.of_ray[ray]), b = facets.edge[1].of_all(u_.of_ray[ray], v_.of_ray[ray]),
+            c = facets.edge[2].of_all(u_.of_ray[ray], v_.of_ray[ray]);
+    const F w = least(most(facets.depth.of_all(u_.of_ray[ray], v_.of_ray[ray]), load(facets.least)), load(facets.most));
+    const F lowest = least(least(a, b), c);
+    Bits hit = triangles & bits((lowest >= all(0.0F)) & (w >= all(w_[ray])) & (all(most_w_) >= w));
     if (hit == 0) return false;
+    const Bits clear = bits(lowest > load(facets.clear));
     alignas(64) float at[4][16];
     store(a, at[0]);
     store(b, at[1]);
@@ -582,77 +591,139 @@ class TileTrace {
     bool any = false;
     for (; hit != 0; hit &= hit - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(hit));
-      if (at[3][i] < w_[ray] || (at[3][i] == w_[ray] && id_[ray] <= leaf.triangle[i])) continue;
-      bool is_certain = (facets.slivers >> i & 1U) == 0;
-      for (std::size_t k = 0; k < 3; ++k) is_certain &= at[k][i] > 2.0F * facets.slack[k][i];
-      if (!is_certain && !hits(facets, i, ray)) continue;
-      w_[ray] = at[3][i];
-      id_[ray] = leaf.triangle[i];
-      for (std::size_t axis = 0; axis < 3; ++axis) n_[axis][ray] = facets.normal[axis][i];
-      const float weight = 1.0F / std::max((at[0][i] + at[1][i]) + at[2][i], FLT_MIN);
-      b_[ray] = std::min(at[2][i] * weight, 1.0F);
-      c_[ray] = std::min(at[0][i] * weight, 1.0F);
+      if (!is_nearer(at[3][i], leaf.triangle[i], ray)) continue;
+      if ((clear >> i & 1U) == 0 && !hits_exactly(u_.of_ray[ray], v_.of_ray[ray], corners(leaf, i))) continue;
+      take(ray, at[3][i], leaf.triangle[i], {facets.depth.of_1[i], facets.depth.of_u[i], facets.depth.of_v[i]},
+           {at[0][i], at[1][i], at[2][i]});
       any = true;
     }
     return any;
   }
 
-  bool hits(const Facets& facets, std::size_t i, std::size_t ray) const {
-    std::array<Corner, 3> corners;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto at = [&](std::size_t axis) { return static_cast<double>(facets.corner[k][axis][i]); };
-      corners[k] = {at(0), at(1), at(2)};
+  // One ray and a triangle that is seen edge-on. Whether it has hit it.
+  bool test_sliver(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) {
+    const float w = facets.least[i];
+    if (w > most_w_ || !is_nearer(w, leaf.triangle[i], ray)) return false;
+    const std::array<Corner, 3> its = corners(leaf, i);
+    if (!hits_exactly(u_.of_ray[ray], v_.of_ray[ray], its)) return false;
+    const std::array<double, 3> a{its[1].x - its[0].x, its[1].y - its[0].y, its[1].z - its[0].z},
+        b{its[2].x - its[0].x, its[2].y - its[0].y, its[2].z - its[0].z};
+    const auto normal = [&](std::size_t j, std::size_t k) { return static_cast<float>(a[j] * b[k] - a[k] * b[j]); };
+    take(ray, w, leaf.triangle[i], {normal(1, 2), normal(2, 0), normal(0, 1)}, {1.0F, 1.0F, 1.0F});
+    return true;
+  }
+
+  bool is_nearer(float w, std::int32_t triangle, std::size_t ray) const {
+    return w > w_[ray] || (w == w_[ray] && triangle < id_[ray]);
+  }
+
+  void take(std::size_t ray, float w, std::int32_t triangle, const std::array<float, 3>& normal,
+            const std::array<float, 3>& weight) {
+    w_[ray] = w;
+    id_[ray] = triangle;
+    for (std::size_t k = 0; kDetails && k < 3; ++k) {
+      n_[k][ray] = normal[k];
+      weight_[k][ray] = weight[k];
     }
-    return hits_exactly(u_[ray], v_[ray], corners);
+  }
+
+  // Which of a sub-tile's rays miss the triangle, of those that may.
+  HWY_NOINLINE M missed(const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits doubtful) const {
+    const std::array<Corner, 3> its = corners(leaf, i);
+    alignas(64) float misses[16] = {};
+    for (; doubtful != 0; doubtful &= doubtful - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(doubtful));
+      if (!hits_exactly(u_.of_ray[16 * sub + lane], v_.of_ray[16 * sub + lane], its)) misses[lane] = 1.0F;
+    }
+    return load(misses) > all(0.0F);
+  }
+
+  // Those of a triangle in the tile's frame, rounded as turned() does.
+  std::array<Corner, 3> corners(const MeshLeaf& leaf, std::size_t i) const {
+    std::array<Corner, 3> result;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const float x = leaf.corner[k][0][i] - origin_[0], y = leaf.corner[k][1][i] - origin_[1],
+                  z = leaf.corner[k][2][i] - origin_[2];
+      const auto along = [&](std::size_t axis) {
+        return static_cast<double>((to_tile_[axis][0] * x + to_tile_[axis][1] * y) + to_tile_[axis][2] * z);
+      };
+      result[k] = {along(0), along(1), along(2)};
+    }
+    return result;
   }
 
   void write() {
+    // Whole sub-tiles, in place; of rays that have hit nothing the numbers mean nothing.
+    const std::size_t rows = rays_.count / 16;
+    for (std::size_t first = 0; first < 64 * ((rows + 3) / 4); first += 16) {
+      store(least(all(1.0F) / load(w_ + first), all(rays_.range)), w_ + first);
+      if constexpr (kDetails) {
+        const F3 normal{load(n_[0] + first), load(n_[1] + first), load(n_[2] + first)};
+        for (int axis = 0; axis < 3; ++axis) {
+          const auto part = [&](int k) HWY_ATTR { return all(rays_.rotation(axis, k)); };
+          store(part(0) * normal.x + (part(1) * normal.y + part(2) * normal.z), n_[axis] + first);
+        }
+        if (tree_.needs_weights()) {
+          const F a = load(weight_[0] + first), b = load(weight_[1] + first), c = load(weight_[2] + first);
+          const F share = all(1.0F) / most((a + b) + c, all(FLT_MIN));
+          store(least(c * share, all(1.0F)), weight_[0] + first);
+          store(least(a * share, all(1.0F)), weight_[1] + first);
+        }
+      }
+    }
     const hn::CappedTag<float, 4> d;
     const hn::RebindToSigned<decltype(d)> di;
     const std::size_t lanes = hn::Lanes(d);
-    const auto world = [&](int axis, std::size_t from) HWY_ATTR {
-      const auto part = [&](int k) HWY_ATTR { return hn::Mul(hn::Set(d, rays_.rotation(axis, k)), hn::Load(d, n_[k] + from)); };
-      return hn::Add(part(0), hn::Add(part(1), part(2)));
-    };
-    for (std::size_t row = 0; row < rays_.count / 16; ++row) {
+    for (std::size_t row = 0; row < rows; ++row) {
       for (std::size_t column = 0; column < 16; column += lanes) {
-        const std::size_t from = place(row, column), to = 16 * row + column;
+        const std::size_t from = TileAxis::place(row, column), to = 16 * row + column;
         const auto id = hn::Load(di, id_ + from);
         const auto found = hn::Ne(id, hn::Set(di, kNobody));
-        const auto is_hit = hn::RebindMask(d, found);
-        const auto put = [&](auto value, float* at) HWY_ATTR { hn::BlendedStore(value, is_hit, d, at + to); };
-        put(hn::Min(hn::Div(hn::Set(d, 1.0F), hn::Load(d, w_ + from)), hn::Set(d, rays_.range)), rays_.t_hit);
-        hn::BlendedStore(hn::Add(id, hn::Set(di, first_element_)), found, di, rays_.element + to);
-        put(hn::Load(d, b_ + from), details_.u);
-        put(hn::Load(d, c_ + from), details_.v);
-        put(world(0, from), details_.normal_x);
-        put(world(1, from), details_.normal_y);
-        put(world(2, from), details_.normal_z);
+        const auto t_hit = hn::IfThenElse(hn::RebindMask(d, found), hn::Load(d, w_ + from), hn::Load(d, rays_.t_hit + to));
+        hn::Store(t_hit, d, rays_.t_hit + to);
+        const auto element = hn::IfThenElse(found, hn::Add(id, hn::Set(di, first_element_)), hn::Load(di, rays_.element + to));
+        hn::Store(element, di, rays_.element + to);
+        if constexpr (kDetails) {
+          const auto copy = [&](const float* values, float* out) HWY_ATTR { hn::Store(hn::Load(d, values + from), d, out + to); };
+          copy(n_[0], details_->normal_x);
+          copy(n_[1], details_->normal_y);
+          copy(n_[2], details_->normal_z);
+          if (tree_.needs_weights()) {
+            copy(weight_[0], details_->u);
+            copy(weight_[1], details_->v);
+          }
+        }
       }
     }
   }
 
   const MeshTree& tree_;
   const std::int32_t first_element_;
+  const TileAxis &u_, &v_;
   RayBundle& rays_;
-  HitDetails& details_;
+  HitDetails* const details_;
   float origin_[3];
   float to_tile_[3][3];
-  float widen_;                    // m
-  float margin_;                   // of u and v
-  float most_w_;                   // nothing nearer counts
-  float w_of_all_;                 // 1 / the farthest hit, or the range
-  float whole_u_[2], whole_v_[2];  // least and most of the tile
-  float largest_u_, largest_v_;
+  float widen_;                  // m
+  float margin_;                 // of u and v
+  float most_w_;                 // nothing nearer counts
+  float w_of_all_;               // 1 / the farthest hit, or the range
+  float largest_u_, largest_v_;  // of the tile, either sign
   Bits used_ = 0;
-  alignas(64) float u_[kRays], v_[kRays], w_[kRays];                // w: 1 / the depth of what was hit
-  alignas(64) std::int32_t id_[kRays];                              // of what was hit
-  alignas(64) float b_[kRays], c_[kRays], n_[3][kRays];             // likewise: its details
-  alignas(64) float u0_[16], u1_[16], v0_[16], v1_[16], w_of_[16];  // of the sub-tiles
+  alignas(64) float w_[kRays];          // 1 / the depth of what was hit
+  alignas(64) std::int32_t id_[kRays];  // of what was hit
+  alignas(64) float n_[3][kRays];       // likewise: a normal, tile's frame
+  alignas(64) float weight_[3][kRays];  // likewise: of the triangle's third, first, second corner
+  alignas(64) float w_of_[16];          // of each sub-tile, as w_of_all
 };
 
-void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, RayBundle& rays, HitDetails& details) {
-  TileTrace(tree, first_element, rays, details).trace();
+void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
+                     HitDetails* details) {
+  if (details != nullptr) {
+    TileTrace<true>(tree, first_element, u, v, rays, details).trace();
+  } else {
+    TileTrace<false>(tree, first_element, u, v, rays, details).trace();
+  }
 }
 
 }  // namespace flockstep::trace::HWY_NAMESPACE
@@ -663,8 +734,22 @@ namespace flockstep::trace {
 
 HWY_EXPORT(trace_mesh_tile);
 
-void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, RayBundle& rays, HitDetails& details) {
-  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, rays, details);
+TileAxis make_tile_axis(const float* rows) {
+  TileAxis axis;
+  for (std::size_t ray = 0; ray < kMaxRays; ++ray) axis.of_ray[TileAxis::place(ray / 16, ray % 16)] = rows[ray];
+  for (std::size_t sub = 0; sub < 16; ++sub) {
+    const auto [least, most] = std::minmax_element(axis.of_ray + 16 * sub, axis.of_ray + 16 * sub + 16);
+    axis.ends[0][sub] = *least;
+    axis.ends[1][sub] = *most;
+  }
+  axis.least_of_all = *std::min_element(axis.ends[0], axis.ends[0] + 16);
+  axis.most_of_all = *std::max_element(axis.ends[1], axis.ends[1] + 16);
+  return axis;
+}
+
+void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
+                     HitDetails* details) {
+  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details);
 }
 
 }  // namespace flockstep::trace

@@ -26,9 +26,23 @@
 
 namespace flockstep::trace {
 
+// One coordinate of the rays of a tile in its picture, sub-tile by sub-tile. It belongs to the sensor and is computed once.
+struct TileAxis {
+  alignas(64) float of_ray[kMaxRays];
+  alignas(64) float ends[2][16];  // least and most of each sub-tile
+  float least_of_all, most_of_all;
+
+  // Sub-tile k is that of row k / 4 and column k % 4; its rays lie together, row by row.
+  static std::size_t place(std::size_t row, std::size_t column) {
+    return 64 * (row / 4) + 16 * (column / 4) + 4 * (row % 4) + column % 4;
+  }
+};
+TileAxis make_tile_axis(const float* rows);  // (kMaxRays,) rows of 16
+
 // Takes what the tree has nearer than the rays' t_hit and element; a hit gets the element first_element + its triangle. The rays
-// are rows of 16 whose directions' x is 1; rows up to a multiple of 4 have directions that may be read. details: of the hits
-// taken. Call under FlushDenormals.
-void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, RayBundle& rays, HitDetails& details);
+// are rows of 16 and have the directions (1, u, v); u and v are of 16 rows, those that are beyond the rays' count near the
+// others. details: of the hits taken, weights only where the tree says so; null where nobody asks. Call under FlushDenormals.
+void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
+                     HitDetails* details);
 
 }  // namespace flockstep::trace

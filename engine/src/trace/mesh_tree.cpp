@@ -25,7 +25,7 @@ constexpr float kVisitCost = 1.0F;
 
 }  // namespace
 
-MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh) {
+MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh) : needs_weights_(!mesh.uv.empty() || !mesh.colors.empty()) {
   std::vector<RTCBuildPrimitive> primitives;
   primitives.reserve(mesh.triangles.size());
   Eigen::AlignedBox3f all;

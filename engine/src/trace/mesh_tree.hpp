@@ -36,6 +36,8 @@ class MeshTree {
   const MeshLeaf& leaf(std::uint32_t child) const { return leaves_[child & ~kLeaf]; }
   std::uint32_t root() const { return root_; }
   float extent() const { return extent_; }  // m: no coordinate is larger, nor is a side of the box around all
+  // Whether it matters where in a triangle a ray hits: for textures, or colours of vertices.
+  bool needs_weights() const { return needs_weights_; }
   std::size_t bytes() const { return nodes_.size() * sizeof(MeshNode) + leaves_.size() * sizeof(MeshLeaf); }
 
  private:
@@ -48,6 +50,7 @@ class MeshTree {
   std::vector<MeshLeaf> leaves_;
   std::uint32_t root_ = 0;
   float extent_ = 0.0F;
+  bool needs_weights_;
 };
 
 }  // namespace flockstep::trace

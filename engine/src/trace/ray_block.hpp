@@ -53,7 +53,7 @@ struct RayBlock {
   alignas(64) RayInts element;
 };
 
-// What else is known of rays that have hit triangles; of the others nothing is written.
+// What else is known of rays that have hit triangles; of the others it means nothing.
 struct HitDetails {
   alignas(64) RayFloats u, v;                          // barycentric: the weights of the triangle's second and third vertex
   alignas(64) RayFloats normal_x, normal_y, normal_z;  // geometric normal of any length and side, world frame

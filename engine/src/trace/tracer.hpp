@@ -11,6 +11,7 @@
 
 #include "flockstep/pose.hpp"
 #include "trace/frustum.hpp"
+#include "trace/mesh_tiles.hpp"
 #include "trace/ray_block.hpp"
 #include "trace/scene.hpp"
 
@@ -24,22 +25,24 @@ struct Viewpoint {
   float range;                // likewise
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
+  bool details = true;        // those of trace() are asked for
   bool tiles = false;         // triangles are traced in tiles where they can be, for which the scene is prepared
 };
 
 // Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
 struct TileView {
-  Mat3 to_sensor;                                        // rotation, tile's frame to the sensor's
-  alignas(64) float u[kMaxRays] = {}, v[kMaxRays] = {};  // rows of kTileWidth, whatever the tile's width
-  alignas(64) float ahead[kMaxRays] = {};                // length of the direction along the tile's axis; 0 beside the tile
+  Mat3 to_sensor;                          // rotation, tile's frame to the sensor's
+  TileAxis u, v;                           // rows of kTileWidth, whatever the tile's width
+  alignas(64) float ahead[kMaxRays] = {};  // length of the direction along the tile's axis; 0 beside the tile
 };
 
 // Rays of a sensor that are traced together, since they point much the same way.
 struct RayTile {
-  const float *x, *y, *z;          // (rows * width + kRayPadding,) directions, sensor frame, row by row
-  std::size_t rows, width;         // rows * width is at most kMaxRays
-  const Frustum* frustum;          // that holds them, sensor frame
-  const TileView* view = nullptr;  // if they lie close enough; for trace_later() only
+  const float *x, *y, *z;                     // (rows * width + kRayPadding,) directions, sensor frame, row by row
+  std::size_t rows, width;                    // rows * width is at most kMaxRays
+  const Frustum* frustum;                     // that holds them, sensor frame
+  const TileView* view = nullptr;             // if they lie close enough; for trace_later() only
+  const TileAxis *u = nullptr, *v = nullptr;  // of y and z, where x is 1; for trace() in tiles only
 };
 
 // What has gone through Embree's trees of triangles, shadow rays included.
@@ -108,6 +111,7 @@ class Tracer {
   const Scene* scene_ = nullptr;    // that the sensor is in
   const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
+  bool wants_details_ = true;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
   RayBundle view_bundle_;    // the same in the frame of its view
