@@ -323,10 +323,11 @@ def bench_snippet() -> list[Figure]:
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     figures = []
-    for seed in range(10, 15):
-        for subject, steps in ((f"snippet/seed{seed}", "1_000_000"), (f"snippet/longer/seed{seed}", "3_000_000")):
+    for seed in range(20, 25):
+        for subject, steps in ((f"snippet/seed{seed}", "1_200_000"), (f"snippet/longer/seed{seed}", "3_600_000")):
             text = block[1]
-            for old, new in (('device="cpu"', f'device="cpu", seed={seed}'), ("1_000_000, progress_bar=True", steps)):
+            seeded = ('"device": "cpu"', f'"device": "cpu", "seed": {seed}')
+            for old, new in (seeded, ("1_200_000, progress_bar=True", steps)):
                 assert text.count(old) == 1, f"README.md: expected {old} once in its first block"
                 text = text.replace(old, new)
             before = time.perf_counter()
