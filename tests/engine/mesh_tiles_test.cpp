@@ -100,7 +100,7 @@ struct Tile {
   // As it stands, with what the rays have hit so far.
   void trace_on(const MeshTree& tree, std::int32_t first_element) {
     const FlushDenormals flush;
-    trace_mesh_tile(tree, first_element, make_tile_axis(y.data()), make_tile_axis(z.data()), *rays, details.get());
+    trace_mesh_tile(tree, first_element, make_tile_axis(y.data()), make_tile_axis(z.data()), *rays, details.get(), true);
   }
 };
 
@@ -145,6 +145,10 @@ TEST(MeshTiles, HitWhatAnOracleInDoublePrecisionSays) {
         const Vec3 normal(tile.details->normal_x[ray], tile.details->normal_y[ray], tile.details->normal_z[ray]);
         const Vec3 expected_normal = (corner(b) - corner(a)).cross(corner(c) - corner(a)).normalized();
         ASSERT_GT(std::abs(normal.normalized().dot(expected_normal)), 0.9999F);
+        const float against = expected_normal.dot(tile.rays->direction(ray).normalized());
+        if (std::abs(against) > 1e-3F) {
+          ASSERT_EQ(tile.details->back[ray], against > 0.0F ? 1 : 0);
+        }
       }
     }
   }

@@ -86,6 +86,14 @@ struct Pixels {
 
 HWY_INLINE Mask every(Floats d) { return hn::Eq(hn::Zero(d), hn::Zero(d)); }
 
+HWY_INLINE std::uint64_t bits_of(Floats d, Mask mask) {
+  std::uint8_t bytes[8] = {};
+  hn::StoreMaskBits(d, mask, bytes);
+  std::uint64_t bits = 0;
+  for (std::size_t i = 0; i < 2; ++i) bits |= static_cast<std::uint64_t>(bytes[i]) << (8 * i);
+  return bits;
+}
+
 HWY_INLINE V dot(const Vec3V<V>& a, const Vec3V<V>& b) {
   return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
 }
@@ -156,6 +164,11 @@ template <bool kPlain>
 HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
   const V length = hn::Sqrt(dot(direction, direction));
   const V up = hn::Max(hn::Div(direction.z, length), hn::Zero(d));
+  if (!tables.sky.empty()) {
+    const V index =
+        hn::Add(hn::Mul(hn::Min(up, hn::Set(d, 1.0F)), hn::Set(d, static_cast<float>(Shading::kSky))), hn::Set(d, 0.5F));
+    return hn::GatherIndex(di, tables.sky.data(), hn::ConvertTo(di, index));
+  }
   const bool disc = !kPlain && tables.sun_disc.shows;
   const V share = disc ? sun_share(d, tables, direction, length) : hn::Zero(d);
   const auto channel = [&](std::size_t c) HWY_ATTR {
@@ -390,33 +403,62 @@ HWY_INLINE std::array<V, 3> vertex_colors(Floats d, const Shading::Tables& table
   return {hn::Load(d, color[0]), hn::Load(d, color[1]), hn::Load(d, color[2])};
 }
 
+// The colours of triangles in their table, of lanes that show one; -1 elsewhere.
+template <bool kShadows, bool kPlain>
+HWY_INLINE I lit_colors(Ints di, const Shading::Tables& tables, I elements, hn::Mask<Ints> triangles,
+                        const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays) {
+  const I number = hn::Sub(elements, hn::Set(di, tables.first_triangle));
+  I place = hn::Add(hn::ShiftLeft<2>(number), hn::Load(di, details.back + first));
+  if constexpr (kShadows) {
+    place = hn::Add(place, hn::IfThenElseZero(hn::RebindMask(di, rays.shaded), hn::Set(di, 2)));
+  }
+  const I colors = hn::GatherIndex(di, tables.lit.data(), hn::IfThenElseZero(triangles, place));
+  return hn::IfThenElse(triangles, colors, hn::Set(di, -1));
+}
+
 // Triangles: element by element from tables.
 template <bool kShadows, bool kPlain>
-HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements,
-                                  std::uint64_t which, const trace::HitDetails& details, std::size_t first,
-                                  const Rays<kShadows, kPlain>& rays, float pixel_area, const CameraOutputs& wanted) {
+HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements, Mask which,
+                                  const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays,
+                                  float pixel_area, const CameraOutputs& wanted) {
+  const V zero = hn::Zero(d);
+  Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
+  Mask to_light = which;
+  if (!wanted.any_color()) {
+    to_light = hn::Not(every(d));
+  } else if (!tables.lit.empty()) {
+    pixels.color = lit_colors(di, tables, hn::Load(di, elements), hn::RebindMask(di, which), details, first, rays);
+    to_light = hn::And(which, hn::RebindMask(d, hn::Lt(pixels.color, hn::Zero(di))));
+  }
+  const bool lights = !hn::AllFalse(d, to_light);
+  if (!lights && !wanted.semantic && !wanted.instance && !wanted.normal) return pixels;
+
   alignas(64) std::int32_t material[PixelTile::kSide] = {};
   alignas(64) std::int32_t object[PixelTile::kSide] = {};
-  for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
+  for (std::uint64_t bits = bits_of(d, which); bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
     const auto triangle = static_cast<std::size_t>(elements[lane] - tables.first_triangle);
     material[lane] = tables.triangle_material[triangle];
     object[lane] = tables.triangle_object[triangle];
   }
   const I materials = hn::Load(di, material);
+  if (wanted.semantic) pixels.semantic = hn::GatherIndex(di, tables.semantic.data(), materials);
+  pixels.instance = hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object));
+  if (!lights && !wanted.normal) return pixels;
+
   const Vec3V<V> geometric_normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
                                   hn::Load(d, details.normal_z + first)};
   const Vec3V<V> normal = towards_camera(d, normalised(geometric_normal), rays.direction);
-  Pixels pixels{hn::Zero(di), hn::GatherIndex(di, tables.semantic.data(), materials),
-                hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object)), normal};
-  if (wanted.any_color()) {
+  pixels.normal = normal;
+  if (lights) {
     const V one = hn::Set(d, 1.0F);
     std::array<V, 3> tints{one, one, one};
+    const std::uint64_t its = bits_of(d, to_light);
     const bool colored = !kPlain && !tables.colors.empty(), tinted = colored || !tables.uv.empty();
-    if (colored) tints = vertex_colors(d, tables, elements, which, details, first);
+    if (colored) tints = vertex_colors(d, tables, elements, its, details, first);
     if (!tables.uv.empty()) {
       const V texels = footprint(d, rays, normal, pixel_area);
-      tint(d, di, tables, elements, which, material, details, first, texels, tints);
+      tint(d, di, tables, elements, its, material, details, first, texels, tints);
     }
     const auto of_material = [&](const std::array<std::vector<float>, 3>& table, std::size_t c) HWY_ATTR {
       const V value = hn::GatherIndex(d, table[c].data(), materials);
@@ -426,10 +468,56 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
     const auto emitted = [&](std::size_t c) HWY_ATTR { return of_material(tables.emissive, c); };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-    pixels.color = !kPlain && tables.emits ? lit(d, di, tables, base, sunward, normal.z, rays, emitted)
-                                           : lit(d, di, tables, base, sunward, normal.z, rays);
+    const I color = !kPlain && tables.emits ? lit(d, di, tables, base, sunward, normal.z, rays, emitted)
+                                            : lit(d, di, tables, base, sunward, normal.z, rays);
+    pixels.color = hn::IfThenElse(hn::RebindMask(di, to_light), color, pixels.color);
   }
   return pixels;
+}
+
+// What light_triangles() makes of a vector of triangles whose normals are given, on one side.
+HWY_INLINE I light_side(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& normal, I materials, bool shaded) {
+  const Rays<true, false> rays{normal, hn::Zero(d), shaded ? every(d) : hn::Not(every(d))};
+  const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.color[c].data(), materials); };
+  const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.emissive[c].data(), materials); };
+  const auto& to_sun = tables.light.sun_direction;
+  const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
+  return lit(d, di, tables, base, sunward, normal.z, rays, emitted);
+}
+
+// Fills Shading::Tables::lit.
+void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertices, std::int32_t* out) {
+  const Floats d;
+  const Ints di;
+  for (std::size_t first = 0; first < tables.triangles.size(); first += hn::Lanes(d)) {
+    const std::size_t count = std::min(hn::Lanes(d), tables.triangles.size() - first);
+    alignas(64) float a[3][PixelTile::kSide] = {}, b[3][PixelTile::kSide] = {};
+    alignas(64) std::int32_t material[PixelTile::kSide] = {};
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto& corners = tables.triangles[first + i];
+      const auto corner = [&](std::size_t k) -> const Vec3& { return vertices[static_cast<std::size_t>(corners[k])]; };
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto at = static_cast<Eigen::Index>(axis);
+        a[axis][i] = corner(1)[at] - corner(0)[at];
+        b[axis][i] = corner(2)[at] - corner(0)[at];
+      }
+      material[i] = tables.triangle_material[first + i];
+    }
+    const auto product = [&](std::size_t j, std::size_t k) HWY_ATTR {
+      return hn::Sub(hn::Mul(hn::Load(d, a[j]), hn::Load(d, b[k])), hn::Mul(hn::Load(d, a[k]), hn::Load(d, b[j])));
+    };
+    const Vec3V<V> front = normalised({product(1, 2), product(2, 0), product(0, 1)});
+    const Vec3V<V> back{hn::Neg(front.x), hn::Neg(front.y), hn::Neg(front.z)};
+    const I materials = hn::Load(di, material);
+    alignas(64) std::int32_t color[4][PixelTile::kSide];
+    for (std::size_t k = 0; k < 4; ++k) {
+      hn::Store(light_side(d, di, tables, k % 2 == 0 ? front : back, materials, k >= 2), di, color[k]);
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      const bool textured = tables.texture[static_cast<std::size_t>(material[i])] >= 0;
+      for (std::size_t k = 0; k < 4; ++k) out[4 * (first + i) + k] = textured ? -1 : color[k][i];
+    }
+  }
 }
 
 HWY_INLINE Pixels select(Ints di, Mask mask, const Pixels& yes, const Pixels& no) {
@@ -439,14 +527,6 @@ HWY_INLINE Pixels select(Ints di, Mask mask, const Pixels& yes, const Pixels& no
           hn::IfThenElse(ints, yes.instance, no.instance),
           {hn::IfThenElse(mask, yes.normal.x, no.normal.x), hn::IfThenElse(mask, yes.normal.y, no.normal.y),
            hn::IfThenElse(mask, yes.normal.z, no.normal.z)}};
-}
-
-HWY_INLINE std::uint64_t bits_of(Floats d, Mask mask) {
-  std::uint8_t bytes[8] = {};
-  hn::StoreMaskBits(d, mask, bytes);
-  std::uint64_t bits = 0;
-  for (std::size_t i = 0; i < 2; ++i) bits |= static_cast<std::uint64_t>(bytes[i]) << (8 * i);
-  return bits;
 }
 
 HWY_INLINE void write_depth(Floats d, const trace::RayBundle& rays, std::size_t i, DepthKind depth_kind, TilePixels& out) {
@@ -495,6 +575,10 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
   const hn::Rebind<std::uint16_t, Floats> du16;
   const std::size_t lanes = hn::Lanes(d);
   for (std::size_t i = 0; i < bundle.count; i += lanes) {
+    const std::int32_t* const elements = bundle.element + i;
+    const I element = hn::Load(di, elements);
+    const auto triangles =
+        hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)), hn::Lt(element, hn::Set(di, tables.first_marker)));
     Rays<kShadows, kPlain> rays{
         rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + i), hn::LoadU(d, bundle.y + i), hn::LoadU(d, bundle.z + i)}),
         hn::Load(d, bundle.t_hit + i), hn::Not(every(d))};
@@ -502,8 +586,6 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
       rays.shaded = hn::RebindMask(d, hn::Ne(hn::PromoteTo(di, hn::LoadU(du8, shaded + i)), hn::Zero(di)));
     }
     if (wanted.depth) write_depth(d, bundle, i, depth_kind, out);
-    const std::int32_t* const elements = bundle.element + i;
-    const I element = hn::Load(di, elements);
     const V zero = hn::Zero(d);
     Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
     std::uint64_t left = bits_of(d, every(d));
@@ -517,9 +599,8 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
         shown.normal = {zero, zero, zero};
         if (wanted.any_color()) shown.color = sky<kPlain>(d, di, tables, rays.direction);
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
-        mask = hn::RebindMask(d, hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)),
-                                         hn::Lt(element, hn::Set(di, tables.first_marker))));
-        shown = triangle_pixels(d, di, tables, elements, bits_of(d, mask), details, i, rays, pixel_area, wanted);
+        mask = hn::RebindMask(d, triangles);
+        shown = triangle_pixels(d, di, tables, elements, mask, details, i, rays, pixel_area, wanted);
       } else {
         mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
         const ShadedSolid& solid = number < tables.first_triangle
@@ -575,6 +656,7 @@ namespace flockstep::render {
 namespace {
 
 HWY_EXPORT(shade);
+HWY_EXPORT(light_triangles);
 
 // What the kernels' `lit` computes, of one surface.
 std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, float sunward, float upward) {
@@ -586,6 +668,18 @@ std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, fl
     const float root = std::sqrt(std::min(1.0F, reflected + surface.emissive[c]));
     const int level = tables.levels[static_cast<std::size_t>(std::lround(root * Shading::kLevels))];
     color |= static_cast<std::uint32_t>(level) << (8 * c);
+  }
+  return static_cast<std::int32_t>(color);
+}
+
+// What the kernels' `sky` computes, without a sun disc.
+std::int32_t sky_color(const Shading::Tables& tables, float up) {
+  std::uint32_t color = 0;
+  for (std::size_t c = 0; c < 3; ++c) {
+    const float horizon = tables.light.horizon_color[c];
+    const float value = horizon + (tables.light.zenith_color[c] - horizon) * up;
+    const float root = std::sqrt(std::clamp(value, 0.0F, 1.0F));
+    color |= static_cast<std::uint32_t>(tables.levels[static_cast<std::size_t>(std::lround(root * Shading::kLevels))]) << (8 * c);
   }
   return static_cast<std::int32_t>(color);
 }
@@ -662,6 +756,18 @@ Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world)
   tables_.colors = world.triangles().colors;
   tables_.texels_per_square_metre = texels_per_square_metre(world);
   tables_.first_object = appearance.first_object;
+  if (tables_.colors.empty()) {
+    tables_.lit.resize(4 * tables_.triangles.size());
+    HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, world.triangles().vertices, tables_.lit.data());
+  }
+  if (!tables_.sun_disc.shows) {
+    for (int i = 0; i <= kSky; ++i) tables_.sky.push_back(sky_color(tables_, static_cast<float>(i) / kSky));
+    if (!is_fine(tables_.sky)) tables_.sky.clear();
+  }
+}
+
+bool Shading::needs_normals(const CameraOutputs& wanted) const {
+  return wanted.normal || (wanted.any_color() && (tables_.lit.empty() || !tables_.uv.empty()));
 }
 
 void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,

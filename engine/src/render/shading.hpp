@@ -49,12 +49,16 @@ class Shading {
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
+  // Whether the details that the tracer finds must have normals, and not only sides.
+  bool needs_normals(const CameraOutputs& wanted) const;
+
   // As shading_room() says.
   const std::optional<Aabb>& room() const { return room_; }
 
   // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
+  static constexpr int kSky = 2047;
 
   struct Tables {
     std::vector<ShadedSolid> solids;                    // as World::primitives()
@@ -70,6 +74,10 @@ class Shading {
     std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
     std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
     std::vector<float> texels_per_square_metre;    // of triangles
+    // Four for each triangle: what its front and its back show, in the sun and in shade; -1 where a texture is on it. Empty where
+    // there are colours of vertices.
+    std::vector<std::int32_t> lit;
+    std::vector<std::int32_t> sky;  // (kSky + 1,) colours from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
     Light light;
     SunDisc sun_disc;

@@ -107,6 +107,13 @@ HWY_INLINE void store_where(const M& mask, std::int32_t value, std::int32_t* to)
     hn::Store(hn::IfThenElse(hn::RebindMask(DI(), mask.part[p]), hn::Set(DI(), value), hn::Load(DI(), part)), DI(), part);
   }
 }
+// Twice the values, and 1 more where the mask says so.
+HWY_INLINE void store_doubled(const std::int32_t* values, const M& one_more, std::int32_t* to) {
+  for (std::size_t p = 0; p < kParts; ++p) {
+    const auto one = hn::IfThenElseZero(hn::RebindMask(DI(), one_more.part[p]), hn::Set(DI(), 1));
+    hn::Store(hn::Or(hn::ShiftLeft<1>(hn::Load(DI(), values + p * kLanes)), one), DI(), to + p * kLanes);
+  }
+}
 HWY_INLINE M is_above(const std::int32_t* values, std::int32_t value) {
   M result;
   for (std::size_t p = 0; p < kParts; ++p) {
@@ -205,10 +212,11 @@ struct Facets {
   alignas(64) float clear[16];  // where all three are above this, rounding has no say
   Linear depth;                 // 1 / the depth, not yet between least and most; its three numbers are a normal, too
   alignas(64) float least[16], most[16];
+  alignas(64) std::int32_t id[16];  // twice the triangle's number, and 1 more where its back is seen
   Bits slivers;  // seen so nearly edge-on that rounding may decide which side is seen: of them, least and most alone count
 };
 
-template <bool kDetails>
+template <bool kNormals>
 class TileTrace {
  public:
   TileTrace(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
@@ -455,6 +463,7 @@ class TileTrace {
     const F height = (normal.x * c[0].x + normal.y * c[0].y) + normal.z * c[0].z;
     const M is_clear = magnitude(height) > all(6.0F * kRounding) * length[0] * length[1] * reach;
     facets.slivers = ~bits(is_clear) & 0xFFFFU;
+    store_doubled(leaf.triangle, height > zero, facets.id);
     const F side = select(height >= zero, one, zero - one);
     for (std::size_t k = 0; k < 3; ++k) facets.edge[k].set(side * edge[k].x + slack, side * edge[k].y, side * edge[k].z);
     const F share = one / height;
@@ -553,15 +562,15 @@ class TileTrace {
     const F lowest = least(least(a, b), c);
     M hit = (lowest >= all(0.0F)) & (w >= best) & (all(most_w_) >= w);
     if (none(hit)) return false;
-    const std::int32_t triangle = leaf.triangle[i];
-    hit = hit & ((w > best) | is_above(id_ + 16 * sub, triangle));
+    const std::int32_t id = facets.id[i];
+    hit = hit & ((w > best) | is_above(id_ + 16 * sub, id));
     if (const M doubtful = without(hit, lowest > all(facets.clear[i])); !none(doubtful)) {
       hit = without(hit, missed(leaf, i, sub, bits(doubtful)));
     }
     if (none(hit)) return false;
     store_where(hit, w, w_ + 16 * sub);
-    store_where(hit, triangle, id_ + 16 * sub);
-    if constexpr (kDetails) {
+    store_where(hit, id, id_ + 16 * sub);
+    if constexpr (kNormals) {
       store_where(hit, all(facets.depth.of_1[i]), n_[0] + 16 * sub);
       store_where(hit, all(facets.depth.of_u[i]), n_[1] + 16 * sub);
       store_where(hit, all(facets.depth.of_v[i]), n_[2] + 16 * sub);
@@ -591,9 +600,9 @@ class TileTrace {
     bool any = false;
     for (; hit != 0; hit &= hit - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(hit));
-      if (!is_nearer(at[3][i], leaf.triangle[i], ray)) continue;
+      if (!is_nearer(at[3][i], facets.id[i], ray)) continue;
       if ((clear >> i & 1U) == 0 && !hits_exactly(u_.of_ray[ray], v_.of_ray[ray], corners(leaf, i))) continue;
-      take(ray, at[3][i], leaf.triangle[i], {facets.depth.of_1[i], facets.depth.of_u[i], facets.depth.of_v[i]},
+      take(ray, at[3][i], facets.id[i], {facets.depth.of_1[i], facets.depth.of_u[i], facets.depth.of_v[i]},
            {at[0][i], at[1][i], at[2][i]});
       any = true;
     }
@@ -603,25 +612,22 @@ class TileTrace {
   // One ray and a triangle that is seen edge-on. Whether it has hit it.
   bool test_sliver(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) {
     const float w = facets.least[i];
-    if (w > most_w_ || !is_nearer(w, leaf.triangle[i], ray)) return false;
+    if (w > most_w_ || !is_nearer(w, facets.id[i], ray)) return false;
     const std::array<Corner, 3> its = corners(leaf, i);
     if (!hits_exactly(u_.of_ray[ray], v_.of_ray[ray], its)) return false;
     const std::array<double, 3> a{its[1].x - its[0].x, its[1].y - its[0].y, its[1].z - its[0].z},
         b{its[2].x - its[0].x, its[2].y - its[0].y, its[2].z - its[0].z};
     const auto normal = [&](std::size_t j, std::size_t k) { return static_cast<float>(a[j] * b[k] - a[k] * b[j]); };
-    take(ray, w, leaf.triangle[i], {normal(1, 2), normal(2, 0), normal(0, 1)}, {1.0F, 1.0F, 1.0F});
+    take(ray, w, facets.id[i], {normal(1, 2), normal(2, 0), normal(0, 1)}, {1.0F, 1.0F, 1.0F});
     return true;
   }
 
-  bool is_nearer(float w, std::int32_t triangle, std::size_t ray) const {
-    return w > w_[ray] || (w == w_[ray] && triangle < id_[ray]);
-  }
+  bool is_nearer(float w, std::int32_t id, std::size_t ray) const { return w > w_[ray] || (w == w_[ray] && id < id_[ray]); }
 
-  void take(std::size_t ray, float w, std::int32_t triangle, const std::array<float, 3>& normal,
-            const std::array<float, 3>& weight) {
+  void take(std::size_t ray, float w, std::int32_t id, const std::array<float, 3>& normal, const std::array<float, 3>& weight) {
     w_[ray] = w;
-    id_[ray] = triangle;
-    for (std::size_t k = 0; kDetails && k < 3; ++k) {
+    id_[ray] = id;
+    for (std::size_t k = 0; kNormals && k < 3; ++k) {
       n_[k][ray] = normal[k];
       weight_[k][ray] = weight[k];
     }
@@ -657,7 +663,7 @@ class TileTrace {
     const std::size_t rows = rays_.count / 16;
     for (std::size_t first = 0; first < 64 * ((rows + 3) / 4); first += 16) {
       store(least(all(1.0F) / load(w_ + first), all(rays_.range)), w_ + first);
-      if constexpr (kDetails) {
+      if constexpr (kNormals) {
         const F3 normal{load(n_[0] + first), load(n_[1] + first), load(n_[2] + first)};
         for (int axis = 0; axis < 3; ++axis) {
           const auto part = [&](int k) HWY_ATTR { return all(rays_.rotation(axis, k)); };
@@ -681,9 +687,11 @@ class TileTrace {
         const auto found = hn::Ne(id, hn::Set(di, kNobody));
         const auto t_hit = hn::IfThenElse(hn::RebindMask(d, found), hn::Load(d, w_ + from), hn::Load(d, rays_.t_hit + to));
         hn::Store(t_hit, d, rays_.t_hit + to);
-        const auto element = hn::IfThenElse(found, hn::Add(id, hn::Set(di, first_element_)), hn::Load(di, rays_.element + to));
+        const auto element =
+            hn::IfThenElse(found, hn::Add(hn::ShiftRight<1>(id), hn::Set(di, first_element_)), hn::Load(di, rays_.element + to));
         hn::Store(element, di, rays_.element + to);
-        if constexpr (kDetails) {
+        if (details_ != nullptr) hn::Store(hn::And(id, hn::Set(di, 1)), di, details_->back + to);
+        if constexpr (kNormals) {
           const auto copy = [&](const float* values, float* out) HWY_ATTR { hn::Store(hn::Load(d, values + from), d, out + to); };
           copy(n_[0], details_->normal_x);
           copy(n_[1], details_->normal_y);
@@ -711,15 +719,15 @@ class TileTrace {
   float largest_u_, largest_v_;  // of the tile, either sign
   Bits used_ = 0;
   alignas(64) float w_[kRays];          // 1 / the depth of what was hit
-  alignas(64) std::int32_t id_[kRays];  // of what was hit
+  alignas(64) std::int32_t id_[kRays];  // of what was hit, as in Facets
   alignas(64) float n_[3][kRays];       // likewise: a normal, tile's frame
   alignas(64) float weight_[3][kRays];  // likewise: of the triangle's third, first, second corner
   alignas(64) float w_of_[16];          // of each sub-tile, as w_of_all
 };
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details) {
-  if (details != nullptr) {
+                     HitDetails* details, bool normals) {
+  if (details != nullptr && normals) {
     TileTrace<true>(tree, first_element, u, v, rays, details).trace();
   } else {
     TileTrace<false>(tree, first_element, u, v, rays, details).trace();
@@ -748,8 +756,8 @@ TileAxis make_tile_axis(const float* rows) {
 }
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details) {
-  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details);
+                     HitDetails* details, bool normals) {
+  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details, normals);
 }
 
 }  // namespace flockstep::trace

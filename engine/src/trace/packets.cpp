@@ -17,8 +17,10 @@ namespace flockstep::trace::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 // Writes what Embree tells of a vector of hits, of which `taken` count.
-template <class D, class Hits>
-HWY_INLINE void store_details(D d, const Hits& hits, std::size_t lane, hn::Mask<D> taken, HitDetails& details, std::size_t ray) {
+template <class D, class Packet>
+HWY_INLINE void store_details(D d, const Packet& packet, std::size_t lane, hn::Mask<D> taken, HitDetails& details,
+                              std::size_t ray) {
+  const auto& hits = packet.hit;
   const auto store = [&](const float* from, float* to) HWY_ATTR {
     hn::Store(hn::IfThenElse(taken, hn::Load(d, from + lane), hn::Load(d, to + ray)), d, to + ray);
   };
@@ -27,6 +29,14 @@ HWY_INLINE void store_details(D d, const Hits& hits, std::size_t lane, hn::Mask<
   store(hits.Ng_x, details.normal_x);
   store(hits.Ng_y, details.normal_y);
   store(hits.Ng_z, details.normal_z);
+  // Embree's normals point where the corners go around counterclockwise.
+  const hn::RebindToSigned<D> di;
+  const auto along = [&](const float* normal, const float* direction)
+                         HWY_ATTR { return hn::Mul(hn::Load(d, normal + lane), hn::Load(d, direction + lane)); };
+  const auto against = hn::Add(along(hits.Ng_x, packet.ray.dir_x),
+                               hn::Add(along(hits.Ng_y, packet.ray.dir_y), along(hits.Ng_z, packet.ray.dir_z)));
+  const auto back = hn::IfThenElseZero(hn::RebindMask(di, hn::Gt(against, hn::Zero(d))), hn::Set(di, 1));
+  hn::Store(hn::IfThenElse(hn::RebindMask(di, taken), back, hn::Load(di, details.back + ray)), di, details.back + ray);
 }
 
 template <std::size_t kSize>
@@ -83,7 +93,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, Through through, 
           hn::Add(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + i)), hn::Set(di, first_element));
       hn::Store(hn::IfThenElse(nearer, distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
       hn::Store(hn::IfThenElse(hn::RebindMask(di, nearer), element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
-      if (details != nullptr) store_details(d, packet.hit, i, nearer, *details, ray);
+      if (details != nullptr) store_details(d, packet, i, nearer, *details, ray);
     }
   }
 }
@@ -144,7 +154,7 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, Throug
         const V distance = hn::Load(d, packet.ray.tfar + lane);
         hn::Store(hn::IfThenElse(hn::RebindMask(d, found), distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
         hn::Store(hn::IfThenElse(found, element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
-        store_details(d, packet.hit, lane, hn::RebindMask(d, found), details, ray);
+        store_details(d, packet, lane, hn::RebindMask(d, found), details, ray);
       });
     }
   }

@@ -57,6 +57,7 @@ struct RayBlock {
 struct HitDetails {
   alignas(64) RayFloats u, v;                          // barycentric: the weights of the triangle's second and third vertex
   alignas(64) RayFloats normal_x, normal_y, normal_z;  // geometric normal of any length and side, world frame
+  alignas(64) RayInts back;                            // 1 where the triangle's corners go around clockwise, as seen; else 0
 };
 
 // Appends rays [first, first + count) of the bundle, with what they have hit so far. The block has room for them.

@@ -32,7 +32,7 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
   tree_ = viewpoint.tiles ? scene.tiles() : nullptr;
-  wants_details_ = viewpoint.details;
+  wants_normals_ = viewpoint.normals;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
@@ -43,7 +43,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   if (!trace_candidates(tile)) trace_crowd();
   if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
   if (tree_ != nullptr) {
-    trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, wants_details_ ? &details_ : nullptr);
+    trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, wants_normals_);
   } else {
     note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
   }
@@ -118,7 +118,7 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
     std::fill_n(depth, kTileWidth, -1.0F);  // beside the tile: nothing is nearer
     for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
   }
-  trace_mesh_tile(*tree_, 0, view.u, view.v, seen, nullptr);
+  trace_mesh_tile(*tree_, 0, view.u, view.v, seen, nullptr, false);
   for (std::size_t row = 0; row < rows; ++row) {
     const float *const depth = seen.t_hit + row * kTileWidth, *const ahead = view.ahead + row * kTileWidth;
     const std::int32_t* const element = seen.element + row * kTileWidth;

@@ -25,7 +25,7 @@ struct Viewpoint {
   float range;                // likewise
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
-  bool details = true;        // those of trace() are asked for
+  bool normals = true;        // those of what trace() hits are asked for, and where in a triangle
   bool tiles = false;         // triangles are traced in tiles where they can be, for which the scene is prepared
 };
 
@@ -111,7 +111,7 @@ class Tracer {
   const Scene* scene_ = nullptr;    // that the sensor is in
   const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
-  bool wants_details_ = true;
+  bool wants_normals_ = true;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
   RayBundle view_bundle_;    // the same in the frame of its view
