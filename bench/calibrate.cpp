@@ -1,6 +1,6 @@
-// Where direct tracing stops to pay: times it against Embree in clouds of primitives of growing density, and prints
-// engine/src/trace/calibrated.hpp. `./dev calibrate` puts it there. Run it on a quiet machine; the constants are committed, since
-// the choice decides the last bits of a distance.
+// Where direct tracing and tiles stop to pay: times them against Embree, direct tracing in clouds of primitives of growing
+// density and tiles at meshes that grow under few rays, and prints engine/src/trace/calibrated.hpp. `./dev calibrate` puts it
+// there. Run it on a quiet machine; the constants are committed, since the choice decides the last bits of a distance.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,10 +11,13 @@
 #include <random>
 #include <vector>
 
+#include "bare_embree.hpp"
 #include "base/flush_denormals.hpp"
 #include "bench.hpp"
 #include "compiled/compiled_world.hpp"
+#include "flockstep/batch.hpp"
 #include "flockstep/world.hpp"
+#include "mesh_world.hpp"
 #include "sensors/beams.hpp"
 #include "trace/scene.hpp"
 #include "trace/shape.hpp"
@@ -152,14 +155,69 @@ int crossover(const char* name, double (*advantage)(int)) {
   return best;
 }
 
+// Embree's time over that of tiles, for cameras of side x side pixels over hills of about so many triangles.
+double tiles_advantage(int side, int triangles) {
+  constexpr int kCameras = 64;
+  const int cells = static_cast<int>(std::sqrt(triangles / 2.48));  // with the trees on them
+  const auto world = bench::mesh_world(cells, 0.3F * static_cast<float>(cells));
+  const auto places = bench::free_positions(*world, kCameras, 1);
+  std::vector<float> position, rotation;
+  for (int i = 0; i < kCameras; ++i) {
+    const Vec3& place = places[static_cast<std::size_t>(i)];
+    position.insert(position.end(), {place.x(), place.y(), place.z()});
+    const float half_yaw = 0.3F * static_cast<float>(i);
+    rotation.insert(rotation.end(), {std::cos(half_yaw), 0.0F, 0.0F, std::sin(half_yaw)});
+  }
+  const auto make_batch = [&](TracerKind tracer) {
+    BatchConfig config;
+    config.num_envs = kCameras;
+    config.num_threads = 1;
+    config.tracer = tracer;
+    config.cameras.emplace_back();
+    config.cameras[0].width_px = config.cameras[0].height_px = side;
+    config.cameras[0].far_m = 100.0F;
+    config.cameras[0].outputs = {.rgb = false, .depth = true};
+    auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
+    batch->set_pose(position, rotation);
+    return batch;
+  };
+  const auto tiles = make_batch(TracerKind::tiles), embree = make_batch(TracerKind::embree);
+  const bench::Times times =
+      bench::interleave({{"tiles", [&] { tiles->capture(0); }}, {"embree", [&] { embree->capture(0); }}}, kRuns, 0.01);
+  return bench::median_ratio(times[1], times[0]);
+}
+
+// The fewest rays that pay in tiles at some hundred triangles.
+int fewest_in_tiles() {
+  for (const int side : {4, 8, 12, 16, 24, 32}) {
+    const double gain = tiles_advantage(side, 1000);
+    std::fprintf(stderr, "  tiles      %4d rays: Embree takes %6.2f times as long\n", side * side, gain);
+    if (gain >= 1.05) return side * side;
+  }
+  return 48 * 48;
+}
+
+// The most triangles for each of so many rays up to which tiles pay, a power of two.
+int triangles_per_ray(int rays) {
+  int best = 1;
+  for (int each = 16; each <= 8192; each *= 2) {
+    const double gain = tiles_advantage(static_cast<int>(std::sqrt(rays)), each * rays);
+    std::fprintf(stderr, "  tiles      %4d triangles for each of %d rays: Embree takes %6.2f times as long\n", each, rays, gain);
+    if (gain < 1.0) return best;
+    best = each;
+  }
+  return best;
+}
+
 }  // namespace
 
 int main() {
   const FlushDenormals flush;
   const int bundle = crossover("in reach", bundle_advantage);
   const int any_origin = std::min(crossover("in all", block_advantage), bundle);
+  const int fewest = fewest_in_tiles(), per_ray = triangles_per_ray(fewest);
   std::printf(
-      R"(// Where direct tracing ends and Embree begins. Written by `./dev calibrate` (here with %s); nothing is timed at run time,
+      R"(// Which way rays go. Written by `./dev calibrate` (here with %s); nothing is timed at run time,
 // since the choice decides the last bits of a distance.
 #pragma once
 
@@ -171,8 +229,11 @@ namespace flockstep::trace {
 inline constexpr std::size_t kMaxDirect = %d;
 // Shapes of a world up to which rays of any origins are tested against every one.
 inline constexpr std::size_t kMaxDirectAnyOrigin = %d;
+// Rays of a sensor from which on they meet triangles in tiles, and how many triangles there may be for each.
+inline constexpr std::size_t kFewestInTiles = %d;
+inline constexpr std::size_t kTrianglesPerRay = %d;
 
 }  // namespace flockstep::trace
 )",
-      trace::simd_target(), bundle, any_origin);
+      trace::simd_target(), bundle, any_origin, fewest, per_ray);
 }

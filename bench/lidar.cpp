@@ -182,8 +182,8 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   config.num_threads = 1;
   config.lidar = lidar;
   flockstep::Batch batch(config, worlds);
-  config.tracer = flockstep::TracerKind::tiles;
-  flockstep::Batch by_tiles(config, worlds);
+  config.tracer = flockstep::TracerKind::embree;
+  flockstep::Batch by_embree(config, worlds);
   const auto n = static_cast<std::size_t>(num_drones);
   std::vector<float> position(3 * n);
   for (std::size_t w = 0; w < worlds.size(); ++w) {
@@ -194,7 +194,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   }
   batch.set_pose(position, {});
   batch.sense();
-  by_tiles.set_pose(position, {});
+  by_embree.set_pose(position, {});
 
   const std::size_t per_drone = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
   std::vector<float> directions(3 * n * per_drone);
@@ -252,7 +252,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
     }
   }
   const std::size_t end_of_bare = variants.size();
-  if (!has_primitives) variants.push_back({"engine by tiles", [&by_tiles] { by_tiles.sense(); }});
+  if (!has_primitives) variants.push_back({"engine by Embree", [&by_embree] { by_embree.sense(); }});
   const flockstep::FlushDenormals flush;
   bench::Times times = bench::interleave(variants, runs);
 
@@ -276,7 +276,8 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   figures.add("lidar/" + name + "/scans_per_second", per_second(0), "1/s", runs);
   figures.add("lidar/" + name + "/bare_embree_scans_per_second", per_second(best), "1/s", runs);
   if (!has_primitives) {
-    figures.add("lidar/tiles_" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1", runs);
+    figures.add("lidar/embree_" + name + "/ratio_to_bare_embree", bench::median_ratio(times[best], times[end_of_bare]), "1",
+                runs);
     return;
   }
   const std::size_t best_triangles = fastest(first_triangles, end_of_bare);

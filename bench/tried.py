@@ -4,10 +4,13 @@ moves    pushes and turns at rest against walls, 0 to 10 km from the origin: no 
 pushes   ticks of drones that fly by rotors and push against walls and corners: none is ever inside
 motions  sweeps against fine stepping with an independent convex distance
 rays     rays traced directly, through Embree, and by closed forms in double precision
+agreement     rays of LiDARs in worlds of primitives and triangles, in tiles, through Embree, and by closed forms
+watertight    rays at corners and edges of closed meshes, in tiles: none slips through
+independence  rays in tiles, and the same beside other rays and alone: no bit differs
 worlds   seeds of the generated worlds: each has a way that has been flown, of every fiftieth a planner finds one
 scene, obj, ply, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
 
-Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there. The first four run in
+Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there. The first seven run in
 parts, each with seeds of its own, and write after each: what was stopped goes on with the next part, on another machine
 from what was kept.
 """
@@ -31,7 +34,11 @@ TESTS = {
     "pushes": ("Contact.Pushed*", 30, 10),
     "motions": ("SweepAgainstFineStepping*", 10, 10),
     "rays": ("Agreement*", 20, 50),
+    "agreement": ("TracerAgreement*", 20, 750),
+    "watertight": ("MeshTiles.NoRay*", 20, 1700),
+    "independence": ("MeshTiles.ARays*", 20, 6000),
 }
+UNITS = dict.fromkeys(("agreement", "watertight", "independence"), "rays")  # what else they count than their name
 #: Generators of worlds, and the cells (m) of a planner that finds a way in each.
 WORLDS = {"forest": 0.5, "office": 0.5, "warehouse": 0.6}
 SEEDS, PLANNED = 1000, 50  # of each generator; one of so many is planned
@@ -60,7 +67,7 @@ def run_tests(name: str) -> None:
     for part in range(len(parts), TESTS[name][1]):
         parts.append({**source(), "count": run_part(name, part)})
         print(f"{name}: part {part + 1} of {TESTS[name][1]}, {parts[-1]['count']:,} {name}", flush=True)
-        write(name, {**source(), "count": sum(p["count"] for p in parts), "unit": name, "parts": parts})
+        write(name, {**source(), "count": sum(p["count"] for p in parts), "unit": UNITS.get(name, name), "parts": parts})
 
 
 def run_fuzzer(name: str, runs: int) -> int:

@@ -146,7 +146,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
     tracer
-        ``"auto"`` or ``"tiles"``, which is faster at many triangles; see `Batch`.
+        ``"auto"``, ``"tiles"`` or ``"embree"``: how rays meet triangles; see `Batch`.
     pose_sensor, imu, drone
         Default: an exact pose; none; what the task says, for navigation the 650-class quadrotor. A drone is a
         `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <memory>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "trace/mesh_tree.hpp"
+#include "tried.hpp"
 
 namespace flockstep::trace {
 namespace {
@@ -159,9 +161,10 @@ TEST(MeshTiles, HitWhatAnOracleInDoublePrecisionSays) {
 // Rays at corners, at the middle of edges, and a few roundings beside them, from within something closed.
 TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
   const Device device;
-  Random random(2);
-  std::size_t rays = 0;
-  for (const int rings : {4, 12, 40}) {
+  Random random(2 + (testing::part_tried() << 24U));
+  long rays = 0;
+  for (long round = 0; round < testing::times_tried(3); ++round) {
+    const int rings = std::array{4, 12, 40}[static_cast<std::size_t>(round % 3)];
     const TriangleMesh mesh = ball(rings, 2 * rings, rings == 12 ? 1.0F : 0.0F, random);
     const MeshTree tree = device.tree(mesh);
     Tile tile;
@@ -192,49 +195,58 @@ TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
       }
     }
   }
-  EXPECT_EQ(rays, 3U * 40U * kMaxRays);
+  testing::tried("watertight", rays);
 }
 
 // What lies beside a ray, and which way the tree is gone through, changes no bit: rays of one origin and frame, shuffled.
 TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
   const Device device;
-  Random random(3);
-  std::size_t hits = 0;
-  for (const int rings : {5, 60}) {
-    Tile tile, shuffled, alone;
-    for (int i = 0; i < 10; ++i) {
-      const Mat3 rotation = random.rotation().toRotationMatrix();
-      const Vec3 origin = random.point(5.0F);
+  Random random(3 + (testing::part_tried() << 24U));
+  constexpr long kPosesOfAMesh = 10;
+  const long poses = testing::times_tried(4 * kPosesOfAMesh);
+  const long of_a_mesh = std::max(kPosesOfAMesh, poses / 40);
+  long rays = 0, hits = 0;
+  Tile tile, shuffled, alone;
+  std::unique_ptr<const MeshTree> tree;
+  Vec3 eye;
+  for (long pose = 0; pose < poses; ++pose) {
+    if (pose % of_a_mesh == 0) {
+      const int rings = pose / of_a_mesh % 2 == 0 ? 5 : 60;
       TriangleMesh mesh = ball(rings, 2 * rings, 0.7F, random);
-      if (i % 3 != 0) add_slivers(mesh, origin, random);
-      const MeshTree tree = device.tree(mesh);
-      look(tile, i % 2 == 0 ? 0.1F : 0.004F);
-      tile.trace(tree, origin, rotation);
-      std::array<std::size_t, kMaxRays> from;
-      for (std::size_t ray = 0; ray < kMaxRays; ++ray) from[ray] = ray;
-      std::shuffle(from.begin(), from.end(), random.generator());
-      for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
-        const bool is_other = ray % 7 == 0;  // and some that point elsewhere
-        shuffled.y[ray] = is_other ? random.within(-3, 3) : tile.y[from[ray]];
-        shuffled.z[ray] = is_other ? random.within(-3, 3) : tile.z[from[ray]];
-      }
-      shuffled.trace(tree, origin, rotation);
-      for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
-        if (ray % 7 == 0) continue;
-        ASSERT_EQ(shuffled.rays->element[ray], tile.rays->element[from[ray]]);
-        ASSERT_EQ(shuffled.rays->t_hit[ray], tile.rays->t_hit[from[ray]]);
-        hits += shuffled.rays->element[ray] >= 0;
-      }
-      for (std::size_t ray = 0; ray < kMaxRays; ray += 17) {
-        std::fill(alone.y.begin(), alone.y.end(), tile.y[ray]);
-        std::fill(alone.z.begin(), alone.z.end(), tile.z[ray]);
-        alone.trace(tree, origin, rotation, 16);
-        ASSERT_EQ(alone.rays->element[5], tile.rays->element[ray]);
-        ASSERT_EQ(alone.rays->t_hit[5], tile.rays->t_hit[ray]);
-      }
+      eye = random.point(5.0F);
+      add_slivers(mesh, eye, random);
+      tree = std::make_unique<const MeshTree>(device.tree(mesh));
+    }
+    const Mat3 rotation = random.rotation().toRotationMatrix();
+    const Vec3 origin = pose % 2 == 0 ? eye : Vec3(random.point(5.0F));
+    look(tile, pose % 4 < 2 ? 0.1F : 0.004F);
+    tile.trace(*tree, origin, rotation);
+    std::array<std::size_t, kMaxRays> from;
+    for (std::size_t ray = 0; ray < kMaxRays; ++ray) from[ray] = ray;
+    std::shuffle(from.begin(), from.end(), random.generator());
+    for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+      const bool is_other = ray % 7 == 0;  // and some that point elsewhere
+      shuffled.y[ray] = is_other ? random.within(-3, 3) : tile.y[from[ray]];
+      shuffled.z[ray] = is_other ? random.within(-3, 3) : tile.z[from[ray]];
+    }
+    shuffled.trace(*tree, origin, rotation);
+    for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+      if (ray % 7 == 0) continue;
+      ++rays;
+      ASSERT_EQ(shuffled.rays->element[ray], tile.rays->element[from[ray]]) << "pose " << pose;
+      ASSERT_EQ(shuffled.rays->t_hit[ray], tile.rays->t_hit[from[ray]]) << "pose " << pose;
+      hits += shuffled.rays->element[ray] >= 0;
+    }
+    for (std::size_t ray = static_cast<std::size_t>(pose % 17); ray < kMaxRays; ray += 17) {
+      std::fill(alone.y.begin(), alone.y.end(), tile.y[ray]);
+      std::fill(alone.z.begin(), alone.z.end(), tile.z[ray]);
+      alone.trace(*tree, origin, rotation, 16);
+      ASSERT_EQ(alone.rays->element[5], tile.rays->element[ray]) << "pose " << pose;
+      ASSERT_EQ(alone.rays->t_hit[5], tile.rays->t_hit[ray]) << "pose " << pose;
     }
   }
-  EXPECT_GT(hits, 1000U);
+  EXPECT_GT(hits, rays / 10);
+  testing::tried("independence", rays);
 }
 
 TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {

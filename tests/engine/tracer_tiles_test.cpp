@@ -1,10 +1,12 @@
-// Batches whose tracer is "tiles": their cameras and LiDARs against closed forms in double precision and against Embree.
+// What the tracer of a batch decides: its cameras and LiDARs by tiles against closed forms in double precision and against
+// Embree.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <initializer_list>
 #include <limits>
 #include <memory>
 #include <numbers>
@@ -17,6 +19,7 @@
 #include "ray_oracle.hpp"
 #include "sensors/beams.hpp"
 #include "trace/scene.hpp"
+#include "tried.hpp"
 
 namespace flockstep {
 namespace {
@@ -68,8 +71,8 @@ constexpr int kDrones = 8;
 struct Poses {
   std::vector<float> position, quat_wxyz;
 
-  Poses() {
-    Random random(7);
+  explicit Poses(unsigned seed = 7) {
+    Random random(seed);
     for (int i = 0; i < kDrones; ++i) {
       position.insert(position.end(), {random.within(-9, 9), random.within(-9, 9), random.within(1.5F, 5)});
       const Quat q = random.rotation();
@@ -123,42 +126,100 @@ constexpr std::size_t kEvery = 41;
 
 class TracerTiles : public ::testing::TestWithParam<int> {};  // spheres
 
-TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
-  const auto world = hills_and_spheres(GetParam());
-  const auto batch = make_batch(world, TracerKind::tiles);
-  const LidarConfig lidar = grid();
-  const std::size_t rays = static_cast<std::size_t>(lidar.channels) * static_cast<std::size_t>(lidar.beams);
-  std::vector<float> directions(3 * rays * kDrones);
-  batch->lidar_directions(directions);
-  std::size_t compared = 0, hits = 0;
-  for (std::size_t drone = 0; drone < kDrones; ++drone) {
-    const Pose pose = pose_of(batch->state(), drone);
-    const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
-    const Eigen::Vector3d origin =
-        pose.position.cast<double>() + rotation * Eigen::Vector3d(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
-    for (std::size_t ray = drone % kEvery; ray < rays; ray += kEvery) {
-      const float* const d = &directions[3 * (drone * rays + ray)];
-      const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
-      const oracle::Hit hit = oracle::nearest(*world, origin, direction, lidar.max_range_m);
-      if (!oracle::is_clear_cut(*world, hit, origin, direction, lidar.max_range_m)) continue;
-      ++compared;
-      const float range = batch->lidar_ranges()[drone * rays + ray];
-      if (std::isinf(hit.t)) {
-        ASSERT_TRUE(std::isinf(range)) << "drone " << drone << " ray " << ray;
-        continue;
+// Holds every so-many-th ray of batches that differ in their tracer alone against the oracle.
+struct Tally {
+  std::size_t rays = 0, compared = 0, hits = 0;
+
+  void compare(const World& world, std::initializer_list<const Batch*> batches, std::size_t every) {
+    const Batch& first = **batches.begin();
+    const LidarConfig lidar = grid();
+    const std::size_t per_drone = static_cast<std::size_t>(lidar.channels) * static_cast<std::size_t>(lidar.beams);
+    std::vector<float> directions(3 * per_drone * kDrones);
+    first.lidar_directions(directions);
+    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+      const Pose pose = pose_of(first.state(), drone);
+      const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
+      const Eigen::Vector3d origin =
+          pose.position.cast<double>() + rotation * Eigen::Vector3d(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
+      for (std::size_t ray = drone % every; ray < per_drone; ray += every) {
+        ++rays;
+        const float* const d = &directions[3 * (drone * per_drone + ray)];
+        const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
+        const oracle::Hit hit = oracle::nearest(world, origin, direction, lidar.max_range_m);
+        if (!oracle::is_clear_cut(world, hit, origin, direction, lidar.max_range_m)) continue;
+        ++compared;
+        hits += !std::isinf(hit.t);
+        const double steep = oracle::steepness(world, hit, origin, direction, lidar.max_range_m);
+        for (const Batch* const batch : batches) {
+          const float range = batch->lidar_ranges()[drone * per_drone + ray];
+          ASSERT_EQ(std::isinf(range), std::isinf(hit.t)) << "drone " << drone << " ray " << ray;
+          if (std::isinf(hit.t)) continue;
+          ASSERT_NEAR(range, hit.t, 2e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << "drone " << drone << " ray " << ray;
+        }
       }
-      ++hits;
-      const double steep = oracle::steepness(*world, hit, origin, direction, lidar.max_range_m);
-      ASSERT_NEAR(range, hit.t, 2e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << "drone " << drone << " ray " << ray;
     }
   }
-  EXPECT_GT(compared, rays / kEvery * kDrones * 3 / 4);
-  EXPECT_GT(hits, compared / 4);
+};
+
+TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
+  const auto world = hills_and_spheres(GetParam());
+  Tally tally;
+  tally.compare(*world, {make_batch(world, TracerKind::tiles).get()}, kEvery);
+  EXPECT_GT(tally.compared, 3 * tally.rays / 4);
+  EXPECT_GT(tally.hits, tally.compared / 4);
+}
+
+// Triangles anywhere: some large, some small, some needles.
+TriangleMesh loose_triangles(int count, Random& random) {
+  TriangleMesh mesh;
+  for (int i = 0; i < count; ++i) {
+    const Vec3 center = random.point(9.0F);
+    const float size = std::array{0.2F, 1.0F, 4.0F}[static_cast<std::size_t>(i) % 3];
+    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+    const Vec3 a = center + size * random.point(1.0F), b = center + size * random.point(1.0F);
+    const Vec3 c = i % 5 == 0 ? Vec3(b + 1e-3F * random.point(1.0F)) : Vec3(center + size * random.point(1.0F));
+    mesh.vertices.insert(mesh.vertices.end(), {a, b, c});
+    mesh.triangles.push_back({first, first + 1, first + 2});
+  }
+  mesh.materials.assign(mesh.triangles.size(), 0);
+  return mesh;
+}
+
+TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
+  using enum PrimitiveKind;
+  const long wanted = testing::times_tried(20'000 / static_cast<long>(kEvery));
+  Tally tally;
+  for (unsigned seed = testing::part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
+    SCOPED_TRACE(seed);
+    Random random(seed);
+    std::vector<Primitive> primitives;
+    if (seed % 3 == 0) primitives.push_back(primitive(room, random.point(0.5F), {12.0F, 11.0F, 8.0F}));
+    const int count = std::array{0, 6, 30}[seed % 3];
+    for (int i = 0; i < count; ++i) {
+      const PrimitiveKind kind = std::array{box, cylinder, capsule, sphere, plane, disc}[static_cast<std::size_t>(i) % 6];
+      const float size = random.within(0.1F, 1.0F);
+      const Vec3 half(size, size, kind == plane || kind == disc ? 0.0F : kind == capsule ? 1.5F * size : size);
+      primitives.push_back(primitive(kind, random.point(8.0F), half, kind == sphere ? Quat::Identity() : random.rotation()));
+    }
+    const auto world = make_world(std::move(primitives), {},
+                                  seed % 2 == 0 ? hills(6 + static_cast<int>(seed % 7)) : loose_triangles(70, random));
+    const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
+    Poses poses(seed);
+    for (Batch* const batch : {tiles.get(), embree.get()}) {
+      batch->set_pose(poses.position, poses.quat_wxyz);
+      batch->sense();
+    }
+    tally.compare(*world, {tiles.get(), embree.get()}, kEvery);
+    ASSERT_FALSE(HasFailure());
+  }
+  EXPECT_GT(tally.compared, tally.rays / 2);
+  EXPECT_GT(tally.hits, tally.compared / 4);
+  testing::tried("agreement", static_cast<long>(tally.compared));
 }
 
 TEST_P(TracerTiles, CamerasSeeWhatTheyDoThroughEmbree) {
   const auto world = hills_and_spheres(GetParam());
-  const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::automatic);
+  const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
   const CameraImages &a = tiles->images(0), &b = embree->images(0);
   const std::size_t pixels = a.depth.size();
   std::size_t hits = 0, other_depth = 0, other_ids = 0, other_color = 0, other_normal = 0;
@@ -211,18 +272,70 @@ TEST_P(TracerTiles, SameBitsWhateverIsBeside) {
 TEST_P(TracerTiles, NoTriangleGoesThroughEmbree) {
   const auto world = hills_and_spheres(GetParam());
   EXPECT_EQ(make_batch(world, TracerKind::tiles)->embree_rays(), 0);
-  EXPECT_GT(make_batch(world, TracerKind::automatic)->embree_rays(), 0);
+  EXPECT_GT(make_batch(world, TracerKind::embree)->embree_rays(), 0);
+}
+
+TEST_P(TracerTiles, AreTakenByThemselvesWhereTheyPay) {
+  const auto world = hills_and_spheres(GetParam());
+  const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
+  EXPECT_TRUE(same_bits(tiles->lidar_ranges(), by_itself->lidar_ranges()));
+  EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
+  EXPECT_TRUE(same_bits(tiles->images(0).depth, by_itself->images(0).depth));
 }
 
 INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
 
+// A handful of rays goes through Embree, whatever other batches of the world have prepared.
+TEST(TracerTilesOf, SmallCamerasAreNotThere) {
+  const auto world = hills_and_spheres(5);
+  BatchConfig config;
+  config.num_threads = 1;
+  config.cameras = {camera()};
+  config.cameras[0].width_px = config.cameras[0].height_px = 15;
+  const auto rays_through_embree = [&](TracerKind tracer) {
+    config.tracer = tracer;
+    Batch batch(config, {world});
+    batch.capture(0);
+    return batch.embree_rays();
+  };
+  EXPECT_EQ(rays_through_embree(TracerKind::tiles), 0);
+  EXPECT_GT(rays_through_embree(TracerKind::automatic), 0);
+  config.cameras[0].width_px = config.cameras[0].height_px = 16;
+  EXPECT_EQ(rays_through_embree(TracerKind::automatic), 0);
+}
+
+// Primitives go through Embree, too, where they are asked to; few would be traced directly.
+TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
+  for (const int spheres : {5, 700}) {
+    const auto world = hills_and_spheres(spheres);
+    const auto direct = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
+    const auto &a = direct->images(0).depth, &b = embree->images(0).depth;
+    std::size_t differ = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) differ += !(a[i] == b[i] || std::abs(a[i] - b[i]) < 1e-4F * a[i]);
+    EXPECT_LT(differ, a.size() / 1000);
+  }
+  const auto only_spheres = make_world({primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F)),
+                                        primitive(PrimitiveKind::box, {-3, 1, 2}, Vec3::Constant(0.5F))});
+  const auto before = make_batch(only_spheres, TracerKind::automatic);
+  const auto embree = make_batch(only_spheres, TracerKind::embree);
+  const auto after = make_batch(only_spheres, TracerKind::automatic);
+  EXPECT_TRUE(same_bits(before->lidar_ranges(), after->lidar_ranges()));
+  const auto ranges = before->lidar_ranges(), by_embree = embree->lidar_ranges();
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    if (std::isinf(ranges[i]) != std::isinf(by_embree[i])) continue;  // an outline
+    if (!std::isinf(ranges[i])) {
+      EXPECT_NEAR(ranges[i], by_embree[i], 1e-4F * ranges[i]);
+    }
+  }
+}
+
 TEST(TracerTilesOf, WorldsWithoutTrianglesAreTracedAsEver) {
   const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 3}, {12, 12, 4}),
                                  primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
-  const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::automatic);
+  const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
   EXPECT_EQ(compiled(*world).scene().tiles(), nullptr);
-  EXPECT_TRUE(same_bits(tiles->lidar_ranges(), embree->lidar_ranges()));
-  EXPECT_TRUE(same_bits(tiles->images(0).rgb, embree->images(0).rgb));
+  EXPECT_TRUE(same_bits(tiles->lidar_ranges(), by_itself->lidar_ranges()));
+  EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
 }
 
 TEST(TracerTilesOf, SeveralBatchesShareATree) {

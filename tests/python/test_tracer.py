@@ -1,4 +1,4 @@
-"""tracer="tiles" from Python: what it changes, and what it does not."""
+"""`tracer` from Python: what it changes, and what it does not."""
 
 import gymnasium
 import numpy as np
@@ -34,7 +34,7 @@ def office():
 
 
 def test_it_measures_what_embree_does(office):
-    tiles, embree = envs_in(office, "tiles"), envs_in(office, "auto")
+    tiles, embree = envs_in(office, "tiles"), envs_in(office, "embree")
     for a, b in zip(fly(tiles), fly(embree), strict=True):
         for near, far in ((a[0], b[0]), (a[2], b[2])):
             same = np.isclose(near, far, rtol=1e-4, atol=1e-4)
@@ -42,6 +42,12 @@ def test_it_measures_what_embree_does(office):
         # Some faces of doors and their frames lie in one plane: which of them is seen there is anyone's choice.
         assert np.mean(np.abs(a[1].astype(int) - b[1]) <= 1) > 0.99
     assert embree.batch.embree_rays > tiles.batch.embree_rays
+
+
+def test_tiles_are_taken_by_themselves(office):
+    for a, b in zip(fly(envs_in(office, "tiles")), fly(envs_in(office, "auto")), strict=True):
+        for one, other in zip(a, b, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_threads_and_blocks_do_not_matter(office):
@@ -57,14 +63,14 @@ def test_a_pool_builds_its_trees_ahead():
 
 
 def test_a_snapshot_of_the_other_is_refused(office):
-    tiles, embree = envs_in(office, "tiles"), envs_in(office, "auto")
+    tiles, embree = envs_in(office, "tiles"), envs_in(office, "embree")
     tiles.reset(seed=0)
     with pytest.raises(ValueError, match="another"):
         embree.restore(tiles.snapshot())
 
 
 def test_wrong_names():
-    with pytest.raises(ValueError, match=r"tracer: expected .*auto.*tiles.*, got .*embree3"):
+    with pytest.raises(ValueError, match=r"tracer: expected .*auto.*tiles.*embree.*, got .*embree3"):
         flockstep.Batch([World.playground(0)], tracer="embree3")
     with pytest.raises(ValueError, match="tracer"):
         gymnasium.make_vec("flockstep/LidarNavigation-v0", num_envs=2, tracer="gpu")

@@ -16,14 +16,16 @@
 
 namespace flockstep {
 
-// How rays of cameras and LiDARs meet triangles.
+// How rays of cameras and LiDARs meet what is in a world. In tiles, rays that lie close go through a tree of triangles together;
+// that is for worlds without masks. Fans, sparse patterns, raycast() and rays of shadows always go through Embree in packets.
 enum class TracerKind : std::uint8_t {
-  automatic,  // by Embree, in packets
-  tiles,      // cameras, and LiDARs whose beams lie close, by tiles of rays that go through a tree of their own together
+  automatic,  // tiles where they are faster, which the number of rays and that of the triangles decide; nothing is timed
+  tiles,      // tiles wherever they are possible
+  embree,     // all by Embree, primitives too: to compare with
 };
 template <>
 struct EnumNames<TracerKind> {
-  static constexpr std::array kNames{"auto", "tiles"};
+  static constexpr std::array kNames{"auto", "tiles", "embree"};
 };
 
 struct BatchConfig {

@@ -14,6 +14,7 @@
 #include "batch/simulation.hpp"
 #include "compiled/compiled_world.hpp"
 #include "trace/scene.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep {
 namespace {
@@ -38,6 +39,18 @@ void leave(Simulation& sim, std::uint32_t env) {
   set_slot(sim, slot, nullptr);
 }
 
+// Triangles of a world up to which some sensor meets them in tiles.
+std::size_t most_in_tiles(const BatchConfig& config) {
+  std::size_t most = 0;
+  const auto count = [&](int rows, int columns) {
+    const std::size_t rays = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
+    most = std::max(most, trace::ways_of(config.tracer, rays).most_in_tiles);
+  };
+  if (config.lidar) count(config.lidar->rows(), config.lidar->columns());
+  for (const CameraConfig& camera : config.cameras) count(camera.height_px, camera.width_px);
+  return most;
+}
+
 }  // namespace
 
 void WorldPool::validate() const {
@@ -55,7 +68,8 @@ std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) cons
 
 void build_ahead(const World& world, const BatchConfig& config) {
   const trace::Scene& scene = compiled(world).scene();
-  if (config.tracer == TracerKind::tiles) scene.prepare_tiles(world.triangles());
+  if (scene.num_triangles() > 0 && scene.num_triangles() <= most_in_tiles(config)) scene.prepare_tiles(world.triangles());
+  if (config.tracer == TracerKind::embree) scene.prepare_crowd();
   compiled(world).obstacles();
   if (!config.cameras.empty()) compiled(world).shading();
 }

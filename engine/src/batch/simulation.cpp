@@ -121,7 +121,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       wind(config.dynamics.wind, config.clock.step_s()),
       pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
       cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
-              num_drones(), config.tracer == TracerKind::tiles),
+              num_drones(), config.tracer),
       schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
       owner(process_id()) {
@@ -140,7 +140,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     obstacles.push_back(world != nullptr ? &compiled(*world).obstacles() : nullptr);
   }
   checks::world_index(*this, world_index, num_envs());
-  if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones(), config.tracer == TracerKind::tiles);
+  if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones(), config.tracer);
   if (config.imu) imu.emplace(*config.imu, config.clock, drones_per_env(), num_drones());
 
   allocate(state, num_envs(), num_drones());

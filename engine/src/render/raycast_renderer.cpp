@@ -123,7 +123,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                          .longest = pinhole.corner,
                                          .sees_markers = true,
                                          .normals = request.shading->needs_normals(camera.outputs),
-                                         .tiles = request.tiles});
+                                         .ways = request.ways});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;

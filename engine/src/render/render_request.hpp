@@ -7,6 +7,7 @@
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 #include "render/pinhole_camera.hpp"
+#include "trace/tracer.hpp"
 
 namespace flockstep::trace {
 class Scene;
@@ -40,7 +41,7 @@ struct RenderRequest {
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   Frame frame;
-  bool tiles = false;  // rays meet triangles as trace::Viewpoint has it
+  trace::RayWays ways{};
 };
 
 }  // namespace flockstep::render

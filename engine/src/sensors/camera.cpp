@@ -33,9 +33,9 @@ void for_each_image(CameraImages& images, const F& f) {
 }  // namespace
 
 Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
-               bool tiles)
+               TracerKind tracer)
     : config_(config),
-      tiles_(tiles),
+      ways_(trace::ways_of(tracer, static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px))),
       period_(period_in_ticks(config.rate_hz, clock, "camera.rate_hz")),
       drones_per_env_(drones_per_env),
       pixels_(static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px)),
@@ -156,7 +156,7 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
                                 .position = pose.position + trace::rotated(body, offset_[drone]),
                                 .rotation = rotation,
                                 .frame = {},
-                                .tiles = tiles_};
+                                .ways = ways_};
   const auto image = [&](auto& images, std::size_t values) {
     return images.empty() ? nullptr : images.data() + drone * pixels_ * values;
   };

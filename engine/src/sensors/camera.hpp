@@ -21,9 +21,8 @@ namespace flockstep::sensors {
 
 class Camera {
  public:
-  // tiles: as trace::Viewpoint has it.
   Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
-         bool tiles = false);
+         TracerKind tracer = TracerKind::automatic);
   Camera(const Camera&) = delete;  // requests point into it
   Camera& operator=(const Camera&) = delete;
 
@@ -83,7 +82,7 @@ class Camera {
   render::RenderRequest request(std::size_t drone, const World& world, const Pose& pose);
 
   CameraConfig config_;
-  bool tiles_;
+  trace::RayWays ways_;
   std::int64_t period_;  // ticks, as period_in_ticks() has it
   std::size_t drones_per_env_;
   std::size_t pixels_;

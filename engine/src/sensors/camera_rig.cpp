@@ -29,11 +29,11 @@ void require_instances(const World& world) {
 
 CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
                      const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env,
-                     std::size_t num_drones, bool tiles)
+                     std::size_t num_drones, TracerKind tracer)
     : worlds_(worlds), slots_(&slots), state_(&state), drones_per_env_(drones_per_env), num_drones_(num_drones) {
   for (const CameraConfig& config : configs) {
     try {
-      cameras_.push_back(std::make_unique<Camera>(config, clock, drones_per_env, num_drones, tiles));
+      cameras_.push_back(std::make_unique<Camera>(config, clock, drones_per_env, num_drones, tracer));
     } catch (const std::bad_alloc&) {
       refuse("num_drones x camera pixels", "frames that fit in memory",
              std::to_string(num_drones) + " of " + std::to_string(config.width_px) + " x " + std::to_string(config.height_px) +

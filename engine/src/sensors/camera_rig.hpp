@@ -25,7 +25,7 @@ class CameraRig {
   // in memory.
   CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
             const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones,
-            bool tiles);
+            TracerKind tracer);
 
   // Throws std::invalid_argument where a camera cannot show a world.
   void require_world(const World& world) const;

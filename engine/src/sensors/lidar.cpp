@@ -19,13 +19,13 @@ bool same_beams(const LidarConfig& a, const LidarConfig& b) {
 
 }  // namespace
 
-Lidar::Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones, bool tiles)
+Lidar::Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones, TracerKind tracer)
     : config_(config),
-      tiles_(tiles),
+      ways_(trace::ways_of(tracer, static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()))),
       period_(period_in_ticks(config.rate_hz, clock, "lidar.rate_hz")),
       rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
       ranges_(num_drones * rays_, kInfinity),
-      settings_{{config, make_pattern(config, tiles_), num_drones}},
+      settings_{{config, make_pattern(config, ways_.most_in_tiles > 0), num_drones}},
       setting_(num_drones, 0U),
       max_range_(num_drones, config.max_range_m),
       offset_(num_drones, Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2])) {}
@@ -41,7 +41,7 @@ void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
   const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
   auto setting = find([&](const Setting& other) { return same_beams(other.config, config); });
   if (setting == settings_.end()) {
-    Setting made{config, make_pattern(config, tiles_), 0};
+    Setting made{config, make_pattern(config, ways_.most_in_tiles > 0), 0};
     setting = find([](const Setting& other) { return other.drones == 0; });
     if (setting == settings_.end()) setting = settings_.insert(setting, Setting{});
     *setting = std::move(made);
@@ -149,7 +149,7 @@ void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t dron
   tracer.settle(scene, {.origin = pose.position + trace::rotated(rotation, offset_[drone]),
                         .rotation = rotation,
                         .range = max_range_[drone],
-                        .tiles = tiles_});
+                        .ways = ways_});
   for (const BeamTile& tile : pattern.tiles) {
     tracer.trace_later({.x = pattern.x.data() + tile.first,
                         .y = pattern.y.data() + tile.first,

@@ -19,8 +19,7 @@ namespace flockstep::sensors {
 
 class Lidar {
  public:
-  // tiles: as trace::Viewpoint has it.
-  Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones, bool tiles = false);
+  Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t num_drones, TracerKind tracer = TracerKind::automatic);
 
   std::size_t rays_per_drone() const { return rays_; }
   std::int64_t period() const { return period_; }               // ticks, as period_in_ticks() has it
@@ -60,7 +59,7 @@ class Lidar {
   LidarConfig with(const Saved& saved) const;
 
   LidarConfig config_;
-  bool tiles_;
+  trace::RayWays ways_;
   std::int64_t period_;
   std::size_t rays_;
   std::vector<float> ranges_;  // (N, rays) m

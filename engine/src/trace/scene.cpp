@@ -92,6 +92,12 @@ OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, floa
 
 }  // namespace
 
+// The shapes by element. Declared before the scene, which reads them to its end.
+struct Scene::Crowd {
+  std::vector<Shape> shapes;
+  EmbreeScene scene;
+};
+
 Scene::Scene(const World& world, std::size_t max_direct) {
   add_primitives(world.primitives(), max_direct);
   add_triangles(world);
@@ -109,7 +115,7 @@ Scene::Scene(const World& world, std::size_t max_direct) {
 
 Scene::~Scene() = default;
 
-Scene::EmbreeScene Scene::new_scene() {
+Scene::EmbreeScene Scene::new_scene() const {
   if (!device_) device_ = shared_device();
   EmbreeScene scene(required(rtcNewScene(device_.get()), device_.get()));
   // ROBUST: without it rays leak through the edges that triangles share.
@@ -161,17 +167,24 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
   };
   is_all_visible_ = std::all_of(shapes_.begin(), shapes_.end(), is_visual);
   if (!is_all_visible_) std::copy_if(shapes_.begin(), shapes_.end(), std::back_inserter(visible_), is_visual);
-  if (traced().size() <= max_direct) return;  // every bundle has few enough, too
+  if (traced().size() > max_direct) crowd_ = make_crowd();  // where there are no more, every bundle has few enough, too
+}
+
+std::unique_ptr<const Scene::Crowd> Scene::make_crowd() const {
+  auto made = std::make_unique<Crowd>();
+  // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
   for (const NumberedShape& shape : shapes_) {
-    crowd_shapes_.push_back(shape.shape);
-    // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
-    if (crowd_shapes_.size() <= num_rooms_ || !is_visual(shape)) crowd_shapes_.back().box_half = Vec3::Constant(-1.0F);
+    made->shapes.push_back(shape.shape);
+    made->shapes.back().box_half = Vec3::Constant(-1.0F);
   }
-  crowd_ = new_scene();
+  for (const NumberedShape& shape : traced().subspan(num_rooms_)) {
+    made->shapes[static_cast<std::size_t>(shape.element)].box_half = shape.shape.box_half;
+  }
+  made->scene = new_scene();
   const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_USER), device_.get()));
   RTCGeometry geometry = owned.get();
-  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(crowd_shapes_.size()));
-  rtcSetGeometryUserData(geometry, crowd_shapes_.data());
+  rtcSetGeometryUserPrimitiveCount(geometry, static_cast<unsigned int>(made->shapes.size()));
+  rtcSetGeometryUserData(geometry, made->shapes.data());
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
   rtcSetGeometryBoundsFunction(
       geometry,
@@ -184,14 +197,16 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
       nullptr);
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
   rtcCommitGeometry(geometry);
-  rtcAttachGeometry(crowd_.get(), geometry);
-  thread_sanitizer::release(crowd_shapes_.data());  // to Embree's builders, and back
-  commit(crowd_.get());
-  thread_sanitizer::acquire(crowd_shapes_.data());
+  rtcAttachGeometry(made->scene.get(), geometry);
+  thread_sanitizer::release(made->shapes.data());  // to Embree's builders, and back
+  commit(made->scene.get());
+  thread_sanitizer::acquire(made->shapes.data());
+  return made;
 }
 
 void Scene::add_triangles(const World& world) {
   const TriangleMesh& mesh = world.triangles();
+  num_triangles_ = mesh.triangles.size();
   Eigen::AlignedBox3f box;
   bool any = false;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
@@ -241,16 +256,23 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
 
 void Scene::prepare_tiles(const TriangleMesh& mesh) const {
   if (!meshes_ || !masks_.empty()) return;
-  const std::lock_guard lock(tiles_mutex_);
+  const std::lock_guard lock(prepared_mutex_);
   if (!tiles_) tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
 }
 
-void Scene::intersect_primitives(RayBlock& rays) const {
-  if (!crowd_) {
+void Scene::prepare_crowd() const {
+  if (crowd_) return;
+  const std::lock_guard lock(prepared_mutex_);
+  if (!prepared_crowd_) prepared_crowd_ = make_crowd();
+}
+
+void Scene::intersect_primitives(RayBlock& rays, bool embree) const {
+  const Crowd* const crowd = crowd_ || !embree ? crowd_.get() : prepared_crowd_.get();
+  if (crowd == nullptr) {
     trace_direct(traced(), rays);
   } else {
     trace_direct(traced().first(num_rooms_), rays);
-    trace_packets_of_16(crowd_.get(), 0, rays);
+    trace_packets_of_16(crowd->scene.get(), 0, rays);
   }
 }
 
@@ -258,7 +280,7 @@ void Scene::intersect_casters(RayBlock& rays) const {
   if (!crowd_) {
     trace_direct(traced().subspan(num_rooms_), rays);
   } else {
-    trace_packets_of_16(crowd_.get(), 0, rays);
+    trace_packets_of_16(crowd_->scene.get(), 0, rays);
   }
 }
 

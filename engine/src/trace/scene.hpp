@@ -54,8 +54,8 @@ class Scene {
 
   // Each takes what it has that is nearer than the block's t_hit. A ray's result has the same bits in any block, beside any other
   // rays. Call under FlushDenormals.
-  void intersect_primitives(RayBlock& rays) const;
-  void intersect_casters(RayBlock& rays) const;  // all primitives but the rooms
+  void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: by Embree wherever prepare_crowd() was called
+  void intersect_casters(RayBlock& rays) const;                          // all primitives but the rooms
   void intersect_markers(RayBlock& rays) const;
   // Returns how many packets went through Embree. details: null where only distances are of interest.
   std::size_t intersect_triangles(RayBlock& rays, HitDetails* details, Through through = Through::nothing) const;
@@ -67,6 +67,9 @@ class Scene {
   void prepare_tiles(const TriangleMesh& mesh) const;
   // Null where nothing is to be traced in tiles: no triangles, or some with masks, which Embree's filters know.
   const MeshTree* tiles() const { return tiles_.get(); }
+  // Builds what intersect_primitives() needs to go through Embree where it would not. Rooms are never in it: each ray meets them.
+  void prepare_crowd() const;
+  std::size_t num_triangles() const { return num_triangles_; }
   std::int32_t first_triangle() const { return static_cast<std::int32_t>(shapes_.size()); }
 
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
@@ -90,7 +93,9 @@ class Scene {
   };
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
-  EmbreeScene new_scene();
+  struct Crowd;  // all visible primitives but the rooms, for Embree
+  EmbreeScene new_scene() const;
+  std::unique_ptr<const Crowd> make_crowd() const;
   void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const;
   void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
   void add_triangles(const World& world);
@@ -105,15 +110,16 @@ class Scene {
   std::vector<NumberedShape> markers_;  // start, waypoints, goal
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
-  std::vector<Shape> crowd_shapes_;
   Masks masks_;
-  Vec3 mesh_center_, mesh_half_;         // m, of the bounding box, a little wider than the triangles
-  std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
-  EmbreeScene crowd_;                    // all primitives but the rooms; null where there are few
-  EmbreeScene meshes_;                   // all triangles; null without any
-  bool wide_packets_ = false;            // the processor has vectors for packets of 16
-  mutable std::mutex tiles_mutex_;
-  mutable std::unique_ptr<const MeshTree> tiles_;  // null until they are prepared
+  Vec3 mesh_center_, mesh_half_;                 // m, of the bounding box, a little wider than the triangles
+  mutable std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
+  std::unique_ptr<const Crowd> crowd_;           // null where there are few
+  std::size_t num_triangles_ = 0;
+  EmbreeScene meshes_;         // all triangles; null without any
+  bool wide_packets_ = false;  // the processor has vectors for packets of 16
+  mutable std::mutex prepared_mutex_;
+  mutable std::unique_ptr<const Crowd> prepared_crowd_;  // likewise until it is prepared
+  mutable std::unique_ptr<const MeshTree> tiles_;        // null until they are prepared
 };
 
 }  // namespace flockstep::trace

@@ -20,6 +20,17 @@ void forget_hits(Rays& rays) {
 
 }  // namespace
 
+RayWays ways_of(TracerKind kind, std::size_t rays) {
+  switch (kind) {
+    case TracerKind::automatic:
+      return {.most_in_tiles = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays};
+    case TracerKind::tiles:
+      return {.most_in_tiles = std::numeric_limits<std::size_t>::max()};
+    default:
+      return {.embree = true};
+  }
+}
+
 void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
   const bool may_join =
       scene_ == &scene && for_everything_.rays.near == viewpoint.near && sees_markers_ == viewpoint.sees_markers;
@@ -31,12 +42,14 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
   }
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
-  tree_ = viewpoint.tiles ? scene.tiles() : nullptr;
+  tree_ = scene.num_triangles() <= viewpoint.ways.most_in_tiles ? scene.tiles() : nullptr;
   wants_normals_ = viewpoint.normals;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
                candidates_);
+  candidates_.crowded |= viewpoint.ways.embree;
+  ways_ = viewpoint.ways;
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
@@ -130,7 +143,7 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
 }
 
 void Tracer::meet_primitives(RayBlock& rays) const {
-  scene_->intersect_primitives(rays);
+  scene_->intersect_primitives(rays, ways_.embree);
   if (sees_markers_) scene_->intersect_markers(rays);
 }
 

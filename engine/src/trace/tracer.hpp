@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "flockstep/config.hpp"
 #include "flockstep/pose.hpp"
 #include "trace/frustum.hpp"
 #include "trace/mesh_tiles.hpp"
@@ -16,6 +17,15 @@
 #include "trace/scene.hpp"
 
 namespace flockstep::trace {
+
+// How rays of a sensor go.
+struct RayWays {
+  std::size_t most_in_tiles = 0;  // triangles of a world up to which they are met in tiles, where they can be
+  bool embree = false;            // all that Embree can trace it does, primitives too
+
+  friend bool operator==(const RayWays&, const RayWays&) = default;
+};
+RayWays ways_of(TracerKind kind, std::size_t rays);  // of a sensor
 
 // Where a sensor is, how far it sees, and what.
 struct Viewpoint {
@@ -26,7 +36,7 @@ struct Viewpoint {
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
   bool normals = true;        // those of what trace() hits are asked for, and where in a triangle
-  bool tiles = false;         // triangles are traced in tiles where they can be, for which the scene is prepared
+  RayWays ways{};             // a scene to be traced in tiles is prepared for them
 };
 
 // Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
@@ -112,6 +122,7 @@ class Tracer {
   const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
   bool wants_normals_ = true;
+  RayWays ways_;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
   RayBundle view_bundle_;    // the same in the frame of its view
