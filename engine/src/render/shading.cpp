@@ -305,28 +305,62 @@ HWY_INLINE Neighbours neighbours(Floats d, Ints di, V x, I size, I wrap) {
           hn::Sub(at, below)};
 }
 
+// What a table has for some lanes; the others may get anything of it. Neighbouring pixels mostly ask for the same, and then one
+// number is read and not one for each lane.
+class LookUp {
+ public:
+  LookUp(Floats d, Mask lanes)
+      : lanes_(hn::RebindMask(Ints(), lanes)), first_(static_cast<std::size_t>(std::countr_zero(bits_of(d, lanes)))) {}
+
+  I operator()(const std::vector<std::int32_t>& table, I index) const {
+    const Ints di;
+    const std::int32_t one = hn::ExtractLane(index, first_);
+    if (same(index, one)) return hn::Set(di, table[static_cast<std::size_t>(one)]);
+    return hn::GatherIndex(di, table.data(), hn::IfThenElse(lanes_, index, hn::Set(di, one)));
+  }
+  V operator()(const std::vector<float>& table, I index) const {
+    const Floats d;
+    const Ints di;
+    const std::int32_t one = hn::ExtractLane(index, first_);
+    if (same(index, one)) return hn::Set(d, table[static_cast<std::size_t>(one)]);
+    return hn::GatherIndex(d, table.data(), hn::IfThenElse(lanes_, index, hn::Set(di, one)));
+  }
+
+ private:
+  HWY_INLINE bool same(I index, std::int32_t one) const {
+    const Ints di;
+    return hn::AllTrue(di, hn::Or(hn::Not(lanes_), hn::Eq(index, hn::Set(di, one))));
+  }
+
+  hn::Mask<Ints> lanes_;  // of which there are some
+  std::size_t first_;
+};
+
 // The linear colours at (s, t) in levels of textures; all lanes must have one.
-HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Textures& textures, I level, V s, V t, I across, I down) {
-  const I width = hn::GatherIndex(di, textures.width.data(), level);
+HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Tables& tables, const LookUp& look_up, I level, V s,
+                                         V t, I across, I down) {
+  const Textures& textures = tables.textures;
+  const I width = look_up(textures.width, level);
   const Neighbours x = neighbours(d, di, s, width, across);
-  const Neighbours y = neighbours(d, di, t, hn::GatherIndex(di, textures.height.data(), level), down);
-  const I offset = hn::GatherIndex(di, textures.offset.data(), level);
+  const Neighbours y = neighbours(d, di, t, look_up(textures.height, level), down);
+  const I offset = look_up(textures.offset, level);
   const auto texel = [&](I row, I column) HWY_ATTR {
-    const auto* const texels = reinterpret_cast<const std::int32_t*>(textures.texels.data());
-    return hn::GatherIndex(di, texels, hn::Add(offset, hn::Add(hn::Mul(row, width), column)));
+    return hn::GatherIndex(di, tables.texels.data(), hn::Add(offset, hn::Add(hn::Mul(row, width), column)));
   };
   const I a = texel(y.first, x.first), b = texel(y.first, x.second);
   const I c = texel(y.second, x.first), e = texel(y.second, x.second);
-  const float* const linear = srgb_to_linear().data();
   const auto mix = [&](V from, V to, V share) HWY_ATTR { return hn::Add(from, hn::Mul(hn::Sub(to, from), share)); };
   const auto channel = [&](auto shift) HWY_ATTR {
-    const auto value = [&](I packed_texel) HWY_ATTR {
-      return hn::GatherIndex(d, linear, hn::And(hn::ShiftRight<shift.value>(packed_texel), hn::Set(di, 0xFF)));
+    const auto value = [&](I texel_roots) HWY_ATTR {
+      const V root = hn::ConvertTo(d, hn::And(hn::ShiftRight<shift.value>(texel_roots), hn::Set(di, Shading::kRoots)));
+      return hn::Mul(root, root);
     };
-    return mix(mix(value(a), value(b), x.towards), mix(value(c), value(e), x.towards), y.towards);
+    constexpr float kScale = 1.0F / (static_cast<float>(Shading::kRoots) * static_cast<float>(Shading::kRoots));
+    const V mean = mix(mix(value(a), value(b), x.towards), mix(value(c), value(e), x.towards), y.towards);
+    return hn::Mul(mean, hn::Set(d, kScale));
   };
-  return {channel(std::integral_constant<int, 0>()), channel(std::integral_constant<int, 8>()),
-          channel(std::integral_constant<int, 16>())};
+  return {channel(std::integral_constant<int, 0>()), channel(std::integral_constant<int, 10>()),
+          channel(std::integral_constant<int, 20>())};
 }
 
 // The square of how much of a surface a pixel covers along the longer side, m^2.
@@ -343,48 +377,78 @@ HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std
                      std::array<V, 3>& colors) {
   alignas(64) std::int32_t texture[PixelTile::kSide] = {};
   alignas(64) std::int32_t has_one[PixelTile::kSide] = {};
-  alignas(64) float across[PixelTile::kSide] = {}, down[PixelTile::kSide] = {}, density[PixelTile::kSide] = {};
-  bool any = false;
+  bool any = false, one_triangle = true;
+  std::int32_t element = -1;
   for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
     const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
     const std::int32_t number = tables.texture[static_cast<std::size_t>(material[lane])];
     if (number < 0) continue;
+    if (!any) element = elements[lane];
+    one_triangle &= elements[lane] == element;
     any = true;
-    const auto triangle = static_cast<std::size_t>(elements[lane] - tables.first_triangle);
-    const auto& corners = tables.triangles[triangle];
-    const float u = details.u[first + lane], v = details.v[first + lane], w = 1.0F - u - v;
-    const auto& a = tables.uv[static_cast<std::size_t>(corners[0])];
-    const auto& b = tables.uv[static_cast<std::size_t>(corners[1])];
-    const auto& c = tables.uv[static_cast<std::size_t>(corners[2])];
     texture[lane] = number;
     has_one[lane] = -1;
-    across[lane] = w * a[0] + u * b[0] + v * c[0];
-    down[lane] = w * a[1] + u * b[1] + v * c[1];
-    density[lane] = tables.texels_per_square_metre[triangle];
   }
   if (!any) return;
+  const Mask textured = hn::RebindMask(d, hn::Lt(hn::Load(di, has_one), hn::Zero(di)));
+  V across, down, density;
+  const auto corners_of = [&](std::int32_t its_element) {
+    const auto& corners = tables.triangles[static_cast<std::size_t>(its_element - tables.first_triangle)];
+    const auto corner = [&](std::size_t k) { return tables.uv[static_cast<std::size_t>(corners[k])]; };
+    return std::array{corner(0), corner(1), corner(2)};
+  };
+  const auto density_of = [&](std::int32_t its_element) {
+    return tables.texels_per_square_metre[static_cast<std::size_t>(its_element - tables.first_triangle)];
+  };
+  if (one_triangle) {
+    const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
+    const V w = hn::Sub(hn::Sub(hn::Set(d, 1.0F), u), v);
+    const auto corners = corners_of(element);
+    const auto along = [&](std::size_t k) HWY_ATTR {
+      const auto part = [&](std::size_t corner, V weight) HWY_ATTR { return hn::Mul(weight, hn::Set(d, corners[corner][k])); };
+      return hn::Add(hn::Add(part(0, w), part(1, u)), part(2, v));
+    };
+    across = hn::IfThenElseZero(textured, along(0));  // the others may hold anything
+    down = hn::IfThenElseZero(textured, along(1));
+    density = hn::Set(d, density_of(element));
+  } else {
+    alignas(64) float its_across[PixelTile::kSide] = {}, its_down[PixelTile::kSide] = {}, its_density[PixelTile::kSide] = {};
+    for (std::uint64_t bits = bits_of(d, textured); bits != 0; bits &= bits - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
+      const auto [a, b, c] = corners_of(elements[lane]);
+      const float u = details.u[first + lane], v = details.v[first + lane], w = 1.0F - u - v;
+      its_across[lane] = w * a[0] + u * b[0] + v * c[0];
+      its_down[lane] = w * a[1] + u * b[1] + v * c[1];
+      its_density[lane] = density_of(elements[lane]);
+    }
+    across = hn::Load(d, its_across);
+    down = hn::Load(d, its_down);
+    density = hn::Load(d, its_density);
+  }
   const Textures& textures = tables.textures;
+  const LookUp look_up(d, textured);
   const I number = hn::Load(di, texture);
-  const I wrap_across = hn::GatherIndex(di, textures.wrap_across.data(), number);
-  const I wrap_down = hn::GatherIndex(di, textures.wrap_down.data(), number);
-  const V s = wrapped(d, hn::Load(d, across), wrap_across);
-  const V t = wrapped(d, hn::Load(d, down), wrap_down);
+  const I wrap_across = look_up(textures.wrap_across, number);
+  const I wrap_down = look_up(textures.wrap_down, number);
+  const V s = wrapped(d, across, wrap_across);
+  const V t = wrapped(d, down, wrap_down);
   // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
-  const V texels = hn::Max(hn::Mul(hn::Load(d, density), covered), hn::Zero(d));
+  const V texels = hn::Max(hn::Mul(density, covered), hn::Zero(d));
   const V log2 = hn::Sub(hn::Mul(hn::ConvertTo(d, hn::BitCast(di, texels)), hn::Set(d, 0x1p-23F)), hn::Set(d, 127.0F));
-  const I last = hn::Sub(hn::GatherIndex(di, textures.num_levels.data(), number), hn::Set(di, 1));
+  const I last = hn::Sub(look_up(textures.num_levels, number), hn::Set(di, 1));
   const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), hn::ConvertTo(d, last));
   const I fine = hn::ConvertTo(di, detail);
   const V towards = hn::Sub(detail, hn::ConvertTo(d, fine));
-  const I first_level = hn::GatherIndex(di, textures.first_level.data(), number);
-  const auto of_fine = level_colors(d, di, textures, hn::Add(first_level, fine), s, t, wrap_across, wrap_down);
-  const auto of_coarse = level_colors(d, di, textures, hn::Add(first_level, hn::Min(hn::Add(fine, hn::Set(di, 1)), last)), s, t,
-                                      wrap_across, wrap_down);
-  const Mask textured = hn::RebindMask(d, hn::Lt(hn::Load(di, has_one), hn::Zero(di)));
-  for (std::size_t c = 0; c < 3; ++c) {
-    const V texel = hn::Add(of_fine[c], hn::Mul(hn::Sub(of_coarse[c], of_fine[c]), towards));
-    colors[c] = hn::IfThenElse(textured, hn::Mul(colors[c], texel), colors[c]);
+  const I finer = hn::Add(look_up(textures.first_level, number), fine);
+  const I coarser = hn::Add(finer, hn::Min(hn::Sub(last, fine), hn::Set(di, 1)));
+  std::array<V, 3> texel = level_colors(d, di, tables, look_up, finer, s, t, wrap_across, wrap_down);
+  if (!hn::AllFalse(d, hn::And(textured, hn::Gt(towards, hn::Zero(d))))) {  // what is near shows the largest level alone
+    const auto of_coarse = level_colors(d, di, tables, look_up, coarser, s, t, wrap_across, wrap_down);
+    for (std::size_t c = 0; c < 3; ++c) {
+      texel[c] = hn::Add(texel[c], hn::Mul(hn::Sub(of_coarse[c], texel[c]), towards));
+    }
   }
+  for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::IfThenElse(textured, hn::Mul(colors[c], texel[c]), colors[c]);
 }
 
 // The colours of vertices, at the points that rays have hit.
@@ -460,8 +524,9 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
       const V texels = footprint(d, rays, normal, pixel_area);
       tint(d, di, tables, elements, its, material, details, first, texels, tints);
     }
+    const LookUp look_up(d, to_light);
     const auto of_material = [&](const std::array<std::vector<float>, 3>& table, std::size_t c) HWY_ATTR {
-      const V value = hn::GatherIndex(d, table[c].data(), materials);
+      const V value = look_up(table[c], materials);
       return tinted ? hn::Mul(value, tints[c]) : value;
     };
     const auto base = [&](std::size_t c) HWY_ATTR { return of_material(tables.color, c); };
@@ -755,6 +820,16 @@ Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world)
   tables_.uv = world.triangles().uv;
   tables_.colors = world.triangles().colors;
   tables_.texels_per_square_metre = texels_per_square_metre(world);
+  tables_.texels.reserve(tables_.textures.texels.size());
+  std::array<std::uint32_t, 256> roots;
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));
+  }
+  for (const std::uint32_t texel : tables_.textures.texels) {
+    const auto root = [&](unsigned int shift) { return roots[texel >> shift & 0xFFU]; };
+    tables_.texels.push_back(static_cast<std::int32_t>(root(0) | root(8) << 10U | root(16) << 20U));
+  }
+  tables_.textures.texels = {};
   tables_.first_object = appearance.first_object;
   if (tables_.colors.empty()) {
     tables_.lit.resize(4 * tables_.triangles.size());

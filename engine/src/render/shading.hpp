@@ -59,6 +59,7 @@ class Shading {
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
   static constexpr int kSky = 2047;
+  static constexpr int kRoots = 1023;
 
   struct Tables {
     std::vector<ShadedSolid> solids;                    // as World::primitives()
@@ -69,7 +70,10 @@ class Shading {
     bool emits = false;                                 // one of them does
     std::vector<std::int32_t> semantic;                 // likewise
     std::vector<std::int32_t> texture;                  // likewise; -1: none
-    Textures textures;
+    Textures textures;                                  // whose texels are here:
+    // The roots of their linear colours times kRoots, ten bits each from the lowest on. A root is about as even to the eye as
+    // sRGB, and its square takes no table.
+    std::vector<std::int32_t> texels;
     std::span<const std::array<std::int32_t, 3>> triangles;
     std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
     std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
