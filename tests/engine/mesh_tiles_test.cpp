@@ -63,8 +63,24 @@ TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
 }
 
 // Adds triangles that are hard to decide about: needles, and ones that lie in a plane with `eye`, which sees them edge-on.
-void add_slivers(TriangleMesh& mesh, const Vec3& eye, Random& random) {
-  for (int i = 0; i < 60; ++i) {
+// And a level floor of squares, just below.
+void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random) {
+  constexpr int kSquares = 30;
+  const auto first_of_floor = static_cast<std::int32_t>(mesh.vertices.size());
+  for (int row = 0; row <= kSquares; ++row) {
+    for (int column = 0; column <= kSquares; ++column) {
+      mesh.vertices.emplace_back(0.4F * static_cast<float>(column - kSquares / 2), 0.4F * static_cast<float>(row - kSquares / 2),
+                                 eye.z() - 1e-5F);
+    }
+  }
+  for (int row = 0; row < kSquares; ++row) {
+    for (int column = 0; column < kSquares; ++column) {
+      const std::int32_t at = first_of_floor + row * (kSquares + 1) + column;
+      mesh.triangles.push_back({at, at + 1, at + kSquares + 2});
+      mesh.triangles.push_back({at, at + kSquares + 2, at + kSquares + 1});
+    }
+  }
+  for (int i = 0; i < count; ++i) {
     const Vec3 a = random.point(4.0F), b = random.point(4.0F);
     const float along = random.within(-1, 1);
     const Vec3 c = i % 3 == 0   ? Vec3(a + 0.5F * (b - a) + 1e-5F * random.point(1.0F))       // a needle
@@ -214,12 +230,17 @@ TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
       const int rings = pose / of_a_mesh % 2 == 0 ? 5 : 60;
       TriangleMesh mesh = ball(rings, 2 * rings, 0.7F, random);
       eye = random.point(5.0F);
-      add_slivers(mesh, eye, random);
+      add_slivers(mesh, rings == 5 ? 60 : 600, eye, random);
       tree = std::make_unique<const MeshTree>(device.tree(mesh));
     }
-    const Mat3 rotation = random.rotation().toRotationMatrix();
+    const bool is_level = pose % 6 == 0;  // a row of rays runs along the floor
+    const Mat3 rotation = is_level ? Mat3(Eigen::AngleAxisf(random.within(-3, 3), Vec3::UnitZ()).toRotationMatrix())
+                                   : random.rotation().toRotationMatrix();
     const Vec3 origin = pose % 2 == 0 ? eye : Vec3(random.point(5.0F));
     look(tile, pose % 4 < 2 ? 0.1F : 0.004F);
+    for (std::size_t ray = 0; is_level && ray < kMaxRays; ++ray) {
+      if (ray / 16 == 5) tile.z[ray] = -2e-6F;
+    }
     tile.trace(*tree, origin, rotation);
     std::array<std::size_t, kMaxRays> from;
     for (std::size_t ray = 0; ray < kMaxRays; ++ray) from[ray] = ray;

@@ -413,7 +413,12 @@ class TileTrace {
         Rectangles rectangles;
         Facets facets;
         const MeshLeaf& leaf = tree_.leaf(child);
-        if (const Bits seen = turn(leaf, facets, rectangles); seen != 0) test_ray(facets, leaf, seen, ray);
+        const Bits seen = turn(leaf, facets, rectangles);
+        if (seen == 0) continue;
+        test_ray(facets, leaf, seen & ~facets.slivers, ray);
+        for (Bits left = seen & facets.slivers; left != 0; left &= left - 1) {
+          test_sliver(facets, leaf, static_cast<std::size_t>(std::countr_zero(left)), ray);
+        }
       } else {
         descend(ray, tree_.node(child));
       }
