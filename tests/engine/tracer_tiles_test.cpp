@@ -15,6 +15,7 @@
 
 #include "batch_helpers.hpp"
 #include "compiled/compiled_world.hpp"
+#include "on_target.hpp"
 #include "random.hpp"
 #include "ray_oracle.hpp"
 #include "sensors/beams.hpp"
@@ -336,6 +337,24 @@ TEST(TracerTilesOf, WorldsWithoutTrianglesAreTracedAsEver) {
   EXPECT_EQ(compiled(*world).scene().tiles(), nullptr);
   EXPECT_TRUE(same_bits(tiles->lidar_ranges(), by_itself->lidar_ranges()));
   EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
+}
+
+TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
+  const auto world = hills_and_spheres(5);
+  const auto first = make_batch(world, TracerKind::tiles);
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  ASSERT_GT(targets.size(), 1U);
+  for (const std::int64_t target : targets) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    const testing::OnTarget on(target);
+    // A world of its own: what its triangles show is computed once.
+    const auto same = make_batch(hills_and_spheres(5), TracerKind::tiles);
+    EXPECT_TRUE(same_bits(first->lidar_ranges(), same->lidar_ranges()));
+    EXPECT_TRUE(same_bits(first->images(0).rgb, same->images(0).rgb));
+    EXPECT_TRUE(same_bits(first->images(0).depth, same->images(0).depth));
+    EXPECT_TRUE(same_bits(first->images(0).normal, same->images(0).normal));
+    EXPECT_TRUE(same_bits(first->images(0).instance, same->images(0).instance));
+  }
 }
 
 TEST(TracerTilesOf, SeveralBatchesShareATree) {
