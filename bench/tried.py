@@ -64,10 +64,11 @@ def run_tests(name: str) -> None:
     """Run the parts that no result has yet; write each."""
     known = [json.loads(place.read_text()) for place in (OUT / f"{name}.json", KEPT / f"{name}.json") if place.exists()]
     parts = max((result.get("parts", []) for result in known), key=len, default=[])
-    for part in range(len(parts), TESTS[name][1]):
-        parts.append({**source(), "count": run_part(name, part)})
-        print(f"{name}: part {part + 1} of {TESTS[name][1]}, {parts[-1]['count']:,} {name}", flush=True)
-        write(name, {**source(), "count": sum(p["count"] for p in parts), "unit": UNITS.get(name, name), "parts": parts})
+    for number in range(len(parts), TESTS[name][1]):
+        parts.append({**source(), "count": run_part(name, number)})
+        print(f"{name}: part {number + 1} of {TESTS[name][1]}, {parts[-1]['count']:,} {name}", flush=True)
+        count = sum(part["count"] for part in parts)
+        write(name, {**source(), "count": count, "unit": UNITS.get(name, name), "parts": parts})
 
 
 def run_fuzzer(name: str, runs: int) -> int:

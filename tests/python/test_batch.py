@@ -379,4 +379,5 @@ def test_rays_through_embree_are_counted():
         pictures = flockstep.Batch([world(triangles)], cameras=[camera], num_threads=1)
         pictures.set_pose(np.float32([[0, 0, 1]]))
         pictures.sense()
-        assert pictures.embree_rays == (64 * 64 if triangles else 0)  # towards the sun; those of the picture go in tiles
+        # Towards the sun; those of the picture go in tiles.
+        assert pictures.embree_rays == (64 * 64 if triangles else 0)

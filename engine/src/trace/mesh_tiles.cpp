@@ -249,9 +249,26 @@ class TileTrace {
 
     const std::size_t rows = (rays_.count / 16 + 3) / 4 * 4;
     used_ = (1U << rows) - 1U;
-    std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // of rows that fill up the last sub-tiles
     std::fill_n(id_, kRays, kNobody);
     std::fill_n(w_of_, 16, FLT_MAX);
+    if (rays_.unmet) {
+      for (std::size_t sub = 0; sub < rows; ++sub) store(all(least_w), w_ + 16 * sub);
+      for (std::size_t row = rays_.count / 16; row < rows; ++row) {  // rows that fill up the last sub-tiles
+        for (std::size_t column = 0; column < 16; ++column) w_[TileAxis::place(row, column)] = FLT_MAX;
+      }
+      std::fill_n(w_of_, rows, least_w);
+    } else {
+      take_over(rows, least_w);
+    }
+    largest_u_ = std::max(std::abs(u_.least_of_all), std::abs(u_.most_of_all));
+    largest_v_ = std::max(std::abs(v_.least_of_all), std::abs(v_.most_of_all));
+    margin_ = kRounding * (1.0F + std::max(largest_u_, largest_v_));
+    w_of_all_ = least_of(load(w_of_));
+  }
+
+  // What the rays have met so far.
+  HWY_INLINE void take_over(std::size_t rows, float least_w) {
+    std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // of rows that fill up the last sub-tiles
     for (std::size_t row = 0; row < rows; ++row) {
       for (std::size_t column = 0; column < 16; column += 4) {
         std::memcpy(w_ + TileAxis::place(row, column), rays_.t_hit + 16 * row + column, 4 * sizeof(float));
@@ -263,10 +280,6 @@ class TileTrace {
       store(w, w_ + 16 * sub);
       w_of_[sub] = least_of(w);
     }
-    largest_u_ = std::max(std::abs(u_.least_of_all), std::abs(u_.most_of_all));
-    largest_v_ = std::max(std::abs(v_.least_of_all), std::abs(v_.most_of_all));
-    margin_ = kRounding * (1.0F + std::max(largest_u_, largest_v_));
-    w_of_all_ = least_of(load(w_of_));
   }
 
   HWY_INLINE F3 turned(const F3& v) const {
@@ -690,10 +703,11 @@ class TileTrace {
         const std::size_t from = TileAxis::place(row, column), to = 16 * row + column;
         const auto id = hn::Load(di, id_ + from);
         const auto found = hn::Ne(id, hn::Set(di, kNobody));
-        const auto t_hit = hn::IfThenElse(hn::RebindMask(d, found), hn::Load(d, w_ + from), hn::Load(d, rays_.t_hit + to));
+        const auto before = rays_.unmet ? hn::Inf(d) : hn::Load(d, rays_.t_hit + to);
+        const auto t_hit = hn::IfThenElse(hn::RebindMask(d, found), hn::Load(d, w_ + from), before);
         hn::Store(t_hit, d, rays_.t_hit + to);
-        const auto element =
-            hn::IfThenElse(found, hn::Add(hn::ShiftRight<1>(id), hn::Set(di, first_element_)), hn::Load(di, rays_.element + to));
+        const auto element_before = rays_.unmet ? hn::Set(di, -1) : hn::Load(di, rays_.element + to);
+        const auto element = hn::IfThenElse(found, hn::Add(hn::ShiftRight<1>(id), hn::Set(di, first_element_)), element_before);
         hn::Store(element, di, rays_.element + to);
         if (details_ != nullptr) hn::Store(hn::And(id, hn::Set(di, 1)), di, details_->back + to);
         if constexpr (kNormals) {

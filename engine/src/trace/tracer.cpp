@@ -53,7 +53,12 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
-  if (!trace_candidates(tile)) trace_crowd();
+  bundle_.unmet = tree_ != nullptr && candidates_.triangles && candidates_.count == 0 && !candidates_.crowded;
+  if (bundle_.unmet) {
+    aim(tile);
+  } else if (!trace_candidates(tile)) {
+    trace_crowd();
+  }
   if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
   if (tree_ != nullptr) {
     trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, wants_normals_);
@@ -97,12 +102,16 @@ void Tracer::trace_shadows(const Scene& scene) {
   meet_triangles(scene, block_, nullptr, Through::masks);  // the static world ends here
 }
 
-bool Tracer::trace_candidates(const RayTile& tile) {
+void Tracer::aim(const RayTile& tile) {
   bundle_.x = tile.x;
   bundle_.y = tile.y;
   bundle_.z = tile.z;
   bundle_.count = tile.rows * tile.width;
   bundle_.frustum = tile.frustum;
+}
+
+bool Tracer::trace_candidates(const RayTile& tile) {
+  aim(tile);
   return !candidates_.crowded && trace_direct(std::span(candidates_.list).first(candidates_.count), kMaxDirect, bundle_);
 }
 
