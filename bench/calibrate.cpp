@@ -187,9 +187,9 @@ double tiles_advantage(int side, int triangles) {
   return bench::median_ratio(times[1], times[0]);
 }
 
-// The fewest rays that pay in tiles at some hundred triangles.
+// The fewest rays that pay in tiles at some hundred triangles, of those that fill a tile.
 int fewest_in_tiles() {
-  for (const int side : {4, 8, 12, 16, 24, 32}) {
+  for (const int side : {16, 24, 32}) {
     const double gain = tiles_advantage(side, 1000);
     std::fprintf(stderr, "  tiles      %4d rays: Embree takes %6.2f times as long\n", side * side, gain);
     if (gain >= 1.05) return side * side;
@@ -197,13 +197,13 @@ int fewest_in_tiles() {
   return 48 * 48;
 }
 
-// The most triangles for each of so many rays up to which tiles pay, a power of two.
+// The most triangles for each of so many rays up to which tiles pay for their memory, too, by 1.3: a power of two.
 int triangles_per_ray(int rays) {
   int best = 1;
   for (int each = 16; each <= 8192; each *= 2) {
     const double gain = tiles_advantage(static_cast<int>(std::sqrt(rays)), each * rays);
     std::fprintf(stderr, "  tiles      %4d triangles for each of %d rays: Embree takes %6.2f times as long\n", each, rays, gain);
-    if (gain < 1.0) return best;
+    if (gain < 1.3) return best;
     best = each;
   }
   return best;
