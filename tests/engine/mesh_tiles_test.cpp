@@ -62,6 +62,22 @@ TriangleMesh ball(int rings, int sides, float bumps, Random& random) {
   return mesh;
 }
 
+TriangleMesh cube(float half) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 8; ++i) {
+    mesh.vertices.emplace_back((i & 1) != 0 ? half : -half, (i & 2) != 0 ? half : -half, (i & 4) != 0 ? half : -half);
+  }
+  for (const auto& [a, b, c, d] :
+       {std::array{0, 1, 3, 2}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 3, 7, 5}}) {
+    mesh.triangles.push_back({a, b, c});
+    mesh.triangles.push_back({a, c, d});
+  }
+  mesh.materials.assign(mesh.triangles.size(), 0);
+  mesh.objects.assign(mesh.triangles.size(), 0);
+  mesh.uv.assign(mesh.vertices.size(), {0.0F, 0.0F});
+  return mesh;
+}
+
 // Adds triangles that are hard to decide about: needles, and ones that lie in a plane with `eye`, which sees them edge-on.
 // And a level floor of squares, just below.
 void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random) {
@@ -97,6 +113,7 @@ void add_slivers(TriangleMesh& mesh, int count, const Vec3& eye, Random& random)
 
 // 256 rays (1, u, v), where they are and what they hit.
 struct Tile {
+  float near = 0.01F;
   std::vector<float> x = std::vector<float>(kMaxRays + kRayPadding, 1.0F), y = x, z = x;
   std::unique_ptr<RayBundle> rays = std::make_unique<RayBundle>();
   std::unique_ptr<HitDetails> details = std::make_unique<HitDetails>();
@@ -104,7 +121,7 @@ struct Tile {
   void trace(const MeshTree& tree, const Vec3& origin, const Mat3& rotation, std::size_t count = kMaxRays) {
     rays->origin = origin;
     rays->rotation = rotation;
-    rays->near = 0.01F;
+    rays->near = near;
     rays->range = 100.0F;
     rays->count = count;
     rays->x = x.data();
@@ -212,6 +229,30 @@ TEST(MeshTiles, NoRaySlipsBetweenTriangles) {
     }
   }
   testing::tried("watertight", rays);
+}
+
+// An eye so close above the floor that rounding may decide which side of it is seen; it lies before and behind the eye.
+TEST(MeshTiles, NoRaySlipsThroughAFloorSeenEdgeOn) {
+  const Device device;
+  Random random(5);
+  const MeshTree tree = device.tree(cube(8.0F));
+  Tile tile;
+  tile.near = 0.0F;
+  for (int round = 0; round < 400; ++round) {
+    const Mat3 rotation = random.rotation().toRotationMatrix();
+    const Vec3 origin(random.within(-6, 6), random.within(-6, 6), -8.0F + random.within(2e-6F, 6e-6F));
+    for (std::size_t count = 0; count < kMaxRays;) {
+      const Vec3 target(random.within(-8, 8), random.within(-8, 8), -8.0F);
+      const Vec3 seen = rotation.transpose() * (target - origin);
+      if (seen.x() < 0.1F) continue;
+      tile.y[count] = seen.y() / seen.x();
+      tile.z[count] = seen.z() / seen.x();
+      ++count;
+    }
+    tile.trace(tree, origin, rotation);
+    for (std::size_t ray = 0; ray < kMaxRays; ++ray)
+      ASSERT_GE(tile.rays->element[ray], 0) << "ray " << ray << " of round " << round;
+  }
 }
 
 // What lies beside a ray, and which way the tree is gone through, changes no bit: rays of one origin and frame, shuffled.

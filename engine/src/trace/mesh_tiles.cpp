@@ -25,6 +25,7 @@ using Bits = std::uint32_t;  // one for each of sixteen rays, sub-tiles or trian
 struct Corner {
   double x, y, z;
 };
+inline double largest(const Corner& v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); }
 
 // The sign of a * d - b * c, exact: products are rounded so that a greater one never becomes the lesser.
 inline int sign_of_difference(double a, double d, double b, double c) {
@@ -34,9 +35,10 @@ inline int sign_of_difference(double a, double d, double b, double c) {
   return rest > 0.0 ? 1 : rest < 0.0 ? -1 : 0;
 }
 
-// Whether the ray (1, u, v) or its opposite goes through the triangle, its edges and corners included. Along the ray every corner
-// becomes a point of a plane, rounded, but to the same point in each triangle that has it; the rest is exact.
-inline bool hits_exactly(float u, float v, const std::array<Corner, 3>& corners) {
+// Whether the line of the ray (1, u, v) goes through the triangle, its edges and corners included: 1 where it does so along the
+// triangle's normal, -1 where against it, 0 where it misses. Along the ray every corner becomes a point of a plane, rounded, but
+// to the same point in each triangle that has it; the rest is exact.
+inline int crosses_exactly(float u, float v, const std::array<Corner, 3>& corners) {
   std::array<double, 3> x, y;
   for (std::size_t k = 0; k < 3; ++k) {
     x[k] = corners[k].y - static_cast<double>(u) * corners[k].x;
@@ -49,7 +51,7 @@ inline bool hits_exactly(float u, float v, const std::array<Corner, 3>& corners)
     least = std::min(least, sign);
     most = std::max(most, sign);
   }
-  return (least >= 0 || most <= 0) && least != -most;  // all 0: the triangle has no area
+  return least >= 0 ? most : most <= 0 ? least : 0;  // all 0: the triangle has no area
 }
 
 }  // namespace flockstep::trace
@@ -461,7 +463,7 @@ class TileTrace {
     r.v1 = select(ahead, most(most(v[0], v[1]), v[2]) + margin, wide);
     const Bits seen = in_view(r) & bits(far > zero);
     if (seen == 0) return 0;
-    store(select(ahead, least(least(inverse[0], inverse[1]), inverse[2]), zero), facets.least);
+    store(one / far, facets.least);
     store(select(ahead, most(most(inverse[0], inverse[1]), inverse[2]), all(FLT_MAX)), facets.most);
 
     // Twice the cross product of two corners: of the edge seen from its other triangle it differs in sign and in nothing else.
@@ -583,7 +585,7 @@ class TileTrace {
     const std::int32_t id = facets.id[i];
     hit = hit & ((w > best) | is_above(id_ + 16 * sub, id));
     if (const M doubtful = without(hit, lowest > all(facets.clear[i])); !none(doubtful)) {
-      hit = without(hit, missed(leaf, i, sub, bits(doubtful)));
+      hit = without(hit, missed(facets, leaf, i, sub, bits(doubtful)));
     }
     if (none(hit)) return false;
     store_where(hit, w, w_ + 16 * sub);
@@ -619,7 +621,7 @@ class TileTrace {
     for (; hit != 0; hit &= hit - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(hit));
       if (!is_nearer(at[3][i], facets.id[i], ray)) continue;
-      if ((clear >> i & 1U) == 0 && !hits_exactly(u_.of_ray[ray], v_.of_ray[ray], corners(leaf, i))) continue;
+      if ((clear >> i & 1U) == 0 && !hits_exactly(facets, leaf, i, ray)) continue;
       take(ray, at[3][i], facets.id[i], {facets.depth.of_1[i], facets.depth.of_u[i], facets.depth.of_v[i]},
            {at[0][i], at[1][i], at[2][i]});
       any = true;
@@ -627,17 +629,36 @@ class TileTrace {
     return any;
   }
 
-  // One ray and a triangle that is seen edge-on. Whether it has hit it.
+  // One ray and a triangle that is seen edge-on, in double precision. Whether it has hit it.
   bool test_sliver(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) {
-    const float w = facets.least[i];
-    if (w > most_w_ || !is_nearer(w, facets.id[i], ray)) return false;
+    if (!is_nearer(facets.most[i], facets.id[i], ray)) return false;
+    const double u = static_cast<double>(u_.of_ray[ray]), v = static_cast<double>(v_.of_ray[ray]);
     const std::array<Corner, 3> its = corners(leaf, i);
-    if (!hits_exactly(u_.of_ray[ray], v_.of_ray[ray], its)) return false;
-    const std::array<double, 3> a{its[1].x - its[0].x, its[1].y - its[0].y, its[1].z - its[0].z},
-        b{its[2].x - its[0].x, its[2].y - its[0].y, its[2].z - its[0].z};
-    const auto normal = [&](std::size_t j, std::size_t k) { return static_cast<float>(a[j] * b[k] - a[k] * b[j]); };
-    take(ray, w, facets.id[i], {normal(1, 2), normal(2, 0), normal(0, 1)}, {1.0F, 1.0F, 1.0F});
+    const int side = crosses_exactly(u_.of_ray[ray], v_.of_ray[ray], its);
+    if (side == 0) return false;
+    const Corner &c = its[0], a{its[1].x - c.x, its[1].y - c.y, its[1].z - c.z},
+                 b{its[2].x - c.x, its[2].y - c.y, its[2].z - c.z};
+    const Corner normal{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+    const double height = normal.x * c.x + normal.y * c.y + normal.z * c.z;
+    // The line may cross the triangle behind the origin. Where not even this tells, the origin lies in its plane, and it counts
+    // as far away: then a surface stays closed.
+    const float least = facets.least[i];
+    float w = least;
+    if (std::abs(height) > 0x1p-47 * largest(a) * largest(b) * largest(c)) {
+      if ((height > 0.0) != (side > 0)) return false;
+      const double exact = (normal.x + normal.y * u + normal.z * v) / height;
+      w = static_cast<float>(std::clamp(exact, static_cast<double>(least), static_cast<double>(facets.most[i])));
+    }
+    if (w > most_w_ || !is_nearer(w, facets.id[i], ray)) return false;
+    take(ray, w, facets.id[i], {static_cast<float>(normal.x), static_cast<float>(normal.y), static_cast<float>(normal.z)},
+         {1.0F, 1.0F, 1.0F});
     return true;
+  }
+
+  // Whether a ray hits a triangle that is not seen edge-on.
+  bool hits_exactly(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) const {
+    const int ahead = (facets.id[i] & 1) != 0 ? 1 : -1;
+    return crosses_exactly(u_.of_ray[ray], v_.of_ray[ray], corners(leaf, i)) == ahead;
   }
 
   bool is_nearer(float w, std::int32_t id, std::size_t ray) const { return w > w_[ray] || (w == w_[ray] && id < id_[ray]); }
@@ -652,12 +673,11 @@ class TileTrace {
   }
 
   // Which of a sub-tile's rays miss the triangle, of those that may.
-  HWY_NOINLINE M missed(const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits doubtful) const {
-    const std::array<Corner, 3> its = corners(leaf, i);
+  HWY_NOINLINE M missed(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits doubtful) const {
     alignas(64) float misses[16] = {};
     for (; doubtful != 0; doubtful &= doubtful - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(doubtful));
-      if (!hits_exactly(u_.of_ray[16 * sub + lane], v_.of_ray[16 * sub + lane], its)) misses[lane] = 1.0F;
+      if (!hits_exactly(facets, leaf, i, 16 * sub + lane)) misses[lane] = 1.0F;
     }
     return load(misses) > all(0.0F);
   }

@@ -9,8 +9,8 @@
 // and the triangles:
 // - Whether a ray hits a triangle does not depend on how it came there. The corners are rounded into the tile's frame, each for
 //   itself, so that triangles which share a corner still do. From there on the answer is exact: where the sign of an edge might
-//   be rounding, a test in double precision that is exact decides (see hits_exactly). So no ray should slip between triangles
-//   that share an edge or a corner; docs/architecture.md tells of one that does.
+//   be rounding, a test in double precision that is exact decides (see crosses_exactly). So no ray slips between triangles
+//   that share an edge or a corner.
 // - The distance is computed from the triangle and the ray alone, and lies between those of the triangle's nearest and farthest
 //   corner.
 // - Boxes are left out only where no triangle in them can be hit, or only beyond what was hit: each box is widened by more than
