@@ -89,6 +89,34 @@ py::dict light(const World& world) {
   return entry;
 }
 
+using Color = std::optional<std::array<float, 3>>;
+
+// tint: a colour for all materials, or one for each.
+std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const Color& sun_direction, const Color& sun_color,
+                                  const Color& sky_ambient, const Color& ground_ambient, const Color& zenith_color,
+                                  const Color& horizon_color, const std::optional<float>& gamma,
+                                  const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
+                                  const py::object& tint) {
+  const Light& usual = world->light();
+  Look look;
+  look.light = {sun_direction.value_or(usual.sun_direction),
+                sun_color.value_or(usual.sun_color),
+                sky_ambient.value_or(usual.sky_ambient),
+                ground_ambient.value_or(usual.ground_ambient),
+                zenith_color.value_or(usual.zenith_color),
+                horizon_color.value_or(usual.horizon_color),
+                gamma.value_or(usual.gamma),
+                sun_radius_deg.value_or(usual.sun_radius_deg),
+                sun_glow.value_or(usual.sun_glow)};
+  if (!tint.is_none()) {
+    const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
+    const std::span<const float> values = rows;
+    for (std::size_t i = 0; i < values.size(); i += 3) look.tint.push_back({values[i], values[i + 1], values[i + 2]});
+    if (look.tint.size() == 1) look.tint.assign(world->materials().size(), std::array(look.tint[0]));
+  }
+  return released([&] { return std::make_shared<World>(world, look); });
+}
+
 py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range_m) {
   const Input<float> from = floats(origins, "origins", {-1, 3});
   const Input<float> along = floats(directions, "directions", {-1, 3});
@@ -206,6 +234,10 @@ void register_world(py::module_& module) {
       .def_property_readonly("marker_radius_m", [](const World& world) { return world.markers().radius; })
       .def_property_readonly("materials", &materials)
       .def_property_readonly("light", &light)
+      .def("with_light", &with_light, py::kw_only(), py::arg("sun_direction") = py::none(), py::arg("sun_color") = py::none(),
+           py::arg("sky_ambient") = py::none(), py::arg("ground_ambient") = py::none(), py::arg("zenith_color") = py::none(),
+           py::arg("horizon_color") = py::none(), py::arg("gamma") = py::none(), py::arg("sun_radius_deg") = py::none(),
+           py::arg("sun_glow") = py::none(), py::arg("tint") = py::none())
       .def_property_readonly("primitives", &primitives)
       .def(
           "to_dict",

@@ -43,6 +43,7 @@ from flockstep._core import (
 )
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
+from flockstep.looks import looks
 from flockstep.recording import record
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
@@ -79,6 +80,7 @@ __all__ = [
     "__version__",
     "green_blob",
     "include_dir",
+    "looks",
     "plan",
     "record",
     "register_task",

@@ -1048,6 +1048,33 @@ class World:
         ``start`` and ``goal`` are (3,) m, ``waypoints`` (K, 3), ``spawn_box`` (2, 3), least and greatest corner.
         """
 
+    def with_light(
+        self,
+        *,
+        sun_direction: tuple[float, float, float] | None = None,
+        sun_color: tuple[float, float, float] | None = None,
+        sky_ambient: tuple[float, float, float] | None = None,
+        ground_ambient: tuple[float, float, float] | None = None,
+        zenith_color: tuple[float, float, float] | None = None,
+        horizon_color: tuple[float, float, float] | None = None,
+        gamma: float | None = None,
+        sun_radius_deg: float | None = None,
+        sun_glow: float | None = None,
+        tint: npt.ArrayLike | None = None,
+    ) -> World:
+        """Return the same world in another light, with other colours.
+
+        It shares geometry, textures, and all that is built for rays and collisions with this one: 16 bytes for each triangle and
+        50 for each primitive are its own, and a few kilobytes for each material. `looks` draws many. All but ``tint`` are those
+        of `WorldBuilder.light`; None: as it is.
+
+        Parameters
+        ----------
+        tint
+            (3,) or (M, 3) linear RGB in [0, 10], by which the base colours of all materials, or of each of `materials`, are
+            multiplied; so textures are, too. No base colour becomes more than 1.
+        """
+
     def free_places(
         self,
         count: int,

@@ -91,6 +91,13 @@ struct Light {
   float sun_glow = 0.0F;        // in [0, 1], the sun's share of the colour beside it; it has halved 5.7 degrees away
 };
 
+// What a world may look like otherwise, and still be the same to drones and rays.
+struct Look {
+  Light light;
+  // By which base colours are multiplied, linear RGB in [0, 10], and then at most 1: one for each material, or none.
+  std::vector<std::array<float, 3>> tint;
+};
+
 struct TriangleMesh {
   std::vector<Vec3> vertices;                          // m, world frame
   std::vector<std::array<std::int32_t, 3>> triangles;  // vertex indices, counter-clockwise seen from outside
@@ -166,18 +173,24 @@ class World {
   // presence up to the last object that is not full.
   // ignored: what ignored() returns.
   explicit World(SceneDescription description, std::vector<std::string> ignored = {});
+  // The same world with another look. It shares geometry, textures, and all that is built for rays and collisions with the one
+  // that is given, and keeps that one alive. Throws std::invalid_argument likewise.
+  World(std::shared_ptr<const World> world, const Look& look);
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
   const std::string& name() const { return description_.name; }
   std::span<const Material> materials() const { return description_.materials; }
-  std::span<const Texture> textures() const { return description_.textures; }
+  std::span<const Texture> textures() const { return shape().textures; }
   std::uint16_t semantic(std::size_t material) const;  // the class that cameras report of a material, in [1, 65532]
-  std::span<const Primitive> primitives() const { return description_.primitives; }
-  const TriangleMesh& triangles() const { return description_.mesh; }
+  std::span<const Primitive> primitives() const { return shape().primitives; }
+  const TriangleMesh& triangles() const { return shape().mesh; }
   const Markers& markers() const { return description_.markers; }
   const Light& light() const { return description_.light; }
   const Aabb& bounds() const { return bounds_; }  // m, of all geometry
+
+  // The world whose geometry this one shares; null where it has its own.
+  const World* original() const { return original_.get(); }
 
   // What the file that this world was loaded from has and flockstep does not read, in words ("2 animations").
   std::span<const std::string> ignored() const { return ignored_; }
@@ -204,7 +217,13 @@ class World {
   const Attachment& attachment() const { return attachment_; }
 
  private:
-  SceneDescription description_;
+  const SceneDescription& shape() const { return original_ ? original_->description_ : description_; }
+  // f(description of the whole world)
+  template <class F>
+  auto described(const F& f) const;
+
+  SceneDescription description_;  // without textures, primitives and triangles where the original has them
+  std::shared_ptr<const World> original_;
   std::vector<std::string> ignored_;
   Aabb bounds_;
   mutable std::once_flag hashed_;

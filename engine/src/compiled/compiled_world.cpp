@@ -21,10 +21,12 @@ const T& CompiledWorld::once(Part<T>& part, const Build& build) {
 }
 
 const trace::Scene& CompiledWorld::scene() const {
+  if (world_.original() != nullptr) return compiled(*world_.original()).scene();
   return once(scene_, [this] { return std::make_unique<const trace::Scene>(world_); });
 }
 
 const collision::Obstacles& CompiledWorld::obstacles() const {
+  if (world_.original() != nullptr) return compiled(*world_.original()).obstacles();
   return once(obstacles_, [this] {
     const auto is_full = [](const auto& thing) { return thing.presence == Presence::full; };
     const bool is_same =
@@ -37,7 +39,10 @@ const collision::Obstacles& CompiledWorld::obstacles() const {
 }
 
 const render::Shading& CompiledWorld::shading() const {
-  return once(shading_, [this] { return std::make_unique<const render::Shading>(world_, scene()); });
+  return once(shading_, [this] {
+    const World* original = world_.original();
+    return std::make_unique<const render::Shading>(world_, scene(), original ? &compiled(*original).shading() : nullptr);
+  });
 }
 
 const CompiledWorld& compiled(const World& world) {

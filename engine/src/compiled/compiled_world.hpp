@@ -19,7 +19,8 @@ class Shading;
 }
 
 // Each part is built on first need, by whichever thread comes first while the others wait. A batch asks for what it needs when
-// it is made, so that nothing is built in the middle of a step.
+// it is made, so that nothing is built in the middle of a step. A world that only looks other than its original has the parts
+// of that one but for what depends on the look.
 class CompiledWorld {
  public:
   explicit CompiledWorld(const World& world);  // which outlives it

@@ -339,13 +339,13 @@ class LookUp {
 // The linear colours at (s, t) in levels of textures; all lanes must have one.
 HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Tables& tables, const LookUp& look_up, I level, V s,
                                          V t, I across, I down) {
-  const Textures& textures = tables.textures;
+  const Textures& textures = tables.images->textures;
   const I width = look_up(textures.width, level);
   const Neighbours x = neighbours(d, di, s, width, across);
   const Neighbours y = neighbours(d, di, t, look_up(textures.height, level), down);
   const I offset = look_up(textures.offset, level);
   const auto texel = [&](I row, I column) HWY_ATTR {
-    return hn::GatherIndex(di, tables.texels.data(), hn::Add(offset, hn::Add(hn::Mul(row, width), column)));
+    return hn::GatherIndex(di, tables.images->texels.data(), hn::Add(offset, hn::Add(hn::Mul(row, width), column)));
   };
   const I a = texel(y.first, x.first), b = texel(y.first, x.second);
   const I c = texel(y.second, x.first), e = texel(y.second, x.second);
@@ -398,7 +398,7 @@ HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std
     return std::array{corner(0), corner(1), corner(2)};
   };
   const auto density_of = [&](std::int32_t its_element) {
-    return tables.texels_per_square_metre[static_cast<std::size_t>(its_element - tables.first_triangle)];
+    return tables.images->texels_per_square_metre[static_cast<std::size_t>(its_element - tables.first_triangle)];
   };
   if (one_triangle) {
     const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
@@ -425,7 +425,7 @@ HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std
     down = hn::Load(d, its_down);
     density = hn::Load(d, its_density);
   }
-  const Textures& textures = tables.textures;
+  const Textures& textures = tables.images->textures;
   const LookUp look_up(d, textured);
   const I number = hn::Load(di, texture);
   const I wrap_across = look_up(textures.wrap_across, number);
@@ -778,7 +778,21 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 }  // namespace
 
-Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world), room_(shading_room(world)) {
+Shading::Images::Images(const World& world) : textures(world), texels_per_square_metre(render::texels_per_square_metre(world)) {
+  texels.reserve(textures.texels.size());
+  std::array<std::uint32_t, 256> roots;
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));
+  }
+  for (const std::uint32_t texel : textures.texels) {
+    const auto root = [&](unsigned int shift) { return roots[texel >> shift & 0xFFU]; };
+    texels.push_back(static_cast<std::int32_t>(root(0) | root(8) << 10U | root(16) << 20U));
+  }
+  textures.texels = {};
+}
+
+Shading::Shading(const World& world, const trace::Scene& scene, const Shading* original)
+    : tables_(world), room_(shading_room(world)) {
   const Appearance appearance(world);
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
     const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);
@@ -819,17 +833,7 @@ Shading::Shading(const World& world, const trace::Scene& scene) : tables_(world)
   tables_.triangles = world.triangles().triangles;
   tables_.uv = world.triangles().uv;
   tables_.colors = world.triangles().colors;
-  tables_.texels_per_square_metre = texels_per_square_metre(world);
-  tables_.texels.reserve(tables_.textures.texels.size());
-  std::array<std::uint32_t, 256> roots;
-  for (std::size_t i = 0; i < roots.size(); ++i) {
-    roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));
-  }
-  for (const std::uint32_t texel : tables_.textures.texels) {
-    const auto root = [&](unsigned int shift) { return roots[texel >> shift & 0xFFU]; };
-    tables_.texels.push_back(static_cast<std::int32_t>(root(0) | root(8) << 10U | root(16) << 20U));
-  }
-  tables_.textures.texels = {};
+  tables_.images = original != nullptr ? original->tables_.images : std::make_shared<const Images>(world);
   tables_.first_object = appearance.first_object;
   if (tables_.colors.empty()) {
     tables_.lit.resize(4 * tables_.triangles.size());

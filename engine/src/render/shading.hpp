@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -41,7 +42,8 @@ struct ShadedSolid {
 // All that the colours of a world depend on, in the form of tables; built once.
 class Shading {
  public:
-  Shading(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
+  // All of which outlive it; the scene is of that world. original: that of the world's original(), whose images it shares.
+  Shading(const World& world, const trace::Scene& scene, const Shading* original = nullptr);
 
   // Writes what is wanted of the traced tile. details: of the triangles that were hit. shaded: empty, or a value for each ray, 1
   // if its hit lies in the shadow of something else, otherwise 0. pixel_area: of a pixel, or a sample of one, at planar depth 1,
@@ -61,6 +63,17 @@ class Shading {
   static constexpr int kSky = 2047;
   static constexpr int kRoots = 1023;
 
+  // What textures show in whatever light.
+  struct Images {
+    explicit Images(const World& world);
+
+    Textures textures;  // whose texels are here:
+    // The roots of their linear colours times kRoots, ten bits each from the lowest on. A root is about as even to the eye as
+    // sRGB, and its square takes no table.
+    std::vector<std::int32_t> texels;
+    std::vector<float> texels_per_square_metre;  // of triangles
+  };
+
   struct Tables {
     std::vector<ShadedSolid> solids;                    // as World::primitives()
     std::vector<ShadedSolid> markers;                   // start, waypoints, goal
@@ -70,14 +83,10 @@ class Shading {
     bool emits = false;                                 // one of them does
     std::vector<std::int32_t> semantic;                 // likewise
     std::vector<std::int32_t> texture;                  // likewise; -1: none
-    Textures textures;                                  // whose texels are here:
-    // The roots of their linear colours times kRoots, ten bits each from the lowest on. A root is about as even to the eye as
-    // sRGB, and its square takes no table.
-    std::vector<std::int32_t> texels;
+    std::shared_ptr<const Images> images;
     std::span<const std::array<std::int32_t, 3>> triangles;
     std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
     std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
-    std::vector<float> texels_per_square_metre;    // of triangles
     // Four for each triangle: what its front and its back show, in the sun and in shade; -1 where a texture is on it. Empty where
     // there are colours of vertices.
     std::vector<std::int32_t> lit;
@@ -89,7 +98,7 @@ class Shading {
     std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
     // Neither a sun disc, nor what glows, nor colours of vertices: the kernels leave the code for them out.
     bool is_plain() const { return !sun_disc.shows && !emits && colors.empty(); }
-    explicit Tables(const World& world) : textures(world), light(world.light()), sun_disc(world.light()) {}
+    explicit Tables(const World& world) : light(world.light()), sun_disc(world.light()) {}
   };
 
  private:

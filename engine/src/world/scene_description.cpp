@@ -279,6 +279,18 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
   }
 }
 
+// Rounding a unit vector to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
+template <int kSize>
+Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vector) {
+  constexpr double kRounding = 1.2e-7;
+  const Eigen::Matrix<float, kSize, 1> rounded = vector.template cast<float>();
+  const bool is_unit = std::abs(rounded.template cast<double>().squaredNorm() - 1.0) <= kRounding;
+  if (is_unit) return rounded;
+  return vector.normalized().template cast<float>();
+}
+
+}  // namespace
+
 void check_light(Light& light) {
   const auto& sun = light.sun_direction;
   const Vec3 direction(sun[0], sun[1], sun[2]);
@@ -312,17 +324,19 @@ void check_light(Light& light) {
   }
 }
 
-// Rounding a unit vector to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
-template <int kSize>
-Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vector) {
-  constexpr double kRounding = 1.2e-7;
-  const Eigen::Matrix<float, kSize, 1> rounded = vector.template cast<float>();
-  const bool is_unit = std::abs(rounded.template cast<double>().squaredNorm() - 1.0) <= kRounding;
-  if (is_unit) return rounded;
-  return vector.normalized().template cast<float>();
+void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials) {
+  if (tint.empty()) return;
+  if (tint.size() != materials.size()) {
+    refuse("tint", std::to_string(materials.size()) + " colours, one for each material", std::to_string(tint.size()));
+  }
+  for (std::size_t i = 0; i < tint.size(); ++i) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      const float value = tint[i][c];
+      if (!(value >= 0.0F && value <= kMaxTint)) refuse(element("tint", i), "numbers in [0, 10]", std::to_string(value));
+      materials[i].base_color[c] = std::min(1.0F, materials[i].base_color[c] * value);
+    }
+  }
 }
-
-}  // namespace
 
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
   const Eigen::Vector3d ab = (b - a).cast<double>();

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "flockstep/world.hpp"
 
@@ -29,6 +30,7 @@ inline constexpr int kMaxTexturePx = 16384;
 
 // Colours of the light are refused beyond this: brighter than any picture shows, and far from overflow.
 inline constexpr double kMaxLightColor = 100.0;
+inline constexpr float kMaxTint = 10.0F;
 inline constexpr double kMinGamma = 1.0;
 inline constexpr double kMaxGamma = 4.0;
 // Of the sun's disc, where it has one. Directions in float32 are accurate enough to show the least.
@@ -50,6 +52,12 @@ Vec3 unit_direction(const Eigen::Vector3d& direction);
 
 // Throws std::invalid_argument naming the marker, what was expected and what came.
 void check_markers(const Markers& markers);
+
+// Throws likewise; the direction to the sun becomes unit.
+void check_light(Light& light);
+
+// Multiplies base colours; see Look. Throws likewise.
+void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials);
 
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), rooms as their corners give
 // them, quaternions and the sun's direction unit, one material index and one object number per triangle, and the triangles of

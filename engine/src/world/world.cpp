@@ -76,36 +76,61 @@ std::shared_ptr<const World> World::from_json(const std::string& text, const std
 World::World(SceneDescription description, std::vector<std::string> ignored)
     : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {}
 
+World::World(std::shared_ptr<const World> world, const Look& look)
+    : original_(world->original_ ? world->original_ : world), ignored_(world->ignored_), bounds_(world->bounds_) {
+  description_.name = world->name();
+  description_.materials = world->description_.materials;
+  description_.markers = world->markers();
+  description_.light = look.light;
+  check_light(description_.light);
+  apply_tint(look.tint, description_.materials);
+}
+
+template <class F>
+auto World::described(const F& f) const {
+  if (!original_) return f(description_);
+  SceneDescription whole = description_;
+  whole.textures = shape().textures;
+  whole.primitives = shape().primitives;
+  whole.mesh = shape().mesh;
+  return f(whole);
+}
+
 std::uint16_t World::semantic(std::size_t material) const {
   const std::uint16_t given = materials()[material].semantic;
   return given != 0 ? given : static_cast<std::uint16_t>(material + 1);
 }
 
-std::string World::to_json() const { return write_scene(description_); }
+std::string World::to_json() const {
+  return described([](const SceneDescription& scene) { return write_scene(scene); });
+}
 
 void World::save(const std::filesystem::path& path) const {
   const std::string extension = extension_of(path);
   if (extension == ".json") return write_text_file(path, kSceneFile, to_json());
   if (extension == ".glb" || extension == ".gltf") {
     const GltfForm form = extension == ".glb" ? GltfForm::binary : GltfForm::text;
-    return write_text_file(path, kGltfFile, write_gltf(description_, form, path.string()));
+    const auto written = [&](const SceneDescription& scene) { return write_gltf(scene, form, path.string()); };
+    return write_text_file(path, kGltfFile, described(written));
   }
   refuse(path.string(), "a file ending in .json, .glb or .gltf", '"' + extension + '"');
 }
 
 TriangleMesh World::mesh(float chord_error_m, std::vector<std::int32_t>* all_objects) const {
-  return tessellate(description_, chord_error_m, all_objects);
+  return described([&](const SceneDescription& scene) { return tessellate(scene, chord_error_m, all_objects); });
 }
 
 std::shared_ptr<const World> World::with_markers(Markers markers) const {
   check_markers(markers);  // before the copy, which may be large
-  SceneDescription description = description_;
+  SceneDescription description = described([](const SceneDescription& scene) { return scene; });
   description.markers = std::move(markers);
   return std::make_shared<const World>(std::move(description), ignored_);
 }
 
 std::uint64_t World::content_hash() const {
-  std::call_once(hashed_, [this] { content_hash_ = flockstep::content_hash(description_); });
+  std::call_once(hashed_, [this] {
+    content_hash_ = described([](const SceneDescription& scene) { return flockstep::content_hash(scene); });
+  });
   return content_hash_;
 }
 

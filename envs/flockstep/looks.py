@@ -1,0 +1,84 @@
+"""Worlds of one shape that look different, so that what a camera learns does not depend on the light."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import numpy as np
+
+from flockstep._core import World
+from flockstep.scenes import load
+
+Range = tuple[float, float]
+
+
+def looks(
+    world: World | str | PathLike[str],
+    count: int,
+    seed: int = 0,
+    *,
+    azimuth_deg: Range = (0.0, 360.0),
+    elevation_deg: Range = (15.0, 75.0),
+    sun: Range = (0.5, 1.5),
+    ambient: Range = (0.7, 1.2),
+    tint: float = 0.15,
+) -> list[World]:
+    """Return one world in many lights: with ``random_world=True``, an environment draws one of them for each episode.
+
+    Each is a `World.with_light`, so they share geometry and textures. Number k depends on the seed and k alone.
+
+    Parameters
+    ----------
+    world
+        A `World`, or the name or path of one.
+    count
+        How many, at least 1.
+    seed
+        At least 0.
+    azimuth_deg, elevation_deg
+        Where the sun stands: from +x towards +y, in [-360, 360], and above the horizon, in [-90, 90].
+    sun, ambient
+        By what the world's own sunlight, and its ambient light and sky, are multiplied; at least 0.
+    tint
+        The red, green and blue of each material are multiplied by numbers in [1 - tint, 1 + tint]; in [0, 1].
+    """
+    shapes = load(world)
+    if len(shapes) != 1:
+        raise ValueError(f"world: expected one, got {len(shapes)}")
+    shape = shapes[0]
+    for name, number, least in (("count", count, 1), ("seed", seed, 0)):
+        if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < least:
+            raise ValueError(f"{name}: expected an integer >= {least}, got {number!r}")
+    for name, span, low, high in (
+        ("azimuth_deg", azimuth_deg, -360.0, 360.0),
+        ("elevation_deg", elevation_deg, -90.0, 90.0),
+        ("sun", sun, 0.0, 100.0),
+        ("ambient", ambient, 0.0, 100.0),
+        ("tint", (0.0, tint), 0.0, 1.0),
+    ):
+        if not low <= span[0] <= span[1] <= high:
+            raise ValueError(f"{name}: expected numbers in [{low:g}, {high:g}], the lesser first, got {span}")
+    usual = shape.light
+    result = []
+    for number in range(count):
+        random = np.random.default_rng([seed, number])
+        azimuth, elevation = np.radians([random.uniform(*azimuth_deg), random.uniform(*elevation_deg)])
+        sunlight, daylight = random.uniform(*sun), random.uniform(*ambient)
+        level = np.cos(elevation)
+
+        def brighter(color: str, factor: float) -> tuple[float, float, float]:
+            red, green, blue = np.minimum(100.0, np.multiply(usual[color], factor)).tolist()
+            return red, green, blue
+
+        result.append(
+            shape.with_light(
+                sun_direction=(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)),
+                sun_color=brighter("sun_color", sunlight),
+                sky_ambient=brighter("sky_ambient", daylight),
+                ground_ambient=brighter("ground_ambient", daylight),
+                zenith_color=brighter("zenith_color", daylight),
+                horizon_color=brighter("horizon_color", daylight),
+                tint=random.uniform(1.0 - tint, 1.0 + tint, (len(shape.materials), 3)),
+            )
+        )
+    return result

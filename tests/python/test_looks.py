@@ -1,0 +1,96 @@
+"""Worlds that differ in their looks alone."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flockstep
+
+CAMERA = {"width_px": 96, "height_px": 72, "outputs": ["rgb", "depth"], "shadows": True}
+
+
+def picture(worlds: list[flockstep.World], backend: str) -> flockstep.Camera:
+    batch = flockstep.Batch(
+        worlds,
+        num_envs=len(worlds),
+        cameras=[flockstep.CameraConfig(**CAMERA)],
+        camera_backend=backend,
+    )
+    place = np.add(worlds[0].start, (0, 0, 1))
+    batch.set_pose(np.tile(place, (len(worlds), 1)))
+    batch.sense()
+    return batch.camera()
+
+
+def test_backends_agree_in_every_light() -> None:
+    worlds = flockstep.looks("outdoor/forest", 3, seed=4)
+    try:
+        drawn = picture(worlds, "gl")
+    except RuntimeError as error:
+        pytest.skip(str(error)) if "not installed" in str(error) else pytest.fail(str(error))
+    traced = picture(worlds, "raycast")
+    for env in range(len(worlds)):
+        apart = np.abs(traced.rgb[env].astype(int) - drawn.rgb[env].astype(int)).max(axis=-1)
+        assert np.mean(apart > 2) < 0.02  # silhouettes of leaves
+    assert not np.array_equal(traced.rgb[0], traced.rgb[1])
+    assert np.array_equal(traced.depth[0], traced.depth[1])
+
+
+def test_the_same_seed_draws_the_same_looks() -> None:
+    first, again = flockstep.looks("playground/train-1", 3, 7), flockstep.looks("playground/train-1", 5, 7)
+    assert [world.to_dict() for world in first] == [world.to_dict() for world in again[:3]]
+    assert first[0].light != first[1].light
+    assert first[0].to_dict() != flockstep.looks("playground/train-1", 1, 8)[0].to_dict()
+    for world in flockstep.looks("outdoor/city", 20, elevation_deg=(30, 40), azimuth_deg=(90, 90), tint=0):
+        x, y, z = world.light["sun_direction"]
+        assert abs(x) < 1e-6 and y > 0
+        assert 29.9 < np.degrees(np.arcsin(z)) < 40.1
+        assert world.materials == flockstep.World.load("outdoor/city").materials
+
+
+def test_a_light_of_ones_own() -> None:
+    world = flockstep.World.load("playground/train-1")
+    red = world.with_light(sun_color=(1, 0, 0), tint=(0.5, 1, 1))
+    assert red.light == {**world.light, "sun_color": (1.0, 0.0, 0.0)}
+    for before, after in zip(world.materials, red.materials, strict=True):
+        assert np.allclose(after["base_color"], np.multiply(before["base_color"], (0.5, 1, 1)))
+    assert pickle.loads(pickle.dumps(red)).to_dict() == red.to_dict()
+    assert world.with_light().to_dict() == world.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"tint": np.ones((2, 3))}, "tint: expected"),
+        ({"tint": (1, -1, 1)}, "tint"),
+        ({"tint": (1, np.nan, 1)}, "tint"),
+        ({"tint": (1, 2)}, "tint"),
+        ({"gamma": 0.5}, "light.gamma: expected"),
+        ({"sun_direction": (0, 0, 0)}, "light.sun_direction: expected"),
+        ({"sun_color": (np.inf, 0, 0)}, "light.sun_color: expected"),
+    ],
+)
+def test_a_light_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        flockstep.World.load("playground/train-1").with_light(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"count": 0}, "count: expected an integer >= 1, got 0"),
+        ({"count": True}, "count: expected"),
+        ({"count": 2, "seed": -1}, "seed: expected"),
+        ({"count": 2, "elevation_deg": (50, 20)}, "elevation_deg: expected"),
+        ({"count": 2, "sun": (np.nan, 1)}, "sun: expected"),
+        ({"count": 2, "tint": 1.5}, "tint: expected"),
+        ({"count": 2, "world": "train"}, "world: expected one, got 5"),
+    ],
+)
+def test_looks_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        flockstep.looks(**{"world": "playground/train-1", **arguments})
