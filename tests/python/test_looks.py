@@ -16,7 +16,7 @@ CAMERA = {"width_px": 96, "height_px": 72, "outputs": ["rgb", "depth"], "shadows
 def picture(worlds: list[flockstep.World], backend: str) -> flockstep.Camera:
     batch = flockstep.Batch(
         worlds,
-        num_envs=len(worlds),
+        num_drones=len(worlds),
         cameras=[flockstep.CameraConfig(**CAMERA)],
         camera_backend=backend,
     )
@@ -65,7 +65,7 @@ def test_a_light_of_ones_own() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"tint": np.ones((2, 3))}, "tint: expected"),
+        ({"tint": np.ones((5, 3))}, "tint: expected"),
         ({"tint": (1, -1, 1)}, "tint"),
         ({"tint": (1, np.nan, 1)}, "tint"),
         ({"tint": (1, 2)}, "tint"),

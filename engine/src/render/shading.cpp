@@ -318,13 +318,6 @@ class LookUp {
     if (same(index, one)) return hn::Set(di, table[static_cast<std::size_t>(one)]);
     return hn::GatherIndex(di, table.data(), hn::IfThenElse(lanes_, index, hn::Set(di, one)));
   }
-  V operator()(const std::vector<float>& table, I index) const {
-    const Floats d;
-    const Ints di;
-    const std::int32_t one = hn::ExtractLane(index, first_);
-    if (same(index, one)) return hn::Set(d, table[static_cast<std::size_t>(one)]);
-    return hn::GatherIndex(d, table.data(), hn::IfThenElse(lanes_, index, hn::Set(di, one)));
-  }
 
  private:
   HWY_INLINE bool same(I index, std::int32_t one) const {
@@ -371,100 +364,93 @@ HWY_INLINE V footprint(Floats d, const Rays<kShadows, kPlain>& rays, const Vec3V
   return hn::Div(hn::Mul(square, dot(rays.direction, rays.direction)), hn::Mul(across, across));
 }
 
-// Multiplies the colours of triangles by what their textures show.
-HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements, std::uint64_t which,
-                     const std::int32_t* material, const trace::HitDetails& details, std::size_t first, V covered,
-                     std::array<V, 3>& colors) {
-  alignas(64) std::int32_t texture[PixelTile::kSide] = {};
-  alignas(64) std::int32_t has_one[PixelTile::kSide] = {};
-  bool any = false, one_triangle = true;
-  std::int32_t element = -1;
-  for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
-    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-    const std::int32_t number = tables.texture[static_cast<std::size_t>(material[lane])];
-    if (number < 0) continue;
-    if (!any) element = elements[lane];
-    one_triangle &= elements[lane] == element;
-    any = true;
-    texture[lane] = number;
-    has_one[lane] = -1;
+// f(triangle, lanes) for each triangle that some of the lanes show: neighbouring pixels mostly show the same.
+template <class F>
+HWY_INLINE void for_each_triangle(Floats d, Ints di, const Shading::Tables& tables, I elements, const std::int32_t* each,
+                                  Mask which, const F& f) {
+  for (std::uint64_t left = bits_of(d, which); left != 0;) {
+    const std::int32_t element = each[std::countr_zero(left)];
+    const Mask its = hn::And(which, hn::RebindMask(d, hn::Eq(elements, hn::Set(di, element))));
+    left &= ~bits_of(d, its);
+    f(static_cast<std::size_t>(element - tables.first_triangle), its);
   }
-  if (!any) return;
-  const Mask textured = hn::RebindMask(d, hn::Lt(hn::Load(di, has_one), hn::Zero(di)));
-  V across, down, density;
-  const auto corners_of = [&](std::int32_t its_element) {
-    const auto& corners = tables.triangles[static_cast<std::size_t>(its_element - tables.first_triangle)];
+}
+
+// How much the corners of a triangle weigh at the points that rays have hit.
+struct Weights {
+  V a, b, c;
+
+  // What has these values at the corners.
+  HWY_INLINE V operator()(float of_a, float of_b, float of_c) const {
+    const Floats d;
+    return hn::Add(hn::Add(hn::Mul(a, hn::Set(d, of_a)), hn::Mul(b, hn::Set(d, of_b))), hn::Mul(c, hn::Set(d, of_c)));
+  }
+};
+
+// Where in which texture the points lie that rays have hit. Lanes without a texture hold what is harmless.
+struct Textured {
+  Mask lanes;
+  V across, down;
+  V density;  // texels to a square metre
+  I wrap_across, wrap_down, first_level, last_level;
+
+  explicit HWY_INLINE Textured(Floats d)
+      : lanes(hn::Not(every(d))),
+        across(hn::Zero(d)),
+        down(across),
+        density(across),
+        wrap_across(hn::Zero(Ints())),
+        wrap_down(wrap_across),
+        first_level(wrap_across),
+        last_level(wrap_across) {}
+
+  HWY_INLINE void add(const Shading::Tables& tables, std::size_t triangle, std::size_t texture, Mask its,
+                      const Weights& weights) {
+    const Floats d;
+    const Ints di;
+    const Shading::Images& images = *tables.images;
+    const auto& corners = tables.triangles[triangle];
     const auto corner = [&](std::size_t k) { return tables.uv[static_cast<std::size_t>(corners[k])]; };
-    return std::array{corner(0), corner(1), corner(2)};
-  };
-  const auto density_of = [&](std::int32_t its_element) {
-    return tables.images->texels_per_square_metre[static_cast<std::size_t>(its_element - tables.first_triangle)];
-  };
-  if (one_triangle) {
-    const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
-    const V w = hn::Sub(hn::Sub(hn::Set(d, 1.0F), u), v);
-    const auto corners = corners_of(element);
-    const auto along = [&](std::size_t k) HWY_ATTR {
-      const auto part = [&](std::size_t corner, V weight) HWY_ATTR { return hn::Mul(weight, hn::Set(d, corners[corner][k])); };
-      return hn::Add(hn::Add(part(0, w), part(1, u)), part(2, v));
-    };
-    across = hn::IfThenElseZero(textured, along(0));  // the others may hold anything
-    down = hn::IfThenElseZero(textured, along(1));
-    density = hn::Set(d, density_of(element));
-  } else {
-    alignas(64) float its_across[PixelTile::kSide] = {}, its_down[PixelTile::kSide] = {}, its_density[PixelTile::kSide] = {};
-    for (std::uint64_t bits = bits_of(d, textured); bits != 0; bits &= bits - 1) {
-      const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-      const auto [a, b, c] = corners_of(elements[lane]);
-      const float u = details.u[first + lane], v = details.v[first + lane], w = 1.0F - u - v;
-      its_across[lane] = w * a[0] + u * b[0] + v * c[0];
-      its_down[lane] = w * a[1] + u * b[1] + v * c[1];
-      its_density[lane] = density_of(elements[lane]);
-    }
-    across = hn::Load(d, its_across);
-    down = hn::Load(d, its_down);
-    density = hn::Load(d, its_density);
+    const auto uv_a = corner(0), uv_b = corner(1), uv_c = corner(2);
+    const auto set = [&](const std::vector<std::int32_t>& table, I& to, std::int32_t less)
+                         HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, table[texture] - less), to); };
+    lanes = hn::Or(lanes, its);
+    across = hn::IfThenElse(its, weights(uv_a[0], uv_b[0], uv_c[0]), across);
+    down = hn::IfThenElse(its, weights(uv_a[1], uv_b[1], uv_c[1]), down);
+    density = hn::IfThenElse(its, hn::Set(d, images.texels_per_square_metre[triangle]), density);
+    set(images.textures.wrap_across, wrap_across, 0);
+    set(images.textures.wrap_down, wrap_down, 0);
+    set(images.textures.first_level, first_level, 0);
+    set(images.textures.num_levels, last_level, 1);
   }
-  const Textures& textures = tables.images->textures;
-  const LookUp look_up(d, textured);
-  const I number = hn::Load(di, texture);
-  const I wrap_across = look_up(textures.wrap_across, number);
-  const I wrap_down = look_up(textures.wrap_down, number);
-  const V s = wrapped(d, across, wrap_across);
-  const V t = wrapped(d, down, wrap_down);
+};
+
+// Multiplies colours by what textures show.
+HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const Textured& textured, V covered,
+                     std::array<V, 3>& colors) {
+  const LookUp look_up(d, textured.lanes);
+  const V s = wrapped(d, textured.across, textured.wrap_across);
+  const V t = wrapped(d, textured.down, textured.wrap_down);
   // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
-  const V texels = hn::Max(hn::Mul(density, covered), hn::Zero(d));
+  const V texels = hn::Max(hn::Mul(textured.density, covered), hn::Zero(d));
   const V log2 = hn::Sub(hn::Mul(hn::ConvertTo(d, hn::BitCast(di, texels)), hn::Set(d, 0x1p-23F)), hn::Set(d, 127.0F));
-  const I last = hn::Sub(look_up(textures.num_levels, number), hn::Set(di, 1));
-  const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), hn::ConvertTo(d, last));
+  const V most = hn::ConvertTo(d, textured.last_level);
+  const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), most);
   const I fine = hn::ConvertTo(di, detail);
   const V towards = hn::Sub(detail, hn::ConvertTo(d, fine));
-  const I finer = hn::Add(look_up(textures.first_level, number), fine);
-  const I coarser = hn::Add(finer, hn::Min(hn::Sub(last, fine), hn::Set(di, 1)));
-  std::array<V, 3> texel = level_colors(d, di, tables, look_up, finer, s, t, wrap_across, wrap_down);
-  if (!hn::AllFalse(d, hn::And(textured, hn::Gt(towards, hn::Zero(d))))) {  // what is near shows the largest level alone
-    const auto of_coarse = level_colors(d, di, tables, look_up, coarser, s, t, wrap_across, wrap_down);
+  const I finer = hn::Add(textured.first_level, fine);
+  const I coarser = hn::Add(finer, hn::Min(hn::Sub(textured.last_level, fine), hn::Set(di, 1)));
+  const auto level = [&](I number) HWY_ATTR {
+    return level_colors(d, di, tables, look_up, number, s, t, textured.wrap_across, textured.wrap_down);
+  };
+  std::array<V, 3> texel = level(finer);
+  if (!hn::AllFalse(d, hn::And(textured.lanes, hn::Gt(towards, hn::Zero(d))))) {  // what is near shows the largest level alone
+    const auto of_coarse = level(coarser);
     for (std::size_t c = 0; c < 3; ++c) {
       texel[c] = hn::Add(texel[c], hn::Mul(hn::Sub(of_coarse[c], texel[c]), towards));
     }
   }
-  for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::IfThenElse(textured, hn::Mul(colors[c], texel[c]), colors[c]);
-}
-
-// The colours of vertices, at the points that rays have hit.
-HWY_INLINE std::array<V, 3> vertex_colors(Floats d, const Shading::Tables& tables, const std::int32_t* elements,
-                                          std::uint64_t which, const trace::HitDetails& details, std::size_t first) {
-  alignas(64) float color[3][PixelTile::kSide] = {};
-  for (std::uint64_t bits = which; bits != 0; bits &= bits - 1) {
-    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-    const auto& corners = tables.triangles[static_cast<std::size_t>(elements[lane] - tables.first_triangle)];
-    const float u = details.u[first + lane], v = details.v[first + lane], w = 1.0F - u - v;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const auto of = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
-      color[c][lane] = w * of(0) + u * of(1) + v * of(2);
-    }
-  }
-  return {hn::Load(d, color[0]), hn::Load(d, color[1]), hn::Load(d, color[2])};
+  for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::IfThenElse(textured.lanes, hn::Mul(colors[c], texel[c]), colors[c]);
 }
 
 // The colours of triangles in their table, of lanes that show one; -1 elsewhere.
@@ -497,17 +483,33 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
   const bool lights = !hn::AllFalse(d, to_light);
   if (!lights && !wanted.semantic && !wanted.instance && !wanted.normal) return pixels;
 
-  alignas(64) std::int32_t material[PixelTile::kSide] = {};
-  alignas(64) std::int32_t object[PixelTile::kSide] = {};
-  for (std::uint64_t bits = bits_of(d, which); bits != 0; bits &= bits - 1) {
-    const auto lane = static_cast<std::size_t>(std::countr_zero(bits));
-    const auto triangle = static_cast<std::size_t>(elements[lane] - tables.first_triangle);
-    material[lane] = tables.triangle_material[triangle];
-    object[lane] = tables.triangle_object[triangle];
-  }
-  const I materials = hn::Load(di, material);
-  if (wanted.semantic) pixels.semantic = hn::GatherIndex(di, tables.semantic.data(), materials);
-  pixels.instance = hn::Add(hn::Load(di, object), hn::Set(di, tables.first_object));
+  const V one = hn::Set(d, 1.0F);
+  const Weights weights = [&]() HWY_ATTR {
+    const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
+    return Weights{hn::Sub(hn::Sub(one, u), v), u, v};
+  }();
+  const bool emits = !kPlain && tables.emits, colored = !kPlain && !tables.colors.empty();
+  std::array<V, 3> base{zero, zero, zero}, emitted = base, tints{one, one, one};
+  Textured textured(d);
+  const auto set = [&](std::int32_t value, Mask its, I& to)
+                       HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, value), to); };
+  const auto see = [&](std::size_t triangle, Mask its) HWY_ATTR {
+    const std::size_t material = tables.triangle_material[triangle];
+    if (wanted.semantic) set(tables.semantic[material], its, pixels.semantic);
+    if (wanted.instance) set(tables.triangle_object[triangle] + tables.first_object, its, pixels.instance);
+    if (!lights) return;
+    const auto& corners = tables.triangles[triangle];
+    for (std::size_t c = 0; c < 3; ++c) {
+      base[c] = hn::IfThenElse(its, hn::Set(d, tables.color[c][material]), base[c]);
+      if (emits) emitted[c] = hn::IfThenElse(its, hn::Set(d, tables.emissive[c][material]), emitted[c]);
+      const auto color = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
+      if (colored) tints[c] = hn::IfThenElse(its, weights(color(0), color(1), color(2)), tints[c]);
+    }
+    const std::int32_t texture = tables.texture[material];
+    if (texture >= 0) textured.add(tables, triangle, static_cast<std::size_t>(texture), its, weights);
+  };
+  const Mask seen = wanted.semantic || wanted.instance ? which : to_light;
+  for_each_triangle(d, di, tables, hn::Load(di, elements), elements, seen, see);
   if (!lights && !wanted.normal) return pixels;
 
   const Vec3V<V> geometric_normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
@@ -515,26 +517,13 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
   const Vec3V<V> normal = towards_camera(d, normalised(geometric_normal), rays.direction);
   pixels.normal = normal;
   if (lights) {
-    const V one = hn::Set(d, 1.0F);
-    std::array<V, 3> tints{one, one, one};
-    const std::uint64_t its = bits_of(d, to_light);
-    const bool colored = !kPlain && !tables.colors.empty(), tinted = colored || !tables.uv.empty();
-    if (colored) tints = vertex_colors(d, tables, elements, its, details, first);
-    if (!tables.uv.empty()) {
-      const V texels = footprint(d, rays, normal, pixel_area);
-      tint(d, di, tables, elements, its, material, details, first, texels, tints);
-    }
-    const LookUp look_up(d, to_light);
-    const auto of_material = [&](const std::array<std::vector<float>, 3>& table, std::size_t c) HWY_ATTR {
-      const V value = look_up(table[c], materials);
-      return tinted ? hn::Mul(value, tints[c]) : value;
-    };
-    const auto base = [&](std::size_t c) HWY_ATTR { return of_material(tables.color, c); };
-    const auto emitted = [&](std::size_t c) HWY_ATTR { return of_material(tables.emissive, c); };
+    if (!hn::AllFalse(d, textured.lanes)) tint(d, di, tables, textured, footprint(d, rays, normal, pixel_area), tints);
+    const auto tinted = [&](const std::array<V, 3>& color)
+                            HWY_ATTR { return [&](std::size_t c) HWY_ATTR { return hn::Mul(color[c], tints[c]); }; };
     const auto& to_sun = tables.light.sun_direction;
     const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-    const I color = !kPlain && tables.emits ? lit(d, di, tables, base, sunward, normal.z, rays, emitted)
-                                            : lit(d, di, tables, base, sunward, normal.z, rays);
+    const I color = emits ? lit(d, di, tables, tinted(base), sunward, normal.z, rays, tinted(emitted))
+                          : lit(d, di, tables, tinted(base), sunward, normal.z, rays);
     pixels.color = hn::IfThenElse(hn::RebindMask(di, to_light), color, pixels.color);
   }
   return pixels;
