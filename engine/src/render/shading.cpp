@@ -8,9 +8,11 @@
 
 #include <algorithm>
 #include <bit>
+#include <cfloat>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <limits>
 #include <type_traits>
 
 #include "base/srgb.hpp"
@@ -120,10 +122,11 @@ HWY_INLINE I packed(I red, I green, I blue) { return hn::Or(red, hn::Or(hn::Shif
 
 struct Nothing {};  // is emitted
 
-// What a base colour shows where the cosine of the angle between normal and sun is `sunward`, and the normal's z `upward`.
+// What a base colour shows, as linear values, where the cosine of the angle between normal and sun is `sunward`, and the normal's
+// z `upward`.
 template <bool kShadows, bool kPlain, class Base, class Emitted = Nothing>
-HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& base, V sunward, V upward,
-                 const Rays<kShadows, kPlain>& rays, const Emitted& emitted = {}) {
+HWY_INLINE std::array<V, 3> linear(Floats d, const Shading::Tables& tables, const Base& base, V sunward, V upward,
+                                   const Rays<kShadows, kPlain>& rays, const Emitted& emitted = {}) {
   const Light& light = tables.light;
   V sun = hn::Max(sunward, hn::Zero(d));
   if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
@@ -133,9 +136,32 @@ HWY_INLINE I lit(Floats d, Ints di, const Shading::Tables& tables, const Base& b
                               hn::Mul(hn::Set(d, light.sky_ambient[c] - light.ground_ambient[c]), hn::Max(sky, hn::Zero(d))));
     V value = hn::Mul(base(c), hn::Add(ambient, hn::Mul(hn::Set(d, light.sun_color[c]), sun)));
     if constexpr (!std::is_same_v<Emitted, Nothing>) value = hn::Add(value, emitted(c));
-    return level(d, di, tables, value);
+    return value;
   };
-  return packed(channel(0), channel(1), channel(2));
+  return {channel(0), channel(1), channel(2)};
+}
+
+// The same as it is written.
+HWY_INLINE I written(Floats d, Ints di, const Shading::Tables& tables, const std::array<V, 3>& color) {
+  return packed(level(d, di, tables, color[0]), level(d, di, tables, color[1]), level(d, di, tables, color[2]));
+}
+
+// Linear values as one negative number: their roots, ten bits each from the lowest on. Units: the values of roots of 1.
+HWY_INLINE I as_roots(Floats d, Ints di, const std::array<V, 3>& color, const std::array<V, 3>& unit) {
+  const auto root = [&](std::size_t c) HWY_ATTR {
+    const V number = hn::Sqrt(hn::Div(hn::Max(color[c], hn::Zero(d)), hn::Max(unit[c], hn::Set(d, FLT_MIN))));
+    return hn::Min(hn::ConvertTo(di, hn::Add(number, hn::Set(d, 0.5F))), hn::Set(di, Shading::kRoots));
+  };
+  const I all = hn::Or(root(0), hn::Or(hn::ShiftLeft<10>(root(1)), hn::ShiftLeft<20>(root(2))));
+  return hn::Or(all, hn::Set(di, std::numeric_limits<std::int32_t>::min()));
+}
+HWY_INLINE std::array<V, 3> of_roots(Floats d, Ints di, I roots, const std::array<V, 3>& unit) {
+  const auto value = [&](auto shift, std::size_t c) HWY_ATTR {
+    const V root = hn::ConvertTo(d, hn::And(hn::ShiftRight<shift.value>(roots), hn::Set(di, Shading::kRoots)));
+    return hn::Mul(hn::Mul(root, root), unit[c]);
+  };
+  return {value(std::integral_constant<int, 0>(), 0), value(std::integral_constant<int, 10>(), 1),
+          value(std::integral_constant<int, 20>(), 2)};
 }
 
 template <bool kShadows, bool kPlain>
@@ -218,9 +244,9 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
       pixels.color = on_ramp(d, di, solid.ramp, cosine(solid.sun), rays);
     } else if (!kPlain && wanted.any_color() && solid.surface.emits()) {
       const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.emissive[c]); };
-      pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted);
+      pixels.color = written(d, di, tables, linear(d, tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted));
     } else if (wanted.any_color()) {
-      pixels.color = lit(d, di, tables, base, cosine(solid.sun), cosine(solid.up), rays);
+      pixels.color = written(d, di, tables, linear(d, tables, base, cosine(solid.sun), cosine(solid.up), rays));
     }
     pixels.normal = normal;
   };
@@ -356,12 +382,13 @@ HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Table
           channel(std::integral_constant<int, 20>())};
 }
 
-// The square of how much of a surface a pixel covers along the longer side, m^2.
+// The square of how much of a surface a pixel covers along the longer side, m^2. normal: of any length.
 template <bool kShadows, bool kPlain>
 HWY_INLINE V footprint(Floats d, const Rays<kShadows, kPlain>& rays, const Vec3V<V>& normal, float pixel_area) {
   const V across = dot(normal, rays.direction);
   const V square = hn::Mul(hn::Mul(rays.t, rays.t), hn::Set(d, pixel_area));
-  return hn::Div(hn::Mul(square, dot(rays.direction, rays.direction)), hn::Mul(across, across));
+  const V lengths = hn::Mul(dot(rays.direction, rays.direction), dot(normal, normal));
+  return hn::Div(hn::Mul(square, lengths), hn::Mul(across, across));
 }
 
 // f(triangle, lanes) for each triangle that some of the lanes show: neighbouring pixels mostly show the same.
@@ -453,43 +480,38 @@ HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const Tex
   for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::IfThenElse(textured.lanes, hn::Mul(colors[c], texel[c]), colors[c]);
 }
 
-// The colours of triangles in their table, of lanes that show one; -1 elsewhere.
+// What the table of triangles has for the lanes that show one; 0 elsewhere.
 template <bool kShadows, bool kPlain>
-HWY_INLINE I lit_colors(Ints di, const Shading::Tables& tables, I elements, hn::Mask<Ints> triangles,
-                        const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays) {
+HWY_INLINE I lit(Ints di, const Shading::Tables& tables, I elements, hn::Mask<Ints> triangles, const trace::HitDetails& details,
+                 std::size_t first, const Rays<kShadows, kPlain>& rays) {
   const I number = hn::Sub(elements, hn::Set(di, tables.first_triangle));
   I place = hn::Add(hn::ShiftLeft<2>(number), hn::Load(di, details.back + first));
   if constexpr (kShadows) {
     place = hn::Add(place, hn::IfThenElseZero(hn::RebindMask(di, rays.shaded), hn::Set(di, 2)));
   }
-  const I colors = hn::GatherIndex(di, tables.lit.data(), hn::IfThenElseZero(triangles, place));
-  return hn::IfThenElse(triangles, colors, hn::Set(di, -1));
+  return hn::IfThenElseZero(triangles, hn::GatherIndex(di, tables.lit.data(), hn::IfThenElseZero(triangles, place)));
 }
 
-// Triangles: element by element from tables.
 template <bool kShadows, bool kPlain>
-HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* elements, Mask which,
+HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* each, Mask which,
                                   const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays,
                                   float pixel_area, const CameraOutputs& wanted) {
-  const V zero = hn::Zero(d);
+  const V zero = hn::Zero(d), one = hn::Set(d, 1.0F);
+  const I elements = hn::Load(di, each);
   Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
-  Mask to_light = which;
-  if (!wanted.any_color()) {
-    to_light = hn::Not(every(d));
-  } else if (!tables.lit.empty()) {
-    pixels.color = lit_colors(di, tables, hn::Load(di, elements), hn::RebindMask(di, which), details, first, rays);
-    to_light = hn::And(which, hn::RebindMask(d, hn::Lt(pixels.color, hn::Zero(di))));
-  }
-  const bool lights = !hn::AllFalse(d, to_light);
-  if (!lights && !wanted.semantic && !wanted.instance && !wanted.normal) return pixels;
+  if (wanted.any_color()) pixels.color = lit(di, tables, elements, hn::RebindMask(di, which), details, first, rays);
+  const auto tinted = hn::RebindMask(d, hn::Lt(pixels.color, hn::Zero(di)));
+  const bool tints_some = !hn::AllFalse(d, tinted), numbers = wanted.semantic || wanted.instance;
+  if (!tints_some && !numbers && !wanted.normal) return pixels;
 
-  const V one = hn::Set(d, 1.0F);
-  const Weights weights = [&]() HWY_ATTR {
-    const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
-    return Weights{hn::Sub(hn::Sub(one, u), v), u, v};
-  }();
-  const bool emits = !kPlain && tables.emits, colored = !kPlain && !tables.colors.empty();
-  std::array<V, 3> base{zero, zero, zero}, emitted = base, tints{one, one, one};
+  const Vec3V<V> normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
+                        hn::Load(d, details.normal_z + first)};
+  if (wanted.normal) pixels.normal = towards_camera(d, normalised(normal), rays.direction);
+
+  const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
+  const Weights weights{hn::Sub(hn::Sub(one, u), v), u, v};
+  const bool colored = !kPlain && !tables.colors.empty();
+  std::array<V, 3> tints{one, one, one}, unit{zero, zero, zero};
   Textured textured(d);
   const auto set = [&](std::int32_t value, Mask its, I& to)
                        HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, value), to); };
@@ -497,46 +519,36 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
     const std::size_t material = tables.triangle_material[triangle];
     if (wanted.semantic) set(tables.semantic[material], its, pixels.semantic);
     if (wanted.instance) set(tables.triangle_object[triangle] + tables.first_object, its, pixels.instance);
-    if (!lights) return;
+    if (!tints_some) return;
     const auto& corners = tables.triangles[triangle];
     for (std::size_t c = 0; c < 3; ++c) {
-      base[c] = hn::IfThenElse(its, hn::Set(d, tables.color[c][material]), base[c]);
-      if (emits) emitted[c] = hn::IfThenElse(its, hn::Set(d, tables.emissive[c][material]), emitted[c]);
+      unit[c] = hn::IfThenElse(its, hn::Set(d, tables.unit[c][material]), unit[c]);
+      if (!colored) continue;
       const auto color = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
-      if (colored) tints[c] = hn::IfThenElse(its, weights(color(0), color(1), color(2)), tints[c]);
+      tints[c] = hn::IfThenElse(its, weights(color(0), color(1), color(2)), tints[c]);
     }
     const std::int32_t texture = tables.texture[material];
     if (texture >= 0) textured.add(tables, triangle, static_cast<std::size_t>(texture), its, weights);
   };
-  const Mask seen = wanted.semantic || wanted.instance ? which : to_light;
-  for_each_triangle(d, di, tables, hn::Load(di, elements), elements, seen, see);
-  if (!lights && !wanted.normal) return pixels;
+  for_each_triangle(d, di, tables, elements, each, numbers ? which : tinted, see);
+  if (!tints_some) return pixels;
 
-  const Vec3V<V> geometric_normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
-                                  hn::Load(d, details.normal_z + first)};
-  const Vec3V<V> normal = towards_camera(d, normalised(geometric_normal), rays.direction);
-  pixels.normal = normal;
-  if (lights) {
-    if (!hn::AllFalse(d, textured.lanes)) tint(d, di, tables, textured, footprint(d, rays, normal, pixel_area), tints);
-    const auto tinted = [&](const std::array<V, 3>& color)
-                            HWY_ATTR { return [&](std::size_t c) HWY_ATTR { return hn::Mul(color[c], tints[c]); }; };
-    const auto& to_sun = tables.light.sun_direction;
-    const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-    const I color = emits ? lit(d, di, tables, tinted(base), sunward, normal.z, rays, tinted(emitted))
-                          : lit(d, di, tables, tinted(base), sunward, normal.z, rays);
-    pixels.color = hn::IfThenElse(hn::RebindMask(di, to_light), color, pixels.color);
-  }
+  if (!hn::AllFalse(d, textured.lanes)) tint(d, di, tables, textured, footprint(d, rays, normal, pixel_area), tints);
+  std::array<V, 3> color = of_roots(d, di, pixels.color, unit);
+  for (std::size_t c = 0; c < 3; ++c) color[c] = hn::Mul(color[c], tints[c]);
+  pixels.color = hn::IfThenElse(hn::RebindMask(di, tinted), written(d, di, tables, color), pixels.color);
   return pixels;
 }
 
-// What light_triangles() makes of a vector of triangles whose normals are given, on one side.
-HWY_INLINE I light_side(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& normal, I materials, bool shaded) {
+// What one side of a vector of triangles shows.
+HWY_INLINE std::array<V, 3> light_side(Floats d, const Shading::Tables& tables, const Vec3V<V>& normal, I materials,
+                                       bool shaded) {
   const Rays<true, false> rays{normal, hn::Zero(d), shaded ? every(d) : hn::Not(every(d))};
   const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.color[c].data(), materials); };
   const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.emissive[c].data(), materials); };
   const auto& to_sun = tables.light.sun_direction;
   const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-  return lit(d, di, tables, base, sunward, normal.z, rays, emitted);
+  return linear(d, tables, base, sunward, normal.z, rays, emitted);
 }
 
 // Fills Shading::Tables::lit.
@@ -563,13 +575,17 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
     const Vec3V<V> front = normalised({product(1, 2), product(2, 0), product(0, 1)});
     const Vec3V<V> back{hn::Neg(front.x), hn::Neg(front.y), hn::Neg(front.z)};
     const I materials = hn::Load(di, material);
-    alignas(64) std::int32_t color[4][PixelTile::kSide];
+    const auto unit_of = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.unit[c].data(), materials); };
+    const std::array<V, 3> unit{unit_of(0), unit_of(1), unit_of(2)};
+    alignas(64) std::int32_t plain[4][PixelTile::kSide], roots[4][PixelTile::kSide];
     for (std::size_t k = 0; k < 4; ++k) {
-      hn::Store(light_side(d, di, tables, k % 2 == 0 ? front : back, materials, k >= 2), di, color[k]);
+      const std::array<V, 3> color = light_side(d, tables, k % 2 == 0 ? front : back, materials, k >= 2);
+      hn::Store(written(d, di, tables, color), di, plain[k]);
+      hn::Store(as_roots(d, di, color, unit), di, roots[k]);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      const bool textured = tables.texture[static_cast<std::size_t>(material[i])] >= 0;
-      for (std::size_t k = 0; k < 4; ++k) out[4 * (first + i) + k] = textured ? -1 : color[k][i];
+      const bool tinted = !tables.colors.empty() || tables.texture[static_cast<std::size_t>(material[i])] >= 0;
+      for (std::size_t k = 0; k < 4; ++k) out[4 * (first + i) + k] = tinted ? roots[k][i] : plain[k][i];
     }
   }
 }
@@ -712,7 +728,7 @@ namespace {
 HWY_EXPORT(shade);
 HWY_EXPORT(light_triangles);
 
-// What the kernels' `lit` computes, of one surface.
+// What the kernels' `linear` computes, of one surface, as it is written.
 std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, float sunward, float upward) {
   const Light& light = tables.light;
   std::uint32_t color = 0;
@@ -814,6 +830,10 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
     for (std::size_t c = 0; c < 3; ++c) {
       tables_.color[c].push_back(material.color[c]);
       tables_.emissive[c].push_back(material.emissive[c]);
+      const Light& light = tables_.light;
+      const float brightest = std::max(light.sky_ambient[c], light.ground_ambient[c]) + light.sun_color[c];
+      const float most = static_cast<float>(Shading::kRoots);
+      tables_.unit[c].push_back((material.color[c] * brightest + material.emissive[c]) / (most * most));
     }
     tables_.emits |= material.emits();
     tables_.semantic.push_back(material.semantic);
@@ -824,10 +844,8 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
   tables_.colors = world.triangles().colors;
   tables_.images = original != nullptr ? original->tables_.images : std::make_shared<const Images>(world);
   tables_.first_object = appearance.first_object;
-  if (tables_.colors.empty()) {
-    tables_.lit.resize(4 * tables_.triangles.size());
-    HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, world.triangles().vertices, tables_.lit.data());
-  }
+  tables_.lit.resize(4 * tables_.triangles.size());
+  HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, world.triangles().vertices, tables_.lit.data());
   if (!tables_.sun_disc.shows) {
     for (int i = 0; i <= kSky; ++i) tables_.sky.push_back(sky_color(tables_, static_cast<float>(i) / kSky));
     if (!is_fine(tables_.sky)) tables_.sky.clear();
@@ -835,7 +853,7 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
 }
 
 bool Shading::needs_normals(const CameraOutputs& wanted) const {
-  return wanted.normal || (wanted.any_color() && (tables_.lit.empty() || !tables_.uv.empty()));
+  return wanted.normal || (wanted.any_color() && !tables_.uv.empty());
 }
 
 void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,

@@ -87,9 +87,11 @@ class Shading {
     std::span<const std::array<std::int32_t, 3>> triangles;
     std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
     std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
-    // Four for each triangle: what its front and its back show, in the sun and in shade; -1 where a texture is on it. Empty where
-    // there are colours of vertices.
+    // Four for each triangle: what its front and its back show, in the sun and in shade. Where that is still multiplied by a
+    // texture or by the colours of vertices, it is negative, and linear: the roots of its channels, ten bits each, of which that
+    // of the material's most, `unit` times 1023^2, is 1023.
     std::vector<std::int32_t> lit;
+    std::array<std::vector<float>, 3> unit;  // of each material
     std::vector<std::int32_t> sky;  // (kSky + 1,) colours from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
     Light light;
