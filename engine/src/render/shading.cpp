@@ -331,43 +331,32 @@ HWY_INLINE Neighbours neighbours(Floats d, Ints di, V x, I size, I wrap) {
           hn::Sub(at, below)};
 }
 
-// What a table has for some lanes; the others may get anything of it. Neighbouring pixels mostly ask for the same, and then one
-// number is read and not one for each lane.
-class LookUp {
- public:
-  LookUp(Floats d, Mask lanes)
-      : lanes_(hn::RebindMask(Ints(), lanes)), first_(static_cast<std::size_t>(std::countr_zero(bits_of(d, lanes)))) {}
-
-  I operator()(const std::vector<std::int32_t>& table, I index) const {
-    const Ints di;
-    const std::int32_t one = hn::ExtractLane(index, first_);
-    if (same(index, one)) return hn::Set(di, table[static_cast<std::size_t>(one)]);
-    return hn::GatherIndex(di, table.data(), hn::IfThenElse(lanes_, index, hn::Set(di, one)));
-  }
-
- private:
-  HWY_INLINE bool same(I index, std::int32_t one) const {
-    const Ints di;
-    return hn::AllTrue(di, hn::Or(hn::Not(lanes_), hn::Eq(index, hn::Set(di, one))));
-  }
-
-  hn::Mask<Ints> lanes_;  // of which there are some
-  std::size_t first_;
+// The levels of textures that some lanes ask for; the others get any.
+struct Levels {
+  I offset, width, height;
 };
 
+// Neighbouring pixels mostly ask for the same, and then numbers are read once and not for each lane.
+HWY_INLINE Levels levels_at(Floats d, Ints di, const Textures& textures, I number, Mask lanes) {
+  const std::int32_t one = hn::ExtractLane(number, static_cast<std::size_t>(std::countr_zero(bits_of(d, lanes))));
+  const I ones = hn::Set(di, one);
+  const I safe = hn::IfThenElse(hn::RebindMask(di, lanes), number, ones);
+  const auto at = static_cast<std::size_t>(one);
+  if (hn::AllTrue(di, hn::Eq(safe, ones))) {
+    return {hn::Set(di, textures.offset[at]), hn::Set(di, textures.width[at]), hn::Set(di, textures.height[at])};
+  }
+  return {hn::GatherIndex(di, textures.offset.data(), safe), hn::GatherIndex(di, textures.width.data(), safe),
+          hn::GatherIndex(di, textures.height.data(), safe)};
+}
+
 // The linear colours at (s, t) in levels of textures; all lanes must have one.
-HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Tables& tables, const LookUp& look_up, I level, V s,
-                                         V t, I across, I down) {
-  const Textures& textures = tables.images->textures;
-  const I width = look_up(textures.width, level);
-  const Neighbours x = neighbours(d, di, s, width, across);
-  const Neighbours y = neighbours(d, di, t, look_up(textures.height, level), down);
-  const I offset = look_up(textures.offset, level);
-  const auto texel = [&](I row, I column) HWY_ATTR {
-    return hn::GatherIndex(di, tables.images->texels.data(), hn::Add(offset, hn::Add(hn::Mul(row, width), column)));
-  };
-  const I a = texel(y.first, x.first), b = texel(y.first, x.second);
-  const I c = texel(y.second, x.first), e = texel(y.second, x.second);
+HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Images& images, const Levels& level, V s, V t,
+                                         I across, I down) {
+  const Neighbours x = neighbours(d, di, s, level.width, across), y = neighbours(d, di, t, level.height, down);
+  const I first = hn::Add(level.offset, hn::Mul(y.first, level.width));
+  const I second = hn::Add(level.offset, hn::Mul(y.second, level.width));
+  const auto texel = [&](I row, I column) HWY_ATTR { return hn::GatherIndex(di, images.texels.data(), hn::Add(row, column)); };
+  const I a = texel(first, x.first), b = texel(first, x.second), c = texel(second, x.first), e = texel(second, x.second);
   const auto mix = [&](V from, V to, V share) HWY_ATTR { return hn::Add(from, hn::Mul(hn::Sub(to, from), share)); };
   const auto channel = [&](auto shift) HWY_ATTR {
     const auto value = [&](I texel_roots) HWY_ATTR {
@@ -455,7 +444,6 @@ struct Textured {
 // Multiplies colours by what textures show.
 HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const Textured& textured, V covered,
                      std::array<V, 3>& colors) {
-  const LookUp look_up(d, textured.lanes);
   const V s = wrapped(d, textured.across, textured.wrap_across);
   const V t = wrapped(d, textured.down, textured.wrap_down);
   // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
@@ -468,7 +456,8 @@ HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const Tex
   const I finer = hn::Add(textured.first_level, fine);
   const I coarser = hn::Add(finer, hn::Min(hn::Sub(textured.last_level, fine), hn::Set(di, 1)));
   const auto level = [&](I number) HWY_ATTR {
-    return level_colors(d, di, tables, look_up, number, s, t, textured.wrap_across, textured.wrap_down);
+    const Levels levels = levels_at(d, di, tables.images->textures, number, textured.lanes);
+    return level_colors(d, di, *tables.images, levels, s, t, textured.wrap_across, textured.wrap_down);
   };
   std::array<V, 3> texel = level(finer);
   if (!hn::AllFalse(d, hn::And(textured.lanes, hn::Gt(towards, hn::Zero(d))))) {  // what is near shows the largest level alone
