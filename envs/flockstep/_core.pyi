@@ -1625,7 +1625,7 @@ class Batch:
         How rays of cameras and LiDARs meet what is in a world; the same but for rounding. ``"tiles"``: those of cameras,
         and of LiDARs whose beams lie close (at least four rows, sixteen beams of each within some 50 degrees), meet
         triangles in tiles of 16 x 16 rays that go through a tree of their own together, which takes some 65 bytes a
-        triangle; all others by Embree, in packets. Worlds with alpha masks stay with Embree. ``"auto"``: tiles for sensors
+        triangle; all others by Embree, in packets. ``"auto"``: tiles for sensors
         of at least 256 rays, in worlds of at most 1,024 triangles for each of these; beyond, packets are faster.
         ``"embree"``: no tiles, and primitives by Embree, too, except rooms: slower, to compare with.
     """

@@ -255,21 +255,27 @@ TEST(Masks, LidarsAndRaysMeetTheWhole) {
   }
   const RayHits hits = raycast(world, origins, directions, 100.0F);
   for (std::size_t i = 0; i < 100; ++i) EXPECT_GE(hits.primitive[i], 1) << i;
-  LidarConfig lidar;
-  lidar.max_range_m = 10.0F;
-  Batch batch(testing::lidar_batch(1, lidar), {std::make_shared<const World>(grid_before_a_wall())});
-  batch.set_pose(std::vector<float>{0, 0, 0}, {});
-  batch.sense();
-  const std::vector<float>& ranges = batch.lidar_ranges();
-  std::vector<float> beams(3 * ranges.size());
-  batch.lidar_directions(beams);
-  std::size_t met = 0;
-  for (std::size_t i = 0; i < ranges.size(); ++i) {
-    if (beams[3 * i] <= 0.6F) continue;
-    EXPECT_NEAR(ranges[i] * beams[3 * i], 2.0F, 1e-3F) << i;
-    ++met;
+  for (const TracerKind tracer : {TracerKind::embree, TracerKind::tiles}) {
+    LidarConfig lidar;
+    lidar.channels = 16;
+    lidar.vfov_deg = 60.0F;
+    lidar.max_range_m = 10.0F;
+    BatchConfig config = testing::lidar_batch(1, lidar);
+    config.tracer = tracer;
+    Batch batch(config, {std::make_shared<const World>(grid_before_a_wall())});
+    batch.set_pose(std::vector<float>{0, 0, 0}, {});
+    batch.sense();
+    const std::vector<float>& ranges = batch.lidar_ranges();
+    std::vector<float> beams(3 * ranges.size());
+    batch.lidar_directions(beams);
+    std::size_t met = 0;
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      if (beams[3 * i] <= 0.7F) continue;
+      EXPECT_NEAR(ranges[i] * beams[3 * i], 2.0F, 1e-3F) << i;
+      ++met;
+    }
+    EXPECT_GT(met, 100U);
   }
-  EXPECT_GT(met, 4U);
 }
 
 TEST(Masks, EverySimdTargetThreadAndNeighbourGivesTheSameBits) {

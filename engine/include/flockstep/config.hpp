@@ -16,8 +16,8 @@
 
 namespace flockstep {
 
-// How rays of cameras and LiDARs meet what is in a world. In tiles, rays that lie close go through a tree of triangles together;
-// that is for worlds without masks. Fans, sparse patterns, raycast() and rays of shadows always go through Embree in packets.
+// How rays of cameras and LiDARs meet what is in a world. In tiles, rays that lie close go through a tree of triangles together.
+// Fans, sparse patterns, raycast() and rays of shadows always go through Embree in packets.
 enum class TracerKind : std::uint8_t {
   automatic,  // tiles where they are faster, which the number of rays and that of the triangles decide; nothing is timed
   tiles,      // tiles wherever they are possible

@@ -222,8 +222,8 @@ template <bool kNormals>
 class TileTrace {
  public:
   TileTrace(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-            HitDetails* details)
-      : tree_(tree), first_element_(first_element), u_(u), v_(v), rays_(rays), details_(details) {}
+            HitDetails* details, const Masks* masks)
+      : tree_(tree), first_element_(first_element), u_(u), v_(v), rays_(rays), details_(details), masks_(masks) {}
 
   void trace() {
     begin();
@@ -588,6 +588,11 @@ class TileTrace {
       hit = without(hit, missed(facets, leaf, i, sub, bits(doubtful)));
     }
     if (none(hit)) return false;
+    if (is_masked(id)) {
+      const F slack = all(0.5F * facets.clear[i]);
+      hit = without(hit, seen_through(id, a - slack, b - slack, c - slack, bits(hit)));
+      if (none(hit)) return false;
+    }
     store_where(hit, w, w_ + 16 * sub);
     store_where(hit, id, id_ + 16 * sub);
     if constexpr (kNormals) {
@@ -622,6 +627,9 @@ class TileTrace {
       const auto i = static_cast<std::size_t>(std::countr_zero(hit));
       if (!is_nearer(at[3][i], facets.id[i], ray)) continue;
       if ((clear >> i & 1U) == 0 && !hits_exactly(facets, leaf, i, ray)) continue;
+      const float slack = 0.5F * facets.clear[i];
+      if (is_masked(facets.id[i]) && is_seen_through(facets.id[i], at[0][i] - slack, at[1][i] - slack, at[2][i] - slack))
+        continue;
       take(ray, at[3][i], facets.id[i], {facets.depth.of_1[i], facets.depth.of_u[i], facets.depth.of_v[i]},
            {at[0][i], at[1][i], at[2][i]});
       any = true;
@@ -650,9 +658,32 @@ class TileTrace {
       w = static_cast<float>(std::clamp(exact, static_cast<double>(least), static_cast<double>(facets.most[i])));
     }
     if (w > most_w_ || !is_nearer(w, facets.id[i], ray)) return false;
+    if (is_masked(facets.id[i]) && is_seen_through(facets.id[i], 1.0F, 1.0F, 1.0F)) return false;
     take(ray, w, facets.id[i], {static_cast<float>(normal.x), static_cast<float>(normal.y), static_cast<float>(normal.z)},
          {1.0F, 1.0F, 1.0F});
     return true;
+  }
+
+  bool is_masked(std::int32_t id) const {
+    return masks_ != nullptr && masks_->find(static_cast<std::size_t>(id >> 1)) != nullptr;
+  }
+  // Of a triangle that is masked, where its third, first and second corner have these weights.
+  bool is_seen_through(std::int32_t id, float a, float b, float c) const {
+    const float share = 1.0F / std::max((a + b) + c, FLT_MIN);
+    const auto weight = [&](float part) { return std::clamp(part * share, 0.0F, 1.0F); };
+    return masks_->lets_through(static_cast<std::size_t>(id >> 1), weight(c), weight(a));
+  }
+  // Which of a sub-tile's rays see through it, of those that hit it.
+  HWY_NOINLINE M seen_through(std::int32_t id, const F& a, const F& b, const F& c, Bits hits) const {
+    alignas(64) float weight[3][16], through[16] = {};
+    store(a, weight[0]);
+    store(b, weight[1]);
+    store(c, weight[2]);
+    for (; hits != 0; hits &= hits - 1) {
+      const auto lane = static_cast<std::size_t>(std::countr_zero(hits));
+      if (is_seen_through(id, weight[0][lane], weight[1][lane], weight[2][lane])) through[lane] = 1.0F;
+    }
+    return load(through) > all(0.0F);
   }
 
   // Whether a ray hits a triangle that is not seen edge-on.
@@ -749,6 +780,7 @@ class TileTrace {
   const TileAxis &u_, &v_;
   RayBundle& rays_;
   HitDetails* const details_;
+  const Masks* const masks_;
   float origin_[3];
   float to_tile_[3][3];
   float widen_;                  // m
@@ -765,11 +797,11 @@ class TileTrace {
 };
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details, bool normals) {
+                     HitDetails* details, bool normals, const Masks* masks) {
   if (details != nullptr && normals) {
-    TileTrace<true>(tree, first_element, u, v, rays, details).trace();
+    TileTrace<true>(tree, first_element, u, v, rays, details, masks).trace();
   } else {
-    TileTrace<false>(tree, first_element, u, v, rays, details).trace();
+    TileTrace<false>(tree, first_element, u, v, rays, details, masks).trace();
   }
 }
 
@@ -795,8 +827,8 @@ TileAxis make_tile_axis(const float* rows) {
 }
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details, bool normals) {
-  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details, normals);
+                     HitDetails* details, bool normals, const Masks* masks) {
+  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details, normals, masks);
 }
 
 }  // namespace flockstep::trace

@@ -16,11 +16,13 @@
 // - Boxes are left out only where no triangle in them can be hit, or only beyond what was hit: each box is widened by more than
 //   the rounding of a corner, each rectangle by more than the rounding of a quotient.
 // - Of hits at the same distance, the triangle with the lowest number counts.
+// - Where a triangle is seen through by its mask, it is not hit: that depends on the triangle, the ray, and the tile's width.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
+#include "trace/masks.hpp"
 #include "trace/mesh_tree.hpp"
 #include "trace/ray_block.hpp"
 
@@ -42,8 +44,9 @@ TileAxis make_tile_axis(const float* rows);  // (kMaxRays,) rows of 16
 // Takes what the tree has nearer than the rays' t_hit and element, or all it has for rays that are unmet; a hit gets the element
 // first_element + its triangle. The rays are rows of 16 and have the directions (1, u, v); u and v are of 16 rows, those that are
 // beyond the rays' count near the others. details: of the hits taken, null where nobody asks; weights only where the tree says
-// that they matter, and neither they nor normals where those are not asked for. Call under FlushDenormals.
+// that they matter, and neither they nor normals where those are not asked for. masks: what the rays pass through, null where
+// nothing. Call under FlushDenormals.
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details, bool normals);
+                     HitDetails* details, bool normals, const Masks* masks = nullptr);
 
 }  // namespace flockstep::trace

@@ -255,7 +255,7 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
 }
 
 void Scene::prepare_tiles(const TriangleMesh& mesh) const {
-  if (!meshes_ || !masks_.empty()) return;
+  if (!meshes_) return;
   const std::lock_guard lock(prepared_mutex_);
   if (!tiles_) tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
 }

@@ -65,8 +65,8 @@ class Scene {
 
   // Builds the tree for tiles of rays, unless it is there: whoever is to call tiles() calls this first. mesh: of the world.
   void prepare_tiles(const TriangleMesh& mesh) const;
-  // Null where nothing is to be traced in tiles: no triangles, or some with masks, which Embree's filters know.
-  const MeshTree* tiles() const { return tiles_.get(); }
+  const MeshTree* tiles() const { return tiles_.get(); }                     // null where there are no triangles
+  const Masks* masks() const { return masks_.empty() ? nullptr : &masks_; }  // of them, which cameras see through; null: none
   // Builds what intersect_primitives() needs to go through Embree where it would not. Rooms are never in it: each ray meets them.
   void prepare_crowd() const;
   std::size_t num_triangles() const { return num_triangles_; }

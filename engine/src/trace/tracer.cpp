@@ -61,7 +61,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   }
   if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
   if (tree_ != nullptr) {
-    trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, wants_normals_);
+    trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, wants_normals_, scene_->masks());
   } else {
     note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
   }
