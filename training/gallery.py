@@ -32,6 +32,9 @@ SCENES = (
 STRIP = 4
 SIZE_PX = (640, 360)
 STRIP_PX = (320, 200)
+#: One place in several lights.
+LIT = "outdoor/city"
+LIGHTS = 4
 HFOV_DEG = 80.0
 #: What the LiDAR sees: a spinning one, every so many metres of the way.
 LIDAR = flockstep.LidarConfig(channels=32, beams=720, hfov_deg=360.0, vfov_deg=60.0, max_range_m=25.0)
@@ -144,7 +147,7 @@ def sheet(world: flockstep.World, indoor: bool) -> Image:
 
 @dataclass
 class Args:
-    """Draw the gallery: a sheet of each scene, and a strip of some."""
+    """Draw the gallery: a sheet of each scene, a strip of some, and one of a city in several lights."""
 
     out: Path = Path("out/gallery")
     """Folder for the pictures."""
@@ -164,6 +167,11 @@ def main(args: Args) -> None:
             strip.append(picture(world, *along(world, way_through(world), 0.0, 0.65), STRIP_PX))
     if strip:
         imageio.imwrite(args.out / "strip.jpg", np.concatenate(strip, axis=1), quality=85)
+    if LIT in args.scenes:
+        world = flockstep.World.load(LIT)
+        view = along(world, way_through(world), 0.0, 0.65)
+        lights = [picture(look, *view, STRIP_PX) for look in flockstep.looks(world, LIGHTS, seed=3)]
+        imageio.imwrite(args.out / "lights.jpg", np.concatenate(lights, axis=1), quality=85)
     print(f"the gallery is in {args.out}/")
 
 
