@@ -30,7 +30,7 @@ OUT = ROOT / "out" / "tried"
 KEPT = ROOT / "bench" / "results" / "tried"
 #: Tests of the C++ engine, how many parts they run in, and how many times as often as in the suite a part tries.
 TESTS = {
-    "moves": ("*Creep*", 50, 20),
+    "moves": ("*Creep*", 51, 20),
     "pushes": ("Contact.Pushed*", 30, 10),
     "motions": ("SweepAgainstFineStepping*", 10, 10),
     "rays": ("Agreement*", 20, 50),

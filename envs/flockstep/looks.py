@@ -56,8 +56,12 @@ def looks(
         ("ambient", ambient, 0.0, 100.0),
         ("tint", (0.0, tint), 0.0, 1.0),
     ):
-        if not low <= span[0] <= span[1] <= high:
-            raise ValueError(f"{name}: expected numbers in [{low:g}, {high:g}], the lesser first, got {span}")
+        pair = np.array(span, dtype=object).ravel()
+        is_pair = len(pair) == 2 and all(isinstance(end, (int, float, np.number)) for end in pair)
+        if not is_pair or not low <= pair[0] <= pair[1] <= high:
+            one = name == "tint"
+            expected = "a number" if one else "two numbers, the lesser first,"
+            raise ValueError(f"{name}: expected {expected} in [{low:g}, {high:g}], got {tint if one else span!r}")
     usual = shape.light
     result = []
     for number in range(count):

@@ -588,9 +588,8 @@ class TileTrace {
       hit = without(hit, missed(facets, leaf, i, sub, bits(doubtful)));
     }
     if (none(hit)) return false;
-    if (is_masked(id)) {
-      const F slack = all(0.5F * facets.clear[i]);
-      hit = without(hit, seen_through(id, a - slack, b - slack, c - slack, bits(hit)));
+    if (is_masked(leaf, i)) {
+      hit = without(hit, seen_through(leaf, i, sub, bits(hit)));
       if (none(hit)) return false;
     }
     store_where(hit, w, w_ + 16 * sub);
@@ -627,9 +626,7 @@ class TileTrace {
       const auto i = static_cast<std::size_t>(std::countr_zero(hit));
       if (!is_nearer(at[3][i], facets.id[i], ray)) continue;
       if ((clear >> i & 1U) == 0 && !hits_exactly(facets, leaf, i, ray)) continue;
-      const float slack = 0.5F * facets.clear[i];
-      if (is_masked(facets.id[i]) && is_seen_through(facets.id[i], at[0][i] - slack, at[1][i] - slack, at[2][i] - slack))
-        continue;
+      if (is_masked(leaf, i) && is_seen_through(leaf, i, ray)) continue;
       take(ray, at[3][i], facets.id[i], {facets.depth.of_1[i], facets.depth.of_u[i], facets.depth.of_v[i]},
            {at[0][i], at[1][i], at[2][i]});
       any = true;
@@ -658,30 +655,34 @@ class TileTrace {
       w = static_cast<float>(std::clamp(exact, static_cast<double>(least), static_cast<double>(facets.most[i])));
     }
     if (w > most_w_ || !is_nearer(w, facets.id[i], ray)) return false;
-    if (is_masked(facets.id[i]) && is_seen_through(facets.id[i], 1.0F, 1.0F, 1.0F)) return false;
+    if (is_masked(leaf, i) && is_seen_through(leaf, i, ray)) return false;
     take(ray, w, facets.id[i], {static_cast<float>(normal.x), static_cast<float>(normal.y), static_cast<float>(normal.z)},
          {1.0F, 1.0F, 1.0F});
     return true;
   }
 
-  bool is_masked(std::int32_t id) const {
-    return masks_ != nullptr && masks_->find(static_cast<std::size_t>(id >> 1)) != nullptr;
+  bool is_masked(const MeshLeaf& leaf, std::size_t i) const {
+    return masks_ != nullptr && masks_->find(static_cast<std::size_t>(leaf.triangle[i])) != nullptr;
   }
-  // Of a triangle that is masked, where its third, first and second corner have these weights.
-  bool is_seen_through(std::int32_t id, float a, float b, float c) const {
-    const float share = 1.0F / std::max((a + b) + c, FLT_MIN);
-    const auto weight = [&](float part) { return std::clamp(part * share, 0.0F, 1.0F); };
-    return masks_->lets_through(static_cast<std::size_t>(id >> 1), weight(c), weight(a));
+  // Whether a ray that hits a triangle with a mask sees through it: of triangle and ray alone, like the hit.
+  bool is_seen_through(const MeshLeaf& leaf, std::size_t i, std::size_t ray) const {
+    const double u = static_cast<double>(u_.of_ray[ray]), v = static_cast<double>(v_.of_ray[ray]);
+    const std::array<Corner, 3> its = corners(leaf, i);
+    std::array<double, 3> weight;  // of the corner before the edge's two
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Corner &from = its[k], &to = its[(k + 1) % 3];
+      weight[k] = (from.y - u * from.x) * (to.z - v * to.x) - (from.z - v * from.x) * (to.y - u * to.x);
+    }
+    const double sum = weight[0] + weight[1] + weight[2];
+    const auto share = [&](double part) { return static_cast<float>(sum != 0.0 ? std::clamp(part / sum, 0.0, 1.0) : 1.0 / 3.0); };
+    return masks_->lets_through(static_cast<std::size_t>(leaf.triangle[i]), share(weight[2]), share(weight[0]));
   }
   // Which of a sub-tile's rays see through it, of those that hit it.
-  HWY_NOINLINE M seen_through(std::int32_t id, const F& a, const F& b, const F& c, Bits hits) const {
-    alignas(64) float weight[3][16], through[16] = {};
-    store(a, weight[0]);
-    store(b, weight[1]);
-    store(c, weight[2]);
+  HWY_NOINLINE M seen_through(const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits hits) const {
+    alignas(64) float through[16] = {};
     for (; hits != 0; hits &= hits - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(hits));
-      if (is_seen_through(id, weight[0][lane], weight[1][lane], weight[2][lane])) through[lane] = 1.0F;
+      if (is_seen_through(leaf, i, 16 * sub + lane)) through[lane] = 1.0F;
     }
     return load(through) > all(0.0F);
   }

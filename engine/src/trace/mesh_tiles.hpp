@@ -16,7 +16,7 @@
 // - Boxes are left out only where no triangle in them can be hit, or only beyond what was hit: each box is widened by more than
 //   the rounding of a corner, each rectangle by more than the rounding of a quotient.
 // - Of hits at the same distance, the triangle with the lowest number counts.
-// - Where a triangle is seen through by its mask, it is not hit: that depends on the triangle, the ray, and the tile's width.
+// - Where a triangle is seen through by its mask, it is not hit.
 #pragma once
 
 #include <cstddef>
