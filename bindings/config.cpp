@@ -5,6 +5,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cstddef>
+#include <string>
+#include <type_traits>
+#include <typeinfo>
+#include <vector>
+
 #include "convert.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
@@ -13,73 +19,115 @@
 namespace flockstep::bindings {
 namespace {
 
-template <class Config>
-constexpr auto field_names() {
-  return std::apply([](const auto&... fields) { return std::array{fields.name...}; }, Config::fields());
-}
-
 std::string class_name(const py::object& self) { return py::str(py::type::of(self).attr("__name__")); }
 
-// A keyword-only constructor: every field by its name, unset ones keep their default.
+// How Python reads and writes a field of some type.
+struct FieldType {
+  py::object (*read)(const void* field);
+  void (*write)(void* field, const py::object& value, const char* name);  // as from_python()
+  std::string (*stub)();
+};
+template <class Value>
+constexpr FieldType kFieldType{
+    [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); },
+    [](void* field, const py::object& value, const char* name) { *static_cast<Value*>(field) = from_python<Value>(value, name); },
+    [] { return StubType<Value>::of(); }};
+
+// A field of a configuration.
+struct ConfigField {
+  const char* name;
+  std::ptrdiff_t offset;
+  const FieldType* type;
+};
+
 template <class Config>
-Config from_keywords(const py::kwargs& kwargs) {
-  py::object config = py::cast(Config());
+std::vector<ConfigField> fields_of() {
+  const Config config;
+  std::vector<ConfigField> list;
+  for_each_field(config, [&](const auto& field, const auto& value) {
+    const std::ptrdiff_t offset = reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
+    list.push_back({field.name, offset, &kFieldType<std::remove_cvref_t<decltype(value)>>});
+  });
+  return list;
+}
+
+// The configuration that a Python object holds.
+char* held_by(const py::object& self, const std::type_info& type) {
+  py::detail::type_caster_generic caster(type);
+  if (!caster.load(self, false) || caster.value == nullptr)
+    throw py::type_error("expected another type than " + class_name(self));
+  return static_cast<char*>(caster.value);
+}
+
+// Sets fields that are given by their names.
+void set_fields(const py::object& config, const py::kwargs& kwargs) {
   for (const auto& [key, value] : kwargs) {
     if (!py::hasattr(config, key)) {
       throw py::type_error(unexpected_keyword(class_name(config) + ".__init__", py::str(key), config.attr("__match_args__")));
     }
     py::setattr(config, key, py::reinterpret_borrow<py::object>(value));
   }
-  const auto made = config.cast<Config>();
+}
+
+// A keyword-only constructor: every field by its name, unset ones keep their default.
+template <class Config>
+Config from_keywords(const py::kwargs& kwargs) {
+  const py::object config = py::cast(Config());
+  set_fields(config, kwargs);
+  const auto& made = config.cast<const Config&>();
   made.validate();
   return made;
 }
 
-py::dict state_of(const py::object& self, const auto& names) {
+py::dict state_of(const py::object& self) {
   py::dict state;
-  for (const char* name : names) state[name] = self.attr(name);
+  for (const py::handle name : self.attr("__match_args__")) state[name] = self.attr(name);
   return state;
 }
 
-// What every config has: its fields, keywords in, repr, equality by value, pickling (Gymnasium copies the keywords of an env).
+// What every config has but its constructor: its fields, repr, equality by value. Not a template, since each function that is
+// bound by one costs the compiler a tenth of a second, and there are hundreds of fields.
+void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
+  const py::is_method method(cls);
+  const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
+  py::list names;
+  py::dict types;  // for the stubs
+  for (const ConfigField& field : fields) {
+    const py::cpp_function get(
+        [field, &type](const py::object& self) { return field.type->read(held_by(self, type) + field.offset); }, method);
+    const py::cpp_function set(
+        [field, &type](const py::object& self, const py::object& value) {
+          field.type->write(held_by(self, type) + field.offset, value, field.name);
+        },
+        method);
+    cls.attr(field.name) = property(get, set);
+    names.append(field.name);
+    types[field.name] = field.type->stub();
+  }
+  cls.attr("__match_args__") = py::tuple(names);
+  cls.attr("_field_types") = types;
+  cls.attr("__hash__") = py::none();  // it can change
+  const auto add = [&](const char* name, const auto& function) {
+    cls.attr(name) = py::cpp_function(function, py::name(name), method);
+  };
+  add("__repr__", [](const py::object& self) {
+    py::list parts;
+    for (const auto& [name, value] : state_of(self)) parts.append(py::str("{}={!r}").format(name, value));
+    return py::str("{}({})").format(class_name(self), py::str(", ").attr("join")(parts));
+  });
+  add("__eq__", [](const py::object& self, const py::object& other) -> py::object {
+    if (!py::isinstance(other, py::type::of(self))) return py::reinterpret_borrow<py::object>(Py_NotImplemented);
+    return py::bool_(state_of(self).equal(state_of(other)));
+  });
+}
+
+// Keywords in, and pickling: Gymnasium copies the keywords of an env.
 template <class Config>
 py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc) {
   py::class_<Config> cls(module, name, doc);
-  std::apply(
-      [&](const auto&... fields) {
-        (cls.def_property(
-             fields.name, [member = fields.member](const Config& config) { return to_python(config.*member); },
-             [member = fields.member, field = fields.name](Config& config, const py::object& value) {
-               using Value = std::remove_cvref_t<decltype(config.*member)>;
-               config.*member = from_python<Value>(value, field);
-             }),
-         ...);
-      },
-      Config::fields());
-  constexpr auto kNames = field_names<Config>();
-  cls.def(py::init(&from_keywords<Config>))
-      .def("__repr__",
-           [kNames](const py::object& self) {
-             py::list parts;
-             for (const char* field : kNames) parts.append(py::str("{}={!r}").format(field, self.attr(field)));
-             return py::str("{}({})").format(class_name(self), py::str(", ").attr("join")(parts));
-           })
-      .def("__eq__",
-           [kNames](const py::object& self, const py::object& other) -> py::object {
-             if (!py::isinstance<Config>(other)) return py::reinterpret_borrow<py::object>(Py_NotImplemented);
-             return py::bool_(state_of(self, kNames).equal(state_of(other, kNames)));
-           })
-      .def(py::pickle([kNames](const py::object& self) { return state_of(self, kNames); },
-                      [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
-  cls.attr("__hash__") = py::none();  // it can change
-  py::dict types;                     // for the stubs
-  std::apply(
-      [&](const auto&... fields) {
-        ((types[fields.name] = StubType<std::remove_cvref_t<decltype(std::declval<Config>().*(fields.member))>>::of()), ...);
-      },
-      Config::fields());
-  cls.attr("_field_types") = types;
-  cls.attr("__match_args__") = py::tuple(py::cast(std::vector<std::string>(kNames.begin(), kNames.end())));
+  add_fields(cls, typeid(Config), fields_of<Config>());
+  cls.def(py::init(&from_keywords<Config>));
+  cls.def(py::pickle(&state_of, [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   return cls;
 }
 

@@ -1,6 +1,7 @@
 // The native module flockstep._core: a list of what it registers.
 #include <pybind11/pybind11.h>
 
+#include "base/platform.hpp"
 #include "convert.hpp"
 #include "documents.hpp"
 #include "flockstep/version.hpp"
@@ -35,6 +36,9 @@ void refuse_uninitialised_objects(const pybind11::module_& module) {
 }  // namespace flockstep::bindings
 
 PYBIND11_MODULE(_core, module) {
+  if (!flockstep::has_instructions()) {
+    throw pybind11::import_error("flockstep needs a processor with SSE4.2 (x86-64-v2), as nearly all since 2009 have");
+  }
   module.attr("__version__") = FLOCKSTEP_VERSION;
   module.attr("embree_version") =
       std::to_string(RTC_VERSION_MAJOR) + "." + std::to_string(RTC_VERSION_MINOR) + "." + std::to_string(RTC_VERSION_PATCH);

@@ -531,9 +531,9 @@ TEST(CameraColors, OfEveryKindFromOutsideAndInside) {
           const bool inside = i % 2 == 1;
           if (inside && (shape.kind == plane || shape.kind == disc)) continue;
           const Vec3 from = inside ? random.point(0.3F) : Vec3(3.2F * random.direction().normalized());
-          const Quat facing =
-              inside ? random.rotation()
-                     : Quat::FromTwoVectors(Vec3::UnitX(), -from) * turned(70.0F * static_cast<float>(i), Vec3::UnitX());
+          const Quat facing = inside
+                                  ? random.rotation()
+                                  : testing::facing(Vec3::UnitX(), -from) * turned(70.0F * static_cast<float>(i), Vec3::UnitX());
           compared += expect_picture(*look(world, camera_of(40, 30, 70.0F), from, facing), 0, 0, 2);
         }
         EXPECT_GT(compared.clear, compared.pixels * 17 / 20);
@@ -650,7 +650,7 @@ TEST(CameraShadows, AreWhereTheOracleHasThem) {
       const Vec3 from(random.within(-5, 5), random.within(-5, 5), random.within(2.5F, 5.5F));
       CameraConfig camera = camera_of(64, 48, 80.0F);
       camera.shadows = true;
-      const Quat facing = Quat::FromTwoVectors(Vec3::UnitX(), Vec3(0, 0, 0.5F) - from);
+      const Quat facing = testing::facing(Vec3::UnitX(), Vec3(0, 0, 0.5F) - from);
       compared += expect_picture(*look(world, camera, from, facing), 0, 0, 5);
     }
     EXPECT_GT(compared.clear, compared.pixels * 8 / 10);
@@ -672,7 +672,7 @@ TEST(CameraShadows, OfACrowdAreTheSame) {
   CameraConfig camera = camera_of(64, 48, 80.0F);
   camera.outputs.instance = false;
   camera.shadows = true;
-  const Quat facing = Quat::FromTwoVectors(Vec3::UnitX(), Vec3(1, -1, -1));
+  const Quat facing = testing::facing(Vec3::UnitX(), Vec3(1, -1, -1));
   const auto few = look(alone, camera, {-3, 3, 4}, facing);
   const auto many = look(std::make_shared<const World>(description), camera, {-3, 3, 4}, facing);
   EXPECT_EQ(few->images(0).rgb, many->images(0).rgb);

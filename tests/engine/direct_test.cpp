@@ -313,7 +313,7 @@ TEST(DirectCare, ThinAndFar) {
     const Vec3 center = kFar * ahead;
     const Vec3 across = ahead.unitOrthogonal();
     const Vec3 axis = ahead.cross(across);
-    const Quat rotation = i < 3 || kind == sphere ? Quat::Identity() : Quat::FromTwoVectors(Vec3::UnitZ(), axis);
+    const Quat rotation = i < 3 || kind == sphere ? Quat::Identity() : testing::facing(Vec3::UnitZ(), axis);
     Ways ways({primitive(kind, center, {kRadius, kRadius, kind == sphere ? kRadius : 2.0F}, rotation)});
     const Vec3 side = i < 3 ? Vec3::UnitY() : across;
     for (const float part : {-0.9F, -0.5F, 0.0F, 0.3F, 0.9F}) {
@@ -657,9 +657,7 @@ Everything trace_everything() {
   return all;
 }
 
-// Every target that is compiled in and that this processor has. AVX3 (AVX-512), AVX2, SSE4 and SCALAR, which GCC before
-// 12.3 compiles by default, were found the same on a Xeon of the Cascade Lake class, and EMU128, which other compilers take for
-// SCALAR, with -DHWY_BROKEN_EMU128=0.
+// Every target that is compiled in and that this processor has: AVX3 (AVX-512), AVX2 and SSE4 on x86-64.
 TEST(DirectBits, AreTheSameOnEverySimdTarget) {
   const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
   std::string names;

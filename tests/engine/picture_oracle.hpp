@@ -75,9 +75,9 @@ inline Eigen::Vector2d weights_at(const TriangleMesh& mesh, std::size_t triangle
   const auto corner = [&](std::size_t k) -> Vec3d {
     return mesh.vertices[static_cast<std::size_t>(mesh.triangles[triangle][k])].cast<double>();
   };
-  Eigen::Matrix<double, 3, 2> edges;
-  edges << corner(1) - corner(0), corner(2) - corner(0);
-  return edges.colPivHouseholderQr().solve(point - corner(0));
+  const Vec3d a = corner(1) - corner(0), b = corner(2) - corner(0), way = point - corner(0);
+  const Vec3d normal = a.cross(b);
+  return Eigen::Vector2d(way.cross(b).dot(normal), a.cross(way).dot(normal)) / normal.squaredNorm();
 }
 
 inline Eigen::Vector2d place_in_texture(const TriangleMesh& mesh, std::size_t triangle, const Vec3d& point) {

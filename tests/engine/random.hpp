@@ -1,4 +1,4 @@
-// Random: numbers, places and rotations for the tests, the same on every run.
+// Random: numbers, places and rotations for the tests, the same on every run. facing(): a rotation that points somewhere.
 #pragma once
 
 #include <random>
@@ -6,6 +6,15 @@
 #include "flockstep/pose.hpp"
 
 namespace flockstep::testing {
+
+// The shortest turn of one direction to another, one of many where they are opposite. Eigen's FromTwoVectors() would bring a
+// singular value decomposition along, seconds of compilation for each file.
+inline Quat facing(const Vec3& from, const Vec3& to) {
+  const Vec3 a = from.normalized(), b = to.normalized();
+  const float cosine = a.dot(b);
+  const Vec3 axis = cosine > -0.999999F ? a.cross(b) : a.unitOrthogonal();
+  return Quat(cosine > -0.999999F ? 1.0F + cosine : 0.0F, axis.x(), axis.y(), axis.z()).normalized();
+}
 
 class Random {
  public:

@@ -13,6 +13,7 @@
 
 #include "allocation_counter.hpp"
 #include "convex_oracle.hpp"
+#include "random.hpp"
 #include "tried.hpp"
 
 namespace flockstep::collision {
@@ -141,7 +142,7 @@ TEST(Sweep, ASheetOfNoThicknessStopsFromBothSidesAtAnyLength) {
   for (const PrimitiveKind kind : {PrimitiveKind::plane, PrimitiveKind::disc}) {
     for (const float about : {0.0F, 33.0F}) {
       for (const Vec3& direction : {Vec3(1, 0, 0), Vec3(-1, 0, 0), Vec3(0, 0, 1), Vec3(0, 0, -1), Vec3(0.48F, -0.6F, 0.64F)}) {
-        const Quat facing = Quat::FromTwoVectors(Vec3::UnitZ(), direction) * turn(about, Vec3::UnitZ());
+        const Quat facing = testing::facing(Vec3::UnitZ(), direction) * turn(about, Vec3::UnitZ());
         const Place place({make(kind, 3.0F * direction, {4, 4, 0}, facing)});
         double reach = 0.0;  // m, of the hull along the flight
         for (const Vec3& point : drone().hull()) reach = std::max(reach, static_cast<double>(point.dot(direction)));

@@ -25,6 +25,12 @@
 
 namespace flockstep {
 
+#if defined(__x86_64__)
+bool has_instructions() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
+#else
+bool has_instructions() { return true; }
+#endif
+
 #if defined(_WIN32)
 long process_id() { return _getpid(); }
 double physical_memory() {

@@ -5,6 +5,9 @@
 
 namespace flockstep {
 
+// Whether the processor has the instructions that the engine is compiled for: on x86-64 those of x86-64-v2, with SSE4.2.
+bool has_instructions();
+
 long process_id();
 
 // Physical cores among the processors this process may run on; at least 1.

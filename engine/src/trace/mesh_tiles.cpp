@@ -218,12 +218,19 @@ struct Facets {
   Bits slivers;  // seen so nearly edge-on that rounding may decide which side is seen: of them, least and most alone count
 };
 
-template <bool kNormals>
 class TileTrace {
  public:
   TileTrace(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-            HitDetails* details, const Masks* masks)
-      : tree_(tree), first_element_(first_element), u_(u), v_(v), rays_(rays), details_(details), masks_(masks) {}
+            HitDetails* details, bool normals, const Masks* masks)
+      : tree_(tree),
+        first_element_(first_element),
+        u_(u),
+        v_(v),
+        rays_(rays),
+        details_(details),
+        normals_(normals && details != nullptr),
+        weights_(normals_ && tree.needs_weights()),
+        masks_(masks) {}
 
   void trace() {
     begin();
@@ -594,15 +601,15 @@ class TileTrace {
     }
     store_where(hit, w, w_ + 16 * sub);
     store_where(hit, id, id_ + 16 * sub);
-    if constexpr (kNormals) {
+    if (normals_) {
       store_where(hit, all(facets.depth.of_1[i]), n_[0] + 16 * sub);
       store_where(hit, all(facets.depth.of_u[i]), n_[1] + 16 * sub);
       store_where(hit, all(facets.depth.of_v[i]), n_[2] + 16 * sub);
-      if (tree_.needs_weights()) {
-        store_where(hit, a, weight_[0] + 16 * sub);
-        store_where(hit, b, weight_[1] + 16 * sub);
-        store_where(hit, c, weight_[2] + 16 * sub);
-      }
+    }
+    if (weights_) {
+      store_where(hit, a, weight_[0] + 16 * sub);
+      store_where(hit, b, weight_[1] + 16 * sub);
+      store_where(hit, c, weight_[2] + 16 * sub);
     }
     return true;
   }
@@ -698,7 +705,7 @@ class TileTrace {
   void take(std::size_t ray, float w, std::int32_t id, const std::array<float, 3>& normal, const std::array<float, 3>& weight) {
     w_[ray] = w;
     id_[ray] = id;
-    for (std::size_t k = 0; kNormals && k < 3; ++k) {
+    for (std::size_t k = 0; normals_ && k < 3; ++k) {
       n_[k][ray] = normal[k];
       weight_[k][ray] = weight[k];
     }
@@ -733,18 +740,18 @@ class TileTrace {
     const std::size_t rows = rays_.count / 16;
     for (std::size_t first = 0; first < 64 * ((rows + 3) / 4); first += 16) {
       store(least(all(1.0F) / load(w_ + first), all(rays_.range)), w_ + first);
-      if constexpr (kNormals) {
+      if (normals_) {
         const F3 normal{load(n_[0] + first), load(n_[1] + first), load(n_[2] + first)};
         for (int axis = 0; axis < 3; ++axis) {
           const auto part = [&](int k) HWY_ATTR { return all(rays_.rotation(axis, k)); };
           store(part(0) * normal.x + (part(1) * normal.y + part(2) * normal.z), n_[axis] + first);
         }
-        if (tree_.needs_weights()) {
-          const F a = load(weight_[0] + first), b = load(weight_[1] + first), c = load(weight_[2] + first);
-          const F share = all(1.0F) / most((a + b) + c, all(FLT_MIN));
-          store(least(c * share, all(1.0F)), weight_[0] + first);
-          store(least(a * share, all(1.0F)), weight_[1] + first);
-        }
+      }
+      if (weights_) {
+        const F a = load(weight_[0] + first), b = load(weight_[1] + first), c = load(weight_[2] + first);
+        const F share = all(1.0F) / most((a + b) + c, all(FLT_MIN));
+        store(least(c * share, all(1.0F)), weight_[0] + first);
+        store(least(a * share, all(1.0F)), weight_[1] + first);
       }
     }
     const hn::CappedTag<float, 4> d;
@@ -762,15 +769,15 @@ class TileTrace {
         const auto element = hn::IfThenElse(found, hn::Add(hn::ShiftRight<1>(id), hn::Set(di, first_element_)), element_before);
         hn::Store(element, di, rays_.element + to);
         if (details_ != nullptr) hn::Store(hn::And(id, hn::Set(di, 1)), di, details_->back + to);
-        if constexpr (kNormals) {
-          const auto copy = [&](const float* values, float* out) HWY_ATTR { hn::Store(hn::Load(d, values + from), d, out + to); };
+        const auto copy = [&](const float* values, float* out) HWY_ATTR { hn::Store(hn::Load(d, values + from), d, out + to); };
+        if (normals_) {
           copy(n_[0], details_->normal_x);
           copy(n_[1], details_->normal_y);
           copy(n_[2], details_->normal_z);
-          if (tree_.needs_weights()) {
-            copy(weight_[0], details_->u);
-            copy(weight_[1], details_->v);
-          }
+        }
+        if (weights_) {
+          copy(weight_[0], details_->u);
+          copy(weight_[1], details_->v);
         }
       }
     }
@@ -781,6 +788,7 @@ class TileTrace {
   const TileAxis &u_, &v_;
   RayBundle& rays_;
   HitDetails* const details_;
+  const bool normals_, weights_;  // of the triangle's corners
   const Masks* const masks_;
   float origin_[3];
   float to_tile_[3][3];
@@ -799,11 +807,7 @@ class TileTrace {
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
                      HitDetails* details, bool normals, const Masks* masks) {
-  if (details != nullptr && normals) {
-    TileTrace<true>(tree, first_element, u, v, rays, details, masks).trace();
-  } else {
-    TileTrace<false>(tree, first_element, u, v, rays, details, masks).trace();
-  }
+  TileTrace(tree, first_element, u, v, rays, details, normals, masks).trace();
 }
 
 }  // namespace flockstep::trace::HWY_NAMESPACE
