@@ -520,8 +520,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             """Return the values in rows of all envs, 0 for whoever forgets the mask."""
             arrays: dict[str, Any] = {}
             for name, values in report.items():
-                if isinstance(values, dict):
-                    arrays[name] = _masked(spread(values), ended)
+                if isinstance(values, dict):  # the reward's terms: all of one type
+                    rows = np.zeros((len(values), self.num_envs))
+                    rows[:, indices] = list(values.values())
+                    arrays[name] = _masked(dict(zip(values, rows, strict=True)), ended)
                 else:
                     arrays[name] = np.zeros(self.num_envs, values.dtype)
                     arrays[name][indices] = values

@@ -73,6 +73,8 @@ class TaskContext {
   virtual const std::vector<CameraConfig>& cameras() const = 0;
   virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
   virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the pose sensor
+  virtual std::span<const float> sensed_position() const = 0;        // likewise, of all drones: (N, 3) m
+  virtual std::span<const float> sensed_quat_wxyz() const = 0;       // (N, 4)
   virtual std::span<const float> accelerometer() const = 0;          // (N, 3) m/s^2, by the IMU; empty without one
   virtual std::span<const float> gyroscope() const = 0;              // (N, 3) rad/s, likewise
 

@@ -1,6 +1,7 @@
 #include "batch/episodes.hpp"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <type_traits>
 #include <utility>
@@ -24,9 +25,9 @@ void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size
   const T* x = a.row<T>(first).data();
   const T* y = b.row<T>(first).data();
   for (std::size_t row = 0; row < count; ++row, x += columns, y += columns) {
-    bool any = false;  // rows are short: a call of memcmp would cost more
-    for (std::size_t i = 0; i < columns; ++i) any |= x[i] != y[i];
-    differ[row] = any;
+    std::size_t same = 0;  // rows are short: a call of memcmp would cost more
+    while (same < columns && x[same] == y[same]) ++same;
+    differ[row] = same < columns;
   }
 }
 
@@ -59,26 +60,90 @@ void compare_actions(const TaskRun& run, std::size_t first, std::size_t count, E
   for (std::size_t i = 0; i < count; ++i) changed[i] |= episodes.steps[first + i] == 0;
 }
 
-double sum(const double* values, std::size_t count) { return std::accumulate(values, values + count, 0.0); }
+// The sum of each of some rows, of its numbers in their order, of several rows side by side.
+void sum_rows(const double* rows, std::size_t columns, std::size_t count, double* sums) {
+  std::fill_n(sums, count, 0.0);
+  constexpr std::size_t kTogether = 16;
+  for (std::size_t first = 0; first < count; first += kTogether) {
+    const std::size_t end = std::min(first + kTogether, count);
+    for (std::size_t k = 0; k < columns; ++k) {
+      for (std::size_t row = first; row < end; ++row) sums[row] += rows[row * columns + k];
+    }
+  }
+}
 
 // So many terms of the score's, from the first on, go into all sums that there are of them. They are what envs that follow each
 // other have earned in a flown step, so these loops are long.
 void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   TaskRun& run = *sim.run;
-  const double* terms = run.score.terms.data() + first;
+  const double* const terms = run.score.terms.data() + first;
   std::size_t bad = 0;
   for (std::size_t i = 0; i < count; ++i) bad += !is_reward(terms[i]);
   if (bad > 0) drop_bad_terms(sim, first / run.score.num_terms, count / run.score.num_terms);
   double* const sums = sim.episodes.episode_terms.data() + first;
-  for (std::size_t i = 0; i < count; ++i) sums[i] += terms[i];
-  std::copy_n(sums, count, sim.outputs.now().episode_terms.data() + first);
-  if (!run.earned.empty()) {
-    double* const earned = run.earned.data() + first;
-    for (std::size_t i = 0; i < count; ++i) earned[i] += terms[i];
-    terms = earned;
-  }
+  double* const shown_sums = sim.outputs.now().episode_terms.data() + first;
+  for (std::size_t i = 0; i < count; ++i) shown_sums[i] = sums[i] += terms[i];
+  double* const earned = run.earned.empty() ? nullptr : run.earned.data() + first;
+  for (std::size_t i = 0; earned != nullptr && i < count; ++i) earned[i] += terms[i];
+  const double* const step = earned != nullptr ? earned : terms;
   float* const shown = sim.outputs.now().reward_terms.data() + first;
-  for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(terms[i]);
+  for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(step[i]);
+}
+
+// What the envs of a run, of which there are no more than kSettled, have earned and whether their episodes end.
+constexpr std::size_t kSettled = 64;
+void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
+  EpisodeState& episodes = sim.episodes;
+  TaskRun& run = *sim.run;
+  Outputs& out = sim.outputs.now();
+  const std::size_t num_terms = run.score.num_terms;
+  add_up(sim, first * num_terms, count * num_terms);
+
+  std::array<double, kSettled> totals, step_totals;  // of this flown step, and of those flown so far
+  sum_rows(run.score.terms.data() + first * num_terms, num_terms, count, totals.data());
+  if (!run.earned.empty()) sum_rows(run.earned.data() + first * num_terms, num_terms, count, step_totals.data());
+  const double* const shown = run.earned.empty() ? totals.data() : step_totals.data();
+  double* const returns = episodes.episode_return.data() + first;
+  for (std::size_t i = 0; i < count; ++i) returns[i] += totals[i];
+  for (std::size_t i = 0; i < count; ++i) out.reward[first + i] = static_cast<float>(shown[i]);
+  std::copy_n(returns, count, out.episode_return.data() + first);
+  std::copy_n(episodes.steps.data() + first, count, out.episode_length.data() + first);
+
+  // Flags: bytes, of which a vector holds many. Nothing is asked of one that another has decided.
+  using Flags = std::array<std::uint8_t, kSettled>;
+  Flags is_late, hits;
+  const std::int64_t* const steps = episodes.steps.data() + first;
+  const std::int64_t* const limits = episodes.time_limit.data() + first;
+  for (std::size_t i = 0; i < count; ++i) is_late[i] = limits[i] > 0 && steps[i] >= limits[i];
+  if (sim.drones_per_env() == 1) {
+    std::copy_n(sim.state.contact.hit.data() + first, count, hits.data());
+  } else {
+    for (std::size_t i = 0; i < count; ++i) hits[i] = touches(sim, first + i);
+  }
+  const std::uint8_t ends_on_contact = sim.physics && sim.config.dynamics.on_contact == OnContact::terminate;
+  const std::uint8_t* const bad = episodes.bad.data() + first;
+  const std::uint8_t* const told_terminated = run.score.terminated.data() + first;
+  const std::uint8_t* const told_truncated = run.score.truncated.data() + first;
+  const std::uint8_t* const success = run.score.success.data() + first;
+  Flags terminated, truncated, ends, succeeds, crashes;
+  for (std::size_t i = 0; i < count; ++i) {
+    terminated[i] = (bad[i] | told_terminated[i] | (hits[i] & ends_on_contact)) != 0;
+    truncated[i] = (told_truncated[i] | is_late[i]) > terminated[i];
+    ends[i] = (terminated[i] | truncated[i]) != 0;
+    succeeds[i] = (ends[i] & success[i]) > bad[i];
+    crashes[i] = (ends[i] & hits[i]) != 0;
+  }
+  std::copy_n(terminated.data(), count, out.terminated.data() + first);
+  std::copy_n(truncated.data(), count, out.truncated.data() + first);
+  std::copy_n(succeeds.data(), count, out.success.data() + first);
+  std::copy_n(crashes.data(), count, out.crashed.data() + first);
+  std::copy_n(ends.data(), count, episodes.done.data() + first);
+  for (std::size_t i = 0; i < count; ++i) {
+    out.bad_state[first + i] = bad[i] != 0;
+    episodes.bad_states[first + i] += bad[i] != 0;
+  }
+  std::fill_n(episodes.bad.data() + first, count, std::uint8_t{0});
+  std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // flown once more, it is the same
 }
 
 }  // namespace
@@ -188,18 +253,27 @@ void take_part(Simulation& sim, Block& block) {
   block.flown.clear();
   block.flying.clear();
   block.opening.clear();
-  for (const std::uint32_t env : block.envs) {
-    const bool flies = !sim.episodes.done[env];
-    sim.episodes.flying[env] = flies;
-    sim.outputs.forget_final(env);
-    if (flies) {
-      block.flown.push(env);
-      block.flying.push(env);
-    } else if (resets_in_next_step) {
-      block.opening.push(env);
-      sim.outputs.clear(env);
-    } else {
-      sim.outputs.carry_over(env);
+  const auto is_done = [&](std::uint32_t env) { return sim.episodes.done[env] != 0; };
+  for (const std::uint32_t env : block.envs) sim.outputs.forget_final(env);
+  if (std::ranges::none_of(block.envs, is_done)) {  // as in most steps
+    block.flown.assign(block.envs);
+    block.flying.assign(block.envs);
+    for_each_run(block.envs, [&](std::size_t first, std::size_t count) {
+      std::fill_n(sim.episodes.flying.data() + first, count, std::uint8_t{1});
+    });
+  } else {
+    for (const std::uint32_t env : block.envs) {
+      const bool flies = !is_done(env);
+      sim.episodes.flying[env] = flies;
+      if (flies) {
+        block.flown.push(env);
+        block.flying.push(env);
+      } else if (resets_in_next_step) {
+        block.opening.push(env);
+        sim.outputs.clear(env);
+      } else {
+        sim.outputs.carry_over(env);
+      }
     }
   }
   for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
@@ -209,39 +283,10 @@ void take_part(Simulation& sim, Block& block) {
 }
 
 void settle(Simulation& sim, Block& block) {
-  EpisodeState& episodes = sim.episodes;
-  TaskRun& run = *sim.run;
-  Outputs& out = sim.outputs.now();
-  const std::size_t num_terms = run.score.num_terms;
-  const double* const earned = run.earned.empty() ? run.score.terms.data() : run.earned.data();
-  const bool ends_on_contact = sim.physics && sim.config.dynamics.on_contact == OnContact::terminate;
-  for_each_run(block.flying, [&](std::size_t first, std::size_t count) { add_up(sim, first * num_terms, count * num_terms); });
-  for (const std::uint32_t env : block.flying) {
-    const double total = sum(run.score.terms.data() + env * num_terms, num_terms);
-    const double step_total = sum(earned + env * num_terms, num_terms);  // of those flown so far
-    const double episode_return = episodes.episode_return[env] += total;
-    const std::int64_t steps = episodes.steps[env];
-    const std::int64_t limit = episodes.time_limit[env];
-    const bool bad = episodes.bad[env] != 0;
-    const bool terminated = bad || run.score.terminated[env] != 0 || (ends_on_contact && touches(sim, env));
-    const bool truncated = !terminated && (run.score.truncated[env] != 0 || (limit > 0 && steps >= limit));
-    const bool ends = terminated || truncated;
-    out.reward[env] = static_cast<float>(step_total);
-    out.episode_return[env] = episode_return;
-    out.episode_length[env] = steps;
-    out.terminated[env] = terminated;
-    out.truncated[env] = truncated;
-    out.success[env] = ends && !bad && run.score.success[env];
-    out.crashed[env] = ends && touches(sim, env);
-    out.bad_state[env] = bad;
-    episodes.done[env] = ends;
-    episodes.action_changed[env] = 0;  // flown once more, it is the same
-    if (bad) {
-      episodes.bad[env] = 0;
-      ++episodes.bad_states[env];
-    }
-  }
-  block.flying.filter([&](std::uint32_t env) { return !episodes.done[env]; });
+  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+    for (std::size_t done = 0; done < count; done += kSettled) settle_run(sim, first + done, std::min(kSettled, count - done));
+  });
+  block.flying.filter([&](std::uint32_t env) { return !sim.episodes.done[env]; });
 }
 
 void keep_final(Simulation& sim, Block& block) {

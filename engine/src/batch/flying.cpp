@@ -134,6 +134,7 @@ class Group {
   void fly_free(int first_tick, int ticks) {
     dynamics::fly(*sim_.physics, flock_, first_tick, ticks);
     std::array<bool, kLanes> flies{};
+    for (std::size_t lane = 0; lane < kLanes; ++lane) reach_[lane] = std::sqrt(flock_.reach2[lane]);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const bool held = !is_here_[lane] || holds(lane);
       flies[lane] = !held && is_good(lane) && is_free(lane);
@@ -221,10 +222,11 @@ class Group {
 
   bool is_free(std::size_t lane) {
     const Vec3 center = vec3(base_, lane);
-    const float radius = std::sqrt(flock_.reach2[lane]) + sim_.hull.radius() + margin(center);
+    const float radius = reach_[lane] + sim_.hull.radius() + margin(center);
     const std::int32_t world = sim_.state.world_index[sim_.env_of(drones_[lane])];
     OpenBall& open = sim_.open[drones_[lane]];
-    if (open.world == world && (center - open.center).norm() + radius <= open.radius) return true;
+    const float left = open.radius - radius;
+    if (open.world == world && left >= 0.0F && (center - open.center).squaredNorm() <= left * left) return true;
     for (const float beyond : {kOpenBeyond, 0.0F}) {
       if (!obstacles(lane).is_clear(center, radius + beyond)) continue;
       open = {center, radius + beyond, world};
@@ -410,6 +412,7 @@ class Group {
   std::size_t count_ = 0;                       // that do
   bool is_row_ = false;                         // kLanes drones that follow each other, all of them the thread's own
   alignas(64) dynamics::Lanes<3> base_{};       // m: where the leg began, or the last contact was
+  alignas(64) dynamics::Lane reach_{};          // m: the farthest way from where the leg began
   std::array<bool, kLanes> is_done_{};
 };
 

@@ -1,6 +1,7 @@
 // Schedule: the active envs sorted by world and cut into blocks, so that rays of neighbours share packets.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -18,6 +19,10 @@ class EnvList {
 
   void clear() { count_ = 0; }
   void push(std::uint32_t env) { envs_[count_++] = env; }
+  void assign(std::span<const std::uint32_t> envs) {
+    std::copy(envs.begin(), envs.end(), envs_);
+    count_ = envs.size();
+  }
   bool empty() const { return count_ == 0; }
   std::size_t size() const { return count_; }
   const std::uint32_t* begin() const { return envs_; }

@@ -35,6 +35,8 @@ class Context final : public TaskContext {
   const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
   const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
   Pose sensed_pose(std::size_t drone) const override { return sim_.pose_sensor.pose(drone); }
+  std::span<const float> sensed_position() const override { return sim_.pose_sensor.position(); }
+  std::span<const float> sensed_quat_wxyz() const override { return sim_.pose_sensor.quat_wxyz(); }
   std::span<const float> accelerometer() const override {
     return sim_.imu ? std::span<const float>(sim_.imu->accelerometer()) : std::span<const float>();
   }

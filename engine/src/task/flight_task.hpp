@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "base/require.hpp"
+#include "dynamics/flight.hpp"
 #include "flockstep/task.hpp"
 #include "task/flight_action.hpp"
 
@@ -37,45 +38,43 @@ inline Field flight_field(std::size_t size) {
   return {.name = "observation", .shape = {static_cast<std::int64_t>(size)}, .low = {-kInfinity}, .high = {kInfinity}};
 }
 
-// What scores are made of, of some drones side by side: roots, quotients and exponentials take vectors.
+// Rows of arrays of kLanes drones: where they are where the drones follow each other, else brought together.
 class Together {
  public:
-  static constexpr std::size_t kCount = 16;
-  using Floats = Eigen::Array<float, kCount, 1>;
-  using Doubles = Eigen::Array<double, kCount, 1>;
+  static constexpr std::size_t kCount = dynamics::kLanes;
 
-  void set_way(std::size_t i, const Vec3& from, const Vec3& to) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto k = static_cast<Eigen::Index>(axis);
-      way_[axis][static_cast<Eigen::Index>(i)] = static_cast<double>(from[k]) - static_cast<double>(to[k]);
-    }
-  }
-  void set_flight(std::size_t i, const State& state, std::size_t drone) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      velocity_[axis][static_cast<Eigen::Index>(i)] = state.flight.velocity[3 * drone + axis];
-      spin_[axis][static_cast<Eigen::Index>(i)] = state.flight.angular_velocity[3 * drone + axis];
-    }
+  // At least one drone, at most kCount; lanes beyond the last repeat it.
+  explicit Together(std::span<const std::uint32_t> drones) : drones_(drones) {
+    is_row_ = drones.size() == kCount;
+    for (std::size_t i = 1; i < drones.size(); ++i) is_row_ &= drones[i] == drones[0] + i;
   }
 
-  Doubles distance() const { return norm(way_); }   // m
-  Floats speed() const { return norm(velocity_); }  // m/s
-  Floats spin() const { return norm(spin_) / kSpinUnit; }
+  std::span<const std::uint32_t> drones() const { return drones_; }
+  bool is_row() const { return is_row_; }
+
+  // Of an array (N, kColumns); it holds as long as this.
+  template <std::size_t kColumns>
+  const float* rows(std::span<const float> array) {
+    if (is_row_) return array.data() + kColumns * drones_[0];
+    float* const out = brought_.at(count_++).data();
+    for (std::size_t i = 0; i < kCount; ++i) {
+      std::copy_n(array.data() + kColumns * drones_[std::min(i, drones_.size() - 1)], kColumns, out + kColumns * i);
+    }
+    return out;
+  }
 
  private:
-  template <class Lanes>
-  static Lanes norm(const std::array<Lanes, 3>& v) {
-    return (v[0].square() + v[1].square() + v[2].square()).sqrt();
-  }
-
-  std::array<Doubles, 3> way_{Doubles::Zero(), Doubles::Zero(), Doubles::Zero()};
-  std::array<Floats, 3> velocity_{Floats::Zero(), Floats::Zero(), Floats::Zero()};
-  std::array<Floats, 3> spin_{Floats::Zero(), Floats::Zero(), Floats::Zero()};
+  std::span<const std::uint32_t> drones_;
+  bool is_row_ = false;
+  std::size_t count_ = 0;
+  std::array<std::array<float, 4 * kCount>, 6> brought_;
 };
 
 template <class F>
 void for_each_together(std::span<const std::uint32_t> envs, const F& f) {
   for (std::size_t first = 0; first < envs.size(); first += Together::kCount) {
-    f(envs.subspan(first, std::min(Together::kCount, envs.size() - first)));
+    Together together(envs.subspan(first, std::min(Together::kCount, envs.size() - first)));
+    f(together);
   }
 }
 
@@ -88,7 +87,8 @@ class FlightTask : public Task {
     action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
     rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
     step_s_ = context.clock().step_s();
-    middles_.resize(context.num_envs());
+    middles_.resize(3 * context.num_envs());
+    middle_world_.assign(context.num_envs(), -1);
     action_before_.resize(kActions * context.num_envs());
     action_now_.resize(kActions * context.num_envs());
   }
@@ -129,14 +129,23 @@ class FlightTask : public Task {
   }
 
   // The goal marker of an env's world, or the middle of it.
-  const Vec3& middle_of(const TaskContext& context, std::size_t env) {
-    Middle& middle = middles_[env];
+  Vec3 middle_of(const TaskContext& context, std::size_t env) {
     const std::int32_t world_index = context.state().world_index[env];
-    if (middle.world_index != world_index) {
+    const Eigen::Map<Vec3> middle(middles_.data() + 3 * env);
+    if (middle_world_[env] != world_index) {
       const World& world = context.world_of(env);
-      middle = {world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F), world_index};
+      Eigen::Map<Vec3>(middles_.data() + 3 * env) =
+          world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+      middle_world_[env] = world_index;
     }
-    return middle.at;
+    return middle;
+  }
+  const float* middles_of(const TaskContext& context, Together& envs) {
+    const std::int32_t* const world_index = context.state().world_index.data();
+    for (const std::uint32_t env : envs.drones()) {
+      if (middle_world_[env] != world_index[env]) middle_of(context, env);
+    }
+    return envs.rows<3>(middles_);
   }
 
   // Velocity, up, angular velocity, rotor speeds.
@@ -164,21 +173,19 @@ class FlightTask : public Task {
   }
 
   double step_s() const { return step_s_; }
+  const std::vector<float>& action_now() const { return action_now_; }
+  const std::vector<float>& action_before() const { return action_before_; }
 
   TaskSpec spec_;
 
  private:
-  struct Middle {
-    Vec3 at = Vec3::Zero();         // m
-    std::int32_t world_index = -1;  // of the world that it is of
-  };
-
   FlightAction action_;
   ActionRanges rotor_;
   double step_s_ = 0.0;
-  std::vector<Middle> middles_;       // (E,)
-  std::vector<float> action_before_;  // (E, 4) in [-1, 1], of the step before; 0 in the first
-  std::vector<float> action_now_;     // (E, 4) likewise, of the present or last step
+  std::vector<float> middles_;              // (E, 3) m
+  std::vector<std::int32_t> middle_world_;  // (E,) world_index that it is of; -1: none yet
+  std::vector<float> action_before_;        // (E, 4) in [-1, 1], of the step before; 0 in the first
+  std::vector<float> action_now_;           // (E, 4) likewise, of the present or last step
 };
 
 }  // namespace flockstep::task

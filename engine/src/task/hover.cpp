@@ -12,6 +12,7 @@
 #include "base/hash.hpp"
 #include "base/require.hpp"
 #include "task/flight_task.hpp"
+#include "task/hover_kernels.hpp"
 #include "task/terms.hpp"
 
 namespace flockstep {
@@ -22,7 +23,8 @@ class Hover final : public FlightTask {
  public:
   explicit Hover(const HoverConfig& config) : FlightTask({"near", "hold", "speed", "spin", "change", "crash"}), config_(config) {
     config.validate();
-    spec_.observation = {flight_field(3 + kOwnFlight)};
+    static_assert(kHoverNumbers == 3 + kOwnFlight);
+    spec_.observation = {flight_field(kHoverNumbers)};
   }
 
   TaskDefaults defaults() const override {
@@ -42,6 +44,10 @@ class Hover final : public FlightTask {
   void setup(const TaskContext& context) override {
     FlightTask::setup(context);
     held_.resize(context.num_envs());
+    const Airframe& frame = *context.drone_model().airframe();
+    const double hovering = frame.hover_speed();
+    rotors_ = {static_cast<float>(hovering), static_cast<float>(1.0 / (hovering - frame.min_speed_radps)),
+               static_cast<float>(1.0 / (frame.max_speed_radps - hovering))};
     hold_steps_ = std::max(std::llround(static_cast<double>(config_.hold_s) / step_s()), 1LL);
   }
 
@@ -68,29 +74,26 @@ class Hover final : public FlightTask {
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
     const auto hold = static_cast<double>(config_.hold_m);
-    Together all;
-    for_each_together(block.envs, [&](std::span<const std::uint32_t> envs) {
-      for (std::size_t i = 0; i < envs.size(); ++i) {
-        all.set_way(i, middle_of(block.context, envs[i]), position_of(state, envs[i]));
-        all.set_flight(i, state, envs[i]);
-      }
-      const Together::Doubles distance = all.distance();
-      const Together::Doubles squares = distance.square() * (1.0 / (4.0 * hold * hold));
-      const Together::Floats near = config_.near_weight * (-2.0F * distance.cast<float>()).exp();
-      const Together::Doubles holding = static_cast<double>(config_.hold_weight) / (1.0 + squares);
-      const Together::Floats speed = -config_.speed_weight * all.speed();
-      const Together::Floats spin = -config_.spin_weight * all.spin();
-      for (std::size_t i = 0; i < envs.size(); ++i) {
-        const std::uint32_t env = envs[i];
-        const auto at = static_cast<Eigen::Index>(i);
-        const bool crashed = state.contact.hit[env] != 0 || distance[at] > static_cast<double>(config_.max_distance_m);
-        held_[env] = distance[at] <= hold ? held_[env] + 1 : 0;
+    for_each_together(block.envs, [&](Together& envs) {
+      HoverScores scores;
+      score_hover({.middle = middles_of(block.context, envs),
+                   .position = envs.rows<3>(state.position),
+                   .velocity = envs.rows<3>(state.flight.velocity),
+                   .angular_velocity = envs.rows<3>(state.flight.angular_velocity),
+                   .action = envs.rows<4>(action_now()),
+                   .action_before = envs.rows<4>(action_before())},
+                  2.0 * hold, scores);
+      for (std::size_t i = 0; i < envs.drones().size(); ++i) {
+        const std::uint32_t env = envs.drones()[i];
+        const double distance = scores.distance[i];
+        const bool crashed = state.contact.hit[env] != 0 || distance > static_cast<double>(config_.max_distance_m);
+        held_[env] = distance <= hold ? held_[env] + 1 : 0;
         double* const terms = score.terms_of(env).data();
-        terms[kNear] = static_cast<double>(near[at]);
-        terms[kHold] = holding[at];
-        terms[kSpeed] = static_cast<double>(speed[at]);
-        terms[kSpin] = static_cast<double>(spin[at]);
-        terms[kChange] = -static_cast<double>(config_.change_weight * change(env));
+        terms[kNear] = static_cast<double>(config_.near_weight * scores.closeness[i]);
+        terms[kHold] = static_cast<double>(config_.hold_weight) * scores.holding[i];
+        terms[kSpeed] = -static_cast<double>(config_.speed_weight * scores.speed[i]);
+        terms[kSpin] = -static_cast<double>(config_.spin_weight * (scores.spin[i] / kSpinUnit));
+        terms[kChange] = -static_cast<double>(config_.change_weight * scores.change[i]);
         terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
         score.terminated[env] = crashed;
         score.success[env] = !crashed && held_[env] >= hold_steps_;
@@ -100,14 +103,21 @@ class Hover final : public FlightTask {
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const State& state = block.context.state();
-    for (const std::uint32_t env : block.envs) {
-      const Pose pose = block.context.sensed_pose(env);
-      const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
-      const Vec3 way = to_body * (middle_of(block.context, env) - pose.position);
-      const std::span<float> row = observation[0].row<float>(env);
-      std::copy_n(way.data(), 3, row.data());
-      observe_flight(state, env, to_body, row.subspan(3));
-    }
+    for_each_together(block.envs, [&](Together& envs) {
+      const HoverRows rows{.middle = middles_of(block.context, envs),
+                           .position = envs.rows<3>(block.context.sensed_position()),
+                           .quat_wxyz = envs.rows<4>(block.context.sensed_quat_wxyz()),
+                           .velocity = envs.rows<3>(state.flight.velocity),
+                           .angular_velocity = envs.rows<3>(state.flight.angular_velocity),
+                           .rotor_speed = envs.rows<4>(state.flight.rotor_speed)};
+      float* const first = observation[0].row<float>(envs.drones()[0]).data();
+      if (envs.is_row()) return observe_hover(rows, rotors_, kSpinUnit, first);
+      std::array<float, kHoverNumbers * Together::kCount> out;
+      observe_hover(rows, rotors_, kSpinUnit, out.data());
+      for (std::size_t i = 0; i < envs.drones().size(); ++i) {
+        std::copy_n(out.data() + kHoverNumbers * i, kHoverNumbers, observation[0].row<float>(envs.drones()[i]).data());
+      }
+    });
   }
 
   void visit(ArrayVisitor& visitor) override {
@@ -147,6 +157,7 @@ class Hover final : public FlightTask {
   }
 
   HoverConfig config_;
+  RotorUnits rotors_;
   std::int64_t hold_steps_ = 1;
   std::vector<std::int64_t> held_;  // (E,) steps in a row within hold_m
 };
