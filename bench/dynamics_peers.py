@@ -9,12 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import re
-import statistics
-import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -23,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parent.parent
-HOMES = ROOT / "out" / "peers"
+from peers import RUNS, ask, python_of, rate
+
+FILE = Path(__file__).resolve()
 #: Of each peer: what pip installs. torch is the version that .venv has, of which there is a build without GPUs.
 PEERS = {
     "mujoco": ["mujoco"],
@@ -34,8 +30,6 @@ PEERS = {
     "hyperdrone": ["hyperdrone"],
     "gym-pybullet-drones": ["gym-pybullet-drones"],
 }
-LIMIT_S = 1800  # for installing, and for running
-RUNS = 5
 DRONES = 4096
 PHYSICS_HZ, POLICY_HZ = 500, 100
 TICKS = PHYSICS_HZ // POLICY_HZ
@@ -66,22 +60,6 @@ class Found:
     simulator: dict[str, float] = field(default_factory=dict)  # drone-substeps, as long as the mode says
     environment: dict[str, float] = field(default_factory=dict)  # drone-steps
     flights: dict[str, list[float]] = field(default_factory=dict)  # x, y, z m, w, x, y, z
-
-
-def rate(call: Callable[[], object], count: int, runs: int = RUNS) -> float:
-    """Return how many of something a call does in a second of the processor's time, median of several runs.
-
-    On one pinned processor that is the time of a quiet machine; on a busy one the time of others is left out.
-    """
-    call()
-    rates = []
-    for _ in range(runs):
-        calls, before = 0, time.process_time()
-        while (elapsed := time.process_time() - before) < 0.5:
-            call()
-            calls += 1
-        rates.append(calls * count / elapsed)
-    return statistics.median(rates)
 
 
 def of_flockstep(case: Case) -> Found:
@@ -396,42 +374,6 @@ def apart(case: Case, kind: str, theirs: list[float]) -> tuple[float, float]:
     return away, float(np.degrees(4 * np.arcsin(chord / 2)))
 
 
-def python_of(peer: str) -> Path:
-    """Return the Python of a peer's environment, which is made and filled where it is not there yet."""
-    home = HOMES / peer
-    python = home / "bin" / "python"
-    if not (home / "installed").exists():
-        subprocess.run([sys.executable, "-m", "venv", home], check=True)
-        install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-compile", *PEERS[peer]]
-        run(install)
-        (home / "installed").touch()
-    return python
-
-
-def run(command: list[Any]) -> str:
-    """Return what a command prints; a RuntimeError has the line that tells what went wrong."""
-    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "OMP_NUM_THREADS": "1"}
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=LIMIT_S, env=environment, cwd=HOMES, check=False
-        )  # where they may leave their logs
-    except subprocess.TimeoutExpired:
-        raise RuntimeError(f"not done within {LIMIT_S} s") from None
-    if done.returncode:
-        lines = [line.strip() for line in done.stderr.splitlines()]
-        telling = [line for line in lines if re.search(r"^(\w+Error|ERROR)\b|failed:", line)]
-        raise RuntimeError(telling[-1] if telling else f"exit status {done.returncode}")
-    return done.stdout
-
-
-def ask(peer: str, python: Path, case: Case) -> Found:
-    """Return what this file finds out about a peer, run by that Python, on one processor."""
-    processor = max(os.sched_getaffinity(0))
-    file = Path(__file__).resolve()
-    command = ["taskset", "-c", str(processor), python, file, peer, json.dumps(asdict(case))]
-    return Found(**json.loads(run(command).splitlines()[-1]))
-
-
 def beside(rates: dict[str, float], mode: str) -> float | None:
     """Return which of our rates is to be compared with a mode: that of ticks as long, else the first."""
     alike = [own for name, own in rates.items() if " 10 ms" in name and " 10 ms" in mode]
@@ -440,7 +382,6 @@ def beside(rates: dict[str, float], mode: str) -> float | None:
 
 def measure() -> list[dict[str, Any]]:
     """Return the figures of all peers, each beside our own of the same minutes."""
-    HOMES.mkdir(parents=True, exist_ok=True)
     case = case_of_kingfisher()
     figures: list[dict[str, Any]] = []
 
@@ -451,8 +392,9 @@ def measure() -> list[dict[str, Any]]:
 
     for peer in PEERS:
         try:
-            ours = ask("flockstep", Path(sys.executable), case)
-            theirs = ask(peer, python_of(peer), case)
+            told = json.dumps(asdict(case))
+            ours = Found(**ask(Path(sys.executable), FILE, "flockstep", told))
+            theirs = Found(**ask(python_of(peer, PEERS[peer]), FILE, peer, told))
         except RuntimeError as error:
             print(f"   {peer}: {error}")
             add(f"{peer}/measured", 0, "1", 1, error=str(error)[:200])

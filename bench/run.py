@@ -15,6 +15,7 @@ trainers  the programs of examples/trainers/, three seeds each: their speed, and
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
 dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
 dynamics_peers  other simulators beside it, which pip downloads into out/peers/; only where it is named
+mesh_peers  other ray casters beside it at the same triangles, likewise
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ import numpy as np
 import dynamics_accuracy
 import dynamics_peers
 import flockstep
+import mesh_peers
+import peers
 import shipped
 from flockstep import _core
 
@@ -235,7 +238,7 @@ def flown_steps(n: int = dynamics_peers.DRONES) -> list[Figure]:
     for _ in range(RUNS):
         kernel = 1e6 * native("dynamics", "rates")[0]["value"]  # substeps per second
         for name, step in steps.items():
-            rates[name].append(dynamics_peers.rate(step, n, runs=1))
+            rates[name].append(peers.rate(step, n, runs=1))
             ratios[name].append(kernel / (dynamics_peers.TICKS * rates[name][-1]))
     figures = []
     for name in steps:
@@ -252,6 +255,10 @@ def bench_dynamics_accuracy() -> list[Figure]:
 
 def bench_dynamics_peers() -> list[Figure]:
     return dynamics_peers.measure()
+
+
+def bench_mesh_peers() -> list[Figure]:
+    return mesh_peers.measure()
 
 
 def trained(name: str, script: str = "benchmark.py", *args: str) -> list[Figure]:
@@ -370,7 +377,7 @@ def bench_trainers() -> list[Figure]:
     return figures
 
 
-#: All that there are; the last only where it is named.
+#: All that there are.
 BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "lidar": bench_lidar,
     "step": bench_step,
@@ -389,7 +396,10 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "dynamics": bench_dynamics,
     "dynamics_accuracy": bench_dynamics_accuracy,
     "dynamics_peers": bench_dynamics_peers,
+    "mesh_peers": bench_mesh_peers,
 }
+#: These only where they are named.
+APART = ("dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:
@@ -423,9 +433,12 @@ def commit() -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHES)}; without one, all but the last"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"one of {', '.join(BENCHES)}; without one, all but {' and '.join(APART)}",
     )
-    names = parser.parse_args().names or list(BENCHES)[:-1]
+    names = parser.parse_args().names or [name for name in BENCHES if name not in APART]
     for name in names:
         if name not in BENCHES:
             parser.error(f"no benchmark {name!r}: there are {', '.join(BENCHES)}")

@@ -44,7 +44,7 @@ NAMES = (
     "dynamics",
 )
 #: These have tables of their own only.
-APART = ("dynamics_accuracy", "dynamics_peers", "flight_train")
+APART = ("dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
@@ -362,26 +362,71 @@ def costs(results: dict[str, Result]) -> str:
     return with_source(results, "dynamics", "\n".join(rows[1:]) + "\n")
 
 
+def of_peers(results: dict[str, Result], name: str) -> list[tuple[str, str, str, str, str, dict[str, Any]]]:
+    """Return figures of a benchmark of peers, each with the program and its version, beside which, kind, mode and what.
+
+    Figures of ours say beside which peer they were measured: " (beside mujoco)". A peer that could not be measured has
+    one figure of the kind "measured", which has its error.
+    """
+    found = []
+    for (peer, kind, mode, what), f in named(results, name, rf"{name}/([^/]+)/([^/]+)/(.+)/(\w+)"):
+        if "mode" not in f:  # of what was measured, not of who
+            continue
+        program = peer.removeprefix("flockstep_beside_")
+        is_ours = program != peer
+        beside = f" (beside {program})" * is_ours
+        found.append((f"{'flockstep' if is_ours else peer} {f['version']}", beside, kind, mode, what, f))
+    return found
+
+
+def unmeasured(results: dict[str, Result], name: str) -> dict[str, str]:
+    """Return the peers that could not be measured, and why."""
+    return {peer: f"not measured: {f['error']}" for (peer,), f in named(results, name, rf"{name}/(.+)/measured")}
+
+
 def peers(results: dict[str, Result]) -> str:
     """Return the tables of other simulators: their speed, and how far from ours the same flights end."""
     name = "dynamics_peers"
     speeds: dict[tuple[str, str], str] = {}
-    for (peer, kind, mode, what), f in named(results, name, r"dynamics_peers/(.+?)/(simulator|environment)/(.+)/(\w+)"):
-        program = peer.removeprefix("flockstep_beside_")
-        is_ours = program != peer
-        row = f"{'flockstep' if is_ours else peer} {f['version']}, {kind}: {mode}" + f" (beside {program})" * is_ours
-        column = {"per_second": "a second", "ours_over_it": "flockstep over it"}[what]
-        speeds[row, column] = number(f["value"]) if what == "per_second" else rough(f)
-    for (peer,), f in named(results, name, r"dynamics_peers/(.+)/measured"):
-        speeds[peer, "a second"] = f"not measured: {f['error']}"
     flights: dict[tuple[str, str], str] = {}
-    for (peer, kind, what), f in named(results, name, r"dynamics_peers/(.+?)/flight/(.+)/(\w+)"):
-        row = f"{peer}, {kind}"
-        flights[row, {"mm": "position", "degrees": "attitude"}[what]] = rough(f)
-        if what == "degrees":
-            flights[row, "because"] = f["reason"]
+    for peer, beside, kind, mode, what, f in of_peers(results, name):
+        if kind == "flight":
+            row = f"{peer.split()[0]}, {mode}"
+            flights[row, {"mm": "position", "degrees": "attitude"}[what]] = rough(f)
+            if what == "degrees":
+                flights[row, "because"] = f["reason"]
+        else:
+            column = {"per_second": "a second", "ours_over_it": "flockstep over it"}[what]
+            text = number(f["value"]) if what == "per_second" else rough(f)
+            speeds[f"{peer}, {kind}: {mode}{beside}", column] = text
+    speeds |= {(peer, "a second"): why for peer, why in unmeasured(results, name).items()}
     both = pivot(speeds, "drone-substeps of simulators, drone-steps of environments") + "\n" + pivot(flights, "flight")
     return with_source(results, name, both)
+
+
+def mesh_peers(results: dict[str, Result]) -> str:
+    """Return the tables of other ray casters: their speed, ours over it, and how many distances differ."""
+    name = "mesh_peers"
+    heads = {
+        "per_second": "million rays a second",
+        "ours_over_it": "`Batch` over it",
+        "raycast_over_it": "`World.raycast` over it",
+        "differing_in_a_million": "of a million rays, distances differ of",
+    }
+    tables: dict[str, dict[tuple[str, str], str]] = {what: {} for what in ("world", *heads)}
+    for (world, what), f in named(results, name, rf"{name}/([^/]+)/(triangles)"):
+        tables["world"][world, what] = number(f["value"])
+    for (world, sensor, what), f in named(results, name, rf"{name}/([^/]+)/([^/]+)/(rays|misses)"):
+        text = number(f["value"]) if what == "rays" else f"{100 * f['value']:.0f} %"
+        tables["world"][world, f"{what} of the {sensor}"] = text
+    for peer, beside, case, mode, what, f in of_peers(results, name):
+        text = f"{f['value'] / 1e6:.3g}" if what == "per_second" else rough(f)
+        # That ours differ from ours, by another way, is the same beside each peer.
+        tables[what][f"{peer}: {mode}{'' if what == 'differing_in_a_million' else beside}", case] = text
+    column = next((case for _, case in tables["per_second"]), "")
+    tables["per_second"] |= {(peer, column): why for peer, why in unmeasured(results, name).items()}
+    written = [pivot(cells, heads.get(what, what)) for what, cells in tables.items() if cells]
+    return with_source(results, name, "\n".join(written))
 
 
 def with_content(text: str, name: str, content: str) -> str:
@@ -457,7 +502,8 @@ def main() -> None:
         "costs": costs,
     }.items():
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
-    documents[BENCHMARKS] = with_content(documents[BENCHMARKS], "peers", peers(results))
+    for marker, write in {"peers": peers, "mesh peers": mesh_peers}.items():
+        documents[BENCHMARKS] = with_content(documents[BENCHMARKS], marker, write(results))
     for path, text in documents.items():
         if text == path.read_text(encoding="utf-8"):
             continue

@@ -125,3 +125,33 @@ def test_the_table_of_peers_has_what_could_not_be_measured():
     assert "| flockstep 1.2, simulator: rk4 (beside slow) | 1,219,190 |" in written
     assert "| gone | not measured: no such package |  |" in written
     assert "| slow, lag: euler | 4.7 mm | 0.11° | of first order |" in written
+
+
+def test_the_tables_of_ray_casters_have_a_column_for_each_world_and_sensor():
+    about, ours = {"version": "1.2", "mode": "cast"}, {"version": "0.1", "mode": "Batch"}
+    written = table.mesh_peers(
+        of_flight(
+            "mesh_peers",
+            ("office/triangles", 51926, "1", {}),
+            ("office/camera/rays", 7372800, "1", {}),
+            ("office/camera/misses", 0.25, "1", {}),
+            ("slow/office, camera/cast/per_second", 8765432.0, "1/s", about),
+            ("slow/office, camera/cast/differing_in_a_million", 0.2713, "1", about),
+            ("slow/office, camera/cast/ours_over_it", 15.1, "1", about),
+            ("slow/office, camera/cast/raycast_over_it", 1.234, "1", about),
+            ("slow/city, LiDAR/cast/per_second", 765432.0, "1/s", about),
+            ("flockstep_beside_slow/office, camera/Batch/per_second", 123456789.0, "1/s", ours),
+            ("flockstep_beside_slow/office, camera/Batch/differing_in_a_million", 0.0, "1", ours),
+            ("gone/measured", 0.0, "1", {"error": "no such package"}),
+        )
+    )
+    assert "| office | 51,926 | 7,372,800 | 25 % |" in written
+    rates, batch, raycast, differing = (part.splitlines() for part in written.split("\n\n")[2:])
+    assert rates[0] == "| million rays a second | office, camera | city, LiDAR |"
+    assert "| slow 1.2: cast | 8.77 | 0.765 |" in rates
+    assert "| flockstep 0.1: Batch (beside slow) | 123 |  |" in rates
+    assert "| gone | not measured: no such package |  |" in rates
+    assert batch[2:] == ["| slow 1.2: cast | 15 |"] and raycast[2:] == ["| slow 1.2: cast | 1.2 |"]
+    assert differing[2:] == ["| slow 1.2: cast | 0.27 |", "| flockstep 0.1: Batch | 0 |"]
+    assert table.mesh_peers({}) == "Not measured yet.\n"
+    assert table.table(of_flight("mesh_peers")).startswith("Not measured yet: ")  # it is nowhere else

@@ -1,0 +1,73 @@
+"""Programs of others, to be measured beside this one: each in a virtual environment of its own, on one processor."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+HOMES = Path(__file__).resolve().parent.parent / "out" / "peers"
+LIMIT_S = 1800  # for installing, and for running
+RUNS = 5
+
+
+def rate(
+    call: Callable[[], object], count: int, runs: int = RUNS, warm_up: Callable[[], object] | None = None
+) -> float:
+    """Return how many of something a call does in a second of the processor's time, median of several runs.
+
+    On one pinned processor that is the time of a quiet machine; on a busy one the time of others is left out. Before,
+    it is called once, or `warm_up` is.
+    """
+    (warm_up or call)()
+    rates = []
+    for _ in range(runs):
+        calls, before = 0, time.process_time()
+        while (elapsed := time.process_time() - before) < 0.5:
+            call()
+            calls += 1
+        rates.append(calls * count / elapsed)
+    return statistics.median(rates)
+
+
+def python_of(peer: str, packages: Sequence[str]) -> Path:
+    """Return the Python of a peer's environment, which is made and filled where it is not there yet."""
+    home = HOMES / peer
+    python = home / "bin" / "python"
+    if not (home / "installed").exists():
+        HOMES.mkdir(parents=True, exist_ok=True)
+        subprocess.run([sys.executable, "-m", "venv", home], check=True)
+        run([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-compile", *packages])
+        (home / "installed").touch()
+    return python
+
+
+def run(command: Sequence[Any]) -> str:
+    """Return what a command prints; a RuntimeError has the line that tells what went wrong."""
+    HOMES.mkdir(parents=True, exist_ok=True)
+    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "OMP_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=LIMIT_S, env=environment, cwd=HOMES, check=False
+        )  # where they may leave their logs
+    except subprocess.TimeoutExpired:
+        raise RuntimeError(f"not done within {LIMIT_S} s") from None
+    if done.returncode:
+        lines = [line.strip() for line in done.stderr.splitlines()]
+        telling = [line for line in lines if re.search(r"^(\w+Error|ERROR)\b|failed:", line)]
+        raise RuntimeError(telling[-1] if telling else f"exit status {done.returncode}")
+    return done.stdout
+
+
+def ask(python: Path, *program: object) -> Any:
+    """Return the JSON on the last line that a program of that Python prints, which runs on one processor."""
+    processor = max(os.sched_getaffinity(0))
+    printed = run(["taskset", "-c", str(processor), python, *map(str, program)])
+    return json.loads(printed.splitlines()[-1])
