@@ -2,7 +2,8 @@
 // (bare_flight-inl.hpp). Variants take turns within one run; a drone-substep is one tick of one drone. Prints a JSON list of
 // figures.
 //
-// With "rates" only the controller of body rates, quickly: what bench/run.py divides by while it times steps of an environment.
+// With "rates" only the controller of body rates, for as long as bench/run.py times steps of an environment in turn with it: a
+// processor that was idle is slow at first.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "dynamics.cpp"
 #include <hwy/foreach_target.h>
@@ -390,7 +391,10 @@ int main(int argc, char** argv) {
   const flockstep::FlushDenormals flush;
   bench::Figures figures;
   if (argc > 1 && std::string(argv[1]) == "rates") {
-    const bench::Times times = bench::interleave({variant("rates", kingfisher(), by_rotors(Control::body_rates))}, kRuns, kSlice);
+    constexpr double kTurn = 0.01;  // s, of a run
+    const bench::Variant rates = variant("rates", kingfisher(), by_rotors(Control::body_rates));
+    bench::interleave({rates}, kRuns / 2, kTurn);  // to warm up
+    const bench::Times times = bench::interleave({rates}, kRuns, kTurn);
     figures.add("dynamics/rates_alone/million_substeps_per_second", million_per_second(times[0]), "1/s", kRuns);
     figures.print();
     return 0;

@@ -76,12 +76,18 @@ def of_flockstep(case: Case) -> Found:
 
 
 def hovering(num_envs: int) -> Any:
-    """Return the environment of hovering by body rates, on one thread; None where the package has none."""
+    """Return the environment of hovering by body rates, on one thread, views out; None where the package has none."""
     import flockstep
 
     if not hasattr(flockstep, "HoverConfig"):
         return None
-    settings = {"control": "body_rates", "policy_hz": POLICY_HZ, "physics_hz": PHYSICS_HZ, "num_threads": 1}
+    settings = {
+        "control": "body_rates",
+        "policy_hz": POLICY_HZ,
+        "physics_hz": PHYSICS_HZ,
+        "num_threads": 1,
+        "copy": False,
+    }
     envs = flockstep.DroneVectorEnv(num_envs, task=flockstep.HoverConfig(), drone="kingfisher", **settings)
     envs.reset(seed=0)
     return envs

@@ -35,12 +35,17 @@ def seconds_per_sense(batch: flockstep.Batch, at_least_s: float = 0.1) -> float:
     return elapsed / count
 
 
+def turned(count: int) -> Any:
+    """Return quaternions of yaws all around."""
+    half = np.linspace(0, np.pi, count, dtype=np.float32)
+    zero = np.zeros_like(half)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
+
+
 def sensing(world: flockstep.World, places: Any, **sensors: Any) -> flockstep.Batch:
     """Return a batch of drones at places, each turned another way."""
     batch = flockstep.Batch([world], len(places), num_threads=1, **sensors)
-    half = np.linspace(0, np.pi, len(places), dtype=np.float32)
-    zero = np.zeros_like(half)
-    batch.set_pose(places, np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1))
+    batch.set_pose(places, turned(len(places)))
     batch.sense()
     return batch
 
@@ -70,6 +75,46 @@ def measure() -> list[Measured]:
                 (f"worlds/{name}/{sensor}_per_second", rate, "1/s", RUNS),
                 (f"worlds/{name}/{sensor}_embree_packets", (batch.embree_packets - packets) / batch.num_drones, "1", 1),
             ]
+    return found
+
+
+def measure_steps() -> list[Measured]:
+    """Time whole steps of examples/depth_to_goal.py, 64 x 48 pixels of depth, and how much of that is rendering.
+
+    On one thread, under random actions from all over the worlds, the two taking turns.
+    """
+    sys.path.append(str(Path(__file__).resolve().parent.parent / "examples"))
+    from depth_to_goal import DepthToGoal  # type: ignore[import-not-found]
+
+    found: list[Measured] = []
+    for name in ("indoor/office", "outdoor/forest"):
+        (world,) = flockstep.scenes.load(name)
+        places = world.free_places(DRONES, seed=0)
+
+        class FromAllOver(DepthToGoal):  # type: ignore[misc] # of a module without types
+            def reset(self, batch: flockstep.Batch, mask: Any) -> None:
+                super().reset(batch, mask)
+                batch.set_pose(places, turned(DRONES), mask)  # noqa: B023 - used in this round alone
+                self.last_distance[mask] = batch.terms.goal_distance()[mask]
+
+        envs = flockstep.DroneVectorEnv(DRONES, worlds=world, task=FromAllOver(), num_threads=1, copy=False)
+        envs.reset(seed=0)
+        actions = np.random.default_rng(0).uniform(-1, 1, (300, *envs.action_space.shape)).astype(np.float32)
+        times: dict[str, list[float]] = {"step": [], "sense": []}
+        for run in range(RUNS + 1):  # before the first is measured, drones are everywhere
+            before = time.perf_counter()
+            for told in actions:
+                envs.step(told)
+            took = (time.perf_counter() - before) / len(actions)
+            if run > 0:
+                times["step"].append(took)
+                times["sense"].append(seconds_per_sense(envs.batch))
+        shares = [sense / step for sense, step in zip(times["sense"], times["step"], strict=True)]
+        rate = DRONES / statistics.median(times["step"])
+        found += [
+            (f"worlds/{name}/depth64x48_steps_per_second", rate, "1/s", RUNS),
+            (f"worlds/{name}/depth64x48_share_of_rendering", statistics.median(shares), "1", RUNS),
+        ]
     return found
 
 

@@ -1618,7 +1618,7 @@ class Batch:
     num_threads
         0 means the physical cores this process may run on.
     block_size
-        Drones a thread takes at once. No result depends on it.
+        Envs a thread takes at once; 0 means a good number, 64 to 256. No result depends on it.
     world_index
         (N,) integers: the world of each drone. Default: drone i is in world i modulo W.
     tracer
@@ -1646,7 +1646,7 @@ class Batch:
         clock: ClockConfig | None = None,
         dynamics: DynamicsConfig | None = None,
         num_threads: int = 0,
-        block_size: int = 64,
+        block_size: int = 0,
         world_index: npt.ArrayLike | None = None,
         tracer: str = "auto",
     ) -> None: ...

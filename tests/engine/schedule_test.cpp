@@ -71,6 +71,14 @@ TEST(Schedule, BlocksHoldEveryActiveEnvOnceWorldByWorld) {
   }
 }
 
+TEST(Schedule, ChoosesItsBlocksByEnvsAndThreads) {
+  EXPECT_EQ(Schedule(4096, 1, 0, 1).block_size(), 256U);
+  EXPECT_EQ(Schedule(2048, 1, 0, 2).block_size(), 128U);  // so that each thread has eight
+  EXPECT_EQ(Schedule(1024, 1, 0, 8).block_size(), 64U);
+  EXPECT_EQ(Schedule(5, 1, 0, 8).block_size(), 5U);
+  EXPECT_EQ(Schedule(4096, 1, 7, 1).block_size(), 7U);
+}
+
 TEST(Schedule, OfNoActiveEnvHasNoBlocks) {
   Schedule schedule(3, 2, 4);
   schedule.rebuild(std::vector<std::int32_t>{0, 1, 0}, std::vector<std::uint8_t>{0, 0, 0});

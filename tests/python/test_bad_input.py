@@ -127,7 +127,7 @@ def test_other_calls(batch, call, match):
         ({"num_drones": -3}, "num_drones.*-3"),
         ({"num_drones": 1 << 21}, "num_drones"),
         ({"num_threads": -1}, "num_threads"),
-        ({"block_size": 0}, "block_size"),
+        ({"block_size": -1}, "block_size"),
         ({"world_index": [1]}, "world_index"),
         ({"world_index": [0, 0]}, "world_index.*shape"),
         ({"task": flockstep.NavigationConfig()}, "lidar"),

@@ -32,7 +32,7 @@ struct BatchConfig {
   int num_envs = 1;        // E; E x M in [1, 1 << 20]
   int drones_per_env = 1;  // M; 1: envs of several drones are not there yet
   int num_threads = 0;     // 0: physical cores in the affinity mask
-  int block_size = 64;     // envs a thread takes at once, > 0; no result depends on it
+  int block_size = 0;      // envs a thread takes at once; 0: a good number; no result depends on it
   std::optional<LidarConfig> lidar;
   std::vector<CameraConfig> cameras;  // of different names; at most 2^32 pixels each, of all drones
   CameraBackend camera_backend = CameraBackend::raycast;

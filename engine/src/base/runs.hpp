@@ -18,4 +18,11 @@ void for_each_run(std::span<const std::uint32_t> indices, const F& f) {
   }
 }
 
+// Whether any of some flags, bytes, is set.
+inline bool is_any(const std::uint8_t* flags, std::size_t count) {
+  std::uint8_t any = 0;
+  for (std::size_t i = 0; i < count; ++i) any |= flags[i];
+  return any != 0;
+}
+
 }  // namespace flockstep

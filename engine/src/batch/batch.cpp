@@ -294,7 +294,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
         open_episode(*sim_, env, *sim_->scratches[0]);
       }
       sim_->outputs.clear(env);
-      sim_->outputs.forget_final(env);
+      sim_->outputs.forget_final(env, 1);
     }
   }
   begin_episodes(*sim_, true);

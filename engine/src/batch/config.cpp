@@ -74,7 +74,7 @@ void BatchConfig::validate() const {
           num_envs);
   require(drones_per_env == 1, "drones_per_env", "1 (envs of several drones are not there yet)", drones_per_env);
   require(num_threads >= 0 && num_threads <= 4096, "num_threads", "an integer in [0, 4096]", num_threads);
-  require(block_size >= 1, "block_size", "an integer >= 1", block_size);
+  require(block_size >= 0, "block_size", "an integer >= 0", block_size);
   episode.validate();
   clock.validate();
   dynamics.validate();

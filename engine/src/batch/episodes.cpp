@@ -25,9 +25,9 @@ void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size
   const T* x = a.row<T>(first).data();
   const T* y = b.row<T>(first).data();
   for (std::size_t row = 0; row < count; ++row, x += columns, y += columns) {
-    std::size_t same = 0;  // rows are short: a call of memcmp would cost more
-    while (same < columns && x[same] == y[same]) ++same;
-    differ[row] = same < columns;
+    std::uint8_t is_other = 0;  // rows are short: a call of memcmp would cost more
+    for (std::size_t k = 0; k < columns; ++k) is_other |= x[k] != y[k];
+    differ[row] = is_other;
   }
 }
 
@@ -114,7 +114,7 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   Flags is_late, hits;
   const std::int64_t* const steps = episodes.steps.data() + first;
   const std::int64_t* const limits = episodes.time_limit.data() + first;
-  for (std::size_t i = 0; i < count; ++i) is_late[i] = limits[i] > 0 && steps[i] >= limits[i];
+  for (std::size_t i = 0; i < count; ++i) is_late[i] = (limits[i] > 0) & (steps[i] >= limits[i]);
   if (sim.drones_per_env() == 1) {
     std::copy_n(sim.state.contact.hit.data() + first, count, hits.data());
   } else {
@@ -138,11 +138,11 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   std::copy_n(succeeds.data(), count, out.success.data() + first);
   std::copy_n(crashes.data(), count, out.crashed.data() + first);
   std::copy_n(ends.data(), count, episodes.done.data() + first);
-  for (std::size_t i = 0; i < count; ++i) {
-    out.bad_state[first + i] = bad[i] != 0;
-    episodes.bad_states[first + i] += bad[i] != 0;
+  std::copy_n(bad, count, out.bad_state.data() + first);
+  if (is_any(bad, count)) {
+    for (std::size_t i = 0; i < count; ++i) episodes.bad_states[first + i] += bad[i];
+    std::fill_n(episodes.bad.data() + first, count, std::uint8_t{0});
   }
-  std::fill_n(episodes.bad.data() + first, count, std::uint8_t{0});
   std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // flown once more, it is the same
 }
 
@@ -253,9 +253,12 @@ void take_part(Simulation& sim, Block& block) {
   block.flown.clear();
   block.flying.clear();
   block.opening.clear();
-  const auto is_done = [&](std::uint32_t env) { return sim.episodes.done[env] != 0; };
-  for (const std::uint32_t env : block.envs) sim.outputs.forget_final(env);
-  if (std::ranges::none_of(block.envs, is_done)) {  // as in most steps
+  bool all_fly = true;
+  for_each_run(block.envs, [&](std::size_t first, std::size_t count) {
+    sim.outputs.forget_final(first, count);
+    all_fly &= !is_any(sim.episodes.done.data() + first, count);
+  });
+  if (all_fly) {  // as in most steps
     block.flown.assign(block.envs);
     block.flying.assign(block.envs);
     for_each_run(block.envs, [&](std::size_t first, std::size_t count) {
@@ -263,7 +266,7 @@ void take_part(Simulation& sim, Block& block) {
     });
   } else {
     for (const std::uint32_t env : block.envs) {
-      const bool flies = !is_done(env);
+      const bool flies = !sim.episodes.done[env];
       sim.episodes.flying[env] = flies;
       if (flies) {
         block.flown.push(env);

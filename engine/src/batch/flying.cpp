@@ -37,7 +37,8 @@ Vec3 of_row(const std::vector<float>& values, std::size_t drone) {
   return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
 }
 
-float margin(const Vec3& place) { return kClearance + kFloatSteps * place.cwiseAbs().maxCoeff(); }
+float margin(float coordinate) { return kClearance + kFloatSteps * coordinate; }
+float margin(const Vec3& place) { return margin(place.cwiseAbs().maxCoeff()); }
 
 Vec3 vec3(const dynamics::Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
 
@@ -133,11 +134,11 @@ class Group {
   // In the open, all ticks at once: nothing is within reach of where the drone has been. Others are left as they were.
   void fly_free(int first_tick, int ticks) {
     dynamics::fly(*sim_.physics, flock_, first_tick, ticks);
+    look_around();
     std::array<bool, kLanes> flies{};
-    for (std::size_t lane = 0; lane < kLanes; ++lane) reach_[lane] = std::sqrt(flock_.reach2[lane]);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const bool held = !is_here_[lane] || holds(lane);
-      flies[lane] = !held && is_good(lane) && is_free(lane);
+      flies[lane] = !held && is_good(lane) && (is_open_[lane] != 0 || find_open(lane));
       is_done_[lane] = flies[lane] || held;
     }
     if (is_row_) return keep_row(flies);
@@ -182,6 +183,7 @@ class Group {
   }
 
   std::size_t slot_of(std::size_t lane) const { return sim_.slot_of(sim_.env_of(drones_[lane])); }
+  std::int32_t world_of(std::size_t lane) const { return sim_.state.world_index[sim_.env_of(drones_[lane])]; }
   const collision::Obstacles& obstacles(std::size_t lane) const { return *sim_.obstacles[slot_of(lane)]; }
 
   void find_ground(Scratch& scratch) {
@@ -220,16 +222,42 @@ class Group {
 
   bool is_good(std::size_t lane) const { return flock_.is_good[lane] != 0.0F && is_in_world(position(lane)); }
 
-  bool is_free(std::size_t lane) {
+  // How much around where they began has to be free, and whose has been found to be. Loops without branches, for vectors.
+  void look_around() {
+    alignas(64) dynamics::Lanes<3> center;
+    dynamics::Lane radius;
+    std::array<std::int32_t, kLanes> is_same_world;
+    if (is_row_) {
+      load_row(sim_.open.center, center);
+      std::copy_n(sim_.open.radius.data() + drones_[0], kLanes, radius.begin());
+    } else {
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        flockstep::load(sim_.open.center, drones_[lane], center, lane);
+        radius[lane] = sim_.open.radius[drones_[lane]];
+      }
+    }
+    for (std::size_t lane = 0; lane < kLanes; ++lane) is_same_world[lane] = sim_.open.world[drones_[lane]] == world_of(lane);
+    const float hull = sim_.hull.radius();
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const float x = base_[0][lane], y = base_[1][lane], z = base_[2][lane];
+      const float farthest = std::max(std::max(std::abs(x), std::abs(y)), std::abs(z));
+      around_[lane] = std::sqrt(flock_.reach2[lane]) + hull + margin(farthest);
+      const float left = radius[lane] - around_[lane];
+      const float dx = x - center[0][lane], dy = y - center[1][lane], dz = z - center[2][lane];
+      const bool is_inside = dx * dx + dy * dy + dz * dz <= left * left;
+      is_open_[lane] = is_same_world[lane] & (left >= 0.0F) & is_inside;
+    }
+  }
+
+  // Whether all of what has to be free is; if so, that is remembered for some more.
+  bool find_open(std::size_t lane) {
     const Vec3 center = vec3(base_, lane);
-    const float radius = reach_[lane] + sim_.hull.radius() + margin(center);
-    const std::int32_t world = sim_.state.world_index[sim_.env_of(drones_[lane])];
-    OpenBall& open = sim_.open[drones_[lane]];
-    const float left = open.radius - radius;
-    if (open.world == world && left >= 0.0F && (center - open.center).squaredNorm() <= left * left) return true;
     for (const float beyond : {kOpenBeyond, 0.0F}) {
-      if (!obstacles(lane).is_clear(center, radius + beyond)) continue;
-      open = {center, radius + beyond, world};
+      if (!obstacles(lane).is_clear(center, around_[lane] + beyond)) continue;
+      const std::uint32_t drone = drones_[lane];
+      std::copy_n(center.data(), 3, sim_.open.center.data() + 3 * drone);
+      sim_.open.radius[drone] = around_[lane] + beyond;
+      sim_.open.world[drone] = world_of(lane);
       return true;
     }
     return false;
@@ -412,7 +440,8 @@ class Group {
   std::size_t count_ = 0;                       // that do
   bool is_row_ = false;                         // kLanes drones that follow each other, all of them the thread's own
   alignas(64) dynamics::Lanes<3> base_{};       // m: where the leg began, or the last contact was
-  alignas(64) dynamics::Lane reach_{};          // m: the farthest way from where the leg began
+  alignas(64) dynamics::Lane around_{};         // m: how much around where the leg began it has to be free, to be flown at once
+  std::array<std::int32_t, kLanes> is_open_{};  // it is known to be
   std::array<bool, kLanes> is_done_{};
 };
 

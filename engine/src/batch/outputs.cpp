@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <type_traits>
 
+#include "base/runs.hpp"
+
 namespace flockstep {
 namespace {
 
@@ -93,6 +95,13 @@ void OutputSlots::keep_final(std::size_t env) {
     outputs.final_observation[i].copy_row(env, outputs.observation[i]);
   }
   has_final_[current_][env] = 1;
+}
+
+void OutputSlots::forget_final(std::size_t first, std::size_t count) {
+  if (!is_any(has_final_[current_].data() + first, count)) return;
+  for (std::size_t env = first; env < first + count; ++env) {
+    if (has_final_[current_][env]) clear_final(env);
+  }
 }
 
 void OutputSlots::clear_final(std::size_t env) {

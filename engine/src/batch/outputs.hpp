@@ -26,10 +26,8 @@ class OutputSlots {
   void carry_over(std::size_t env);
   // The present observation is the last of its episode.
   void keep_final(std::size_t env);
-  // What was kept when this slot was written before is gone: the final observation of an env whose episode goes on is 0.
-  void forget_final(std::size_t env) {
-    if (has_final_[current_][env]) clear_final(env);
-  }
+  // What was kept when this slot was written before is gone: the final observation of envs whose episode goes on is 0.
+  void forget_final(std::size_t first, std::size_t count);
   // The present slot has been written from outside.
   void restored();
   // A removed slot reads as absent, in both slots: no step touches it.

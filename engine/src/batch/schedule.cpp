@@ -4,9 +4,18 @@
 #include <utility>
 
 namespace flockstep {
+namespace {
 
-Schedule::Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size)
-    : block_size_(std::min(block_size, num_envs)), order_(num_envs), world_begin_(num_worlds) {
+std::size_t good_block_size(std::size_t num_envs, std::size_t num_threads) {
+  return std::clamp<std::size_t>(num_envs / (8 * num_threads), 64, 256);
+}
+
+}  // namespace
+
+Schedule::Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size, std::size_t num_threads)
+    : block_size_(std::min(block_size > 0 ? block_size : good_block_size(num_envs, num_threads), num_envs)),
+      order_(num_envs),
+      world_begin_(num_worlds) {
   for (auto& list : lists_) list.resize(num_envs);
   blocks_.reserve(num_envs / block_size_ + 1);
 }

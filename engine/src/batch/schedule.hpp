@@ -56,12 +56,15 @@ struct Block {
 
 class Schedule {
  public:
-  Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size);
+  // block_size: 0 for a good one: as many as a thread's caches hold, since long pieces of arrays are read faster than short ones,
+  // but at least eight blocks for each thread where these are not too small for that.
+  Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size, std::size_t num_threads = 1);
 
   // After a change of world_index or of which envs are active; allocates nothing. All lists are empty then.
   void rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active);
 
   std::span<Block> blocks() { return blocks_; }
+  std::size_t block_size() const { return block_size_; }
 
  private:
   static constexpr std::size_t kLists = 4;  // of a block

@@ -122,8 +122,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
       cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
               num_drones(), config.tracer),
-      schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size)),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
+      schedule(num_envs(), worlds.size(), static_cast<std::size_t>(config.block_size),
+               static_cast<std::size_t>(workers.num_threads())),
       owner(process_id()) {
   if (workers.num_threads() > logical_processors()) {
     warning = "num_threads=" + std::to_string(workers.num_threads()) + ": this process may run on " +
@@ -131,7 +132,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());
-    scratches.back()->drones.reserve(static_cast<std::size_t>(std::min(config.block_size, config.num_envs)) * drones_per_env());
+    scratches.back()->drones.reserve(schedule.block_size() * drones_per_env());
   }
   // Built here, not by whichever thread first needs them in the middle of a step.
   for (const World* const world : world_pointers) {

@@ -58,11 +58,17 @@ struct TaskRun {
   }
 };
 
-// A ball about where a drone was that nothing of its world reaches into: while it stays inside, nobody has to look.
-struct OpenBall {
-  Vec3 center = Vec3::Zero();  // m
-  float radius = -1.0F;        // m; negative: not known
-  std::int32_t world = 0;      // its world_index
+// Balls about where drones were that nothing of their world reaches into: while a drone stays inside, nobody has to look.
+struct OpenBalls {
+  std::vector<float> center;        // (N, 3) m
+  std::vector<float> radius;        // (N,) m; negative: not known
+  std::vector<std::int32_t> world;  // (N,) world_index
+
+  void resize(std::size_t num_drones) {
+    center.resize(3 * num_drones);
+    radius.resize(num_drones, -1.0F);
+    world.resize(num_drones);
+  }
 };
 
 struct Simulation {
@@ -133,12 +139,12 @@ struct Simulation {
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;
 
-  Schedule schedule;
   Workers workers;
+  Schedule schedule;
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
   std::vector<std::uint32_t> listed;                // (E,) capacity: envs of all blocks, for a task that takes them at once
   std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
-  std::vector<OpenBall> open;                       // (N,) of drones that fly by rotors; nothing in a result depends on it
+  OpenBalls open;                                   // of drones that fly by rotors; nothing in a result depends on it
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
   bool is_cut_short = false;                        // an exception ended a step or reset half-way

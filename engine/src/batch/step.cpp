@@ -83,7 +83,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
   }
   for_each_run(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
     if (sim.physics) {
-      clear_contact(sim.state, first, count);
+      if (is_any(sim.state.contact.hit.data() + first, count)) clear_contact(sim.state, first, count);
     } else if (ticks > 1) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }

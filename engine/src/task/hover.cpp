@@ -74,6 +74,14 @@ class Hover final : public FlightTask {
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
     const auto hold = static_cast<double>(config_.hold_m);
+    // Of their own, since flags are bytes, and bytes written could be anything's.
+    const HoverConfig weights = config_;
+    const std::int64_t hold_steps = hold_steps_;
+    const std::uint8_t* const hit = state.contact.hit.data();
+    std::int64_t* const held = held_.data();
+    double* const out = score.terms.data();
+    std::uint8_t* const terminated = score.terminated.data();
+    std::uint8_t* const success = score.success.data();
     for_each_together(block.envs, [&](Together& envs) {
       HoverScores scores;
       score_hover({.middle = middles_of(block.context, envs),
@@ -83,20 +91,24 @@ class Hover final : public FlightTask {
                    .action = envs.rows<4>(action_now()),
                    .action_before = envs.rows<4>(action_before())},
                   2.0 * hold, scores);
+      std::array<std::array<double, kTerms>, Together::kCount> terms;
+      for (std::size_t i = 0; i < Together::kCount; ++i) {
+        terms[i] = {static_cast<double>(weights.near_weight * scores.closeness[i]),
+                    static_cast<double>(weights.hold_weight) * scores.holding[i],
+                    -static_cast<double>(weights.speed_weight * scores.speed[i]),
+                    -static_cast<double>(weights.spin_weight * (scores.spin[i] / kSpinUnit)),
+                    -static_cast<double>(weights.change_weight * scores.change[i]),
+                    0.0};
+      }
       for (std::size_t i = 0; i < envs.drones().size(); ++i) {
         const std::uint32_t env = envs.drones()[i];
-        const double distance = scores.distance[i];
-        const bool crashed = state.contact.hit[env] != 0 || distance > static_cast<double>(config_.max_distance_m);
-        held_[env] = distance <= hold ? held_[env] + 1 : 0;
-        double* const terms = score.terms_of(env).data();
-        terms[kNear] = static_cast<double>(config_.near_weight * scores.closeness[i]);
-        terms[kHold] = static_cast<double>(config_.hold_weight) * scores.holding[i];
-        terms[kSpeed] = -static_cast<double>(config_.speed_weight * scores.speed[i]);
-        terms[kSpin] = -static_cast<double>(config_.spin_weight * (scores.spin[i] / kSpinUnit));
-        terms[kChange] = -static_cast<double>(config_.change_weight * scores.change[i]);
-        terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
-        score.terminated[env] = crashed;
-        score.success[env] = !crashed && held_[env] >= hold_steps_;
+        const bool crashed = (hit[env] != 0) | (scores.distance[i] > static_cast<double>(weights.max_distance_m));
+        const bool is_held = scores.distance[i] <= hold;
+        held[env] = is_held ? held[env] + 1 : 0;
+        if (crashed) terms[i][kCrash] = -static_cast<double>(weights.crash_weight);
+        std::copy_n(terms[i].data(), kTerms, out + kTerms * env);
+        terminated[env] = crashed;
+        success[env] = !crashed & (held[env] >= hold_steps);
       }
     });
   }
@@ -131,7 +143,7 @@ class Hover final : public FlightTask {
   }
 
  private:
-  enum Term : std::size_t { kNear, kHold, kSpeed, kSpin, kChange, kCrash };
+  enum Term : std::size_t { kNear, kHold, kSpeed, kSpin, kChange, kCrash, kTerms };
   static constexpr std::uint32_t kTries = 64;  // starts drawn before the point itself is taken
 
   std::pair<Pose, Velocity> thrown(const TaskContext& context, std::uint32_t env, std::uint32_t attempt) {
