@@ -46,7 +46,7 @@ void store_rows4(const Lanes<4>& lanes, float* rows) {
 }
 
 // D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2: the rest is exact.
-void add(const Lanes<3>& position, const Lanes<3>& way, Lanes<3>& sum, Lanes<3>& rest) {
+void add_lanes(const Lanes<3>& position, const Lanes<3>& way, Lanes<3>& sum, Lanes<3>& rest) {
   const D d;
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -69,14 +69,14 @@ HWY_EXPORT(load_rows3);
 HWY_EXPORT(load_rows4);
 HWY_EXPORT(store_rows3);
 HWY_EXPORT(store_rows4);
-HWY_EXPORT(add);
+HWY_EXPORT(add_lanes);
 
 void load_rows(const float* rows, Lanes<3>& lanes) { HWY_DYNAMIC_DISPATCH(load_rows3)(rows, lanes); }
 void load_rows(const float* rows, Lanes<4>& lanes) { HWY_DYNAMIC_DISPATCH(load_rows4)(rows, lanes); }
 void store_rows(const Lanes<3>& lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_rows3)(lanes, rows); }
 void store_rows(const Lanes<4>& lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_rows4)(lanes, rows); }
 void add(const Lanes<3>& position, const Lanes<3>& way, Lanes<3>& sum, Lanes<3>& rest) {
-  HWY_DYNAMIC_DISPATCH(add)(position, way, sum, rest);
+  HWY_DYNAMIC_DISPATCH(add_lanes)(position, way, sum, rest);
 }
 
 }  // namespace flockstep::dynamics
