@@ -28,6 +28,9 @@ inline constexpr std::size_t kMaxObjects = 65536;
 inline constexpr std::size_t kMaxTextures = 65536;
 inline constexpr int kMaxTexturePx = 16384;
 
+// From so many triangles of a world on, what each takes in memory counts for more than a few milliseconds here and there.
+inline constexpr std::size_t kManyTriangles = std::size_t{1} << 18U;
+
 // Colours of the light are refused beyond this: brighter than any picture shows, and far from overflow.
 inline constexpr double kMaxLightColor = 100.0;
 inline constexpr float kMaxTint = 10.0F;
