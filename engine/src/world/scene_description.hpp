@@ -65,7 +65,8 @@ void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), rooms as their corners give
 // them, quaternions and the sun's direction unit, one material index and one object number per triangle, and the triangles of
 // each object together, in the order of the objects, with vertices that are theirs alone and all used; uv where a material has a
-// texture. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
+// texture; and memory for one vertex more, because Embree, which is given the vertices where they are, reads four numbers of the
+// last one. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
 // what came.
 SceneDescription canonical(SceneDescription description);
 
