@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/platform.hpp"
 #include "collision/obstacles.hpp"
 #include "render/shading.hpp"
 #include "trace/scene.hpp"
@@ -14,9 +15,12 @@ CompiledWorld::CompiledWorld(const World& world) : world_(world) {}
 CompiledWorld::~CompiledWorld() = default;
 
 template <class T, class Build>
-const T& CompiledWorld::once(Part<T>& part, const Build& build) {
+const T& CompiledWorld::once(Part<T>& part, const Build& build) const {
   const std::lock_guard lock(part.mutex);  // not std::call_once; see Attachment
-  if (!part.value) part.value = build();
+  if (!part.value) {
+    part.value = build();
+    if (world_.triangles().triangles.size() >= kManyTriangles) give_back_freed_memory();
+  }
   return *part.value;
 }
 

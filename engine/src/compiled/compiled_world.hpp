@@ -40,7 +40,7 @@ class CompiledWorld {
     std::unique_ptr<const T> value;
   };
   template <class T, class Build>
-  static const T& once(Part<T>& part, const Build& build);
+  const T& once(Part<T>& part, const Build& build) const;
 
   const World& world_;
   mutable Part<trace::Scene> scene_;  // the others point to it

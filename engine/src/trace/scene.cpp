@@ -17,6 +17,7 @@
 #include "base/thread_sanitizer.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep::trace {
 namespace {
@@ -258,7 +259,9 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
 void Scene::prepare_tiles(const TriangleMesh& mesh) const {
   if (!meshes_) return;
   const std::lock_guard lock(prepared_mutex_);
-  if (!tiles_) tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
+  if (tiles_) return;
+  tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
+  if (num_triangles_ >= kManyTriangles) give_back_freed_memory();
 }
 
 void Scene::prepare_crowd() const {
