@@ -42,11 +42,13 @@ const collision::Obstacles& CompiledWorld::obstacles() const {
   });
 }
 
-const render::Shading& CompiledWorld::shading() const {
-  return once(shading_, [this] {
+const render::Shading& CompiledWorld::shading(bool shadows) const {
+  const render::Shading& shading = once(shading_, [this] {
     const World* original = world_.original();
     return std::make_unique<const render::Shading>(world_, scene(), original ? &compiled(*original).shading() : nullptr);
   });
+  if (shadows) shading.prepare_shadows();
+  return shading;
 }
 
 const CompiledWorld& compiled(const World& world) {
