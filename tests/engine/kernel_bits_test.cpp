@@ -233,7 +233,7 @@ TEST(KernelBits, Pictures) {
       const render::RenderRequest request{
           &world,
           &compiled(world).scene(),
-          &compiled(world).shading(),
+          &compiled(world).shading(camera.shadows),
           &camera,
           &pinhole,
           place,

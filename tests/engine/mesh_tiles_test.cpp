@@ -27,6 +27,7 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 struct Device {
   std::unique_ptr<RTCDeviceTy, decltype(&rtcReleaseDevice)> device{rtcNewDevice(nullptr), &rtcReleaseDevice};
   MeshTree tree(const TriangleMesh& mesh) const { return {device.get(), mesh}; }
+  MeshTree tree_in_bunches(const TriangleMesh& mesh) const { return {device.get(), mesh, 0}; }
 };
 
 // A ball, or what it becomes as its points are moved along their rays: closed, whatever `bumps` is.
@@ -309,6 +310,36 @@ TEST(MeshTiles, ARaysResultDoesNotDependOnTheRaysBesideIt) {
   }
   EXPECT_GT(hits, rays / 10);
   testing::tried("independence", rays);
+}
+
+TEST(MeshTiles, FullLeavesTakeLessMemoryAndHitTheSame) {
+  const Device device;
+  Random random(6);
+  for (const int rings : {2, 3, 5, 20, 200}) {
+    const Vec3 eye = random.point(5.0F);
+    TriangleMesh mesh = ball(rings, 2 * rings, 0.02F, random);
+    if (rings < 200) add_slivers(mesh, 20 * rings, eye, random);
+    const MeshTree tree = device.tree(mesh), full = device.tree_in_bunches(mesh);
+    EXPECT_LE(full.bytes(), tree.bytes());
+    if (rings == 200) {
+      const auto triangles = static_cast<double>(mesh.triangles.size());
+      EXPECT_LT(static_cast<double>(full.bytes()), 46.0 * triangles);  // 40 in leaves without a gap
+    }
+    Tile tile, same;
+    for (int pose = 0; pose < 40; ++pose) {
+      const Mat3 rotation = random.rotation().toRotationMatrix();
+      const Vec3 origin = pose % 2 == 0 ? eye : Vec3(random.point(5.0F));
+      look(tile, pose % 4 < 2 ? 0.1F : 0.004F);
+      same.y = tile.y;
+      same.z = tile.z;
+      tile.trace(tree, origin, rotation);
+      same.trace(full, origin, rotation);
+      for (std::size_t ray = 0; ray < kMaxRays; ++ray) {
+        ASSERT_EQ(same.rays->element[ray], tile.rays->element[ray]) << "pose " << pose;
+        ASSERT_EQ(same.rays->t_hit[ray], tile.rays->t_hit[ray]) << "pose " << pose;
+      }
+    }
+  }
 }
 
 TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {

@@ -16,6 +16,7 @@
 #include <unistd.h>
 #endif
 #if defined(__linux__)
+#include <malloc.h>
 #include <sched.h>
 #include <sys/resource.h>
 
@@ -103,6 +104,12 @@ void* load_function(const std::string& library, const char* name) {
                                 "' (" + why + ")");
   }
   return function;
+}
+
+void give_back_freed_memory() {
+#if defined(__GLIBC__)
+  malloc_trim(0);
+#endif
 }
 
 int logical_processors() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }

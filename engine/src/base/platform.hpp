@@ -22,6 +22,10 @@ double physical_memory();
 // How much more address space this process may take, in bytes; infinity where nothing limits it (ulimit -v).
 double address_space_left();
 
+// Hands the memory that has been freed back to the system, which the allocator keeps otherwise: some milliseconds, for when much
+// has been.
+void give_back_freed_memory();
+
 // Loads EGL and OpenGL for as long as the process lives. Returns why they cannot be, or nothing.
 std::string gl_load_error();
 

@@ -71,7 +71,7 @@ void build_ahead(const World& world, const BatchConfig& config) {
   if (scene.num_triangles() > 0 && scene.num_triangles() <= most_in_tiles(config)) scene.prepare_tiles(world.triangles());
   if (config.tracer == TracerKind::embree) scene.prepare_crowd();
   compiled(world).obstacles();
-  if (!config.cameras.empty()) compiled(world).shading();
+  for (const CameraConfig& camera : config.cameras) compiled(world).shading(camera.shadows);
 }
 
 PoolRun::PoolRun(WorldPool pool_in, std::size_t num_envs)

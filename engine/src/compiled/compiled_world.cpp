@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "base/platform.hpp"
 #include "collision/obstacles.hpp"
 #include "render/shading.hpp"
 #include "trace/scene.hpp"
@@ -14,9 +15,12 @@ CompiledWorld::CompiledWorld(const World& world) : world_(world) {}
 CompiledWorld::~CompiledWorld() = default;
 
 template <class T, class Build>
-const T& CompiledWorld::once(Part<T>& part, const Build& build) {
+const T& CompiledWorld::once(Part<T>& part, const Build& build) const {
   const std::lock_guard lock(part.mutex);  // not std::call_once; see Attachment
-  if (!part.value) part.value = build();
+  if (!part.value) {
+    part.value = build();
+    if (world_.triangles().triangles.size() >= kManyTriangles) give_back_freed_memory();
+  }
   return *part.value;
 }
 
@@ -38,11 +42,13 @@ const collision::Obstacles& CompiledWorld::obstacles() const {
   });
 }
 
-const render::Shading& CompiledWorld::shading() const {
-  return once(shading_, [this] {
+const render::Shading& CompiledWorld::shading(bool shadows) const {
+  const render::Shading& shading = once(shading_, [this] {
     const World* original = world_.original();
     return std::make_unique<const render::Shading>(world_, scene(), original ? &compiled(*original).shading() : nullptr);
   });
+  if (shadows) shading.prepare_shadows();
+  return shading;
 }
 
 const CompiledWorld& compiled(const World& world) {

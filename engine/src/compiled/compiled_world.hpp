@@ -31,7 +31,8 @@ class CompiledWorld {
   const World& world() const { return world_; }
   const trace::Scene& scene() const;              // as rays meet it: what is visual
   const collision::Obstacles& obstacles() const;  // as a moving drone meets it: what is solid
-  const render::Shading& shading() const;         // as cameras see it
+  // As cameras see it, or as those see it that show shadows.
+  const render::Shading& shading(bool shadows = false) const;
 
  private:
   template <class T>
@@ -40,7 +41,7 @@ class CompiledWorld {
     std::unique_ptr<const T> value;
   };
   template <class T, class Build>
-  static const T& once(Part<T>& part, const Build& build);
+  const T& once(Part<T>& part, const Build& build) const;
 
   const World& world_;
   mutable Part<trace::Scene> scene_;  // the others point to it

@@ -355,7 +355,7 @@ HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Image
   const Neighbours x = neighbours(d, di, s, level.width, across), y = neighbours(d, di, t, level.height, down);
   const I first = hn::Add(level.offset, hn::Mul(y.first, level.width));
   const I second = hn::Add(level.offset, hn::Mul(y.second, level.width));
-  const auto texel = [&](I row, I column) HWY_ATTR { return hn::GatherIndex(di, images.texels.data(), hn::Add(row, column)); };
+  const auto texel = [&](I row, I column) HWY_ATTR { return hn::GatherIndex(di, images.texels(), hn::Add(row, column)); };
   const I a = texel(first, x.first), b = texel(first, x.second), c = texel(second, x.first), e = texel(second, x.second);
   const auto mix = [&](V from, V to, V share) HWY_ATTR { return hn::Add(from, hn::Mul(hn::Sub(to, from), share)); };
   const auto channel = [&](auto shift) HWY_ATTR {
@@ -474,11 +474,12 @@ template <bool kShadows, bool kPlain>
 HWY_INLINE I lit(Ints di, const Shading::Tables& tables, I elements, hn::Mask<Ints> triangles, const trace::HitDetails& details,
                  std::size_t first, const Rays<kShadows, kPlain>& rays) {
   const I number = hn::Sub(elements, hn::Set(di, tables.first_triangle));
-  I place = hn::Add(hn::ShiftLeft<2>(number), hn::Load(di, details.back + first));
+  I place = hn::Add(hn::ShiftLeft<1>(number), hn::Load(di, details.back + first));
   if constexpr (kShadows) {
-    place = hn::Add(place, hn::IfThenElseZero(hn::RebindMask(di, rays.shaded), hn::Set(di, 2)));
+    const I in_shade = hn::Set(di, 2 * (tables.first_marker - tables.first_triangle));
+    place = hn::Add(place, hn::IfThenElseZero(hn::RebindMask(di, rays.shaded), in_shade));
   }
-  return hn::IfThenElseZero(triangles, hn::GatherIndex(di, tables.lit.data(), hn::IfThenElseZero(triangles, place)));
+  return hn::IfThenElseZero(triangles, hn::GatherIndex(di, tables.lit.get(), hn::IfThenElseZero(triangles, place)));
 }
 
 template <bool kShadows, bool kPlain>
@@ -540,8 +541,8 @@ HWY_INLINE std::array<V, 3> light_side(Floats d, const Shading::Tables& tables, 
   return linear(d, tables, base, sunward, normal.z, rays, emitted);
 }
 
-// Fills Shading::Tables::lit.
-void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertices, std::int32_t* out) {
+// Fills a half of Shading::Tables::lit.
+void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertices, bool shaded, std::int32_t* out) {
   const Floats d;
   const Ints di;
   for (std::size_t first = 0; first < tables.triangles.size(); first += hn::Lanes(d)) {
@@ -566,15 +567,15 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
     const I materials = hn::Load(di, material);
     const auto unit_of = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.unit[c].data(), materials); };
     const std::array<V, 3> unit{unit_of(0), unit_of(1), unit_of(2)};
-    alignas(64) std::int32_t plain[4][PixelTile::kSide], roots[4][PixelTile::kSide];
-    for (std::size_t k = 0; k < 4; ++k) {
-      const std::array<V, 3> color = light_side(d, tables, k % 2 == 0 ? front : back, materials, k >= 2);
+    alignas(64) std::int32_t plain[2][PixelTile::kSide], roots[2][PixelTile::kSide];
+    for (std::size_t k = 0; k < 2; ++k) {
+      const std::array<V, 3> color = light_side(d, tables, k == 0 ? front : back, materials, shaded);
       hn::Store(written(d, di, tables, color), di, plain[k]);
       hn::Store(as_roots(d, di, color, unit), di, roots[k]);
     }
     for (std::size_t i = 0; i < count; ++i) {
       const bool tinted = !tables.colors.empty() || tables.texture[static_cast<std::size_t>(material[i])] >= 0;
-      for (std::size_t k = 0; k < 4; ++k) out[4 * (first + i) + k] = tinted ? roots[k][i] : plain[k][i];
+      for (std::size_t k = 0; k < 2; ++k) out[2 * (first + i) + k] = tinted ? roots[k][i] : plain[k][i];
     }
   }
 }
@@ -773,20 +774,18 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 }  // namespace
 
 Shading::Images::Images(const World& world) : textures(world), texels_per_square_metre(render::texels_per_square_metre(world)) {
-  texels.reserve(textures.texels.size());
   std::array<std::uint32_t, 256> roots;
   for (std::size_t i = 0; i < roots.size(); ++i) {
     roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));
   }
-  for (const std::uint32_t texel : textures.texels) {
+  for (std::uint32_t& texel : textures.texels) {
     const auto root = [&](unsigned int shift) { return roots[texel >> shift & 0xFFU]; };
-    texels.push_back(static_cast<std::int32_t>(root(0) | root(8) << 10U | root(16) << 20U));
+    texel = root(0) | root(8) << 10U | root(16) << 20U;
   }
-  textures.texels = {};
 }
 
 Shading::Shading(const World& world, const trace::Scene& scene, const Shading* original)
-    : tables_(world), room_(shading_room(world)) {
+    : world_(world), tables_(world), room_(shading_room(world)) {
   const Appearance appearance(world);
   for (std::size_t i = 0; i < tables_.levels.size(); ++i) {
     const double value = std::pow(static_cast<double>(i) / kLevels, 2.0);
@@ -833,12 +832,23 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
   tables_.colors = world.triangles().colors;
   tables_.images = original != nullptr ? original->tables_.images : std::make_shared<const Images>(world);
   tables_.first_object = appearance.first_object;
-  tables_.lit.resize(4 * tables_.triangles.size());
-  HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, world.triangles().vertices, tables_.lit.data());
+  tables_.lit = std::make_unique_for_overwrite<std::int32_t[]>(4 * tables_.triangles.size());
+  light_triangles(false);
   if (!tables_.sun_disc.shows) {
     for (int i = 0; i <= kSky; ++i) tables_.sky.push_back(sky_color(tables_, static_cast<float>(i) / kSky));
     if (!is_fine(tables_.sky)) tables_.sky.clear();
   }
+}
+
+void Shading::light_triangles(bool shaded) const {
+  std::int32_t* const out = tables_.lit.get() + (shaded ? 2 * tables_.triangles.size() : 0);
+  HWY_DYNAMIC_DISPATCH(light_triangles)(tables_, world_.triangles().vertices, shaded, out);
+}
+
+void Shading::prepare_shadows() const {
+  const std::lock_guard lock(shadows_mutex_);
+  if (!has_shadows_) light_triangles(true);
+  has_shadows_ = true;
 }
 
 bool Shading::needs_normals(const CameraOutputs& wanted) const {

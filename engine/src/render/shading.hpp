@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <vector>
@@ -51,6 +52,9 @@ class Shading {
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
+  // Lights triangles in shade, unless that is done: whoever is to call shade() with hits that are shaded calls this first.
+  void prepare_shadows() const;
+
   // Whether the details that the tracer finds must have normals, and not only sides.
   bool needs_normals(const CameraOutputs& wanted) const;
 
@@ -67,10 +71,10 @@ class Shading {
   struct Images {
     explicit Images(const World& world);
 
-    Textures textures;  // whose texels are here:
-    // The roots of their linear colours times kRoots, ten bits each from the lowest on. A root is about as even to the eye as
-    // sRGB, and its square takes no table.
-    std::vector<std::int32_t> texels;
+    // Whose texels are the roots of their linear colours times kRoots, ten bits each from the lowest on. A root is about as even
+    // to the eye as sRGB, and its square takes no table.
+    Textures textures;
+    const std::int32_t* texels() const { return reinterpret_cast<const std::int32_t*>(textures.texels.data()); }
     std::vector<float> texels_per_square_metre;  // of triangles
   };
 
@@ -87,10 +91,11 @@ class Shading {
     std::span<const std::array<std::int32_t, 3>> triangles;
     std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
     std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
-    // Four for each triangle: what its front and its back show, in the sun and in shade. Where that is still multiplied by a
-    // texture or by the colours of vertices, it is negative, and linear: the roots of its channels, ten bits each, of which that
-    // of the material's most, `unit` times 1023^2, is 1023.
-    std::vector<std::int32_t> lit;
+    // What the front and the back of each triangle show: in the sun, then of all of them in shade, which is memory that nobody
+    // has touched until prepare_shadows(). Where that is still multiplied by a texture or by the colours of vertices, it is
+    // negative, and linear: the roots of its channels, ten bits each, of which that of the material's most, `unit` times 1023^2,
+    // is 1023.
+    std::unique_ptr<std::int32_t[]> lit;
     std::array<std::vector<float>, 3> unit;  // of each material
     std::vector<std::int32_t> sky;  // (kSky + 1,) colours from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
@@ -104,8 +109,13 @@ class Shading {
   };
 
  private:
+  void light_triangles(bool shaded) const;
+
+  const World& world_;
   Tables tables_;
   std::optional<Aabb> room_;
+  mutable std::mutex shadows_mutex_;
+  mutable bool has_shadows_ = false;
 };
 
 }  // namespace flockstep::render

@@ -87,6 +87,17 @@ Level halved(const Level& from, bool is_masked) {
   return half;
 }
 
+// Of all levels.
+std::size_t num_texels(const Texture& texture) {
+  std::size_t count = 1;
+  for (int width = texture.width_px, height = texture.height_px; width > 1 || height > 1;) {
+    count += static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+    width = std::max(width / 2, 1);
+    height = std::max(height / 2, 1);
+  }
+  return count;
+}
+
 std::vector<bool> masked_textures(const World& world) {
   std::vector<bool> masked(world.textures().size());
   const std::vector<bool> masking = trace::masking_materials(world);
@@ -102,14 +113,18 @@ Textures::Textures(const World& world) : Textures(world.textures(), masked_textu
 
 Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked) {
   constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
+  std::size_t count = 0;
+  for (const Texture& texture : textures) {
+    count += num_texels(texture);
+    require(count < kMost, "textures", "less than 2^31 texels, mip levels included", texture.name);
+  }
+  texels.reserve(count);
   for (const Texture& texture : textures) {
     first_level.push_back(static_cast<std::int32_t>(offset.size()));
     wrap_across.push_back(static_cast<std::int32_t>(texture.wrap[0]));
     wrap_down.push_back(static_cast<std::int32_t>(texture.wrap[1]));
     const bool is_masked = !masked.empty() && masked[first_level.size() - 1];
     for (Level level = largest(texture);; level = halved(level, is_masked)) {
-      require(texels.size() + level.texels.size() < kMost, "textures", "less than 2^31 texels, mip levels included",
-              texture.name);
       offset.push_back(static_cast<std::int32_t>(texels.size()));
       width.push_back(level.width);
       height.push_back(level.height);

@@ -150,7 +150,7 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
   render::RenderRequest request{.world = &world,
                                 .scene = &compiled(world).scene(),
-                                .shading = &compiled(world).shading(),
+                                .shading = &compiled(world).shading(config_.shadows),
                                 .camera = &config_,
                                 .pinhole = &settings_[setting_[drone]]->pinhole,
                                 .position = pose.position + trace::rotated(body, offset_[drone]),

@@ -55,7 +55,8 @@ void CameraRig::require_world(const World& world) const {
 void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers) {
   if (empty()) return;
   for (const World* const world : worlds_) {  // built here, not by whichever thread first needs it
-    if (world != nullptr) compiled(*world).shading();
+    if (world == nullptr) continue;
+    for (const auto& camera : cameras_) compiled(*world).shading(camera->config().shadows);
   }
   requests_.clear();
   for (const auto& camera : cameras_) {

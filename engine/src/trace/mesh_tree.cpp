@@ -2,20 +2,33 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <memory>
 #include <new>
+#include <tuple>
+
+#include "flockstep/aligned.hpp"
 
 namespace flockstep::trace {
 
-// A node or leaf as Embree's builder leaves it, in the builder's memory.
+// A triangle's bounding box, as Embree's builder takes it.
+struct BoxedTriangle {
+  std::array<float, 3> low;
+  std::uint32_t geometry;  // of no interest
+  std::array<float, 3> high;
+  std::uint32_t triangle;
+};
+
+// A node, or the triangles of a few leaves, as Embree's builder leaves them, in the builder's memory.
 struct MeshTree::Built {
-  std::uint32_t children = 0;  // 0: a leaf
-  std::uint32_t triangles = 0;
+  std::span<const BoxedTriangle> triangles;  // none: a node
+};
+struct MeshTree::BuiltNode : Built {
+  std::size_t children = 0;
   std::array<const Built*, kTreeWidth> child;
   std::array<RTCBounds, kTreeWidth> bounds;
-  std::array<std::uint32_t, kTreeWidth> triangle;
 };
 
 namespace {
@@ -23,10 +36,70 @@ namespace {
 constexpr unsigned int kMaxDepth = 48;
 constexpr float kVisitCost = 1.0F;
 
+// Leaves as Embree makes them are two thirds full. Of many triangles that is too much memory, and too much for the caches: Embree
+// leaves them in bunches, which are cut into leaves that are full but for one. Few triangles are faster as Embree has them, where
+// a leaf spans no gap between things.
+constexpr std::size_t kBunch = kTreeWidth * kTreeWidth;
+
+std::size_t leaves_for(std::size_t triangles) { return (triangles + kTreeWidth - 1) / kTreeWidth; }
+
+Eigen::AlignedBox3f box_of(std::span<const BoxedTriangle> triangles) {
+  Eigen::AlignedBox3f box;
+  for (const BoxedTriangle& triangle : triangles) box.extend(Vec3(triangle.low.data())).extend(Vec3(triangle.high.data()));
+  return box;
+}
+
+void sort_along(std::size_t axis, std::span<BoxedTriangle> triangles) {
+  std::sort(triangles.begin(), triangles.end(), [axis](const BoxedTriangle& a, const BoxedTriangle& b) {
+    const float at_a = a.low[axis] + a.high[axis], at_b = b.low[axis] + b.high[axis];
+    return at_a != at_b ? at_a < at_b : a.triangle < b.triangle;  // in whatever order Embree's threads have left them
+  });
+}
+
+// How often a tile comes to a box is taken to go with its surface, and what it has to do there with the number of leaves.
+float cost_of(const Eigen::AlignedBox3f& box, std::size_t leaves) {
+  const Vec3 size = box.sizes();
+  return (size.x() * size.y() + size.y() * size.z() + size.z() * size.x()) * static_cast<float>(leaves);
+}
+
+// Puts the triangles of a bunch in an order in which every kTreeWidth of them, from the first on, make a leaf.
+void cut(std::span<BoxedTriangle> triangles) {
+  const std::size_t leaves = leaves_for(triangles.size());
+  const auto leaf = [&](std::size_t i) {
+    return triangles.subspan(kTreeWidth * i, std::min(kTreeWidth, triangles.size() - kTreeWidth * i));
+  };
+  if (leaves <= 1) {
+    std::sort(triangles.begin(), triangles.end(),
+              [](const BoxedTriangle& a, const BoxedTriangle& b) { return a.triangle < b.triangle; });
+    return;
+  }
+  Eigen::Index longest = 0;
+  box_of(triangles).sizes().maxCoeff(&longest);
+  sort_along(static_cast<std::size_t>(longest), triangles);
+  std::array<float, kBunch / kTreeWidth> cost_from;  // of the leaves from one on
+  Eigen::AlignedBox3f box;
+  for (std::size_t i = leaves; --i > 0;) {
+    box.extend(box_of(leaf(i)));
+    cost_from[i] = cost_of(box, leaves - i);
+  }
+  box.setEmpty();
+  float best = std::numeric_limits<float>::infinity();
+  std::size_t best_leaf = 1;
+  for (std::size_t i = 1; i < leaves; ++i) {
+    box.extend(box_of(leaf(i - 1)));
+    const float cost = cost_of(box, i) + cost_from[i];
+    if (cost < best) std::tie(best, best_leaf) = std::tuple(cost, i);
+  }
+  cut(triangles.first(kTreeWidth * best_leaf));
+  cut(triangles.subspan(kTreeWidth * best_leaf));
+}
+
 }  // namespace
 
-MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh) : needs_weights_(!mesh.uv.empty() || !mesh.colors.empty()) {
-  std::vector<RTCBuildPrimitive> primitives;
+MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewest_in_bunches)
+    : needs_weights_(!mesh.uv.empty() || !mesh.colors.empty()) {
+  static_assert(sizeof(BoxedTriangle) == sizeof(RTCBuildPrimitive));
+  AlignedVector<BoxedTriangle> primitives;
   primitives.reserve(mesh.triangles.size());
   Eigen::AlignedBox3f all;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
@@ -35,7 +108,7 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh) : needs_weights_(
     for (const std::int32_t vertex : mesh.triangles[i]) box.extend(mesh.vertices[static_cast<std::size_t>(vertex)]);
     all.extend(box);
     const Vec3 &low = box.min(), &high = box.max();
-    primitives.push_back({low.x(), low.y(), low.z(), 0, high.x(), high.y(), high.z(), static_cast<unsigned int>(i)});
+    primitives.push_back({{low.x(), low.y(), low.z()}, 0, {high.x(), high.y(), high.z()}, static_cast<std::uint32_t>(i)});
   }
   extent_ = std::max({all.min().cwiseAbs().maxCoeff(), all.max().cwiseAbs().maxCoeff(), all.sizes().maxCoeff()});
 
@@ -44,72 +117,105 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh) : needs_weights_(
   };
   const std::unique_ptr<RTCBVHTy, Release> bvh(rtcNewBVH(device));
   if (!bvh) throw std::bad_alloc();
+  struct Sizes {
+    std::atomic<std::size_t> nodes = 0, leaves = 0;
+  } sizes;
   RTCBuildArguments arguments = rtcDefaultBuildArguments();
   arguments.bvh = bvh.get();
-  arguments.primitives = primitives.data();
+  arguments.primitives = reinterpret_cast<RTCBuildPrimitive*>(primitives.data());
   arguments.primitiveCount = arguments.primitiveArrayCapacity = primitives.size();
+  arguments.userPtr = &sizes;
   arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
   arguments.maxBranchingFactor = kTreeWidth;
   arguments.maxDepth = kMaxDepth;
-  // Leaves are as full as can be: sixteen triangles cost what one does.
-  arguments.sahBlockSize = arguments.minLeafSize = arguments.maxLeafSize = kTreeWidth;
+  arguments.sahBlockSize = kTreeWidth;  // sixteen triangles cost what one does
+  arguments.minLeafSize = arguments.maxLeafSize = primitives.size() < fewest_in_bunches ? kTreeWidth : kBunch;
   arguments.traversalCost = kVisitCost;
   arguments.intersectionCost = 1.0F;
-  arguments.createNode = [](RTCThreadLocalAllocator allocator, unsigned int children, void*) -> void* {
-    Built* const built = new (rtcThreadLocalAlloc(allocator, sizeof(Built), alignof(Built))) Built;
+  arguments.createNode = [](RTCThreadLocalAllocator allocator, unsigned int children, void* user) -> void* {
+    ++static_cast<Sizes*>(user)->nodes;
+    auto* const built = new (rtcThreadLocalAlloc(allocator, sizeof(BuiltNode), alignof(BuiltNode))) BuiltNode;
     built->children = children;
-    return built;
+    return static_cast<Built*>(built);
   };
   arguments.setNodeChildren = [](void* node, void** children, unsigned int count, void*) {
-    for (unsigned int i = 0; i < count; ++i) static_cast<Built*>(node)->child[i] = static_cast<const Built*>(children[i]);
+    auto& built = static_cast<BuiltNode&>(*static_cast<Built*>(node));
+    for (unsigned int i = 0; i < count; ++i) built.child[i] = static_cast<const Built*>(children[i]);
   };
   arguments.setNodeBounds = [](void* node, const RTCBounds** bounds, unsigned int count, void*) {
-    for (unsigned int i = 0; i < count; ++i) static_cast<Built*>(node)->bounds[i] = *bounds[i];
+    auto& built = static_cast<BuiltNode&>(*static_cast<Built*>(node));
+    for (unsigned int i = 0; i < count; ++i) built.bounds[i] = *bounds[i];
   };
-  arguments.createLeaf = [](RTCThreadLocalAllocator allocator, const RTCBuildPrimitive* triangles, std::size_t count,
-                            void*) -> void* {
-    Built* const built = new (rtcThreadLocalAlloc(allocator, sizeof(Built), alignof(Built))) Built;
-    built->triangles = static_cast<std::uint32_t>(count);
-    for (std::size_t i = 0; i < count; ++i) built->triangle[i] = triangles[i].primID;
-    std::sort(built->triangle.begin(), built->triangle.begin() + count);
-    return built;
+  arguments.createLeaf = [](RTCThreadLocalAllocator allocator, const RTCBuildPrimitive* given, std::size_t count,
+                            void* user) -> void* {
+    // They are where they were given, sorted, and of no more interest to Embree.
+    const std::span triangles(reinterpret_cast<BoxedTriangle*>(const_cast<RTCBuildPrimitive*>(given)), count);
+    cut(triangles);
+    auto& [nodes, leaves] = *static_cast<Sizes*>(user);
+    leaves += leaves_for(count);
+    if (leaves_for(count) > 1) ++nodes;
+    return new (rtcThreadLocalAlloc(allocator, sizeof(Built), alignof(Built))) Built{triangles};
   };
   const auto* const root = static_cast<const Built*>(rtcBuildBVH(&arguments));
   if (root == nullptr) throw std::bad_alloc();
+  nodes_.reserve(sizes.nodes);
+  leaves_.reserve(sizes.leaves);
   root_ = take(*root, mesh);
 }
 
 std::uint32_t MeshTree::take(const Built& built, const TriangleMesh& mesh) {
-  if (built.children == 0) {
-    const auto number = static_cast<std::uint32_t>(leaves_.size());
-    MeshLeaf& leaf = leaves_.emplace_back();
-    std::fill_n(&leaf.corner[0][0][0], 9 * kTreeWidth, std::numeric_limits<float>::quiet_NaN());
-    std::fill_n(leaf.triangle, kTreeWidth, -1);
-    for (std::size_t i = 0; i < built.triangles; ++i) {
-      const auto& corners = mesh.triangles[built.triangle[i]];
-      leaf.triangle[i] = static_cast<std::int32_t>(built.triangle[i]);
-      for (std::size_t corner = 0; corner < 3; ++corner) {
-        const Vec3& at = mesh.vertices[static_cast<std::size_t>(corners[corner])];
-        for (std::size_t axis = 0; axis < 3; ++axis) leaf.corner[corner][axis][i] = at[static_cast<Eigen::Index>(axis)];
-      }
-    }
-    return number | kLeaf;
+  if (!built.triangles.empty()) return take(built.triangles, mesh);
+  const auto& given = static_cast<const BuiltNode&>(built);
+  const std::uint32_t number = add_node();
+  for (std::size_t i = 0; i < given.children; ++i) {
+    const RTCBounds& box = given.bounds[i];
+    const std::uint32_t child = take(*given.child[i], mesh);
+    set_child(number, i, {box.lower_x, box.lower_y, box.lower_z}, {box.upper_x, box.upper_y, box.upper_z}, child);
   }
-  const auto number = static_cast<std::uint32_t>(nodes_.size());
-  MeshNode node{};
-  std::fill_n(&node.half[0][0], 3 * kTreeWidth, -1.0F);
-  nodes_.push_back(node);
-  for (std::size_t i = 0; i < built.children; ++i) {
-    const RTCBounds& box = built.bounds[i];
-    const std::array<float, 3> low{box.lower_x, box.lower_y, box.lower_z}, high{box.upper_x, box.upper_y, box.upper_z};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      node.center[axis][i] = 0.5F * low[axis] + 0.5F * high[axis];
-      node.half[axis][i] = 0.5F * high[axis] - 0.5F * low[axis];
-    }
-    node.child[i] = take(*built.child[i], mesh);
-  }
-  nodes_[number] = node;
   return number;
+}
+
+std::uint32_t MeshTree::take(std::span<const BoxedTriangle> triangles, const TriangleMesh& mesh) {
+  const std::size_t leaves = leaves_for(triangles.size());
+  if (leaves == 1) return add_leaf(triangles, mesh);
+  const std::uint32_t number = add_node();
+  for (std::size_t i = 0; i < leaves; ++i) {
+    const auto leaf = triangles.subspan(kTreeWidth * i, std::min(kTreeWidth, triangles.size() - kTreeWidth * i));
+    const Eigen::AlignedBox3f box = box_of(leaf);
+    set_child(number, i, box.min(), box.max(), add_leaf(leaf, mesh));
+  }
+  return number;
+}
+
+std::uint32_t MeshTree::add_node() {
+  MeshNode& node = nodes_.emplace_back();
+  std::fill_n(&node.half[0][0], 3 * kTreeWidth, -1.0F);
+  return static_cast<std::uint32_t>(nodes_.size() - 1);
+}
+
+void MeshTree::set_child(std::uint32_t number, std::size_t i, const Vec3& low, const Vec3& high, std::uint32_t child) {
+  MeshNode& node = nodes_[number];
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto k = static_cast<Eigen::Index>(axis);
+    node.center[axis][i] = 0.5F * low[k] + 0.5F * high[k];
+    node.half[axis][i] = 0.5F * high[k] - 0.5F * low[k];
+  }
+  node.child[i] = child;
+}
+
+std::uint32_t MeshTree::add_leaf(std::span<const BoxedTriangle> triangles, const TriangleMesh& mesh) {
+  MeshLeaf& leaf = leaves_.emplace_back();
+  std::fill_n(&leaf.corner[0][0][0], 9 * kTreeWidth, std::numeric_limits<float>::quiet_NaN());
+  std::fill_n(leaf.triangle, kTreeWidth, -1);
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    const std::uint32_t number = triangles[i].triangle;
+    leaf.triangle[i] = static_cast<std::int32_t>(number);
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const Vec3& at = mesh.vertices[static_cast<std::size_t>(mesh.triangles[number][corner])];
+      for (std::size_t axis = 0; axis < 3; ++axis) leaf.corner[corner][axis][i] = at[static_cast<Eigen::Index>(axis)];
+    }
+  }
+  return static_cast<std::uint32_t>(leaves_.size() - 1) | kLeaf;
 }
 
 }  // namespace flockstep::trace

@@ -3,10 +3,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "flockstep/world.hpp"
 #include "trace/embree.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep::trace {
 
@@ -25,11 +27,13 @@ struct alignas(64) MeshLeaf {
   std::int32_t triangle[kTreeWidth];  // as numbered in the mesh, -1 where there is none
 };
 
+struct BoxedTriangle;
+
 class MeshTree {
  public:
   // Of the visible triangles, of which there are some. Keeps no reference to the mesh. Throws std::bad_alloc where Embree, whose
-  // builder decides what lies beside what, has no memory.
-  MeshTree(RTCDevice device, const TriangleMesh& mesh);
+  // builder decides what lies beside what, has no memory. From fewest_in_bunches triangles on, leaves are as full as can be.
+  MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewest_in_bunches = kManyTriangles);
 
   static bool is_leaf(std::uint32_t child) { return (child & kLeaf) != 0; }
   const MeshNode& node(std::uint32_t child) const { return nodes_[child]; }
@@ -42,9 +46,16 @@ class MeshTree {
 
  private:
   struct Built;
+  struct BuiltNode;
   static constexpr std::uint32_t kLeaf = 0x80000000U;
 
+  // Each returns the number of what it adds.
   std::uint32_t take(const Built& built, const TriangleMesh& mesh);
+  std::uint32_t take(std::span<const BoxedTriangle> triangles, const TriangleMesh& mesh);
+  std::uint32_t add_node();
+  std::uint32_t add_leaf(std::span<const BoxedTriangle> triangles, const TriangleMesh& mesh);
+
+  void set_child(std::uint32_t number, std::size_t i, const Vec3& low, const Vec3& high, std::uint32_t child);
 
   std::vector<MeshNode> nodes_;
   std::vector<MeshLeaf> leaves_;

@@ -17,6 +17,7 @@
 #include "base/thread_sanitizer.hpp"
 #include "trace/packets.hpp"
 #include "trace/user_geometry.hpp"
+#include "world/scene_description.hpp"
 
 namespace flockstep::trace {
 namespace {
@@ -225,25 +226,26 @@ void Scene::add_triangles(const World& world) {
   wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }
 
-// The visible triangles with masks, or the others. In both geometries all keep their numbers: Embree leaves out those whose
-// vertices it does not find.
+// The visible triangles with masks, or the others. Embree reads the mesh where it is. In both geometries all triangles keep their
+// numbers: Embree leaves out those whose vertices it does not find.
 void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
   const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE), device_.get()));
   RTCGeometry geometry = owned.get();
-  auto* vertices = static_cast<float*>(required(
-      rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()),
-      device_.get()));
-  auto* indices =
-      static_cast<unsigned int*>(required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                  3 * sizeof(unsigned int), mesh.triangles.size()),
-                                          device_.get()));
-  for (const Vec3& vertex : mesh.vertices) {
-    for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
-  }
-  constexpr unsigned int kNowhere = std::numeric_limits<unsigned int>::max();
-  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    const bool is_here = is_visible(mesh.presence_of(i)) && (masks_.find(i) != nullptr) == masked;
-    for (const std::int32_t index : mesh.triangles[i]) *indices++ = is_here ? static_cast<unsigned int>(index) : kNowhere;
+  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh.vertices.data(), 0, sizeof(Vec3),
+                             mesh.vertices.size());
+  if (masks_.empty() && mesh.presence.empty()) {  // all triangles are here
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.triangles.data(), 0,
+                               sizeof(mesh.triangles[0]), mesh.triangles.size());
+  } else {
+    auto* indices =
+        static_cast<unsigned int*>(required(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                    3 * sizeof(unsigned int), mesh.triangles.size()),
+                                            device_.get()));
+    constexpr unsigned int kNowhere = std::numeric_limits<unsigned int>::max();
+    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+      const bool is_here = is_visible(mesh.presence_of(i)) && (masks_.find(i) != nullptr) == masked;
+      for (const std::int32_t index : mesh.triangles[i]) *indices++ = is_here ? static_cast<unsigned int>(index) : kNowhere;
+    }
   }
   rtcSetGeometryMask(geometry, 0xFFFFFFFFU);
   if (masked) {
@@ -257,7 +259,9 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
 void Scene::prepare_tiles(const TriangleMesh& mesh) const {
   if (!meshes_) return;
   const std::lock_guard lock(prepared_mutex_);
-  if (!tiles_) tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
+  if (tiles_) return;
+  tiles_ = std::make_unique<const MeshTree>(device_.get(), mesh);
+  if (num_triangles_ >= kManyTriangles) give_back_freed_memory();
 }
 
 void Scene::prepare_crowd() const {

@@ -42,7 +42,7 @@ struct CandidateSet {
 
 class Scene {
  public:
-  // Keeps no reference to the world. Up to max_direct primitives, rays of any origins are tested against every one.
+  // Of a world that outlives it. Up to max_direct primitives, rays of any origins are tested against every one.
   explicit Scene(const World& world, std::size_t max_direct = kMaxDirectAnyOrigin);
   ~Scene();
   Scene(const Scene&) = delete;

@@ -180,6 +180,12 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   if (!std::is_sorted(order.begin(), order.end(), by_object)) std::stable_sort(order.begin(), order.end(), by_object);
 
   TriangleMesh ordered;
+  ordered.vertices.reserve(mesh.vertices.size() + 1);
+  ordered.uv.reserve(mesh.uv.size());
+  ordered.colors.reserve(mesh.colors.size());
+  ordered.triangles.reserve(mesh.triangles.size());
+  ordered.materials.reserve(mesh.triangles.size());
+  ordered.objects.reserve(mesh.triangles.size());
   std::vector<std::int32_t> used;                            // by the current object
   std::vector<std::int32_t> moved(mesh.vertices.size(), 0);  // where its vertices have gone
   for (auto first = order.begin(); first != order.end();) {
@@ -203,8 +209,10 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
       ordered.objects.push_back(object);
     }
   }
+  ordered.vertices.reserve(ordered.vertices.size() + 1);
   if (std::all_of(ordered.colors.begin(), ordered.colors.end(), [](const auto& color) { return color == kWhite; })) {
     ordered.colors.clear();
+    ordered.colors.shrink_to_fit();
   }
   for (std::size_t i = 0; i < mesh.presence.size() && i < kMaxObjects; ++i) {
     const auto has_object = [&](std::size_t object) {

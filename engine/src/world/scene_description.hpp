@@ -28,6 +28,9 @@ inline constexpr std::size_t kMaxObjects = 65536;
 inline constexpr std::size_t kMaxTextures = 65536;
 inline constexpr int kMaxTexturePx = 16384;
 
+// From so many triangles of a world on, what each takes in memory counts for more than a few milliseconds here and there.
+inline constexpr std::size_t kManyTriangles = std::size_t{1} << 18U;
+
 // Colours of the light are refused beyond this: brighter than any picture shows, and far from overflow.
 inline constexpr double kMaxLightColor = 100.0;
 inline constexpr float kMaxTint = 10.0F;
@@ -62,7 +65,8 @@ void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), rooms as their corners give
 // them, quaternions and the sun's direction unit, one material index and one object number per triangle, and the triangles of
 // each object together, in the order of the objects, with vertices that are theirs alone and all used; uv where a material has a
-// texture. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
+// texture; and memory for one vertex more, because Embree, which is given the vertices where they are, reads four numbers of the
+// last one. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
 // what came.
 SceneDescription canonical(SceneDescription description);
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "base/platform.hpp"
 #include "base/require.hpp"
 #include "world/content_hash.hpp"
 #include "world/gltf.hpp"
@@ -74,7 +75,9 @@ std::shared_ptr<const World> World::from_json(const std::string& text, const std
 }
 
 World::World(SceneDescription description, std::vector<std::string> ignored)
-    : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {}
+    : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {
+  if (description_.mesh.triangles.size() >= kManyTriangles) give_back_freed_memory();  // of the file and its readers, too
+}
 
 World::World(std::shared_ptr<const World> world, const Look& look)
     : original_(world->original_ ? world->original_ : world), ignored_(world->ignored_), bounds_(world->bounds_) {
