@@ -238,10 +238,11 @@ class Group {
     }
     for (std::size_t lane = 0; lane < kLanes; ++lane) is_same_world[lane] = sim_.open.world[drones_[lane]] == world_of(lane);
     const float hull = sim_.hull.radius();
+    const Eigen::Array<float, kLanes, 1> reach = Eigen::Map<const Eigen::Array<float, kLanes, 1>>(flock_.reach2.data()).sqrt();
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const float x = base_[0][lane], y = base_[1][lane], z = base_[2][lane];
       const float farthest = std::max(std::max(std::abs(x), std::abs(y)), std::abs(z));
-      around_[lane] = std::sqrt(flock_.reach2[lane]) + hull + margin(farthest);
+      around_[lane] = reach[static_cast<Eigen::Index>(lane)] + hull + margin(farthest);
       const float left = radius[lane] - around_[lane];
       const float dx = x - center[0][lane], dy = y - center[1][lane], dz = z - center[2][lane];
       const bool is_inside = dx * dx + dy * dy + dz * dz <= left * left;
