@@ -84,7 +84,7 @@ class Scene {
   // What every sensor and every motion asks for first. The scene itself has to be in the cache.
   void prefetch_parts() const {
     tree_.prefetch_parts();
-    prefetch(shapes_.data(), shapes_.size() * sizeof(NumberedShape));
+    prefetch(shapes_.data(), std::min(shapes_.size(), std::size_t{2}) * sizeof(NumberedShape));
   }
 
  private:
