@@ -30,8 +30,18 @@ struct Space {
   collision::Hull hull;
 
   bool is_free(const Vec3& point) const { return !collision::overlaps(obstacles, hull, Pose{.position = point}); }
+  // Piece by piece, since a sweep looks at all that is in a ball about its motion.
   bool is_clear(const Vec3& from, const Vec3& to) const {
-    return !collision::sweep(obstacles, hull, Pose{.position = from}, Pose{.position = to}).hit;
+    constexpr float kPiece = 1.0F;  // m
+    const int pieces = std::max(1, static_cast<int>(std::min((to - from).norm() / kPiece, 1e4F)));
+    Vec3 here = from;
+    for (int piece = 1; piece <= pieces; ++piece) {
+      const Vec3 next =
+          piece == pieces ? to : Vec3(from + (static_cast<float>(piece) / static_cast<float>(pieces)) * (to - from));
+      if (collision::sweep(obstacles, hull, Pose{.position = here}, Pose{.position = next}).hit) return false;
+      here = next;
+    }
+    return true;
   }
 };
 
