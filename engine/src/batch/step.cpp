@@ -83,7 +83,10 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
   }
   for_each_run(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
     if (sim.physics) {
-      if (is_any(sim.state.contact.hit.data() + first, count)) clear_contact(sim.state, first, count);
+      if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // as mostly
+      for (std::size_t drone = first; drone < first + count; ++drone) {
+        if (sim.state.contact.hit[drone]) clear_contact(sim.state, drone);
+      }
     } else if (ticks > 1) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
