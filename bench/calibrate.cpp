@@ -118,7 +118,7 @@ double bundle_advantage(int within) {
 double block_advantage(int count) {
   std::mt19937 random(1);
   const auto world = cloud(count, 2.0F * kRange, random);
-  const trace::Scene scene(*world, 0);  // all through Embree
+  const trace::Scene scene(*world, *std::pmr::get_default_resource(), 0);  // all through Embree
   std::vector<trace::NumberedShape> shapes;
   for (const Primitive& primitive : world->primitives()) {
     shapes.push_back({trace::make_shape(primitive), static_cast<std::int32_t>(shapes.size())});

@@ -2,13 +2,17 @@
 
 #include <gtest/gtest.h>
 
+#include <cstddef>
 #include <memory>
+#include <memory_resource>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
 #include "batch_helpers.hpp"
+#include "base/near_memory.hpp"
 #include "collision/obstacles.hpp"
+#include "flockstep/scenario.hpp"
 #include "render/shading.hpp"
 #include "trace/scene.hpp"
 
@@ -16,6 +20,47 @@ namespace flockstep {
 namespace {
 
 using testing::closet;
+
+// What a step reads of it is to lie in few pages; a class that grows, grows out of them.
+TEST(CompiledWorld, SceneAndObstaclesOfAPlaygroundLieSideBySide) {
+  const auto world = playground({});
+  const CompiledWorld& all = compiled(*world);
+  const auto* const scene = reinterpret_cast<const std::byte*>(&all.scene());
+  const auto* const shape = reinterpret_cast<const std::byte*>(&all.scene().shape(0));
+  const auto* const obstacles = reinterpret_cast<const std::byte*>(&all.obstacles());
+  const auto* const room = reinterpret_cast<const std::byte*>(all.obstacles().rooms().data());
+  for (const std::byte* const part : {shape, obstacles, room}) {
+    EXPECT_GT(part - scene, 0);
+    EXPECT_LT(part - scene, 4096);
+  }
+}
+
+TEST(NearMemory, WhatDoesNotFitGoesToTheHeap) {
+  NearMemory memory;
+  std::pmr::vector<double> fits(16, 1.0, &memory);
+  std::pmr::vector<double> another(16, 2.0, &memory);
+  EXPECT_EQ(another.data(), fits.data() + 16);
+  std::pmr::vector<double> large(4096, 3.0, &memory);
+  const auto* const begin = reinterpret_cast<const std::byte*>(&memory);
+  const auto* const outside = reinterpret_cast<const std::byte*>(large.data());
+  EXPECT_TRUE(outside < begin || outside >= begin + sizeof(memory));
+  struct alignas(64) Line {
+    int number;
+  };
+  const std::pmr::vector<char> byte(1, 'a', &memory);
+  const std::pmr::vector<Line> aligned(2, Line{4}, &memory);  // the sanitizers look at the address
+  EXPECT_EQ(aligned[1].number, 4);
+  EXPECT_EQ(fits[15] + another[15] + large[4095], 6.0);
+}
+
+TEST(NearMemory, AnObjectThatThrowsLeavesNothing) {
+  struct Throws {
+    explicit Throws(std::pmr::memory_resource& memory) : numbers(10'000, 0, &memory) { throw std::runtime_error("no"); }
+    std::pmr::vector<int> numbers;
+  };
+  NearMemory memory;
+  EXPECT_THROW(static_cast<void>(make_near<Throws>(memory)), std::runtime_error);
+}
 
 TEST(CompiledWorld, EachPartIsBuiltOnceWhicheverThreadComesFirst) {
   struct Seen {

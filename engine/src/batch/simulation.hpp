@@ -105,7 +105,6 @@ struct Simulation {
       if (world == slot_of(env_of(drones[i]))) return;
       prefetch(obstacles[world], sizeof(*obstacles[world]));
       prefetch(scenes[world], sizeof(*scenes[world]));
-      prefetch(&world_pointers[world]->markers(), sizeof(Markers));
     }
     if (i + kParts < drones.size()) obstacles[slot_of(env_of(drones[i + kParts]))]->prefetch_parts();
   }

@@ -8,10 +8,14 @@
 
 namespace flockstep::collision {
 
-Obstacles::Obstacles(const World& world, const trace::Scene& scene) : world_(&world), scene_(&scene) {
+Obstacles::Obstacles(const World& world, const trace::Scene& scene, std::pmr::memory_resource& memory)
+    : world_(&world), scene_(&scene), rooms_(&memory), convexes_(&memory) {
+  const auto is_room = [](const Primitive& primitive) { return primitive.kind == PrimitiveKind::room; };
+  rooms_.reserve(static_cast<std::size_t>(std::count_if(world.primitives().begin(), world.primitives().end(), is_room)));
+  convexes_.reserve(world.primitives().size());
   for (const Primitive& primitive : world.primitives()) {
     Interrupt::poll();
-    if (primitive.kind == PrimitiveKind::room) {
+    if (is_room(primitive)) {
       const auto element = static_cast<std::uint32_t>(convexes_.size());
       rooms_.push_back({element, {primitive.center - primitive.half_extents, primitive.center + primitive.half_extents}});
       convexes_.emplace_back();

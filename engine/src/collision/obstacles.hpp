@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory_resource>
 #include <span>
 #include <type_traits>
 #include <vector>
@@ -20,7 +21,9 @@ struct Room {
 
 class Obstacles {
  public:
-  Obstacles(const World& world, const trace::Scene& scene);  // both of which outlive it; the scene is of that world
+  // Of a world and its scene, which outlive it.
+  Obstacles(const World& world, const trace::Scene& scene,
+            std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
 
   std::span<const Room> rooms() const { return rooms_; }
 
@@ -56,8 +59,8 @@ class Obstacles {
  private:
   const World* world_;
   const trace::Scene* scene_;
-  std::vector<Room> rooms_;
-  std::vector<Convex> convexes_;  // one per primitive; unused where it is a room
+  std::pmr::vector<Room> rooms_;
+  std::pmr::vector<Convex> convexes_;  // one per primitive; unused where it is a room
 };
 
 }  // namespace flockstep::collision

@@ -14,8 +14,8 @@ CompiledWorld::CompiledWorld(const World& world) : world_(world) {}
 
 CompiledWorld::~CompiledWorld() = default;
 
-template <class T, class Build>
-const T& CompiledWorld::once(Part<T>& part, const Build& build) const {
+template <class T, class Pointer, class Build>
+const T& CompiledWorld::once(Part<T, Pointer>& part, const Build& build) const {
   const std::lock_guard lock(part.mutex);  // not std::call_once; see Attachment
   if (!part.value) {
     part.value = build();
@@ -26,19 +26,20 @@ const T& CompiledWorld::once(Part<T>& part, const Build& build) const {
 
 const trace::Scene& CompiledWorld::scene() const {
   if (world_.original() != nullptr) return compiled(*world_.original()).scene();
-  return once(scene_, [this] { return std::make_unique<const trace::Scene>(world_); });
+  return once(scene_, [this] { return make_near<trace::Scene>(memory_, world_); });
 }
 
 const collision::Obstacles& CompiledWorld::obstacles() const {
   if (world_.original() != nullptr) return compiled(*world_.original()).obstacles();
-  return once(obstacles_, [this] {
+  const trace::Scene& visible = scene();  // first, in any case: see memory_
+  return once(obstacles_, [&] {
     const auto is_full = [](const auto& thing) { return thing.presence == Presence::full; };
     const bool is_same =
         std::all_of(world_.primitives().begin(), world_.primitives().end(), is_full) && world_.triangles().presence.empty();
-    if (is_same) return std::make_unique<const collision::Obstacles>(world_, scene());
+    if (is_same) return make_near<collision::Obstacles>(memory_, world_, visible);
     const World& solids = once(solids_, [this] { return std::make_unique<const World>(solids_of(world_)); });
     const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });
-    return std::make_unique<const collision::Obstacles>(solids, solid_scene);
+    return make_near<collision::Obstacles>(memory_, solids, solid_scene);
   });
 }
 

@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 
+#include "base/near_memory.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -35,19 +36,23 @@ class CompiledWorld {
   const render::Shading& shading(bool shadows = false) const;
 
  private:
-  template <class T>
+  template <class T, class Pointer = std::unique_ptr<const T>>
   struct Part {
     std::mutex mutex;
-    std::unique_ptr<const T> value;
+    Pointer value;
   };
-  template <class T, class Build>
-  const T& once(Part<T>& part, const Build& build) const;
+  template <class T>
+  using NearPart = Part<T, NearMemory::Pointer<T>>;
+  template <class T, class Pointer, class Build>
+  const T& once(Part<T, Pointer>& part, const Build& build) const;
 
   const World& world_;
-  mutable Part<trace::Scene> scene_;  // the others point to it
+  // What every step reads; of a small world, all of it. One thread at a time is here: obstacles wait for the scene.
+  mutable NearMemory memory_;
+  mutable NearPart<trace::Scene> scene_;  // the others point to it
   mutable Part<World> solids_;        // where not all is solid, and as rays meet it
   mutable Part<trace::Scene> solid_scene_;
-  mutable Part<collision::Obstacles> obstacles_;
+  mutable NearPart<collision::Obstacles> obstacles_;
   mutable Part<render::Shading> shading_;
 };
 

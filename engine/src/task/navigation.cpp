@@ -42,6 +42,13 @@ struct NavigationState {
   }
 };
 
+// A goal, and what it is the goal of: it is kept beside the env, since a step in many worlds would ask each for it.
+struct Goal {
+  std::int32_t world_index = -1;
+  std::int32_t goal_index = 0;
+  Vec3 position;  // m
+};
+
 Field action_field(ActionKind action) {
   switch (action) {
     case ActionKind::discrete:
@@ -110,6 +117,7 @@ class Navigation final : public Task {
     context_ = &context;
     state_.goal_index.resize(context.num_envs());
     state_.last_distance.resize(context.num_envs());
+    goals_.resize(context.num_envs());
     green_.resize(context.num_threads());
   }
 
@@ -122,8 +130,7 @@ class Navigation final : public Task {
   void begin(const TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) {
       state_.goal_index[env] = 0;
-      const Vec3& goal = goal_of(block.context.world_of(env), 0);
-      state_.last_distance[env] = distance_m(goal, position_of(block.context.state(), env));
+      state_.last_distance[env] = distance_m(goal(block.context, env), position_of(block.context.state(), env));
     }
   }
 
@@ -139,7 +146,7 @@ class Navigation final : public Task {
 
   void score(const TaskBlock& block, Score& score) override {
     const Surroundings around(block.context);
-    for (const std::uint32_t env : block.envs) score_env(around, block.context.world_of(env), env, score);
+    for (const std::uint32_t env : block.envs) score_env(around, block.context, env, score);
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
@@ -151,8 +158,7 @@ class Navigation final : public Task {
       normalise(around.ranges.subspan(env * rays_, rays_), around.max_range_m[env], row.data() + head);
       switch (config_.observation) {
         case ObservationKind::goal: {
-          const Vec3 direction =
-              direction_to(block.context.sensed_pose(env), goal_of(block.context.world_of(env), state_.goal_index[env]));
+          const Vec3 direction = direction_to(block.context.sensed_pose(env), goal(block.context, env));
           std::copy_n(direction.data(), 3, row.data());
           break;
         }
@@ -249,7 +255,17 @@ class Navigation final : public Task {
     return {pose.position + pose.rotation * step, rotation};
   }
 
-  void score_env(const Surroundings& around, const World& world, std::uint32_t env, Score& score) {
+  // Where the env is to fly next.
+  const Vec3& goal(const TaskContext& context, std::size_t env) {
+    Goal& known = goals_[env];
+    const std::int32_t world_index = context.state().world_index[env];
+    if (known.world_index != world_index || known.goal_index != state_.goal_index[env]) {
+      known = {world_index, state_.goal_index[env], goal_of(context.world_of(env), state_.goal_index[env])};
+    }
+    return known.position;
+  }
+
+  void score_env(const Surroundings& around, const TaskContext& context, std::uint32_t env, Score& score) {
     const NavigationReward& reward = config_.reward;
     const State& state = around.state;
     const Vec3 position = position_of(state, env);
@@ -257,10 +273,10 @@ class Navigation final : public Task {
     const double goal_reward = reward.goal_reward;
 
     // Distance to the goal. Where a waypoint is reached, the next one counts from here on.
-    const auto num_waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
-    const Vec3 target = goal_of(world, state_.goal_index[env]);
+    const Vec3 target = goal(context, env);
     const double distance = distance_m(target, position);
     const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
+    const auto num_waypoints = reached ? static_cast<std::int32_t>(context.world_of(env).markers().waypoints.size()) : 0;
     const bool at_final_goal = reached && state_.goal_index[env] >= num_waypoints;
     double distance_term = (state_.last_distance[env] - distance) * kCentimetresPerMetre;
     state_.last_distance[env] = distance;
@@ -269,7 +285,7 @@ class Navigation final : public Task {
     } else if (reached) {
       distance_term = goal_reward * static_cast<double>(reward.waypoint_share) / num_waypoints;
       ++state_.goal_index[env];
-      if (!reward.carry_over_distance) state_.last_distance[env] = distance_m(goal_of(world, state_.goal_index[env]), position);
+      if (!reward.carry_over_distance) state_.last_distance[env] = distance_m(goal(context, env), position);
     }
 
     const double min_clearance = reward.min_clearance;
@@ -300,6 +316,7 @@ class Navigation final : public Task {
   const TaskContext* context_ = nullptr;  // of the batch, which owns the task
   std::size_t rays_ = 0;
   NavigationState state_;
+  std::vector<Goal> goals_;           // (E,), the current ones; nothing depends on it
   std::vector<GreenBlobScratch> green_;  // of each thread
 };
 

@@ -99,10 +99,12 @@ struct Scene::Crowd {
   EmbreeScene scene;
 };
 
-Scene::Scene(const World& world, std::size_t max_direct) {
+Scene::Scene(const World& world, std::pmr::memory_resource& memory, std::size_t max_direct)
+    : shapes_(&memory), visible_(&memory), markers_(&memory), tree_({}, {}, memory) {
   add_primitives(world.primitives(), max_direct);
   add_triangles(world);
   const Markers& markers = world.markers();
+  markers_.reserve(markers.waypoints.size() + 2);
   const auto add_marker = [&](const Vec3& center) {
     const auto element = static_cast<std::int32_t>(shapes_.size() + world.triangles().triangles.size() + markers_.size());
     markers_.push_back(
@@ -152,6 +154,7 @@ void Scene::commit(RTCScene scene) const {
 void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t max_direct) {
   std::vector<Aabb> boxes;
   std::vector<std::uint32_t> numbers;
+  shapes_.reserve(primitives.size());
   for (const Primitive& primitive : primitives) {
     const auto element = static_cast<std::uint32_t>(shapes_.size());
     shapes_.push_back({make_shape(primitive), static_cast<std::int32_t>(element)});
@@ -162,7 +165,7 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
       numbers.push_back(element);
     }
   }
-  tree_ = ShapeTree(boxes, numbers);
+  tree_ = ShapeTree(boxes, numbers, *shapes_.get_allocator().resource());
   const auto is_visual = [&](const NumberedShape& shape) {
     return is_visible(primitives[static_cast<std::size_t>(shape.element)].presence);
   };

@@ -11,6 +11,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <memory_resource>
 #include <mutex>
 #include <span>
 #include <vector>
@@ -43,7 +44,8 @@ struct CandidateSet {
 class Scene {
  public:
   // Of a world that outlives it. Up to max_direct primitives, rays of any origins are tested against every one.
-  explicit Scene(const World& world, std::size_t max_direct = kMaxDirectAnyOrigin);
+  explicit Scene(const World& world, std::pmr::memory_resource& memory = *std::pmr::get_default_resource(),
+                 std::size_t max_direct = kMaxDirectAnyOrigin);
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
@@ -104,10 +106,10 @@ class Scene {
 
   std::span<const NumberedShape> traced() const { return is_all_visible_ ? shapes_ : visible_; }
 
-  std::vector<NumberedShape> shapes_;   // all primitives, in the order of their elements: rooms first
-  std::vector<NumberedShape> visible_;  // those of them that are visual, where some are not
+  std::pmr::vector<NumberedShape> shapes_;   // all primitives, in the order of their elements: rooms first
+  std::pmr::vector<NumberedShape> visible_;  // those of them that are visual, where some are not
   bool is_all_visible_ = true;
-  std::vector<NumberedShape> markers_;  // start, waypoints, goal
+  std::pmr::vector<NumberedShape> markers_;  // start, waypoints, goal
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
   Masks masks_;

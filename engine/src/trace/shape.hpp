@@ -14,16 +14,16 @@ struct Shape {
   ShapeKind kind = ShapeKind::box;
   bool aligned = true;                // the rotation is the identity: the kernels skip it
   float center[3] = {0, 0, 0};        // m, world frame
-  Mat3 to_local = Mat3::Identity();   // rotation, world to local
   float half_extents[3] = {0, 0, 0};  // m, as in Primitive
   // m, world frame: the bounding box, a little wider than the shape, so that no rounding hides a hit
   Vec3 box_center, box_half;
+  Mat3 to_local = Mat3::Identity();  // rotation, world to local; seldom asked for, so that the others share a cache line
 
   Aabb bounds() const { return {box_center - box_half, box_center + box_half}; }
 };
 
 // A shape and its index into World::primitives().
-struct NumberedShape {
+struct alignas(64) NumberedShape {
   Shape shape;
   std::int32_t element;
 };

@@ -74,7 +74,8 @@ std::uint32_t ShapeTree::near(const Node& node, const Vec3& point, float radius)
   return HWY_DYNAMIC_DISPATCH(near)(node, point, radius);
 }
 
-ShapeTree::ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t> numbers) {
+ShapeTree::ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t> numbers, std::pmr::memory_resource& memory)
+    : nodes_(&memory) {
   if (boxes.empty()) return;
   std::vector<Entry> level;
   Eigen::AlignedBox3f all;
@@ -92,6 +93,9 @@ ShapeTree::ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t>
     };
     std::stable_sort(level.begin(), level.end(), [&](const Entry& a, const Entry& b) { return code(a) < code(b); });
   }
+  std::size_t num_nodes = 0;
+  for (std::size_t size = level.size(); size > 1 || num_nodes == 0; num_nodes += size) size = (size + kWidth - 1) / kWidth;
+  nodes_.reserve(num_nodes);
   for (bool leaf = true;; leaf = false) {
     std::vector<Entry> above;
     for (std::size_t first = 0; first < level.size(); first += kWidth) {

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <memory_resource>
 #include <span>
 #include <vector>
 
@@ -27,9 +28,9 @@ class ShapeTree {
     bool leaf = true;
   };
 
-  ShapeTree() = default;
   // numbers: what visit() is told for each box.
-  ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t> numbers);
+  ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t> numbers,
+            std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
 
   bool empty() const { return nodes_.empty(); }
 
@@ -65,7 +66,7 @@ class ShapeTree {
   // The children of a node that come within the radius, a bit each.
   static std::uint32_t near(const Node& node, const Vec3& point, float radius);
 
-  std::vector<Node> nodes_;  // the root is the last
+  std::pmr::vector<Node> nodes_;  // the root is the last
 };
 
 }  // namespace flockstep::trace

@@ -1,0 +1,61 @@
+// NearMemory: keeps side by side what is read together, so that it lies in few pages of memory. A step in a thousand worlds would
+// find no page of them in the processor's table of pages otherwise.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <memory_resource>
+#include <utility>
+
+namespace flockstep {
+
+// Takes what fits in the order in which it comes; the rest goes to the heap. Room is not used again. Not for two threads at once.
+class NearMemory final : public std::pmr::memory_resource {
+ public:
+  // An object, and what it allocates by the memory resource that it is told last.
+  template <class T>
+  struct Delete {
+    NearMemory* memory;
+    void operator()(const T* object) const {
+      std::destroy_at(object);
+      memory->deallocate(const_cast<T*>(object), sizeof(T), alignof(T));
+    }
+  };
+  template <class T>
+  using Pointer = std::unique_ptr<const T, Delete<T>>;
+
+ private:
+  void* do_allocate(std::size_t bytes, std::size_t alignment) override {
+    void* place = room_.data() + used_;
+    std::size_t left = room_.size() - used_;
+    if (std::align(alignment, bytes, place, left) == nullptr) return std::pmr::new_delete_resource()->allocate(bytes, alignment);
+    used_ = room_.size() - left + bytes;
+    return place;
+  }
+  void do_deallocate(void* place, std::size_t bytes, std::size_t alignment) override {
+    const std::less<const void*> before;
+    if (!before(place, room_.data()) && before(place, room_.data() + room_.size())) return;
+    std::pmr::new_delete_resource()->deallocate(place, bytes, alignment);
+  }
+  bool do_is_equal(const memory_resource& other) const noexcept override { return this == &other; }
+
+  static constexpr std::size_t kRoom = 7 * 1024;  // bytes; the scene and the obstacles of a playground take some 6,000
+  alignas(64) std::array<std::byte, kRoom> room_;
+  std::size_t used_ = 0;
+};
+
+// An object in the memory, and with it what it allocates: it is told the memory last.
+template <class T, class... Args>
+NearMemory::Pointer<T> make_near(NearMemory& memory, Args&&... args) {
+  void* const place = memory.allocate(sizeof(T), alignof(T));
+  try {
+    return {std::construct_at(static_cast<T*>(place), std::forward<Args>(args)..., memory), {&memory}};
+  } catch (...) {
+    memory.deallocate(place, sizeof(T), alignof(T));
+    throw;
+  }
+}
+
+}  // namespace flockstep
