@@ -9,8 +9,8 @@
 #include <thread>
 #include <vector>
 
-#include "batch_helpers.hpp"
 #include "base/near_memory.hpp"
+#include "batch_helpers.hpp"
 #include "collision/obstacles.hpp"
 #include "flockstep/scenario.hpp"
 #include "render/shading.hpp"

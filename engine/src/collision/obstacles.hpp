@@ -22,8 +22,7 @@ struct Room {
 class Obstacles {
  public:
   // Of a world and its scene, which outlive it.
-  Obstacles(const World& world, const trace::Scene& scene,
-            std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
+  Obstacles(const World& world, const trace::Scene& scene, std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
 
   std::span<const Room> rooms() const { return rooms_; }
 

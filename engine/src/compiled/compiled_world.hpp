@@ -50,7 +50,7 @@ class CompiledWorld {
   // What every step reads; of a small world, all of it. One thread at a time is here: obstacles wait for the scene.
   mutable NearMemory memory_;
   mutable NearPart<trace::Scene> scene_;  // the others point to it
-  mutable Part<World> solids_;        // where not all is solid, and as rays meet it
+  mutable Part<World> solids_;            // where not all is solid, and as rays meet it
   mutable Part<trace::Scene> solid_scene_;
   mutable NearPart<collision::Obstacles> obstacles_;
   mutable Part<render::Shading> shading_;

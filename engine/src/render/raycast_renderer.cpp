@@ -122,7 +122,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                          .range = camera.far_m,
                                          .longest = pinhole.corner,
                                          .sees_markers = true,
-                                         .normals = request.shading->needs_normals(camera.outputs),
+                                         .normals = camera.outputs.normal,
                                          .ways = request.ways});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;

@@ -15,6 +15,7 @@
 #include <limits>
 #include <type_traits>
 
+#include "base/prefetch.hpp"
 #include "base/srgb.hpp"
 #include "trace/intersect-inl.hpp"
 
@@ -305,90 +306,103 @@ HWY_INLINE V wrapped(Floats d, V x, I wrap) {
   const auto is = [&](TextureWrap which)
                       HWY_ATTR { return hn::RebindMask(d, hn::Eq(wrap, hn::Set(di, static_cast<std::int32_t>(which)))); };
   const V repeated = hn::Sub(x, hn::Floor(x));
+  if (hn::AllTrue(d, is(TextureWrap::repeat))) return hn::Min(hn::Max(repeated, zero), one);  // as mostly
   const V there_and_back = hn::Sub(x, hn::Mul(two, hn::Floor(hn::Mul(x, hn::Set(d, 0.5F)))));
   const V mirrored = hn::IfThenElse(hn::Gt(there_and_back, one), hn::Sub(two, there_and_back), there_and_back);
   const V inside = hn::IfThenElse(is(TextureWrap::repeat), repeated, hn::IfThenElse(is(TextureWrap::mirror), mirrored, x));
   return hn::Min(hn::Max(inside, zero), one);
 }
 
-// Two neighbouring texels along an axis, and how far towards the second.
-struct Neighbours {
-  I first, second;
+// The texel before a place along an axis, -1 on the border, and how far it is to the next one.
+struct Before {
+  I texel;
   V towards;
 };
 
-HWY_INLINE Neighbours neighbours(Floats d, Ints di, V x, I size, I wrap) {
+HWY_INLINE Before before(Floats d, Ints di, V x, I size) {
   const V at = hn::Sub(hn::Mul(x, hn::ConvertTo(d, size)), hn::Set(d, 0.5F));
   const V below = hn::Floor(at);
-  const I zero = hn::Zero(di), one = hn::Set(di, 1);
-  const I last = hn::Sub(size, one);
-  const I first = hn::ConvertTo(di, below);
-  const I second = hn::Add(first, one);
-  const auto repeats = hn::Eq(wrap, hn::Set(di, static_cast<std::int32_t>(TextureWrap::repeat)));
-  const I before = hn::IfThenElse(repeats, last, zero);
-  const I after = hn::IfThenElse(repeats, zero, last);
-  return {hn::IfThenElse(hn::Lt(first, zero), before, first), hn::IfThenElse(hn::Gt(second, last), after, second),
-          hn::Sub(at, below)};
+  return {hn::ConvertTo(di, below), hn::Sub(at, below)};
 }
 
-// The levels of textures that some lanes ask for; the others get any.
+// The texels of these numbers and those after them. By pairs, since a gather takes as long as it has numbers to read.
+struct Pairs {
+  I first, second;
+};
+
+HWY_INLINE Pairs pairs(Ints di, const std::int32_t* texels, I first) {
+  const hn::Repartition<std::uint64_t, Ints> pair;  // at any texel, aligned or not
+  const hn::RebindToSigned<decltype(pair)> offsets;
+  const auto* const base = reinterpret_cast<const std::uint64_t*>(texels);
+  const auto two = [&](auto numbers)
+                       HWY_ATTR { return hn::GatherOffset(pair, base, hn::BitCast(offsets, hn::ShiftLeft<2>(numbers))); };
+  const auto numbers = hn::BitCast(pair, first);
+  const auto even = two(hn::And(numbers, hn::Set(pair, 0xFFFFFFFFU))), odd = two(hn::ShiftRight<32>(numbers));
+  return {hn::OddEven(hn::BitCast(di, hn::ShiftLeft<32>(odd)), hn::BitCast(di, even)),
+          hn::OddEven(hn::BitCast(di, odd), hn::BitCast(di, hn::ShiftRight<32>(even)))};
+}
+
+// The levels of textures that some lanes ask for; the others, with negative numbers, get any. Some lane asks.
 struct Levels {
-  I offset, width, height;
+  I offset, width, height, stride;
 };
 
 // Neighbouring pixels mostly ask for the same, and then numbers are read once and not for each lane.
-HWY_INLINE Levels levels_at(Floats d, Ints di, const Textures& textures, I number, Mask lanes) {
-  const std::int32_t one = hn::ExtractLane(number, static_cast<std::size_t>(std::countr_zero(bits_of(d, lanes))));
+HWY_INLINE Levels levels_at(Floats d, Ints di, const Shading::Images& images, const std::int32_t* numbers) {
+  const I number = hn::Load(di, numbers);
+  const auto asks = hn::Gt(number, hn::Set(di, -1));
+  const std::int32_t one = numbers[std::countr_zero(bits_of(d, hn::RebindMask(d, asks)))];
   const I ones = hn::Set(di, one);
-  const I safe = hn::IfThenElse(hn::RebindMask(di, lanes), number, ones);
-  const auto at = static_cast<std::size_t>(one);
+  const I safe = hn::IfThenElse(asks, number, ones);
+  const auto of = [&](I offset, I size) HWY_ATTR {
+    const I width = hn::And(size, hn::Set(di, 0xFFFF));
+    return Levels{offset, width, hn::ShiftRight<16>(size), hn::Add(width, hn::Set(di, 2))};  // with a border
+  };
   if (hn::AllTrue(di, hn::Eq(safe, ones))) {
-    return {hn::Set(di, textures.offset[at]), hn::Set(di, textures.width[at]), hn::Set(di, textures.height[at])};
+    const auto at = static_cast<std::size_t>(one);
+    return of(hn::Set(di, images.textures.offset[at]), hn::Set(di, images.sizes[at]));
   }
-  return {hn::GatherIndex(di, textures.offset.data(), safe), hn::GatherIndex(di, textures.width.data(), safe),
-          hn::GatherIndex(di, textures.height.data(), safe)};
+  return of(hn::GatherIndex(di, images.textures.offset.data(), safe), hn::GatherIndex(di, images.sizes.data(), safe));
 }
 
-// The linear colours at (s, t) in levels of textures; all lanes must have one.
-HWY_INLINE std::array<V, 3> level_colors(Floats d, Ints di, const Shading::Images& images, const Levels& level, V s, V t,
-                                         I across, I down) {
-  const Neighbours x = neighbours(d, di, s, level.width, across), y = neighbours(d, di, t, level.height, down);
-  const I first = hn::Add(level.offset, hn::Mul(y.first, level.width));
-  const I second = hn::Add(level.offset, hn::Mul(y.second, level.width));
-  const auto texel = [&](I row, I column) HWY_ATTR { return hn::GatherIndex(di, images.texels(), hn::Add(row, column)); };
-  const I a = texel(first, x.first), b = texel(first, x.second), c = texel(second, x.first), e = texel(second, x.second);
+// The four texels around a place: the number of the first, how far apart the two rows are, and how far it is to the next ones.
+struct Place {
+  I first, stride;
+  V across, down;
+};
+
+HWY_INLINE Place place_in(Floats d, Ints di, const Levels& level, V s, V t) {
+  const Before x = before(d, di, s, level.width), y = before(d, di, t, level.height);
+  return {hn::Add(hn::Add(level.offset, hn::Mul(y.texel, level.stride)), x.texel), level.stride, x.towards, y.towards};
+}
+
+// The linear colours there.
+HWY_INLINE std::array<V, 3> colors_at(Floats d, Ints di, const Shading::Images& images, const Place& place) {
+  const Pairs upper = pairs(di, images.texels(), place.first);
+  const Pairs lower = pairs(di, images.texels(), hn::Add(place.first, place.stride));
   const auto mix = [&](V from, V to, V share) HWY_ATTR { return hn::Add(from, hn::Mul(hn::Sub(to, from), share)); };
   const auto channel = [&](auto shift) HWY_ATTR {
     const auto value = [&](I texel_roots) HWY_ATTR {
       const V root = hn::ConvertTo(d, hn::And(hn::ShiftRight<shift.value>(texel_roots), hn::Set(di, Shading::kRoots)));
       return hn::Mul(root, root);
     };
+    const auto between = [&](const Pairs& row) HWY_ATTR { return mix(value(row.first), value(row.second), place.across); };
     constexpr float kScale = 1.0F / (static_cast<float>(Shading::kRoots) * static_cast<float>(Shading::kRoots));
-    const V mean = mix(mix(value(a), value(b), x.towards), mix(value(c), value(e), x.towards), y.towards);
-    return hn::Mul(mean, hn::Set(d, kScale));
+    return hn::Mul(mix(between(upper), between(lower), place.down), hn::Set(d, kScale));
   };
   return {channel(std::integral_constant<int, 0>()), channel(std::integral_constant<int, 10>()),
           channel(std::integral_constant<int, 20>())};
 }
 
-// The square of how much of a surface a pixel covers along the longer side, m^2. normal: of any length.
-template <bool kShadows, bool kPlain>
-HWY_INLINE V footprint(Floats d, const Rays<kShadows, kPlain>& rays, const Vec3V<V>& normal, float pixel_area) {
-  const V across = dot(normal, rays.direction);
-  const V square = hn::Mul(hn::Mul(rays.t, rays.t), hn::Set(d, pixel_area));
-  const V lengths = hn::Mul(dot(rays.direction, rays.direction), dot(normal, normal));
-  return hn::Div(hn::Mul(square, lengths), hn::Mul(across, across));
-}
-
-// f(triangle, lanes) for each triangle that some of the lanes show: neighbouring pixels mostly show the same.
+// f(number, lanes) for each number that some of the lanes have: neighbouring pixels mostly have the same.
 template <class F>
-HWY_INLINE void for_each_triangle(Floats d, Ints di, const Shading::Tables& tables, I elements, const std::int32_t* each,
-                                  Mask which, const F& f) {
+HWY_INLINE void for_each_number(Floats d, Ints di, const std::int32_t* numbers, Mask which, const F& f) {
+  const I all = hn::Load(di, numbers);
   for (std::uint64_t left = bits_of(d, which); left != 0;) {
-    const std::int32_t element = each[std::countr_zero(left)];
-    const Mask its = hn::And(which, hn::RebindMask(d, hn::Eq(elements, hn::Set(di, element))));
+    const std::int32_t number = numbers[std::countr_zero(left)];
+    const Mask its = hn::And(which, hn::RebindMask(d, hn::Eq(all, hn::Set(di, number))));
     left &= ~bits_of(d, its);
-    f(static_cast<std::size_t>(element - tables.first_triangle), its);
+    f(number, its);
   }
 }
 
@@ -407,67 +421,158 @@ struct Weights {
 struct Textured {
   Mask lanes;
   V across, down;
-  V density;  // texels to a square metre
+  Vec3V<V> normal;  // of Print
   I wrap_across, wrap_down, first_level, last_level;
 
   explicit HWY_INLINE Textured(Floats d)
       : lanes(hn::Not(every(d))),
         across(hn::Zero(d)),
         down(across),
-        density(across),
+        normal{across, across, across},
         wrap_across(hn::Zero(Ints())),
         wrap_down(wrap_across),
         first_level(wrap_across),
         last_level(wrap_across) {}
 
-  HWY_INLINE void add(const Shading::Tables& tables, std::size_t triangle, std::size_t texture, Mask its,
-                      const Weights& weights) {
-    const Floats d;
+  // A triangle, and the paint of its material.
+  HWY_INLINE void add(const Shading::Images::Print& print, Mask its, const Weights& weights) {
+    const auto& [a, b, c] = print.uv;
+    across = hn::IfThenElse(its, weights(a[0], b[0], c[0]), across);
+    down = hn::IfThenElse(its, weights(a[1], b[1], c[1]), down);
+    const auto set = [&](V& to, float value) HWY_ATTR { to = hn::IfThenElse(its, hn::Set(Floats(), value), to); };
+    set(normal.x, print.normal[0]);
+    set(normal.y, print.normal[1]);
+    set(normal.z, print.normal[2]);
+  }
+  HWY_INLINE void add(const Shading::Paint& paint, Mask its) {
     const Ints di;
-    const Shading::Images& images = *tables.images;
-    const auto& corners = tables.triangles[triangle];
-    const auto corner = [&](std::size_t k) { return tables.uv[static_cast<std::size_t>(corners[k])]; };
-    const auto uv_a = corner(0), uv_b = corner(1), uv_c = corner(2);
-    const auto set = [&](const std::vector<std::int32_t>& table, I& to, std::int32_t less)
-                         HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, table[texture] - less), to); };
+    const auto set = [&](I& to, std::int32_t value)
+                         HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, value), to); };
     lanes = hn::Or(lanes, its);
-    across = hn::IfThenElse(its, weights(uv_a[0], uv_b[0], uv_c[0]), across);
-    down = hn::IfThenElse(its, weights(uv_a[1], uv_b[1], uv_c[1]), down);
-    density = hn::IfThenElse(its, hn::Set(d, images.texels_per_square_metre[triangle]), density);
-    set(images.textures.wrap_across, wrap_across, 0);
-    set(images.textures.wrap_down, wrap_down, 0);
-    set(images.textures.first_level, first_level, 0);
-    set(images.textures.num_levels, last_level, 1);
+    set(wrap_across, paint.wrap_across);
+    set(wrap_down, paint.wrap_down);
+    set(first_level, paint.first_level);
+    set(last_level, paint.last_level);
   }
 };
 
-// Multiplies colours by what textures show.
-HWY_INLINE void tint(Floats d, Ints di, const Shading::Tables& tables, const Textured& textured, V covered,
-                     std::array<V, 3>& colors) {
-  const V s = wrapped(d, textured.across, textured.wrap_across);
-  const V t = wrapped(d, textured.down, textured.wrap_down);
-  // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
-  const V texels = hn::Max(hn::Mul(textured.density, covered), hn::Zero(d));
-  const V log2 = hn::Sub(hn::Mul(hn::ConvertTo(d, hn::BitCast(di, texels)), hn::Set(d, 0x1p-23F)), hn::Set(d, 127.0F));
-  const V most = hn::ConvertTo(d, textured.last_level);
-  const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), most);
-  const I fine = hn::ConvertTo(di, detail);
-  const V towards = hn::Sub(detail, hn::ConvertTo(d, fine));
-  const I finer = hn::Add(textured.first_level, fine);
-  const I coarser = hn::Add(finer, hn::Min(hn::Sub(textured.last_level, fine), hn::Set(di, 1)));
-  const auto level = [&](I number) HWY_ATTR {
-    const Levels levels = levels_at(d, di, tables.images->textures, number, textured.lanes);
-    return level_colors(d, di, *tables.images, levels, s, t, textured.wrap_across, textured.wrap_down);
-  };
-  std::array<V, 3> texel = level(finer);
-  if (!hn::AllFalse(d, hn::And(textured.lanes, hn::Gt(towards, hn::Zero(d))))) {  // what is near shows the largest level alone
-    const auto of_coarse = level(coarser);
+// The pixels of a tile whose colours are still to be multiplied, by textures or by the colours of vertices. All of them go
+// through each step before the next: a step waits for memory or for long instructions, and a processor overlaps only what comes
+// soon.
+class TintedTile {
+ public:
+  // The vector that begins at this pixel; its colours follow by set_color().
+  HWY_INLINE void add(std::size_t pixel, const std::array<V, 3>& unit, const std::array<V, 3>* of_vertices) {
+    const Floats d;
+    tinted_[num_tinted_++] = static_cast<std::uint16_t>(pixel);
     for (std::size_t c = 0; c < 3; ++c) {
-      texel[c] = hn::Add(texel[c], hn::Mul(hn::Sub(of_coarse[c], texel[c]), towards));
+      hn::Store(unit[c], d, unit_[c] + pixel);
+      if (of_vertices != nullptr) hn::Store((*of_vertices)[c], d, of_vertices_[c] + pixel);
     }
   }
-  for (std::size_t c = 0; c < 3; ++c) colors[c] = hn::IfThenElse(textured.lanes, hn::Mul(colors[c], texel[c]), colors[c]);
-}
+  // Textures of the vector that was added last. pixel_area: as Shading::shade() says.
+  template <bool kShadows, bool kPlain>
+  HWY_INLINE void add(const Textured& textured, const Rays<kShadows, kPlain>& rays, float pixel_area) {
+    const Floats d;
+    const Ints di;
+    const std::size_t pixel = tinted_[num_tinted_ - 1];
+    // The square of how many texels a pixel covers along its longer side.
+    const V across = dot(textured.normal, rays.direction);
+    const V area = hn::Mul(hn::Mul(rays.t, rays.t), hn::Set(d, pixel_area));
+    const V texels = hn::Max(hn::Div(hn::Mul(area, dot(rays.direction, rays.direction)), hn::Mul(across, across)), hn::Zero(d));
+    // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
+    const V log2 = hn::Sub(hn::Mul(hn::ConvertTo(d, hn::BitCast(di, texels)), hn::Set(d, 0x1p-23F)), hn::Set(d, 127.0F));
+    const V most = hn::ConvertTo(d, textured.last_level);
+    const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), most);
+    const I fine = hn::ConvertTo(di, detail);
+    const V towards = hn::IfThenElseZero(textured.lanes, hn::Sub(detail, hn::ConvertTo(d, fine)));
+    const I finer = hn::Add(textured.first_level, fine);
+    const I coarser = hn::Add(finer, hn::Min(hn::Sub(textured.last_level, fine), hn::Set(di, 1)));
+    const auto numbered = [&](I level)
+                              HWY_ATTR { return hn::IfThenElse(hn::RebindMask(di, textured.lanes), level, hn::Set(di, -1)); };
+    hn::Store(wrapped(d, textured.across, textured.wrap_across), d, s_ + pixel);
+    hn::Store(wrapped(d, textured.down, textured.wrap_down), d, t_ + pixel);
+    hn::Store(towards, d, towards_ + pixel);
+    hn::Store(numbered(finer), di, finer_ + pixel);
+    hn::Store(numbered(coarser), di, coarser_ + pixel);
+    textured_[num_textured_++] = tinted_[num_tinted_ - 1];
+    // What is near shows the largest level alone.
+    if (!hn::AllFalse(d, hn::Gt(towards, hn::Zero(d)))) mixed_[num_mixed_++] = tinted_[num_tinted_ - 1];
+  }
+  HWY_INLINE void add_none() {
+    for (auto& texel : texel_) hn::Store(hn::Set(Floats(), 1.0F), Floats(), texel + tinted_[num_tinted_ - 1]);
+  }
+  HWY_INLINE bool waits_for(std::size_t pixel) const { return num_tinted_ > 0 && tinted_[num_tinted_ - 1] == pixel; }
+  HWY_INLINE void set_color(std::size_t pixel, I color) { hn::Store(color, Ints(), color_ + pixel); }
+
+  // f(pixel, colour) for each vector.
+  template <class F>
+  HWY_INLINE void finish(const Shading::Tables& tables, bool of_vertices, const F& f) {
+    const Floats d;
+    const Ints di;
+    look_up(tables, finer_, std::span(textured_).first(num_textured_),
+            [&](std::size_t i, const std::array<V, 3>& color) HWY_ATTR {
+              const auto lanes = hn::RebindMask(d, hn::Gt(hn::Load(di, finer_ + i), hn::Set(di, -1)));
+              for (std::size_t c = 0; c < 3; ++c) hn::Store(hn::IfThenElse(lanes, color[c], hn::Set(d, 1.0F)), d, texel_[c] + i);
+            });
+    look_up(tables, coarser_, std::span(mixed_).first(num_mixed_), [&](std::size_t i, const std::array<V, 3>& color) HWY_ATTR {
+      const V towards = hn::Load(d, towards_ + i);
+      for (std::size_t c = 0; c < 3; ++c) {
+        const V fine = hn::Load(d, texel_[c] + i);
+        hn::Store(hn::Add(fine, hn::Mul(hn::Sub(color[c], fine), towards)), d, texel_[c] + i);
+      }
+    });
+    for (std::size_t k = 0; k < num_tinted_; ++k) {
+      const std::size_t i = tinted_[k];
+      const I known = hn::Load(di, color_ + i);
+      const auto unit = [&](std::size_t c) HWY_ATTR { return hn::Load(d, unit_[c] + i); };
+      std::array<V, 3> color = of_roots(d, di, known, {unit(0), unit(1), unit(2)});
+      for (std::size_t c = 0; c < 3; ++c) {
+        V tint = hn::Load(d, texel_[c] + i);
+        if (of_vertices) tint = hn::Mul(hn::Load(d, of_vertices_[c] + i), tint);
+        color[c] = hn::Mul(color[c], tint);
+      }
+      f(i, hn::IfThenElse(hn::Lt(known, hn::Zero(di)), written(d, di, tables, color), known));
+    }
+  }
+
+ private:
+  // f(pixel, colours) for each of the vectors, in the levels of these numbers.
+  template <class F>
+  HWY_INLINE void look_up(const Shading::Tables& tables, const std::int32_t* numbers, std::span<const std::uint16_t> vectors,
+                          const F& f) {
+    const Floats d;
+    const Ints di;
+    const Shading::Images& images = *tables.images;
+    for (const std::size_t i : vectors) {
+      const Levels levels = levels_at(d, di, images, numbers + i);
+      const Place place = place_in(d, di, levels, hn::Load(d, s_ + i), hn::Load(d, t_ + i));
+      hn::Store(place.first, di, first_ + i);
+      hn::Store(place.stride, di, stride_ + i);
+      hn::Store(place.across, d, across_ + i);
+      hn::Store(place.down, d, down_ + i);
+      constexpr std::size_t kApart = 5;  // pixels; those between mostly share their cache lines
+      for (std::size_t pixel = i; pixel < i + hn::Lanes(d); pixel += kApart) {
+        hwy::Prefetch(images.texels() + first_[pixel]);
+        hwy::Prefetch(images.texels() + first_[pixel] + stride_[pixel]);
+      }
+    }
+    for (const std::size_t i : vectors) {
+      f(i, colors_at(d, di, images,
+                     {hn::Load(di, first_ + i), hn::Load(di, stride_ + i), hn::Load(d, across_ + i), hn::Load(d, down_ + i)}));
+    }
+  }
+
+  static constexpr std::size_t kCount = TilePixels::kCount, kVectors = kCount / 4;
+  alignas(64) std::int32_t color_[kCount];  // negative: to be multiplied
+  alignas(64) float unit_[3][kCount], of_vertices_[3][kCount], texel_[3][kCount];
+  alignas(64) float s_[kCount], t_[kCount], towards_[kCount];
+  alignas(64) std::int32_t finer_[kCount], coarser_[kCount];  // levels; negative: no texture
+  alignas(64) std::int32_t first_[kCount], stride_[kCount];   // of Place
+  alignas(64) float across_[kCount], down_[kCount];
+  std::uint16_t tinted_[kVectors], textured_[kVectors], mixed_[kVectors];
+  std::size_t num_tinted_ = 0, num_textured_ = 0, num_mixed_ = 0;
+};
 
 // What the table of triangles has for the lanes that show one; 0 elsewhere.
 template <bool kShadows, bool kPlain>
@@ -485,7 +590,7 @@ HWY_INLINE I lit(Ints di, const Shading::Tables& tables, I elements, hn::Mask<In
 template <bool kShadows, bool kPlain>
 HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* each, Mask which,
                                   const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays,
-                                  float pixel_area, const CameraOutputs& wanted) {
+                                  float pixel_area, const CameraOutputs& wanted, TintedTile& tile) {
   const V zero = hn::Zero(d), one = hn::Set(d, 1.0F);
   const I elements = hn::Load(di, each);
   Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
@@ -494,39 +599,54 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
   const bool tints_some = !hn::AllFalse(d, tinted), numbers = wanted.semantic || wanted.instance;
   if (!tints_some && !numbers && !wanted.normal) return pixels;
 
-  const Vec3V<V> normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
-                        hn::Load(d, details.normal_z + first)};
-  if (wanted.normal) pixels.normal = towards_camera(d, normalised(normal), rays.direction);
+  if (wanted.normal) {
+    const Vec3V<V> normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
+                          hn::Load(d, details.normal_z + first)};
+    pixels.normal = towards_camera(d, normalised(normal), rays.direction);
+  }
 
   const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
   const Weights weights{hn::Sub(hn::Sub(one, u), v), u, v};
   const bool colored = !kPlain && !tables.colors.empty();
+  const std::span<const Shading::Images::Print> prints(tables.images->prints);
   std::array<V, 3> tints{one, one, one}, unit{zero, zero, zero};
   Textured textured(d);
+  alignas(64) std::int32_t materials[PixelTile::kSide];  // of the lanes that are tinted
+  I material_of = hn::Zero(di);
   const auto set = [&](std::int32_t value, Mask its, I& to)
                        HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, value), to); };
-  const auto see = [&](std::size_t triangle, Mask its) HWY_ATTR {
-    const std::size_t material = tables.triangle_material[triangle];
-    if (wanted.semantic) set(tables.semantic[material], its, pixels.semantic);
+  const auto see = [&](std::int32_t element, Mask its) HWY_ATTR {
+    const auto triangle = static_cast<std::size_t>(element - tables.first_triangle);
+    if (wanted.semantic) set(tables.semantic[tables.triangle_material[triangle]], its, pixels.semantic);
     if (wanted.instance) set(tables.triangle_object[triangle] + tables.first_object, its, pixels.instance);
     if (!tints_some) return;
-    const auto& corners = tables.triangles[triangle];
-    for (std::size_t c = 0; c < 3; ++c) {
-      unit[c] = hn::IfThenElse(its, hn::Set(d, tables.unit[c][material]), unit[c]);
-      if (!colored) continue;
+    if (prints.empty()) {
+      set(tables.triangle_material[triangle], its, material_of);
+    } else {
+      set(prints[triangle].material, its, material_of);
+      textured.add(prints[triangle], its, weights);
+    }
+    for (std::size_t c = 0; colored && c < 3; ++c) {
+      const auto& corners = tables.triangles[triangle];
       const auto color = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
       tints[c] = hn::IfThenElse(its, weights(color(0), color(1), color(2)), tints[c]);
     }
-    const std::int32_t texture = tables.texture[material];
-    if (texture >= 0) textured.add(tables, triangle, static_cast<std::size_t>(texture), its, weights);
   };
-  for_each_triangle(d, di, tables, elements, each, numbers ? which : tinted, see);
+  for_each_number(d, di, each, numbers ? which : tinted, see);
   if (!tints_some) return pixels;
 
-  if (!hn::AllFalse(d, textured.lanes)) tint(d, di, tables, textured, footprint(d, rays, normal, pixel_area), tints);
-  std::array<V, 3> color = of_roots(d, di, pixels.color, unit);
-  for (std::size_t c = 0; c < 3; ++c) color[c] = hn::Mul(color[c], tints[c]);
-  pixels.color = hn::IfThenElse(hn::RebindMask(di, tinted), written(d, di, tables, color), pixels.color);
+  hn::Store(material_of, di, materials);
+  for_each_number(d, di, materials, tinted, [&](std::int32_t material, Mask its) HWY_ATTR {
+    const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(material)];
+    for (std::size_t c = 0; c < 3; ++c) unit[c] = hn::IfThenElse(its, hn::Set(d, paint.unit[c]), unit[c]);
+    if (paint.texture >= 0) textured.add(paint, its);
+  });
+  tile.add(first, unit, colored ? &tints : nullptr);
+  if (hn::AllFalse(d, textured.lanes)) {
+    tile.add_none();
+  } else {
+    tile.add(textured, rays, pixel_area);
+  }
   return pixels;
 }
 
@@ -565,8 +685,11 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
     const Vec3V<V> front = normalised({product(1, 2), product(2, 0), product(0, 1)});
     const Vec3V<V> back{hn::Neg(front.x), hn::Neg(front.y), hn::Neg(front.z)};
     const I materials = hn::Load(di, material);
-    const auto unit_of = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.unit[c].data(), materials); };
-    const std::array<V, 3> unit{unit_of(0), unit_of(1), unit_of(2)};
+    std::array<V, 3> unit{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
+    for_each_number(d, di, material, every(d), [&](std::int32_t number, Mask its) HWY_ATTR {
+      const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(number)];
+      for (std::size_t c = 0; c < 3; ++c) unit[c] = hn::IfThenElse(its, hn::Set(d, paint.unit[c]), unit[c]);
+    });
     alignas(64) std::int32_t plain[2][PixelTile::kSide], roots[2][PixelTile::kSide];
     for (std::size_t k = 0; k < 2; ++k) {
       const std::array<V, 3> color = light_side(d, tables, k == 0 ? front : back, materials, shaded);
@@ -574,7 +697,7 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
       hn::Store(as_roots(d, di, color, unit), di, roots[k]);
     }
     for (std::size_t i = 0; i < count; ++i) {
-      const bool tinted = !tables.colors.empty() || tables.texture[static_cast<std::size_t>(material[i])] >= 0;
+      const bool tinted = !tables.colors.empty() || tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
       for (std::size_t k = 0; k < 2; ++k) out[2 * (first + i) + k] = tinted ? roots[k][i] : plain[k][i];
     }
   }
@@ -634,6 +757,13 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
   const hn::Rebind<std::uint8_t, Floats> du8;
   const hn::Rebind<std::uint16_t, Floats> du16;
   const std::size_t lanes = hn::Lanes(d);
+  TintedTile tinted;
+  const auto put_color = [&](std::size_t i, I color) HWY_ATTR {
+    const I byte = hn::Set(di, 0xFF);
+    hn::StoreU(hn::DemoteTo(du8, hn::And(color, byte)), du8, out.r + i);
+    hn::StoreU(hn::DemoteTo(du8, hn::And(hn::ShiftRight<8>(color), byte)), du8, out.g + i);
+    hn::StoreU(hn::DemoteTo(du8, hn::ShiftRight<16>(color)), du8, out.b + i);
+  };
   for (std::size_t i = 0; i < bundle.count; i += lanes) {
     const std::int32_t* const elements = bundle.element + i;
     const I element = hn::Load(di, elements);
@@ -660,7 +790,7 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
         if (wanted.any_color()) shown.color = sky<kPlain>(d, di, tables, rays.direction);
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
         mask = hn::RebindMask(d, triangles);
-        shown = triangle_pixels(d, di, tables, elements, mask, details, i, rays, pixel_area, wanted);
+        shown = triangle_pixels(d, di, tables, elements, mask, details, i, rays, pixel_area, wanted, tinted);
       } else {
         mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
         const ShadedSolid& solid = number < tables.first_triangle
@@ -671,12 +801,7 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
       pixels = first ? shown : select(di, mask, shown, pixels);
       left &= ~bits_of(d, mask);
     }
-    if (wanted.any_color()) {
-      const I byte = hn::Set(di, 0xFF);
-      hn::StoreU(hn::DemoteTo(du8, hn::And(pixels.color, byte)), du8, out.r + i);
-      hn::StoreU(hn::DemoteTo(du8, hn::And(hn::ShiftRight<8>(pixels.color), byte)), du8, out.g + i);
-      hn::StoreU(hn::DemoteTo(du8, hn::ShiftRight<16>(pixels.color)), du8, out.b + i);
-    }
+    if (wanted.any_color()) tinted.waits_for(i) ? tinted.set_color(i, pixels.color) : put_color(i, pixels.color);
     if (wanted.semantic) hn::StoreU(hn::DemoteTo(du16, pixels.semantic), du16, out.semantic + i);
     if (wanted.instance) hn::StoreU(hn::DemoteTo(du16, pixels.instance), du16, out.instance + i);
     if (wanted.normal) {
@@ -685,6 +810,7 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
       hn::Store(pixels.normal.z, d, out.nz + i);
     }
   }
+  tinted.finish(tables, !kPlain && !tables.colors.empty(), put_color);
 }
 
 void shade(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
@@ -773,7 +899,7 @@ ShadedSolid make_solid(const trace::Shape& shape, const Surface& surface, const 
 
 }  // namespace
 
-Shading::Images::Images(const World& world) : textures(world), texels_per_square_metre(render::texels_per_square_metre(world)) {
+Shading::Images::Images(const World& world) : textures(world, Border::yes) {
   std::array<std::uint32_t, 256> roots;
   for (std::size_t i = 0; i < roots.size(); ++i) {
     roots[i] = static_cast<std::uint32_t>(std::lround(std::sqrt(srgb_to_linear()[i]) * static_cast<float>(kRoots)));
@@ -781,6 +907,19 @@ Shading::Images::Images(const World& world) : textures(world), texels_per_square
   for (std::uint32_t& texel : textures.texels) {
     const auto root = [&](unsigned int shift) { return roots[texel >> shift & 0xFFU]; };
     texel = root(0) | root(8) << 10U | root(16) << 20U;
+  }
+  for (std::size_t i = 0; i < textures.offset.size(); ++i) sizes.push_back(textures.width[i] | textures.height[i] << 16);
+  const TriangleMesh& mesh = world.triangles();
+  const std::vector<float> densities = texels_per_square_metre(world);
+  prints.reserve(densities.size());
+  for (std::size_t i = 0; i < densities.size(); ++i) {
+    const auto uv = [&](std::size_t k) { return mesh.uv[static_cast<std::size_t>(mesh.triangles[i][k])]; };
+    const auto corner = [&](std::size_t k) -> Eigen::Vector3d {
+      return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])].cast<double>();
+    };
+    const Eigen::Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+    const Vec3 scaled = (normal / std::sqrt(std::max(static_cast<double>(densities[i]), 1e-30))).cast<float>();
+    prints.push_back({{uv(0), uv(1), uv(2)}, {scaled.x(), scaled.y(), scaled.z()}, mesh.materials[i]});
   }
 }
 
@@ -812,25 +951,32 @@ Shading::Shading(const World& world, const trace::Scene& scene, const Shading* o
   }
   tables_.first_triangle = static_cast<std::int32_t>(world.primitives().size());
   tables_.first_marker = tables_.first_triangle + static_cast<std::int32_t>(world.triangles().triangles.size());
+  tables_.images = original != nullptr ? original->tables_.images : std::make_shared<const Images>(world);
   tables_.triangle_material = world.triangles().materials;
   tables_.triangle_object = world.triangles().objects;
   for (const Surface& material : appearance.materials) {
+    Paint& paint = tables_.paints.emplace_back();
     for (std::size_t c = 0; c < 3; ++c) {
       tables_.color[c].push_back(material.color[c]);
       tables_.emissive[c].push_back(material.emissive[c]);
       const Light& light = tables_.light;
       const float brightest = std::max(light.sky_ambient[c], light.ground_ambient[c]) + light.sun_color[c];
       const float most = static_cast<float>(Shading::kRoots);
-      tables_.unit[c].push_back((material.color[c] * brightest + material.emissive[c]) / (most * most));
+      paint.unit[c] = (material.color[c] * brightest + material.emissive[c]) / (most * most);
     }
     tables_.emits |= material.emits();
     tables_.semantic.push_back(material.semantic);
-    tables_.texture.push_back(material.texture);
+    if (material.texture < 0) continue;
+    const Textures& textures = tables_.images->textures;
+    const auto texture = static_cast<std::size_t>(material.texture);
+    paint.texture = material.texture;
+    paint.wrap_across = textures.wrap_across[texture];
+    paint.wrap_down = textures.wrap_down[texture];
+    paint.first_level = textures.first_level[texture];
+    paint.last_level = textures.num_levels[texture] - 1;
   }
   tables_.triangles = world.triangles().triangles;
-  tables_.uv = world.triangles().uv;
   tables_.colors = world.triangles().colors;
-  tables_.images = original != nullptr ? original->tables_.images : std::make_shared<const Images>(world);
   tables_.first_object = appearance.first_object;
   tables_.lit = std::make_unique_for_overwrite<std::int32_t[]>(4 * tables_.triangles.size());
   light_triangles(false);
@@ -849,10 +995,6 @@ void Shading::prepare_shadows() const {
   const std::lock_guard lock(shadows_mutex_);
   if (!has_shadows_) light_triangles(true);
   has_shadows_ = true;
-}
-
-bool Shading::needs_normals(const CameraOutputs& wanted) const {
-  return wanted.normal || (wanted.any_color() && !tables_.uv.empty());
 }
 
 void Shading::shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,

@@ -55,9 +55,6 @@ class Shading {
   // Lights triangles in shade, unless that is done: whoever is to call shade() with hits that are shaded calls this first.
   void prepare_shadows() const;
 
-  // Whether the details that the tracer finds must have normals, and not only sides.
-  bool needs_normals(const CameraOutputs& wanted) const;
-
   // As shading_room() says.
   const std::optional<Aabb>& room() const { return room_; }
 
@@ -75,7 +72,23 @@ class Shading {
     // to the eye as sRGB, and its square takes no table.
     Textures textures;
     const std::int32_t* texels() const { return reinterpret_cast<const std::int32_t*>(textures.texels.data()); }
-    std::vector<float> texels_per_square_metre;  // of triangles
+    std::vector<std::int32_t> sizes;  // of levels: width and, from bit 16 on, height
+    // Of a triangle, side by side, since it is seldom in the cache: where its corners lie in the texture, its unit normal times
+    // the metres that a texel measures, and its material.
+    struct Print {
+      std::array<std::array<float, 2>, 3> uv;
+      std::array<float, 3> normal;
+      std::int32_t material;
+    };
+    std::vector<Print> prints;  // of each triangle; empty where no material has a texture
+  };
+
+  // Of a material, what the colours of triangles are in units of, and its texture.
+  struct Paint {
+    std::array<float, 3> unit;
+    std::int32_t texture = -1;  // none
+    std::int32_t wrap_across = 0, wrap_down = 0;
+    std::int32_t first_level = 0, last_level = 0;  // of Textures; how many follow the first
   };
 
   struct Tables {
@@ -86,17 +99,15 @@ class Shading {
     std::array<std::vector<float>, 3> color, emissive;  // of each material: red, green, blue
     bool emits = false;                                 // one of them does
     std::vector<std::int32_t> semantic;                 // likewise
-    std::vector<std::int32_t> texture;                  // likewise; -1: none
+    std::vector<Paint> paints;                          // likewise
     std::shared_ptr<const Images> images;
     std::span<const std::array<std::int32_t, 3>> triangles;
-    std::span<const std::array<float, 2>> uv;      // of their vertices; empty where no material has a texture
-    std::span<const std::array<float, 3>> colors;  // likewise; empty where all are white
+    std::span<const std::array<float, 3>> colors;  // of their vertices; empty where all are white
     // What the front and the back of each triangle show: in the sun, then of all of them in shade, which is memory that nobody
     // has touched until prepare_shadows(). Where that is still multiplied by a texture or by the colours of vertices, it is
-    // negative, and linear: the roots of its channels, ten bits each, of which that of the material's most, `unit` times 1023^2,
-    // is 1023.
+    // negative, and linear: the roots of its channels, ten bits each, of which that of the material's most, its paint's `unit`
+    // times 1023^2, is 1023.
     std::unique_ptr<std::int32_t[]> lit;
-    std::array<std::vector<float>, 3> unit;  // of each material
     std::vector<std::int32_t> sky;  // (kSky + 1,) colours from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
     Light light;

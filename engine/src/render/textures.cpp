@@ -88,14 +88,18 @@ Level halved(const Level& from, bool is_masked) {
 }
 
 // Of all levels.
-std::size_t num_texels(const Texture& texture) {
-  std::size_t count = 1;
-  for (int width = texture.width_px, height = texture.height_px; width > 1 || height > 1;) {
-    count += static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-    width = std::max(width / 2, 1);
-    height = std::max(height / 2, 1);
+std::size_t num_texels(const Texture& texture, int border) {
+  std::size_t count = 0;
+  for (int width = texture.width_px, height = texture.height_px;;
+       width = std::max(width / 2, 1), height = std::max(height / 2, 1)) {
+    count += static_cast<std::size_t>(width + 2 * border) * static_cast<std::size_t>(height + 2 * border);
+    if (width == 1 && height == 1) return count;
   }
-  return count;
+}
+
+// Where a row or column beyond the edge comes from.
+int source(int at, int size, TextureWrap wrap) {
+  return wrap == TextureWrap::repeat ? (at + size) % size : std::clamp(at, 0, size - 1);
 }
 
 std::vector<bool> masked_textures(const World& world) {
@@ -109,13 +113,14 @@ std::vector<bool> masked_textures(const World& world) {
 
 }  // namespace
 
-Textures::Textures(const World& world) : Textures(world.textures(), masked_textures(world)) {}
+Textures::Textures(const World& world, Border border) : Textures(world.textures(), masked_textures(world), border) {}
 
-Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked) {
+Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& masked, Border border) {
+  const int wide = border == Border::yes ? 1 : 0;
   constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<std::int32_t>::max());
   std::size_t count = 0;
   for (const Texture& texture : textures) {
-    count += num_texels(texture);
+    count += num_texels(texture, wide);
     require(count < kMost, "textures", "less than 2^31 texels, mip levels included", texture.name);
   }
   texels.reserve(count);
@@ -125,10 +130,16 @@ Textures::Textures(std::span<const Texture> textures, const std::vector<bool>& m
     wrap_down.push_back(static_cast<std::int32_t>(texture.wrap[1]));
     const bool is_masked = !masked.empty() && masked[first_level.size() - 1];
     for (Level level = largest(texture);; level = halved(level, is_masked)) {
-      offset.push_back(static_cast<std::int32_t>(texels.size()));
       width.push_back(level.width);
       height.push_back(level.height);
-      texels.insert(texels.end(), level.texels.begin(), level.texels.end());
+      stride.push_back(level.width + 2 * wide);
+      offset.push_back(static_cast<std::int32_t>(texels.size()) + wide * (stride.back() + 1));
+      for (int y = -wide; y < level.height + wide; ++y) {
+        const auto row = level.texels.begin() + std::ptrdiff_t{level.width} * source(y, level.height, texture.wrap[1]);
+        if (wide != 0) texels.push_back(row[source(-1, level.width, texture.wrap[0])]);
+        texels.insert(texels.end(), row, row + level.width);
+        if (wide != 0) texels.push_back(row[source(level.width, level.width, texture.wrap[0])]);
+      }
       if (level.width == 1 && level.height == 1) break;
     }
     num_levels.push_back(static_cast<std::int32_t>(offset.size()) - first_level.back());

@@ -19,11 +19,15 @@
 
 namespace flockstep::render {
 
+// Whether levels have a border of one texel about them, which is what the texture shows beyond its edge as it wraps: then the
+// four texels around a place are always two pairs of neighbours in memory.
+enum class Border : bool { no, yes };
+
 struct Textures {
   // masked: which of them something is seen through by, if any.
   // Throws std::invalid_argument where they have too many texels to be numbered.
-  explicit Textures(std::span<const Texture> textures, const std::vector<bool>& masked = {});
-  explicit Textures(const World& world);
+  explicit Textures(std::span<const Texture> textures, const std::vector<bool>& masked = {}, Border border = Border::no);
+  explicit Textures(const World& world, Border border = Border::no);
 
   bool empty() const { return first_level.empty(); }
 
@@ -31,8 +35,8 @@ struct Textures {
   // Of each texture.
   std::vector<std::int32_t> first_level, num_levels;
   std::vector<std::int32_t> wrap_across, wrap_down;  // TextureWrap
-  // Of each level, the largest first: its first texel, and its size. The last one is a single texel.
-  std::vector<std::int32_t> offset, width, height;
+  // Of each level, the largest first: its first texel, its size, and how far apart its rows are. The last one is a single texel.
+  std::vector<std::int32_t> offset, width, height, stride;
 };
 
 // Texels to a square metre of each triangle, squared texels a metre; 0 where its material has no texture. Empty where none has.

@@ -316,7 +316,7 @@ class Navigation final : public Task {
   const TaskContext* context_ = nullptr;  // of the batch, which owns the task
   std::size_t rays_ = 0;
   NavigationState state_;
-  std::vector<Goal> goals_;           // (E,), the current ones; nothing depends on it
+  std::vector<Goal> goals_;              // (E,), the current ones; nothing depends on it
   std::vector<GreenBlobScratch> green_;  // of each thread
 };
 
