@@ -307,14 +307,18 @@ Pattern pattern_of(const flockstep::LidarConfig& lidar, int sensors) {
   return pattern;
 }
 
-// A world's triangles alone, primitives tessellated and masks forgotten.
-std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world) {
+// A world's triangles alone, primitives tessellated and masks forgotten. chord_error_m: of round shapes.
+std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& world, float chord_error_m) {
   flockstep::SceneDescription description;
-  description.mesh = world.mesh(bench::chord_error(world));
+  description.mesh = world.mesh(chord_error_m);
   description.materials.resize(world.materials().size());
   for (std::size_t i = 0; i < description.materials.size(); ++i) description.materials[i].name = std::to_string(i);
   description.mesh.uv.clear();
   return std::make_shared<const flockstep::World>(std::move(description));
+}
+
+std::shared_ptr<const flockstep::World> shipped(const std::shared_ptr<const flockstep::World>& world) {
+  return triangles_of(*world, bench::chord_error(*world));
 }
 
 }  // namespace
@@ -323,12 +327,13 @@ std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& wor
 int main(int argc, char** argv) {
   const std::string only_scene = argc > 1 ? argv[1] : "", only_pattern = argc > 2 ? argv[2] : "";
   const std::vector<std::pair<std::string, std::function<std::shared_ptr<const flockstep::World>()>>> scenes{
-      {"pillars", [] { return triangles_of(*flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
+      {"pillars", [] { return shipped(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
       {"hills1k", [] { return bench::mesh_world(20, 20.0F); }},
-      {"office", [] { return triangles_of(*flockstep::office(flockstep::OfficeConfig{})); }},
+      {"office", [] { return triangles_of(*bench::furnished_rooms(), 0.01F); }},
+      {"generated_office", [] { return shipped(flockstep::office(flockstep::OfficeConfig{})); }},
       {"hills100k", [] { return bench::mesh_world(200, 60.0F); }},
-      {"terrain", [] { return triangles_of(*flockstep::forest(flockstep::ForestConfig{})); }},
-      {"city", [] { return triangles_of(*flockstep::city(flockstep::CityConfig{})); }},
+      {"terrain", [] { return shipped(flockstep::forest(flockstep::ForestConfig{})); }},
+      {"city", [] { return shipped(flockstep::city(flockstep::CityConfig{})); }},
       {"hills1M", [] { return bench::mesh_world(640, 180.0F); }}};
   bench::Figures figures;
   for (const auto& [scene, make] : scenes) {

@@ -70,6 +70,7 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
     u[at] = static_cast<float>(seen.y() / seen.x());
     v[at] = static_cast<float>(seen.z() / seen.x());
     view.ahead[at] = static_cast<float>(seen.x());
+    view.per_ahead[at] = static_cast<float>(1.0 / seen.x());
   }
   // What lies beside the tile looks where its nearest beam does, so that it makes the view no wider.
   for (std::size_t row = 0; row < trace::kMaxRays / trace::kTileWidth; ++row) {

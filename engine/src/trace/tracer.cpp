@@ -70,7 +70,10 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
 
 void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride) {
   const bool in_view = tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
-  if (!trace_candidates(tile)) {
+  const bool unmet = in_view && candidates_.count == 0 && !candidates_.crowded;
+  if (unmet) {
+    aim(tile);
+  } else if (!trace_candidates(tile)) {
     if (!in_view) {
       forget_hits(bundle_);
       return wait(tile, ranges, stride, for_everything_);
@@ -79,7 +82,7 @@ void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride)
   } else if (candidates_.triangles && !in_view) {
     return wait(tile, ranges, stride, for_triangles_);
   }
-  if (in_view) trace_view(*tile.view, tile.rows, tile.width);
+  if (in_view) trace_view(*tile.view, tile.rows, tile.width, unmet);
   for (std::size_t row = 0; row < tile.rows; ++row) {  // the static world ends here
     std::copy_n(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
   }
@@ -125,28 +128,35 @@ void Tracer::trace_crowd() {
   std::copy_n(block_.element, bundle_.count, bundle_.element);
 }
 
-// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept.
-void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width) {
+// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept. unmet: the bundle has met nothing, and
+// its t_hit are not written yet.
+void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool unmet) {
   RayBundle& seen = view_bundle_;
   seen.origin = bundle_.origin;
   for (int axis = 0; axis < 3; ++axis) seen.rotation.col(axis) = rotated(bundle_.rotation, view.to_sensor.col(axis));
   seen.near = bundle_.near;
   seen.range = bundle_.range;
   seen.count = rows * kTileWidth;
-  std::fill_n(seen.element, seen.count, -1);
-  for (std::size_t row = 0; row < rows; ++row) {
-    float* const depth = seen.t_hit + row * kTileWidth;
-    const float *const ahead = view.ahead + row * kTileWidth, *const found = bundle_.t_hit + row * width;
-    std::fill_n(depth, kTileWidth, -1.0F);  // beside the tile: nothing is nearer
-    for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
+  seen.unmet = unmet && width == kTileWidth;
+  if (unmet) forget_hits(bundle_);
+  if (!seen.unmet) {
+    std::fill_n(seen.element, seen.count, -1);
+    for (std::size_t row = 0; row < rows; ++row) {
+      float* const depth = seen.t_hit + row * kTileWidth;
+      const float *const ahead = view.ahead + row * kTileWidth, *const found = bundle_.t_hit + row * width;
+      std::fill_n(depth, kTileWidth, -1.0F);  // beside the tile: nothing is nearer
+      for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
+    }
   }
   trace_mesh_tile(*tree_, 0, view.u, view.v, seen, nullptr, false);
   for (std::size_t row = 0; row < rows; ++row) {
-    const float *const depth = seen.t_hit + row * kTileWidth, *const ahead = view.ahead + row * kTileWidth;
+    const float *const depth = seen.t_hit + row * kTileWidth, *const per_ahead = view.per_ahead + row * kTileWidth;
     const std::int32_t* const element = seen.element + row * kTileWidth;
     float* const found = bundle_.t_hit + row * width;
     for (std::size_t i = 0; i < width; ++i) {
-      if (element[i] >= 0) found[i] = std::min(depth[i] / ahead[i], found[i]);
+      const float distance = depth[i] * per_ahead[i];
+      const bool is_met = (element[i] >= 0) & (distance <= bundle_.range) & (distance < found[i]);
+      found[i] = is_met ? distance : found[i];
     }
   }
 }

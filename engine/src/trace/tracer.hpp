@@ -41,9 +41,10 @@ struct Viewpoint {
 
 // Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
 struct TileView {
-  Mat3 to_sensor;                          // rotation, tile's frame to the sensor's
-  TileAxis u, v;                           // rows of kTileWidth, whatever the tile's width
-  alignas(64) float ahead[kMaxRays] = {};  // length of the direction along the tile's axis; 0 beside the tile
+  Mat3 to_sensor;                              // rotation, tile's frame to the sensor's
+  TileAxis u, v;                               // rows of kTileWidth, whatever the tile's width
+  alignas(64) float ahead[kMaxRays] = {};      // length of the direction along the tile's axis; 0 beside the tile
+  alignas(64) float per_ahead[kMaxRays] = {};  // 1 / ahead; likewise
 };
 
 // Rays of a sensor that are traced together, since they point much the same way.
@@ -112,7 +113,7 @@ class Tracer {
   void aim(const RayTile& tile);               // the bundle is of its rays
   bool trace_candidates(const RayTile& tile);  // false if they are too many
   void trace_crowd();                          // what trace_candidates() has not
-  void trace_view(const TileView& view, std::size_t rows, std::size_t width);
+  void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool unmet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
   void note(std::size_t rays, std::size_t packets);  // that they went through Embree; no packets: they did not
