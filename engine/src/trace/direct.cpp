@@ -17,8 +17,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr std::size_t kMinCulled = 4;  // candidates; to look whether fewer are in view costs as much as to test them
 
 // A hit at the range itself counts, at infinity none does.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE void store(D d, const Nearest<D>& nearest, V range, float* t_hit, std::int32_t* element) {
+template <class D, class Found, class V = hn::Vec<D>>
+HWY_INLINE void store(D d, const Found& nearest, V range, float* t_hit, std::int32_t* element) {
   const hn::RebindToSigned<D> di;
   const V infinity = hn::Set(d, std::numeric_limits<float>::infinity());
   const V metres = nearest.metres();
@@ -28,8 +28,9 @@ HWY_INLINE void store(D d, const Nearest<D>& nearest, V range, float* t_hit, std
 }
 
 // The ray leaves the room through the first of the walls ahead. Those out of reach are left out.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE void leave_room(D d, const Candidate& room, const Vec3V<V>& o, const Vec3V<V>& direction, Nearest<D>& nearest) {
+template <class D, bool kNumbered, class V = hn::Vec<D>>
+HWY_INLINE void leave_room(D d, const Candidate& room, const Vec3V<V>& o, const Vec3V<V>& direction,
+                           Nearest<D, kNumbered>& nearest) {
   const float* const half = room.shape->half_extents;
   Fraction<V> first{hn::Set(d, std::numeric_limits<float>::infinity()), hn::Set(d, 1.0F)};
   if (room.walls[0]) first = earlier(first, slab_exit(d, o.x, direction.x, half[0]));
@@ -76,8 +77,8 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
 }
 
 // A candidate met by one vector of rays.
-template <class D, class V = hn::Vec<D>>
-HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction, V near, Nearest<D>& nearest) {
+template <class D, bool kNumbered, class V = hn::Vec<D>>
+HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction, V near, Nearest<D, kNumbered>& nearest) {
   const Shape& shape = *candidate.shape;
   const auto& local = candidate.local_origin;
   const Vec3V<V> o{hn::Set(d, local[0]), hn::Set(d, local[1]), hn::Set(d, local[2])};
@@ -96,6 +97,22 @@ HWY_INLINE void meet(D d, const Candidate& candidate, const Vec3V<V>& direction,
   }
 }
 
+template <bool kNumbered>
+void meet_all(std::span<const Candidate* const> seen, RayBundle& rays) {
+  using D = hn::CappedTag<float, kRayPadding>;
+  using V = hn::Vec<D>;
+  const D d;
+  const V near = hn::Set(d, rays.near);
+  const V range = hn::Set(d, rays.range);
+  for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
+    const Vec3V<V> direction =
+        rotate(d, rays.rotation, {hn::LoadU(d, rays.x + i), hn::LoadU(d, rays.y + i), hn::LoadU(d, rays.z + i)});
+    Nearest<D, kNumbered> nearest(d);
+    for (const Candidate* const candidate : seen) meet(d, *candidate, direction, near, nearest);
+    store(d, nearest, range, rays.t_hit + i, rays.element + i);
+  }
+}
+
 bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, RayBundle& rays) {
   const Candidate* seen[kMaxCandidates];
   std::size_t count = candidates.size();
@@ -105,17 +122,7 @@ bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, R
     count = select_seen(candidates, max_seen, rays, seen);
     if (count > max_seen) return false;
   }
-  const hn::CappedTag<float, kRayPadding> d;
-  using V = hn::Vec<decltype(d)>;
-  const V near = hn::Set(d, rays.near);
-  const V range = hn::Set(d, rays.range);
-  for (std::size_t i = 0; i < rays.count; i += hn::Lanes(d)) {
-    const Vec3V<V> direction =
-        rotate(d, rays.rotation, {hn::LoadU(d, rays.x + i), hn::LoadU(d, rays.y + i), hn::LoadU(d, rays.z + i)});
-    Nearest nearest(d);
-    for (std::size_t k = 0; k < count; ++k) meet(d, *seen[k], direction, near, nearest);
-    store(d, nearest, range, rays.t_hit + i, rays.element + i);
-  }
+  rays.numbered ? meet_all<true>({seen, count}, rays) : meet_all<false>({seen, count}, rays);
   return true;
 }
 

@@ -205,8 +205,8 @@ HWY_INLINE Vec3V<V> rotate(D d, const Matrix& m, const Vec3V<V>& v) {
   return {row(0), row(1), row(2)};
 }
 
-// What one vector of rays has hit so far.
-template <class D>
+// What one vector of rays has hit so far. kNumbered: by which element is asked, too; without, that is -1 for all.
+template <class D, bool kNumbered = true>
 struct Nearest {
   using V = hn::Vec<D>;
   using I = hn::Vec<hn::RebindToSigned<D>>;
@@ -224,10 +224,13 @@ struct Nearest {
     const V left = hn::Mul(hit.num, distance.den);
     const V right = hn::Mul(distance.num, hit.den);
     const I its = hn::Set(di, number);
-    const auto before = hn::RebindMask(d, hn::Lt(its, element));
-    const auto nearer = hn::And(valid, hn::Or(hn::Lt(left, right), hn::And(hn::Eq(left, right), before)));
+    auto nearer = hn::Lt(left, right);
+    if constexpr (kNumbered) {
+      nearer = hn::Or(nearer, hn::And(hn::Eq(left, right), hn::RebindMask(d, hn::Lt(its, element))));
+    }
+    nearer = hn::And(valid, nearer);
     distance = select(nearer, hit, distance);
-    element = hn::IfThenElse(hn::RebindMask(di, nearer), its, element);
+    if constexpr (kNumbered) element = hn::IfThenElse(hn::RebindMask(di, nearer), its, element);
   }
 
   // The surface of a solid, seen from outside and from inside, no nearer than `near` >= 0.

@@ -1,6 +1,7 @@
 #include "trace/tracer.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <limits>
 #include <span>
 
@@ -16,6 +17,27 @@ template <class Rays>
 void forget_hits(Rays& rays) {
   std::fill_n(rays.t_hit, rays.count, std::numeric_limits<float>::infinity());
   std::fill_n(rays.element, rays.count, -1);
+}
+
+// Copies what vectors have just written, in pieces that none of them has written in part: others would have to wait until it has
+// left the processor.
+void copy_ranges(const float* from, std::size_t count, float* to) {
+  constexpr std::size_t kPiece = 4;
+  std::size_t i = 0;
+  for (; i + kPiece <= count; i += kPiece) std::memcpy(to + i, from + i, kPiece * sizeof(float));
+  switch (count - i) {
+    case 3:
+      to[i + 2] = from[i + 2];
+      [[fallthrough]];
+    case 2:
+      to[i + 1] = from[i + 1];
+      [[fallthrough]];
+    case 1:
+      to[i] = from[i];
+      break;
+    default:
+      break;
+  }
 }
 
 }  // namespace
@@ -56,7 +78,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   bundle_.unmet = tree_ != nullptr && candidates_.triangles && candidates_.count == 0 && !candidates_.crowded;
   if (bundle_.unmet) {
     aim(tile);
-  } else if (!trace_candidates(tile)) {
+  } else if (!trace_candidates(tile, true)) {
     trace_crowd();
   }
   if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
@@ -73,7 +95,7 @@ void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride)
   const bool unmet = in_view && candidates_.count == 0 && !candidates_.crowded;
   if (unmet) {
     aim(tile);
-  } else if (!trace_candidates(tile)) {
+  } else if (!trace_candidates(tile, false)) {
     if (!in_view) {
       forget_hits(bundle_);
       return wait(tile, ranges, stride, for_everything_);
@@ -84,7 +106,7 @@ void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride)
   }
   if (in_view) trace_view(*tile.view, tile.rows, tile.width, unmet);
   for (std::size_t row = 0; row < tile.rows; ++row) {  // the static world ends here
-    std::copy_n(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
+    copy_ranges(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
   }
 }
 
@@ -113,8 +135,9 @@ void Tracer::aim(const RayTile& tile) {
   bundle_.frustum = tile.frustum;
 }
 
-bool Tracer::trace_candidates(const RayTile& tile) {
+bool Tracer::trace_candidates(const RayTile& tile, bool numbered) {
   aim(tile);
+  bundle_.numbered = numbered;
   return !candidates_.crowded && trace_direct(std::span(candidates_.list).first(candidates_.count), kMaxDirect, bundle_);
 }
 
