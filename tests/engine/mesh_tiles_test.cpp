@@ -136,7 +136,7 @@ struct Tile {
   // As it stands, with what the rays have hit so far.
   void trace_on(const MeshTree& tree, std::int32_t first_element) {
     const FlushDenormals flush;
-    trace_mesh_tile(tree, first_element, make_tile_axis(y.data()), make_tile_axis(z.data()), *rays, details.get(), true);
+    trace_mesh_tile(tree, first_element, make_tile_axis(y.data()), make_tile_axis(z.data()), *rays, details.get(), {});
   }
 };
 

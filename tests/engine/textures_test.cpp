@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -136,6 +137,38 @@ TEST_P(TexturedPictures, OfSeveralWorlds) {
 
 INSTANTIATE_TEST_SUITE_P(Backends, TexturedPictures, ::testing::Values(CameraBackend::raycast, CameraBackend::gl),
                          [](const auto& info) { return std::string(info.param == CameraBackend::gl ? "Gl" : "Raycast"); });
+
+TEST(Textures, AColourIsTheSameWhateverElseIsAskedFor) {
+  const auto world = place();
+  CameraConfig camera = camera_of(false);
+  const auto all = testing::look(world, camera, {-4, 0, 1.5F});
+  camera.outputs = {.rgb = true};
+  const auto alone = testing::look(world, camera, {-4, 0, 1.5F});
+  const auto &expected = all->images(0).rgb, &found = alone->images(0).rgb;
+  EXPECT_TRUE(std::equal(expected.begin(), expected.end(), found.begin(), found.end()));
+}
+
+TEST(Textures, ABorderShowsWhatLiesBeyondTheEdge) {
+  for (const TextureWrap across : {TextureWrap::repeat, TextureWrap::mirror, TextureWrap::clamp}) {
+    for (const TextureWrap down : {TextureWrap::repeat, TextureWrap::mirror, TextureWrap::clamp}) {
+      const std::vector<Texture> images{patches(5, 3, 1, 1, {}), patches(13, 6, 1, 3, {across, down})};
+      const Textures plain(images), bordered(images, {}, Border::yes);
+      const auto level = static_cast<std::size_t>(plain.first_level[1]);
+      ASSERT_EQ(plain.width, bordered.width);
+      const auto texel = [level](const Textures& textures, int row, int column) {
+        return textures.texels[static_cast<std::size_t>(textures.offset[level] + row * textures.stride[level] + column)];
+      };
+      const auto within = [](int at, int size, TextureWrap wrap) {
+        return wrap == TextureWrap::repeat ? (at + size) % size : std::clamp(at, 0, size - 1);
+      };
+      for (int row = -1; row <= 6; ++row) {
+        for (int column = -1; column <= 13; ++column) {
+          EXPECT_EQ(texel(bordered, row, column), texel(plain, within(row, 6, down), within(column, 13, across)));
+        }
+      }
+    }
+  }
+}
 
 TEST(Textures, EverySimdTargetShowsTheSameBits) {
   const auto world = place();

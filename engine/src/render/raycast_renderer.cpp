@@ -122,7 +122,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                          .range = camera.far_m,
                                          .longest = pinhole.corner,
                                          .sees_markers = true,
-                                         .normals = camera.outputs.normal,
+                                         .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
                                          .ways = request.ways});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;

@@ -221,15 +221,15 @@ struct Facets {
 class TileTrace {
  public:
   TileTrace(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-            HitDetails* details, bool normals, const Masks* masks)
+            HitDetails* details, AskedDetails asked, const Masks* masks)
       : tree_(tree),
         first_element_(first_element),
         u_(u),
         v_(v),
         rays_(rays),
         details_(details),
-        normals_(normals && details != nullptr),
-        weights_(normals_ && tree.needs_weights()),
+        normals_(asked.normals && details != nullptr),
+        weights_(asked.weights && details != nullptr && tree.needs_weights()),
         masks_(masks) {}
 
   void trace() {
@@ -705,9 +705,9 @@ class TileTrace {
   void take(std::size_t ray, float w, std::int32_t id, const std::array<float, 3>& normal, const std::array<float, 3>& weight) {
     w_[ray] = w;
     id_[ray] = id;
-    for (std::size_t k = 0; normals_ && k < 3; ++k) {
-      n_[k][ray] = normal[k];
-      weight_[k][ray] = weight[k];
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (normals_) n_[k][ray] = normal[k];
+      if (weights_) weight_[k][ray] = weight[k];
     }
   }
 
@@ -806,8 +806,8 @@ class TileTrace {
 };
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details, bool normals, const Masks* masks) {
-  TileTrace(tree, first_element, u, v, rays, details, normals, masks).trace();
+                     HitDetails* details, AskedDetails asked, const Masks* masks) {
+  TileTrace(tree, first_element, u, v, rays, details, asked, masks).trace();
 }
 
 }  // namespace flockstep::trace::HWY_NAMESPACE
@@ -832,8 +832,8 @@ TileAxis make_tile_axis(const float* rows) {
 }
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
-                     HitDetails* details, bool normals, const Masks* masks) {
-  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details, normals, masks);
+                     HitDetails* details, AskedDetails asked, const Masks* masks) {
+  HWY_DYNAMIC_DISPATCH(trace_mesh_tile)(tree, first_element, u, v, rays, details, asked, masks);
 }
 
 }  // namespace flockstep::trace

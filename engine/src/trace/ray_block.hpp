@@ -62,6 +62,12 @@ struct HitDetails {
   alignas(64) RayInts back;                            // 1 where the triangle's corners go around clockwise, as seen; else 0
 };
 
+// Which of them are asked for, beside `back`: tiles leave the others as they are.
+struct AskedDetails {
+  bool normals = true;
+  bool weights = true;  // u and v; left out where no triangle has use for them
+};
+
 // Appends rays [first, first + count) of the bundle, with what they have hit so far. The block has room for them.
 void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBlock& block);
 

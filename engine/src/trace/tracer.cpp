@@ -65,7 +65,7 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
   tree_ = scene.num_triangles() <= viewpoint.ways.most_in_tiles ? scene.tiles() : nullptr;
-  wants_normals_ = viewpoint.normals;
+  asked_ = viewpoint.asked;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
@@ -83,7 +83,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   }
   if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
   if (tree_ != nullptr) {
-    trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, wants_normals_, scene_->masks());
+    trace_mesh_tile(*tree_, scene_->first_triangle(), *tile.u, *tile.v, bundle_, &details_, asked_, scene_->masks());
   } else {
     note(bundle_.count, scene_->intersect_triangles(bundle_, details_));
   }
@@ -171,7 +171,7 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
       for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
     }
   }
-  trace_mesh_tile(*tree_, 0, view.u, view.v, seen, nullptr, false);
+  trace_mesh_tile(*tree_, 0, view.u, view.v, seen, nullptr, {});
   for (std::size_t row = 0; row < rows; ++row) {
     const float *const depth = seen.t_hit + row * kTileWidth, *const per_ahead = view.per_ahead + row * kTileWidth;
     const std::int32_t* const element = seen.element + row * kTileWidth;

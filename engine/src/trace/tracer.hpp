@@ -35,7 +35,7 @@ struct Viewpoint {
   float range;                // likewise
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
-  bool normals = true;        // those of what trace() hits are asked for, and where in a triangle
+  AskedDetails asked{};       // of what trace() hits
   RayWays ways{};             // a scene to be traced in tiles is prepared for them
 };
 
@@ -123,7 +123,7 @@ class Tracer {
   const Scene* scene_ = nullptr;    // that the sensor is in
   const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
-  bool wants_normals_ = true;
+  AskedDetails asked_;
   RayWays ways_;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
