@@ -75,7 +75,7 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
-  bundle_.unmet = tree_ != nullptr && candidates_.triangles && candidates_.count == 0 && !candidates_.crowded;
+  bundle_.unmet = tree_ != nullptr && candidates_.triangles && is_nothing_near();
   if (bundle_.unmet) {
     aim(tile);
   } else if (!trace_candidates(tile, true)) {
@@ -92,10 +92,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
 
 void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride) {
   const bool in_view = tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
-  const bool unmet = in_view && candidates_.count == 0 && !candidates_.crowded;
-  if (unmet) {
-    aim(tile);
-  } else if (!trace_candidates(tile, false)) {
+  if (!trace_candidates(tile, false)) {
     if (!in_view) {
       forget_hits(bundle_);
       return wait(tile, ranges, stride, for_everything_);
@@ -104,7 +101,7 @@ void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride)
   } else if (candidates_.triangles && !in_view) {
     return wait(tile, ranges, stride, for_triangles_);
   }
-  if (in_view) trace_view(*tile.view, tile.rows, tile.width, unmet);
+  if (in_view) trace_view(*tile.view, tile.rows, tile.width, is_nothing_near());
   for (std::size_t row = 0; row < tile.rows; ++row) {  // the static world ends here
     copy_ranges(bundle_.t_hit + row * tile.width, tile.width, ranges + row * stride);
   }
@@ -138,6 +135,10 @@ void Tracer::aim(const RayTile& tile) {
 bool Tracer::trace_candidates(const RayTile& tile, bool numbered) {
   aim(tile);
   bundle_.numbered = numbered;
+  if (is_nothing_near()) {
+    forget_hits(bundle_);
+    return true;
+  }
   return !candidates_.crowded && trace_direct(std::span(candidates_.list).first(candidates_.count), kMaxDirect, bundle_);
 }
 
@@ -151,8 +152,7 @@ void Tracer::trace_crowd() {
   std::copy_n(block_.element, bundle_.count, bundle_.element);
 }
 
-// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept. unmet: the bundle has met nothing, and
-// its t_hit are not written yet.
+// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept. unmet: the bundle has met nothing.
 void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool unmet) {
   RayBundle& seen = view_bundle_;
   seen.origin = bundle_.origin;
@@ -161,7 +161,6 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
   seen.range = bundle_.range;
   seen.count = rows * kTileWidth;
   seen.unmet = unmet && width == kTileWidth;
-  if (unmet) forget_hits(bundle_);
   if (!seen.unmet) {
     std::fill_n(seen.element, seen.count, -1);
     for (std::size_t row = 0; row < rows; ++row) {

@@ -110,9 +110,10 @@ class Tracer {
     std::size_t num_runs = 0;
   };
 
-  void aim(const RayTile& tile);                              // the bundle is of its rays
-  bool trace_candidates(const RayTile& tile, bool numbered);  // false if they are too many
-  void trace_crowd();                                         // what trace_candidates() has not
+  void aim(const RayTile& tile);                                                           // the bundle is of its rays
+  bool is_nothing_near() const { return candidates_.count == 0 && !candidates_.crowded; }  // but triangles
+  bool trace_candidates(const RayTile& tile, bool numbered);                               // false if they are too many
+  void trace_crowd();                                                                      // what trace_candidates() has not
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool unmet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
