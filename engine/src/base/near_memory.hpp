@@ -1,5 +1,5 @@
-// NearMemory: keeps side by side what is read together, so that it lies in few pages of memory. A step in a thousand worlds would
-// find no page of them in the processor's table of pages otherwise.
+// NearMemory: keeps side by side what is read together, so that it lies in few pages of memory. A processor remembers where some
+// thousands of pages are (its TLB), and a step in a thousand worlds used to read more.
 #pragma once
 
 #include <array>

@@ -325,7 +325,7 @@ HWY_INLINE Before before(Floats d, Ints di, V x, I size) {
   return {hn::ConvertTo(di, below), hn::Sub(at, below)};
 }
 
-// The texels of these numbers and those after them. By pairs, since a gather takes as long as it has numbers to read.
+// The texels of these numbers and those after them, read in pairs: half as many reads.
 struct Pairs {
   I first, second;
 };
@@ -456,9 +456,9 @@ struct Textured {
   }
 };
 
-// The pixels of a tile whose colours are still to be multiplied, by textures or by the colours of vertices. All of them go
-// through each step before the next: a step waits for memory or for long instructions, and a processor overlaps only what comes
-// soon.
+// The pixels of a tile whose colours are still to be multiplied, by textures or by the colours of vertices. All of them take a
+// step before any takes the next one. Each step waits, for memory or for long instructions, and a processor waits for several
+// vectors at once only if little code lies between them.
 class TintedTile {
  public:
   // The vector that begins at this pixel; its colours follow by set_color().
