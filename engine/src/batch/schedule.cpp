@@ -22,14 +22,15 @@ Schedule::Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t blo
 
 void Schedule::rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active) {
   // A counting sort: stable, so envs of a world stay in index order.
+  const auto world_of = [&](std::size_t env) { return world_index.empty() ? 0 : static_cast<std::size_t>(world_index[env]); };
   std::fill(world_begin_.begin(), world_begin_.end(), 0U);
   for (std::size_t env = 0; env < order_.size(); ++env) {
-    if (active[env]) ++world_begin_[static_cast<std::size_t>(world_index[env])];
+    if (active[env]) ++world_begin_[world_of(env)];
   }
   std::uint32_t end = 0;
   for (std::uint32_t& of_world : world_begin_) end += std::exchange(of_world, end);  // from here on: where its next env goes
   for (std::size_t env = 0; env < order_.size(); ++env) {
-    if (active[env]) order_[world_begin_[static_cast<std::size_t>(world_index[env])]++] = static_cast<std::uint32_t>(env);
+    if (active[env]) order_[world_begin_[world_of(env)]++] = static_cast<std::uint32_t>(env);
   }
   blocks_.clear();
   for (std::size_t first = 0; first < end; first += block_size_) {

@@ -1,4 +1,4 @@
-// Schedule: the active envs sorted by world and cut into blocks, so that rays of neighbours share packets.
+// Schedule: the active envs in an order, cut into blocks.
 #pragma once
 
 #include <algorithm>
@@ -60,7 +60,8 @@ class Schedule {
   // but at least eight blocks for each thread where these are not too small for that.
   Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size, std::size_t num_threads = 1);
 
-  // After a change of world_index or of which envs are active; allocates nothing. All lists are empty then.
+  // After a change of world_index or of which envs are active; allocates nothing. All lists are empty then. Envs are sorted by
+  // world, or stay in the order of their indices where no worlds are given.
   void rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active);
 
   std::span<Block> blocks() { return blocks_; }

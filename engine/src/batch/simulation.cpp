@@ -140,6 +140,8 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     scenes.push_back(world != nullptr ? &compiled(*world).scene() : nullptr);
     obstacles.push_back(world != nullptr ? &compiled(*world).obstacles() : nullptr);
   }
+  sorts_by_world = pool || config.tracer == TracerKind::embree ||
+                   std::ranges::any_of(scenes, [](const trace::Scene* scene) { return scene->may_need_embree(); });
   checks::world_index(*this, world_index, num_envs());
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones(), config.tracer);
   if (config.imu) imu.emplace(*config.imu, config.clock, drones_per_env(), num_drones());

@@ -113,7 +113,9 @@ struct Simulation {
     for (const auto& scratch : scratches) use += scratch->tracer.embree_use();
     return use;
   }
-  void rebuild_schedule() { schedule.rebuild(slots(), state.active); }
+  void rebuild_schedule() {
+    schedule.rebuild(sorts_by_world ? std::span<const std::int32_t>(slots()) : std::span<const std::int32_t>(), state.active);
+  }
 
   const BatchConfig config;
   std::optional<PoolRun> pool;  // where the worlds are drawn from one
@@ -139,6 +141,9 @@ struct Simulation {
   OutputSlots outputs;
 
   Workers workers;
+  // Where rays of drones in one world share Embree's packets and large trees. Otherwise envs stay in the order of their indices,
+  // and pieces of arrays are long.
+  bool sorts_by_world = false;
   Schedule schedule;
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
   std::vector<std::uint32_t> listed;                // (E,) capacity: envs of all blocks, for a task that takes them at once

@@ -261,7 +261,7 @@ class Stepping {
     sim_.is_cut_short |= std::uncaught_exceptions() > exceptions_;
     bool moved = false;
     for (const auto& scratch : sim_.scratches) moved |= std::exchange(scratch->moved_world, false);
-    if (moved) sim_.rebuild_schedule();
+    if (moved && sim_.sorts_by_world) sim_.rebuild_schedule();
   }
   Stepping(const Stepping&) = delete;
   Stepping& operator=(const Stepping&) = delete;

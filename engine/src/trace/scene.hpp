@@ -71,6 +71,8 @@ class Scene {
   const Masks* masks() const { return masks_.empty() ? nullptr : &masks_; }  // of them, which cameras see through; null: none
   // Builds what intersect_primitives() needs to go through Embree where it would not. Rooms are never in it: each ray meets them.
   void prepare_crowd() const;
+  // Whether a LiDAR may meet what is left to Embree: triangles, or more primitives than are traced directly.
+  bool may_need_embree() const { return meshes_ || traced().size() > kMaxDirect; }
   std::size_t num_triangles() const { return num_triangles_; }
   std::int32_t first_triangle() const { return static_cast<std::int32_t>(shapes_.size()); }
 
