@@ -27,6 +27,7 @@ void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> w
   sim.world_pointers[at] = world.get();
   sim.scenes[at] = world ? &compiled(*world).scene() : nullptr;
   sim.obstacles[at] = world ? &compiled(*world).obstacles() : nullptr;
+  sim.sorts_by_world |= world && sim.scenes[at]->may_need_embree();
   sim.worlds[at] = std::move(world);
 }
 

@@ -134,14 +134,14 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     scratches.push_back(std::make_unique<Scratch>());
     scratches.back()->drones.reserve(schedule.block_size() * drones_per_env());
   }
+  sorts_by_world = config.tracer == TracerKind::embree;
   // Built here, not by whichever thread first needs them in the middle of a step.
   for (const World* const world : world_pointers) {
     if (world != nullptr) build_ahead(*world, config);
     scenes.push_back(world != nullptr ? &compiled(*world).scene() : nullptr);
     obstacles.push_back(world != nullptr ? &compiled(*world).obstacles() : nullptr);
+    sorts_by_world |= world != nullptr && scenes.back()->may_need_embree();
   }
-  sorts_by_world = pool || config.tracer == TracerKind::embree ||
-                   std::ranges::any_of(scenes, [](const trace::Scene* scene) { return scene->may_need_embree(); });
   checks::world_index(*this, world_index, num_envs());
   if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones(), config.tracer);
   if (config.imu) imu.emplace(*config.imu, config.clock, drones_per_env(), num_drones());

@@ -141,8 +141,8 @@ struct Simulation {
   OutputSlots outputs;
 
   Workers workers;
-  // Where rays of drones in one world share Embree's packets and large trees. Otherwise envs stay in the order of their indices,
-  // and pieces of arrays are long.
+  // Whether the schedule does: rays of drones in one world share Embree's packets and trees, where some world so far needs them.
+  // Otherwise envs stay in the order of their indices, and pieces of arrays are long.
   bool sorts_by_world = false;
   Schedule schedule;
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
