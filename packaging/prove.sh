@@ -63,12 +63,20 @@ as_pilot() { # COMMAND: in the pilot's home, with nothing of this machine's envi
   echo "  ($((SECONDS - started)) s)"
 }
 
+find_wheel() { # SUITE
+  case $1 in bookworm) version=3.11 ;; trixie) version=3.13 ;; esac # of its python3
+  tag=cp${version/./}
+  wheel=$(find out/wheel -name "flockstep-*-$tag-$tag-*.whl" 2>/dev/null | sort | tail -n 1)
+  [ -f "$wheel" ] || {
+    echo "prove: no wheel for Python $version of $1 in out/wheel (./dev wheel makes it, where python$version is in PATH)" >&2
+    exit 1
+  }
+}
+
 prove() { # SUITE
   echo "== Debian $1, with python3 and python3-venv"
+  find_wheel "$1"
   make_system "$1"
-  tag=$(chroot "$root" python3 -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
-  wheel=$(find out/wheel -name "flockstep-*-$tag-$tag-*.whl" 2>/dev/null | sort | tail -n 1)
-  [ -f "$wheel" ] || { echo "prove: no wheel for $tag in out/wheel (./dev wheel makes it)" >&2; exit 1; }
   home=$root/home/pilot
   cp "$wheel" constraints.txt packaging/first_flights.py "$home"
   # The first block of Python in the README.
@@ -92,5 +100,6 @@ prove() { # SUITE
   unmount
 }
 
+for suite in "$@"; do find_wheel "$suite"; done # what is missing is told before a system is made
 for suite in "$@"; do prove "$suite"; done
 echo "proved: $*"
