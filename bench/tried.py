@@ -34,7 +34,7 @@ TESTS = {
     "pushes": ("Contact.Pushed*", 30, 10),
     "motions": ("SweepAgainstFineStepping*", 10, 10),
     "rays": ("Agreement*", 20, 50),
-    "agreement": ("TracerAgreement*", 20, 750),
+    "agreement": ("TracerAgreement*", 21, 750),
     "watertight": ("MeshTiles.NoRay*", 20, 1700),
     "independence": ("MeshTiles.ARays*", 20, 6000),
 }
