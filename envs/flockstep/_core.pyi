@@ -1506,6 +1506,11 @@ class Camera:
         millimetres; 0 where nothing is seen or it is beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits; 0 where nothing
         is seen. `numpy.save` of the arrays themselves keeps depth and normal exact.
 
+        Image viewers show 16 bits of ids or millimetres as almost black. Therefore ``depth``, ``semantic`` and ``instance``
+        each get a second file in colour, ``<camera>-<drone>-<output>-color.png``: depth from bright (nearest) to dark
+        (farthest) on a logarithmic scale that all frames of the call share, and a fixed colour per id. Where nothing is seen
+        it is black.
+
         Parameters
         ----------
         folder

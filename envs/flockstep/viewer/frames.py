@@ -18,6 +18,16 @@ Array: TypeAlias = npt.NDArray[Any]
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
 
+_DEPTH_COLORS = (
+    (25, 15, 60),
+    (95, 30, 120),
+    (190, 55, 105),
+    (240, 115, 75),
+    (252, 185, 105),
+    (255, 250, 200),
+)  # far, near
+_GOLDEN = (5**0.5 - 1) / 2  # multiples of it spread evenly over the hues
+
 
 def save_frames(
     camera: Camera,
@@ -44,15 +54,24 @@ def save_frames(
     root.mkdir(parents=True, exist_ok=True)
     digits = len(str(len(camera.frame_step) - 1))
     paths = []
+
+    def write(drone: int, kind: str, image: Array) -> None:
+        path = root / f"{config.name}-{drone:0{digits}}-{kind}.png"
+        Image.fromarray(np.ascontiguousarray(image)).save(path)
+        paths.append(path)
+
     for output in chosen:
         images = getattr(camera, output)
+        span = depth_span(images[drones]) if output == "depth" else (0.0, 0.0)
         for drone in drones:
             image = images[drone]
             if image.ndim == 3 and config.layout == "chw":
                 image = image.transpose(1, 2, 0)
-            path = root / f"{config.name}-{drone:0{digits}}-{output}.png"
-            Image.fromarray(np.ascontiguousarray(_as_written(output, image))).save(path)
-            paths.append(path)
+            write(drone, output, _as_written(output, image))
+            if output == "depth":
+                write(drone, "depth-color", depth_rgb(image, *span))
+            elif output in ("semantic", "instance"):
+                write(drone, f"{output}-color", id_rgb(image))
     return paths
 
 
@@ -84,6 +103,37 @@ def normal_rgb(normal: Array) -> npt.NDArray[np.uint8]:
     """Return normals (..., 3) as colours, 127.5 * (n + 1); black where nothing is seen."""
     seen = normal.any(axis=-1, keepdims=True)
     return np.where(seen, np.rint(127.5 * (np.clip(normal, -1, 1) + 1)), 0).astype(np.uint8)
+
+
+def depth_span(depth: Array) -> tuple[float, float]:
+    """Return the least and the greatest depth (m) above 0 that is finite; (1, 1) if there is none."""
+    seen = depth[np.isfinite(depth) & (depth > 0)]
+    return (float(seen.min()), float(seen.max())) if seen.size else (1.0, 1.0)
+
+
+def depth_rgb(depth: Array, nearest_m: float, farthest_m: float) -> npt.NDArray[np.uint8]:
+    """Return depths (m) as colours (..., 3): bright is near, dark is far, on a logarithmic scale; black is nothing."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        span = max(np.log(farthest_m / nearest_m), 1e-9)
+        nearness = np.clip(np.log(farthest_m / depth.astype(np.float64)) / span, 0, 1)
+    at = np.linspace(0, 1, len(_DEPTH_COLORS))
+    rgb = np.stack([np.interp(nearness, at, channel) for channel in np.array(_DEPTH_COLORS).T], axis=-1)
+    rgb[~np.isfinite(depth)] = 0
+    image: npt.NDArray[np.uint8] = np.rint(rgb).astype(np.uint8)
+    return image
+
+
+def id_rgb(ids: Array) -> npt.NDArray[np.uint8]:
+    """Return ids as colours (..., 3): an id has the same colour everywhere, the next id another one; 0 is black."""
+    number = ids.astype(np.int64)
+    hue = number * _GOLDEN % 1.0
+    saturation, value = np.array([0.45, 0.75])[number % 2], np.array([0.95, 0.8, 0.65])[number % 3]
+    # From hue, saturation and value to red, green and blue.
+    ramp = np.abs((hue[..., None] + np.array([0, 2 / 3, 1 / 3])) % 1 * 6 - 3) - 1
+    rgb = value[..., None] * (1 - saturation[..., None] * (1 - np.clip(ramp, 0, 1)))
+    rgb[number == 0] = 0
+    image: npt.NDArray[np.uint8] = np.rint(255 * rgb).astype(np.uint8)
+    return image
 
 
 def _as_written(output: str, image: Array) -> Array:

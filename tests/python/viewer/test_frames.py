@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import flockstep
-from flockstep.viewer.frames import depth_mm, normal_rgb
+from flockstep.viewer.frames import depth_mm, depth_rgb, id_rgb, normal_rgb
 
 OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
 
@@ -29,11 +29,11 @@ def test_files_hold_what_the_camera_saw(room, tmp_path, layout):
     batch.sense()
     camera = batch.camera()
     paths = camera.save_frames(tmp_path / "made" / "for it")
-    assert len(paths) == 12
-    assert sorted(path.name for path in paths) == sorted(
-        f"front-{i}-{output}.png" for i in (0, 1) for output in OUTPUTS
-    )
+    kinds = (*OUTPUTS, "depth-color", "semantic-color", "instance-color")
+    assert sorted(path.name for path in paths) == sorted(f"front-{i}-{kind}.png" for i in (0, 1) for kind in kinds)
     for path in paths:
+        if path.stem.endswith("-color"):
+            continue
         index, output = int(path.stem.split("-")[1]), path.stem.split("-")[2]
         written, frame = read(path), getattr(camera, output)[index]
         if output in ("rgb", "normal") and layout == "chw":
@@ -46,6 +46,44 @@ def test_files_hold_what_the_camera_saw(room, tmp_path, layout):
         else:
             assert written.dtype == frame.dtype
             np.testing.assert_array_equal(written, frame)
+
+
+def luminance(rgb):
+    return rgb @ [0.299, 0.587, 0.114]
+
+
+def test_pictures_of_depth_and_ids_can_be_looked_at(room, tmp_path):
+    """Their colours differ as what they show does, in every pixel, and use most of the range of brightness."""
+    batch = batch_of(room)
+    batch.set_pose(np.float32([[2, 4, 2], [1.5, 3, 1]]))
+    batch.sense()
+    camera = batch.camera()
+    camera.save_frames(tmp_path)
+    shown = [read(tmp_path / f"front-{i}-depth-color.png") for i in (0, 1)]
+    depth, brightness = camera.depth.ravel(), luminance(np.stack(shown)).ravel()
+    in_order = brightness[np.argsort(depth)]
+    assert (np.diff(in_order) <= 2).all()  # near is brighter, in both frames by one scale; 2: rounding
+    assert (np.ptp(brightness) > 180) & (brightness.std() > 30)
+    for output in ("semantic", "instance"):
+        ids = getattr(camera, output)[1]
+        rgb = read(tmp_path / f"front-1-{output}-color.png").astype(int)
+        colors = np.stack([rgb[ids == number][0] for number in np.unique(ids)])
+        assert len(colors) > 1
+        for number, color in zip(np.unique(ids), colors, strict=True):
+            assert (rgb[ids == number] == color).all()
+        apart = np.abs(colors[:, None] - colors).sum(axis=-1)[~np.eye(len(colors), dtype=bool)]
+        assert apart.min() > 60
+
+
+def test_colors_of_ids_next_to_each_other_differ_and_nothing_is_black():
+    rgb = id_rgb(np.array([0, *range(1, 40), 65533, 65534, 65535], np.uint16)).astype(int)
+    assert (rgb[0] == 0).all()
+    assert (rgb[1:].max(axis=1) > 100).all()
+    assert np.abs(np.diff(rgb[1:], axis=0)).sum(axis=1).min() > 60
+    black = depth_rgb(np.float32([np.inf, 1.0, 8.0]), 1.0, 8.0)
+    assert black[0].tolist() == [0, 0, 0]
+    assert luminance(black[1]) > 200 > 60 > luminance(black[2]) > 0
+    assert depth_rgb(np.float32([[np.inf]]), 1.0, 1.0).tolist() == [[[0, 0, 0]]]
 
 
 def test_nothing_seen_is_zero():
