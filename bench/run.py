@@ -11,6 +11,7 @@ places_train  the LiDAR task in generated offices and forests
 flight_train  Hover and Track by five seeds each, beside the controller alone; the LiDAR task's policy flown by rotors
 tiles   rays at triangles by tiles and by Embree's packets, tracing alone
 worlds  LiDARs and cameras in every shipped world, and how much of it goes through Embree
+busy    the trainings of the README beside a busy loop for each processor; only where it is named
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
 dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
@@ -27,6 +28,7 @@ import json
 import os
 import platform
 import re
+import resource
 import shutil
 import statistics
 import subprocess
@@ -347,7 +349,7 @@ def bench_snippet() -> list[Figure]:
         for subject, steps in ((f"snippet/seed{seed}", "1_200_000"), (f"snippet/longer/seed{seed}", "3_600_000")):
             text = block[1]
             seeded = ('"device": "cpu"', f'"device": "cpu", "seed": {seed}')
-            for old, new in (seeded, ("1_200_000, progress_bar=True", steps)):
+            for old, new in (seeded, ("1_200_000, callback=flockstep.sb3.Progress()", steps)):
                 assert text.count(old) == 1, f"README.md: expected {old} once in its first block"
                 text = text.replace(old, new)
             before = time.perf_counter()
@@ -355,6 +357,34 @@ def bench_snippet() -> list[Figure]:
             seconds = time.perf_counter() - before
             flown = sum(ast.literal_eval(output.splitlines()[-1]).values())
             figures += [figure(f"{subject}/playgrounds", flown, "1", 1), figure(f"{subject}/seconds", seconds, "s", 1)]
+    return figures
+
+
+BUSY = "while True: pass"
+
+
+def bench_busy() -> list[Figure]:
+    """Run both trainings of the README as they are, beside a busy loop for each processor."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    trainings = [block for block in blocks if "learn(" in block]
+    figures = []
+    others = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(os.cpu_count() or 1)]
+    try:
+        for name, block in zip(("train", "own_task"), trainings, strict=True):
+            before, spent = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+            done = subprocess.run([sys.executable, "-c", block], check=True, stdout=subprocess.PIPE, text=True)
+            seconds, used = time.perf_counter() - before, resource.getrusage(resource.RUSAGE_CHILDREN)
+            processor = used.ru_utime + used.ru_stime - spent.ru_utime - spent.ru_stime
+            rates = ast.literal_eval(done.stdout.splitlines()[-1]).values()
+            figures += [
+                figure(f"busy/{name}/success_rate", statistics.mean(rates), "1", 1),
+                figure(f"busy/{name}/seconds", seconds, "s", 1),
+                figure(f"busy/{name}/processor_seconds", processor, "s", 1),
+            ]
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
     return figures
 
 
@@ -403,6 +433,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "flight_train": bench_flight_train,
     "trainers": bench_trainers,
     "snippet": bench_snippet,
+    "busy": bench_busy,
     "load": bench_load,
     "worlds": bench_worlds,
     "tiles": bench_tiles,
@@ -412,7 +443,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "mesh_peers": bench_mesh_peers,
 }
 #: These only where they are named.
-APART = ("dynamics_peers", "mesh_peers")
+APART = ("busy", "dynamics_peers", "mesh_peers")
 
 
 def machine() -> dict[str, Any]:
@@ -449,7 +480,7 @@ def main() -> None:
         "names",
         nargs="*",
         metavar="NAME",
-        help=f"one of {', '.join(BENCHES)}; without one, all but {' and '.join(APART)}",
+        help=f"one of {', '.join(BENCHES)}; without one, all but {', '.join(APART)}",
     )
     names = parser.parse_args().names or [name for name in BENCHES if name not in APART]
     for name in names:

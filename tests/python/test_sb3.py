@@ -1,5 +1,8 @@
 """Stable-Baselines3 over a batch."""
 
+import io
+import re
+
 import gymnasium
 import numpy as np
 import pytest
@@ -504,3 +507,41 @@ class TestImageFeatures:
         model.learn(64)
         assert not torch.equal(convolution, before)
         assert flockstep.sb3.success_rates(model, task, worlds=room) == {"room": 0.0}
+
+
+class _Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_prints_lines_into_a_file(make, tmp_path):
+    model = PPO("MlpPolicy", make(), n_steps=8, batch_size=48, n_epochs=1, device="cpu")
+    with open(tmp_path / "log.txt", "w", encoding="utf-8") as file:
+        model.learn(96, callback=flockstep.sb3.Progress(interval_s=0, stream=file))
+    lines = (tmp_path / "log.txt").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 17  # each of 16 steps, and the end
+    assert lines[0].startswith("6 of 96 steps (6%), 0 s, ")
+    assert re.fullmatch(r"96 of 96 steps \(100%\), \d+ s, [\d,]+ steps/s, success rate [01]\.\d\d", lines[-1])
+
+
+def test_progress_prints_the_end_of_a_training_shorter_than_its_interval(make, capsys):
+    PPO("MlpPolicy", make(), n_steps=8, batch_size=48, n_epochs=1, device="cpu").learn(
+        48, callback=flockstep.sb3.Progress()
+    )
+    printed = capsys.readouterr()
+    assert printed.err.startswith("48 of 48 steps (100%)")
+    assert (printed.err.count("\n"), printed.out) == (1, "")
+
+
+def test_progress_keeps_one_line_on_a_terminal(make):
+    terminal = _Terminal()
+    model = PPO("MlpPolicy", make(), n_steps=8, batch_size=48, n_epochs=1, device="cpu")
+    model.learn(48, callback=flockstep.sb3.Progress(stream=terminal))
+    assert terminal.getvalue().startswith("\r48 of 48 steps")
+    assert terminal.getvalue().count("\n") == 1
+    assert terminal.getvalue().endswith("\n")
+
+
+def test_progress_refuses_an_interval_that_is_none():
+    with pytest.raises(ValueError, match=r"^interval_s: expected seconds >= 0, got nan"):
+        flockstep.sb3.Progress(interval_s=float("nan"))

@@ -7,12 +7,13 @@ trained.
 
 `GoalFeatures`, `BlobFeatures`, `PixelFeatures` and `PointFeatures` are what a network sees of the built-in
 observations; `ImageFeatures` is a small network for any observation with images. `LogTerms` logs what the reward is
-made of.
+made of, and `Progress` prints how far a training is, on a terminal and into files.
 """
 
 from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates
 from flockstep.sb3.features import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures, PointFeatures
 from flockstep.sb3.log_terms import LogTerms
+from flockstep.sb3.progress import Progress
 from flockstep.sb3.vec_env import DroneVecEnv, make_vec
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "LogTerms",
     "PixelFeatures",
     "PointFeatures",
+    "Progress",
     "evaluate",
     "make_vec",
     "success_rates",

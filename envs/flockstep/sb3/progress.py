@@ -1,0 +1,74 @@
+"""How far a training is, printed to a terminal or to a file."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TextIO
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+
+class Progress(BaseCallback):
+    """Prints the steps, the time and the success rate of a training.
+
+    On a terminal it keeps one line up to date. Into a file, a pipe or a notebook it prints a line at every interval and
+    one at the end; the progress bar of Stable-Baselines3 (``progress_bar=True``) shows nothing there until the end.
+
+    Parameters
+    ----------
+    interval_s
+        Seconds between two lines in a file. A terminal is updated every 0.2 s.
+    stream
+        Where to print. Default: standard error, so that results on standard output stay separate.
+
+    Raises
+    ------
+    ValueError
+        ``interval_s`` is negative or NaN.
+
+    >>> model.learn(300_000, callback=flockstep.sb3.Progress())
+    """
+
+    def __init__(self, interval_s: float = 10.0, stream: TextIO | None = None) -> None:
+        super().__init__()
+        if not interval_s >= 0:
+            raise ValueError(f"interval_s: expected seconds >= 0, got {interval_s!r}")
+        self._interval_s = interval_s
+        self._stream = stream
+
+    def _on_training_start(self) -> None:
+        self._out = sys.stderr if self._stream is None else self._stream
+        self._rewrites = self._out.isatty()
+        self._period_s = _TERMINAL_S if self._rewrites else self._interval_s
+        self._began = self._printed = time.monotonic()
+        self._first = self.model.num_timesteps
+
+    def _on_step(self) -> bool:
+        if time.monotonic() - self._printed >= self._period_s:
+            self._print("")
+        return True
+
+    def _on_training_end(self) -> None:
+        self._print("\n")
+
+    def _print(self, end: str) -> None:
+        self._printed = time.monotonic()
+        if self._rewrites:
+            self._out.write(f"\r{self._line()}\x1b[K{end}")
+        else:
+            self._out.write(f"{self._line()}\n")
+        self._out.flush()
+
+    def _line(self) -> str:
+        steps, total = self.model.num_timesteps, self.model._total_timesteps
+        seconds = max(self._printed - self._began, 1e-9)
+        share = min(steps / total, 1.0)  # the last rollout is flown to its end
+        line = f"{steps:,} of {total:,} steps ({share:.0%}), {seconds:.0f} s"
+        line += f", {(steps - self._first) / seconds:,.0f} steps/s"
+        successes = self.model.ep_success_buffer
+        return f"{line}, success rate {np.mean(successes):.2f}" if successes else line
+
+
+_TERMINAL_S = 0.2
