@@ -1,7 +1,7 @@
 """Prints digests of what the built-in tasks return: two commits that print the same behave the same, to the last bit.
 
-For each environment and autoreset mode: 2,000 steps under random actions, without sensor noise; every observation
-(final ones included), reward, reward term and flag goes into a SHA-256. Digests hold on one machine: mathematical
+For each environment and autoreset mode: 2,000 steps under random actions. Every observation (final ones included),
+reward, reward term, flag, position and IMU reading goes into a SHA-256. Digests hold on one machine: mathematical
 libraries differ.
 
 python bench/digests.py > before.txt, and again after a change; then compare the two.
@@ -31,6 +31,22 @@ ENVS = {
     "LidarNavigation-v0 (displacement and yaw)": {"worlds": "validation", "action": "displacement_yaw"},
     "CameraNavigation-v0": {"max_episode_steps": 150},
     "CameraPixels-v0": {"max_episode_steps": 150, "frame_skip": 3},
+    "Hover-v0": {"max_episode_steps": 120},
+    "Hover-v0 (stop, Dryden gusts, IMU at 250 Hz)": {
+        "on_contact": "stop",
+        "wind": flockstep.WindConfig(gusts="dryden", mean_mps=(4, 1, 0)),
+        "imu": flockstep.ImuConfig(accelerometer_noise_density=0.02, gyroscope_random_walk=0.01, rate_hz=250),
+        "policy_hz": 50,
+        "physics_hz": 500,
+        "max_episode_steps": 200,
+    },
+    "Track-v0 (bounce, gusts, ground effect, IMU)": {
+        "on_contact": "bounce",
+        "ground_effect": True,
+        "wind": flockstep.WindConfig(gusts="ornstein_uhlenbeck", gust_std_mps=3),
+        "imu": flockstep.ImuConfig(gyroscope_noise_density=0.01, accelerometer_random_walk=0.02),
+        "max_episode_steps": 200,
+    },
 }
 MODES = ("next_step", "same_step", "disabled")
 STEPS = 2000
@@ -55,6 +71,7 @@ def digest_of(name: str, keywords: dict[str, Any], mode: str, num_envs: int, ste
     digest = hashlib.sha256()
     rng = np.random.default_rng(7)
     update(digest, envs.reset(seed=11)[0])
+    batch = envs.unwrapped.batch
     space = envs.single_action_space
     done = np.zeros(num_envs, bool)
     for _ in range(steps):
@@ -67,8 +84,11 @@ def digest_of(name: str, keywords: dict[str, Any], mode: str, num_envs: int, ste
             actions = rng.uniform(-1.2, 1.2, (num_envs, *space.shape)).astype(np.float32)
         observation, reward, terminated, truncated, infos = envs.step(actions)
         done = terminated | truncated
-        for value in (observation, reward, terminated, truncated, infos, envs.unwrapped.batch.reward_terms):
+        for value in (observation, reward, terminated, truncated, infos, batch.reward_terms, batch.position):
             update(digest, value)
+        if "imu" in keywords:
+            update(digest, batch.accelerometer)
+            update(digest, batch.gyroscope)
     envs.close()
     return digest.hexdigest()
 

@@ -281,7 +281,8 @@ class ImuConfig:
     """An inertial measurement unit, for drones that fly by their rotors.
 
     The accelerometer reads all that accelerates the drone but gravity: +9.81 along the body's z at rest and in hovering, 0 in free
-    fall. The noise is that of Kalibr's model: white noise by its density, and a bias that walks from 0 in each episode.
+    fall. The noise is that of Kalibr's model: white noise by its density, and a bias that walks with time, from 0 in each
+    episode.
 
     Parameters
     ----------
@@ -1796,13 +1797,17 @@ class Batch:
     ) -> None:
         """Set velocities (N, 3) m/s, world frame, and rad/s, body frame, and rotor speeds (N, 4) rad/s; None keeps what is.
 
+        A drone turns at most half a turn in a tick: `ValueError` for angular velocities above pi times `physics_hz`.
         After `set_pose` a drone is at rest, its rotors hovering.
         """
 
     def fly(self, command: npt.ArrayLike, ticks: int | None = None, mask: npt.ArrayLike | None = None) -> Contact:
         """Fly a command (N, 4), as `DynamicsConfig.control` says, for some ticks; None: those of a step.
 
-        What is in the way is hit; see `DynamicsConfig.on_contact`. Sensors are not read.
+        Obstacles in the way are hit; see `DynamicsConfig.on_contact`. Sensors are not read. Gusts and the controller
+        follow each env's clock, so many calls of one tick do what one call of many ticks does. A drone that becomes too
+        fast to integrate is put to rest where it was last, with a `RuntimeWarning`; in a task its episode ends as a bad
+        state.
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:

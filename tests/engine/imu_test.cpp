@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <optional>
 #include <vector>
 
 #include "batch_helpers.hpp"
@@ -134,9 +135,10 @@ TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
   const std::vector<float> hover = all(kDrones, static_cast<float>(batch.drone().airframe()->hover_speed()));
   std::vector<std::vector<double>> white(kDrones), walk(kDrones);
   for (int i = 0; i < kReadings; ++i) {
+    batch.fly(hover);
     batch.sense();
     for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      white[drone].push_back(static_cast<double>(batch.accelerometer()[3 * drone]));
+      white[drone].push_back(static_cast<double>(batch.accelerometer()[3 * drone]));  // along x, where hovering adds nothing
       walk[drone].push_back(static_cast<double>(batch.gyroscope()[3 * drone + 1]));
     }
   }
@@ -161,11 +163,54 @@ TEST(Imu, ABiasThatForgetsKeepsItsVariance) {
   constexpr int kDrones = 2000;
   const ImuConfig imu{.accelerometer_random_walk = 0.1F, .accelerometer_bias_time_s = 0.5F};
   Batch batch = make(with_imu(kDrones, imu));
-  for (int i = 0; i < 400; ++i) batch.sense();  // 4 s: eight times its time
+  const std::vector<float> hover = all(kDrones, static_cast<float>(batch.drone().airframe()->hover_speed()));
+  for (int i = 0; i < 400; ++i) {  // 4 s: eight times its time
+    batch.fly(hover);
+    batch.sense();
+  }
   std::vector<double> biases;
   for (std::size_t drone = 0; drone < kDrones; ++drone) biases.push_back(static_cast<double>(batch.accelerometer()[3 * drone]));
   const double expected = 0.1 * 0.1 * 0.5 / 2.0;
   EXPECT_NEAR(moments(biases).variance / expected, 1.0, 5.0 * std::sqrt(2.0 / kDrones));
+}
+
+// Readings as often or as seldom as one likes, regular or not: the bias has the variance of the time that has passed.
+TEST(Imu, BiasWalksByTimeNotByReadings) {
+  constexpr int kDrones = 4000;
+  for (const std::optional<float> rate : {std::optional<float>(), std::optional<float>(250.0F)}) {
+    for (const int readings : {1, 3, 50}) {  // in 0.1 s
+      for (const float bias_time : {0.0F, 0.05F}) {
+        SCOPED_TRACE(::testing::Message() << rate.value_or(0.0F) << " Hz, " << readings << " readings, time " << bias_time);
+        Batch batch =
+            make(with_imu(kDrones, {.gyroscope_random_walk = 0.1F, .gyroscope_bias_time_s = bias_time, .rate_hz = rate}));
+        const std::vector<float> hover = all(kDrones, static_cast<float>(batch.drone().airframe()->hover_speed()));
+        for (int tick = 0; tick < 50; ++tick) {
+          if (tick % (50 / readings) == 0) batch.sense();
+          batch.fly(hover, 1);
+        }
+        batch.sense();
+        const std::vector<float> first(batch.gyroscope().begin(), batch.gyroscope().end());
+        batch.sense();
+        EXPECT_TRUE(same_bits(batch.gyroscope(), first)) << "no time has passed";
+        std::vector<double> biases;
+        for (std::size_t drone = 0; drone < kDrones; ++drone) biases.push_back(static_cast<double>(first[3 * drone]));
+        const double t = static_cast<double>(bias_time);
+        const double variance = 0.01 * (t > 0.0 ? 0.5 * t * (1.0 - std::exp(-2.0 * 0.1 / t)) : 0.1);
+        EXPECT_NEAR(moments(biases).variance / variance, 1.0, 5.0 * std::sqrt(2.0 / kDrones));
+      }
+    }
+  }
+}
+
+TEST(Imu, BiasOfAnEpisodeBeginsAtZero) {
+  Batch batch = make(with_imu(1, {.gyroscope_random_walk = 0.1F}));
+  const std::vector<float> hover = all(1, static_cast<float>(batch.drone().airframe()->hover_speed()));
+  batch.fly(hover, 500);
+  batch.sense();
+  EXPECT_GT(row(batch.gyroscope(), 0).norm(), 1e-3F);
+  batch.begin_episode();
+  batch.sense();
+  EXPECT_LT(row(batch.gyroscope(), 0).norm(), 1e-5F);
 }
 
 TEST(Imu, OfAnEnvIsTheSameInAnyCompanyAndAfterARestore) {

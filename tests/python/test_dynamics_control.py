@@ -97,6 +97,29 @@ def test_attitude_with_everything_on(data):
     assert (angle_between(states[-1, :, 3:7], asked) < 2).all()
 
 
+INVERTED = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [0, 0.6, 0.8, 0], [6e-17, 1, 0, 0], [1e-4, 1, 0, 0]], float)
+
+
+@pytest.mark.parametrize(
+    ("control", "command"),
+    [("attitude", [GRAVITY, 0, 0, 0]), ("velocity", [0, 0, 0, 0]), ("position", [0, 0, 0, 0])],
+)
+def test_an_inverted_drone_rights_itself(data, control, command):
+    """Exactly upside down no axis leads up sooner than another, so any will do."""
+    loops = Loops(data)
+    batch = batch_of(data, len(INVERTED), POLICY_HZ, control=control)
+    batch.set_pose(None, INVERTED / np.linalg.norm(INVERTED, axis=1, keepdims=True))
+    fly_for(batch, command, {"attitude": 8 * loops.attitude}.get(control, 8 * loops.position), POLICY_HZ)
+    assert tilt_deg(rows_of(batch)).max() < 5
+
+
+def test_a_heading_straight_behind(data):
+    """Half a turn away, both directions are as short; float32's pi is 9e-8 off it."""
+    batch = batch_of(data, 2, POLICY_HZ, control="position")
+    fly_for(batch, [[0, 0, 0, np.pi], [0, 0, 0, -np.pi]], 12 * Loops(data).yaw, POLICY_HZ)
+    assert np.abs(np.abs(heading(rows_of(batch))) - np.pi).max() < 0.02
+
+
 def test_acceleration(data):
     commands = np.array([[1.0, 0, 0, 0], [0, -2.0, 0.5, 0.5], [-1, 1, -1, -2.0]])
     states = flight(data, "acceleration", commands, 12 * Loops(data).yaw, **NO_DRAG)
@@ -186,6 +209,22 @@ def test_rates_of_the_controller_are_those_of_the_clock():
         every.fly([[GRAVITY, 1.0, 0, 0]])
     assert batch.angular_velocity[0, 0] == pytest.approx(1, abs=0.02)
     assert not np.array_equal(batch.rotor_speed, every.rotor_speed)
+
+
+def test_the_controller_keeps_its_rate_however_the_calls_are_cut():
+    def flown(calls, ticks):
+        batch = flockstep.Batch(
+            batch_of(frame()).worlds,
+            1,
+            drone=flockstep.DroneModel.load("kingfisher"),
+            dynamics=flockstep.DynamicsConfig(motion="rotors", control="velocity"),
+            clock=flockstep.ClockConfig(policy_hz=50, physics_hz=500, controller_hz=50),
+        )
+        for _ in range(calls):
+            batch.fly([[1.0, 0, 0.5, 0]], ticks=ticks)
+        return rows_of(batch)
+
+    np.testing.assert_allclose(flown(1, 200), flown(200, 1), atol=1e-4)
 
 
 FAR = np.array([[1000.3, 1000.1, 999.7]], np.float32)

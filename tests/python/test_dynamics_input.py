@@ -2,8 +2,9 @@
 
 import math
 
+import numpy as np
 import pytest
-from rigid_body import OPEN, batch_of, frame
+from rigid_body import FRAMES, OPEN, batch_of, frame, plain
 
 import flockstep
 
@@ -131,9 +132,15 @@ def test_fly(batch, arguments, match):
     ("arguments", "match"),
     [
         *(
-            ({field: rows([0, 0, bad])}, rf"{field} \(row 1\): expected finite numbers within")
-            for field in ("velocity", "angular_velocity")
+            ({"velocity": rows([0, 0, bad])}, r"velocity \(row 1\): expected finite numbers")
             for bad in (NAN, INF, -1.1e4)
+        ),
+        *(
+            (
+                {"angular_velocity": rows([0, 0, bad])},
+                r"angular_velocity \(row 1\): expected at most 1570.* rad/s, half a turn",
+            )
+            for bad in (NAN, INF, -1600)
         ),
         *(
             ({"rotor_speed": rows([0, 0, 0, bad])}, r"rotor_speed \(row 1\): expected numbers in \[0, 2332")
@@ -149,6 +156,57 @@ def test_set_velocity(batch, arguments, match):
     before = batch.snapshot()
     refused(lambda: batch.set_velocity(**arguments), match)
     assert batch.snapshot() == before
+
+
+STIFF = {
+    "rotor drag": lambda: frame("crazyflie", drag_n_per_radps_mps=[1e-2] * 3),
+    "inertia": lambda: frame("x500", inertia_kgm2=[1e-9] * 3),
+    "spin": lambda: plain("x500", inertia_kgm2=[1e-7] * 3, rotor_inertia_kgm2=1e-4),
+}
+
+
+@pytest.mark.parametrize("why", STIFF)
+def test_an_airframe_too_stiff_for_the_tick_is_refused(why):
+    refused(lambda: batch_of(STIFF[why]()), "drone: expected .* no more than 1000 1/s.*physics_hz of at least")
+
+
+def test_every_shipped_frame_flies_at_the_usual_tick_and_twice_of_it():
+    for name in FRAMES:
+        batch_of(frame(name), physics_hz=200)
+
+
+def test_a_flight_that_is_lost_is_reported():
+    """A tiny inertia without drag: the first thrust turns the body faster than a tick can show."""
+    batch = batch_of(plain("x500", inertia_kgm2=[1e-9] * 3), 3)
+    before = batch.position.copy()
+    with pytest.warns(RuntimeWarning, match=r"fly\(\): 2 drones \(first: 1\) moved faster .* half a turn in a tick"):
+        batch.fly([[500] * 4, [500, 600, 500, 500], [500, 600, 500, 500]])
+    assert (batch.velocity[1:] == 0).all()
+    assert (batch.position[1:] == before[1:]).all()
+    assert batch.velocity[0, 2] != 0
+    batch.fly([[500] * 4] * 3)  # not reported again
+
+
+def test_a_lost_flight_ends_the_episode_as_a_bad_state():
+    stiff = flockstep.DroneModel.from_dict(plain("x500", inertia_kgm2=[1e-9] * 3))
+    envs = flockstep.DroneVectorEnv(2, task=flockstep.HoverConfig(), drone=stiff)
+    envs.reset(seed=0)
+    actions = np.zeros((2, 4), np.float32)
+    actions[1] = [0.5, 0.6, 0.5, 0.5]
+    infos = envs.step(actions)[-1]
+    assert infos["bad_state"][1]
+
+
+@pytest.mark.parametrize("control", ["rotor_speeds", "body_rates"])
+def test_fast_turns_stay_unit_quaternions(control):
+    """Up to half a turn in a tick, by both integrators."""
+    turns = np.array([10.0, 600, 1200, 1500, 1570])
+    batch = batch_of(plain("x500"), len(turns), control=control)
+    batch.set_velocity(angular_velocity=np.outer(turns, [0, 0, 1]))
+    for _ in range(20):
+        batch.fly(np.tile([400.0] * 4 if control == "rotor_speeds" else [9.81, 0, 0, 0], (len(turns), 1)), ticks=1)
+        assert np.abs(np.linalg.norm(batch.quat_wxyz.astype(float), axis=1) - 1).max() < 3e-7
+    assert (batch.angular_velocity[:, 2] > 0.9 * turns).all()
 
 
 def test_each_motion_has_its_calls(batch):

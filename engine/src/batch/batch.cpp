@@ -113,8 +113,8 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
   const Use use(*sim_);
   checks::flies_by_rotors(*sim_, "set_velocity");
   checks::mask(*sim_, mask);
-  checks::speeds(velocity, 3 * sim_->num_drones(), "velocity");
-  checks::speeds(angular_velocity, 3 * sim_->num_drones(), "angular_velocity");
+  checks::velocity(*sim_, velocity);
+  checks::angular_velocity(*sim_, angular_velocity);
   checks::rotor_speeds(*sim_, rotor_speed);
   const auto put = [](std::span<const float> from, std::vector<float>& to, std::size_t drone, std::size_t columns) {
     if (!from.empty()) std::copy_n(from.data() + columns * drone, columns, to.data() + columns * drone);
@@ -141,15 +141,13 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
   for (int first = 0; first < flown; first += kLeg) {
     const int leg = std::min(kLeg, flown - first);
     sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
-      const auto drones = sim_->drones_of(block.chosen, scratch);
       if (first == 0) {
-        for (const std::uint32_t drone : drones) clear_contact(sim_->state, drone);
-        blow(*sim_, drones);
+        for (const std::uint32_t drone : sim_->drones_of(block.chosen, scratch)) clear_contact(sim_->state, drone);
       }
-      fly_by_rotors(*sim_, drones, row_of(*sim_, block), {.command = command}, first, leg, scratch);
-      for (const std::uint32_t env : block.chosen) sim_->state.tick[env] += leg;
+      fly_ticks(*sim_, block.chosen, row_of(*sim_, block), {.command = command}, leg, scratch);
     });
   }
+  sim_->warn_of_lost_drones();
 }
 
 void Batch::sense(Mask mask) {

@@ -64,11 +64,27 @@ void flies_by_rotors(const Simulation& sim, std::string_view call) {
   throw std::logic_error(std::string(call) + "() is for drones that fly by rotors; this Batch has kinematic motion");
 }
 
-void speeds(std::span<const float> values, std::size_t expected, std::string_view field) {
+void velocity(const Simulation& sim, std::span<const float> values) {
   if (values.empty()) return;
-  size(values.size(), expected, field);
+  size(values.size(), 3 * sim.num_drones(), "velocity");
   for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!(std::abs(values[i]) <= 1e4F)) refuse(row_of(field, i / 3), "finite numbers within +-10000", values[i]);
+    if (!(std::abs(values[i]) <= dynamics::kMaxSpeed)) {
+      refuse(row_of("velocity", i / 3), "finite numbers within +-10000", values[i]);
+    }
+  }
+}
+
+void angular_velocity(const Simulation& sim, std::span<const float> values) {
+  if (values.empty()) return;
+  size(values.size(), 3 * sim.num_drones(), "angular_velocity");
+  const float most = sim.physics->max_turn;
+  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
+    const float* const w = values.data() + 3 * drone;
+    const float norm = Vec3(w[0], w[1], w[2]).norm();
+    if (norm <= most) continue;
+    std::ostringstream expected;
+    expected << "at most " << most << " rad/s, half a turn in a tick of 1 / physics_hz";
+    refuse(row_of("angular_velocity", drone), expected.str(), norm);
   }
 }
 

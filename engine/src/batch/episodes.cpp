@@ -204,6 +204,7 @@ void clear_contact(State& state, std::size_t first, std::size_t count) {
 void forget_readings(Simulation& sim, std::size_t env) {
   sim.state.tick[env] = 0;
   sim.state.sensed[env] = -1;
+  for (std::size_t m = 0; sim.imu && m < sim.drones_per_env(); ++m) sim.imu->begin(env * sim.drones_per_env() + m);
   if (sim.cameras.empty()) return;
   for (std::size_t m = 0; m < sim.drones_per_env(); ++m) sim.cameras.mark_stale(env * sim.drones_per_env() + m);
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <limits>
 
 #include "base/pose_access.hpp"
@@ -62,7 +63,8 @@ class Group {
  public:
   // Takes as many drones from the front of the list as it has lanes for. Where all of a row of kLanes drones that follow each
   // other are a thread's own, their arrays are read and written as a piece.
-  Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch) : sim_(sim), flock_(scratch.flock) {
+  Group(Simulation& sim, std::span<const std::uint32_t>& drones, Row own, Scratch& scratch)
+      : sim_(sim), scratch_(scratch), flock_(scratch.flock) {
     is_row_ = own.count >= kLanes;
     if (is_row_) {
       const std::size_t first = std::min(std::size_t{drones[0]}, own.first + own.count - kLanes);
@@ -324,10 +326,15 @@ class Group {
     dynamics::store_rows(lanes, values.data() + kCount * drones_[0]);
   }
 
-  // What is no state to fly on from: the drone stays where it was, at rest.
+  // The state has left the range that can be integrated: the drone stays where it was, at rest. A task's episode ends as a bad
+  // state; without a task the caller is warned.
   void give_up(std::size_t lane) {
     start_flight(sim_, drones_[lane], {});
-    if (sim_.run) mark_bad(sim_, sim_.env_of(drones_[lane]));
+    if (sim_.run) {
+      mark_bad(sim_, sim_.env_of(drones_[lane]));
+    } else {
+      scratch_.lost.add(drones_[lane]);
+    }
     is_done_[lane] = true;
   }
 
@@ -435,6 +442,7 @@ class Group {
   }
 
   Simulation& sim_;
+  Scratch& scratch_;
   Flock& flock_;
   std::array<std::uint32_t, kLanes> drones_{};  // by lane
   std::array<bool, kLanes> is_here_{};          // the lane's drone is one of those that fly
@@ -502,12 +510,13 @@ void begin_gusts(Simulation& sim, std::size_t drone) {
   set_gust(sim, drone, sim.wind.has_gusts() ? sim.wind.begin(gust_noise(sim, drone, 0)) : dynamics::GustState{});
 }
 
-void blow(Simulation& sim, std::span<const std::uint32_t> drones) {
+void update_wind(Simulation& sim, std::span<const std::uint32_t> drones, int ticks_ahead) {
   if (!sim.wind.has_gusts()) return;
   for (const std::uint32_t drone : drones) {
     const auto gust = row<dynamics::kGustStates>(sim.state.flight.gust, drone);
     // Ticks are counted, since a batch without a task has no steps.
-    set_gust(sim, drone, sim.wind.next(gust, gust_noise(sim, drone, sim.state.tick[sim.env_of(drone)] + 1)));
+    const std::int64_t tick = sim.state.tick[sim.env_of(drone)] + ticks_ahead;
+    set_gust(sim, drone, sim.wind.next(gust, gust_noise(sim, drone, tick + 1)));
   }
 }
 
@@ -538,6 +547,27 @@ void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row o
     group.fly_free(first_tick, ticks);
     if (!group.is_done()) group.fly_carefully(told, first_tick, ticks, scratch);
   });
+}
+
+void fly_ticks(Simulation& sim, std::span<const std::uint32_t> envs, Row own, const Told& told, int ticks, Scratch& scratch) {
+  const int step = sim.config.clock.substeps();
+  const bool has_gusts = sim.wind.has_gusts();
+  // Envs may be at different ticks of their step, and each keeps to its own clock: envs of one phase fly together.
+  const int phases = has_gusts || sim.physics->control_ticks > 1 ? step : 1;
+  for (int phase = 0; phase < phases; ++phase) {
+    scratch.envs.clear();
+    std::ranges::copy_if(envs, std::back_inserter(scratch.envs),
+                         [&](std::uint32_t env) { return sim.state.tick[env] % phases == phase; });
+    if (scratch.envs.empty()) continue;
+    for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
+      const int tick = (phase + flown) % step;  // of the step
+      const auto drones = sim.drones_of(scratch.envs, scratch);
+      if (has_gusts) leg = std::min(ticks - flown, step - tick);
+      if (tick == 0) update_wind(sim, drones, flown);
+      fly_by_rotors(sim, drones, own, told, tick, leg, scratch);
+    }
+  }
+  for (const std::uint32_t env : envs) sim.state.tick[env] += ticks;
 }
 
 }  // namespace flockstep

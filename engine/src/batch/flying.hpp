@@ -28,9 +28,10 @@ struct Told {
   std::span<const Pose> step_start;  // (N,) likewise: where the step began
 };
 
-// The gusts that an episode begins with, and those of the step that begins.
+// Draws the gusts that an episode begins with.
 void begin_gusts(Simulation& sim, std::size_t drone);
-void blow(Simulation& sim, std::span<const std::uint32_t> drones);
+// Advances the gusts by a step. The step begins ticks_ahead after the envs' present ticks.
+void update_wind(Simulation& sim, std::span<const std::uint32_t> drones, int ticks_ahead = 0);
 
 // Drones that follow each other; none where count is 0.
 struct Row {
@@ -47,5 +48,9 @@ void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scrat
 // way is met in each tick. Those that have hit something in this step stay there where contacts end the episode.
 void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row own, const Told& told, int first_tick, int ticks,
                    Scratch& scratch);
+
+// Flies envs for some ticks outside of a task's step. Gusts and the controller follow each env's own clock, so that many calls of
+// one tick do what one call of many ticks does.
+void fly_ticks(Simulation& sim, std::span<const std::uint32_t> envs, Row own, const Told& told, int ticks, Scratch& scratch);
 
 }  // namespace flockstep

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <sstream>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -95,6 +96,14 @@ std::optional<dynamics::Physics> physics_of(const BatchConfig& config, const Dro
   require(
       config.dynamics.integrator != Integrator::rk4 || dynamics::can_rk4(*drone.airframe(), config.dynamics, config.clock.dt_s()),
       "integrator", "midpoint or automatic, where a tick is longer than twice the rotors' lag", "rk4");
+  constexpr double kMostStiffness = 2.0;  // per tick: beyond it, a midpoint step amplifies instead of damping
+  const double ticks = config.clock.ticks_hz();
+  if (const double rate = dynamics::stiffness(*drone.airframe(), config.dynamics); rate > kMostStiffness * ticks) {
+    std::ostringstream expected;
+    expected << "drag and rotor inertia that change its motion at no more than " << kMostStiffness * ticks
+             << " 1/s, two per tick (or a physics_hz of at least " << std::ceil(rate / kMostStiffness) << ")";
+    refuse("drone", expected.str(), rate);
+  }
   return dynamics::Physics(*drone.airframe(), config.dynamics, config.clock.dt_s(), config.clock.control_ticks());
 }
 
@@ -133,6 +142,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());
     scratches.back()->drones.reserve(schedule.block_size() * drones_per_env());
+    scratches.back()->envs.reserve(schedule.block_size());
   }
   sorts_by_world = config.tracer == TracerKind::embree;
   // Built here, not by whichever thread first needs them in the middle of a step.
@@ -172,6 +182,21 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
 
   context = make_task_context(*this);
   if (task) begin_task(*this, std::move(task));
+}
+
+void Simulation::warn_of_lost_drones() {
+  LostDrones lost;
+  for (const auto& scratch : scratches) {
+    lost.count += scratch->lost.count;
+    lost.first = std::min(lost.first, scratch->lost.first);
+    scratch->lost = {};
+  }
+  if (lost.count == 0) return;
+  std::ostringstream text;
+  text << "fly(): " << lost.count << (lost.count == 1 ? " drone" : " drones") << " (first: " << lost.first
+       << ") moved faster than " << dynamics::kMaxSpeed << " m/s or turned faster than " << physics->max_turn
+       << " rad/s, half a turn in a tick, and now rest where they were last; a higher physics_hz allows faster turns";
+  warning = text.str();
 }
 
 std::span<const std::uint32_t> Simulation::list_drones(std::span<const std::uint32_t> envs, Scratch& scratch) const {

@@ -1,6 +1,7 @@
 // Simulation: everything a batch is, open to the stages of its step. Each stage is a free function over a block of envs.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstddef>
@@ -30,11 +31,24 @@
 
 namespace flockstep {
 
+// Drones whose flight left the range that can be integrated, in a batch without a task.
+struct LostDrones {
+  std::size_t count = 0;
+  std::uint32_t first = ~std::uint32_t{0};  // the lowest index
+
+  void add(std::uint32_t drone) {
+    ++count;
+    first = std::min(first, drone);
+  }
+};
+
 // What one thread needs while it steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
   dynamics::Flock flock;
   std::vector<std::uint32_t> drones;  // of some envs
+  std::vector<std::uint32_t> envs;    // of a block
+  LostDrones lost;                    // in the call under way
   bool moved_world = false;           // an env has gone to another world
 };
 
@@ -113,6 +127,7 @@ struct Simulation {
     for (const auto& scratch : scratches) use += scratch->tracer.embree_use();
     return use;
   }
+  void warn_of_lost_drones();
   void rebuild_schedule() {
     schedule.rebuild(sorts_by_world ? std::span<const std::int32_t>(slots()) : std::span<const std::int32_t>(), state.active);
   }

@@ -17,7 +17,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 5;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 6;                     // of everything below; one more with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;

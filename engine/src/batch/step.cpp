@@ -91,7 +91,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
   });
-  if (sim.physics) blow(sim, sim.drones_of(block.flying, scratch));
+  if (sim.physics) update_wind(sim, sim.drones_of(block.flying, scratch));
   const int leg = sim.physics && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
   const Told told{sim.run->setpoints.command, sim.run->setpoints.target, sim.run->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {

@@ -198,8 +198,14 @@ FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, State& s, const F* told,
 
 // --------------------------------------------------------------------------------------------------------- the controller
 
-// Twice the sine of half the angle between two directions whose cross and dot product these are: monotonic up to half a turn.
+// The sine of the angle between two directions times this is 2 sin(angle / 2), which grows up to half a turn.
 HWY_INLINE F turn_gain(F cosine) { return F(2.0F) / sqrt(max(F(2.0F) * (F(1.0F) + cosine), F(kTiny))); }
+
+// Whether two directions are within 0.06 degrees of opposite. Their sine then says nothing of the size of the turn, and rounding
+// decides its axis, so any axis does.
+HWY_INLINE hn::Mask<D> are_opposite(F cosine, F square_of_sine) {
+  return hn::And((square_of_sine < F(1e-6F)), (cosine < F(0.0F)));
+}
 
 // No longer than a length.
 HWY_INLINE V3 shortened(const V3& v, float length) {
@@ -235,7 +241,8 @@ HWY_INLINE F yaw_towards(const Physics& p, const M3& r, F cosine, F sine) {
   const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
   const F x = r.xx * scale, y = r.yx * scale;
   const F across = x * sine - y * cosine;
-  return F(p.yaw_gain) * (across * turn_gain(x * cosine + y * sine));
+  const F along = x * cosine + y * sine;
+  return F(p.yaw_gain) * select(are_opposite(along, across * across), F(2.0F), across * turn_gain(along));
 }
 
 // A velocity that is asked for, by proportion and integral.
@@ -316,12 +323,15 @@ HWY_INLINE Aim aim_of(const Physics& p, const State& s, const M3& r, const F* se
   return aim;
 }
 
-// Body rates for that: the body's z turns to `up` the shortest way, and about `up` it yaws.
+// Body rates for that: the body's z turns to `up` the shortest way, from upside down about x, and about `up` it yaws.
 HWY_INLINE V3 rates_towards(const Physics& p, const M3& r, const Aim& aim) {
   const V3 up = transpose_times(r, aim.up);
   const F gain = F(p.attitude_gain) * turn_gain(up.z);
   const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
-  return {-(up.y * gain) + r.zx * yaw, up.x * gain + r.zy * yaw, r.zz * yaw};
+  const hn::Mask<D> is_inverted = are_opposite(up.z, up.x * up.x + up.y * up.y);
+  const F roll = select(is_inverted, F(2.0F * p.attitude_gain), -(up.y * gain));
+  const F pitch = select(is_inverted, F(0.0F), up.x * gain);
+  return {roll + r.zx * yaw, pitch + r.zy * yaw, r.zz * yaw};
 }
 
 // The cascade. A call of its own, so that the loops over ticks are compiled once and not once for every stage.
@@ -344,16 +354,17 @@ HWY_NOINLINE void control(const Physics& p, const State& s, const F* set, V3& in
 // -------------------------------------------------------------------------------------------------------------- the flight
 
 // 1 or 0, as Flock::is_good has it. Comparisons with what is no number do not hold.
-HWY_INLINE F goodness(const State& s) {
-  const F fastest = max(max(max(abs(s.velocity.x), abs(s.velocity.y)), abs(s.velocity.z)),
-                        max(max(abs(s.turn.x), abs(s.turn.y)), abs(s.turn.z)));
+HWY_INLINE F goodness(const Physics& p, const State& s) {
+  const F fastest = max(max(abs(s.velocity.x), abs(s.velocity.y)), abs(s.velocity.z));
+  const F turn2 = dot(s.turn, s.turn);
   const F square =
       s.rotation.w * s.rotation.w + s.rotation.x * s.rotation.x + s.rotation.y * s.rotation.y + s.rotation.z * s.rotation.z;
   // Of anything that is not finite, 0 times it is no number.
-  F nothing = (dot(s.velocity, s.velocity) + dot(s.turn, s.turn) + dot(s.travelled, s.travelled) + square) * F(0.0F);
+  F nothing = (dot(s.velocity, s.velocity) + turn2 + dot(s.travelled, s.travelled) + square) * F(0.0F);
   for (std::size_t i = 0; i < kRotors; ++i) nothing = nothing + s.rotor[i] * F(0.0F);
   const F yes = select(nothing < F(1.0F), F(1.0F), F(0.0F));
-  return select(fastest > F(kMaxSpeed), F(0.0F), select(abs(square - F(1.0F)) < F(1e-2F), yes, F(0.0F)));
+  const F slow = select(turn2 > F(p.max_turn * p.max_turn), F(0.0F), yes);
+  return select(fastest > F(kMaxSpeed), F(0.0F), select(abs(square - F(1.0F)) < F(1e-2F), slow, F(0.0F)));
 }
 
 template <bool kRk4, bool kHasRotorTerms>
@@ -406,7 +417,7 @@ void fly_all(const Physics& p, Flock& flock, int first_tick, int ticks) {
       store(told[i], flock.rotor_told[i], lane);
     }
     store(reach2, flock.reach2, lane);
-    store(goodness(s), flock.is_good, lane);
+    store(goodness(p, s), flock.is_good, lane);
   }
 }
 

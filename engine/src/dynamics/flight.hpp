@@ -11,7 +11,7 @@
 namespace flockstep::dynamics {
 
 inline constexpr std::size_t kLanes = 16;
-inline constexpr float kMaxSpeed = 1e4F;  // m/s and rad/s, along each axis
+inline constexpr float kMaxSpeed = 1e4F;  // m/s, along each axis, and rad/s
 
 using Lane = std::array<float, kLanes>;  // one number of each of the drones
 template <std::size_t kCount>
@@ -35,7 +35,7 @@ struct alignas(64) Flock {
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
   Lanes<3> angular_acceleration{};  // rad/s^2, body, likewise
   Lane reach2{};                    // m^2: square of the farthest way from where the leg began
-  Lane is_good{};                   // 1 where the state is one to fly on from: finite, unit, no faster than kMaxSpeed; else 0
+  Lane is_good{};                   // 1 if the state can be flown on from: finite, unit, within kMaxSpeed and max_turn; else 0
 };
 
 // Which of the cascade's stages a setpoint enters at, and what its numbers are then.
@@ -69,6 +69,10 @@ struct Gains {
 // Whether rk4, for which the rotors are part of the state, can follow them: it takes ticks of at most twice their lag.
 bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
 
+// The rate, 1/s, at which drag and the rotors' spin change the drone's motion at full rotor speed: the fastest mode of the
+// linearised equations. Explicit integration diverges for ticks longer than about 2 over this.
+double stiffness(const Airframe& frame, const DynamicsConfig& config);
+
 // All numbers that the equations need, in the form in which they need them.
 struct Physics {
   Physics() = default;
@@ -80,6 +84,7 @@ struct Physics {
   bool rotor_drag = false, rotor_lift = false, body_drag = false, gyroscopic = false, ground_effect = false;
   int control_ticks = 1;
   float dt = 0.0F;
+  float max_turn = 0.0F;  // rad/s: half a turn in a tick; faster ones would look like slow ones
   // the body
   float inverse_mass = 0.0F;
   std::array<float, 3> inertia{}, inverse_inertia{};

@@ -65,6 +65,29 @@ bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s) {
   return !config.rotor_lag || (fits(frame.lag_up_s) && fits(frame.lag_down_s));
 }
 
+double stiffness(const Airframe& frame, const DynamicsConfig& config) {
+  // Of the drag: the force or torque for a unit of velocity or turn, over mass or inertia.
+  const double rotors = config.rotor_drag ? frame.max_speed_radps : 0.0;
+  const double body = config.body_drag ? 1.0 : 0.0;
+  const auto& drag = frame.rotor_drag;
+  double fastest = 0.0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double linear =
+        body * (frame.linear_drag[axis] + 2.0 * frame.quadratic_drag[axis] * static_cast<double>(config.max_speed_mps));
+    fastest = std::max(fastest, (kRotors * rotors * drag[axis] + linear) / frame.mass_kg);
+    const std::size_t second = (axis + 1) % 3, third = (axis + 2) % 3;
+    double torque = 0.0;
+    for (const auto& at : frame.position_m) {
+      torque += rotors * (at[second] * at[second] * drag[third] + at[third] * at[third] * drag[second]);
+    }
+    fastest = std::max(fastest, torque / frame.inertia_kgm2[axis]);
+  }
+  // Of the spin, if two opposite rotors are at full speed and the others at rest.
+  const double momentum = config.gyroscopic ? 2.0 * frame.rotor_inertia_kgm2 * frame.max_speed_radps : 0.0;
+  const double slowest = std::sqrt(frame.inertia_kgm2[0] * frame.inertia_kgm2[1]);
+  return std::max(fastest, momentum / slowest);
+}
+
 Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int ticks)
     : stage(stage_of(config.control)),
       is_rk4(config.integrator == Integrator::rk4 ||
@@ -76,6 +99,7 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
       ground_effect(config.ground_effect && frame.radius_m != 0.0),
       control_ticks(ticks),
       dt(narrow(dt_s)) {
+  max_turn = std::min(narrow(std::numbers::pi / dt_s), kMaxSpeed);
   inverse_mass = narrow(1.0 / frame.mass_kg);
   mass = narrow(frame.mass_kg);
   inertia = narrow(frame.inertia_kgm2);

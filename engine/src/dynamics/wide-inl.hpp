@@ -98,10 +98,14 @@ HWY_INLINE Q turned(const Q& q, const V3& turn, F half) {
 // How fast q changes at an angular velocity of the body.
 HWY_INLINE Q rate_of(const Q& q, const V3& turn) { return product(q, F(0.0F), turn * F(0.5F)); }
 
-// One step of Newton's towards length 1, for what is almost unit.
+// Unit length. One step of Newton's method is exact for nearly unit quaternions; drones that turn by more than half a radian in a
+// tick need the division.
 HWY_INLINE Q normalised(const Q& q) {
   const F square = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
-  return q * (F(1.5F) - F(0.5F) * square);
+  F scale = F(1.5F) - F(0.5F) * square;
+  const hn::Mask<D> is_far = abs(square - F(1.0F)) > F(1e-4F);
+  if (HWY_UNLIKELY(!hn::AllFalse(D(), is_far))) scale = select(is_far, F(1.0F) / sqrt(square), scale);
+  return q * scale;
 }
 
 // The rotation's matrix, body to world: zx is what the body's x adds to the world's z.

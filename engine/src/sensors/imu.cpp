@@ -40,18 +40,24 @@ double seconds_between(std::int64_t period, const ClockConfig& clock) {
 
 }  // namespace
 
-// White noise of a density s has the standard deviation s / sqrt(d) in readings d apart. A bias whose rate is white noise of
-// density w gains w sqrt(d); one that forgets with the time T, w sqrt(T/2 (1 - e^(-2d/T))).
+// White noise of density s has the standard deviation s / sqrt(d) in readings d apart.
 Imu::Noise::Noise(float density, float walk, float time, double d)
-    : white(static_cast<float>(static_cast<double>(density) / std::sqrt(d))) {
-  const double t = static_cast<double>(time);
-  keep = t > 0.0 ? static_cast<float>(std::exp(-d / t)) : 1.0F;
+    : random_walk(static_cast<double>(walk)),
+      bias_time_s(static_cast<double>(time)),
+      white(static_cast<float>(static_cast<double>(density) / std::sqrt(d))),
+      per_interval(walk_over(d)) {}
+
+// A bias whose rate is white noise of density w gains w sqrt(d); one with the correlation time T, w sqrt(T/2 (1 - e^(-2d/T))).
+Imu::Walk Imu::Noise::walk_over(double d) const {
+  const double t = bias_time_s;
   const double gain = t > 0.0 ? std::sqrt(0.5 * t * -std::expm1(-2.0 * d / t)) : std::sqrt(d);
-  step = static_cast<float>(static_cast<double>(walk) * gain);
+  return {t > 0.0 ? static_cast<float>(std::exp(-d / t)) : 1.0F, static_cast<float>(random_walk * gain)};
 }
 
 Imu::Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones)
     : period_(period_in_ticks(config.rate_hz, clock, "imu.rate_hz")),
+      interval_(period_ == 0 ? clock.substeps() : period_),
+      dt_s_(clock.dt_s()),
       drones_per_env_(drones_per_env),
       offset_(config.offset_m[0], config.offset_m[1], config.offset_m[2]),
       to_sensor_(Quat(config.quat_wxyz[0], config.quat_wxyz[1], config.quat_wxyz[2], config.quat_wxyz[3])
@@ -62,7 +68,17 @@ Imu::Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_p
                      seconds_between(period_, clock)),
       gyroscope_(config.gyroscope_noise_density, config.gyroscope_random_walk, config.gyroscope_bias_time_s,
                  seconds_between(period_, clock)) {
-  for_each_field(readings_, [num_drones](const auto&, auto& values) { values.resize(3 * num_drones); });
+  for (auto* values :
+       {&readings_.accelerometer, &readings_.gyroscope, &readings_.accelerometer_bias, &readings_.gyroscope_bias}) {
+    values->resize(3 * num_drones);
+  }
+  readings_.tick.resize(num_drones);
+}
+
+void Imu::begin(std::size_t drone) {
+  put(Vec3::Zero(), readings_.accelerometer_bias, drone);
+  put(Vec3::Zero(), readings_.gyroscope_bias, drone);
+  readings_.tick[drone] = 0;
 }
 
 void Imu::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
@@ -89,16 +105,19 @@ void Imu::read(std::span<const std::uint32_t> drones, const State& state) {
         n[2 * k] = first;
         n[2 * k + 1] = second;
       }
-      const bool begins = state.sensed[env] == 0 && state.tick[env] == 0;
+      const std::int64_t elapsed = state.tick[env] - readings_.tick[drone];
       const auto disturb = [&](const Noise& noise, const float* numbers, std::vector<float>& biases, Vec3& value) {
-        const Vec3 bias = begins
-                              ? Vec3(Vec3::Zero())
-                              : Vec3(noise.keep * of_row(biases, drone) + noise.step * Vec3(numbers[3], numbers[4], numbers[5]));
-        put(bias, biases, drone);
+        Vec3 bias = of_row(biases, drone);
+        if (elapsed > 0) {
+          const Walk walk = elapsed == interval_ ? noise.per_interval : noise.walk_over(static_cast<double>(elapsed) * dt_s_);
+          bias = walk.keep * bias + walk.gain * Vec3(numbers[3], numbers[4], numbers[5]);
+          put(bias, biases, drone);
+        }
         value += bias + noise.white * Vec3(numbers[0], numbers[1], numbers[2]);
       };
       disturb(accelerometer_, n.data(), readings_.accelerometer_bias, acceleration);
       disturb(gyroscope_, n.data() + 6, readings_.gyroscope_bias, angular);
+      readings_.tick[drone] = state.tick[env];
     }
     put(acceleration, readings_.accelerometer, drone);
     put(angular, readings_.gyroscope, drone);

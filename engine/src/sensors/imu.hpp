@@ -18,8 +18,10 @@ class Imu {
  public:
   Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones);
 
-  // Reads the listed drones. The noise of an env is a function of its seed, its episode, and which reading of the episode it is;
-  // at the first moment of an episode the biases are 0.
+  // Begins an episode of a drone, whose clock is at tick 0 then: the biases are 0.
+  void begin(std::size_t drone);
+  // Reads the listed drones. The noise of an env is a function of its seed, its episode, and which reading of the episode it is.
+  // The biases walk with the time since the last reading, so a reading in the same tick finds the same biases.
   void read(std::span<const std::uint32_t> drones, const State& state);
 
   std::int64_t period() const { return period_; }                                      // ticks, as period_in_ticks() has it
@@ -34,23 +36,35 @@ class Imu {
     std::vector<float> gyroscope;           // (N, 3)
     std::vector<float> accelerometer_bias;  // (N, 3)
     std::vector<float> gyroscope_bias;      // (N, 3)
+    std::vector<std::int64_t> tick;         // (N,) of the episode: when the biases were last advanced
 
     static constexpr auto fields() {
       using C = Readings;
       return field_list(field("accelerometer", &C::accelerometer), field("gyroscope", &C::gyroscope),
-                        field("accelerometer_bias", &C::accelerometer_bias), field("gyroscope_bias", &C::gyroscope_bias));
+                        field("accelerometer_bias", &C::accelerometer_bias), field("gyroscope_bias", &C::gyroscope_bias),
+                        field("tick", &C::tick));
     }
   };
-  // Of one of the two, from one reading to the next.
+  // How a bias changes over a time: it keeps a share, and gains a random number of this standard deviation.
+  struct Walk {
+    float keep = 1.0F;
+    float gain = 0.0F;
+  };
+  // The noise of one of the two instruments.
   struct Noise {
-    Noise(float density, float walk, float time_s, double step_s);
-    bool is_none() const { return white == 0.0F && step == 0.0F; }
-    float white;  // standard deviation of a reading
-    float keep;   // of the bias
-    float step;   // standard deviation of what it gains
+    Noise(float density, float random_walk, float bias_time_s, double interval_s);
+    Walk walk_over(double seconds) const;
+    bool is_none() const { return white == 0.0F && random_walk == 0.0; }
+
+    double random_walk;
+    double bias_time_s;
+    float white;        // standard deviation of a reading
+    Walk per_interval;  // from one regular reading to the next
   };
 
   std::int64_t period_;
+  std::int64_t interval_;  // ticks between regular readings
+  double dt_s_;            // of a tick
   std::size_t drones_per_env_;
   Vec3 offset_;
   Mat3 to_sensor_;  // from the body
