@@ -37,6 +37,8 @@ from flockstep.drone_mesh import DroneMesh
 from flockstep.task import Task, TaskCalls, native_task
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
+from flockstep.viewer.flight_overlay import FlightOverlay
+from flockstep.viewer.frames import selected
 from flockstep.world_pool import WorldPool
 
 if TYPE_CHECKING:
@@ -170,7 +172,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``"camera"``: the last frame of the drone's own camera; black where it is stale. ``"third_person"``: from behind
         and above the drone, with LiDAR beams, the cameras' views and the trail. ``"fleet"``: the same, with the other
         drones of its world. Two points, such as ``((0, -8, 5), (4, 4, 1))``: the same as ``"fleet"``, from the one (m,
-        world frame) towards the other.
+        world frame) towards the other. Default: ``"third_person"`` for `HoverConfig` and `TrackConfig`, which shows
+        attitude and height, else ``"top"``.
     render_size
         Width and height of the pictures in pixels. Default: 256 x 256 for ``"top"``, the camera's own for ``"camera"``,
         whose pixels are enlarged or reduced to fit, else 640 x 480.
@@ -231,7 +234,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         num_threads: int = 0,
         reward_scale: float = 1.0,
         render_mode: str | None = None,
-        render_view: str | npt.ArrayLike = "top",
+        render_view: str | npt.ArrayLike | None = None,
         render_size: tuple[int, int] | None = None,
         render_camera: str | None = None,
         drone_mesh: DroneMesh | None = None,
@@ -245,6 +248,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         own_fields = {name: plain.from_plain(value) for name, value in fields.items()}
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
+        is_flight = isinstance(task, (HoverConfig, TrackConfig))
+        if render_view is None:
+            render_view = "third_person" if is_flight else "top"
         shown = views.chosen(render_view, render_size, render_camera)
         if drone_mesh is not None and not isinstance(drone_mesh, DroneMesh):
             raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, got {drone_mesh!r}")
@@ -332,8 +338,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self._view: views.View | None = None
         self.trail: Trail | None = None  # where the drones have been, if a picture shows it
         if render_mode is not None:
-            own = task if isinstance(task, Task) else None
-            self._view, self.trail = views.make(shown, self.batch, self.cameras, own, drone_mesh)
+            flight = FlightOverlay(height=shown.view != "top") if is_flight else None
+            overlay = task if isinstance(task, Task) else flight
+            self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, drone_mesh)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""
@@ -425,12 +432,26 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             return self._returned(observation), reward.copy(), terminated.copy(), truncated.copy(), infos
         return observation, reward, terminated, truncated, infos
 
-    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """Return a picture of each env, (height, width, 3) uint8, or None without a render mode."""
+    def render(
+        self, indices: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None
+    ) -> tuple[npt.NDArray[np.uint8], ...] | None:
+        """Return pictures, (height, width, 3) uint8 each, or None without a render mode.
+
+        Parameters
+        ----------
+        indices
+            Of which envs, in this order. Default: all. A picture takes milliseconds: of many envs, choose some.
+
+        Raises
+        ------
+        ValueError
+            An index that is not an integer from 0 to N - 1.
+        """
         self._require_open()
         if self._view is None:
             return None
-        return tuple(self._view.frame(i) for i in range(self.num_envs))
+        chosen = range(self.num_envs) if indices is None else selected(indices, self.num_envs)
+        return tuple(self._view.frame(i) for i in chosen)
 
     def snapshot(self) -> bytes:
         """Return everything the next step depends on, the state of a `Task` included."""

@@ -188,7 +188,7 @@ def check_render(setup: Setup) -> None:
 
 def _from_above(env: AnyVectorEnv) -> list[Any]:
     inner: Any = env.unwrapped
-    view = TopView(inner.batch, task=inner.task)
+    view = TopView(inner.batch, overlay=inner.task)
     return [view.frame(index) for index in range(env.num_envs)]
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from flockstep.viewer.depth_canvas import Color, Floats, Image
+
+if TYPE_CHECKING:
+    from flockstep._core import Batch
 
 COLORS: dict[str, Color] = {
     "black": (20, 20, 20),
@@ -134,6 +137,17 @@ class Drawing:
 
     def _px(self, field: str, size: float) -> int:
         return max(round(_positive(field, size) * self._unit_px), 1)
+
+
+class Overlay(Protocol):
+    """What adds to the pictures of a task: the `Task` itself, or the `FlightOverlay` of a built-in one."""
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """Which of the world's markers are drawn."""
+
+    def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
+        """Add to the picture of one env."""
 
 
 @lru_cache(maxsize=256)

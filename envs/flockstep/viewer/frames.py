@@ -82,14 +82,26 @@ def _drones(camera: Camera, indices: int | Sequence[int] | npt.NDArray[np.intege
         if not drones:
             raise ValueError(f'camera "{name}": no drone has a frame; call sense or capture first')
         return drones
-    drones = []
-    for index in np.atleast_1d(np.asarray(indices)).tolist():
-        if not isinstance(index, int) or not 0 <= index < len(step):
-            raise ValueError(f"indices: expected integers from 0 to {len(step) - 1}, got {index!r}")
+    drones = selected(indices, len(step))
+    for index in drones:
         if step[index] < 0:
             raise ValueError(f'camera "{name}": the frame of drone {index} is stale; call sense or capture first')
-        drones.append(index)
     return drones
+
+
+def selected(indices: int | Sequence[int] | npt.NDArray[np.integer[Any]], count: int) -> list[int]:
+    """Return the indices as a list.
+
+    Raises
+    ------
+    ValueError
+        One is not an integer from 0 to ``count - 1``.
+    """
+    chosen: list[int] = np.atleast_1d(np.asarray(indices)).tolist()
+    for index in chosen:
+        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < count:
+            raise ValueError(f"indices: expected integers from 0 to {count - 1}, got {index!r}")
+    return chosen
 
 
 def depth_mm(depth: Array) -> npt.NDArray[np.uint16]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import MARKERS, Task, rotate
+from flockstep.task import MARKERS, rotate
 from flockstep.viewer.beams import beams_of
 from flockstep.viewer.body import Body
 from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats, Image
-from flockstep.viewer.drawing import Drawing, line_px
+from flockstep.viewer.drawing import Drawing, Overlay, line_px
 from flockstep.viewer.stage import Obstacles, Stage, with_markers
 from flockstep.viewer.trail import Trail
 
@@ -49,8 +49,8 @@ class ThirdPersonView:
         Two points (3,) m, world frame: from where to look, and at what. None: from behind and above the drone.
     markers
         Which of the world's markers are drawn.
-    task
-        Its `draw` adds to the pictures. None: nothing does.
+    overlay
+        Its `draw` adds to the pictures: a `Task`, or a `FlightOverlay`. None: nothing does.
     mesh
         How the drones look. None: as their model says.
     """
@@ -66,7 +66,7 @@ class ThirdPersonView:
         size_px: tuple[int, int] | None = None,
         place: tuple[Floats, Floats] | None = None,
         markers: Sequence[str] = MARKERS,
-        task: Task | None = None,
+        overlay: Overlay | None = None,
         mesh: DroneMesh | None = None,
     ) -> None:
         self._batch = batch
@@ -82,7 +82,7 @@ class ThirdPersonView:
         self._line_px = _FINER * line_px(width)
         self._place = place
         self._markers = tuple(markers)
-        self._task = task
+        self._overlay = overlay
         self._stages: dict[int, Stage] = {}
         self._still: dict[int, DepthCanvas] = {}  # of worlds, from a fixed place
 
@@ -102,8 +102,8 @@ class ThirdPersonView:
             self._body.draw(canvas, position, quat_wxyz, line_px=self._line_px)
             self._draw_trail(canvas, env)
             self._draw_cameras(canvas, env, position, quat_wxyz)
-            if self._task is not None:
-                self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
+            if self._overlay is not None:
+                self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
             self._draw_beams(canvas, env)  # last: they are glass
         if self._others:
             for other in np.flatnonzero(self._batch.active & (self._batch.world_index == index)):

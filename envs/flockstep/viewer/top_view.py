@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, World
-from flockstep.task import MARKERS, Task, rotate
+from flockstep.task import MARKERS, rotate
 from flockstep.viewer.beams import beams_of
 from flockstep.viewer.depth_canvas import Color, Floats, Image, blended, overlap, tint
-from flockstep.viewer.drawing import Drawing, line_px
+from flockstep.viewer.drawing import Drawing, Overlay, line_px
 from flockstep.viewer.relief import SOLID, Relief
 
 _START: Color = (214, 60, 50)
@@ -44,8 +44,8 @@ class TopView:
         The height of the cut. None: that of the drone.
     markers
         Which of the world's markers are drawn.
-    task
-        Its `draw` adds to the pictures. None: nothing does.
+    overlay
+        Its `draw` adds to the pictures: a `Task`, or a `FlightOverlay`. None: nothing does.
     """
 
     def __init__(
@@ -56,13 +56,13 @@ class TopView:
         size_px: tuple[int, int] | None = None,
         cut_m: float | None = None,
         markers: Sequence[str] = MARKERS,
-        task: Task | None = None,
+        overlay: Overlay | None = None,
     ) -> None:
         self._batch = batch
         self._beams = beams
         self._cut_m = cut_m
         self._markers = tuple(markers)
-        self._task = task
+        self._overlay = overlay
         self._hull = np.asarray(batch.drone.hull, float)
         self._size_px = size_px or (256, 256)
         self._line_px = line_px(self._size_px[0])
@@ -85,8 +85,8 @@ class TopView:
                 canvas.lines(origin[None], ends, _BEAM, width_px=self._line_px)
                 canvas.dots(ends[hit], _HIT, size_px=2 * self._line_px)
             canvas.polygon(position + hull * canvas.enlarged(float(np.ptp(hull, axis=0)[:2].max())), _DRONE)
-            if self._task is not None:  # last: a target that the drone has reached is still seen
-                self._task.draw(self._batch, env, Drawing(canvas, self._line_px))
+            if self._overlay is not None:  # last: a target that the drone has reached is still seen
+                self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
         return canvas.image
 
 

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import MARKERS, Task
+from flockstep.task import MARKERS
+from flockstep.viewer.drawing import Overlay
 from flockstep.viewer.third_person_view import ThirdPersonView
 from flockstep.viewer.top_view import TopView
 from flockstep.viewer.trail import Trail
@@ -115,7 +116,7 @@ def make(
     choice: Choice,
     batch: Batch,
     cameras: Sequence[CameraConfig],
-    task: Task | None = None,
+    overlay: Overlay | None = None,
     mesh: DroneMesh | None = None,
 ) -> tuple[View, Trail | None]:
     """Return the view that is chosen, and the trail it shows, which is to be recorded.
@@ -127,12 +128,12 @@ def make(
     """
     if choice.view == "camera":
         return _camera_view(choice, batch, cameras), None
-    markers: Any = MARKERS if task is None else task.markers
+    markers: Any = MARKERS if overlay is None else overlay.markers
     if isinstance(markers, str) or not set(markers) <= set(MARKERS):
         expected = ", ".join(map(repr, MARKERS))
-        raise ValueError(f"{type(task).__name__}.markers: expected a tuple of some of {expected}, got {markers!r}")
+        raise ValueError(f"{type(overlay).__name__}.markers: expected a tuple of some of {expected}, got {markers!r}")
     if choice.view == "top":
-        return TopView(batch, size_px=choice.size_px, markers=markers, task=task), None
+        return TopView(batch, size_px=choice.size_px, markers=markers, overlay=overlay), None
     trail = Trail(batch)
     view = ThirdPersonView(
         batch,
@@ -142,7 +143,7 @@ def make(
         size_px=choice.size_px,
         place=None if isinstance(choice.view, str) else choice.view,
         markers=markers,
-        task=task,
+        overlay=overlay,
         mesh=mesh,
     )
     return view, trail

@@ -404,5 +404,5 @@ def test_drawing_is_for_one_env_at_a_time_and_changes_nothing(room):
     np.testing.assert_array_equal(first, envs.render())
     batch = flockstep.Batch([room], 1)
     batch.remove([0])
-    for view in (TopView(batch, task=Drawn()), ThirdPersonView(batch, task=Drawn())):
+    for view in (TopView(batch, overlay=Drawn()), ThirdPersonView(batch, overlay=Drawn())):
         assert not len(inked(view.frame(0))[0])
