@@ -8,6 +8,8 @@ Beside it stand what needs no training: random actions, the straight flight from
 
 What a policy flies, where, and how its camera sees, is saved with it. The class of a task of your own is not: run this
 where its module is found.
+
+Loading a policy runs code that is in its file: load only policies you trust.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 import flockstep
-from tasks import UNSEEN_SEEDS, Setup, setup_of
+from tasks import UNSEEN_SEEDS, Setup, load_policy, setup_of
 
 #: A flight of a built-in task that takes more flown steps has failed.
 MAX_STEPS = 1000
@@ -191,7 +193,8 @@ class Args:
     """Evaluate a trained policy."""
 
     policy: tyro.conf.Positional[Path]
-    """A model saved by training/train_ppo.py (.zip)."""
+    """A model saved by training/train_ppo.py (.zip). Loading it runs code that is in the file: load only
+    policies you trust."""
     worlds: tuple[str, ...] = ()
     """Sets of scenes, scene names or paths. Default: those that it was trained and validated in."""
     repeats: int = 1
@@ -210,7 +213,7 @@ class Args:
 
 def main(args: Args) -> None:
     """Evaluate, print and write."""
-    model = PPO.load(args.policy, device="cpu")
+    model = load_policy(args.policy)
     policy, setup = greedy(model), setup_of(model)
     names = args.worlds or setup.playgrounds
     groups = {name: flockstep.scenes.load(name) * args.repeats for name in names}

@@ -18,11 +18,10 @@ import numpy.typing as npt
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
-from stable_baselines3 import PPO
 
 import flockstep
 from evaluate import Policy, greedy
-from tasks import Setup, setup_of
+from tasks import Setup, load_policy, setup_of
 
 Image = npt.NDArray[np.uint8]
 
@@ -98,7 +97,8 @@ class Args:
     """Draw the green blob along a flight."""
 
     policy: tyro.conf.Positional[Path | None] = None
-    """A model saved by training/train_ppo.py --task camera or pixels (.zip)."""
+    """A model saved by training/train_ppo.py --task camera or pixels (.zip). Loading it runs code that is in the file:
+    load only policies you trust."""
     world: str = "playground/camera-train-1"
     """A scene name or path."""
     out: Path = Path("out/blob.png")
@@ -113,7 +113,7 @@ class Args:
 
 def main(args: Args) -> None:
     """Fly and draw."""
-    model = None if args.policy is None else PPO.load(args.policy, device="cpu")
+    model = None if args.policy is None else load_policy(args.policy)
     setup = Setup("camera") if model is None else setup_of(model)
     if not setup.has_camera:
         raise SystemExit(f"{args.policy} was trained for {setup.task}: expected a policy of camera or pixels")

@@ -17,13 +17,12 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from PIL import Image
-from stable_baselines3 import PPO
 
 import flockstep
 from evaluate import Flight, Policy, fly, greedy
 from flockstep.task import MARKERS
 from flockstep.viewer.relief import SOLID, VIEWS, Relief
-from tasks import Setup, env_keywords, setup_of
+from tasks import Setup, env_keywords, load_policy, setup_of
 
 OUTCOME_COLOR = {
     "success": "tab:green",
@@ -172,7 +171,8 @@ class Args:
     """Draw the flights of a trained policy."""
 
     policy: tyro.conf.Positional[Path]
-    """A model saved by training/train_ppo.py (.zip)."""
+    """A model saved by training/train_ppo.py (.zip). Loading it runs code that is in the file: load only
+    policies you trust."""
     worlds: tuple[str, ...] = ()
     """Sets of scenes, scene names or paths. Default: the task's own, for training and validation."""
     out: Path = Path("out/paths")
@@ -188,7 +188,7 @@ class Args:
 def main(args: Args) -> None:
     """Fly, draw, and say where the pictures are."""
     args.out.mkdir(parents=True, exist_ok=True)
-    model = PPO.load(args.policy, device="cpu")
+    model = load_policy(args.policy)
     policy, setup = greedy(model), setup_of(model)
     worlds = [world for name in args.worlds or setup.playgrounds for world in flockstep.scenes.load(name)]
     flights = fly(policy, worlds, setup=setup)

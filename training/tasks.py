@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -14,6 +15,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
+from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
@@ -42,6 +44,16 @@ UNSEEN_SEEDS = range(1_000_000, 1_500_000)
 # the drone, in view unless a pillar hides it.
 CAMERA_HEIGHT_M = 3.12
 CAMERA_SIDEWAYS_M = 2.5
+
+
+#: What every program here says that loads a policy.
+TRUST = "Loading a policy file runs code that is in it (it holds pickled Python objects): load only policies you trust."
+
+
+def load_policy(path: Path) -> PPO:
+    """Say on standard error that a policy file runs code, and load it."""
+    print(f"{path}: {TRUST}", file=sys.stderr, flush=True)
+    return PPO.load(path, device="cpu")
 
 
 def env_keywords(task: str) -> dict[str, Any]:

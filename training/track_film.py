@@ -15,7 +15,6 @@ import numpy.typing as npt
 import torch
 import tyro
 from PIL import Image
-from stable_baselines3 import PPO
 from tqdm import tqdm
 
 import flockstep
@@ -24,7 +23,7 @@ from flight import LASTS_S, POLICY_HZ, Pilot, fly, greedy, make, velocity_contro
 from flockstep.viewer.body import Body
 from flockstep.viewer.drawing import Drawing
 from flockstep.viewer.stage import Stage, with_markers
-from tasks import UNSEEN_SEEDS
+from tasks import UNSEEN_SEEDS, load_policy
 
 Array = npt.NDArray[Any]
 
@@ -41,7 +40,8 @@ class Args:
     """Fly and film."""
 
     policy: Path = Path("policies/track.zip")
-    """A model saved by training/train_flight.py --task track."""
+    """A model saved by training/train_flight.py --task track. Loading it runs code that is in the file: load only
+    policies you trust."""
     out: Path = Path("out/track")
     """Folder for the films and the picture."""
     seed: int = UNSEEN_SEEDS.start
@@ -132,7 +132,7 @@ def main(args: Args) -> None:
     """Fly, film and tell."""
     args.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # of a small network more are slower
-    policy = greedy(PPO.load(args.policy, device="cpu"))
+    policy = greedy(load_policy(args.policy))
     summaries = draw(args, [("learned policy", policy, {}), ("controller alone", controller(), CONTROLLER_ENVS)])
     print(f"""
 {args.flights:,} flights of {LASTS_S["track"]} s along a figure-8, by the policy and by the controller alone:

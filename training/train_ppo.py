@@ -55,7 +55,8 @@ class Args:
     out: Path = Path("out/train/lidar")
     """Where policy.zip, progress.csv, TensorBoard logs and result.json go."""
     resume: Path | None = None
-    """A policy.zip to begin with, its network included. Steps and schedules begin anew."""
+    """A policy.zip to begin with, its network included. Steps and schedules begin anew. Loading it runs code that is in
+    the file: load only policies you trust."""
     total_steps: int = 1_500_000
     """Step budget. Learning rate and entropy bonus fall to zero with it: it is not only a limit."""
     max_minutes: float | None = None

@@ -39,7 +39,8 @@ def record(
         Of the film: ``.mp4`` or ``.gif``.
     policy
         A model of Stable-Baselines3, whose deterministic policy flies, or a function from observations (1, ...) to
-        actions (1, ...). None: random actions.
+        actions (1, ...). None: random actions. To load a model from a file, call its class: ``PPO.load("policy.zip")``.
+        That runs code from the file (it holds pickled objects): load only policies you trust.
     env
         A Gymnasium id, a `Task` (an object, or its class) or a `NativeTask`.
     steps
@@ -160,7 +161,10 @@ def actions_of(policy: Any, envs: DroneVectorEnv, caller: str, seed: int) -> Cal
         _require_spaces_of(policy, envs, caller)
         return lambda observation: policy.predict(observation, deterministic=True)[0]
     if not callable(policy):
-        raise TypeError(f"policy: expected a model with predict, a function or None, got {policy!r}")
+        hint = ""
+        if isinstance(policy, (str, PathLike)):
+            hint = ": load it first, as by PPO.load(path), which runs code from the file; load only policies you trust"
+        raise TypeError(f"policy: expected a model with predict, a function or None, got {policy!r}{hint}")
     function: Callable[[Any], Any] = policy
     return function
 

@@ -113,6 +113,11 @@ def test_a_model_and_a_task_of_ones_own(room, tmp_path):
         ),
         ({"path": "flight.gif", "until_success": True}, ValueError, "until_success: .* an integer >= 1, got True"),
         ({"path": "flight.gif", "policy": 3}, TypeError, "policy: expected a model with predict"),
+        (
+            {"path": "flight.gif", "policy": "policy.zip"},
+            TypeError,
+            "'policy.zip': load it first.* policies you trust",
+        ),
         ({"path": "flight.gif", "env": "CartPole-v1"}, TypeError, "unexpected keyword|expected an id of this package"),
     ],
 )

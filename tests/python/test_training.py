@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import sys
 
 import gymnasium
@@ -9,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import torch
+import tyro
 from gymnasium import spaces
 
 import benchmark
@@ -19,6 +21,7 @@ import plot_blob
 import plot_curve
 import plot_paths
 import tasks
+import track_film
 import train_ppo
 
 # A module with a task that sees, climbs to end well, and sinks to end otherwise.
@@ -258,6 +261,26 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
     plot_paths.main(plot_paths.Args(policy, worlds=("playground/camera-train-1",), out=tmp_path / "paths", width_px=80))
     assert (tmp_path / "paths" / "path-playground-camera-train-1.png").stat().st_size > 1000
     assert (tmp_path / "paths" / "flight.gif").stat().st_size > 1000
+
+
+TRUST = "load only policies you trust"
+
+
+@pytest.mark.parametrize("program", [evaluate, plot_paths, plot_blob, track_film, train_ppo], ids=lambda m: m.__name__)
+def test_the_help_says_that_loading_a_policy_runs_code(program, capsys):
+    with pytest.raises(SystemExit):
+        tyro.cli(program.Args, args=["--help"], description=program.__doc__)
+    printed = " ".join(re.sub(r"[^\w.:-]+", " ", capsys.readouterr().out).split())
+    assert f"runs code that is in the file: {TRUST}" in printed
+
+
+def test_a_program_says_that_loading_a_policy_runs_code(tmp_path, capsys):
+    envs = flockstep.sb3.make_vec("flockstep/LidarNavigation-v0", 1)
+    model = tasks.PPO("MlpPolicy", envs, n_steps=8, batch_size=8, device="cpu")
+    model.save(tmp_path / "policy.zip")
+    assert isinstance(tasks.load_policy(tmp_path / "policy.zip"), tasks.PPO)
+    printed = capsys.readouterr()
+    assert (TRUST in printed.err, printed.out) == (True, "")
 
 
 def test_a_picture_of_the_blob(tmp_path):
