@@ -113,3 +113,10 @@ def test_some_envs_are_drawn(closet):
         with pytest.raises(ValueError, match=r"^indices: expected integers from 0 to 4, got "):
             envs.render(wrong)
     assert flockstep.DroneVectorEnv(5, worlds=closet).render([0]) is None
+
+
+def test_without_pillow_the_height_has_no_label(monkeypatch):
+    monkeypatch.setattr("flockstep.viewer.flight_overlay.find_spec", lambda name: None)
+    drawn = noted(flown(flockstep.HoverConfig()))
+    assert ("grey", "line") in drawn
+    assert "text" not in drawn
