@@ -7,10 +7,12 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "allocation_counter.hpp"
@@ -110,6 +112,68 @@ Flock random_flock(std::uint32_t seed, dynamics::Stage stage) {
 }
 
 bool same(const Flock& a, const Flock& b) { return std::memcmp(&a, &b, sizeof a) == 0; }
+
+// Airframes that differ in every number and in which terms they have.
+std::vector<Airframe> different_airframes() {
+  std::vector<Airframe> frames;
+  for (const std::string& name : DroneModel::names()) frames.push_back(*DroneModel::load(name).airframe());
+  Airframe lifted = frames[0];
+  lifted.rotor_lift = 1e-3;
+  lifted.linear_drag = {0.1, 0.2, 0.3};
+  Airframe instant = frames[1];
+  instant.lag_up_s = instant.lag_down_s = 0.0;
+  instant.rotor_drag = {};
+  instant.rotor_inertia_kgm2 = 0.0;
+  Airframe linear = frames[2];
+  linear.thrust_n = {0.0, linear.max_thrust() / linear.max_speed_radps, 0.0};
+  linear.radius_m = 0.0;
+  linear.quadratic_drag = {0.01, 0.02, 0.03};
+  frames.insert(frames.end(), {lifted, instant, linear});
+  return frames;
+}
+
+TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
+  const std::vector<Airframe> frames = different_airframes();
+  ASSERT_GE(frames.size(), 8U);
+  for (const Control control : kControls) {
+    for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
+      SCOPED_TRACE(::testing::Message() << "control " << static_cast<int>(control) << ", integrator "
+                                        << static_cast<int>(integrator));
+      DynamicsConfig config = config_of(control);
+      config.integrator = integrator;
+      std::vector<Physics> alone;
+      for (const Airframe& frame : frames) alone.emplace_back(frame, config, 0.002, 2);
+      Physics mixed = alone[0];
+      dynamics::LaneNumbers numbers;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        mixed.include(alone[lane % frames.size()]);
+        dynamics::set_lane(alone[lane % frames.size()].numbers, lane, numbers);
+      }
+      const Flock start = random_flock(11, mixed.stage);
+      Flock together = start;
+      dynamics::fly(mixed, numbers, together, 0, 20);
+      for (std::size_t frame = 0; frame < frames.size(); ++frame) {
+        Flock flock = start;
+        dynamics::fly(alone[frame], flock, 0, 20);
+        for (std::size_t lane = frame; lane < kLanes; lane += frames.size()) {
+          const auto differ = [&](const auto& a, const auto& b) {
+            for (std::size_t k = 0; k < a.size(); ++k) {
+              EXPECT_EQ(std::bit_cast<std::uint32_t>(a[k][lane]), std::bit_cast<std::uint32_t>(b[k][lane])) << "lane " << lane;
+            }
+          };
+          differ(flock.travelled, together.travelled);
+          differ(flock.velocity, together.velocity);
+          differ(flock.rotation, together.rotation);
+          differ(flock.turn, together.turn);
+          differ(flock.rotor, together.rotor);
+          differ(flock.rotor_told, together.rotor_told);
+          differ(flock.error_integral, together.error_integral);
+          EXPECT_EQ(flock.is_good[lane], together.is_good[lane]);
+        }
+      }
+    }
+  }
+}
 
 TEST(Flight, HasTheSameBitsOnEveryTarget) {
   const DroneModel model = DroneModel::load("hummingbird");

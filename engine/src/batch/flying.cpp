@@ -201,7 +201,7 @@ class Group {
         rays.org_z[rays.count] = base_[2][lane];
         rays.dir_x[rays.count] = rays.dir_y[rays.count] = 0.0F;
         rays.dir_z[rays.count] = -1.0F;
-        rays.range[rays.count] = kGroundRadii * 4.0F * sim_.physics->ground_quarter;
+        rays.range[rays.count] = kGroundRadii * 4.0F * sim_.physics->numbers.ground_quarter;
       }
       scratch.tracer.trace_block(*sim_.scenes[slot_of(first)]);
       std::copy_n(rays.t_hit, rays.count, flock_.height.data() + first);
@@ -416,8 +416,8 @@ class Group {
   }
 
   float energy(const Velocity& velocity) const {  // J, twice the kinetic energy
-    const auto& inertia = sim_.physics->inertia;
-    return sim_.physics->mass * velocity.linear.squaredNorm() +
+    const auto& inertia = sim_.physics->numbers.inertia;
+    return sim_.physics->numbers.mass * velocity.linear.squaredNorm() +
            velocity.angular.cwiseAbs2().dot(Vec3(inertia[0], inertia[1], inertia[2]));
   }
 

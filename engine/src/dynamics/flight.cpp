@@ -26,6 +26,14 @@ namespace flockstep::dynamics::HWY_NAMESPACE {
 constexpr float kG = static_cast<float>(kGravity);
 constexpr float kTiny = 1e-6F;
 
+using Numbers = LaneNumbers;
+
+// A number of the drones in a vector of lanes.
+struct At {
+  std::size_t lane;  // the first
+  HWY_INLINE F operator()(const Lane& number) const { return load(number, lane); }
+};
+
 // What changes as a drone flies, and its rates of change.
 struct State {
   V3 travelled, velocity;
@@ -39,23 +47,25 @@ struct Forces {
   V3 turning;       // angular acceleration, body frame
 };
 
-HWY_INLINE F rotor_rate(const Physics& p, F speed, F told) {
+HWY_INLINE F rotor_rate(const Numbers& n, At at, F speed, F told) {
   const F difference = told - speed;
-  return difference * select(difference > F(0.0F), F(p.inverse_lag_up), F(p.inverse_lag_down));
+  return difference * select(difference > F(0.0F), at(n.inverse_lag_up), at(n.inverse_lag_down));
 }
 
 // Where the rotors' speeds are after a tick, or half of one, in which they were told the same.
-HWY_INLINE F lagged(F speed, F told, float keep_up, float keep_down) {
+HWY_INLINE F lagged(F speed, F told, F keep_up, F keep_down) {
   const F behind = speed - told;
-  return told + behind * select(behind < F(0.0F), F(keep_up), F(keep_down));
+  return told + behind * select(behind < F(0.0F), keep_up, keep_down);
 }
 
-// Rotors without a lag have the speed they are told at once.
-HWY_INLINE void respond(const Physics& p, const F* told, F* speed) {
-  if (p.inverse_lag_up != 0.0F && p.inverse_lag_down != 0.0F) return;
+// Rotors without a lag have the speed that they are commanded at once.
+HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* told, F* speed) {
+  if (!p.instant_up && !p.instant_down) return;
+  const hn::Mask<D> instant_up = hn::Eq(at(n.inverse_lag_up).v, F(0.0F).v);
+  const hn::Mask<D> instant_down = hn::Eq(at(n.inverse_lag_down).v, F(0.0F).v);
   for (std::size_t i = 0; i < kRotors; ++i) {
-    if (p.inverse_lag_up == 0.0F) speed[i] = max(speed[i], told[i]);
-    if (p.inverse_lag_down == 0.0F) speed[i] = min(speed[i], told[i]);
+    speed[i] = select(instant_up, max(speed[i], told[i]), speed[i]);
+    speed[i] = select(instant_down, min(speed[i], told[i]), speed[i]);
   }
 }
 
@@ -66,7 +76,8 @@ HWY_INLINE void respond(const Physics& p, const F* told, F* speed) {
 // The terms that not every frame has numbers for are switched by Physics, or not there at all where it has none of them: a branch
 // for each rotor, not taken, costs a quarter of the time.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
+FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* told, const V3& wind,
+                                   F height) {
   const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
   const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
   const M3 r = matrix(s.rotation);
@@ -78,14 +89,13 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
   F momentum_rate(0.0F);  // of which
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F speed = s.rotor[i];
-    const auto& at = p.position[i];
-    const F x(at[0]), y(at[1]), z(at[2]);
-    F push = max(F(p.thrust[0]) + (F(p.thrust[1]) + F(p.thrust[2]) * speed) * speed, F(0.0F));
+    const F x = at(n.position[i][0]), y = at(n.position[i][1]), z = at(n.position[i][2]);
+    F push = max(at(n.thrust[0]) + (at(n.thrust[1]) + at(n.thrust[2]) * speed) * speed, F(0.0F));
     if (has_drag || has_lift) {
       const V3 hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
-      if (has_lift) push = push + F(p.lift) * (hub.x * hub.x + hub.y * hub.y);
+      if (has_lift) push = push + at(n.lift) * (hub.x * hub.x + hub.y * hub.y);
       if (has_drag) {
-        const V3 drag{-(speed * (F(p.drag[0]) * hub.x)), -(speed * (F(p.drag[1]) * hub.y)), -(speed * (F(p.drag[2]) * hub.z))};
+        const V3 drag{-(speed * (at(n.drag[0]) * hub.x)), -(speed * (at(n.drag[1]) * hub.y)), -(speed * (at(n.drag[2]) * hub.z))};
         force = force + drag;
         torque.x = torque.x + (y * drag.z - z * drag.y);
         torque.y = torque.y + (z * drag.x - x * drag.z);
@@ -94,57 +104,58 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const State& s, const F* to
     }
     if (has_ground) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), upright drones alone
       const F hub_height = height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
-      const F near = F(p.ground_quarter) / max(hub_height, F(p.least_height));
+      const F near = at(n.ground_quarter) / max(hub_height, at(n.least_height));
       const F gain = F(1.0F) / (F(1.0F) - near * near);
       push = push * select(r.zz > F(0.0F), gain, F(1.0F));
     }
     force.z = force.z + push;
     torque.x = torque.x + y * push;
     torque.y = torque.y - x * push;
-    torque.z = torque.z + F(p.yaw_sign[i] * p.torque_ratio) * push;
+    torque.z = torque.z + at(n.yaw_torque[i]) * push;
     if (has_momentum) {
-      momentum = momentum - F(p.yaw_sign[i]) * speed;
-      momentum_rate = momentum_rate - F(p.yaw_sign[i]) * rotor_rate(p, speed, told[i]);
+      momentum = momentum - at(n.yaw_sign[i]) * speed;
+      momentum_rate = momentum_rate - at(n.yaw_sign[i]) * rotor_rate(n, at, speed, told[i]);
     }
   }
   if (p.body_drag) {
     const F fast = sqrt(dot(air, air));
-    force.x = force.x - (F(p.linear_drag[0]) + F(p.quadratic_drag[0]) * fast) * air.x;
-    force.y = force.y - (F(p.linear_drag[1]) + F(p.quadratic_drag[1]) * fast) * air.y;
-    force.z = force.z - (F(p.linear_drag[2]) + F(p.quadratic_drag[2]) * fast) * air.z;
+    force.x = force.x - (at(n.linear_drag[0]) + at(n.quadratic_drag[0]) * fast) * air.x;
+    force.y = force.y - (at(n.linear_drag[1]) + at(n.quadratic_drag[1]) * fast) * air.y;
+    force.z = force.z - (at(n.linear_drag[2]) + at(n.quadratic_drag[2]) * fast) * air.z;
   }
-  const V3 spin{F(p.inertia[0]) * w.x, F(p.inertia[1]) * w.y, F(p.inertia[2]) * w.z};
+  const V3 spin{at(n.inertia[0]) * w.x, at(n.inertia[1]) * w.y, at(n.inertia[2]) * w.z};
   torque = torque - cross(w, spin);
   if (has_momentum) {
-    const F h = F(p.rotor_inertia) * momentum;
+    const F h = at(n.rotor_inertia) * momentum;
     torque.x = torque.x - w.y * h;
     torque.y = torque.y + w.x * h;
-    torque.z = torque.z - F(p.rotor_inertia) * momentum_rate;
+    torque.z = torque.z - at(n.rotor_inertia) * momentum_rate;
   }
-  V3 acceleration = times(r, force * F(p.inverse_mass));
+  V3 acceleration = times(r, force * at(n.inverse_mass));
   acceleration.z = acceleration.z - F(kG);
   return {acceleration,
-          {F(p.inverse_inertia[0]) * torque.x, F(p.inverse_inertia[1]) * torque.y, F(p.inverse_inertia[2]) * torque.z}};
+          {at(n.inverse_inertia[0]) * torque.x, at(n.inverse_inertia[1]) * torque.y, at(n.inverse_inertia[2]) * torque.z}};
 }
 
 // Second order. The rotors' speeds, and the attitude at a constant angular velocity, are exact.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, State& s, const F* told, const V3& wind, F height) {
+FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* told, const V3& wind, F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
-  const Forces first = forces<kHasRotorTerms>(p, s, told, wind, height);
+  const Forces first = forces<kHasRotorTerms>(p, n, at, s, told, wind, height);
   State middle;
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
   middle.travelled = s.travelled + s.velocity * half;
   middle.rotation = turned(s.rotation, s.turn, F(0.25F * p.dt));
-  for (std::size_t i = 0; i < kRotors; ++i) middle.rotor[i] = lagged(s.rotor[i], told[i], p.keep_half_up, p.keep_half_down);
-  const Forces mean = forces<kHasRotorTerms>(p, middle, told, wind, height);
+  for (std::size_t i = 0; i < kRotors; ++i)
+    middle.rotor[i] = lagged(s.rotor[i], told[i], at(n.keep_half_up), at(n.keep_half_down));
+  const Forces mean = forces<kHasRotorTerms>(p, n, at, middle, told, wind, height);
   s.travelled = s.travelled + middle.velocity * dt;
   s.velocity = s.velocity + mean.acceleration * dt;
   s.rotation = normalised(turned(s.rotation, middle.turn, half));
   s.turn = s.turn + mean.turning * dt;
-  for (std::size_t i = 0; i < kRotors; ++i) s.rotor[i] = lagged(s.rotor[i], told[i], p.keep_up, p.keep_down);
+  for (std::size_t i = 0; i < kRotors; ++i) s.rotor[i] = lagged(s.rotor[i], told[i], at(n.keep_up), at(n.keep_down));
 }
 
 struct Rates {
@@ -155,10 +166,10 @@ struct Rates {
 };
 
 template <bool kHasRotorTerms>
-HWY_INLINE Rates rates(const Physics& p, const State& s, const F* told, const V3& wind, F height) {
-  const Forces f = forces<kHasRotorTerms>(p, s, told, wind, height);
+HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const State& s, const F* told, const V3& wind, F height) {
+  const Forces f = forces<kHasRotorTerms>(p, n, at, s, told, wind, height);
   Rates r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
-  for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(p, s.rotor[i], told[i]);
+  for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(n, at, s.rotor[i], told[i]);
   return r;
 }
 
@@ -180,17 +191,18 @@ HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
 // The classical method of fourth order, the rotors part of the state. The sum grows as it goes: four rates at once are more than
 // there are registers for.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, State& s, const F* told, const V3& wind, F height) {
+FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* told, const V3& wind,
+                                      F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const F two(2.0F);
-  Rates r = rates<kHasRotorTerms>(p, s, told, wind, height);
+  Rates r = rates<kHasRotorTerms>(p, n, at, s, told, wind, height);
   Rates sum = r;
-  r = rates<kHasRotorTerms>(p, moved(s, r, half), told, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), told, wind, height);
   add(sum, r, two);
-  r = rates<kHasRotorTerms>(p, moved(s, r, half), told, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), told, wind, height);
   add(sum, r, two);
-  r = rates<kHasRotorTerms>(p, moved(s, r, dt), told, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, dt), told, wind, height);
   add(sum, r, F(1.0F));
   s = moved(s, sum, F(p.dt / 6.0F));
   s.rotation = normalised(s.rotation);
@@ -208,10 +220,10 @@ HWY_INLINE hn::Mask<D> are_opposite(F cosine, F square_of_sine) {
 }
 
 // No longer than a length.
-HWY_INLINE V3 shortened(const V3& v, float length) {
+HWY_INLINE V3 shortened(const V3& v, F length) {
   const F square = dot(v, v);
-  const F scale = F(length) / sqrt(max(square, F(kTiny)));
-  return v * select(square > F(length * length), scale, F(1.0F));
+  const F scale = length / sqrt(max(square, F(kTiny)));
+  return v * select(square > length * length, scale, F(1.0F));
 }
 
 HWY_INLINE F clamp(F x, float limit) { return max(min(x, F(limit)), F(-limit)); }
@@ -237,105 +249,107 @@ HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 wanted) {
 }
 
 // How fast to yaw so that the heading becomes the one asked for.
-HWY_INLINE F yaw_towards(const Physics& p, const M3& r, F cosine, F sine) {
+HWY_INLINE F yaw_towards(const Numbers& n, At at, const M3& r, F cosine, F sine) {
   const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
   const F x = r.xx * scale, y = r.yx * scale;
   const F across = x * sine - y * cosine;
   const F along = x * cosine + y * sine;
-  return F(p.yaw_gain) * select(are_opposite(along, across * across), F(2.0F), across * turn_gain(along));
+  return at(n.yaw_gain) * select(are_opposite(along, across * across), F(2.0F), across * turn_gain(along));
 }
 
 // A velocity that is asked for, by proportion and integral.
-HWY_INLINE V3 accelerate(const Physics& p, const V3& velocity, const V3& wanted, V3& integral) {
-  const V3 error = shortened(wanted, p.max_speed_mps) - velocity;
-  integral = shortened(integral + error * F(p.control_dt), p.max_integral);
-  return shortened(error * F(p.velocity_gain) + integral * F(p.integral_gain), p.max_acceleration);
+HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& velocity, const V3& wanted, V3& integral) {
+  const V3 error = shortened(wanted, F(p.max_speed_mps)) - velocity;
+  integral = shortened(integral + error * F(p.control_dt), at(n.max_integral));
+  return shortened(error * at(n.velocity_gain) + integral * at(n.integral_gain), F(p.max_acceleration));
 }
 
 // Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
 // thrust moves to where roll and pitch have room, and only then are these made smaller.
-HWY_INLINE void mix(const Physics& p, const State& s, F thrust, V3 wanted, F* told) {
+HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F thrust, V3 wanted, F* told) {
   const V3& turn = s.turn;
   wanted = {clamp(wanted.x, p.max_rate), clamp(wanted.y, p.max_rate), clamp(wanted.z, p.max_yaw_rate)};
-  const V3 spin{F(p.inertia[0]) * turn.x, F(p.inertia[1]) * turn.y, F(p.inertia[2]) * turn.z};
+  const V3 spin{at(n.inertia[0]) * turn.x, at(n.inertia[1]) * turn.y, at(n.inertia[2]) * turn.z};
   const V3 gyro = cross(turn, spin);
-  const F x = F(p.inertia[0] * p.rate_gain) * (wanted.x - turn.x) + gyro.x;
-  const F y = F(p.inertia[1] * p.rate_gain) * (wanted.y - turn.y) + gyro.y;
-  const F z = F(p.inertia[2] * p.yaw_rate_gain) * (wanted.z - turn.z) + gyro.z;
-  const F push = F(p.mass) * thrust;
+  const F x = at(n.rate_torque[0]) * (wanted.x - turn.x) + gyro.x;
+  const F y = at(n.rate_torque[1]) * (wanted.y - turn.y) + gyro.y;
+  const F z = at(n.rate_torque[2]) * (wanted.z - turn.z) + gyro.z;
+  const F push = at(n.mass) * thrust;
   F tilt[kRotors], level[kRotors];
   F low, high;
   for (std::size_t i = 0; i < kRotors; ++i) {
-    level[i] = F(p.mixer[i][0]) * push;
-    tilt[i] = F(p.mixer[i][1]) * x + F(p.mixer[i][2]) * y;
+    level[i] = at(n.mixer[i][0]) * push;
+    tilt[i] = at(n.mixer[i][1]) * x + at(n.mixer[i][2]) * y;
     low = i == 0 ? tilt[i] : min(low, tilt[i]);
     high = i == 0 ? tilt[i] : max(high, tilt[i]);
   }
-  const F room(p.max_thrust - p.min_thrust);
-  const F scale = min(F(1.0F), room / max(high - low, F(kTiny * p.max_thrust)));
+  const F room = at(n.max_thrust) - at(n.min_thrust);
+  const F scale = min(F(1.0F), room / max(high - low, at(n.thrust_tiny)));
   F below(0.0F), above(0.0F);  // how far the rotors would be out of their range
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + scale * tilt[i];
-    below = max(below, F(p.min_thrust) - level[i]);
-    above = max(above, level[i] - F(p.max_thrust));
+    below = max(below, at(n.min_thrust) - level[i]);
+    above = max(above, level[i] - at(n.max_thrust));
   }
   F share(1.0F);  // of the yaw that is asked for
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + (below - above);
-    const F yaw = F(p.mixer[i][3]) * z;
-    const F left = select(yaw > F(0.0F), F(p.max_thrust) - level[i], level[i] - F(p.min_thrust));
-    share = min(share, max(left, F(0.0F)) / max(abs(yaw), F(kTiny * p.max_thrust)));
+    const F yaw = at(n.mixer[i][3]) * z;
+    const F left = select(yaw > F(0.0F), at(n.max_thrust) - level[i], level[i] - at(n.min_thrust));
+    share = min(share, max(left, F(0.0F)) / max(abs(yaw), at(n.thrust_tiny)));
   }
   for (std::size_t i = 0; i < kRotors; ++i) {
-    const F want = max(min(level[i] + share * (F(p.mixer[i][3]) * z), F(p.max_thrust)), F(p.min_thrust));
-    F speed;
-    if (p.thrust[2] > 0.0F) {
-      const float c1 = p.thrust[1];
-      speed = (sqrt(max(F(c1 * c1 - 4.0F * p.thrust[2] * p.thrust[0]) + F(4.0F * p.thrust[2]) * want, F(0.0F))) - F(c1)) *
-              F(0.5F / p.thrust[2]);
-    } else {
-      speed = (want - F(p.thrust[0])) * F(1.0F / p.thrust[1]);
+    const F want = max(min(level[i] + share * (at(n.mixer[i][3]) * z), at(n.max_thrust)), at(n.min_thrust));
+    // The inverse of the thrust: of a parabola, or of a straight line.
+    const F root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, F(0.0F))) - at(n.thrust[1]);
+    F speed = root * at(n.half_over_c2);
+    if (p.linear_thrust) {
+      const F straight = (want - at(n.thrust[0])) * at(n.one_over_c1);
+      speed = select(at(n.thrust[2]) > F(0.0F), speed, straight);
     }
-    if (p.lead != 1.0F) speed = s.rotor[i] + F(p.lead) * (speed - s.rotor[i]);
-    told[i] = max(min(speed, F(p.max_speed)), F(p.min_speed));
+    if (p.leads) {
+      const F led = s.rotor[i] + at(n.lead) * (speed - s.rotor[i]);
+      speed = select(at(n.lead) > F(1.0F), led, speed);
+    }
+    told[i] = max(min(speed, at(n.max_speed)), at(n.min_speed));
   }
 }
 
 // What the outer loops ask for, from the stage at which the setpoint enters them.
-HWY_INLINE Aim aim_of(const Physics& p, const State& s, const M3& r, const F* set, V3& integral) {
-  if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(p, r, set[4], set[5])};
+HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const State& s, const M3& r, const F* set, V3& integral) {
+  if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(n, at, r, set[4], set[5])};
   V3 wanted{set[0], set[1], set[2]};
   if (p.stage == Stage::acceleration) {
-    wanted = shortened(wanted, p.max_acceleration);
+    wanted = shortened(wanted, F(p.max_acceleration));
   } else {
     if (p.stage == Stage::position) {
-      wanted = (wanted - s.travelled) * F(p.position_gain);
+      wanted = (wanted - s.travelled) * at(n.position_gain);
     } else if (p.stage == Stage::heading_velocity) {
       const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
       const F x = r.xx * scale, y = r.yx * scale;
       wanted = {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]};
     }
-    wanted = accelerate(p, s.velocity, wanted, integral);
+    wanted = accelerate(p, n, at, s.velocity, wanted, integral);
   }
   const bool has_rate = p.stage == Stage::velocity || p.stage == Stage::heading_velocity;
   Aim aim = push_along(p, r, wanted);
-  aim.yaw_rate = has_rate ? set[3] : yaw_towards(p, r, set[3], set[4]);
+  aim.yaw_rate = has_rate ? set[3] : yaw_towards(n, at, r, set[3], set[4]);
   return aim;
 }
 
 // Body rates for that: the body's z turns to `up` the shortest way, from upside down about x, and about `up` it yaws.
-HWY_INLINE V3 rates_towards(const Physics& p, const M3& r, const Aim& aim) {
+HWY_INLINE V3 rates_towards(const Physics& p, const Numbers& n, At at, const M3& r, const Aim& aim) {
   const V3 up = transpose_times(r, aim.up);
-  const F gain = F(p.attitude_gain) * turn_gain(up.z);
+  const F gain = at(n.attitude_gain) * turn_gain(up.z);
   const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
   const hn::Mask<D> is_inverted = are_opposite(up.z, up.x * up.x + up.y * up.y);
-  const F roll = select(is_inverted, F(2.0F * p.attitude_gain), -(up.y * gain));
+  const F roll = select(is_inverted, at(n.twice_attitude_gain), -(up.y * gain));
   const F pitch = select(is_inverted, F(0.0F), up.x * gain);
   return {roll + r.zx * yaw, pitch + r.zy * yaw, r.zz * yaw};
 }
 
 // The cascade. A call of its own, so that the loops over ticks are compiled once and not once for every stage.
-HWY_NOINLINE void control(const Physics& p, const State& s, const F* set, V3& integral, F* told) {
+HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State& s, const F* set, V3& integral, F* told) {
   if (p.stage == Stage::rotors) {
     for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
     return;
@@ -344,11 +358,11 @@ HWY_NOINLINE void control(const Physics& p, const State& s, const F* set, V3& in
   V3 turn{set[1], set[2], set[3]};
   if (p.stage != Stage::rates) {
     const M3 r = matrix(s.rotation);
-    const Aim aim = aim_of(p, s, r, set, integral);
+    const Aim aim = aim_of(p, n, at, s, r, set, integral);
     thrust = aim.thrust;
-    turn = rates_towards(p, r, aim);
+    turn = rates_towards(p, n, at, r, aim);
   }
-  mix(p, s, thrust, turn, told);
+  mix(p, n, at, s, thrust, turn, told);
 }
 
 // -------------------------------------------------------------------------------------------------------------- the flight
@@ -368,9 +382,10 @@ HWY_INLINE F goodness(const Physics& p, const State& s) {
 }
 
 template <bool kRk4, bool kHasRotorTerms>
-void fly_all(const Physics& p, Flock& flock, int first_tick, int ticks) {
+void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks) {
   const D d;
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
+    const At at{lane};
     State s{load3(flock.travelled, lane),
             load3(flock.velocity, lane),
             load_rotation(flock.rotation, lane),
@@ -392,15 +407,15 @@ void fly_all(const Physics& p, Flock& flock, int first_tick, int ticks) {
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       if (tick % p.control_ticks == 0) {
         const State seen = s;  // a copy, so that the state itself can stay in registers
-        control(p, seen, set, integral, told);
+        control(p, n, at, seen, set, integral, told);
       }
-      respond(p, told, s.rotor);
+      respond(p, n, at, told, s.rotor);
       velocity_before = s.velocity;
       turn_before = s.turn;
       if constexpr (kRk4) {
-        runge_kutta<kHasRotorTerms>(p, s, told, wind, height);
+        runge_kutta<kHasRotorTerms>(p, n, at, s, told, wind, height);
       } else {
-        midpoint<kHasRotorTerms>(p, s, told, wind, height);
+        midpoint<kHasRotorTerms>(p, n, at, s, told, wind, height);
       }
       reach2 = max(reach2, dot(s.travelled, s.travelled));
     }
@@ -421,12 +436,13 @@ void fly_all(const Physics& p, Flock& flock, int first_tick, int ticks) {
   }
 }
 
-void fly(const Physics& p, Flock& flock, int first_tick, int ticks) {
+void fly(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks) {
   const bool has_rotor_terms = p.rotor_drag || p.rotor_lift || p.gyroscopic || p.ground_effect;
   if (p.is_rk4) {
-    has_rotor_terms ? fly_all<true, true>(p, flock, first_tick, ticks) : fly_all<true, false>(p, flock, first_tick, ticks);
+    has_rotor_terms ? fly_all<true, true>(p, n, flock, first_tick, ticks) : fly_all<true, false>(p, n, flock, first_tick, ticks);
   } else {
-    has_rotor_terms ? fly_all<false, true>(p, flock, first_tick, ticks) : fly_all<false, false>(p, flock, first_tick, ticks);
+    has_rotor_terms ? fly_all<false, true>(p, n, flock, first_tick, ticks)
+                    : fly_all<false, false>(p, n, flock, first_tick, ticks);
   }
 }
 
@@ -438,8 +454,12 @@ namespace flockstep::dynamics {
 
 HWY_EXPORT(fly);
 
+void fly(const Physics& physics, const LaneNumbers& numbers, Flock& flock, int first_tick, int ticks) {
+  HWY_DYNAMIC_DISPATCH(fly)(physics, numbers, flock, first_tick, ticks);
+}
+
 void fly(const Physics& physics, Flock& flock, int first_tick, int ticks) {
-  HWY_DYNAMIC_DISPATCH(fly)(physics, flock, first_tick, ticks);
+  fly(physics, physics.lanes, flock, first_tick, ticks);
 }
 
 }  // namespace flockstep::dynamics

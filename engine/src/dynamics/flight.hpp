@@ -73,50 +73,74 @@ bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s);
 // linearised equations. Explicit integration diverges for ticks longer than about 2 over this.
 double stiffness(const Airframe& frame, const DynamicsConfig& config);
 
-// All numbers that the equations need, in the form in which they need them.
+// The numbers of an airframe and of its controller, in the form in which the equations need them. T is float for one airframe,
+// and Lane for the drones of a flock. Every member is a T or an array of T.
+template <class T>
+struct AirframeNumbers {
+  // the body
+  T mass{}, inverse_mass{};
+  std::array<T, 3> inertia{}, inverse_inertia{};
+  std::array<T, 3> linear_drag{}, quadratic_drag{};
+  // the rotors
+  std::array<std::array<T, 3>, kRotors> position{};
+  std::array<T, kRotors> yaw_sign{};    // of the torque about z: -1 for a rotor that turns counter-clockwise
+  std::array<T, kRotors> yaw_torque{};  // m: signed torque about z over thrust
+  std::array<T, 3> thrust{};            // c0, c1, c2
+  T min_speed{}, max_speed{};
+  T min_thrust{}, max_thrust{};
+  T thrust_tiny{};  // N: a millionth of the largest thrust
+  // speed = (sqrt(discriminant + 4 c2 thrust) - c1) / (2 c2), or (thrust - c0) / c1 if c2 is 0
+  T discriminant{}, four_c2{}, half_over_c2{}, one_over_c1{};
+  T keep_half_up{}, keep_up{};  // share of a difference of speed that is left after half a tick and a tick
+  T keep_half_down{}, keep_down{};
+  T inverse_lag_up{}, inverse_lag_down{};  // 1/s; 0 without a lag
+  T rotor_inertia{};
+  std::array<T, 3> drag{};
+  T lift{};
+  T ground_quarter{};  // m: a quarter of the radius
+  T least_height{};    // m: nearer to the ground the effect does not grow
+  // the controller
+  std::array<std::array<T, 4>, kRotors> mixer{};  // thrust of each rotor by thrust, and torque about x, y, z
+  T lead{};
+  std::array<T, 3> rate_torque{};  // N m / (rad/s): rate gain times inertia, about x, y, z
+  T attitude_gain{}, twice_attitude_gain{}, yaw_gain{};
+  T velocity_gain{}, integral_gain{}, position_gain{};
+  T max_integral{};
+};
+
+// The numbers of the drones of a flock.
+struct alignas(64) LaneNumbers : AirframeNumbers<Lane> {};
+void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbers& lanes);
+
+// How a batch flies, the same for all of its drones; the numbers of its airframe.
 struct Physics {
   Physics() = default;
   // dt_s: of a tick; control_ticks: ticks from one call of the controller to the next.
   Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int control_ticks);
+  // Turns on what the other needs too, so that drones of both airframes can fly in one flock.
+  void include(const Physics& other);
 
   Stage stage = Stage::rotors;
   bool is_rk4 = false;
   bool rotor_drag = false, rotor_lift = false, body_drag = false, gyroscopic = false, ground_effect = false;
+  bool instant_up = false, instant_down = false;  // rotors without a lag
+  bool linear_thrust = false;                     // thrust that grows in proportion to the speed
+  bool leads = false;                             // rotors are commanded beyond the speed that is wanted
   int control_ticks = 1;
   float dt = 0.0F;
   float max_turn = 0.0F;  // rad/s: half a turn in a tick; faster ones would look like slow ones
-  // the body
-  float inverse_mass = 0.0F;
-  std::array<float, 3> inertia{}, inverse_inertia{};
-  std::array<float, 3> linear_drag{}, quadratic_drag{};
-  // the rotors
-  std::array<std::array<float, 3>, kRotors> position{};
-  std::array<float, kRotors> yaw_sign{};  // of the torque about z: -1 for one that turns counter-clockwise
-  std::array<float, 3> thrust{};          // c0, c1, c2
-  float torque_ratio = 0.0F;
-  float min_speed = 0.0F, max_speed = 0.0F;
-  float min_thrust = 0.0F, max_thrust = 0.0F;
-  float keep_half_up = 0.0F, keep_up = 0.0F;  // what is left of a difference of speed after half a tick and a tick
-  float keep_half_down = 0.0F, keep_down = 0.0F;
-  float inverse_lag_up = 0.0F, inverse_lag_down = 0.0F;  // 1/s; 0 without a lag
-  float rotor_inertia = 0.0F;
-  std::array<float, 3> drag{};
-  float lift = 0.0F;
-  float ground_quarter = 0.0F;  // m: a quarter of the radius
-  float least_height = 0.0F;    // m: nearer to the ground the effect does not grow
-  // the controller
-  std::array<std::array<float, 4>, kRotors> mixer{};  // thrust of each rotor by thrust, and torque about x, y, z
-  float mass = 0.0F;
-  float lead = 1.0F;
-  float rate_gain = 0.0F, yaw_rate_gain = 0.0F, attitude_gain = 0.0F, yaw_gain = 0.0F;
-  float velocity_gain = 0.0F, integral_gain = 0.0F, position_gain = 0.0F;
   float control_dt = 0.0F;
   float max_rate = 0.0F, max_yaw_rate = 0.0F;
-  float max_speed_mps = 0.0F, max_acceleration = 0.0F, max_tilt_tan = 0.0F, max_integral = 0.0F;
+  float max_speed_mps = 0.0F, max_acceleration = 0.0F, max_tilt_tan = 0.0F;
+  AirframeNumbers<float> numbers;
+  LaneNumbers lanes;  // the same numbers in every lane
 };
 
 // Flies all lanes for some ticks, the first of which is the first_tick-th of its step, without a look at obstacles. What comes
 // out of a lane depends on what goes into that lane alone; every operation rounds correctly, so that all SIMD targets agree.
-void fly(const Physics& physics, Flock& flock, int first_tick, int ticks);
+// Drones of different airframes have numbers of their own in each lane; what Physics turns on is computed for all lanes, and a
+// number of 0 turns it off for one.
+void fly(const Physics& physics, const LaneNumbers& numbers, Flock& flock, int first_tick, int ticks);
+void fly(const Physics& physics, Flock& flock, int first_tick, int ticks);  // the same airframe in every lane
 
 }  // namespace flockstep::dynamics

@@ -1,5 +1,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -100,63 +101,94 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
       control_ticks(ticks),
       dt(narrow(dt_s)) {
   max_turn = std::min(narrow(std::numbers::pi / dt_s), kMaxSpeed);
-  inverse_mass = narrow(1.0 / frame.mass_kg);
-  mass = narrow(frame.mass_kg);
-  inertia = narrow(frame.inertia_kgm2);
-  for (std::size_t i = 0; i < 3; ++i) inverse_inertia[i] = narrow(1.0 / frame.inertia_kgm2[i]);
-  linear_drag = narrow(frame.linear_drag);
-  quadratic_drag = narrow(frame.quadratic_drag);
+  AirframeNumbers<float>& n = numbers;
+  n.inverse_mass = narrow(1.0 / frame.mass_kg);
+  n.mass = narrow(frame.mass_kg);
+  n.inertia = narrow(frame.inertia_kgm2);
+  for (std::size_t i = 0; i < 3; ++i) n.inverse_inertia[i] = narrow(1.0 / frame.inertia_kgm2[i]);
+  n.linear_drag = narrow(frame.linear_drag);
+  n.quadratic_drag = narrow(frame.quadratic_drag);
 
+  const auto torque_ratio = narrow(frame.torque_ratio_m);
   Eigen::Matrix4d allocation;  // thrust, and torque about x, y, z, by the thrust of each rotor
   for (std::size_t i = 0; i < kRotors; ++i) {
-    position[i] = narrow(frame.position_m[i]);
-    yaw_sign[i] = frame.spin[i] == Spin::ccw ? -1.0F : 1.0F;
+    n.position[i] = narrow(frame.position_m[i]);
+    n.yaw_sign[i] = frame.spin[i] == Spin::ccw ? -1.0F : 1.0F;
+    n.yaw_torque[i] = n.yaw_sign[i] * torque_ratio;
     allocation.col(static_cast<Eigen::Index>(i)) << 1.0, frame.position_m[i][1], -frame.position_m[i][0],
-        static_cast<double>(yaw_sign[i]) * frame.torque_ratio_m;
+        static_cast<double>(n.yaw_sign[i]) * frame.torque_ratio_m;
   }
   const Eigen::Matrix4d inverse = allocation.inverse();
   for (std::size_t i = 0; i < kRotors; ++i) {
     for (std::size_t k = 0; k < 4; ++k) {
-      mixer[i][k] = narrow(inverse(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)));
+      n.mixer[i][k] = narrow(inverse(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)));
     }
   }
-  thrust = narrow(frame.thrust_n);
-  torque_ratio = narrow(frame.torque_ratio_m);
-  min_speed = narrow(frame.min_speed_radps);
-  max_speed = narrow(frame.max_speed_radps);
-  min_thrust = narrow(frame.thrust_at(frame.min_speed_radps));
-  max_thrust = narrow(frame.max_thrust());
+  n.thrust = narrow(frame.thrust_n);
+  const auto [c0, c1, c2] = n.thrust;
+  linear_thrust = !(c2 > 0.0F);
+  n.discriminant = c1 * c1 - 4.0F * c2 * c0;
+  n.four_c2 = 4.0F * c2;
+  n.half_over_c2 = linear_thrust ? 0.0F : 0.5F / c2;
+  n.one_over_c1 = linear_thrust ? 1.0F / c1 : 0.0F;
+  n.min_speed = narrow(frame.min_speed_radps);
+  n.max_speed = narrow(frame.max_speed_radps);
+  n.min_thrust = narrow(frame.thrust_at(frame.min_speed_radps));
+  n.max_thrust = narrow(frame.max_thrust());
+  n.thrust_tiny = 1e-6F * n.max_thrust;
   const double up = config.rotor_lag ? frame.lag_up_s : 0.0;
   const double down = config.rotor_lag ? frame.lag_down_s : 0.0;
   const auto keep = [](double time, double lag) { return lag > 0.0 ? narrow(std::exp(-time / lag)) : 0.0F; };
-  keep_half_up = keep(dt_s / 2.0, up);
-  keep_up = keep(dt_s, up);
-  keep_half_down = keep(dt_s / 2.0, down);
-  keep_down = keep(dt_s, down);
-  inverse_lag_up = up > 0.0 ? narrow(1.0 / up) : 0.0F;
-  inverse_lag_down = down > 0.0 ? narrow(1.0 / down) : 0.0F;
-  rotor_inertia = narrow(frame.rotor_inertia_kgm2);
-  drag = narrow(frame.rotor_drag);
-  lift = narrow(frame.rotor_lift);
-  ground_quarter = narrow(frame.radius_m / 4.0);
-  least_height = narrow(frame.radius_m / 2.0);
+  n.keep_half_up = keep(dt_s / 2.0, up);
+  n.keep_up = keep(dt_s, up);
+  n.keep_half_down = keep(dt_s / 2.0, down);
+  n.keep_down = keep(dt_s, down);
+  n.inverse_lag_up = up > 0.0 ? narrow(1.0 / up) : 0.0F;
+  n.inverse_lag_down = down > 0.0 ? narrow(1.0 / down) : 0.0F;
+  instant_up = n.inverse_lag_up == 0.0F;
+  instant_down = n.inverse_lag_down == 0.0F;
+  n.rotor_inertia = narrow(frame.rotor_inertia_kgm2);
+  n.drag = narrow(frame.rotor_drag);
+  n.lift = narrow(frame.rotor_lift);
+  n.ground_quarter = narrow(frame.radius_m / 4.0);
+  n.least_height = std::max(narrow(frame.radius_m / 2.0), 1e-6F);
 
   control_dt = narrow(dt_s * ticks);
   const Gains gains = Gains::of(frame, config, dt_s * ticks);
-  lead = narrow(gains.lead);
-  rate_gain = narrow(gains.rate);
-  yaw_rate_gain = narrow(gains.yaw_rate);
-  attitude_gain = narrow(gains.attitude);
-  yaw_gain = narrow(gains.yaw);
-  velocity_gain = narrow(gains.velocity);
-  integral_gain = narrow(gains.integral);
-  position_gain = narrow(gains.position);
+  n.lead = narrow(gains.lead);
+  leads = n.lead != 1.0F;
+  const float rate = narrow(gains.rate), yaw_rate = narrow(gains.yaw_rate);
+  n.rate_torque = {n.inertia[0] * rate, n.inertia[1] * rate, n.inertia[2] * yaw_rate};
+  n.attitude_gain = narrow(gains.attitude);
+  n.twice_attitude_gain = 2.0F * n.attitude_gain;
+  n.yaw_gain = narrow(gains.yaw);
+  n.velocity_gain = narrow(gains.velocity);
+  n.integral_gain = narrow(gains.integral);
+  n.position_gain = narrow(gains.position);
+  n.max_integral = narrow(0.5 * static_cast<double>(config.max_acceleration_mps2) / gains.integral);  // half of the acceleration
   max_rate = narrow(radians(config.max_rate_dps));
   max_yaw_rate = narrow(radians(config.max_yaw_rate_dps));
   max_speed_mps = config.max_speed_mps;
   max_acceleration = config.max_acceleration_mps2;
   max_tilt_tan = narrow(std::tan(radians(config.max_tilt_deg)));
-  max_integral = narrow(0.5 * static_cast<double>(config.max_acceleration_mps2) / gains.integral);  // half of the acceleration
+  for (std::size_t lane = 0; lane < kLanes; ++lane) set_lane(n, lane, lanes);
+}
+
+void Physics::include(const Physics& other) {
+  for (bool Physics::* const term :
+       {&Physics::rotor_drag, &Physics::rotor_lift, &Physics::body_drag, &Physics::gyroscopic, &Physics::ground_effect,
+        &Physics::instant_up, &Physics::instant_down, &Physics::linear_thrust, &Physics::leads}) {
+    this->*term |= other.*term;
+  }
+}
+
+void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbers& lanes) {
+  constexpr std::size_t kCount = sizeof(numbers) / sizeof(float);
+  static_assert(sizeof(lanes) == kCount * sizeof(Lane), "one lane for each number, and nothing between");
+  const auto from = std::bit_cast<std::array<float, kCount>>(numbers);
+  auto to = std::bit_cast<std::array<Lane, kCount>>(lanes);
+  for (std::size_t i = 0; i < kCount; ++i) to[i][lane] = from[i];
+  lanes = std::bit_cast<LaneNumbers>(to);
 }
 
 }  // namespace flockstep::dynamics
