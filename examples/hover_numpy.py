@@ -11,7 +11,8 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import Array, BoolArray, rotate, yaw_of
+from flockstep.rotations import rotate, yaw_of
+from flockstep.task import Array, BoolArray
 
 GRAVITY = 9.81  # m/s^2
 SPIN_UNIT = 10.0  # rad/s: what angular velocities are observed and scored in

@@ -13,7 +13,8 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import Array, BoolArray, Target, rotate
+from flockstep.rotations import rotate
+from flockstep.task import Array, BoolArray, Target
 
 DIRECTIONS = {
     "discrete": np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float32),

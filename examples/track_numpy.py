@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import Array, BoolArray, rotate, yaw_of
+from flockstep.rotations import rotate, yaw_of
+from flockstep.task import Array, BoolArray
 from hover_numpy import FlightTask, fly_both
 
 # Random paths are the sum of three waves along each axis.

@@ -23,7 +23,7 @@ from tqdm import tqdm
 import train_flight
 from film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
 from flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.body import Body
 from flockstep.viewer.drawing import Drawing
 from flockstep.viewer.stage import Stage, with_markers

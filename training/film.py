@@ -13,7 +13,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from flight import LASTS_S, POLICY_HZ, Name, Pilot, make
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from plot_paths import write_gif
 
 Array = npt.NDArray[Any]

@@ -12,7 +12,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 
 Array = npt.NDArray[Any]
 Name = Literal["hover", "track"]

@@ -14,7 +14,7 @@ import importlib
 from pathlib import Path
 from types import ModuleType
 
-from flockstep import registration, scenes
+from flockstep import registration, rotations, scenes
 from flockstep._core import (
     Batch,
     Camera,
@@ -85,6 +85,7 @@ __all__ = [
     "record",
     "register_task",
     "render",
+    "rotations",
     "sb3",
     "scenes",
     "testing",

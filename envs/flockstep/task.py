@@ -30,48 +30,15 @@ from flockstep._core import (
     TaskSpec,
     World,
 )
+from flockstep.rotations import Array, rotate
 
 if TYPE_CHECKING:
     from flockstep.scenes import WorldsLike
     from flockstep.viewer.drawing import Drawing
     from flockstep.world_pool import WorldPool
 
-Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Target: TypeAlias = Array | tuple[Array, Array]
-
-
-def rotate(quat_wxyz: Array, vector: Array, *, inverse: bool = False) -> Array:
-    """Rotate vectors from the body frame to the world frame.
-
-    Parameters
-    ----------
-    quat_wxyz
-        Unit quaternions, body to world, shape (..., 4).
-    vector
-        Shape (..., 3), broadcast against ``quat_wxyz``.
-    inverse
-        Rotate from the world frame to the body frame.
-    """
-    w, axis = quat_wxyz[..., :1], quat_wxyz[..., 1:]
-    if inverse:
-        axis = -axis
-    twice = 2.0 * np.cross(axis, vector)
-    rotated: Array = vector + w * twice + np.cross(axis, twice)
-    return rotated.astype(np.result_type(quat_wxyz, vector), copy=False)
-
-
-def yaw_of(quat_wxyz: Array) -> Array:
-    """Return the heading of the body's x axis, (...) rad in [-pi, pi]: 0 along the world's x, pi / 2 along its y.
-
-    Parameters
-    ----------
-    quat_wxyz
-        Unit quaternions, body to world, shape (..., 4).
-    """
-    w, x, y, z = np.moveaxis(np.asarray(quat_wxyz, float), -1, 0)
-    yaw: Array = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-    return yaw
 
 
 _SUCCESS, _INFO, _STATE = "success", "info.", "state."

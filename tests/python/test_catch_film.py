@@ -6,7 +6,7 @@ import torch
 
 import catch_film
 import train_flight
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from tasks import UNSEEN_SEEDS
 
 

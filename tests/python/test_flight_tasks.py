@@ -11,7 +11,7 @@ from rigid_body import OPEN
 from scipy.spatial.transform import Rotation
 
 import flockstep
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.testing import check_vector_env
 
 ROOM = flockstep.World.from_dict(

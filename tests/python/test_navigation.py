@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 
 OVERSHOOT = flockstep.NavigationReward(overshoot_weight=1.0, carry_over_distance=True)
 WEIGHTED = flockstep.NavigationReward(

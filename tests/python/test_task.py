@@ -12,7 +12,7 @@ import pytest
 from gymnasium import spaces
 
 import flockstep
-from flockstep.task import rotate, yaw_of
+from flockstep.rotations import rotate, yaw_of
 from flockstep.testing import CHECKS, check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]

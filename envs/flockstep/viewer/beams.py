@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 
 Points = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from flockstep._core import DroneModel
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats
 
 _Rgb: TypeAlias = tuple[float, float, float]  # linear, as materials are

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import CameraConfig
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 Floats: TypeAlias = npt.NDArray[np.floating[Any]]

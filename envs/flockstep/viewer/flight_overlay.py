@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from flockstep._core import Batch
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.drawing import Drawing
 from flockstep.viewer.picture import FARTHEST_M
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import World
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.depth_canvas import Color, Floats, Image
 
 _NOTHING: Color = (225, 225, 228)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import CameraConfig, World
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.viewer.picture import FARTHEST_M, facing, render
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import MARKERS, rotate
+from flockstep.rotations import rotate
+from flockstep.task import MARKERS
 from flockstep.viewer.beams import beams_of
 from flockstep.viewer.body import Body
 from flockstep.viewer.depth_canvas import Color, DepthCanvas, Floats, Image

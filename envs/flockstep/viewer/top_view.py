@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, World
-from flockstep.task import MARKERS, rotate
+from flockstep.rotations import rotate
+from flockstep.task import MARKERS
 from flockstep.viewer.beams import beams_of
 from flockstep.viewer.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.viewer.drawing import Drawing, Overlay, line_px

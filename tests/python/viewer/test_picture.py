@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.picture import facing
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.task import rotate
+from flockstep.rotations import rotate
 from flockstep.viewer.stage import Stage
 from flockstep.viewer.third_person_view import ThirdPersonView, frustum
 from flockstep.viewer.trail import Trail
