@@ -59,4 +59,4 @@ class FlyToGoal final : public Task {
   std::vector<float> last_distance_;  // (E,) m
 };
 
-extern "C" Task* flockstep_make_task() { return new FlyToGoal; }
+FLOCKSTEP_EXPORT_TASK(FlyToGoal)

@@ -67,4 +67,4 @@ class ReachHeight final : public flockstep::Task {
   std::vector<float> target_, last_;  // (E,) m, heights: to be reached, and after the step before
 };
 
-extern "C" __attribute__((visibility("default"))) flockstep::Task* flockstep_make_task() { return new ReachHeight; }
+FLOCKSTEP_EXPORT_TASK(ReachHeight)

@@ -22,6 +22,7 @@
 #include "flockstep/lidar.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/state.hpp"
+#include "flockstep/version.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -173,5 +174,24 @@ class Task {
   // instead of block by block.
   virtual bool takes_all_envs_at_once() const { return false; }
 };
+
+// What a library with a task and the engine that loads it must agree on: the version of these headers, and how Eigen's types are
+// laid out, which options such as -march=native change.
+#define FLOCKSTEP_TEXT_OF(value) #value
+#define FLOCKSTEP_TEXT(value) FLOCKSTEP_TEXT_OF(value)
+#define FLOCKSTEP_TASK_VERSION \
+  "flockstep " FLOCKSTEP_VERSION ", Eigen aligned to " FLOCKSTEP_TEXT(EIGEN_MAX_STATIC_ALIGN_BYTES) " bytes"
+
+#if defined(_WIN32)
+#define FLOCKSTEP_EXPORT extern "C" __declspec(dllexport)
+#else
+#define FLOCKSTEP_EXPORT extern "C" __attribute__((visibility("default")))
+#endif
+
+// Ends the file of a task that is a shared library, outside of any namespace: exports a function that makes the task by its
+// constructor without arguments, and what it was built for.
+#define FLOCKSTEP_EXPORT_TASK(Class)                                             \
+  FLOCKSTEP_EXPORT const char flockstep_task_version[] = FLOCKSTEP_TASK_VERSION; \
+  FLOCKSTEP_EXPORT flockstep::Task* flockstep_make_task() { return new Class; }
 
 }  // namespace flockstep

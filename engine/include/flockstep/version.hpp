@@ -1,6 +1,4 @@
-// The version of the engine; set once, in pyproject.toml.
+// The version of flockstep; set once, here. CMakeLists.txt and pyproject.toml read it.
 #pragma once
 
-#ifndef FLOCKSTEP_VERSION
-#define FLOCKSTEP_VERSION "0.0.0"
-#endif
+#define FLOCKSTEP_VERSION "0.1.0"

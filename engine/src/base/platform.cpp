@@ -2,10 +2,17 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <vector>
+
+#include "base/require.hpp"
 
 #if defined(_WIN32)
 #include <process.h>
@@ -16,11 +23,11 @@
 #include <unistd.h>
 #endif
 #if defined(__linux__)
+#include <elf.h>
 #include <malloc.h>
 #include <sched.h>
 #include <sys/resource.h>
 
-#include <fstream>
 #include <set>
 #endif
 
@@ -88,13 +95,118 @@ std::string gl_load_error() {
   return "OpenGL without a screen is not installed (on Debian and Ubuntu: apt install libegl1 libgl1): " + why;
 }
 
+namespace {
+
+[[noreturn]] void refuse_library(const std::string& library, const std::string& why) {
+  refuse("path", "a shared library", '\'' + library + "' (" + why + ')');
+}
+
+// A name without a folder would be looked up where the system has its libraries.
+std::string absolute(const std::string& library) { return std::filesystem::absolute(library).string(); }
+
+void require_regular_file(const std::string& library) {
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(library, error);
+  if (!std::filesystem::exists(status)) refuse_library(library, "there is no such file");
+  if (!std::filesystem::is_regular_file(status)) refuse_library(library, "it is no regular file");
+}
+
+#if defined(__linux__)
+// An ELF file of which parts are read.
+class ElfFile {
+ public:
+  explicit ElfFile(const std::string& library) : library_(library), file_(library, std::ios::binary | std::ios::ate) {
+    if (!file_) refuse_library(library_, "it cannot be read");
+    size_ = static_cast<std::uint64_t>(file_.tellg());
+  }
+
+  std::uint64_t size() const { return size_; }
+
+  // Refuses what is not whole within the file.
+  template <class T>
+  std::vector<T> read(std::uint64_t offset, std::uint64_t count) {
+    if (count > size_) refuse_library(library_, "it is cut short");
+    require_whole(offset, count * sizeof(T));
+    std::vector<T> values(count);
+    file_.seekg(static_cast<std::streamoff>(offset));
+    file_.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(count * sizeof(T)));
+    if (!file_) refuse_library(library_, "it cannot be read");
+    return values;
+  }
+  void require_whole(std::uint64_t offset, std::uint64_t bytes) const {
+    if (offset > size_ || bytes > size_ - offset) refuse_library(library_, "it is cut short");
+  }
+
+ private:
+  std::string library_;
+  std::ifstream file_;
+  std::uint64_t size_ = 0;
+};
+
+// The text at an address of a library that is loaded.
+std::optional<std::string> text_at(ElfFile& file, const std::vector<Elf64_Phdr>& segments, const Elf64_Sym& symbol) {
+  for (const Elf64_Phdr& segment : segments) {
+    if (segment.p_type != PT_LOAD || symbol.st_value < segment.p_vaddr) continue;
+    const std::uint64_t within = symbol.st_value - segment.p_vaddr;
+    if (within > segment.p_filesz || symbol.st_size > segment.p_filesz - within) continue;
+    const std::vector<char> text = file.read<char>(segment.p_offset + within, symbol.st_size);
+    return std::string(text.begin(), std::ranges::find(text, '\0'));
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+std::optional<std::string> exported_text(const std::string& library, const char* name) {
+  require_regular_file(library);
+  ElfFile file(library);
+  constexpr unsigned char kOwnKind[] = {ELFMAG0, ELFMAG1, ELFMAG2, ELFMAG3, ELFCLASS64, ELFDATA2LSB};
+  if (file.size() < sizeof(Elf64_Ehdr)) refuse_library(library, "it is no ELF file");
+  const Elf64_Ehdr header = file.read<Elf64_Ehdr>(0, 1)[0];
+  if (!std::equal(std::begin(kOwnKind), std::end(kOwnKind), header.e_ident)) refuse_library(library, "it is no 64-bit ELF file");
+  if (header.e_type != ET_DYN || header.e_phentsize != sizeof(Elf64_Phdr)) refuse_library(library, "it is no shared library");
+  const auto segments = file.read<Elf64_Phdr>(header.e_phoff, header.e_phnum);
+  for (const Elf64_Phdr& segment : segments) file.require_whole(segment.p_offset, segment.p_filesz);
+  if (header.e_shnum == 0 || header.e_shentsize != sizeof(Elf64_Shdr)) return std::nullopt;
+  const auto sections = file.read<Elf64_Shdr>(header.e_shoff, header.e_shnum);
+  for (const Elf64_Shdr& section : sections) {
+    if (section.sh_type != SHT_DYNSYM || section.sh_link >= sections.size()) continue;
+    const auto symbols = file.read<Elf64_Sym>(section.sh_offset, section.sh_size / sizeof(Elf64_Sym));
+    const Elf64_Shdr& strings = sections[section.sh_link];
+    std::vector<char> names = file.read<char>(strings.sh_offset, strings.sh_size);
+    names.push_back('\0');
+    for (const Elf64_Sym& symbol : symbols) {
+      if (symbol.st_shndx == SHN_UNDEF || symbol.st_name >= names.size()) continue;
+      if (std::strcmp(names.data() + symbol.st_name, name) == 0) return text_at(file, segments, symbol);
+    }
+  }
+  return std::nullopt;
+}
+#else
+}  // namespace
+
+std::optional<std::string> exported_text(const std::string& library, const char* name) {
+  require_regular_file(library);
+#if defined(_WIN32)
+  const HMODULE module = LoadLibraryA(absolute(library).c_str());
+  if (module == nullptr) refuse_library(library, "it cannot be loaded");
+  const auto* const text = reinterpret_cast<const char*>(GetProcAddress(module, name));
+#else
+  void* const module = dlopen(absolute(library).c_str(), RTLD_LAZY | RTLD_LOCAL);
+  if (module == nullptr) refuse_library(library, dlerror());
+  const auto* const text = static_cast<const char*>(dlsym(module, name));
+#endif
+  return text != nullptr ? std::optional<std::string>(text) : std::nullopt;
+}
+#endif
+
 void* load_function(const std::string& library, const char* name) {
 #if defined(_WIN32)
-  const HMODULE module = LoadLibraryA(library.c_str());
+  const HMODULE module = LoadLibraryA(absolute(library).c_str());
   void* const function = module != nullptr ? reinterpret_cast<void*>(GetProcAddress(module, name)) : nullptr;
   const std::string why = "it cannot be loaded";
 #else
-  void* const module = dlopen(library.c_str(), RTLD_NOW | RTLD_LOCAL);
+  void* const module = dlopen(absolute(library).c_str(), RTLD_NOW | RTLD_LOCAL);
   void* const function = module != nullptr ? dlsym(module, name) : nullptr;
   const char* const error = function == nullptr ? dlerror() : nullptr;
   const std::string why = error != nullptr ? error : "it is not there";

@@ -1,6 +1,7 @@
 // What differs between operating systems.
 #pragma once
 
+#include <optional>
 #include <string>
 
 namespace flockstep {
@@ -28,6 +29,11 @@ void give_back_freed_memory();
 
 // Loads EGL and OpenGL for as long as the process lives. Returns why they cannot be, or nothing.
 std::string gl_load_error();
+
+// The text that a shared library exports under this name, a `const char name[]`; nothing if it exports none. Where libraries are
+// ELF files it is read from the file, and nothing of the library runs. Throws std::invalid_argument if the file is not a whole
+// shared library: a system may end the process that loads part of one.
+std::optional<std::string> exported_text(const std::string& library, const char* name);
 
 // A function of a shared library, which stays loaded for as long as the process lives. Throws std::invalid_argument where there
 // is no such library or function.
