@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <string>
 #include <type_traits>
@@ -141,6 +142,29 @@ std::string config_name(const std::string& otherwise) {
   }
 }
 
+// Whether it is a bool, which Python takes for a number; NumPy's, too.
+inline bool is_bool(const py::handle& value) { return py::detail::make_caster<bool>().load(value, false); }
+
+template <class T>
+struct IsSequence : std::false_type {};
+template <class T>
+struct IsSequence<std::vector<T>> : std::true_type {};
+template <class T, std::size_t kSize>
+struct IsSequence<std::array<T, kSize>> : std::true_type {};
+
+// The integers that T has room for, as a message says it; empty for other types.
+template <class T>
+struct IntegerRange {
+  static std::string of() {
+    if constexpr (std::is_integral_v<T> && !std::is_same_v<T, bool>) {
+      return std::to_string(std::numeric_limits<T>::min()) + " to " + std::to_string(std::numeric_limits<T>::max());
+    }
+    return "";
+  }
+};
+template <class T>
+struct IntegerRange<std::optional<T>> : IntegerRange<T> {};
+
 // Throws TypeError or ValueError naming the field.
 template <class T>
 T from_python(const py::handle& value, const std::string& field) {
@@ -155,9 +179,18 @@ T from_python(const py::handle& value, const std::string& field) {
         if (!flag.load(value, false)) throw py::cast_error();
         return flag;
       } else {
-        return value.cast<T>();
+        T converted = value.cast<T>();
+        bool has_bool = is_bool(value);
+        if constexpr (IsSequence<T>::value) {
+          for (const py::handle item : value) has_bool |= is_bool(item);
+        }
+        if (has_bool) throw py::cast_error();
+        return converted;
       }
     } catch (const py::cast_error&) {
+      if (const std::string range = IntegerRange<T>::of(); !range.empty() && PyLong_Check(value.ptr()) && !is_bool(value)) {
+        throw py::value_error(field + ": expected an integer from " + range + ", got " + std::string(py::repr(value)));
+      }
       const std::string expected = config_name<T>(PythonName<T>::of());
       throw py::type_error(field + ": expected " + expected + ", got " + std::string(py::repr(value)));
     }

@@ -6,6 +6,8 @@
 
 #include <cstring>
 #include <functional>
+#include <optional>
+#include <sstream>
 #include <utility>
 
 #include "arrays.hpp"
@@ -13,23 +15,34 @@
 #include "base/platform.hpp"
 #include "base/require.hpp"
 #include "batch/bad_states.hpp"
+#include "batch/checks.hpp"
 #include "convert.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
 #include "flockstep/track.hpp"
+#include "scenario/navigable.hpp"
 
 namespace flockstep {
 
 namespace bindings {
 namespace {
 
-// One task of a shared library: it exports `flockstep::Task* flockstep_make_task()`.
+// One task of a shared library, which ends with FLOCKSTEP_EXPORT_TASK.
 struct NativeTask {
   std::string path;
   Task* (*make)();
 };
 
-NativeTask load_task(const std::string& path) {
+NativeTask load_task(const py::object& given) {
+  if (!py::isinstance<py::str>(given) && !py::hasattr(given, "__fspath__"))
+    throw py::type_error("path: expected the path of a shared library (a str or a Path), got " + std::string(py::repr(given)));
+  const auto path = py::module_::import("os").attr("fsdecode")(given).cast<std::string>();
+  const std::optional<std::string> version = exported_text(path, "flockstep_task_version");
+  require(version.has_value(), "path", "a shared library with a task, which ends with FLOCKSTEP_EXPORT_TASK(YourTask)",
+          '\'' + path + "', which exports no flockstep_task_version");
+  require(*version == FLOCKSTEP_TASK_VERSION, "path",
+          "a library built for " FLOCKSTEP_TASK_VERSION " (build it again with the headers in flockstep.include_dir())",
+          '\'' + path + "', built for " + *version);
   return {path, reinterpret_cast<Task* (*)()>(load_function(path, "flockstep_make_task"))};
 }
 
@@ -58,6 +71,17 @@ class PythonTask final : public Task {
   void begin(const TaskBlock& block) override {
     const py::gil_scoped_acquire acquire;
     calls_->attr("begin")(envs(block));
+    for (const std::uint32_t env : block.envs) {
+      const Vec3 position = position_of(block.context.state(), env);
+      const World& world = block.context.world_of(env);
+      const Aabb space = open_space(world);
+      if ((position.array() >= space.min.array()).all() && (position.array() <= space.max.array()).all()) continue;
+      std::ostringstream expected, got;
+      expected << "drones within the room of world \"" << world.name() << "\", (" << space.min.transpose() << ") to ("
+               << space.max.transpose() << ')';
+      got << '(' << position.transpose() << ") of env " << env << " after reset()";
+      refuse("reset: position", expected.str(), got.str());
+    }
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
@@ -69,6 +93,7 @@ class PythonTask final : public Task {
       require(targets[1].is_none(), "act", "commands (N, 4), as the control has them", "a pair of positions and quaternions");
       const auto commands = floats(targets[0], "act: command", {n, 4});
       const std::span<const float> rows = commands;
+      checks::angles(block.context.dynamics().control, rows, "act: command");
       for (const std::uint32_t env : block.envs) std::copy_n(rows.data() + 4 * env, 4, setpoints.command.data() + 4 * env);
       return;
     }
@@ -260,7 +285,8 @@ void register_task(py::module_& module) {
       .def(py::init(&load_task), py::arg("path"))
       .def_readonly("path", &NativeTask::path)
       .def("__repr__", [](const NativeTask& task) { return "NativeTask('" + task.path + "')"; })
-      .def(py::pickle([](const NativeTask& task) { return task.path; }, &load_task));
+      .def(py::pickle([](const NativeTask& task) { return py::str(task.path); },
+                      [](const py::str& path) { return load_task(path); }));
   py::class_<PythonTaskMaker>(module, "PythonTask", "A task whose methods are Python's; flockstep.Task makes these.")
       .def(py::init<TaskSpec, std::string, int, py::object>(), py::arg("spec"), py::arg("identity"), py::arg("max_episode_steps"),
            py::arg("calls"));

@@ -46,11 +46,12 @@ class LidarConfig:
     max_range_m
         Farther is a miss: inf.
     offset_m
-        (3,) of the sensor in the body frame.
+        (3,) of the sensor in the body frame, within +-100.
     quat_wxyz
         (4,) sensor to body; normalised if close to unit.
     azimuth_deg, elevation_deg
-        Lists of equal length instead of the grid; a scan then has the shape (1, length).
+        Lists of equal length instead of the grid; a scan then has the shape (1, length). ``channels``, ``hfov_deg``,
+        ``vfov_deg`` and ``beams``, unless it is that length, are left out.
     rate_hz
         Scans per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one after every
         flown step.
@@ -103,7 +104,7 @@ class CameraConfig:
         In [0.1, 179]. One of them: pixels are square, and the other, which follows, is below 179, too. None: ``hfov_deg``
         is 90. Both: each as it says.
     offset_m
-        (3,) m, of the camera in the body frame.
+        (3,) m, of the camera in the body frame, within +-100.
     quat_wxyz
         (4,) camera to body; normalised if close to unit.
     near_m, far_m
@@ -344,7 +345,7 @@ class WindConfig:
         ``"ornstein_uhlenbeck"``: noise that forgets, alike along each axis. ``"dryden"``: the turbulence of MIL-F-8785C at low
         altitude, carried past by the mean wind, at 1 m/s where there is less.
     gust_std_mps
-        Ornstein-Uhlenbeck: standard deviation along each axis.
+        Refused, as the others below, without the ``gusts`` that use it. Ornstein-Uhlenbeck: standard deviation along each axis.
     gust_time_s
         Ornstein-Uhlenbeck: the time in which a gust falls to 1/e of itself.
     wind_at_6m_mps
@@ -791,17 +792,25 @@ class TaskSpec:
 
 @final
 class NativeTask:
-    """A task of your own in C++: a shared library that exports ``flockstep::Task* flockstep_make_task()``.
+    """A task of your own in C++: a shared library that ends with ``FLOCKSTEP_EXPORT_TASK(YourTask)``.
 
-    Build it against the headers in `flockstep.include_dir`, with the compiler that flockstep was built with.
+    Build it against the headers in `flockstep.include_dir`, with the compiler that flockstep was built with. Its file is
+    checked before it is loaded.
+
+    Parameters
+    ----------
+    path
+        Of the shared library: a str or a Path.
 
     Raises
     ------
+    TypeError
+        Something else than a path.
     ValueError
-        The library cannot be loaded, or exports no such function.
+        The file is no regular file, is cut short, is no shared library, exports no task, or was built for another version.
     """
 
-    def __init__(self, path: str) -> None: ...
+    def __init__(self, path: str | PathLike[str]) -> None: ...
     @property
     def path(self) -> str:
         """Of the shared library."""
@@ -1542,7 +1551,13 @@ class Lidar:
 
     @property
     def ranges(self) -> _F32:
-        """(N, channels, beams) m, inf on a miss; a read-only view, written in place by the next scan."""
+        """(N, channels, beams) m, inf on a miss; a read-only view, written in place by the next scan.
+
+        Raises
+        ------
+        RuntimeError
+            Before the first scan, which `Batch.sense` and `Batch.reset` make; so do `points` and `Batch.terms`.
+        """
 
     @property
     def max_range_m(self) -> _F32:
@@ -1808,6 +1823,13 @@ class Batch:
         follow each env's clock, so many calls of one tick do what one call of many ticks does. A drone that becomes too
         fast to integrate is put to rest where it was last, with a `RuntimeWarning`; in a task its episode ends as a bad
         state.
+
+        Raises
+        ------
+        ValueError
+            Numbers beyond +-2e6; a roll or pitch beyond +-pi, a yaw beyond +-10,000 rad.
+        RuntimeError
+            Kinematic motion, or ``control="pose"``.
         """
 
     def sense(self, mask: npt.ArrayLike | None = None) -> None:

@@ -1,5 +1,7 @@
 """Bad input is refused where it enters, with the field, what was expected and what came, and nothing changes."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -107,6 +109,7 @@ def test_poses(batch, method, position, quat_wxyz, mask, match):
         (lambda b: b.set_lidar(hfov_deg=400.0), "hfov_deg"),
         (lambda b: b.set_lidar(quat_wxyz=(0, 0, 0, 0)), "quat_wxyz"),
         (lambda b: b.set_lidar(offset_m=(np.nan, 0, 0)), "offset_m"),
+        (lambda b: b.set_lidar(offset_m=(1e30, 0, 0)), "lidar.offset_m: expected numbers within"),
         (lambda b: b.seed([1]), "seeds.*shape"),
         (lambda b: b.seed([0.5, 1.5]), "seeds.*integers"),
         (lambda b: b.random(2**31, 1), "stream"),
@@ -160,6 +163,13 @@ def test_no_worlds():
         ({"quat_wxyz": (0, 0, 0, 0)}, "quat_wxyz"),
         ({"azimuth_deg": [0, 1], "elevation_deg": [0]}, "elevation_deg"),
         ({"azimuth_deg": [np.nan], "elevation_deg": [0]}, "azimuth_deg"),
+        *(
+            (
+                {"azimuth_deg": [0, 1, 2], "elevation_deg": [0, 0, 0], field: value},
+                f"lidar.{field}: expected its default",
+            )
+            for field, value in (("beams", 5), ("channels", 3), ("hfov_deg", 90.0), ("vfov_deg", 10.0))
+        ),
     ],
 )
 def test_lidars(fields, match):
@@ -190,6 +200,96 @@ def test_lidars(fields, match):
 def test_configs(config, fields, match):
     with pytest.raises(ValueError, match=f"(?s){match}"):
         config(**fields)
+
+
+def test_a_pattern_may_say_how_many_beams_it_has():
+    config = flockstep.LidarConfig(azimuth_deg=[0, 1, 2], elevation_deg=[0, 0, 0], beams=3)
+    assert config.shape == (1, 3)
+
+
+@pytest.mark.parametrize("config", [flockstep.LidarConfig, flockstep.CameraConfig, flockstep.ImuConfig])
+def test_where_sensors_are_mounted(config):
+    for bad in (100.1, -1e30, np.nan):
+        with pytest.raises(ValueError, match=r"offset_m: expected numbers within \+-100, got "):
+            config(offset_m=(0, 0, bad))
+    assert config(offset_m=(0, 0, -100)).offset_m[2] == -100
+
+
+CONFIGS = [
+    *(flockstep.LidarConfig, flockstep.CameraConfig, flockstep.PoseSensorConfig, flockstep.ImuConfig),
+    *(flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.WindConfig, flockstep.DynamicsConfig),
+    *(flockstep.NavigationReward, flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig),
+]
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+@pytest.mark.parametrize("flag", [True, np.False_])
+def test_no_number_is_a_bool(config, flag):
+    """Whatever the field: a number, one that may be None, or a sequence of them."""
+    looked_at = 0
+    for name, kind in config._field_types.items():
+        if not re.search(r"\b(int|float)\b", kind):
+            continue
+        looked_at += 1
+        default = getattr(config(), name)
+        values = [flag, *([[flag, *default[1:]]] if isinstance(default, list) else [])]
+        for value in values:
+            with pytest.raises(TypeError, match=rf"^{name}: expected .*(number|integer).*, got "):
+                config(**{name: value})
+    assert looked_at > 0
+
+
+def test_arguments_that_are_bools(room):
+    with pytest.raises(TypeError, match="num_drones: expected an integer, got True"):
+        flockstep.Batch([room], True)
+
+
+def test_integers_that_are_too_large():
+    expected = "expected an integer from -2147483648 to 2147483647, got 1099511627776"
+    for config, field in ((flockstep.EpisodeConfig, "max_episode_steps"), (flockstep.CameraConfig, "width_px")):
+        with pytest.raises(ValueError, match=f"^{field}: {expected}"):
+            config(**{field: 2**40})
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "gusts"),
+    [
+        ("gust_std_mps", 3, "ornstein_uhlenbeck"),
+        ("gust_time_s", 3, "ornstein_uhlenbeck"),
+        ("wind_at_6m_mps", 3, "dryden"),
+        ("height_m", 30, "dryden"),
+    ],
+)
+def test_gusts_that_nothing_uses(field, value, gusts):
+    other = {"dryden": "ornstein_uhlenbeck", "ornstein_uhlenbeck": "dryden"}[gusts]
+    for without in ({}, {"gusts": "none"}, {"gusts": other}):
+        with pytest.raises(ValueError, match=rf'^wind.{field}: expected its default, unless gusts="{gusts}" is given'):
+            flockstep.WindConfig(**{field: value}, **without)
+    assert getattr(flockstep.WindConfig(**{field: value}, gusts=gusts), field) == value
+
+
+def test_ranges_before_the_first_scan(room):
+    def reads(batch):
+        lidar, terms = batch.lidar(), batch.terms
+        return [
+            lambda: lidar.ranges,
+            lambda: lidar.points,
+            terms.ranges,
+            terms.clearance,
+            lambda: terms.free_space(0.5),
+        ]
+
+    batch = flockstep.Batch([room], 2, lidar=flockstep.LidarConfig())
+    for read in reads(batch):
+        with pytest.raises(RuntimeError, match=r"the LiDAR has not scanned yet: call sense\(\), or reset\(\) a task"):
+            read()
+    unread = batch.lidar()
+    batch.sense()
+    assert np.isfinite(unread.ranges).any()
+    assert all(np.isfinite(read()).any() for read in reads(batch))
+    other = flockstep.Batch([room], 2, lidar=flockstep.LidarConfig())
+    other.restore(batch.snapshot())
+    np.testing.assert_array_equal(other.lidar().ranges, batch.lidar().ranges)
 
 
 @pytest.mark.parametrize("config", [flockstep.LidarConfig, flockstep.NavigationReward, flockstep.NavigationConfig])

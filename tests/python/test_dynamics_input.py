@@ -129,6 +129,31 @@ def test_fly(batch, arguments, match):
 
 
 @pytest.mark.parametrize(
+    ("control", "column", "most", "named"),
+    [
+        ("attitude", 1, math.pi, r"a roll within \+-pi rad \(not degrees\)"),
+        ("attitude", 2, math.pi, r"a pitch within \+-pi rad \(not degrees\)"),
+        *((control, 3, 1e4, r"a yaw within \+-10000 rad") for control in ("attitude", "acceleration", "position")),
+    ],
+)
+def test_angles(control, column, most, named):
+    batch = batch_of(frame(), 2, control=control)
+    before = batch.snapshot()
+    command = [9.81 if control == "attitude" else 0, 0, 0, 0]
+    for command[column] in (45.0, -90.0) if most < 4 else (2e4, -3e4):
+        match = rf"command \(row 1\): expected {named}, got {command[column]:g}"
+        refused(lambda: batch.fly(rows(command)), match)
+    assert batch.snapshot() == before
+    command[column] = -most
+    batch.fly(rows(command))
+
+
+@pytest.mark.parametrize("control", ["rotor_speeds", "body_rates", "velocity", "heading_velocity"])
+def test_numbers_that_are_no_angles(control):
+    batch_of(frame(), 2, control=control).fly([[45.0] * 4, [2e4] * 4])
+
+
+@pytest.mark.parametrize(
     ("arguments", "match"),
     [
         *(
@@ -243,7 +268,13 @@ LEFT_OUT = object()
         ("mass_kg", 4.0, "rotors: expected a thrust-to-weight above 1, to hover, got 0.866"),
         ("inertia_kgm2", [-1, 1, 1], r"inertia_kgm2\[0\]: expected a finite number > 0, got -1"),
         ("inertia_kgm2", [1, 1, 0], r"inertia_kgm2\[2\]: expected a finite number > 0, got 0"),
-        ("inertia_kgm2", [1, 1, 3], "inertia_kgm2: expected moments.*sum of the other two.*got 1.*3"),
+        (
+            "inertia_kgm2",
+            [1.43e-5, 1.43e-5, 2.89e-5],  # of a published table
+            r"inertia_kgm2: expected moments.*sum of the other two, got 1.43e-05, 1.43e-05, 2.89e-05 "
+            r"\(lower inertia_kgm2\[2\] to 2.86e-05, or raise the others\)",
+        ),
+        ("inertia_kgm2", [3, 1, 1], r"got 3, 1, 1 \(lower inertia_kgm2\[0\] to 2"),
         ("inertia_kgm2", [1, 1], "inertia_kgm2: expected an array of 3 numbers"),
         ("inertia_kgm2", 0.1, "inertia_kgm2: expected an array of 3 numbers"),
         ("rotors", [], "rotors: expected an object"),

@@ -546,14 +546,65 @@ class TestBadInput:
 
     @BOTH
     def test_drones_must_fly(self, config):
-        with pytest.raises(ValueError, match=r"motion.*rotors"):
-            flockstep.DroneVectorEnv(1, task=config, motion="kinematic")
-        with pytest.raises(ValueError, match=r'control: .*got "pose"'):
+        for control in ({}, {"control": "pose"}, {"control": "velocity"}):  # none of which would be flown kinematically
+            with pytest.raises(
+                ValueError, match=r'^motion: expected "rotors", which this task flies by, got "kinematic"'
+            ):
+                flockstep.DroneVectorEnv(1, task=config, motion="kinematic", **control)
+        controls = ", ".join(f'"{control}"' for control in CONTROLS)
+        with pytest.raises(ValueError, match=rf'^control: expected a control .* takes \({controls}\), got "pose"'):
             flockstep.DroneVectorEnv(1, task=config, control="pose")
         with pytest.raises(ValueError, match=r"drone: .*airframe"):
             flockstep.DroneVectorEnv(1, task=config, drone=flockstep.DroneModel(flockstep.DroneModel().hull))
         with pytest.raises(TypeError, match="random_start"):
             flockstep.DroneVectorEnv(1, task=config, random_start=True)
+
+
+HALL = {"flockstep_scene": 1, "name": "odd", "room": {"min": [0, 0, 0], "max": [8, 8, 4]}}
+BLOCK = {"boxes": [{"center": [4, 4, 2], "size": [2, 2, 2]}]}
+
+
+class TestWorlds:
+    """Worlds in which no episode could be flown."""
+
+    def refused(self, config, scene, message, **keywords):
+        world = flockstep.World.from_dict({**HALL, **scene})
+        with pytest.raises(ValueError, match=f'^world "odd": {message}'):
+            flockstep.DroneVectorEnv(1, task=config, worlds=world, **keywords)
+
+    @BOTH
+    def test_a_middle_that_is_solid(self, config):
+        expected = r"expected room for the drone, got \(.*\), where it touches an obstacle"
+        self.refused(config, BLOCK, rf"the middle \(markers.goal sets another point\): {expected}")
+        marked = {"markers": {"goal": [3.2, 4, 2]}}
+        self.refused(config, {**BLOCK, **marked}, rf"markers.goal: {expected}")
+        beside = flockstep.World.from_dict({**HALL, **BLOCK, "markers": {"goal": [1.5, 1.5, 2]}})
+        make(config, worlds=beside)
+
+    @BOTH
+    def test_a_room_that_the_hull_does_not_fit(self, config):
+        small = {"room": {"min": [0, 0, 0], "max": [0.4, 0.4, 0.4]}}
+        self.refused(config, small, "the middle .*: expected room for the drone", drone="t650")
+        self.refused(config, {"markers": {"goal": [4, 4, 5]}}, "markers.goal: expected a point within the world")
+
+    def test_a_path_that_leaves_the_room_or_meets_an_obstacle(self):
+        eight = flockstep.TrackConfig(size_m=1.5)
+        path = r"the path about its middle \(task.size_m sets its size\): expected"
+        self.refused(eight, {"room": {"min": [0, 0, 0], "max": [2.5, 9, 4]}}, f"{path} a point within the world")
+        pillar = {"pillars": [{"center": [5.5, 4], "radius": 0.2}]}
+        self.refused(eight, pillar, f"{path} room for the drone")
+        make(flockstep.TrackConfig(size_m=1.0), worlds=flockstep.World.from_dict({**HALL, **pillar}))
+
+    def test_random_paths_that_leave_the_room(self):
+        world = flockstep.World.from_dict(HALL)
+        make(flockstep.TrackConfig(path="random", size_m=3.9), worlds=world)
+        with pytest.raises(ValueError, match=r'^task.size_m: expected paths that stay within the room of world "odd"'):
+            make(flockstep.TrackConfig(path="random", size_m=4.1), worlds=world)
+
+    @BOTH
+    def test_a_world_without_a_room_has_no_end(self, config):
+        far = {"flockstep_scene": 1, **BLOCK, "markers": {"goal": [40, 4, 2]}}
+        make(config, worlds=flockstep.World.from_dict(far))
 
 
 def flown(envs, steps, first=0):

@@ -1,8 +1,10 @@
 """A task in C++ from outside the package: built against the headers, registered, made by Gymnasium."""
 
 import os
+import re
 import shlex
 import subprocess
+import sys
 import sysconfig
 from pathlib import Path
 
@@ -80,20 +82,79 @@ def test_a_snapshot_has_its_state(env_id):
             np.testing.assert_array_equal(a, b)
 
 
-def test_what_is_no_task_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="path: expected a shared library"):
-        flockstep.NativeTask(str(tmp_path / "none.so"))
-    with pytest.raises(ValueError, match="flockstep_make_task"):
+def test_what_is_no_library_is_refused(tmp_path):
+    for path, why in ((tmp_path / "none.so", "there is no such file"), (tmp_path, "it is no regular file")):
+        for given in (path, str(path)):
+            with pytest.raises(ValueError, match=f"path: expected a shared library, got '{path}' .{why}"):
+                flockstep.NativeTask(given)
+    text = tmp_path / "text.so"
+    text.write_text("no library, though as long as the header of one is: " + 64 * ".")
+    with pytest.raises(ValueError, match="it is no 64-bit ELF file"):
+        flockstep.NativeTask(text)
+    with pytest.raises(ValueError, match=r"ends with FLOCKSTEP_EXPORT_TASK.*exports no flockstep_task_version"):
         flockstep.NativeTask(flockstep._core.__file__)
 
 
-def test_a_library_that_makes_no_task_is_refused(tmp_path):
-    source = tmp_path / "none.cpp"
-    source.write_text(
-        'extern "C" __attribute__((visibility("default"))) void* flockstep_make_task() { return nullptr; }\n'
-    )
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFOs")
+def test_a_fifo_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "fifo.so")
+    with pytest.raises(ValueError, match="it is no regular file"):
+        flockstep.NativeTask(tmp_path / "fifo.so")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries are ELF files on Linux alone")
+def test_a_part_of_a_library_is_refused(library, tmp_path):
+    """Loading it would end the process where a page that is read lies beyond the end of the file."""
+    whole, part = library.read_bytes(), tmp_path / "part.so"
+    lengths = {0, 1, 16, 63, 64, 100, 4095, 4096, len(whole) // 2, len(whole) - 1}
+    for length in sorted(lengths | {len(whole) * tenth // 10 for tenth in range(10)}):
+        part.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match="it is cut short" if length >= 64 else "it is no ELF file"):
+            flockstep.NativeTask(part)
+    part.write_bytes(whole)
+    assert flockstep.NativeTask(part).path == str(part)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries are ELF files on Linux alone")
+def test_offsets_beyond_the_file_are_refused(library, tmp_path):
+    part = tmp_path / "part.so"
+    for at, size in ((32, 8), (40, 8), (56, 2), (60, 2)):  # of the segments and sections in the header: where, how many
+        damaged = bytearray(library.read_bytes())
+        damaged[at : at + size] = b"\xff" * size
+        part.write_bytes(damaged)
+        with pytest.raises(ValueError, match="it is cut short"):
+            flockstep.NativeTask(part)
+
+
+def build(source, text):
+    source.write_text(text)
     library = source.with_suffix(".so")
     compiler = shlex.split(os.environ.get("CXX", "c++"))
     subprocess.run([*compiler, "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
+    return library
+
+
+EXPORT = 'extern "C" __attribute__((visibility("default"))) '
+
+
+def test_a_library_for_another_version_is_refused_and_not_loaded(tmp_path):
+    loaded = tmp_path / "loaded"
+    text = f"""#include <cstdio>
+    struct Loaded {{ Loaded() {{ std::fclose(std::fopen("{loaded}", "w")); }} }} loaded;
+    {EXPORT} const char flockstep_task_version[] = "flockstep 0.0.9, Eigen aligned to 16 bytes";
+    {EXPORT} void* flockstep_make_task() {{ return nullptr; }}"""
+    built_for = f"flockstep {re.escape(flockstep.__version__)}, Eigen aligned to 16 bytes"
+    with pytest.raises(
+        ValueError, match=rf"path: expected a library built for {built_for} .*, built for flockstep 0.0.9"
+    ):
+        flockstep.NativeTask(build(tmp_path / "old.cpp", text))
+    assert not loaded.exists(), "code of the library has run"
+
+
+def test_a_library_that_makes_no_task_is_refused(tmp_path, library):
+    version = re.search(rb"flockstep \d+\.\d+\.\d+, Eigen aligned to \d+ bytes", library.read_bytes()).group().decode()
+    text = f"""{EXPORT} const char flockstep_task_version[] = "{version}";
+    {EXPORT} void* flockstep_make_task() {{ return nullptr; }}"""
+    made = build(tmp_path / "none.cpp", text)
     with pytest.raises(ValueError, match="returned no task"):
-        flockstep.DroneVectorEnv(1, worlds=HALL, task=flockstep.NativeTask(str(library)))
+        flockstep.DroneVectorEnv(1, worlds=HALL, task=flockstep.NativeTask(made))

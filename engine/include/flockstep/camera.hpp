@@ -78,7 +78,7 @@ struct CameraConfig {
   // Each in [0.1, 179]. One alone: pixels are square, and the other, which follows, is below 179, too. Neither: hfov_deg is 90.
   std::optional<float> hfov_deg;
   std::optional<float> vfov_deg;
-  std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame
+  std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame, within +-100
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // camera to body; normalised if close to unit
   float near_m = 0.05F;                        // > 0; planar depth below which nothing is seen
   float far_m = 100.0F;                        // > near_m, at most 1e6; planar depth beyond which the sky is seen

@@ -10,7 +10,8 @@
 
 namespace flockstep {
 
-// Either a grid of channels x beams, or (azimuth_deg, elevation_deg) lists of equal length.
+// Either a grid of channels x beams, or (azimuth_deg, elevation_deg) lists of equal length. With lists, the fields of the grid
+// keep their defaults; beams may also be the length of the lists.
 struct LidarConfig {
   std::string name = "lidar";                  // letters, digits, _ and -
   int channels = 1;                            // rows, spread over vfov_deg from -vfov/2 to +vfov/2, both ends included
@@ -19,7 +20,7 @@ struct LidarConfig {
   float hfov_deg = 270.0F;                     // in (0, 360]
   float vfov_deg = 0.0F;                       // in [0, 180]; one channel looks at elevation 0
   float max_range_m = 3.0F;                    // > 0; farther is a miss: inf in metres, 1 when normalised
-  std::array<float, 3> offset_m{0, 0, 0};      // of the sensor in the body frame
+  std::array<float, 3> offset_m{0, 0, 0};      // of the sensor in the body frame, within +-100
   std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // sensor to body; normalised if close to unit
   std::vector<float> azimuth_deg;              // a pattern instead of the grid: shape (N, 1, len)
   std::vector<float> elevation_deg;            // same length as azimuth_deg

@@ -45,6 +45,11 @@ void has_lidar(const Simulation& sim) {
   if (!sim.lidar) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
 }
 
+void has_scanned(const Simulation& sim) {
+  if (sim.lidar->has_scanned()) return;
+  throw std::logic_error("the LiDAR has not scanned yet: call sense(), or reset() a task, before its ranges are read");
+}
+
 void has_camera(const Simulation& sim, std::size_t camera) {
   if (camera >= sim.cameras.size()) refuse("camera", "an index below " + std::to_string(sim.cameras.size()), camera);
 }
@@ -105,6 +110,25 @@ void command(const Simulation& sim, std::span<const float> values) {
   size(values.size(), 4 * sim.num_drones(), "command");
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!(std::abs(values[i]) <= 2e6F)) refuse(row_of("command", i / 4), "finite numbers within +-2e+06", values[i]);
+  }
+  angles(sim.config.dynamics.control, values, "command");
+}
+
+void angles(Control control, std::span<const float> command, std::string_view field) {
+  constexpr float kHalfTurn = 3.1416F;  // pi, and some rounding
+  constexpr float kMaxYaw = 1e4F;       // 1,600 turns: float32 resolves 0.001 rad there
+  const bool is_attitude = control == Control::attitude;
+  if (!is_attitude && control != Control::acceleration && control != Control::position) return;
+  const auto check = [&](std::size_t row, std::size_t column, float most, std::string_view expected) {
+    const float value = command[4 * row + column];
+    if (std::isfinite(value) && std::abs(value) > most) refuse(row_of(field, row), expected, value);
+  };
+  for (std::size_t row = 0; row < command.size() / 4; ++row) {
+    if (is_attitude) {
+      check(row, 1, kHalfTurn, "a roll within +-pi rad (not degrees)");
+      check(row, 2, kHalfTurn, "a pitch within +-pi rad (not degrees)");
+    }
+    check(row, 3, kMaxYaw, "a yaw within +-10000 rad");
   }
 }
 

@@ -23,6 +23,7 @@ void memory(double bytes);
 void own_process(const Simulation& sim);
 void not_stepping(const Simulation& sim, std::string_view call);  // a task calls its own batch
 void has_lidar(const Simulation& sim);
+void has_scanned(const Simulation& sim);  // the LiDAR, once at least
 void has_camera(const Simulation& sim, std::size_t camera);
 void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode);
 void is_kinematic(const Simulation& sim, std::string_view call);
@@ -31,6 +32,8 @@ void velocity(const Simulation& sim, std::span<const float> values);
 void angular_velocity(const Simulation& sim, std::span<const float> values);
 void rotor_speeds(const Simulation& sim, std::span<const float> values);
 void command(const Simulation& sim, std::span<const float> values);
+// Angles in rows of four numbers, as the control has them: an angle that is finite, and yet too large, is most often in degrees.
+void angles(Control control, std::span<const float> command, std::string_view field);
 void has_task(const Simulation& sim);
 void spec(const TaskSpec& spec);    // what a task has declared
 void whole(const Simulation& sim);  // no step or reset has been cut short

@@ -54,6 +54,17 @@ void WindConfig::validate() const {
   require_positive(gust_time_s, "wind.gust_time_s");
   require_share(wind_at_6m_mps, 1000.0F, "wind.wind_at_6m_mps", "a number in [0, 1000]");
   require(height_m >= 3.0F && height_m <= 300.0F, "wind.height_m", "a number in [3, 300]", height_m);
+  const WindConfig unset;
+  const auto require_read = [&](float WindConfig::* field, const char* name, Gusts by) {
+    require(gusts == by || this->*field == unset.*field, name,
+            std::string("its default, unless gusts=\"") + EnumNames<Gusts>::kNames[static_cast<std::size_t>(by)] +
+                "\" is given, which alone uses it",
+            this->*field);
+  };
+  require_read(&WindConfig::gust_std_mps, "wind.gust_std_mps", Gusts::ornstein_uhlenbeck);
+  require_read(&WindConfig::gust_time_s, "wind.gust_time_s", Gusts::ornstein_uhlenbeck);
+  require_read(&WindConfig::wind_at_6m_mps, "wind.wind_at_6m_mps", Gusts::dryden);
+  require_read(&WindConfig::height_m, "wind.height_m", Gusts::dryden);
 }
 
 void DynamicsConfig::validate() const {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <numeric>
+#include <string>
 #include <type_traits>
 #include <utility>
 
@@ -146,6 +147,20 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // flown once more, it is the same
 }
 
+std::string quoted(Control control) {
+  return '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"';
+}
+
+// Those that a task takes, as a message lists them.
+std::string controls_of(const Task& task) {
+  std::string list;
+  for (std::size_t i = 0; i < EnumNames<Control>::kNames.size(); ++i) {
+    const auto control = static_cast<Control>(i);
+    if (task.takes(control)) list += (list.empty() ? "" : ", ") + quoted(control);
+  }
+  return "a control that this task takes (" + list + ")";
+}
+
 }  // namespace
 
 bool touches(const Simulation& sim, std::size_t env) {
@@ -162,9 +177,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   sim.run.emplace(TaskRun{.task = std::move(task)});
   TaskRun& run = *sim.run;
   const Control control = sim.config.dynamics.control;
-  require(run.task->takes(control), "control",
-          "one that this task tells drones by (those of most tasks are told poses, those of flight anything else)",
-          '"' + std::string(EnumNames<Control>::kNames[static_cast<std::size_t>(control)]) + '"');
+  if (!run.task->takes(control)) refuse("control", controls_of(*run.task), quoted(control));
   run.task->setup(*sim.context);
   if (sim.pool) require_world_of_pool(sim, 0, sim.world_pointers[0]);
   if (!sim.pool) {

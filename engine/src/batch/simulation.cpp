@@ -44,7 +44,10 @@ void settle_rates(BatchConfig& config) {
   clock.physics_hz = called_hz * std::max(std::ceil(kUsualPhysicsHz / called_hz), 1.0F);
 }
 
-BatchConfig validated(BatchConfig config) {
+BatchConfig validated(BatchConfig config, const Task* task) {
+  // Before the configuration is, which would recommend a control that such a task refuses in its turn.
+  require(!config.dynamics.is_kinematic() || task == nullptr || task->takes(Control::pose), "motion",
+          "\"rotors\", which this task flies by", "\"kinematic\"");
   settle_rates(config);
   config.validate();
   checks::memory(sensor_bytes(config));
@@ -120,7 +123,7 @@ void allocate(FlightState& flight, std::size_t num_drones) {
 
 Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::unique_ptr<Task> task, DroneModel drone,
                        std::span<const std::int32_t> world_index, std::optional<WorldPool> pool_in)
-    : config(validated(std::move(config_in))),
+    : config(validated(std::move(config_in), task.get())),
       pool(pool_in ? std::optional(validated(std::move(*pool_in), config, task != nullptr, !world_index.empty())) : std::nullopt),
       worlds(pool ? first_world(*pool) : validated(std::move(worlds_in))),
       world_pointers(pointers(worlds)),

@@ -11,7 +11,7 @@
 namespace flockstep {
 namespace {
 
-std::string field(const World& world, const std::string& marker) { return "world \"" + world.name() + "\": markers." + marker; }
+std::string field(const World& world, const std::string& place) { return "world \"" + world.name() + "\": " + place; }
 
 std::string text(const Vec3& p) {
   std::ostringstream out;
@@ -19,43 +19,55 @@ std::string text(const Vec3& p) {
   return out.str();
 }
 
-// Where a drone may be: a room holds it; without one the sky is open.
-Aabb flown_space(const World& world) {
+bool has_room(const World& world) {
+  return !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
+}
+
+// Where markers may be: a room holds them; without one the sky is open.
+Aabb marked_space(const World& world) {
   Aabb box = world.bounds();
-  const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
-  if (!has_room) box.max.z() = static_cast<float>(kMaxCoordinate);
+  if (!has_room(world)) box.max.z() = static_cast<float>(kMaxCoordinate);
   return box;
 }
 
-void require_inside(const World& world, const std::string& marker, const Vec3& point) {
-  const Aabb box = flown_space(world);
+void require_inside(const World& world, const Aabb& box, const std::string& place, const Vec3& point) {
   if ((point.array() >= box.min.array()).all() && (point.array() <= box.max.array()).all()) return;
-  refuse(field(world, marker), "a point within the world, " + text(box.min) + " to " + text(box.max), text(point));
-}
-
-void require_free(const World& world, const DroneModel& drone, const std::string& marker, const Vec3& point) {
-  require_inside(world, marker, point);
-  if (!collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), Pose{.position = point})) return;
-  refuse(field(world, marker), "room for the drone", text(point) + ", where it touches an obstacle");
+  refuse(field(world, place), "a point within the world, " + text(box.min) + " to " + text(box.max), text(point));
 }
 
 }  // namespace
 
+void require_free(const World& world, const DroneModel& drone, const std::string& place, const Vec3& point) {
+  require_inside(world, open_space(world), place, point);
+  if (!collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), Pose{.position = point})) return;
+  refuse(field(world, place), "room for the drone", text(point) + ", where it touches an obstacle");
+}
+
+Aabb open_space(const World& world) {
+  if (has_room(world)) return world.bounds();
+  constexpr auto kEnd = static_cast<float>(kMaxCoordinate);
+  return {.min = Vec3::Constant(-kEnd), .max = Vec3::Constant(kEnd)};
+}
+
 void require_navigable(const World& world, const DroneModel& drone) {
   const Markers& markers = world.markers();
-  if (!markers.start) throw std::invalid_argument(field(world, "start") + ": expected a point, found none");
-  if (!markers.goal) throw std::invalid_argument(field(world, "goal") + ": expected a point, found none");
-  require_free(world, drone, "start", *markers.start);
+  if (!markers.start) throw std::invalid_argument(field(world, "markers.start") + ": expected a point, found none");
+  if (!markers.goal) throw std::invalid_argument(field(world, "markers.goal") + ": expected a point, found none");
+  const Aabb space = marked_space(world);
+  const auto require_marker = [&](const std::string& place, const Vec3& point) { require_inside(world, space, place, point); };
+  require_marker("markers.start", *markers.start);
+  require_free(world, drone, "markers.start", *markers.start);
   for (std::size_t i = 0; i < markers.waypoints.size(); ++i) {
-    require_inside(world, "waypoints[" + std::to_string(i) + ']', markers.waypoints[i]);
+    require_marker("markers.waypoints[" + std::to_string(i) + ']', markers.waypoints[i]);
   }
-  require_inside(world, "goal", *markers.goal);
+  require_marker("markers.goal", *markers.goal);
   if (!markers.spawn_box) return;
   for (unsigned corner = 0; corner < 8; ++corner) {
     const Aabb& box = *markers.spawn_box;
-    require_free(world, drone, "spawn_box",
-                 Vec3((corner & 1U) != 0 ? box.max.x() : box.min.x(), (corner & 2U) != 0 ? box.max.y() : box.min.y(),
-                      (corner & 4U) != 0 ? box.max.z() : box.min.z()));
+    const Vec3 point((corner & 1U) != 0 ? box.max.x() : box.min.x(), (corner & 2U) != 0 ? box.max.y() : box.min.y(),
+                     (corner & 4U) != 0 ? box.max.z() : box.min.z());
+    require_marker("markers.spawn_box", point);
+    require_free(world, drone, "markers.spawn_box", point);
   }
 }
 

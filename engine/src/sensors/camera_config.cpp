@@ -35,7 +35,7 @@ void CameraConfig::validate() const {
     require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
             "one that leaves the other below 179 degrees (pixels are square)", hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
   }
-  for (const float value : offset_m) require_finite(value, "camera.offset_m");
+  require_mount(offset_m, "camera.offset_m");
   require_unit_quaternion(quat_wxyz, "camera.quat_wxyz");
   require_positive(near_m, "camera.near_m");
   require(std::isfinite(far_m) && far_m > near_m, "camera.far_m", "a finite number > near_m (" + std::to_string(near_m) + ")",

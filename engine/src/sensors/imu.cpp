@@ -18,7 +18,7 @@ void ImuConfig::validate() const {
   require_not_negative(gyroscope_noise_density, "imu.gyroscope_noise_density");
   require_not_negative(gyroscope_random_walk, "imu.gyroscope_random_walk");
   require_not_negative(gyroscope_bias_time_s, "imu.gyroscope_bias_time_s");
-  for (const float value : offset_m) require(std::abs(value) <= 100.0F, "imu.offset_m", "numbers within +-100", value);
+  require_mount(offset_m, "imu.offset_m");
   require_unit_quaternion(quat_wxyz, "imu.quat_wxyz");
   if (rate_hz) require_positive(*rate_hz, "imu.rate_hz");
 }

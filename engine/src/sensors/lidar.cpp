@@ -126,10 +126,12 @@ void Lidar::check_restored(std::span<const std::byte> settings) const {
 void Lidar::restored() {
   for (std::size_t drone = 0; drone < saved_.size(); ++drone) set_config(drone, with(saved_[drone]));
   saved_ = {};
+  has_scanned_ = true;
 }
 
 void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes,
                  std::span<const std::int32_t> slots, std::size_t drones_per_env, const State& state, trace::Tracer& tracer) {
+  if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
   const auto scene_of = [&](std::uint32_t drone) {
     const std::size_t env = drones_per_env == 1 ? drone : drone / drones_per_env;
     return scenes[static_cast<std::size_t>(slots[env])];

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -24,6 +25,8 @@ class Lidar {
   std::size_t rays_per_drone() const { return rays_; }
   std::int64_t period() const { return period_; }               // ticks, as period_in_ticks() has it
   const std::vector<float>& ranges() const { return ranges_; }  // (N, channels, beams) m, inf on a miss
+  // Whether any drone has been scanned; the ranges are inf before.
+  bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
   const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
   // The drone's own setting, as changed at run time.
@@ -63,7 +66,8 @@ class Lidar {
   std::int64_t period_;
   std::size_t rays_;
   std::vector<float> ranges_;  // (N, rays) m
-  std::vector<Saved> saved_;   // (N,) as the last snapshot has them, until restored()
+  std::atomic<bool> has_scanned_{false};
+  std::vector<Saved> saved_;  // (N,) as the last snapshot has them, until restored()
   // Drones of equal FOV and mounting share a setting; one that no drone has any more makes room for the next.
   struct Setting {
     LidarConfig config;

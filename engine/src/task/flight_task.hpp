@@ -15,6 +15,7 @@
 #include "base/require.hpp"
 #include "dynamics/flight.hpp"
 #include "flockstep/task.hpp"
+#include "scenario/navigable.hpp"
 #include "task/flight_action.hpp"
 
 namespace flockstep::task {
@@ -93,6 +94,11 @@ class FlightTask : public Task {
     action_now_.resize(kActions * context.num_envs());
   }
 
+  void require_world(const World& world, const DroneModel& drone) const override {
+    const bool is_marked = world.markers().goal.has_value();
+    require_free(world, drone, is_marked ? "markers.goal" : "the middle (markers.goal sets another point)", middle_of(world));
+  }
+
   void begin(const TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) {
       std::fill_n(action_before_.begin() + static_cast<std::ptrdiff_t>(kActions * env), kActions, 0.0F);
@@ -128,14 +134,15 @@ class FlightTask : public Task {
     spec_.reward_terms = std::move(reward_terms);
   }
 
-  // The goal marker of an env's world, or the middle of it.
+  // The goal marker of a world, or the middle of it.
+  static Vec3 middle_of(const World& world) {
+    return world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+  }
   Vec3 middle_of(const TaskContext& context, std::size_t env) {
     const std::int32_t world_index = context.state().world_index[env];
     const Eigen::Map<Vec3> middle(middles_.data() + 3 * env);
     if (middle_world_[env] != world_index) {
-      const World& world = context.world_of(env);
-      Eigen::Map<Vec3>(middles_.data() + 3 * env) =
-          world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+      Eigen::Map<Vec3>(middles_.data() + 3 * env) = middle_of(context.world_of(env));
       middle_world_[env] = world_index;
     }
     return middle;

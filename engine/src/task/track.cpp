@@ -131,6 +131,28 @@ class Track final : public FlightTask {
     squares_.resize(context.num_envs());
   }
 
+  // A figure-8 is the same in every episode; of random paths the middle is looked at, and how far they reach.
+  void require_world(const World& world, const DroneModel& drone) const override {
+    FlightTask::require_world(world, drone);
+    const Vec3 middle = middle_of(world);
+    if (config_.path == TrackPath::figure8) {
+      constexpr int kPlaces = 32;
+      for (int i = 0; i < kPlaces; ++i) {
+        std::array<float, kPhases> phases{};
+        phases[0] = static_cast<float>(i) / kPlaces;
+        const Path::Waves waves = path_.waves_at(0.0, phases.data());
+        require_free(world, drone, "the path about its middle (task.size_m sets its size)", middle + path_.position(waves));
+      }
+      return;
+    }
+    const Aabb space = open_space(world);
+    for (const float side : {-1.0F, 1.0F}) {
+      const Vec3 reach = middle + side * config_.size_m * Vec3(1.0F, 1.0F, 0.5F);
+      require((reach.array() >= space.min.array()).all() && (reach.array() <= space.max.array()).all(), "task.size_m",
+              "paths that stay within the room of world \"" + world.name() + '"', config_.size_m);
+    }
+  }
+
   void place(const TaskBlock& block) override {
     for (const std::uint32_t env : block.envs) {
       float* const phases = phase_.data() + kPhases * env;

@@ -72,10 +72,15 @@ void Airframe::validate() const {
   for (std::size_t i = 0; i < 3; ++i) {
     require_within(inertia_kgm2[i], 1e-12, 1e9, numbered("inertia_kgm2", i), "a finite number > 0");
   }
-  const auto [jx, jy, jz] = inertia_kgm2;
+  const std::size_t largest = static_cast<std::size_t>(std::ranges::max_element(inertia_kgm2) - inertia_kgm2.begin());
+  const double others = inertia_kgm2[(largest + 1) % 3] + inertia_kgm2[(largest + 2) % 3];
   constexpr double kRounding = 1.0 + 1e-9;
-  require(jx <= (jy + jz) * kRounding && jy <= (jx + jz) * kRounding && jz <= (jx + jy) * kRounding, "inertia_kgm2",
-          "moments of a body, none larger than the sum of the other two", text_of(inertia_kgm2));
+  if (inertia_kgm2[largest] > others * kRounding) {
+    std::ostringstream got;
+    got << text_of(inertia_kgm2) << " (lower " << numbered("inertia_kgm2", largest) << " to " << others
+        << ", or raise the others)";
+    refuse("inertia_kgm2", "moments of a body, none larger than the sum of the other two", got.str());
+  }
   for (std::size_t i = 0; i < kRotors; ++i) {
     for (const double x : position_m[i]) {
       require_within(x, -kMaxArm, kMaxArm, numbered("rotors position_m", i), "coordinates within +-100 m");

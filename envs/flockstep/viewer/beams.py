@@ -14,14 +14,17 @@ Points = npt.NDArray[np.float64]
 def beams_of(batch: Batch, drone: int) -> tuple[Points, Points, npt.NDArray[np.bool_]]:
     """Return where the beams of one drone begin (3,) m and end (K, 3) m, world frame, and which hit something (K,).
 
-    One that hits nothing ends at the LiDAR's range. Without a LiDAR there are none.
+    One that hits nothing ends at the LiDAR's range. Without a LiDAR, or before its first scan, there are none.
     """
     position = np.asarray(batch.position[drone], float)
     if batch.lidar_name is None:
         return position, np.zeros((0, 3)), np.zeros(0, bool)
     lidar = batch.lidar()
     config = lidar.config_of(drone)
-    ranges = np.asarray(lidar.ranges[drone], float).ravel()
+    try:
+        ranges = np.asarray(lidar.ranges[drone], float).ravel()
+    except RuntimeError:  # no scan yet
+        return position, np.zeros((0, 3)), np.zeros(0, bool)
     hit = np.isfinite(ranges)
     quat_wxyz = np.asarray(batch.quat_wxyz[drone], float)
     directions = rotate(quat_wxyz, np.asarray(lidar.directions[drone], float).reshape(-1, 3))
