@@ -7,6 +7,8 @@ snapshots.
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import io
 import pickle
 import warnings
@@ -208,8 +210,9 @@ class Task:
                 setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
 
 
+_PROVIDED = ("success", "truncated", "info")  # attributes that a task is given
 _SPACES = ("observation_space", "action_space")  # which sampling changes
-_NOT_STATE = ("_batch", "_constants", "success", "truncated", "info", "max_episode_steps", *_SPACES)
+_NOT_STATE = ("_batch", "_constants", *_PROVIDED, "max_episode_steps", *_SPACES)
 _MISSING = object()
 #: What the infos of every task hold; also as Stable-Baselines3 has them.
 _INFOS_OF_ALL = (
@@ -242,8 +245,8 @@ def _is_same(before: Any, now: Any) -> bool:
 def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
     """Return a task as `Batch` takes it, and its calls, which are to be attached to the batch that is made."""
     limit = task.max_episode_steps
-    if not isinstance(limit, (int, np.integer)) or limit < 0:
-        raise ValueError(f"max_episode_steps: expected an integer >= 0, got {limit!r}")
+    if not isinstance(limit, (int, np.integer)) or isinstance(limit, bool) or not 0 <= limit < 1 << 31:
+        raise ValueError(f"max_episode_steps: expected an integer in [0, {(1 << 31) - 1}], got {limit!r}")
     calls = TaskCalls(task)
     observation = [_field(name, space) for name, space in calls.observation_spaces.items()]
     spec = TaskSpec(_action_field(task), observation, list(task.reward_terms))
@@ -254,13 +257,19 @@ class TaskCalls:
     """What the engine calls while it steps a batch with a Python task: each method checks what the task returns."""
 
     def __init__(self, task: Task) -> None:
+        _refuse_misspelt(task)
         _check_actions_of_default_act(task)
         space = getattr(task, "observation_space", None)
         parts: dict[str, Any] = dict(space.spaces) if isinstance(space, spaces.Dict) else {"observation": space}
         boxes = {name: part for name, part in parts.items() if isinstance(part, spaces.Box)}
         if not boxes or len(boxes) < len(parts):
             raise TypeError(f"{_name(task)}.observation_space: expected a gymnasium.spaces.Box or a Dict of them")
-        for name in task.info_names:
+        if not _names(task, "reward_terms"):
+            raise ValueError(f"{_name(task)}.reward_terms: expected at least one name, got {task.reward_terms!r}")
+        for name in _names(task, "markers"):
+            if name not in MARKERS:
+                raise ValueError(f"{_name(task)}.markers: expected names among {', '.join(MARKERS)}, got {name!r}")
+        for name in _names(task, "info_names"):
             if not name.isidentifier() or name.startswith("_") or name in _INFOS_OF_ALL:
                 taken = ", ".join(_INFOS_OF_ALL)
                 raise ValueError(f"{_name(task)}.info_names: expected names that are not taken ({taken}), got {name!r}")
@@ -283,6 +292,7 @@ class TaskCalls:
         self._takes_poses = control == "pose"
         poses = "positions (N, 3), or a pair of positions and quaternions (N, 4)"
         self._expected_target = poses if self._takes_poses else "commands (N, 4)"
+        self._rows = (batch.num_drones,)
         self._task._batch = weakref.ref(batch)
         self._task.success, self._task.truncated = np.zeros((2, batch.num_drones), bool)
         self._task.info = _Info({name: np.zeros(batch.num_drones) for name in self._task.info_names})
@@ -306,7 +316,9 @@ class TaskCalls:
         pair = target if isinstance(target, tuple) else (target, None)
         if len(pair) != 2 or pair[0] is None:
             raise ValueError(f"{_name(self._task)}.act: expected {self._expected_target}, got {_counted(target)}")
-        if self._takes_poses and pair[1] is None and np.shape(pair[0]) == (len(self._task.success), 4):
+        for part in pair:
+            self._refuse_masked("act", part)
+        if self._takes_poses and pair[1] is None and np.shape(pair[0]) == (*self._rows, 4):
             raise ValueError(
                 f"{_name(self._task)}.act: expected {self._expected_target}, got shape {np.shape(pair[0])}: control is "
                 "'pose'; for commands (N, 4) declare dynamics = flockstep.DynamicsConfig(motion='rotors', control=...)"
@@ -341,7 +353,7 @@ class TaskCalls:
             raise ValueError(f"{_name(self._task)}.step: expected a mapping of the reward terms {', '.join(names)}")
         terms = np.array(columns, np.float64)
         flags = ("terminated", terminated), ("truncated", self._task.truncated), ("success", self._task.success)
-        return terms, *(self._row(name, flag).astype(bool, copy=False) for name, flag in flags)
+        return terms, *(self._flags(name, flag) for name, flag in flags)
 
     def infos(self) -> dict[str, npt.NDArray[np.float64]]:
         """Return copies of what the task reports, (N,) by name: of episodes that ended, as it was then."""
@@ -405,23 +417,47 @@ class TaskCalls:
         return {_SUCCESS: self._task.success, **infos, **state}
 
     def _row(self, name: str, value: Any) -> Array:
+        self._refuse_masked(f"step: {name}", value)
         array = np.asarray(value)
-        if array.shape != self._task.success.shape:
-            expected = f"a {name} of shape {self._task.success.shape}"
-            raise ValueError(f"{_name(self._task)}.step: expected {expected}, got {array.shape}")
+        if array.shape != self._rows:
+            raise ValueError(f"{_name(self._task)}.step: expected a {name} of shape {self._rows}, got {array.shape}")
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"{_name(self._task)}.step: expected a {name} of real numbers, got dtype {array.dtype}")
         return array
 
+    def _flags(self, name: str, value: Any) -> BoolArray:
+        array = self._row(name, value)
+        flags = array.astype(bool, copy=False)
+        if array.dtype.kind == "f" and np.any(array != flags):
+            env = int(np.flatnonzero(array != flags)[0])
+            got = f"{array[env]} in env {env}"
+            raise ValueError(f"{_name(self._task)}.step: expected {name} to be bool, got {got}")
+        return flags
+
+    def _refuse_masked(self, what: str, value: Any) -> None:
+        if isinstance(value, np.ma.MaskedArray):
+            raise ValueError(
+                f"{_name(self._task)}.{what}: expected an array without a mask, got a masked array: call filled() first"
+            )
+
     def _checked(self, what: str, value: Any, space: spaces.Box) -> Array:
+        self._refuse_masked(what, value)
         given = np.asarray(value)
         if not np.can_cast(given.dtype, space.dtype, "same_kind"):
             raise ValueError(
                 f"{_name(self._task)}.{what}: expected {space.dtype}, as the space says, got {given.dtype}"
             )
-        array = np.ascontiguousarray(given, dtype=space.dtype)
-        expected = (len(self._task.success), *space.shape)
-        if array.shape != expected:
-            raise ValueError(f"{_name(self._task)}.{what}: expected shape {expected}, got {array.shape}")
-        return array
+        expected = (*self._rows, *space.shape)
+        if given.shape != expected:
+            raise ValueError(f"{_name(self._task)}.{what}: expected shape {expected}, got {given.shape}")
+        if given.dtype.kind in "iu" and space.dtype.kind in "iu" and not np.can_cast(given.dtype, space.dtype):
+            limits = np.iinfo(space.dtype.name)
+            for value in (int(given.min()), int(given.max())):
+                if not limits.min <= value <= limits.max:
+                    raise ValueError(
+                        f"{_name(self._task)}.{what}: expected integers that fit {space.dtype}, got {value}"
+                    )
+        return np.ascontiguousarray(given, dtype=space.dtype)
 
 
 class _Info(dict[str, Any]):
@@ -434,6 +470,78 @@ class _Info(dict[str, Any]):
 
 def _name(task: Task) -> str:
     return type(task).__name__
+
+
+def _names(task: Task, field: str) -> tuple[str, ...]:
+    """Return a field that holds names. Raises where it is no sequence of them, or holds one twice."""
+    names = getattr(task, field)
+    if isinstance(names, str):
+        raise TypeError(f"{_name(task)}.{field}: expected a tuple of names, got {names!r}: write ({names!r},)")
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"{_name(task)}.{field}: expected a tuple of names, got {names!r}")
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{_name(task)}.{field}: expected different names, got {twice!r} twice")
+    return tuple(names)
+
+
+#: What a subclass may declare as a value, and the methods that it may override.
+_DECLARED = tuple(name for name in Task.__annotations__ if name not in _PROVIDED and not name.startswith("_"))
+_METHODS = tuple(name for name, value in vars(Task).items() if inspect.isfunction(value) and not name.startswith("_"))
+
+
+def settable_names(task: Task) -> set[str]:
+    """Return the public attributes of a task that can be set while it flies: its own ones and ``step_m``."""
+    return {
+        name
+        for name in dir(task)
+        if not name.startswith("_")
+        and (name == "step_m" or not (hasattr(Task, name) or name in Task.__annotations__))
+        and not callable(inspect.getattr_static(task, name))
+    }
+
+
+def _refuse_misspelt(task: Task) -> None:
+    """Raise TypeError if a public attribute or method is nearly named as one of `Task` that the class does not define.
+
+    Names that begin with an underscore, and attributes that are set in `setup`, are not looked at.
+    """
+    own: dict[str, Any] = {}
+    for kind in type(task).__mro__[::-1]:
+        if kind not in Task.__mro__:
+            own.update(vars(kind))
+    own.update(vars(task))
+    for name, value in own.items():
+        if name.startswith("_") or hasattr(Task, name) or name in Task.__annotations__:
+            continue
+        value = getattr(value, "__func__", value)  # of a static or class method
+        if isinstance(value, type) or (hasattr(value, "__get__") and not inspect.isroutine(value)):
+            continue  # nested classes and properties
+        known = _METHODS if callable(value) else _DECLARED
+        meant = next((other for other in known if other not in own and _is_near(name, value, other)), None)
+        if meant is not None:
+            raise TypeError(
+                f"{_name(task)}.{name}: expected a name that Task has, or a clearly different one, got {name!r}. "
+                f"Did you mean {meant!r}? If not, begin it with an underscore; an attribute may be set in setup instead"
+            )
+
+
+def _is_near(name: str, value: Any, meant: str) -> bool:
+    """Return whether a name differs from the one that is meant by case, underscores, a plural or a typing error."""
+    if callable(value):
+        needed = len(inspect.signature(getattr(Task, meant)).parameters)
+        if _letters(name) == _letters(meant):
+            return True
+        if needed < 2 or needed != len(inspect.signature(value).parameters):
+            return False  # it could not be called in place of the other
+    elif meant == "step_m" or name.strip("_").count("_") > meant.count("_"):
+        return _letters(name) == _letters(meant)  # lidar_m or step_ms may be a quantity with its unit
+    a, b = (_letters(text).removesuffix("s") for text in (name, meant))
+    return sorted(a) == sorted(b) or difflib.SequenceMatcher(None, a, b).ratio() > 0.88
+
+
+def _letters(name: str) -> str:
+    return name.replace("_", "").lower()
 
 
 def _counted(value: Any) -> str:
@@ -454,7 +562,13 @@ def _identity(task: Task) -> str:
     return f"{type(task).__module__}.{type(task).__qualname__}, step_m={task.step_m}"
 
 
+def _require_values(field: str, space: spaces.Box) -> None:
+    if 0 in space.shape:
+        raise ValueError(f"{field}: expected a Box with at least one value, got the shape {space.shape}")
+
+
 def _field(name: str, space: spaces.Box) -> Field:
+    _require_values(f"observation_space: {name}", space)
     dtype = str(np.dtype(space.dtype))
     known = ("bool", "uint8", "int32", "int64", "float32", "float64")
     if dtype not in known:
@@ -467,5 +581,6 @@ def _action_field(task: Task) -> Field:
     if isinstance(space, spaces.Discrete):
         return Field("action", "int64", (), float(space.start), float(space.start + space.n - 1))
     if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
+        _require_values(f"{_name(task)}.action_space", space)
         return Field("action", "float32", space.shape, float(np.min(space.low)), float(np.max(space.high)))
     raise TypeError(f"{_name(task)}.action_space: expected a Discrete or a Box of floats, got {space!r}")

@@ -2,9 +2,11 @@
 
 import ast
 import copy
+import dataclasses
 import gc
 import inspect
 import pickle
+import re
 import weakref
 
 import numpy as np
@@ -467,6 +469,138 @@ class TestMistakes:
             with pytest.raises(TypeError, match=r"task: expected a flockstep\.Task"):
                 flockstep.DroneVectorEnv(2, worlds=room, task=task)
 
+    @pytest.mark.parametrize("field", ["reward_terms", "info_names", "markers"])
+    def test_names_are_a_tuple_of_different_names(self, room, field):
+        with pytest.raises(
+            TypeError, match=rf"^Broken\.{field}: expected a tuple of names, got 'goal': write \('goal',"
+        ):
+            self.env(room, **{field: ("goal")})
+        for no_names in (3, None, {"goal"}, ("goal", 3)):
+            with pytest.raises(TypeError, match=rf"^Broken\.{field}: expected a tuple of names, got "):
+                self.env(room, **{field: no_names})
+        with pytest.raises(ValueError, match=rf"^Broken\.{field}: expected different names, got 'goal' twice"):
+            self.env(room, **{field: ["goal", "start", "goal"]})
+
+    def test_names_that_are_none(self, room):
+        with pytest.raises(ValueError, match=r"^Broken\.reward_terms: expected at least one name, got \(\)"):
+            self.env(room, reward_terms=())
+        with pytest.raises(ValueError, match=r"^Broken\.markers: expected names among start, .*, got 'home'"):
+            self.env(room, markers=("start", "home"))
+
+    @pytest.mark.parametrize("field", ["observation_space", "action_space"])
+    def test_a_box_without_values(self, room, field):
+        act = {"act": lambda self, batch, actions: batch.position}
+        with pytest.raises(ValueError, match=rf"{field}.*: expected a Box with at least one value, got .* \(3, 0\)"):
+            self.env(room, **{field: spaces.Box(-1, 1, (3, 0))}, **act)
+
+    @pytest.mark.parametrize("limit", [2**31, 2**40, -1, True, 2.0, "9"])
+    def test_a_limit_that_is_none(self, room, limit):
+        expected = r"max_episode_steps: expected an integer in \[0, 2147483647\], got"
+        with pytest.raises(ValueError, match=f"^{expected} {limit!r}"):
+            self.env(room, max_episode_steps=limit)
+
+    def returned_by_step(self, room, reward, terminated):
+        env = self.env(room, step=lambda self, batch: (reward, terminated))
+        env.reset(seed=0)
+        return env.step(np.zeros((2, 3), np.float32))
+
+    @pytest.mark.parametrize(
+        ("reward", "got"),
+        [
+            (np.ones(2) * 1j, "real numbers, got dtype complex128"),
+            (np.array([1, 2], "m8[s]"), r"real numbers, got dtype timedelta64\[s\]"),
+            (np.array(["1", "2"]), "real numbers, got dtype <U1"),
+            (np.array([1, None]), "real numbers, got dtype object"),
+        ],
+    )
+    def test_a_reward_that_is_no_number(self, room, reward, got):
+        with pytest.raises(ValueError, match=rf"^Broken\.step: expected a reward of {got}"):
+            self.returned_by_step(room, reward, np.zeros(2, bool))
+
+    def test_arrays_with_a_mask(self, room):
+        masked = np.ma.array(np.zeros((2, 4)), mask=True)
+        expected = "expected an array without a mask, got a masked array: call filled"
+        for reward, terminated in ((masked[:, 0], np.zeros(2, bool)), (np.zeros(2), masked[:, 0] > 0)):
+            with pytest.raises(ValueError, match=rf"^Broken\.step: \w+: {expected}"):
+                self.returned_by_step(room, reward, terminated)
+        with pytest.raises(ValueError, match=rf"^Broken\.observe: {expected}"):
+            self.env(room, observe=lambda self, batch: masked).reset(seed=0)
+        for target in (masked[:, :3], (np.zeros((2, 3)), masked)):
+            env = self.env(room, act=lambda self, batch, actions, target=target: target)
+            env.reset(seed=0)
+            with pytest.raises(ValueError, match=rf"^Broken\.act: {expected}"):
+                env.step(np.zeros((2, 3), np.float32))
+
+    @pytest.mark.parametrize("bad", [np.nan, 0.5, np.inf])
+    def test_a_flag_that_is_neither(self, room, bad):
+        with pytest.raises(ValueError, match=rf"^Broken\.step: expected terminated to be bool, got {bad} in env 1"):
+            self.returned_by_step(room, np.zeros(2), np.array([0, bad]))
+
+    @pytest.mark.parametrize("given", [np.array([0, 2]), np.array([0.0, 1.0]), [False, True], np.array([False, True])])
+    def test_flags_as_numbers(self, room, given):
+        assert self.returned_by_step(room, [1, 2], given)[2].tolist() == [False, True]
+
+    @pytest.mark.parametrize("name", ["success", "truncated"])
+    @pytest.mark.parametrize("value", [True, np.zeros(3, bool)])
+    def test_a_flag_of_a_wrong_shape(self, room, name, value):
+        def step(self, batch):
+            setattr(self, name, value)
+            return np.zeros(2), np.zeros(2, bool)
+
+        env = self.env(room, step=step)
+        env.reset(seed=0)
+        expected = f"expected a {name} of shape (2,), got {np.shape(value)}"
+        with pytest.raises(ValueError, match=rf"^Broken\.step: {re.escape(expected)}"):
+            env.step(np.zeros((2, 3), np.float32))
+
+    @pytest.mark.parametrize(("dtype", "value"), [(np.int32, 2**40), (np.int32, -(2**31) - 1), (np.int64, 2**63)])
+    def test_integers_that_the_space_has_no_room_for(self, room, dtype, value):
+        given = np.full((2, 4), value, np.uint64 if value > 2**62 else np.int64)
+        space = spaces.Box(0, 9, (4,), dtype)
+        env = self.env(room, observation_space=space, observe=lambda self, batch: given)
+        with pytest.raises(
+            ValueError, match=rf"^Broken\.observe: expected integers that fit {space.dtype}, got {value}"
+        ):
+            env.reset(seed=0)
+        fitting = np.array([[0, 1, 2**31 - 1, -(2**31)]] * 2)
+        env = self.env(room, observation_space=spaces.Box(0, 9, (4,), np.int32), observe=lambda self, batch: fitting)
+        np.testing.assert_array_equal(env.reset(seed=0)[0], fitting)
+
+    def test_a_reset_that_begins_outside_the_room(self, room):
+        def reset(self, batch, mask):
+            batch.set_pose([[2, 4, 2], [20, 4, 2]], None, mask)
+
+        expected = r'drones within the room of world "room", \(0 0 0\) to \(8 8 4\), got \(20  4  2\) of env 1'
+        with pytest.raises(ValueError, match=rf"^reset: position: expected {expected}"):
+            self.env(room, reset=reset).reset(seed=0)
+        no_room = {"flockstep_scene": 1, "name": "open", "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}]}
+        self.env(flockstep.World.from_dict(no_room), reset=reset).reset(seed=0)
+
+    def test_a_reset_that_closes_its_env(self, room):
+        opened = []
+        env = self.env(room, reset=lambda self, batch, mask: opened.pop().close())
+        opened.append(env)
+        with pytest.raises(RuntimeError, match="this env was closed by its task while it reset"):
+            env.reset(seed=0)
+        with pytest.raises(RuntimeError, match="this env is closed"):
+            env.reset(seed=0)
+
+    @pytest.mark.parametrize(
+        ("control", "command", "expected"),
+        [
+            ("attitude", [9.81, 45, 0, 0], r"a roll within \+-pi rad \(not degrees\), got 45"),
+            ("attitude", [9.81, 0, -45, 0], r"a pitch within \+-pi rad \(not degrees\), got -45"),
+            *((control, [1, 0, 0, 1e5], "a yaw within") for control in ("attitude", "acceleration", "position")),
+        ],
+    )
+    def test_an_act_whose_angles_are_in_degrees(self, room, control, command, expected):
+        dynamics = flockstep.DynamicsConfig(motion="rotors", control=control)
+        rows = np.array([[0, 0, 0, 0], command], float)
+        env = self.env(room, dynamics=dynamics, act=lambda self, batch, actions: rows)
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=rf"^act: command \(row 1\): expected {expected}"):
+            env.step(np.zeros((2, 3), np.float32))
+
     def test_fields_of_the_navigation_task(self, room):
         with pytest.raises(TypeError, match="action"):
             flockstep.DroneVectorEnv(2, worlds=room, task=Climb(), action="discrete")
@@ -499,6 +633,112 @@ class TestMistakes:
         env.reset(seed=0)
         with pytest.raises(ValueError, match=f"actions.*{match}"):
             env.step(actions)
+
+
+# Names that tasks may have for themselves.
+OWN_NAMES = """
+goal_radius target laps last_distance max_steps max_speed max_episode_time_s n_steps reward rewards action actions
+action_scale action_dim action_shape observation observation_shape obs_dim state_size states loads draws acts resets
+successes infos info_scale lidar_m lidar_range_m lidar_beams clock_s clock_hz camera_name drone_mass drone_kg
+drone_ids world_size world_name step_ms step_s step_size steps_left flight flock block radar marker_ids frame frames
+skip random_start random_seed dynamics_noise time_limit_s name episodes episode_steps max_reward
+num_waypoints kp gains hold_s
+"""
+
+
+class TestMisspeltNames:
+    """Names of a subclass that nearly are those of `Task`; and ones that are its own."""
+
+    @pytest.mark.parametrize(
+        ("name", "meant"),
+        [
+            *(("max_episode_step", "max_episode_steps"), ("maxEpisodeSteps", "max_episode_steps")),
+            *(("max_epsiode_steps", "max_episode_steps"), ("max_episodes_steps", "max_episode_steps")),
+            *(("info_name", "info_names"), ("lidars", "lidar"), ("lidr", "lidar"), ("Lidar", "lidar")),
+            *(
+                ("world", "worlds"),
+                ("wrolds", "worlds"),
+                ("drones", "drone"),
+                ("clocks", "clock"),
+                ("marker", "markers"),
+            ),
+            *(("action_spaces", "action_space"), ("frameskip", "frame_skip"), ("random_worlds", "random_world")),
+            *(("reward_term", "reward_terms"), ("dynamic", "dynamics"), ("stepm", "step_m"), ("Step_M", "step_m")),
+        ],
+    )
+    @pytest.mark.parametrize("on_the_class", [True, False])
+    def test_attributes(self, room, name, meant, on_the_class):
+        members = {"observation_space": Climb.observation_space, "step": Climb.step, "observe": Climb.observe}
+        if on_the_class:
+            members[name] = 3
+        else:
+            members["__init__"] = lambda self: setattr(self, name, 3)
+        task = type("Odd", (flockstep.Task,), members)
+        expected = rf"^Odd\.{name}: expected a name that Task has, .*, got '{name}'\. Did you mean '{meant}'\?"
+        with pytest.raises(TypeError, match=expected):
+            flockstep.DroneVectorEnv(2, worlds=room, task=task)
+
+    @pytest.mark.parametrize(
+        ("name", "method", "meant"),
+        [
+            ("Reset", lambda self, batch, mask: None, "reset"),
+            ("rest", lambda self, batch, mask: None, "reset"),
+            ("set_up", lambda self, batch: None, "setup"),
+            ("setUp", lambda self, batch: None, "setup"),
+            ("Act", lambda self, batch, actions: None, "act"),
+            ("Draw", lambda self, batch, env, drawing: None, "draw"),
+            ("State", lambda self: {}, "state"),
+            ("Reset", staticmethod(lambda batch, mask: None), "reset"),
+        ],
+    )
+    def test_methods(self, room, name, method, meant):
+        members = {"observation_space": Climb.observation_space, "step": Climb.step, "observe": Climb.observe}
+        task = type("Odd", (flockstep.Task,), {**members, name: method})
+        with pytest.raises(TypeError, match=rf"^Odd\.{name}: .* Did you mean '{meant}'\?"):
+            flockstep.DroneVectorEnv(2, worlds=room, task=task)
+
+    def test_names_of_its_own(self, room):
+        methods = {
+            "distance": lambda self, batch: 0,
+            "states": lambda self: {},
+            "actor": lambda self, batch: 0,
+            "observed": lambda self, batch: 0,
+            "observation_of": lambda self, batch: 0,
+            "drawn": lambda self, batch: 0,
+            "reset_goal": lambda self, batch, mask: 0,
+            "stepped": lambda self, batch: 0,
+            "start": lambda self, batch, mask: 0,
+            "react": lambda self, batch: 0,
+            "camera_of": lambda self, batch: 0,
+            "worlds_of": staticmethod(lambda seed: 0),
+            "loaded": classmethod(lambda cls: 0),
+            "lidars": property(lambda self: 0),
+            "Lidar": type("Lidar", (), {}),
+            "_reset": lambda self, batch, mask: 0,
+            "_max_episode_step": 3,
+        }
+
+        needed = {
+            "observation_space": spaces.Box(-9, 9, (3,), np.float32),
+            "step": lambda self, batch: (np.zeros(2), np.zeros(2, bool)),
+            "observe": lambda self, batch: batch.position,
+        }
+        task = type("Own", (flockstep.Task,), {**dict.fromkeys(OWN_NAMES.split(), 1), **methods, **needed})
+        flockstep.DroneVectorEnv(2, worlds=room, task=task).reset(seed=0)
+        # A name is no mistake either where the task has the other one, too, or once setup has begun.
+        both = {"world": room, "worlds": room, "setup": lambda self, batch: setattr(self, "lidars", 3)}
+        flockstep.DroneVectorEnv(2, task=type("Both", (flockstep.Task,), {**needed, **both})).reset(seed=0)
+
+    def test_a_dataclass(self, room):
+        @dataclasses.dataclass(eq=False)
+        class Wide(Climb):
+            goal_radius: float = 1.0
+            steps_per_goal: int = 3
+
+        assert flockstep.DroneVectorEnv(2, worlds=room, task=Wide(2.0)).task.goal_radius == 2
+        wrong = dataclasses.make_dataclass("Wrong", [("reward_term", str, "a")], bases=(Climb,), eq=False)
+        with pytest.raises(TypeError, match=r"^Wrong\.reward_term: .*Did you mean 'reward_terms'"):
+            flockstep.DroneVectorEnv(2, worlds=room, task=wrong())
 
 
 class Look(flockstep.Task):

@@ -386,15 +386,6 @@ def test_a_drones_own_camera_sees_the_markers_all_the_same(room):
     assert (expected[..., 1] > 1.4 * expected[..., 0].astype(int)).any()  # the goal is in view
 
 
-@pytest.mark.parametrize("wrong", ["goal", ("goal", "gate")])
-def test_markers_that_do_not_exist_are_refused(room, wrong):
-    class Wrong(Drawn):
-        markers = wrong
-
-    with pytest.raises(ValueError, match=r"Wrong\.markers: expected a tuple of some of 'start', 'waypoints', 'goal'"):
-        frames(room, Wrong, "top")
-
-
 def test_drawing_is_for_one_env_at_a_time_and_changes_nothing(room):
     envs = flockstep.DroneVectorEnv(2, worlds=room, task=Drawn(), render_mode="rgb_array", render_view="top")
     envs.reset(seed=0)
