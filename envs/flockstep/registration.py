@@ -61,8 +61,12 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str], **default
     ValueError
         The library cannot be loaded, or exports no task.
     TypeError
-        A default that is no such keyword. Its value is checked when an environment is made.
+        A task that is neither, or a default that is no such keyword. Its value is checked when an environment is made.
     """
+    is_task = issubclass(task, Task) if isinstance(task, type) else isinstance(task, (str, PathLike))
+    if not is_task:
+        hint = ": give its class, so that each environment gets a task of its own" if isinstance(task, Task) else ""
+        raise TypeError(f"task: expected a subclass of flockstep.Task or the path of a library, got {task!r}{hint}")
     refused = [name for name in defaults if name in _NO_DEFAULTS]
     if refused:
         raise TypeError(f"register_task: expected no default of {', '.join(_NO_DEFAULTS)}, got {', '.join(refused)}")

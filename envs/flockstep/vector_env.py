@@ -34,7 +34,7 @@ from flockstep._core import (
     task_defaults,
 )
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import Task, TaskCalls, native_task
+from flockstep.task import Task, TaskCalls, native_task, settable_names
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
 from flockstep.viewer.flight_overlay import FlightOverlay
@@ -390,6 +390,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if seeds is not None and not self._seeded and mask is not None and not mask.all():
             self.batch.reset(seeds)  # the envs outside the mask too: no env is ever without a state
         self.batch.reset(seeds, mask)
+        if self.closed:
+            raise RuntimeError("this env was closed by its task while it reset: close it after reset() has returned")
         self._seeded = True
         if self.trail is not None:
             self.trail.record(True if mask is None else mask)
@@ -506,27 +508,36 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         return self._returned(self.observation())
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of this env once, or read an attribute, and return the result for each env."""
-        value = getattr(self, name)
+        """Call a method of this env or its `Task` once, or read an attribute, and return the result for each env."""
+        value = getattr(self._owner_of(name), name)
         return self._per_env(value(*args, **kwargs) if callable(value) else value)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute for each env: its rows if it has N of them, else the same value N times."""
-        return self._per_env(getattr(self, name))
+        """Return an attribute of this env or its `Task` for each env: its rows if it has N of them, else N times it."""
+        return self._per_env(getattr(self._owner_of(name), name))
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of this env, which all its drones share.
+        """Set an attribute of this env, or else of its `Task`, which all its drones share.
 
         Raises
         ------
         ValueError
             A list or tuple that does not hold the same value N times.
+        AttributeError
+            Neither has it, or it is read only when an env is made, such as a task's ``reward_terms``.
         """
         if isinstance(values, (list, tuple)):
             if len(values) != self.num_envs or any(value != values[0] for value in values):
                 raise ValueError(f"{name}: expected one value, or {self.num_envs} equal ones: the envs share it")
             values = values[0]
-        setattr(self, name, values)
+        owner = self._owner_of(name)
+        settable = ["reward_scale"]
+        if isinstance(self.task, Task):
+            settable += sorted(settable_names(self.task))
+        if not hasattr(owner, name) or (owner is self.task and name not in settable):
+            expected = f"the name of an attribute that can be set ({', '.join(settable)})"
+            raise AttributeError(f"set_attr: expected {expected}, got {name!r}")
+        setattr(owner, name, values)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of the batch. Arrays handed out with ``copy=False`` stay valid."""
@@ -564,6 +575,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if isinstance(observation, dict):
             return {key: part.copy() for key, part in observation.items()}
         return observation.copy()
+
+    def _owner_of(self, name: str) -> Any:
+        """Return the task where it alone has an attribute, else this env."""
+        is_of_task = not hasattr(self, name) and isinstance(self.task, Task) and hasattr(self.task, name)
+        return self.task if is_of_task else self
 
     def _per_env(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, (np.ndarray, list, tuple)) and len(value) == self.num_envs:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import weakref
 from collections import OrderedDict, deque
@@ -75,7 +76,10 @@ class WorldPool:
         if self.difficulty is None:
             return 0.0
         if callable(self.difficulty):
-            return self.difficulty(number)
+            value = self.difficulty(number)
+            if not _is_number(value):
+                raise ValueError(f"difficulty: expected a function that returns finite numbers, got {value!r}")
+            return value
         first, last, over = self.difficulty
         return first + (last - first) * min(number / over, 1.0)
 
@@ -200,8 +204,12 @@ def _integer(name: str, value: Any, most: int) -> int:
     return int(value)
 
 
+def _is_number(value: Any) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
+
+
 def _fresh(value: Any) -> float:
-    if not isinstance(value, Real) or not 0 <= float(value) <= _MOST:
+    if not _is_number(value) or not 0 <= float(value) <= _MOST:
         raise ValueError(f"fresh: expected a number in [0, {_MOST}], got {value!r}")
     return float(value)
 
@@ -214,4 +222,6 @@ def _difficulty(given: Any) -> Difficulty | None:
     if not isinstance(given, Sequence) or len(given) != 3 or not all(isinstance(value, Real) for value in given):
         raise TypeError(f"difficulty: expected {expected}, got {given!r}")
     first, last, over = given
+    if not _is_number(first) or not _is_number(last):
+        raise ValueError(f"difficulty: expected finite numbers as first and last, got {given!r}")
     return float(first), float(last), _integer("difficulty: over", over, 1 << 31)

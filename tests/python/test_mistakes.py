@@ -59,6 +59,22 @@ ID = "flockstep/LidarNavigation-v0"
             "worlds: expected a name, a path, a World or a sequence of these, got 3",
         ),
         (
+            lambda: flockstep.register_task("mine/Task-v0", {}),
+            "task: expected a subclass of flockstep.Task or the path of a library, got {}",
+        ),
+        (
+            lambda: flockstep.register_task("mine/Task-v0", dict),
+            "task: expected a subclass of flockstep.Task or the path of a library, got <class 'dict'>",
+        ),
+        (
+            lambda: flockstep.register_task("mine/Task-v0", flockstep.Task()),
+            ": give its class, so that each environment gets a task of its own",
+        ),
+        (
+            lambda: flockstep.NativeTask(3),
+            "path: expected the path of a shared library (a str or a Path), got 3",
+        ),
+        (
             lambda: flockstep.sb3.make_vec(ID, 2, autoreset_mode="disabled"),
             "make_vec: autoreset_mode cannot be chosen: Stable-Baselines3 wants same-step autoreset",
         ),

@@ -279,10 +279,42 @@ class TestAttributes:
 
     def test_are_set_for_all(self, make):
         envs = make()
-        envs.set_attr("note", 4)
-        assert envs.get_attr("note") == [4] * 6
-        with pytest.raises(ValueError, match="note"):
-            envs.set_attr("note", 5, indices=[0])
+        envs.set_attr("reward_scale", 4)
+        assert envs.get_attr("reward_scale") == [4] * 6
+        with pytest.raises(ValueError, match="reward_scale"):
+            envs.set_attr("reward_scale", 5, indices=[0])
+        with pytest.raises(AttributeError, match=r"set_attr: expected the name .* set \(reward_scale\), got 'note'"):
+            envs.set_attr("note", 4)
+
+    def test_of_the_task(self, room):
+        class Near(flockstep.Task):
+            worlds = room
+            observation_space = gymnasium.spaces.Box(-8, 8, (3,), np.float32)
+            radius = 1.0
+
+            def step(self, batch):
+                return np.full(batch.num_drones, self.radius), np.zeros(batch.num_drones, bool)
+
+            def observe(self, batch):
+                return batch.position
+
+            def grow(self, by):
+                self.radius += by
+                return self.radius
+
+        envs = flockstep.sb3.make_vec(Near, 3)
+        envs.reset()
+        envs.set_attr("radius", 2.0)
+        assert envs.get_attr("radius") == [2.0] * 3
+        assert envs.step(np.zeros((3, 3), np.float32))[1].tolist() == [2, 2, 2]
+        assert envs.env_method("grow", 0.5, indices=[1]) == [2.5]
+        assert envs.env.task.radius == 2.5
+        envs.set_attr("step_m", 0.2)
+        assert envs.env.task.step_m == 0.2
+        settable = r"\(reward_scale, radius, step_m\)"
+        for name in ("max_episode_steps", "reward_terms", "grow", "diameter"):
+            with pytest.raises(AttributeError, match=rf"^set_attr: expected the name .* {settable}, got '{name}'"):
+                envs.set_attr(name, 3)
 
     def test_methods(self, make):
         envs = make(render_mode="rgb_array")

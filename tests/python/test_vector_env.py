@@ -470,10 +470,10 @@ class TestMaking:
         assert envs.get_attr("render_mode") == ("rgb_array",) * 3
         envs.reset(seed=0)
         assert [frame.shape for frame in envs.call("render")] == [(256, 256, 3)] * 3
-        envs.set_attr("note", [1, 1, 1])
-        assert envs.get_attr("note") == (1, 1, 1)
-        with pytest.raises(ValueError, match="note"):
-            envs.set_attr("note", [1, 2, 3])
+        envs.set_attr("reward_scale", [2, 2, 2])
+        assert envs.get_attr("reward_scale") == (2, 2, 2)
+        with pytest.raises(ValueError, match="reward_scale"):
+            envs.set_attr("reward_scale", [1, 2, 3])
 
     def test_a_closed_env_says_so(self, room):
         envs = make(room)

@@ -4,6 +4,7 @@ import concurrent.futures.thread
 import contextlib
 import copy
 import gc
+import math
 import multiprocessing
 import pickle
 import random
@@ -433,12 +434,22 @@ class TestFailures:
             ({"threads": 0}, r"threads: expected an integer"),
             ({"difficulty": (1, 2)}, r"difficulty: expected a function of a number, or \(first, last, over\)"),
             ({"difficulty": (1, 2, 0)}, r"difficulty: over: expected an integer"),
+            ({"difficulty": (math.nan, math.inf, 1)}, r"difficulty: expected finite numbers as first and last, got"),
+            ({"difficulty": (1, math.inf, 1)}, r"difficulty: expected finite numbers"),
+            ({"difficulty": (True, 2, 1)}, r"difficulty: expected finite numbers"),
+            ({"fresh": True}, r"fresh: expected a number"),
             ({"make": 3}, "make: expected a function of a number"),
         ],
     )
     def test_wrong_pools(self, arguments, message):
         with pytest.raises((TypeError, ValueError), match=message):
             WorldPool(**{"make": hall, **arguments})
+
+    @pytest.mark.parametrize("value", [math.nan, math.inf, None, "hard"])
+    def test_a_difficulty_that_is_no_number(self, value):
+        pool = WorldPool(lambda number, difficulty: hall(number), difficulty=lambda number: value)
+        with pytest.raises(ValueError, match="difficulty: expected a function that returns finite numbers, got"):
+            pool.difficulty_of(3)
 
     def test_what_a_pool_cannot_do(self):
         with pytest.raises(ValueError, match="worlds: expected worlds, where there is no task"):
