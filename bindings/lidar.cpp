@@ -13,6 +13,10 @@ struct LidarView {
   py::object owner;
 
   const Batch& batch() const { return owner.cast<const Batch&>(); }
+  const Batch& scanned() const {
+    batch().require_scan();
+    return batch();
+  }
   const LidarConfig& config() const { return *batch().config().lidar; }
   Shape shape() const { return {batch().config().num_drones(), config().rows(), config().columns()}; }
 };
@@ -40,14 +44,17 @@ void register_lidar(py::module_& module) {
           py::arg("index"))
       .def_property_readonly(
           "ranges",
-          [](const LidarView& lidar) { return view<float>(lidar.owner, lidar.batch().lidar_ranges().data(), lidar.shape()); })
+          [](const LidarView& lidar) { return view<float>(lidar.owner, lidar.scanned().lidar_ranges().data(), lidar.shape()); })
       .def_property_readonly("max_range_m",
                              [](const LidarView& lidar) {
                                const Batch& batch = lidar.batch();
                                return view<float>(lidar.owner, batch.lidar_max_range_m().data(), {batch.config().num_drones()});
                              })
       .def_property_readonly("directions", [](const LidarView& lidar) { return per_ray(lidar, &Batch::lidar_directions); })
-      .def_property_readonly("points", [](const LidarView& lidar) { return per_ray(lidar, &Batch::lidar_points); });
+      .def_property_readonly("points", [](const LidarView& lidar) {
+        lidar.scanned();
+        return per_ray(lidar, &Batch::lidar_points);
+      });
 }
 
 }  // namespace flockstep::bindings

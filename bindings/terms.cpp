@@ -54,7 +54,7 @@ py::array_t<T> per_env(const Terms& terms, const F& f) {
 // What the LiDAR sees, a row of rays for each drone.
 struct Scans {
   explicit Scans(const Batch& batch) {
-    batch.require_lidar("");
+    batch.require_scan();
     const LidarConfig& lidar = *batch.config().lidar;
     rays = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
     all = batch.lidar_ranges();

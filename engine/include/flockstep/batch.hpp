@@ -111,6 +111,7 @@ class Batch {
 
   // --- the LiDAR; std::invalid_argument without one, or where it has another name
   void require_lidar(std::string_view name) const;
+  void require_scan() const;  // std::logic_error before the first scan, when all ranges are inf
   void set_lidar(const LidarChange& change, Mask mask = {});
   const std::vector<float>& lidar_ranges() const;      // (N, channels, beams) m, inf on a miss; empty without a LiDAR
   std::span<const float> lidar_max_range_m() const;    // (N,) m, of each drone

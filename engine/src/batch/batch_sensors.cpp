@@ -30,6 +30,11 @@ void Batch::require_lidar(std::string_view name) const {
           '"' + std::string(name) + '"');
 }
 
+void Batch::require_scan() const {
+  checks::has_lidar(*sim_);
+  checks::has_scanned(*sim_);
+}
+
 void Batch::set_lidar(const LidarChange& change, Mask mask) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
@@ -41,9 +46,7 @@ void Batch::set_lidar(const LidarChange& change, Mask mask) {
 
 const std::vector<float>& Batch::lidar_ranges() const {
   static const std::vector<float> none;
-  if (!sim_->lidar) return none;
-  checks::has_scanned(*sim_);
-  return sim_->lidar->ranges();
+  return sim_->lidar ? sim_->lidar->ranges() : none;
 }
 
 std::span<const float> Batch::lidar_max_range_m() const {
@@ -68,7 +71,6 @@ void Batch::lidar_directions(std::span<float> out) const {
 void Batch::lidar_points(std::span<float> out) const {
   const Use use(*sim_);
   checks::has_lidar(*sim_);
-  checks::has_scanned(*sim_);
   checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
   sim_->lidar->write_points(sim_->state, out);
 }
