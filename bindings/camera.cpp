@@ -27,8 +27,8 @@ py::array_t<T> image(const CameraView& camera, const std::vector<Stored>& values
   }
   Shape shape{camera.batch().config().num_drones()};
   if (channels > 1 && config.layout == ImageLayout::chw) shape.push_back(channels);
-  shape.push_back(config.height_px);
-  shape.push_back(config.width_px);
+  shape.push_back(config.image_height_px());
+  shape.push_back(config.image_width_px());
   if (channels > 1 && config.layout == ImageLayout::hwc) shape.push_back(channels);
   return view<T>(camera.owner, values.data(), shape);
 }
@@ -58,6 +58,7 @@ void register_camera(py::module_& module) {
       .def_property_readonly("instance", image_view<std::uint16_t>(&CameraImages::instance, 1, "instance"))
       .def_property_readonly("normal", image_view<float>(&CameraImages::normal, 3, "normal"))
       .def_property_readonly("grey", image_view<std::uint8_t>(&CameraImages::grey, 1, "grey"))
+      .def_property_readonly("hsv", image_view<std::uint8_t>(&CameraImages::hsv, 3, "hsv"))
       .def_property_readonly("frame_step",
                              [](const CameraView& camera) {
                                const Batch& batch = camera.batch();

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "convert.hpp"
+#include "flockstep/color.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
 #include "flockstep/track.hpp"
@@ -140,7 +141,10 @@ void register_config(py::module_& module) {
       .def_property_readonly("fx", [](const CameraConfig& camera) { return camera.fx(); })
       .def_property_readonly("fy", [](const CameraConfig& camera) { return camera.fy(); })
       .def_property_readonly("cx", [](const CameraConfig& c) { return 0.5 * c.width_px; })
-      .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; });
+      .def_property_readonly("cy", [](const CameraConfig& c) { return 0.5 * c.height_px; })
+      .def_property_readonly("image_size_px",
+                             [](const CameraConfig& c) { return py::make_tuple(c.image_width_px(), c.image_height_px()); });
+  register_fields<ColorRange>(module, "ColorRange", "Which colours count.");
   register_fields<PoseSensorConfig>(module, "PoseSensorConfig", "The exact pose, with optional Gaussian noise.");
   register_fields<ImuConfig>(module, "ImuConfig", "An inertial measurement unit, for drones that fly by their rotors.");
   register_fields<EpisodeConfig>(module, "EpisodeConfig", "When episodes begin and end; the same for every task.");

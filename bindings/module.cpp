@@ -14,7 +14,7 @@ void register_world(pybind11::module_& module);
 void register_world_builder(pybind11::module_& module);
 void register_survey(pybind11::module_& module);
 void register_plan(pybind11::module_& module);
-void register_green_blob(pybind11::module_& module);
+void register_color_blob(pybind11::module_& module);
 void register_lidar(pybind11::module_& module);
 void register_camera(pybind11::module_& module);
 void register_task(pybind11::module_& module);
@@ -49,7 +49,7 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_world_builder(module);
   flockstep::bindings::register_survey(module);
   flockstep::bindings::register_plan(module);
-  flockstep::bindings::register_green_blob(module);
+  flockstep::bindings::register_color_blob(module);
   flockstep::bindings::register_lidar(module);
   flockstep::bindings::register_camera(module);
   flockstep::bindings::register_task(module);

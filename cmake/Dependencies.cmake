@@ -71,6 +71,24 @@ find_package(PNG QUIET)
 need(PNG_FOUND "libpng (textures)" libpng-dev libpng)
 target_link_libraries(flockstep_dependencies INTERFACE PNG::PNG)
 
+# OpenCV, core and imgproc alone. Debian's shared libraries depend on BLAS, LAPACK, libgfortran and libGLX, which nothing here uses:
+# its static libraries are linked instead, and the linker leaves out every section that is not reached, those that would need these
+# included. What would need them after all does not link. Elsewhere shared libraries will do. Symbols stay hidden, so another
+# OpenCV in the process is of no concern.
+find_path(OPENCV_INCLUDE_DIR opencv2/imgproc.hpp PATH_SUFFIXES opencv4)
+find_library(OPENCV_CORE NAMES libopencv_core.a opencv_core)
+find_library(OPENCV_IMGPROC NAMES libopencv_imgproc.a opencv_imgproc)
+if(OPENCV_INCLUDE_DIR AND OPENCV_CORE AND OPENCV_IMGPROC)
+  set(OPENCV_FOUND TRUE)
+endif()
+need(OPENCV_FOUND "OpenCV, core and imgproc (images)" "libopencv-core-dev libopencv-imgproc-dev" libopencv)
+target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${OPENCV_INCLUDE_DIR})
+target_link_libraries(flockstep_dependencies INTERFACE ${OPENCV_IMGPROC} ${OPENCV_CORE} PNG::PNG TBB::tbb ${CMAKE_DL_LIBS})
+if(OPENCV_CORE MATCHES "\\.a$")
+  target_link_options(flockstep_dependencies INTERFACE LINKER:--gc-sections
+                      LINKER:--exclude-libs,libopencv_core.a:libopencv_imgproc.a)
+endif()
+
 # OpenGL and EGL, whose functions it finds at run time: neither is linked, and a machine without them has one camera backend less.
 if(PkgConfig_FOUND)
   pkg_check_modules(EPOXY QUIET IMPORTED_TARGET epoxy)

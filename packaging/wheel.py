@@ -2,8 +2,8 @@
 
 They go to out/wheel/. A wheel has its shared libraries inside and runs on any Linux whose C and C++ libraries are not
 older than this system's: the file's name says which (manylinux_2_35 wants glibc 2.35). OpenGL stays outside, since it
-belongs to a machine's driver; it is loaded where there is one. THIRD_PARTY.md in the wheel's metadata names what is
-inside, with each one's licence.
+belongs to a machine's driver; it is loaded where there is one. The wheel's metadata holds THIRD_PARTY.md with the
+versions of what is inside, and the licence texts.
 """
 
 from __future__ import annotations
@@ -32,8 +32,18 @@ BUILD_PACKAGES = (
     "tomli",
     "typing-extensions",
 )
-#: Header-only libraries: compiled in, so no file of theirs tells.
-HEADERS = ("libeigen3-dev", "nlohmann-json3-dev", "libtinygltf-dev", "libbullet-dev", "libhwy-dev")
+#: Debian packages of what is compiled in, headers and static libraries: no file in the wheel shows them.
+COMPILED_IN = (
+    "libeigen3-dev",
+    "nlohmann-json3-dev",
+    "libtinygltf-dev",
+    "libbullet-dev",
+    "libhwy-dev",
+    "libopencv-core-dev",
+    "libopencv-imgproc-dev",
+)
+#: Libraries that come with those which Debian's OpenCV depends on, and which our link leaves out.
+UNWANTED = re.compile(r"lib(GL|EGL|OpenGL|X11|xcb|stdc\+\+|gcc_s|blas|cblas|lapack|openblas|gfortran|quadmath|opencv)")
 
 
 def output_of(*command: str | Path) -> str:
@@ -118,7 +128,7 @@ def package_of(path: Path) -> tuple[str, str, Path]:
     raise SystemExit(f"wheel: no package owns {path}: its licence is not known")
 
 
-def add_licences(wheel: Path, unrepaired: Path) -> Path:
+def add_licences(wheel: Path, unrepaired: Path, pybind11: Path) -> Path:
     """Write the licences of everything inside into the wheel's metadata."""
     folder = BUILD / "unpacked"
     shutil.rmtree(folder, ignore_errors=True)
@@ -136,11 +146,16 @@ def add_licences(wheel: Path, unrepaired: Path) -> Path:
         name = re.sub(r"-[0-9a-f]{8}(\.so)", r"\1", library.name)  # auditwheel adds a hash
         original = next(path for real, path in found.items() if real == name or path.resolve().name == name)
         rows.append((library.name, *package_of(original)))
-    for package in HEADERS:
+    for package in COMPILED_IN:
         version = output_of("dpkg-query", "-W", "-f", "${Version}", package)
-        rows.append(("headers, compiled in", package, version, Path("/usr/share/doc", package, "copyright")))
-    text = ["# Libraries inside this wheel", "", "| file | Debian package | version | licence |", "|---|---|---|---|"]
+        rows.append(("compiled in", package, version, Path("/usr/share/doc", package, "copyright")))
+    version = pybind11.name.removeprefix("pybind11-").removesuffix(".dist-info")
+    rows.append(("compiled in", "pybind11", version, next(pybind11.rglob("LICENSE*"))))
+    known = (ROOT / "THIRD_PARTY.md").read_text()
+    text = [known, "## Versions in this wheel", "", "| file | package | version | licence text |", "|---|---|---|---|"]
     for file, package, version, copyright_file in rows:
+        if f"`{package}`" not in known and f"| {package} |" not in known:
+            raise SystemExit(f"wheel: THIRD_PARTY.md does not list {package}, which is inside")
         shutil.copyfile(copyright_file, licences / f"{package}.txt")
         text.append(f"| {file} | {package} | {version} | [{package}.txt](third_party/{package}.txt) |")
     (metadata / "licenses" / "THIRD_PARTY.md").write_text("\n".join(text) + "\n")
@@ -152,9 +167,9 @@ def check(wheel: Path) -> str:
     """Return a line about the wheel; a wheel that is not fit to be given away ends the program."""
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
-    strangers = [name for name in names if re.search(r"lib(GL|EGL|OpenGL|X11|xcb|stdc\+\+|gcc_s)\b", name)]
+    strangers = [name for name in names if UNWANTED.match(name.rpartition("/")[2])]
     if strangers:
-        raise SystemExit(f"wheel: {wheel.name} holds what belongs to the system: {', '.join(strangers)}")
+        raise SystemExit(f"wheel: {wheel.name} holds what it must not: {', '.join(strangers)}")
     if not any(name.startswith("flockstep/scenes/") for name in names):
         raise SystemExit(f"wheel: {wheel.name} holds no scenes")
     size = wheel.stat().st_size
@@ -183,7 +198,8 @@ def main() -> None:
             print(f"{python} is not here, or lacks headers or venv: no wheel for it", flush=True)
             continue
         made = build(python, version, source)
-        wheels.append(check(add_licences(repair(made), made)))
+        (pybind11,) = (BUILD / f"python{version}").glob("lib/python*/site-packages/pybind11-*.dist-info")
+        wheels.append(check(add_licences(repair(made), made, pybind11)))
         print(wheels[-1], flush=True)
     if not wheels:
         raise SystemExit("wheel: no Python to build for")

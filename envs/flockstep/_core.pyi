@@ -110,11 +110,11 @@ class CameraConfig:
     near_m, far_m
         Planar depths; nothing nearer is seen, and beyond there is sky. ``0 < near_m < far_m <= 1e6``.
     outputs
-        Names among ``"rgb"``, ``"depth"``, ``"semantic"``, ``"instance"``, ``"normal"``, ``"grey"``.
+        Names among ``"rgb"``, ``"depth"``, ``"semantic"``, ``"instance"``, ``"normal"``, ``"grey"``, ``"hsv"``.
     depth_kind
         ``"planar"``, along the optical axis, or ``"range"``, from the camera.
     layout
-        Of rgb and normal: ``"hwc"``, (N, H, W, 3), or ``"chw"``, (N, 3, H, W).
+        Of rgb, hsv and normal: ``"hwc"``, (N, H, W, 3), or ``"chw"``, (N, 3, H, W).
     capture_mode
         ``"every_step"``: rendered at every step or `Batch.sense`. ``"on_movement"``: at those where the drone's pose or
         world is another than its frame shows. ``"on_demand"``: by `Batch.capture` alone. A reset is always a reason to
@@ -126,6 +126,14 @@ class CameraConfig:
     rate_hz
         Frames per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. With capture mode ``"every_step"``. None: one after every
         flown step.
+    resize
+        (width, height) in pixels of the images that are written, from 1 to ``width_px`` and ``height_px``. None: as
+        rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Refused with the outputs semantic,
+        instance and normal, whose ids and directions have no mean.
+    pool
+        With ``resize``, what a pixel is of the rendered pixels that it covers: ``"mean"``, weighted by covered area (as
+        OpenCV's ``INTER_AREA``), ``"min"`` or ``"max"``, channel by channel. Depth: ``"mean"`` and ``"max"`` are inf if one
+        covered pixel is a miss, ``"min"`` only if all are. hsv is computed from the resized rgb.
     """
 
     # fields of CameraConfig
@@ -146,6 +154,8 @@ class CameraConfig:
     samples_per_pixel: int
     shadows: bool
     rate_hz: float | None
+    resize: Sequence[int] | None
+    pool: Literal["mean", "min", "max"]
     def __init__(
         self,
         *,
@@ -165,6 +175,8 @@ class CameraConfig:
         samples_per_pixel: int = 1,
         shadows: bool = False,
         rate_hz: float | None = None,
+        resize: Sequence[int] | None = None,
+        pool: Literal["mean", "min", "max"] = "mean",
     ) -> None: ...
     # end of fields
     def __eq__(self, other: object, /) -> bool: ...
@@ -183,6 +195,41 @@ class CameraConfig:
     @property
     def cy(self) -> float:
         """Pixels from the upper border to the optical axis."""
+
+    @property
+    def image_size_px(self) -> tuple[int, int]:
+        """(width, height) of the images that are written: ``resize``, or else ``(width_px, height_px)``."""
+
+@final
+class ColorRange:
+    """Which colours count: each channel of a pixel is in [low, high]. By default, green as the goal is.
+
+    Parameters
+    ----------
+    space
+        What the three channels are, 8 bits each, of a pixel as written. ``"rgb"``: red, green, blue. ``"hsv"``: hue in
+        [0, 179], half of the degrees, so that red is 0, green 60 and blue 120; saturation and value in [0, 255].
+        ``"excess"``: by how much red, green and blue each exceed 1.25 times the larger of the other two, rounded up; 0
+        where they do not. Light scales the channels alike, so ``"excess"`` finds red, green or blue things in most light:
+        ``low=(17, 0, 0)`` is red.
+    low, high
+        (3,) integers in [0, 255], both included. A hue whose low exceeds its high wraps around: from 170 to 10 is red.
+    """
+
+    # fields of ColorRange
+    __match_args__: ClassVar[tuple[str, ...]]
+    space: Literal["rgb", "hsv", "excess"]
+    low: Sequence[int]
+    high: Sequence[int]
+    def __init__(
+        self,
+        *,
+        space: Literal["rgb", "hsv", "excess"] = "excess",
+        low: Sequence[int] = (0, 17, 0),
+        high: Sequence[int] = (255, 255, 255),
+    ) -> None: ...
+    # end of fields
+    def __eq__(self, other: object, /) -> bool: ...
 
 class PoseSensorConfig:
     """Exact pose, with optional Gaussian noise.
@@ -712,9 +759,9 @@ class NavigationConfig:
         ``yaw_step_deg``, counter-clockwise positive. ``"discrete_forward"``: 0 to 2 for +x, +y, -y.
     observation
         What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``"goal"``: the unit direction (3,) to the
-        current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the `green_blob`
-        of the first camera's image. ``"pixels"``: nothing; the image of the first camera, whose layout is ``"chw"``, is a
-        field of its own.
+        current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the `color_blob`
+        of ``color`` in the first camera's image. ``"pixels"``: nothing; the image of the first camera, whose layout is
+        ``"chw"``, is a separate field.
     step_m
         Metres of a full action.
     yaw_step_deg
@@ -723,6 +770,8 @@ class NavigationConfig:
         The terms of the reward.
     random_start
         Start anywhere in the world's spawn box instead of at its start marker.
+    color
+        Which colour ``"blob"`` looks for. By default the green of the goal. Refused with another observation.
     """
 
     # fields of NavigationConfig
@@ -733,6 +782,7 @@ class NavigationConfig:
     yaw_step_deg: float
     reward: NavigationReward
     random_start: bool
+    color: ColorRange
     def __init__(
         self,
         *,
@@ -742,6 +792,7 @@ class NavigationConfig:
         yaw_step_deg: float = 10.0,
         reward: NavigationReward = ...,
         random_start: bool = False,
+        color: ColorRange = ...,
     ) -> None: ...
     # end of fields
     @staticmethod
@@ -1488,6 +1539,10 @@ class Camera:
         """(N, H, W) 0.299 R + 0.587 G + 0.114 B, rounded."""
 
     @property
+    def hsv(self) -> npt.NDArray[np.uint8]:
+        """(N, H, W, 3) or (N, 3, H, W), of rgb: hue / 2 in degrees, from 0 to 179, saturation and value from 0 to 255."""
+
+    @property
     def frame_step(self) -> npt.NDArray[np.int64]:
         """(N,) how often the drone had been sensed in its episode before a frame; -1: stale.
 
@@ -1512,8 +1567,9 @@ class Camera:
     ) -> list[Path]:
         """Write PNG files ``<camera>-<drone>-<output>.png`` and return their paths; needs Pillow.
 
-        ``rgb`` and ``grey`` have 8 bits. ``semantic`` and ``instance`` are the ids, 16 bits. ``depth`` has 16 bits, in
-        millimetres; 0 where nothing is seen or it is beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits; 0 where nothing
+        ``rgb`` and ``grey`` have 8 bits, and so has ``hsv``, whose channels stand for red, green and blue. ``semantic``
+        and ``instance`` are the ids, 16 bits. ``depth`` has 16 bits, in millimetres; 0 where nothing is seen or it is
+        beyond 65.535 m. ``normal`` is 127.5 * (n + 1), 8 bits; 0 where nothing
         is seen. `numpy.save` of the arrays themselves keeps depth and normal exact.
 
         Image viewers show 16 bits of ids or millimetres as almost black. Therefore ``depth``, ``semantic`` and ``instance``
@@ -2056,6 +2112,98 @@ def green_blob(image: npt.NDArray[np.uint8], layout: str = "hwc") -> GreenBlob:
     ----------
     image
         uint8 of shape (height, width, 3), or with the layout ``"chw"`` (3, height, width).
+    """
+
+@final
+class ColorBlob:
+    """Where a colour is in some images: the box around all pixels that have it.
+
+    Each array has the images' leading shape: () for one image, (N,) for N. All numbers are 0 where the colour is not seen.
+    """
+
+    @property
+    def found(self) -> _Bool:
+        """Whether any pixel has the colour."""
+
+    @property
+    def x(self) -> npt.NDArray[np.int32]:
+        """Pixels, of the box's first pixel, from the left."""
+
+    @property
+    def y(self) -> npt.NDArray[np.int32]:
+        """Pixels, from the top."""
+
+    @property
+    def width(self) -> npt.NDArray[np.int32]:
+        """Pixels, of the box."""
+
+    @property
+    def height(self) -> npt.NDArray[np.int32]:
+        """Pixels, of the box."""
+
+    @property
+    def offset(self) -> _F32:
+        """Of the box's centre from the image's in x, over half the image's width: in [-1, 1], positive to the right."""
+
+    @property
+    def area(self) -> _F32:
+        """Of the box over the image's."""
+
+    @property
+    def mask(self) -> _Bool:
+        """(..., height, width) which pixels have the colour."""
+
+def color_blob(images: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorBlob:
+    """Find a colour in images, as the camera task does: the box around all pixels that have it.
+
+    Parameters
+    ----------
+    images
+        rgb, uint8 of shape (..., height, width, 3), or with the layout ``"chw"`` (..., 3, height, width): one image, or
+        ``batch.camera().rgb``.
+    color
+        Which colour.
+
+    Raises
+    ------
+    ValueError
+        Images of another dtype or shape, an unknown layout, or a range outside of [0, 255].
+    """
+
+@final
+class ColorComponents:
+    """The K connected parts of an image that have a colour, in the order of their labels."""
+
+    @property
+    def box(self) -> npt.NDArray[np.int32]:
+        """(K, 4) x and y of the first pixel from the upper left, width, height; pixels."""
+
+    @property
+    def centroid(self) -> npt.NDArray[np.float64]:
+        """(K, 2) x, y in pixels from the upper left corner: the mean of the pixels' centres, which are at + 1/2."""
+
+    @property
+    def area_px(self) -> npt.NDArray[np.int32]:
+        """(K,) number of pixels."""
+
+    @property
+    def labels(self) -> npt.NDArray[np.int32]:
+        """(height, width) 0 where the colour is not, k + 1 in component k."""
+
+def color_components(image: npt.NDArray[np.uint8], color: ColorRange, layout: str = "hwc") -> ColorComponents:
+    """Find the connected parts of an image that have a colour; pixels that touch at a corner are connected. By OpenCV.
+
+    Parameters
+    ----------
+    image
+        rgb, uint8 of shape (height, width, 3), or with the layout ``"chw"`` (3, height, width).
+    color
+        Which colour.
+
+    Raises
+    ------
+    ValueError
+        As `color_blob`.
     """
 
 def plan(

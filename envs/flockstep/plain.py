@@ -18,6 +18,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from flockstep._core import (
     CameraConfig,
+    ColorRange,
     DroneModel,
     HoverConfig,
     ImuConfig,
@@ -34,6 +35,7 @@ from flockstep.drone_mesh import DroneMesh
 _PREFIX = "flockstep."
 _CONFIGS = (
     CameraConfig,
+    ColorRange,
     HoverConfig,
     ImuConfig,
     LidarConfig,

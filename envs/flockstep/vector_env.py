@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypedDict, Unpack
 
-    from flockstep._core import NavigationReward, WindConfig
+    from flockstep._core import ColorRange, NavigationReward, WindConfig
     from flockstep.viewer.trail import Trail
 
     class Fields(TypedDict, total=False):
@@ -91,6 +91,7 @@ if TYPE_CHECKING:
         yaw_step_deg: float
         reward: NavigationReward
         random_start: bool
+        color: ColorRange
         # end of fields
 
 
@@ -118,9 +119,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
     - ``"goal"`` (``flockstep/LidarNavigation-v0``): float32 (3 + rays,), the unit direction to the current goal in the
       body frame, then the LiDAR ranges over the maximum range, 1 on a miss.
-    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal is in the
-      camera's image, as `flockstep.green_blob` has it (offset of its box from the image's centre in x, over half the
-      width, and its area over the image's; both 0 where no green is seen), then the ranges.
+    - ``"blob"`` (``flockstep/CameraNavigation-v0``): float32 (2 + rays,), where the green of the goal, or another
+      ``color``, is in the camera's image, as `flockstep.color_blob` has it (offset of its box from the image's centre
+      in x, over half the width, and its area over the image's; both 0 where the colour is not seen), then the ranges.
     - ``"pixels"`` (``flockstep/CameraPixels-v0``): a dict of ``image``, uint8 (3, height, width), and ``ranges``,
       float32 (rays,). The camera's layout is ``"chw"``.
 

@@ -14,7 +14,7 @@
 #include "batch_helpers.hpp"
 #include "flockstep/batch.hpp"
 #include "random.hpp"
-#include "task/green_blob.hpp"
+#include "task/color_blob.hpp"
 
 namespace flockstep {
 namespace {
@@ -130,13 +130,13 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
     Random random(1);
     std::vector<std::int64_t> actions(6);
     int seen = 0;
-    task::GreenBlobScratch scratch;
+    task::ColorBlobScratch scratch;
     for (int step = 0; step < 60; ++step) {
       for (auto& action : actions) action = action_of(random);
       batch.step(std::span<const std::int64_t>(actions));
       for (std::size_t i = 0; i < 6; ++i) {
         const auto observation = batch.outputs().observation[0].row<float>(i);
-        const auto blob = task::find_green(row(batch.images(0).rgb, i, kImage), 32, 24, layout, scratch);
+        const auto blob = task::find_color(row(batch.images(0).rgb, i, kImage), 32, 24, layout, ColorRange(), scratch);
         EXPECT_EQ(observation[0], blob.offset);
         EXPECT_EQ(observation[1], blob.area);
         seen += blob.found;
@@ -466,6 +466,52 @@ TEST(CameraNavigation, AStepAllocatesNothing) {
       fly(40);
       EXPECT_EQ(testing::allocations() - before, 0U);
     }
+  }
+}
+
+TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBitsOnAnyThreads) {
+  for (const ImageLayout layout : {ImageLayout::hwc, ImageLayout::chw}) {
+    std::vector<std::vector<float>> observed;
+    std::vector<CameraImages> images;
+    for (const int threads : {1, 3}) {
+      NavigationBatch config = camera_batch(24, ObservationKind::blob);
+      CameraConfig& camera = config.cameras[0];
+      camera.layout = layout;
+      camera.outputs = {.rgb = true, .depth = true, .grey = true, .hsv = true};
+      camera.resize = {20, 18};
+      camera.pool = Pool::max;
+      config.cameras.push_back({.name = "belly", .width_px = 16, .height_px = 12, .outputs = {.rgb = false, .hsv = true}});
+      config.navigation.color = {ColorSpace::hsv, {50, 60, 20}, {70, 255, 255}};
+      config.num_threads = threads;
+      Batch batch = config.make(parlours());
+      batch.reset({});
+      Random random(5);
+      std::vector<std::int64_t> actions(24);
+      std::vector<float> seen;
+      const auto fly = [&](int steps, bool look) {
+        for (int step = 0; step < steps; ++step) {
+          for (auto& action : actions) action = action_of(random);
+          batch.step(std::span<const std::int64_t>(actions));
+          if (!look) continue;
+          const auto row = batch.outputs().observation[0].row<float>(7);
+          seen.insert(seen.end(), row.begin(), row.end());
+        }
+      };
+      fly(40, false);
+      const std::uint64_t before = testing::allocations();
+      fly(40, false);
+      EXPECT_EQ(testing::allocations() - before, 0U);
+      fly(40, true);
+      observed.push_back(seen);
+      images.push_back(batch.images(0));
+      EXPECT_EQ(images.back().hsv.size(), std::size_t{24 * 3 * 20 * 18});
+      EXPECT_EQ(batch.images(1).hsv.size(), std::size_t{24 * 3 * 16 * 12});
+      EXPECT_TRUE(batch.images(1).rgb.empty());
+    }
+    EXPECT_EQ(observed[0], observed[1]);
+    EXPECT_EQ(images[0].hsv, images[1].hsv);
+    EXPECT_EQ(images[0].rgb, images[1].rgb);
+    EXPECT_TRUE(same_bits(images[0].depth, images[1].depth));
   }
 }
 

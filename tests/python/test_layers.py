@@ -13,13 +13,14 @@ ENGINE = Path(__file__).resolve().parents[2] / "engine"
 ALLOWED: dict[str, set[str]] = {
     "base": set(),
     "world": {"base"},
+    "imaging": {"base"},
     "trace": {"base", "world"},
     "collision": {"base", "trace", "world"},
     "render": {"base", "trace", "world"},
     "dynamics": {"collision"},
     "compiled": {"base", "collision", "render", "trace", "world"},
     "scenario": {"base", "collision", "compiled", "world"},
-    "sensors": {"base", "compiled", "render", "trace", "world"},
+    "sensors": {"base", "compiled", "imaging", "render", "trace", "world"},
 }
 # These two may include all that is below them.
 ALLOWED["task"] = set(ALLOWED)

@@ -51,6 +51,14 @@ def test_import_needs_neither_sb3_nor_torch_nor_gl():
     assert run(code) == "[]"
 
 
+def test_import_loads_neither_opengl_nor_what_opencv_would_bring():
+    code = (
+        "import flockstep; maps = open('/proc/self/maps').read(); "
+        "print([name for name in ('libGL', 'libX11', 'libblas.so', 'liblapack.so', 'libopencv') if name in maps])"
+    )
+    assert run(code) == "[]"
+
+
 def test_envs_are_registered_by_import():
     spec = gymnasium.spec("flockstep/LidarNavigation-v0")
     assert spec.vector_entry_point is not None

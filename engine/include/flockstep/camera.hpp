@@ -41,6 +41,17 @@ struct EnumNames<CaptureMode> {
   static constexpr std::array kNames{"every_step", "on_movement", "on_demand"};
 };
 
+// What a pixel of a resized image is of the rendered pixels that it covers.
+enum class Pool : std::uint8_t {
+  mean,  // weighted by the area that each covers, as OpenCV's INTER_AREA
+  min,   // the least, channel by channel
+  max,   // the greatest, channel by channel
+};
+template <>
+struct EnumNames<Pool> {
+  static constexpr std::array kNames{"mean", "min", "max"};
+};
+
 // Who renders cameras.
 enum class CameraBackend : std::uint8_t {
   raycast,    // the engine's own tracing: needs nothing, and repeats to the bit
@@ -60,11 +71,13 @@ struct CameraOutputs {
   bool instance = false;
   bool normal = false;
   bool grey = false;
+  bool hsv = false;
 
   static constexpr auto fields() {
     using C = CameraOutputs;
     return field_list(field("rgb", &C::rgb), field("depth", &C::depth), field("semantic", &C::semantic),
-                      field("instance", &C::instance), field("normal", &C::normal), field("grey", &C::grey));
+                      field("instance", &C::instance), field("normal", &C::normal), field("grey", &C::grey),
+                      field("hsv", &C::hsv));
   }
 
   bool any_color() const { return rgb || grey; }
@@ -84,11 +97,15 @@ struct CameraConfig {
   float far_m = 100.0F;                        // > near_m, at most 1e6; planar depth beyond which the sky is seen
   CameraOutputs outputs;
   DepthKind depth_kind = DepthKind::planar;
-  ImageLayout layout = ImageLayout::hwc;  // of rgb and normal
+  ImageLayout layout = ImageLayout::hwc;  // of rgb, hsv and normal
   CaptureMode capture_mode = CaptureMode::every_step;
   int samples_per_pixel = 1;     // 1, 4, 9 or 16, a grid, averaged as written; colours only: the rest is of the pixel's centre
   bool shadows = false;          // hard shadows of the sun, by all but markers; a room lets it in
   std::optional<float> rate_hz;  // frames per second of simulated time, of capture mode every_step; none: one after every step
+  // Width and height in pixels of the images that are written; none: as rendered. In [1, width_px] and [1, height_px]. Not with
+  // semantic, instance or normal, which have no mean. hsv is computed from the resized rgb.
+  std::optional<std::array<int, 2>> resize;
+  Pool pool = Pool::mean;  // with resize; depth is inf where mean or max covers a miss, or min covers nothing else
 
   static constexpr auto fields() {
     using C = CameraConfig;
@@ -98,12 +115,15 @@ struct CameraConfig {
                       field("outputs", &C::outputs), field("depth_kind", &C::depth_kind), field("layout", &C::layout),
                       field("capture_mode", &C::capture_mode, Decides::nothing),  // a snapshot brings its own
                       field("samples_per_pixel", &C::samples_per_pixel), field("shadows", &C::shadows),
-                      field("rate_hz", &C::rate_hz));
+                      field("rate_hz", &C::rate_hz), field("resize", &C::resize), field("pool", &C::pool));
   }
 
   void validate() const;
   float fx() const;  // px
   float fy() const;  // px
+  // Of the images that are written.
+  int image_width_px() const { return resize ? (*resize)[0] : width_px; }
+  int image_height_px() const { return resize ? (*resize)[1] : height_px; }
 };
 
 // Run-time changes to a camera of some drones; what is not set stays. The resolution is fixed per batch.
@@ -116,15 +136,17 @@ struct CameraChange {
   bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }
 };
 
-// The images of one camera, of all drones; what the camera does not write is empty. Row 0 is the top. Written by sensors.
+// The images of one camera, of all drones, H and W being image_height_px() and image_width_px(); what the camera does not write
+// is empty. Row 0 is the top. Written by sensors.
 struct CameraImages {
-  std::vector<std::uint8_t> rgb;         // (N, H, W, 3) or (N, 3, H, W)
-  std::vector<float> depth;              // (N, H, W) m; inf where nothing is seen: sky, or beyond far
-  std::vector<std::uint16_t> semantic;   // (N, H, W) Material::semantic, kSemanticStart ...; 0 where nothing is seen
-  std::vector<std::uint16_t> instance;   // (N, H, W) 1 + index into primitives(), then the meshes, then start, waypoints, goal;
-                                         // 0 where nothing is seen
-  std::vector<float> normal;             // (N, H, W, 3) or (N, 3, H, W) unit, world frame, towards the camera; 0 where nothing
-  std::vector<std::uint8_t> grey;        // (N, H, W) 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded
+  std::vector<std::uint8_t> rgb;        // (N, H, W, 3) or (N, 3, H, W)
+  std::vector<float> depth;             // (N, H, W) m; inf where nothing is seen: sky, or beyond far
+  std::vector<std::uint16_t> semantic;  // (N, H, W) Material::semantic, kSemanticStart ...; 0 where nothing is seen
+  std::vector<std::uint16_t> instance;  // (N, H, W) 1 + index into primitives(), then the meshes, then start, waypoints, goal;
+                                        // 0 where nothing is seen
+  std::vector<float> normal;            // (N, H, W, 3) or (N, 3, H, W) unit, world frame, towards the camera; 0 where nothing
+  std::vector<std::uint8_t> grey;       // (N, H, W) 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded
+  std::vector<std::uint8_t> hsv;  // as rgb: hue / 2 in degrees, [0, 179], saturation and value in [0, 255], as OpenCV has it
   std::vector<std::int64_t> frame_step;  // (N,) State::sensed of the reading that the frame shows; -1: stale
 };
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "flockstep/color.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/task.hpp"
 
@@ -25,7 +26,7 @@ struct EnumNames<ActionKind> {
 // What is observed. The camera is the batch's first; it needs rgb, and a capture mode other than on_demand.
 enum class ObservationKind : std::uint8_t {
   goal,    // unit direction to the current goal in the body frame (3), then the normalised ranges
-  blob,    // offset and area of the green in the camera's image (2), then the normalised ranges; see task/green_blob.hpp
+  blob,    // offset and area of a colour in the camera's image (2), then the normalised ranges; see task/color_blob.hpp
   pixels,  // two fields: the camera's image, whose layout is chw, and the normalised ranges
 };
 template <>
@@ -72,12 +73,13 @@ struct NavigationConfig {
   float yaw_step_deg = 10.0F;  // in (0, 180]
   NavigationReward reward;
   bool random_start = false;  // start uniformly in the world's spawn box instead of at its start marker
+  ColorRange color;           // which colour the blob has; by default the goal's green
 
   static constexpr auto fields() {
     using C = NavigationConfig;
     return field_list(field("action", &C::action), field("observation", &C::observation), field("step_m", &C::step_m),
                       field("yaw_step_deg", &C::yaw_step_deg), field("reward", &C::reward),
-                      field("random_start", &C::random_start));
+                      field("random_start", &C::random_start), field("color", &C::color));
   }
 
   // The task of the thesis that observes this: camera tasks fly ahead and to the sides alone, and end where they overshoot.

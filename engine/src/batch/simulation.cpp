@@ -26,8 +26,10 @@ double sensor_bytes(const BatchConfig& config) {
   if (config.lidar) bytes += 4.0 * config.lidar->rows() * config.lidar->columns();
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
-    const int of_pixel = 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey;
-    bytes += static_cast<double>(of_pixel) * camera.width_px * camera.height_px;
+    const int of_pixel = 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
+    bytes += static_cast<double>(of_pixel) * camera.image_width_px() * camera.image_height_px();
+    const int of_rendered_pixel = camera.resize ? of_pixel - 3 * (o.rgb && o.hsv) : 3 * (o.hsv && !o.rgb);
+    bytes += static_cast<double>(of_rendered_pixel) * camera.width_px * camera.height_px;
   }
   return bytes * config.num_drones();
 }

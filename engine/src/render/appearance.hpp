@@ -21,7 +21,7 @@ struct Surface {
   bool emits() const { return emissive != std::array<float, 3>{}; }
 };
 
-// The colours of markers, linear RGB. The blob task tells the goal by its green; see task/green_blob.cpp.
+// The colours of markers, linear RGB. The blob task tells the goal by its green; see task/color_blob.cpp.
 inline constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
 inline constexpr std::array<float, 3> kWaypointColor{0.85F, 0.6F, 0.02F};
 inline constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};

@@ -28,6 +28,28 @@ void for_each_image(CameraImages& images, const F& f) {
   f(images.instance, 1U);
   f(images.normal, 3U);
   f(images.grey, 1U);
+  f(images.hsv, 3U);
+}
+
+std::size_t area(int width, int height) { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+
+// What the renderer does for a camera.
+CameraConfig rendering_of(CameraConfig config) {
+  config.resize.reset();
+  config.outputs.rgb = config.outputs.rgb || config.outputs.hsv;
+  config.outputs.hsv = false;
+  return config;
+}
+
+// Room for the images of some outputs. Nothing is seen yet.
+void allocate(CameraImages& images, const CameraOutputs& outputs, std::size_t pixels) {
+  if (outputs.rgb) images.rgb.resize(3 * pixels);
+  if (outputs.depth) images.depth.resize(pixels, std::numeric_limits<float>::infinity());
+  if (outputs.semantic) images.semantic.resize(pixels);
+  if (outputs.instance) images.instance.resize(pixels);
+  if (outputs.normal) images.normal.resize(3 * pixels);
+  if (outputs.grey) images.grey.resize(pixels);
+  if (outputs.hsv) images.hsv.resize(3 * pixels);
 }
 
 }  // namespace
@@ -35,10 +57,12 @@ void for_each_image(CameraImages& images, const F& f) {
 Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
                TracerKind tracer)
     : config_(config),
-      ways_(trace::ways_of(tracer, static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px))),
+      rendering_(rendering_of(config)),
+      ways_(trace::ways_of(tracer, area(config.width_px, config.height_px))),
       period_(period_in_ticks(config.rate_hz, clock, "camera.rate_hz")),
       drones_per_env_(drones_per_env),
-      pixels_(static_cast<std::size_t>(config.width_px) * static_cast<std::size_t>(config.height_px)),
+      pixels_(area(config.image_width_px(), config.image_height_px())),
+      rendered_pixels_(area(config.width_px, config.height_px)),
       setting_(num_drones, 0U),
       offset_(num_drones, vector_of(config.offset_m)),
       mounting_(num_drones, matrix_of(config.quat_wxyz)),
@@ -49,14 +73,13 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
   taken_.quat_wxyz.resize(4 * num_drones);
   taken_.world.resize(num_drones);
   taken_.tick.resize(num_drones);
-  const std::size_t pixels = num_drones * pixels_;
-  const CameraOutputs& outputs = config.outputs;
-  if (outputs.rgb) images_.rgb.resize(3 * pixels);
-  if (outputs.depth) images_.depth.resize(pixels, std::numeric_limits<float>::infinity());
-  if (outputs.semantic) images_.semantic.resize(pixels);
-  if (outputs.instance) images_.instance.resize(pixels);
-  if (outputs.normal) images_.normal.resize(3 * pixels);
-  if (outputs.grey) images_.grey.resize(pixels);
+  allocate(images_, config.outputs, num_drones * pixels_);
+  if (config.resize) {
+    resample_.emplace(config.width_px, config.height_px, (*config.resize)[0], (*config.resize)[1], config.pool);
+    allocate(frames_, rendering_.outputs, num_drones * rendered_pixels_);
+  } else if (config.outputs.hsv && !config.outputs.rgb) {
+    frames_.rgb.resize(3 * num_drones * rendered_pixels_);
+  }
   images_.frame_step.resize(num_drones, -1);
 }
 
@@ -151,22 +174,51 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
   render::RenderRequest request{.world = &world,
                                 .scene = &compiled(world).scene(),
                                 .shading = &compiled(world).shading(config_.shadows),
-                                .camera = &config_,
+                                .camera = &rendering_,
                                 .pinhole = &settings_[setting_[drone]]->pinhole,
                                 .position = pose.position + trace::rotated(body, offset_[drone]),
                                 .rotation = rotation,
                                 .frame = {},
                                 .ways = ways_};
-  const auto image = [&](auto& images, std::size_t values) {
-    return images.empty() ? nullptr : images.data() + drone * pixels_ * values;
+  // A frame is rendered into the camera's images, unless it has to be converted first.
+  const auto image = [&](auto CameraImages::* output, std::size_t values) {
+    auto& frames = (frames_.*output).empty() && !resample_ ? images_.*output : frames_.*output;
+    return frames.empty() ? nullptr : frames.data() + drone * rendered_pixels_ * values;
   };
-  request.frame = {.rgb = image(images_.rgb, 3),
-                   .depth = image(images_.depth, 1),
-                   .semantic = image(images_.semantic, 1),
-                   .instance = image(images_.instance, 1),
-                   .normal = image(images_.normal, 3),
-                   .grey = image(images_.grey, 1)};
+  request.frame = {.rgb = image(&CameraImages::rgb, 3),
+                   .depth = image(&CameraImages::depth, 1),
+                   .semantic = image(&CameraImages::semantic, 1),
+                   .instance = image(&CameraImages::instance, 1),
+                   .normal = image(&CameraImages::normal, 3),
+                   .grey = image(&CameraImages::grey, 1)};
   return request;
+}
+
+void Camera::convert(std::size_t drone, ConversionScratch& scratch) {
+  const auto written = [&](auto& images, std::size_t values) { return images.data() + drone * pixels_ * values; };
+  const auto rendered = [&](auto& images, std::size_t values) { return images.data() + drone * rendered_pixels_ * values; };
+  std::uint8_t* rgb = config_.outputs.rgb ? written(images_.rgb, 3) : nullptr;
+  if (resample_) {
+    if (config_.outputs.depth) (*resample_)(rendered(frames_.depth, 1), written(images_.depth, 1), 1, scratch.resample);
+    if (config_.outputs.grey) (*resample_)(rendered(frames_.grey, 1), written(images_.grey, 1), 1, scratch.resample);
+    if (rendering_.outputs.rgb) {
+      if (rgb == nullptr) {
+        scratch.rgb.resize(3 * pixels_);
+        rgb = scratch.rgb.data();
+      }
+      const std::uint8_t* const frame = rendered(frames_.rgb, 3);
+      const bool apart = config_.layout == ImageLayout::chw;  // three images of one channel
+      for (std::size_t plane = 0; plane < (apart ? 3U : 1U); ++plane) {
+        (*resample_)(frame + plane * rendered_pixels_, rgb + plane * pixels_, apart ? 1 : 3, scratch.resample);
+      }
+    }
+  } else if (rgb == nullptr) {
+    rgb = rendered(frames_.rgb, 3);
+  }
+  if (config_.outputs.hsv) {
+    imaging::rgb_to_hsv(rgb, config_.image_width_px(), config_.image_height_px(), config_.layout, written(images_.hsv, 3),
+                        scratch.hsv);
+  }
 }
 
 void Camera::visit(ArrayVisitor& visitor) {

@@ -15,9 +15,18 @@
 #include "flockstep/pose.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
+#include "imaging/hsv.hpp"
+#include "imaging/resample.hpp"
 #include "render/render_request.hpp"
 
 namespace flockstep::sensors {
+
+// What converting a frame needs; owned by one thread.
+struct ConversionScratch {
+  imaging::ResampleScratch resample;
+  imaging::HsvScratch hsv;
+  std::vector<std::uint8_t> rgb;  // a resized image that only hsv is made of
+};
 
 class Camera {
  public:
@@ -28,7 +37,7 @@ class Camera {
 
   const CameraConfig& config() const { return config_; }  // but for what a drone has of its own
   const CameraImages& images() const { return images_; }
-  std::size_t pixels() const { return pixels_; }  // of one frame
+  std::size_t pixels() const { return pixels_; }  // of one image, as written
   void set_capture_mode(CaptureMode mode) { config_.capture_mode = mode; }
 
   // A drone's own setting, as changed at run time. Setting it marks its frame stale.
@@ -49,6 +58,11 @@ class Camera {
   render::RenderRequest take(std::size_t drone, const World& world, const State& state);
   // The picture its frame already shows, once more.
   render::RenderRequest retake(std::size_t drone, const World& world);
+
+  // Whether what is rendered is not yet what the camera writes: images are resized, or hsv is computed. Then each frame is to be
+  // converted once it is rendered.
+  bool converts() const { return resample_.has_value() || config_.outputs.hsv; }
+  void convert(std::size_t drone, ConversionScratch& scratch);
 
   // Which world the drone's frame shows; with visit() and retake(), all that a restored frame needs.
   std::int32_t taken_world(std::size_t drone) const { return taken_.world[drone]; }
@@ -82,11 +96,13 @@ class Camera {
   render::RenderRequest request(std::size_t drone, const World& world, const Pose& pose);
 
   CameraConfig config_;
+  CameraConfig rendering_;  // what the renderer does: no resize, and rgb instead of hsv
   trace::RayWays ways_;
   std::int64_t period_;  // ticks, as period_in_ticks() has it
   std::size_t drones_per_env_;
-  std::size_t pixels_;
-  struct Setting {  // drones of equal FOV share one; one that no drone has any more makes room for the next
+  std::size_t pixels_;           // of an image as written
+  std::size_t rendered_pixels_;  // of a frame
+  struct Setting {               // drones of equal FOV share one; one that no drone has any more makes room for the next
     std::optional<float> hfov_deg, vfov_deg;
     render::PinholeCamera pinhole;
     std::size_t drones;
@@ -100,6 +116,8 @@ class Camera {
   std::vector<Saved> saved_;       // (N,) as the last snapshot has them, until restored()
   std::vector<CaptureMode> mode_;  // (1,) likewise
   CameraImages images_;
+  std::optional<imaging::Resample> resample_;
+  CameraImages frames_;  // as rendered, where that is not what is written
 };
 
 }  // namespace flockstep::sensors

@@ -1,6 +1,7 @@
 #include <cmath>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "base/require.hpp"
 #include "flockstep/camera.hpp"
@@ -41,11 +42,26 @@ void CameraConfig::validate() const {
   require(std::isfinite(far_m) && far_m > near_m, "camera.far_m", "a finite number > near_m (" + std::to_string(near_m) + ")",
           far_m);
   require(far_m <= 1e6F, "camera.far_m", "at most 1e+06", far_m);
-  require(outputs.any_color() || outputs.depth || outputs.semantic || outputs.instance || outputs.normal, "camera.outputs",
-          "at least one of rgb, depth, semantic, instance, normal, grey", "none");
+  bool any = false;
+  for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
+  require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv", "none");
   require(samples_per_pixel == 1 || samples_per_pixel == 4 || samples_per_pixel == 9 || samples_per_pixel == 16,
           "camera.samples_per_pixel", "1, 4, 9 or 16", samples_per_pixel);
   if (rate_hz) require_positive(*rate_hz, "camera.rate_hz");
+  if (!resize) {
+    require(pool == Pool::mean, "camera.pool", "\"mean\" without resize (set resize=(width, height) of the images)",
+            std::string("\"") + EnumNames<Pool>::kNames[static_cast<std::size_t>(pool)] + '"');
+    return;
+  }
+  const std::string size = "(" + std::to_string((*resize)[0]) + ", " + std::to_string((*resize)[1]) + ")";
+  require((*resize)[0] >= 1 && (*resize)[0] <= width_px && (*resize)[1] >= 1 && (*resize)[1] <= height_px, "camera.resize",
+          "width and height in [1, " + std::to_string(width_px) + "] and [1, " + std::to_string(height_px) + "]", size);
+  for (const auto& [output, chosen] :
+       {std::pair("semantic", outputs.semantic), std::pair("instance", outputs.instance), std::pair("normal", outputs.normal)}) {
+    require(!chosen, "camera.resize",
+            std::string("None with the output ") + output + " (ids and directions are not averaged: give it a camera of its own)",
+            size);
+  }
 }
 
 }  // namespace flockstep

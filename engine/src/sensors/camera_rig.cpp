@@ -41,6 +41,8 @@ CameraRig::CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig
     }
   }
   requests_.reserve(num_drones * cameras_.size());
+  const auto converting = std::ranges::count_if(cameras_, [](const auto& camera) { return camera->converts(); });
+  conversions_.reserve(num_drones * static_cast<std::size_t>(converting));
   for (const World* const world : worlds_) {
     if (world != nullptr) require_world(*world);
   }
@@ -58,7 +60,7 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint3
     if (world == nullptr) continue;
     for (const auto& camera : cameras_) compiled(*world).shading(camera->config().shadows);
   }
-  requests_.clear();
+  clear_requests();
   for (const auto& camera : cameras_) {
     if (backend != CameraBackend::automatic) break;
     const std::size_t most = std::max<std::size_t>(kTypicalPixels / camera->pixels(), 1);
@@ -70,7 +72,8 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint3
     }
   }
   renderer_.emplace(backend, requests_, workers);
-  requests_.clear();
+  scratch_.resize(static_cast<std::size_t>(workers.num_threads()));
+  clear_requests();
 }
 
 void CameraRig::mark_stale(std::size_t drone) {
@@ -82,20 +85,26 @@ void CameraRig::clear(std::size_t drone) {
 }
 
 void CameraRig::ask_now(std::size_t camera, std::span<const std::uint32_t> drones) {
-  requests_.clear();
-  for (const std::uint32_t drone : drones) requests_.push_back(cameras_[camera]->take(drone, world_of(drone), *state_));
+  clear_requests();
+  Camera& chosen = *cameras_[camera];
+  for (const std::uint32_t drone : drones) request(chosen, drone, chosen.take(drone, world_of(drone), *state_));
 }
 
 void CameraRig::ask_again() {
-  requests_.clear();
+  clear_requests();
   for (const auto& camera : cameras_) {
     for (std::size_t drone = 0; drone < num_drones_; ++drone) {
       if (!state_->active[drone] || camera->images().frame_step[drone] < 0) continue;
       const bool by_slot = slots_ == &state_->world_index;  // else a frame that is of another world is stale
-      requests_.push_back(
-          camera->retake(drone, by_slot ? *worlds_[static_cast<std::size_t>(camera->taken_world(drone))] : world_of(drone)));
+      const World& world = by_slot ? *worlds_[static_cast<std::size_t>(camera->taken_world(drone))] : world_of(drone);
+      request(*camera, drone, camera->retake(drone, world));
     }
   }
+}
+
+void CameraRig::clear_requests() {
+  requests_.clear();
+  conversions_.clear();
 }
 
 void CameraRig::start() {
@@ -105,12 +114,17 @@ void CameraRig::start() {
 void CameraRig::finish(Workers& workers) {
   try {
     if (!requests_.empty()) renderer_->finish(requests_, workers);
+    if (!conversions_.empty()) {
+      workers.run(conversions_.size(), [&](std::size_t i, std::size_t thread) {
+        conversions_[i].camera->convert(conversions_[i].drone, scratch_[thread]);
+      });
+    }
   } catch (...) {  // some frames, nobody knows which, have not been rendered
     for (std::size_t drone = 0; drone < num_drones_; ++drone) mark_stale(drone);
-    requests_.clear();
+    clear_requests();
     throw;
   }
-  requests_.clear();
+  clear_requests();
 }
 
 const std::string& CameraRig::report() const {

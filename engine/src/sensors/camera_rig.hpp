@@ -45,10 +45,10 @@ class CameraRig {
   // Those that are due, of the drones with which for_each_drone calls its argument.
   template <class ForEachDrone>
   void ask(const ForEachDrone& for_each_drone) {
-    requests_.clear();
+    clear_requests();
     for (const auto& camera : cameras_) {
       for_each_drone([&](std::uint32_t drone) {
-        if (camera->is_due(drone, *state_)) requests_.push_back(camera->take(drone, world_of(drone), *state_));
+        if (camera->is_due(drone, *state_)) request(*camera, drone, camera->take(drone, world_of(drone), *state_));
       });
     }
   }
@@ -66,6 +66,11 @@ class CameraRig {
 
  private:
   const World& world_of(std::size_t drone) const;
+  void clear_requests();
+  void request(Camera& camera, std::size_t drone, const render::RenderRequest& frame) {
+    requests_.push_back(frame);
+    if (camera.converts()) conversions_.push_back({&camera, drone});
+  }
 
   std::span<const World* const> worlds_;
   const std::vector<std::int32_t>* slots_;  // (E,)
@@ -75,6 +80,12 @@ class CameraRig {
   std::vector<std::unique_ptr<Camera>> cameras_;
   std::optional<render::Renderer> renderer_;     // once it is chosen
   std::vector<render::RenderRequest> requests_;  // asked for, camera by camera
+  struct Conversion {
+    Camera* camera;
+    std::size_t drone;
+  };
+  std::vector<Conversion> conversions_;     // of those requests, once they are rendered
+  std::vector<ConversionScratch> scratch_;  // one for each thread
 };
 
 }  // namespace flockstep::sensors

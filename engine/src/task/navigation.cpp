@@ -14,7 +14,7 @@
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "scenario/navigable.hpp"
-#include "task/green_blob.hpp"
+#include "task/color_blob.hpp"
 #include "task/terms.hpp"
 
 namespace flockstep {
@@ -118,7 +118,7 @@ class Navigation final : public Task {
     state_.goal_index.resize(context.num_envs());
     state_.last_distance.resize(context.num_envs());
     goals_.resize(context.num_envs());
-    green_.resize(context.num_threads());
+    blobs_.resize(context.num_threads());
   }
 
   void require_world(const World& world, const DroneModel& drone) const override { require_navigable(world, drone); }
@@ -164,8 +164,8 @@ class Navigation final : public Task {
         }
         case ObservationKind::blob: {
           const CameraConfig& camera = block.context.cameras()[0];
-          const GreenBlob blob =
-              find_green(image_of(block.context, env), camera.width_px, camera.height_px, camera.layout, green_[block.thread]);
+          const ColorBlob blob = find_color(image_of(block.context, env), camera.image_width_px(), camera.image_height_px(),
+                                            camera.layout, config_.color, blobs_[block.thread]);
           row[0] = blob.offset;
           row[1] = blob.area;
           break;
@@ -209,7 +209,7 @@ class Navigation final : public Task {
     if (config_.observation == ObservationKind::goal) return {vector_field("observation", {-1, -1, -1}, rays_)};
     if (config_.observation == ObservationKind::blob) return {vector_field("observation", {-1, 0}, rays_)};
     const CameraConfig& camera = context.cameras().front();
-    Field image{.name = "image", .type = DType::uint8, .shape = {3, camera.height_px, camera.width_px}};
+    Field image{.name = "image", .type = DType::uint8, .shape = {3, camera.image_height_px(), camera.image_width_px()}};
     image.low = {0};
     image.high = {255};
     return {image, vector_field("ranges", {}, rays_)};
@@ -217,7 +217,7 @@ class Navigation final : public Task {
 
   std::span<const std::uint8_t> image_of(const TaskContext& context, std::size_t env) const {
     const CameraConfig& camera = context.cameras()[0];
-    const auto size = 3 * static_cast<std::size_t>(camera.width_px) * static_cast<std::size_t>(camera.height_px);
+    const auto size = 3 * static_cast<std::size_t>(camera.image_width_px()) * static_cast<std::size_t>(camera.image_height_px());
     return std::span(context.images(0).rgb).subspan(env * size, size);
   }
 
@@ -317,7 +317,7 @@ class Navigation final : public Task {
   std::size_t rays_ = 0;
   NavigationState state_;
   std::vector<Goal> goals_;              // (E,), the current ones; nothing depends on it
-  std::vector<GreenBlobScratch> green_;  // of each thread
+  std::vector<ColorBlobScratch> blobs_;  // one for each thread
 };
 
 }  // namespace

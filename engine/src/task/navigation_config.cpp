@@ -21,6 +21,9 @@ void NavigationConfig::validate() const {
   require_positive(step_m, "task.step_m");
   require(yaw_step_deg > 0.0F && yaw_step_deg <= 180.0F, "task.yaw_step_deg", "a number in (0, 180]", yaw_step_deg);
   reward.validate();
+  color.validate();
+  require(color == ColorRange() || observation == ObservationKind::blob, "task.color",
+          "the default where the observation is not \"blob\"", "another");
 }
 
 NavigationConfig NavigationConfig::observing(ObservationKind observation) {

@@ -41,10 +41,11 @@ class CameraView:
         self._size_px = size_px
 
     def frame(self, env: int) -> Image:
-        """Return the camera's frame of one env, (height_px, width_px, 3) uint8, a new array."""
+        """Return the camera's frame of one env, (height, width, 3) uint8, a new array."""
         config = self._camera.config
         if self._camera.frame_step[env] < 0:
-            taken = np.zeros((config.height_px, config.width_px, 3), np.uint8)
+            width, height = config.image_size_px
+            taken = np.zeros((height, width, 3), np.uint8)
         elif "rgb" not in config.outputs:
             taken = np.repeat(self._camera.grey[env][:, :, None], 3, axis=2)
         else:

@@ -9,7 +9,7 @@ from PIL import Image
 import flockstep
 from flockstep.viewer.frames import depth_mm, depth_rgb, id_rgb, normal_rgb
 
-OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey")
+OUTPUTS = ("rgb", "depth", "semantic", "instance", "normal", "grey", "hsv")
 
 
 def batch_of(room, num_drones=2, **camera):
@@ -36,7 +36,7 @@ def test_files_hold_what_the_camera_saw(room, tmp_path, layout):
             continue
         index, output = int(path.stem.split("-")[1]), path.stem.split("-")[2]
         written, frame = read(path), getattr(camera, output)[index]
-        if output in ("rgb", "normal") and layout == "chw":
+        if output in ("rgb", "normal", "hsv") and layout == "chw":
             frame = frame.transpose(1, 2, 0)
         if output == "depth":
             assert written.dtype == np.uint16

@@ -1,0 +1,168 @@
+#include "task/color_blob.hpp"
+
+#include <algorithm>
+
+#include "arrays.hpp"
+#include "convert.hpp"
+#include "imaging/color_components.hpp"
+
+namespace flockstep::bindings {
+namespace {
+
+// Images that a caller gives, (..., H, W, 3) or (..., 3, H, W).
+struct Images {
+  py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> pixels;
+  Shape leading;  // the dimensions before those of an image
+  int width, height;
+  ImageLayout layout;
+
+  std::size_t values() const { return 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
+  std::size_t count() const { return static_cast<std::size_t>(pixels.size()) / values(); }
+  std::span<const std::uint8_t> operator[](std::size_t i) const { return {pixels.data() + i * values(), values()}; }
+  // The shape of an array that has this for each image.
+  Shape shape(std::initializer_list<py::ssize_t> of_image) const {
+    Shape shape = leading;
+    shape.insert(shape.end(), of_image);
+    return shape;
+  }
+};
+
+Images images_of(const py::array& images, const std::string& layout, const char* name, bool one) {
+  if (layout != "hwc" && layout != "chw") throw py::value_error("layout: expected \"hwc\" or \"chw\", got \"" + layout + '"');
+  const bool chw = layout == "chw";
+  const Shape shape(images.shape(), images.shape() + images.ndim());
+  const std::size_t before = shape.size() < 3 ? 0 : shape.size() - 3;
+  const bool fits = shape.size() >= 3 && (before == 0 || !one) && shape[before + (chw ? 0 : 2)] == 3 &&
+                    std::all_of(shape.begin() + static_cast<std::ptrdiff_t>(before), shape.end(), [](auto n) { return n > 0; });
+  if (!images.dtype().is(py::dtype::of<std::uint8_t>()) || !fits) {
+    const std::string expected = std::string(one ? "(" : "(..., ") + (chw ? "3, height, width)" : "height, width, 3)");
+    throw py::value_error(std::string(name) + ": expected uint8 of shape " + expected + ", got " +
+                          std::string(py::str(images.dtype())) + " of shape " + text_of(shape));
+  }
+  return {.pixels = images,
+          .leading = Shape(shape.begin(), shape.begin() + static_cast<std::ptrdiff_t>(before)),
+          .width = static_cast<int>(shape[before + (chw ? 2 : 1)]),
+          .height = static_cast<int>(shape[before + (chw ? 1 : 0)]),
+          .layout = chw ? ImageLayout::chw : ImageLayout::hwc};
+}
+
+// The boxes of a colour in some images: an array of the leading shape for each number.
+struct Blobs {
+  py::array_t<bool> found;
+  py::array_t<std::int32_t> x, y, width, height;
+  py::array_t<float> offset, area;
+  py::array_t<bool> mask;
+};
+
+Blobs color_blob(const py::array& given, const ColorRange& color, const std::string& layout) {
+  color.validate();
+  const Images images = images_of(given, layout, "images", false);
+  const Shape shape = images.shape({});
+  using Ints = py::array_t<std::int32_t>;
+  Blobs blobs{py::array_t<bool>(shape),
+              Ints(shape),
+              Ints(shape),
+              Ints(shape),
+              Ints(shape),
+              py::array_t<float>(shape),
+              py::array_t<float>(shape),
+              py::array_t<bool>(images.shape({images.height, images.width}))};
+  task::ColorBlobScratch scratch;
+  bool* mask = blobs.mask.mutable_data();
+  for (std::size_t i = 0; i < images.count(); ++i) {
+    const task::ColorBlob blob = task::find_color(images[i], images.width, images.height, images.layout, color, scratch);
+    blobs.found.mutable_data()[i] = blob.found;
+    blobs.x.mutable_data()[i] = blob.x;
+    blobs.y.mutable_data()[i] = blob.y;
+    blobs.width.mutable_data()[i] = blob.width;
+    blobs.height.mutable_data()[i] = blob.height;
+    blobs.offset.mutable_data()[i] = blob.offset;
+    blobs.area.mutable_data()[i] = blob.area;
+    mask = std::transform(scratch.mask.begin(), scratch.mask.end(), mask, [](std::uint8_t value) { return value != 0; });
+  }
+  return blobs;
+}
+
+struct Components {
+  py::array_t<std::int32_t> box;
+  py::array_t<double> centroid;
+  py::array_t<std::int32_t> area_px, labels;
+};
+
+Components color_components(const py::array& given, const ColorRange& color, const std::string& layout) {
+  color.validate();
+  const Images image = images_of(given, layout, "image", true);
+  const imaging::ColorComponents found = imaging::find_components(image[0], image.width, image.height, image.layout, color);
+  const auto count = static_cast<py::ssize_t>(found.list.size());
+  Components components{py::array_t<std::int32_t>({count, py::ssize_t{4}}), py::array_t<double>({count, py::ssize_t{2}}),
+                        py::array_t<std::int32_t>(count), py::array_t<std::int32_t>(image.shape({image.height, image.width}))};
+  std::int32_t* box = components.box.mutable_data();
+  double* centroid = components.centroid.mutable_data();
+  std::int32_t* area = components.area_px.mutable_data();
+  for (const imaging::ColorComponent& component : found.list) {
+    for (const int value : {component.x, component.y, component.width, component.height}) *box++ = value;
+    *centroid++ = component.center_x;
+    *centroid++ = component.center_y;
+    *area++ = component.area;
+  }
+  std::copy(found.labels.begin(), found.labels.end(), components.labels.mutable_data());
+  return components;
+}
+
+struct Seen {
+  task::ColorBlob blob;
+  py::array_t<bool> mask;
+};
+
+Seen green_blob(const py::array& given, const std::string& layout) {
+  const Images image = images_of(given, layout, "image", true);
+  task::ColorBlobScratch scratch;
+  Seen seen{task::find_color(image[0], image.width, image.height, image.layout, ColorRange(), scratch),
+            py::array_t<bool>(image.shape({image.height, image.width}))};
+  std::transform(scratch.mask.begin(), scratch.mask.end(), seen.mask.mutable_data(),
+                 [](std::uint8_t value) { return value != 0; });
+  return seen;
+}
+
+}  // namespace
+
+void register_color_blob(py::module_& module) {
+  py::class_<Seen>(module, "GreenBlob", "What is green in an image.")
+      .def_property_readonly("found", [](const Seen& seen) { return seen.blob.found; })
+      .def_property_readonly("x", [](const Seen& seen) { return seen.blob.x; })
+      .def_property_readonly("y", [](const Seen& seen) { return seen.blob.y; })
+      .def_property_readonly("width", [](const Seen& seen) { return seen.blob.width; })
+      .def_property_readonly("height", [](const Seen& seen) { return seen.blob.height; })
+      .def_property_readonly("offset", [](const Seen& seen) { return seen.blob.offset; })
+      .def_property_readonly("area", [](const Seen& seen) { return seen.blob.area; })
+      .def_readonly("mask", &Seen::mask);
+  module.def("green_blob", &green_blob, py::arg("image"), py::arg("layout") = "hwc");
+  py::class_<Blobs>(module, "ColorBlob", "Where a colour is in images.")
+      .def_readonly("found", &Blobs::found)
+      .def_readonly("x", &Blobs::x)
+      .def_readonly("y", &Blobs::y)
+      .def_readonly("width", &Blobs::width)
+      .def_readonly("height", &Blobs::height)
+      .def_readonly("offset", &Blobs::offset)
+      .def_readonly("area", &Blobs::area)
+      .def_readonly("mask", &Blobs::mask);
+  module.def(
+      "color_blob",
+      [](const py::array& images, const py::object& color, const std::string& layout) {
+        return color_blob(images, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
+      },
+      py::arg("images"), py::arg("color"), py::arg("layout") = "hwc");
+  py::class_<Components>(module, "ColorComponents", "The connected parts of an image that have a colour.")
+      .def_readonly("box", &Components::box)
+      .def_readonly("centroid", &Components::centroid)
+      .def_readonly("area_px", &Components::area_px)
+      .def_readonly("labels", &Components::labels);
+  module.def(
+      "color_components",
+      [](const py::array& image, const py::object& color, const std::string& layout) {
+        return color_components(image, argument<ColorRange>(color, "color", "a flockstep.ColorRange"), layout);
+      },
+      py::arg("image"), py::arg("color"), py::arg("layout") = "hwc");
+}
+
+}  // namespace flockstep::bindings

@@ -1,0 +1,18 @@
+#include "imaging/opencv.hpp"
+
+// OpenCV's core looks up OpenGL by this function, in code that nothing here calls. Defined here and hidden, it lets us link
+// without libGLX; a lookup would fail as it does on a machine without OpenGL.
+extern "C" void* glXGetProcAddressARB(const unsigned char* name);
+extern "C" void* glXGetProcAddressARB(const unsigned char* /*name*/) { return nullptr; }
+
+namespace flockstep::imaging {
+
+void prepare_opencv() {
+  static const bool done = [] {
+    cv::setNumThreads(0);
+    return true;
+  }();
+  static_cast<void>(done);
+}
+
+}  // namespace flockstep::imaging

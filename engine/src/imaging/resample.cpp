@@ -1,0 +1,97 @@
+#include "imaging/resample.hpp"
+
+#include <algorithm>
+#include <type_traits>
+
+namespace flockstep::imaging {
+namespace {
+
+// into[i] = combine(into[i], from[i]), for a row; the compiler makes vectors of it.
+template <class Value, class Sum, class Combine>
+void combine_row(const Value* from, std::size_t count, Sum* into, const Combine& combine) {
+  for (std::size_t i = 0; i < count; ++i) into[i] = combine(into[i], static_cast<Sum>(from[i]));
+}
+
+}  // namespace
+
+Resample::Resample(int from_width, int from_height, int to_width, int to_height, Pool pool)
+    : pool_(pool),
+      from_width_(static_cast<std::size_t>(from_width)),
+      from_height_(static_cast<std::size_t>(from_height)),
+      columns_(covers(from_width_, static_cast<std::size_t>(to_width))),
+      rows_(covers(from_height_, static_cast<std::size_t>(to_height))) {}
+
+// In units in which a large pixel is `to` long and a small one `from`, all ends are whole numbers.
+std::vector<Resample::Cover> Resample::covers(std::size_t from, std::size_t to) {
+  std::vector<Cover> covers;
+  for (std::size_t i = 0; i < to; ++i) {
+    const std::size_t begin = i * from, end = begin + from;
+    const std::size_t first = begin / to, last = (end + to - 1) / to;  // past the last
+    covers.push_back({static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(last - first),
+                      static_cast<std::uint32_t>(weights_.size())});
+    for (std::size_t j = first; j < last; ++j) {
+      weights_.push_back(static_cast<float>(std::min(end, (j + 1) * to) - std::max(begin, j * to)));
+    }
+  }
+  return covers;
+}
+
+// First down the rows, then along the row that remains. Sums of uint8 are whole numbers: down a column at most 255 * 8192, which
+// float holds exactly, and over all at most 2^34, which double does.
+template <class Value, class Sum>
+void Resample::run(const Value* from, Value* to, std::size_t channels, std::vector<Sum>& row) const {
+  const std::size_t values = from_width_ * channels;
+  row.resize(values);
+  const double area = static_cast<double>(from_width_) * static_cast<double>(from_height_);
+  const auto least = [](auto a, auto b) { return b < a ? b : a; };
+  const auto greatest = [](auto a, auto b) { return a < b ? b : a; };
+  for (const Cover& down : rows_) {
+    const Value* const top = from + down.first * values;
+    const float* const weights = weights_.data() + down.first_weight;
+    if (pool_ == Pool::mean) {
+      std::fill(row.begin(), row.end(), Sum{0});
+      for (std::size_t j = 0; j < down.count; ++j) {
+        const auto weight = static_cast<Sum>(weights[j]);
+        combine_row(top + j * values, values, row.data(), [=](Sum sum, Sum value) { return sum + weight * value; });
+      }
+    } else {
+      std::copy_n(top, values, row.begin());
+      for (std::size_t j = 1; j < down.count; ++j) {
+        const Value* const next = top + j * values;
+        if (pool_ == Pool::min) {
+          combine_row(next, values, row.data(), least);
+        } else {
+          combine_row(next, values, row.data(), greatest);
+        }
+      }
+    }
+    for (const Cover& across : columns_) {
+      for (std::size_t c = 0; c < channels; ++c) {
+        const Sum* const left = row.data() + across.first * channels + c;
+        if (pool_ == Pool::mean) {
+          const float* const shares = weights_.data() + across.first_weight;
+          double sum = 0.0;
+          for (std::size_t j = 0; j < across.count; ++j)
+            sum += static_cast<double>(shares[j]) * static_cast<double>(left[j * channels]);
+          *to++ = static_cast<Value>(sum / area + (std::is_integral_v<Value> ? 0.5 : 0.0));
+        } else {
+          Sum found = left[0];
+          for (std::size_t j = 1; j < across.count; ++j) {
+            found = pool_ == Pool::min ? least(found, left[j * channels]) : greatest(found, left[j * channels]);
+          }
+          *to++ = static_cast<Value>(found);
+        }
+      }
+    }
+  }
+}
+
+void Resample::operator()(const std::uint8_t* from, std::uint8_t* to, std::size_t channels, ResampleScratch& scratch) const {
+  run(from, to, channels, scratch.floats);
+}
+
+void Resample::operator()(const float* from, float* to, std::size_t channels, ResampleScratch& scratch) const {
+  run(from, to, channels, scratch.doubles);
+}
+
+}  // namespace flockstep::imaging
