@@ -189,7 +189,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``control`` and so on. And of `NavigationConfig`: ``action`` (``"discrete"``,
         ``"displacement"``, ``"displacement_yaw"``, ``"discrete_forward"``, which is the default of camera tasks),
         ``reward`` (their default ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``,
-        ``random_start``.
+        ``random_start``, ``color``.
 
     Infos
     -----

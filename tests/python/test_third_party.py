@@ -1,0 +1,48 @@
+"""THIRD_PARTY.md lists every library that a wheel contains."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from flockstep import _core
+
+ROOT = Path(__file__).resolve().parents[2]
+SYSTEM = {"libc6", "libgcc-s1", "libstdc++6"}  # of any Linux: no wheel holds them
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    spec = importlib.util.spec_from_file_location("wheel_program", ROOT / "packaging" / "wheel.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_what_is_compiled_in_is_listed(wheel):
+    text = (ROOT / "THIRD_PARTY.md").read_text()
+    assert "libopencv-core-dev" in wheel.COMPILED_IN
+    for package in wheel.COMPILED_IN:
+        assert f"`{package}`" in text
+
+
+def test_what_the_module_loads_is_listed(wheel):
+    if shutil.which("dpkg-query") is None:
+        return  # packages are named as Debian names them
+    text = (ROOT / "THIRD_PARTY.md").read_text()
+    loaded = subprocess.run(["ldd", _core.__file__], capture_output=True, text=True, check=True).stdout
+    paths = [Path(path) for path in re.findall(r"=> (/\S+)", loaded)]
+    packages = {wheel.package_of(path)[0] for path in paths} - SYSTEM
+    assert "libtbb12" in packages
+    for package in packages:
+        assert f"`{package}`" in text
+
+
+def test_a_wheel_with_what_opencv_would_bring_is_refused(wheel):
+    for name in ("libGLX-12345678.so.0.0.0", "libX11.so.6", "libblas.so.3", "liblapack-1.so", "libgfortran.so.5"):
+        assert wheel.UNWANTED.match(name)
+    for name in ("libtbb-12345678.so.12.8", "libembree3.so.3", "libpng16.so.16", "libepoxy.so.0"):
+        assert not wheel.UNWANTED.match(name)
