@@ -1,21 +1,8 @@
 // The one place that includes OpenCV: its core and imgproc alone. CMake links its static libraries, see cmake/Dependencies.cmake.
 #pragma once
 
-#if defined(__clang__)
-#pragma clang diagnostic push
-#pragma clang diagnostic ignored "-Wdeprecated-anon-enum-enum-conversion"
-#pragma clang diagnostic ignored "-Wdeprecated-enum-enum-conversion"
-#elif defined(__GNUC__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wdeprecated-enum-enum-conversion"
-#endif
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#if defined(__clang__)
-#pragma clang diagnostic pop
-#elif defined(__GNUC__)
-#pragma GCC diagnostic pop
-#endif
 
 namespace flockstep::imaging {
 
