@@ -500,7 +500,7 @@ TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBits
       fly(40, false);
       const std::uint64_t before = testing::allocations();
       fly(40, false);
-      EXPECT_EQ(testing::allocations() - before, 0U);
+      EXPECT_EQ(testing::allocations() - before, 0U) << threads;
       fly(40, true);
       observed.push_back(seen);
       images.push_back(batch.images(0));

@@ -73,6 +73,11 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint3
   }
   renderer_.emplace(backend, requests_, workers);
   scratch_.resize(static_cast<std::size_t>(workers.num_threads()));
+  for (const auto& camera : cameras_) {  // every thread's scratch grows now; the frame is stale
+    for (ConversionScratch& scratch : scratch_) {
+      if (camera->converts()) camera->convert(0, scratch);
+    }
+  }
   clear_requests();
 }
 

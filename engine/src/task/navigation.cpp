@@ -119,6 +119,14 @@ class Navigation final : public Task {
     state_.last_distance.resize(context.num_envs());
     goals_.resize(context.num_envs());
     blobs_.resize(context.num_threads());
+    if (config_.observation == ObservationKind::blob) {
+      const CameraConfig& camera = context.cameras().front();
+      const std::vector<std::uint8_t> black(image_size(camera));
+      for (ColorBlobScratch& scratch : blobs_) {  // each grows now, not in a step
+        find_color(black, camera.image_width_px(), camera.image_height_px(), camera.layout, config_.color, scratch);
+        scratch.columns.reserve(static_cast<std::size_t>(camera.image_width_px()));
+      }
+    }
   }
 
   void require_world(const World& world, const DroneModel& drone) const override { require_navigable(world, drone); }
@@ -217,8 +225,13 @@ class Navigation final : public Task {
 
   std::span<const std::uint8_t> image_of(const TaskContext& context, std::size_t env) const {
     const CameraConfig& camera = context.cameras()[0];
-    const auto size = 3 * static_cast<std::size_t>(camera.image_width_px()) * static_cast<std::size_t>(camera.image_height_px());
+    const std::size_t size = image_size(camera);
     return std::span(context.images(0).rgb).subspan(env * size, size);
+  }
+
+  // Values of one rgb image.
+  static std::size_t image_size(const CameraConfig& camera) {
+    return 3 * static_cast<std::size_t>(camera.image_width_px()) * static_cast<std::size_t>(camera.image_height_px());
   }
 
   Vec3 start_position(const TaskContext& context, std::uint32_t env) const {
