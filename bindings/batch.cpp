@@ -2,7 +2,11 @@
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
+#include <cstdint>
+#include <iterator>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -12,6 +16,7 @@
 #include "camera.hpp"
 #include "convert.hpp"
 #include "lidar.hpp"
+#include "named.hpp"
 #include "released.hpp"
 #include "task.hpp"
 #include "terms.hpp"
@@ -32,19 +37,6 @@ struct Released {
     std::default_delete<Batch>()(batch);
   }
 };
-
-Worlds worlds_of(const py::object& given) {
-  const std::string expected = "a sequence of flockstep.World objects or a flockstep.WorldPool";
-  if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
-    throw py::type_error("worlds: expected " + expected + ", got " + std::string(py::repr(given)));
-  }
-  Worlds worlds;
-  for (const py::handle world : given) {
-    argument<World>(world, "worlds", expected);
-    worlds.push_back(world.cast<std::shared_ptr<World>>());
-  }
-  return worlds;
-}
 
 std::vector<CameraConfig> cameras_of(const py::object& given) {
   const std::string expected = "a sequence of flockstep.CameraConfig objects";
@@ -82,17 +74,16 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
   config.clock = optional_argument<ClockConfig>(clock, "clock").value_or(ClockConfig());
   config.dynamics = optional_argument<DynamicsConfig>(dynamics, "dynamics").value_or(DynamicsConfig());
-  const auto model = optional_argument<DroneModel>(drone, "drone");
+  const DroneModel model = drone_argument(drone);
   const auto index = integers<std::int32_t>(world_index, "world_index", {config.num_envs});
   std::optional<WorldPool> pool = world_pool(given_worlds, config);
-  const Worlds worlds = pool ? Worlds() : worlds_of(given_worlds);
+  const Worlds worlds = pool ? Worlds() : worlds_argument(given_worlds);
   require(!pool || !index.given(), "world_index", "none with a WorldPool: each episode draws its world", "some");
   std::unique_ptr<Task> own_task = make_task(task);
   auto batch = released([&] {  // worlds are prepared for tracing, backends timed
-    const DroneModel flown = model.value_or(DroneModel::quadrotor650());
     auto made =
-        pool ? std::make_unique<Batch>(config, std::move(*pool), std::move(own_task), flown)
-             : std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task), flown, index);
+        pool ? std::make_unique<Batch>(config, std::move(*pool), std::move(own_task), model)
+             : std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task), model, index);
     return std::unique_ptr<Batch, Released>(made.release());
   });
   warn(*batch);
@@ -129,6 +120,10 @@ auto imu_view(std::span<const float> (Batch::*readings)() const) {
   };
 }
 
+std::string counted(std::int64_t count, const std::string& noun) {
+  return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
+}
+
 // The contact of a batch's last move: views into the batch.
 struct ContactView {
   py::array_t<bool> hit, inside;
@@ -141,6 +136,23 @@ ContactView contact_of(const py::object& self) {
   return {view<bool>(self, contact.hit.data(), {size_of(batch)}), view<bool>(self, contact.inside.data(), {size_of(batch)}),
           view<float>(self, contact.fraction.data(), {size_of(batch)}), view<float>(self, contact.point.data(), n_by(batch, 3)),
           view<float>(self, contact.normal.data(), n_by(batch, 3))};
+}
+
+std::string describe_contact(const ContactView& contact) {
+  const bool* const hit = contact.hit.data();
+  const auto hits = std::count(hit, hit + contact.hit.size(), true);
+  return "<Contact: " + std::to_string(hits) + " of " + counted(contact.hit.size(), "drone") + " hit something>";
+}
+
+std::string describe_batch(const Batch& batch) {
+  const BatchConfig& config = batch.config();
+  std::string text = "<Batch: " + counted(config.num_drones(), "drone");
+  text += batch.worlds().empty() ? " in worlds of a WorldPool" : " in " + counted(std::ssize(batch.worlds()), "world");
+  text += ", motion \"" + std::string(name_of(config.dynamics.motion)) + '"';
+  if (config.lidar) text += ", a LiDAR of " + counted(std::int64_t{config.lidar->rows()} * config.lidar->columns(), "ray");
+  if (!config.cameras.empty()) text += ", " + counted(std::ssize(config.cameras), "camera");
+  if (config.imu) text += ", an IMU";
+  return text + (batch.task() == nullptr ? ", no task>" : ", a task>");
 }
 
 const TaskSpec& spec_of(const Batch& batch) {
@@ -262,7 +274,8 @@ void register_batch(py::module_& module) {
       .def_readonly("inside", &ContactView::inside)
       .def_readonly("fraction", &ContactView::fraction)
       .def_readonly("point", &ContactView::point)
-      .def_readonly("normal", &ContactView::normal);
+      .def_readonly("normal", &ContactView::normal)
+      .def("__repr__", &describe_contact);
 
   const auto none = py::none();
   py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
@@ -459,6 +472,7 @@ void register_batch(py::module_& module) {
       .def_property_readonly("success", output_view<bool>(&Outputs::success))
       .def_property_readonly("crashed", output_view<bool>(&Outputs::crashed))
       .def_property_readonly("bad_state", output_view<bool>(&Outputs::bad_state))
+      .def_property_readonly("episode_end", output_view<std::uint8_t>(&Outputs::episode_end))
       .def_property_readonly("episode_return", output_view<double>(&Outputs::episode_return))
       .def_property_readonly("episode_length", output_view<std::int64_t>(&Outputs::episode_length))
       .def_property_readonly("steps", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.episodes().steps; }))
@@ -479,7 +493,8 @@ void register_batch(py::module_& module) {
             const std::string blob = bytes;
             released(batch, [&] { batch.restore(blob); });
           },
-          py::arg("blob"));
+          py::arg("blob"))
+      .def("__repr__", &describe_batch);
 }
 
 }  // namespace flockstep::bindings

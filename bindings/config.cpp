@@ -5,7 +5,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
+#include <charconv>
+#include <cmath>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <typeinfo>
@@ -22,17 +26,45 @@ namespace {
 
 std::string class_name(const py::object& self) { return py::str(py::type::of(self).attr("__name__")); }
 
+// The shortest decimal number that is this float32. Python's own repr is the shortest that is the same double:
+// 0.05000000074505806.
+py::object shortest(float value) {
+  if (!std::isfinite(value)) return py::float_(static_cast<double>(value));
+  std::array<char, 32> digits;
+  const auto [end, error] = std::to_chars(digits.data(), digits.data() + digits.size(), value);
+  return py::float_(py::str(digits.data(), static_cast<std::size_t>(end - digits.data())));
+}
+
+template <class T>
+py::str shown(const T& value) {
+  return py::repr(to_python(value));
+}
+py::str shown(float value) { return py::repr(shortest(value)); }
+py::str shown(const std::optional<float>& value) { return value ? shown(*value) : py::repr(py::none()); }
+template <class Floats>
+py::str shown_list(const Floats& values) {
+  py::list list;
+  for (const float value : values) list.append(shortest(value));
+  return py::repr(list);
+}
+py::str shown(const std::vector<float>& values) { return shown_list(values); }
+template <std::size_t kSize>
+py::str shown(const std::array<float, kSize>& values) {
+  return shown_list(values);
+}
+
 // How Python reads and writes a field of some type.
 struct FieldType {
   py::object (*read)(const void* field);
   void (*write)(void* field, const py::object& value, const char* name);  // as from_python()
   std::string (*stub)();
+  py::str (*show)(const void* field);  // as repr() prints it
 };
 template <class Value>
 constexpr FieldType kFieldType{
     [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); },
     [](void* field, const py::object& value, const char* name) { *static_cast<Value*>(field) = from_python<Value>(value, name); },
-    [] { return StubType<Value>::of(); }};
+    [] { return StubType<Value>::of(); }, [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
 
 // A field of a configuration.
 struct ConfigField {
@@ -111,9 +143,11 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   const auto add = [&](const char* name, const auto& function) {
     cls.attr(name) = py::cpp_function(function, py::name(name), method);
   };
-  add("__repr__", [](const py::object& self) {
+  add("__repr__", [fields, &type](const py::object& self) {
     py::list parts;
-    for (const auto& [name, value] : state_of(self)) parts.append(py::str("{}={!r}").format(name, value));
+    for (const ConfigField& field : fields) {
+      parts.append(py::str("{}={}").format(field.name, field.type->show(held_by(self, type) + field.offset)));
+    }
     return py::str("{}({})").format(class_name(self), py::str(", ").attr("join")(parts));
   });
   add("__eq__", [](const py::object& self, const py::object& other) -> py::object {

@@ -2,6 +2,7 @@
 
 #include "arrays.hpp"
 #include "convert.hpp"
+#include "named.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -31,6 +32,12 @@ py::str path_of(const py::handle& name_or_path) {
 }
 
 }  // namespace
+
+DroneModel drone_argument(const py::object& drone) {
+  if (drone.is_none()) return DroneModel::quadrotor650();
+  if (py::isinstance<py::str>(drone) || py::hasattr(drone, "__fspath__")) return DroneModel::load(path_of(drone));
+  return argument<DroneModel>(drone, "drone", "a flockstep.DroneModel, the name or path of one, or None");
+}
 
 void register_drone_model(py::module_& module) {
   const auto json = [](const char* function) { return py::module_::import("json").attr(function); };

@@ -1,12 +1,14 @@
 #include "arrays.hpp"
 #include "flockstep/scenario.hpp"
+#include "named.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {
 namespace {
 
-py::object plan_path(const World& world, const py::object& start, const py::object& goals, const std::optional<DroneModel>& drone,
+py::object plan_path(const py::object& given_world, const py::object& start, const py::object& goals, const py::object& drone,
                      float cell_m) {
+  const std::shared_ptr<World> world = world_argument(given_world);
   const Input<float> start_input = floats(start, "start", {3});
   if (!start_input.given()) throw py::value_error("start: expected an array of real numbers, got None");
   const std::span<const float> from = start_input;
@@ -14,9 +16,9 @@ py::object plan_path(const World& world, const py::object& start, const py::obje
   const std::span<const float> over = goal_input;
   std::vector<Vec3> points;
   for (std::size_t i = 0; i < over.size(); i += 3) points.emplace_back(over[i], over[i + 1], over[i + 2]);
-  const DroneModel model = drone.value_or(DroneModel::quadrotor650());
+  const DroneModel model = drone_argument(drone);
   const Vec3 first(from[0], from[1], from[2]);
-  const std::optional<std::vector<Vec3>> path = released([&] { return plan(world, model, first, points, cell_m); });
+  const std::optional<std::vector<Vec3>> path = released([&] { return plan(*world, model, first, points, cell_m); });
   if (!path) return py::none();
   return rows(*path);
 }

@@ -6,14 +6,11 @@
 #include "arrays.hpp"
 #include "flockstep/scenario.hpp"
 #include "flockstep/world_report.hpp"
+#include "named.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {
 namespace {
-
-using Drone = std::optional<DroneModel>;
-
-DroneModel drone_or_default(const Drone& drone) { return drone ? *drone : DroneModel::quadrotor650(); }
 
 template <class T>
 py::array_t<T> column(const std::vector<T>& values) {
@@ -121,23 +118,26 @@ std::shared_ptr<World> with_markers(const World& world, const py::object& start,
 }
 
 py::array_t<float> places(const World& world, std::size_t count, std::uint64_t seed, const std::optional<float>& clearance_m,
-                          float max_height_m, const py::object& box, const py::object& reachable_from, const Drone& drone,
-                          float cell_m) {
+                          float max_height_m, const py::object& box, const py::object& reachable_from,
+                          const py::object& given_drone, float cell_m) {
+  const DroneModel drone = drone_argument(given_drone);
   const FreePlacesConfig config{seed,  clearance_m, max_height_m, box_of(box, "box"), point_of(reachable_from, "reachable_from"),
                                 cell_m};
-  return rows(released([&] { return free_places(world, drone_or_default(drone), count, config); }));
+  return rows(released([&] { return free_places(world, drone, count, config); }));
 }
 
 std::shared_ptr<World> with_drawn_markers(const World& world, std::uint64_t seed, const std::optional<float>& distance_m,
                                           const std::optional<float>& clearance_m, float max_height_m, const py::object& box,
-                                          const Drone& drone, float cell_m) {
+                                          const py::object& given_drone, float cell_m) {
+  const DroneModel drone = drone_argument(given_drone);
   const FreePlacesConfig config{seed, clearance_m, max_height_m, box_of(box, "box"), std::nullopt, cell_m};
   return std::const_pointer_cast<World>(
-      released([&] { return world.with_markers(drawn_markers(world, drone_or_default(drone), config, distance_m)); }));
+      released([&] { return world.with_markers(drawn_markers(world, drone, config, distance_m)); }));
 }
 
-py::dict report(const World& world, const Drone& drone) {
-  const WorldReport report = released([&] { return check(world, drone_or_default(drone)); });
+py::dict report(const World& world, const py::object& given_drone) {
+  const DroneModel drone = drone_argument(given_drone);
+  const WorldReport report = released([&] { return check(world, drone); });
   const Markers& markers = world.markers();
   const Vec3 size = world.bounds().max - world.bounds().min;
   py::dict result;

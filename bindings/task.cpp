@@ -2,8 +2,10 @@
 #include "task.hpp"
 
 #include <pybind11/functional.h>
+#include <pybind11/native_enum.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cstring>
 #include <functional>
 #include <optional>
@@ -127,14 +129,16 @@ class PythonTask final : public Task {
     const auto terminated = flags(scored[1], "terminated", n);
     const auto truncated = flags(scored[2], "truncated", n);
     const auto success = flags(scored[3], "success", n);
+    const auto left_area = flags(scored[4], "left_area", n);
     const double* const columns = reward.data();
-    const std::span<const std::uint8_t> ends = terminated, cuts = truncated, successes = success;
+    const std::span<const std::uint8_t> ends = terminated, cuts = truncated, successes = success, left = left_area;
     for (const std::uint32_t env : block.envs) {
       const std::span<double> row = score.terms_of(env);
       for (std::size_t k = 0; k < row.size(); ++k) row[k] = columns[k * static_cast<std::size_t>(n) + env];
       score.terminated[env] = ends[env];
       score.truncated[env] = cuts[env];
       score.success[env] = successes[env];
+      score.left_area[env] = left[env];
     }
     for (const std::uint32_t env : block.envs) {
       const std::span<const double> row = score.terms_of(env);
@@ -232,6 +236,23 @@ Field make_field(const std::string& name, const std::string& dtype, std::vector<
   return {.name = name, .type = enum_of<DType>(dtype, "dtype"), .shape = std::move(shape), .low = {low}, .high = {high}};
 }
 
+// The bounds of a field: one number if they are all the same, otherwise the least and the greatest.
+std::string describe_bounds(const std::vector<double>& values) {
+  const auto [least, greatest] = std::ranges::minmax(values);
+  const std::string low = py::repr(py::float_(least));
+  return least == greatest ? low : low + " to " + std::string(py::repr(py::float_(greatest)));
+}
+
+std::string describe_field(const Field& field) {
+  return "<Field '" + field.name + "': " + name_of(field.type) + ' ' + std::string(py::repr(py::tuple(py::cast(field.shape)))) +
+         ", low " + describe_bounds(field.low) + ", high " + describe_bounds(field.high) + '>';
+}
+
+py::str describe_spec(const TaskSpec& spec) {
+  return py::str("TaskSpec(action={!r}, observation={!r}, reward_terms={!r})")
+      .format(py::cast(spec.action), py::cast(spec.observation), py::cast(spec.reward_terms));
+}
+
 py::dict defaults_of(const py::object& description) {
   if (description.is_none()) throw py::type_error("task: expected a configuration of a task or a NativeTask, got None");
   const TaskDefaults defaults = make_task(description)->defaults();
@@ -274,13 +295,15 @@ void register_task(py::module_& module) {
       .def_property_readonly("dtype", [](const Field& field) { return name_of(field.type); })
       .def_property_readonly("shape", [](const Field& field) { return py::tuple(py::cast(field.shape)); })
       .def_property_readonly("low", [](const Field& field) { return bounds(field.low); })
-      .def_property_readonly("high", [](const Field& field) { return bounds(field.high); });
+      .def_property_readonly("high", [](const Field& field) { return bounds(field.high); })
+      .def("__repr__", &describe_field);
   py::class_<TaskSpec>(module, "TaskSpec", "What a task takes, shows and rewards, declared once.")
       .def(py::init<Field, std::vector<Field>, std::vector<std::string>>(), py::arg("action"), py::arg("observation"),
            py::arg("reward_terms"))
       .def_readonly("action", &TaskSpec::action)
       .def_readonly("observation", &TaskSpec::observation)
-      .def_readonly("reward_terms", &TaskSpec::reward_terms);
+      .def_readonly("reward_terms", &TaskSpec::reward_terms)
+      .def("__repr__", &describe_spec);
   py::class_<NativeTask>(module, "NativeTask", "A task of your own in C++, from a shared library.")
       .def(py::init(&load_task), py::arg("path"))
       .def_readonly("path", &NativeTask::path)
@@ -290,6 +313,11 @@ void register_task(py::module_& module) {
   py::class_<PythonTaskMaker>(module, "PythonTask", "A task whose methods are Python's; flockstep.Task makes these.")
       .def(py::init<TaskSpec, std::string, int, py::object>(), py::arg("spec"), py::arg("identity"), py::arg("max_episode_steps"),
            py::arg("calls"));
+  py::native_enum<EpisodeEnd> ends(module, "EpisodeEnd", "enum.IntEnum");
+  for (std::size_t i = 0; i < EnumNames<EpisodeEnd>::kNames.size(); ++i) {
+    ends.value(EnumNames<EpisodeEnd>::kNames[i], static_cast<EpisodeEnd>(i));
+  }
+  ends.finalize();
   module.def("task_defaults", &defaults_of, py::arg("task"));
 }
 

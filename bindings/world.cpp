@@ -7,6 +7,7 @@
 #include "convert.hpp"
 #include "flockstep/raycast.hpp"
 #include "flockstep/scenario.hpp"
+#include "named.hpp"
 #include "released.hpp"
 
 namespace flockstep::bindings {
@@ -154,6 +155,15 @@ py::dict mesh(const World& world, float chord_error_m) {
 }
 
 }  // namespace
+
+std::vector<std::shared_ptr<World>> worlds_argument(const py::object& worlds) {
+  return py::module_::import("flockstep.scenes").attr("load")(worlds).cast<std::vector<std::shared_ptr<World>>>();
+}
+
+std::shared_ptr<World> world_argument(const py::object& world) {
+  if (py::isinstance<World>(world)) return world.cast<std::shared_ptr<World>>();
+  return py::module_::import("flockstep.scenes").attr("load_one")(world).cast<std::shared_ptr<World>>();
+}
 
 void register_world(py::module_& module) {
   py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")

@@ -8,11 +8,7 @@ of it, `Task` is the base of a task of your own, `flockstep.sb3` serves Stable-B
 any Gymnasium vector environment. `render` takes a picture of a world, `record` a film of a flight.
 """
 
-from __future__ import annotations
-
-import importlib
-from pathlib import Path
-from types import ModuleType
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 from flockstep import registration, rotations, scenes
 from flockstep._core import (
@@ -27,6 +23,7 @@ from flockstep._core import (
     DroneModel,
     DynamicsConfig,
     EpisodeConfig,
+    EpisodeEnd,
     GreenBlob,
     HoverConfig,
     ImuConfig,
@@ -48,6 +45,7 @@ from flockstep._core import (
 )
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
+from flockstep.headers import include_dir
 from flockstep.looks import looks
 from flockstep.recording import record
 from flockstep.task import Task
@@ -70,6 +68,7 @@ __all__ = [
     "DroneVectorEnv",
     "DynamicsConfig",
     "EpisodeConfig",
+    "EpisodeEnd",
     "GreenBlob",
     "HoverConfig",
     "ImuConfig",
@@ -104,15 +103,17 @@ __all__ = [
 registration.register()
 register_task = registration.register_task
 
+if _TYPE_CHECKING:
+    from flockstep import sb3, testing
+else:
 
-def include_dir() -> Path:
-    """Return the folder of the C++ headers that a `NativeTask` is built against; they include Eigen's, too."""
-    package = Path(__file__).resolve().parent
-    installed = package / "include"
-    return installed if installed.is_dir() else package.parents[1] / "engine" / "include"
+    def __getattr__(name: str) -> object:
+        if name in ("sb3", "testing"):  # imported on first use: sb3 needs Stable-Baselines3, only tests need testing
+            import importlib
+
+            return importlib.import_module(f"flockstep.{name}")
+        raise AttributeError(f"module 'flockstep' has no attribute {name!r}")
 
 
-def __getattr__(name: str) -> ModuleType:
-    if name in ("sb3", "testing"):  # on first use: the one needs Stable-Baselines3, the other nobody but a test
-        return importlib.import_module(f"flockstep.{name}")
-    raise AttributeError(f"module 'flockstep' has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -7,6 +7,7 @@ Bad input raises `ValueError` naming the field, what was expected and what came,
 """
 
 from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias, final
@@ -14,6 +15,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, final
 import numpy as np
 import numpy.typing as npt
 
+from flockstep.scenes import WorldLike, WorldsLike
 from flockstep.world_pool import WorldPool
 
 _F32: TypeAlias = npt.NDArray[np.float32]
@@ -22,6 +24,8 @@ _I32: TypeAlias = npt.NDArray[np.int32]
 _I64: TypeAlias = npt.NDArray[np.int64]
 _U8: TypeAlias = npt.NDArray[np.uint8]
 _Bool: TypeAlias = npt.NDArray[np.bool_]
+_DroneLike: TypeAlias = DroneModel | str | PathLike[str]
+_MaybeNone: TypeAlias = Any  # a marker is None only if the world lacks it, and who passes one on knows that it has it
 
 __version__: str
 embree_version: str
@@ -842,6 +846,26 @@ class TaskSpec:
         """Names of the terms whose sum is the reward: the columns of `Batch.reward_terms`."""
 
 @final
+class EpisodeEnd(IntEnum):
+    """Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task.
+
+    ``none``: it has not ended. ``success``: the task calls it a success. ``contact``: it was terminated while a drone was in
+    contact with something. ``left_area``: the task ended it because a drone left the area that the task allows.
+    ``bad_state``: a setpoint, pose, reward or observation was not finite; see `Batch.bad_state`. ``time``: it was truncated at
+    ``max_episode_steps``. ``task``: the task terminated or truncated it for another reason.
+
+    `Batch.episode_end` and the infos hold these as integers; ``EpisodeEnd(2).name`` is ``"contact"``.
+    """
+
+    none = 0
+    success = 1
+    contact = 2
+    left_area = 3
+    bad_state = 4
+    time = 5
+    task = 6
+
+@final
 class NativeTask:
     """A task of your own in C++: a shared library that ends with ``FLOCKSTEP_EXPORT_TASK(YourTask)``.
 
@@ -968,19 +992,19 @@ class World:
         """(2, 3) m: least and greatest corner of all geometry."""
 
     @property
-    def start(self) -> _F32 | None:
-        """(3,) m, or None."""
+    def start(self) -> _F32 | _MaybeNone:
+        """(3,) m, or None if the world has no start marker."""
 
     @property
     def waypoints(self) -> _F32:
         """(K, 3) m, in the order of flight."""
 
     @property
-    def goal(self) -> _F32 | None:
-        """(3,) m, or None."""
+    def goal(self) -> _F32 | _MaybeNone:
+        """(3,) m, or None if the world has no goal marker."""
 
     @property
-    def spawn_box(self) -> _F32 | None:
+    def spawn_box(self) -> _F32 | _MaybeNone:
         """(2, 3) m: least and greatest corner of where a task may start drones, or None."""
 
     @property
@@ -1145,7 +1169,7 @@ class World:
         max_height_m: float = 5.0,
         box: npt.ArrayLike | None = None,
         reachable_from: npt.ArrayLike | None = None,
-        drone: DroneModel | None = None,
+        drone: _DroneLike | None = None,
         cell_m: float = 0.2,
     ) -> _F32:
         """Draw ``count`` places (count, 3) m at which a drone, level and facing +x, is free.
@@ -1168,7 +1192,7 @@ class World:
         reachable_from
             (3,) m, a place from which the drone can fly to all that are drawn.
         drone
-            None: the default drone.
+            A `DroneModel`, or the name or path of one. None: the default drone.
         cell_m
             Of the lattice along which ``reachable_from`` is searched.
 
@@ -1186,7 +1210,7 @@ class World:
         clearance_m: float | None = None,
         max_height_m: float = 5.0,
         box: npt.ArrayLike | None = None,
-        drone: DroneModel | None = None,
+        drone: _DroneLike | None = None,
         cell_m: float = 0.2,
     ) -> World:
         """Return the same world with a start and a goal that `free_places` draws, and no other markers.
@@ -1204,7 +1228,7 @@ class World:
             No such pair was found.
         """
 
-    def check(self, drone: DroneModel | None = None) -> dict[str, Any]:
+    def check(self, drone: _DroneLike | None = None) -> dict[str, Any]:
         """Return what to look at before flying in a world from elsewhere.
 
         Returns
@@ -1673,7 +1697,8 @@ class Batch:
     Parameters
     ----------
     worlds
-        At least one; or a `WorldPool`, from which each `reset` and each episode that begins draws one: it takes a task. Until their
+        A `World`, the name or path of one, a set of `flockstep.scenes` such as ``"train"``, or a sequence of these, at least one; or a
+        `WorldPool`, from which each `reset` and each episode that begins draws one: it takes a task. Until their
         first reset, all drones are in world 0 of a pool.
     num_drones
         N, from 1 to 2**20.
@@ -1682,7 +1707,7 @@ class Batch:
     task
         What `reset` and `step` run. The navigation task needs a LiDAR, and a camera where it observes one.
     drone
-        Default: the 650-class quadrotor.
+        A `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path. Default: the 650-class quadrotor.
     cameras
         Of each drone, each of another name; at most 2**32 pixels each in all. One that writes ``instance`` needs worlds of at
         most 65535 primitives, meshes and markers.
@@ -1709,14 +1734,14 @@ class Batch:
 
     def __init__(
         self,
-        worlds: Sequence[World] | WorldPool,
+        worlds: WorldsLike | WorldPool,
         num_drones: int = 1,
         *,
         lidar: LidarConfig | None = None,
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | None = None,
         task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask | None = None,
-        drone: DroneModel | None = None,
+        drone: _DroneLike | None = None,
         cameras: Sequence[CameraConfig] = (),
         camera_backend: str = "raycast",
         episode: EpisodeConfig | None = None,
@@ -2032,6 +2057,10 @@ class Batch:
         """
 
     @property
+    def episode_end(self) -> _U8:
+        """(N,) why the episode ended in this step, a value of `EpisodeEnd`; 0 if it goes on."""
+
+    @property
     def bad_states(self) -> _I64:
         """(N,) how many episodes of each env have ended with ``bad_state`` since the batch was made."""
 
@@ -2207,13 +2236,22 @@ def color_components(image: npt.NDArray[np.uint8], color: ColorRange, layout: st
     """
 
 def plan(
-    world: World,
+    world: WorldLike,
     start: npt.ArrayLike,
     goals: npt.ArrayLike,
-    drone: DroneModel | None = None,
+    drone: _DroneLike | None = None,
     cell_m: float = 0.1,
 ) -> _F32 | None:
     """Return a shortest path (P, 3) m from ``start`` (3,) over ``goals`` (K, 3) in their order, on a grid; None if there is none.
 
     The drone faces +x all the way, and no part of it comes nearer than the grid's precision to an obstacle.
+
+    Parameters
+    ----------
+    world
+        A `World`, or the name or path of one.
+    drone
+        A `DroneModel`, or the name or path of one. None: the 650-class quadrotor.
+    cell_m
+        Cell size of the grid.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import gymnasium
@@ -9,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep import plain
-from flockstep.vector_env import DroneVectorEnv, Observation
+from flockstep._core import Batch
+from flockstep.vector_env import DroneVectorEnv, Observation, require_render_mode
 
 
 class DroneEnv(gymnasium.Env[Observation, Any]):
@@ -18,9 +20,24 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``autoreset_mode`` and ``copy``. With several worlds the
     drone stays in the first, unless ``random_world=True`` draws one for each episode.
 
-    ``gymnasium.make(..., max_episode_steps=n)`` is Gymnasium's own wrapper around it: it cuts off an episode after n
-    calls of `step`, whose info is as whole as at an end of the engine's. A limit beyond the task's own needs
-    ``DroneEnv(max_episode_steps=n)``, which Gymnasium cannot pass on.
+    ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit, in flown steps, and adds Gymnasium's
+    `TimeLimit` wrapper of n calls of `step`, which therefore never ends an episode that the engine does not end. -1
+    means no limit.
+
+    Attributes
+    ----------
+    envs
+        The `DroneVectorEnv` of one drone.
+    batch
+        Its `Batch`, until `close`.
+    observation_space, action_space
+        As `gymnasium.Env` has them.
+    render_mode
+        None or ``"rgb_array"``.
+    metadata
+        Render modes and pictures per second, for Gymnasium.
+    spec
+        The `gymnasium.envs.registration.EnvSpec` that made the env, or None.
     """
 
     metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}  # noqa: RUF012
@@ -28,11 +45,20 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     spec: Any = plain.PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
+        require_render_mode(render_mode, "gymnasium.wrappers.HumanRendering, as gymnasium.make does")
+        limit = _limit_of_make()
+        if limit is not None:
+            kwargs["max_episode_steps"] = max(limit, 0)
         self.envs = DroneVectorEnv(1, autoreset_mode="disabled", copy=True, render_mode=render_mode, **kwargs)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": self.envs.metadata["render_fps"]}
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
+
+    @property
+    def batch(self) -> Batch:
+        """The `Batch` of one drone, until `close`."""
+        return self.envs.batch
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -56,6 +82,23 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
     def close(self) -> None:
         """Release the batch."""
         self.envs.close()
+
+
+def _limit_of_make() -> int | None:
+    """Return the time limit in steps if `gymnasium.make` is making a `DroneEnv`; -1 means none.
+
+    `gymnasium.make` keeps ``max_episode_steps`` for its `TimeLimit` wrapper and passes it to no env. The engine needs
+    it too: it decides at the limit whether an episode is a success, and must not end episodes before it.
+    """
+    frame = inspect.currentframe()
+    for _ in range(2):  # DroneEnv.__init__ and its caller
+        frame = None if frame is None else frame.f_back
+    if frame is None or frame.f_code is not gymnasium.make.__code__:
+        return None
+    given: int | None = frame.f_locals["max_episode_steps"]
+    if given is None and "env_spec" in frame.f_locals:
+        given = frame.f_locals["env_spec"].max_episode_steps
+    return given
 
 
 def _only_info(infos: dict[str, Any]) -> dict[str, Any]:

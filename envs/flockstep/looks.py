@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from os import PathLike
-
 import numpy as np
 
 from flockstep._core import World
-from flockstep.scenes import load
+from flockstep.scenes import WorldLike, load_one
 
 Range = tuple[float, float]
 
 
 def looks(
-    world: World | str | PathLike[str],
+    world: WorldLike,
     count: int,
     seed: int = 0,
     *,
@@ -42,10 +40,7 @@ def looks(
     tint
         The red, green and blue of each material are multiplied by numbers in [1 - tint, 1 + tint]; in [0, 1].
     """
-    shapes = load(world)
-    if len(shapes) != 1:
-        raise ValueError(f"world: expected one, got {len(shapes)}")
-    shape = shapes[0]
+    shape = load_one(world)
     for name, number, least in (("count", count, 1), ("seed", seed, 0)):
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < least:
             raise ValueError(f"{name}: expected an integer >= {least}, got {number!r}")

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium
 
-from flockstep._core import HoverConfig, NativeTask, TrackConfig
+from flockstep._core import HoverConfig, NativeTask, NavigationConfig, TrackConfig, task_defaults
 from flockstep.plain import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, _by_config
@@ -17,26 +17,35 @@ _NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # for whoever makes the e
 
 
 def register() -> None:
-    """Register the environments with Gymnasium; done by ``import flockstep``.
+    """Register the environments with Gymnasium; done by ``import flockstep``."""
+    flights: dict[str, HoverConfig | TrackConfig] = {"Hover": HoverConfig(), "Track": TrackConfig()}
+    navigation = {"LidarNavigation": "goal", "CameraNavigation": "blob", "CameraPixels": "pixels"}
+    for name, task in flights.items():
+        _register(f"flockstep/{name}-v0", {"task": task}, _limit_of(task))
+    for name, observation in navigation.items():
+        limit = _limit_of(NavigationConfig.observing(observation))
+        _register(f"flockstep/{name}-v0", {"observation": observation}, limit)
 
-    No ``max_episode_steps`` here: the engine counts the steps itself, so that the time limit is one keyword for
-    `gymnasium.make_vec` and no `TimeLimit` wrapper is needed around a single environment.
-    """
-    own: dict[str, dict[str, Any]] = {
-        "LidarNavigation": {"observation": "goal"},
-        "CameraNavigation": {"observation": "blob"},
-        "CameraPixels": {"observation": "pixels"},
-        "Hover": {"task": HoverConfig()},
-        "Track": {"task": TrackConfig()},
-    }
-    for task, keywords in own.items():
-        if f"flockstep/{task}-v0" not in gymnasium.registry:
-            gymnasium.register(
-                id=f"flockstep/{task}-v0",
-                entry_point="flockstep.env:DroneEnv",
-                vector_entry_point="flockstep.vector_env:DroneVectorEnv",
-                kwargs=to_plain(keywords),
-            )
+
+def _limit_of(task: Any) -> int:
+    """Return the time limit in steps that a task has by default; 0: none."""
+    if isinstance(task, type):
+        limit = getattr(task, "max_episode_steps", 0)
+        return limit if isinstance(limit, int) else 0  # anything else is refused when an environment is made
+    limit = task_defaults(task)["max_episode_steps"]
+    assert isinstance(limit, int)
+    return limit
+
+
+def _register(env_id: str, keywords: dict[str, Any], limit: int) -> None:
+    """Register an environment. Its time limit is that of the spec; `DroneEnv` and `DroneVectorEnv` pass it on."""
+    gymnasium.register(
+        id=env_id,
+        entry_point="flockstep.env:DroneEnv",
+        vector_entry_point="flockstep.vector_env:DroneVectorEnv",
+        max_episode_steps=limit if limit > 0 else None,
+        kwargs=to_plain(keywords),
+    )
 
 
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:
@@ -71,10 +80,14 @@ def register_task(env_id: str, task: type[Task] | str | PathLike[str], **default
     if refused:
         raise TypeError(f"register_task: expected no default of {', '.join(_NO_DEFAULTS)}, got {', '.join(refused)}")
     keywords = inspect.signature(DroneVectorEnv).parameters
-    _by_config({name: value for name, value in defaults.items() if name not in keywords})  # refuses what is no keyword
-    gymnasium.register(
-        id=env_id,
-        entry_point="flockstep.env:DroneEnv",
-        vector_entry_point="flockstep.vector_env:DroneVectorEnv",
-        kwargs=to_plain({**defaults, "task": task if isinstance(task, type) else NativeTask(fspath(task))}),
-    )
+    description = task if isinstance(task, type) else NativeTask(fspath(task))
+    fields = {name: value for name, value in defaults.items() if name not in keywords}
+    _by_config(fields, description)  # refuses what is no keyword
+    limit = defaults.get("max_episode_steps")
+    if limit is None:
+        limit = _limit_of(description)
+    if isinstance(limit, int) and limit > 0:
+        defaults.pop("max_episode_steps", None)  # the spec has it
+    else:
+        limit = 0
+    _register(env_id, {**defaults, "task": description}, limit)

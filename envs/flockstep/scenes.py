@@ -11,7 +11,10 @@ from typing import Any, TypeAlias
 from flockstep import bench_scenes
 from flockstep._core import World
 
-WorldsLike: TypeAlias = str | PathLike[str] | World | Sequence[str | PathLike[str] | World]
+#: One world: itself, or its name or path.
+WorldLike: TypeAlias = World | str | PathLike[str]
+#: Worlds: one, the name of a set such as ``"train"``, or a sequence of these.
+WorldsLike: TypeAlias = WorldLike | Sequence[WorldLike]
 
 #: Names that stand for several scenes.
 SETS: dict[str, tuple[str, ...]] = {
@@ -132,6 +135,20 @@ def load(worlds: WorldsLike) -> list[World]:
                 loaded[key] = World.load(str(key))
             result.append(loaded[key])
     return result
+
+
+def load_one(world: WorldLike) -> World:
+    """Return the world meant by a `World`, a scene name or a path.
+
+    Raises
+    ------
+    ValueError
+        A set or a sequence of several worlds. Otherwise as `load`.
+    """
+    loaded = load(world)
+    if len(loaded) != 1:
+        raise ValueError(f"world: expected one, got {len(loaded)} ({world!r})")
+    return loaded[0]
 
 
 def _seeded(source: object) -> tuple[str, ...]:

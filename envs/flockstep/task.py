@@ -14,6 +14,7 @@ import pickle
 import warnings
 import weakref
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Target: TypeAlias = Array | tuple[Array, Array]
+#: A drone: itself, or its name or path.
+DroneLike: TypeAlias = DroneModel | str | PathLike[str]
 
 
 _SUCCESS, _INFO, _STATE = "success", "info.", "state."
@@ -93,6 +96,9 @@ class Task:
     truncated
         (N,) bool: write it in `step` where an episode is to be cut off for another reason than ``max_episode_steps``,
         and without the task being over. It is all False when `step` is called.
+    left_area
+        (N,) bool: write it in `step` where the episode ends because the drone left the area the task allows. The infos
+        then report `EpisodeEnd.left_area`, otherwise `EpisodeEnd.task`. It is all False when `step` is called.
     info_names
         Names of what else the infos of episodes that end report: ``info`` has an array for each.
     info
@@ -106,7 +112,7 @@ class Task:
     lidar: LidarConfig | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     worlds: WorldsLike | WorldPool | None = None
-    drone: DroneModel | str | None = None
+    drone: DroneLike | None = None
     dynamics: DynamicsConfig | None = None
     clock: ClockConfig | None = None
     max_episode_steps: int = 1000
@@ -118,6 +124,7 @@ class Task:
 
     success: BoolArray
     truncated: BoolArray
+    left_area: BoolArray
     info: dict[str, npt.NDArray[np.float64]]
     _batch: weakref.ref[Batch] | None = None  # whose task this is; it owns the task
     _constants: dict[str, Any] | None = None  # attributes after setup that are neither arrays nor numbers
@@ -210,7 +217,7 @@ class Task:
                 setattr(self, name, value if isinstance(present, np.ndarray) else type(present)(value.item()))
 
 
-_PROVIDED = ("success", "truncated", "info")  # attributes that a task is given
+_PROVIDED = ("success", "truncated", "left_area", "info")  # attributes that a task is given
 _SPACES = ("observation_space", "action_space")  # which sampling changes
 _NOT_STATE = ("_batch", "_constants", *_PROVIDED, "max_episode_steps", *_SPACES)
 _MISSING = object()
@@ -221,6 +228,7 @@ _INFOS_OF_ALL = (
     "success",
     "crashed",
     "bad_state",
+    "episode_end",
     "episode_terms",
     "episode",
     "is_success",
@@ -294,7 +302,7 @@ class TaskCalls:
         self._expected_target = poses if self._takes_poses else "commands (N, 4)"
         self._rows = (batch.num_drones,)
         self._task._batch = weakref.ref(batch)
-        self._task.success, self._task.truncated = np.zeros((2, batch.num_drones), bool)
+        self._task.success, self._task.truncated, self._task.left_area = np.zeros((3, batch.num_drones), bool)
         self._task.info = _Info({name: np.zeros(batch.num_drones) for name in self._task.info_names})
         self._reported = {name: np.zeros(batch.num_drones) for name in self._task.info_names}
         self._task.setup(batch)
@@ -326,8 +334,8 @@ class TaskCalls:
         return pair
 
     def score(self) -> tuple[Array, ...]:
-        """Return the terms of the reward (terms, N), and where episodes end, are cut off and succeed, (N,) each."""
-        self._task.truncated[:] = False
+        """Return the terms of the reward (terms, N), and the flags (N,): terminated, truncated, success, left_area."""
+        self._task.truncated[:] = self._task.left_area[:] = False
         batch = self._task._own_batch()
         scored: Any = self._task.step(batch)
         if not isinstance(scored, tuple) or len(scored) != 2:
@@ -352,8 +360,9 @@ class TaskCalls:
         else:
             raise ValueError(f"{_name(self._task)}.step: expected a mapping of the reward terms {', '.join(names)}")
         terms = np.array(columns, np.float64)
-        flags = ("terminated", terminated), ("truncated", self._task.truncated), ("success", self._task.success)
-        return terms, *(self._flags(name, flag) for name, flag in flags)
+        flags = {"terminated": terminated}
+        flags |= {name: getattr(self._task, name) for name in ("truncated", "success", "left_area")}
+        return terms, *(self._flags(name, flag) for name, flag in flags.items())
 
     def infos(self) -> dict[str, npt.NDArray[np.float64]]:
         """Return copies of what the task reports, (N,) by name: of episodes that ended, as it was then."""

@@ -20,7 +20,6 @@ from flockstep._core import (
     Batch,
     CameraConfig,
     ClockConfig,
-    DroneModel,
     DynamicsConfig,
     EpisodeConfig,
     HoverConfig,
@@ -34,7 +33,7 @@ from flockstep._core import (
     task_defaults,
 )
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import Task, TaskCalls, native_task, settable_names
+from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
 from flockstep.task_spaces import action_space, observation_space
 from flockstep.viewer import views
 from flockstep.viewer.flight_overlay import FlightOverlay
@@ -50,9 +49,9 @@ if TYPE_CHECKING:
     from flockstep.viewer.trail import Trail
 
     class Fields(TypedDict, total=False):
-        """Fields of `EpisodeConfig`, `ClockConfig` and `NavigationConfig`, each a keyword of the env."""
+        """Fields of the configurations that are keywords of the env."""
 
-        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig
+        # fields of EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig, HoverConfig, TrackConfig
         frame_skip: int
         stagger_first_episode: bool
         random_world: bool
@@ -92,6 +91,28 @@ if TYPE_CHECKING:
         reward: NavigationReward
         random_start: bool
         color: ColorRange
+        start_offset_m: float
+        start_tilt_deg: float
+        start_speed_mps: float
+        start_rate_dps: float
+        max_distance_m: float
+        hold_m: float
+        hold_s: float
+        near_weight: float
+        hold_weight: float
+        speed_weight: float
+        spin_weight: float
+        change_weight: float
+        crash_weight: float
+        path: Literal["figure8", "random"]
+        yaw: Literal["fixed", "along"]
+        size_m: float
+        speed_mps: float
+        points: int
+        ahead_s: float
+        close_m: float
+        close_weight: float
+        yaw_weight: float
         # end of fields
 
 
@@ -101,7 +122,11 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Observation: TypeAlias = Array | dict[str, Array]
 
 #: What a batch reports of episodes, beside their reward terms.
-_OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_state")
+_OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_state", "episode_end")
+
+#: Configurations whose fields are keywords of the env: with every task, and with the task they describe.
+_CONFIGS_OF_ALL: tuple[Any, ...] = (EpisodeConfig, ClockConfig, DynamicsConfig)
+_CONFIGS_OF_TASKS: dict[Any, str] = {NavigationConfig: "navigation", HoverConfig: "hover", TrackConfig: "track"}
 
 _MODES = {
     "next_step": AutoresetMode.NEXT_STEP,
@@ -133,29 +158,32 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Number of drones.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
-        these; or a `WorldPool`, of which every episode draws one. Default: ``"train"``, for camera tasks
-        ``"camera-train"``; with a `Task`, what it says.
+        these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, for camera tasks
+        ``"camera-train"``; a `Task` declares its own.
     task
         Instead of the navigation task: a `HoverConfig` or a `TrackConfig`; a `Task` of your own (an object, or its
         class), or a `NativeTask` in C++.
     observation
         Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
-        Default: that of the thesis, 35 beams over 270 degrees and 3 m, for camera tasks 20 over 180; with a `Task`, the
-        one it asks for.
+        Default: that of the thesis, 35 beams over 270 degrees and 3 m, for camera tasks 20 over 180; a `Task` declares
+        its own.
     camera
-        One, or a sequence of several, of which a camera task sees the first. Default: for camera tasks 64 x 48 pixels
-        over 90 degrees, facing forward, else none; with a `Task`, what it asks for.
+        One, or a sequence of several; a camera task observes the first. Default: for camera tasks 64 x 48 pixels over
+        90 degrees, facing forward, otherwise none; a `Task` declares its own.
     camera_backend
         ``"raycast"``, whose images repeat to the bit, ``"gl"``, or ``"auto"`` for the faster of the two.
     tracer
         ``"auto"``, ``"tiles"`` or ``"embree"``: how rays meet triangles; see `Batch`.
-    pose_sensor, imu, drone
-        Default: an exact pose; none; what the task says, for navigation the 650-class quadrotor. A drone is a
-        `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path.
+    pose_sensor
+        Default: an exact pose.
+    imu
+        Default: none.
+    drone
+        A `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path. Default: the task's, for
+        navigation the 650-class quadrotor.
     max_episode_steps
-        Truncate episodes after so many flown steps, 0 for never. Default: 3000; with a `Task`, what it says. So are
-        ``frame_skip`` and ``random_world``, below.
+        Truncate episodes after this many flown steps, 0 for never. Default: the task's, for navigation 3000.
     autoreset_mode
         ``"next_step"``, ``"same_step"``, ``"disabled"``, or the member of `gymnasium.vector.AutoresetMode`.
     copy
@@ -164,10 +192,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     num_threads
         0 means the physical cores this process may run on. No result depends on it.
     reward_scale
-        The rewards that `step` returns are multiplied by this, for learners that want them small. What is reported is
-        not: the episode return in the infos, ``batch.reward_terms``.
+        `step` returns the rewards multiplied by this, for learners that need them small. The episode return in the
+        infos and ``batch.reward_terms`` are not scaled.
     render_mode
-        None, or ``"rgb_array"``: a picture of each env.
+        None, or ``"rgb_array"``: a picture of each env. For a window, wrap the env in
+        `gymnasium.wrappers.vector.HumanRendering`.
     render_view
         ``"top"``: the whole world from above, without what is higher than the drone, LiDAR beams included.
         ``"camera"``: the last frame of the drone's own camera; black where it is stale. ``"third_person"``: from behind
@@ -181,31 +210,78 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
     drone_mesh
-        How drones look in the views with depth, those from behind and from a fixed place: a `DroneMesh`. Default: as
-        the drone says, with arms and rotors or as its hull. What they collide as is the hull of ``drone`` either way.
+        How drones look in the views with depth, those from behind and from a fixed place: a `DroneMesh`. Default: the
+        drone's own look, with arms and rotors or its hull. Collisions use the hull of ``drone`` either way.
     **fields
-        Fields of `EpisodeConfig`, `ClockConfig` and `DynamicsConfig`, for every task: ``frame_skip``,
-        ``stagger_first_episode``, ``random_world``, ``policy_hz``, ``physics_hz``, ``controller_hz``, ``motion``,
-        ``control`` and so on. And of `NavigationConfig`: ``action`` (``"discrete"``,
-        ``"displacement"``, ``"displacement_yaw"``, ``"discrete_forward"``, which is the default of camera tasks),
-        ``reward`` (their default ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``,
-        ``random_start``, ``color``.
+        Fields of configurations. Their defaults are the task's; each configuration describes its fields.
+
+        With every task, of `EpisodeConfig`: ``frame_skip``, ``stagger_first_episode``, ``random_world``. Of
+        `ClockConfig`: ``policy_hz``, ``physics_hz``, ``controller_hz``. Of `DynamicsConfig`: ``motion``, ``control``,
+        ``integrator``, ``on_contact``, ``restitution``, ``friction``, ``rotor_lag``, ``rotor_drag``, ``body_drag``,
+        ``gyroscopic``, ``ground_effect``, ``wind``, ``max_speed_mps``, ``max_acceleration_mps2``, ``max_tilt_deg``,
+        ``max_rate_dps``, ``max_yaw_rate_dps``.
+
+        With the navigation task, of `NavigationConfig`: ``action`` (``"discrete"``, ``"displacement"``,
+        ``"displacement_yaw"``, or ``"discrete_forward"``, the default of camera tasks), ``reward`` (the default of
+        camera tasks ends an episode that overshoots the goal), ``step_m``, ``yaw_step_deg``, ``random_start``,
+        ``color``.
+
+        With the hover task, of `HoverConfig`: ``start_offset_m``, ``start_tilt_deg``, ``start_speed_mps``,
+        ``start_rate_dps``, ``max_distance_m``, ``hold_m``, ``hold_s``, ``near_weight``, ``hold_weight``,
+        ``speed_weight``, ``spin_weight``, ``change_weight``, ``crash_weight``.
+
+        With the track task, of `TrackConfig`: ``path``, ``yaw``, ``size_m``, ``speed_mps``, ``start_offset_m``,
+        ``points``, ``ahead_s``, ``max_distance_m``, ``close_m``, ``near_weight``, ``close_weight``, ``yaw_weight``,
+        ``spin_weight``, ``change_weight``, ``crash_weight``.
+
+    Attributes
+    ----------
+    num_envs
+        Number of drones, N.
+    batch
+        The `Batch` that flies them, until `close`.
+    task
+        The task, as given or with the fields that keywords set; None is the navigation task.
+    lidar
+        The `LidarConfig` in use, or None.
+    cameras
+        The list of `CameraConfig` in use.
+    observation_space, action_space
+        Of all envs.
+    single_observation_space, single_action_space
+        Of one env.
+    autoreset_mode
+        A member of `gymnasium.vector.AutoresetMode`.
+    copy
+        Whether returned arrays are new.
+    reward_scale
+        Factor of the returned rewards.
+    render_mode
+        None or ``"rgb_array"``.
+    trail
+        The past positions of the drones, if a picture shows them, otherwise None.
+    metadata
+        Render modes, pictures per second and autoreset mode, for Gymnasium.
+    spec
+        The `gymnasium.envs.registration.EnvSpec` that made the env, or None.
+    closed
+        Whether `close` was called.
 
     Infos
     -----
-    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``
-    and ``bad_state``, each of length N with its mask ``_key``; ``episode_terms``, a dict of the sum of each of the
-    reward's terms, likewise; and what a `Task` names in its ``info_names``. With same-step autoreset these are inside
-    ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos until it
-    is reset. An episode ends with ``bad_state`` where a target, a reward or an observation was not finite;
-    ``batch.bad_states`` counts them.
+    Only steps in which an episode ended carry infos: ``episode_return``, ``episode_length``, ``success``, ``crashed``,
+    ``bad_state`` and ``episode_end``, each of length N with its mask ``_key``; ``episode_terms``, a dict of the sum of
+    each of the reward's terms, likewise; and what a `Task` names in its ``info_names``. With same-step autoreset these
+    are inside ``final_info``, beside ``final_obs``. With autoreset disabled, a finished env repeats its flags and infos
+    until it is reset. ``episode_end`` says why the episode ended, as a value of `EpisodeEnd`. An episode ends with
+    ``bad_state`` if a target, a reward or an observation was not finite; ``batch.bad_states`` counts them.
 
     Raises
     ------
     ValueError
         A value out of its range; the message names it.
     TypeError
-        A keyword that does not exist, or one of the navigation task beside a ``task``.
+        A keyword that does not exist, or one of another task.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -228,7 +304,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         tracer: str = "auto",
         pose_sensor: PoseSensorConfig | None = None,
         imu: ImuConfig | None = None,
-        drone: DroneModel | str | None = None,
+        drone: DroneLike | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = "next_step",
         copy: bool = True,
@@ -247,8 +323,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh)
         )
         own_fields = {name: plain.from_plain(value) for name, value in fields.items()}
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"render_mode: expected None or 'rgb_array', got {render_mode!r}")
+        require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
         is_flight = isinstance(task, (HoverConfig, TrackConfig))
         if render_view is None:
             render_view = "third_person" if is_flight else "top"
@@ -265,7 +340,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if isinstance(task, Task):
             _refuse_keywords_on(task)
 
-        chosen = _by_config(own_fields)
+        chosen = _by_config(own_fields, task)
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
         episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps}
         if isinstance(task, Task):
@@ -278,14 +353,17 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             for name, value in chosen.pop(NavigationConfig, {}).items():
                 setattr(description, name, value)
         else:
-            foreign = list(chosen.get(NavigationConfig, {})) + (["observation"] if observation != "goal" else [])
-            if foreign:
-                raise TypeError(f"{', '.join(foreign)}: of the navigation task, but another task is given")
+            if observation != "goal":
+                raise TypeError("observation: of the navigation task, but another task is given")
             if isinstance(task, Task):
                 if max_episode_steps is not None:
                     task.max_episode_steps = max_episode_steps
                 description, calls = native_task(task)
-            elif isinstance(task, (NativeTask, HoverConfig, TrackConfig)):
+            elif isinstance(task, (HoverConfig, TrackConfig)):
+                kind: Any = type(task)
+                given_fields = {name: getattr(task, name) for name in kind.__match_args__}
+                self.task = description = kind(**{**given_fields, **chosen.pop(kind, {})})
+            elif isinstance(task, NativeTask):
                 description = task
             else:
                 expected = "a flockstep.Task, NativeTask, HoverConfig or TrackConfig"
@@ -303,9 +381,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.lidar = copied(defaults["lidar"] if lidar is None else lidar)
         self.cameras = _listed(defaults["cameras"] if camera is None else camera)
 
-        chosen_worlds = defaults["worlds"] if worlds is None else worlds
         self.batch = Batch(
-            chosen_worlds if isinstance(chosen_worlds, WorldPool) else scenes.load(chosen_worlds),
+            defaults["worlds"] if worlds is None else worlds,
             num_envs,
             lidar=self.lidar,
             cameras=self.cameras,
@@ -314,7 +391,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             pose_sensor=pose_sensor,
             imu=imu,
             task=description,
-            drone=DroneModel.load(drone) if isinstance(drone, str) else drone,
+            drone=drone,
             episode=episode,
             clock=clock,
             dynamics=dynamics,
@@ -635,16 +712,27 @@ def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
     return infos
 
 
-def _by_config(fields: dict[str, Any]) -> dict[type, dict[str, Any]]:
-    """Return the keywords by the configuration that has a field of their name."""
+def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
+    """Return the keywords by the configuration that has a field of their name.
+
+    Raises
+    ------
+    TypeError
+        A name that is no keyword, or one of another task than this.
+    """
+    kind = NavigationConfig if task is None else type(task)
+    configs = [*_CONFIGS_OF_ALL, *(config for config in _CONFIGS_OF_TASKS if config is kind)]
     chosen: dict[type, dict[str, Any]] = {}
     for name, value in fields.items():
-        configs = (EpisodeConfig, ClockConfig, DynamicsConfig, NavigationConfig)
         owner = next((config for config in configs if name in config.__match_args__), None)
-        if owner is None or name in ("autoreset_mode", "max_episode_steps"):
-            known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
-            raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
-        chosen.setdefault(owner, {})[name] = value
+        if owner is not None and name not in ("autoreset_mode", "max_episode_steps"):
+            chosen.setdefault(owner, {})[name] = value
+            continue
+        others = [title for config, title in _CONFIGS_OF_TASKS.items() if name in config.__match_args__]
+        if others and owner is None:
+            raise TypeError(f"{name}: of the {' and the '.join(others)} task, but another task is given")
+        known = [*inspect.signature(DroneVectorEnv).parameters, *(n for c in configs for n in c.__match_args__)]
+        raise TypeError(_unexpected_keyword("DroneVectorEnv.__init__", name, known))
     return chosen
 
 
@@ -688,9 +776,21 @@ def _reward_scale(scale: Any) -> float:
     return float(scale)
 
 
+def require_render_mode(mode: str | None, window: str) -> None:
+    """Raise ValueError if the envs have no such render mode; for ``"human"`` name the wrapper that shows a window."""
+    modes = DroneVectorEnv.metadata["render_modes"]
+    if mode is None or mode in modes:
+        return
+    advice = f"; for a window, wrap an env with render_mode='rgb_array' in {window}" if mode == "human" else ""
+    raise ValueError(f"render_mode: expected None or {', '.join(map(repr, modes))}, got {mode!r}{advice}")
+
+
 def _count(num_envs: Any) -> int:
     if not isinstance(num_envs, (int, np.integer)) or isinstance(num_envs, bool) or num_envs < 1:
-        raise ValueError(f"num_envs: expected an integer >= 1, got {num_envs!r}")
+        advice = ""
+        if isinstance(num_envs, str):
+            advice = f"; for an env by its id, call gymnasium.make_vec({num_envs!r}, num_envs=...)"
+        raise ValueError(f"num_envs: expected an integer >= 1, got {num_envs!r}{advice}")
     return int(num_envs)
 
 

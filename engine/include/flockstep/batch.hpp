@@ -35,6 +35,7 @@ struct Outputs {
   // beyond the world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of
   // the observation's field contain is as good as a number.
   FlagArray bad_state;
+  AlignedVector<std::uint8_t> episode_end;     // (E,) EpisodeEnd: why the episode ended here; none if it goes on
   AlignedVector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
   AlignedVector<double> episode_terms;         // (E, number of terms) likewise, the sum of each of the reward's terms
   AlignedVector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
@@ -44,8 +45,9 @@ struct Outputs {
     return field_list(field("observation", &C::observation), field("final_observation", &C::final_observation),
                       field("reward", &C::reward), field("reward_terms", &C::reward_terms), field("terminated", &C::terminated),
                       field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed),
-                      field("bad_state", &C::bad_state), field("episode_return", &C::episode_return),
-                      field("episode_terms", &C::episode_terms), field("episode_length", &C::episode_length));
+                      field("bad_state", &C::bad_state), field("episode_end", &C::episode_end),
+                      field("episode_return", &C::episode_return), field("episode_terms", &C::episode_terms),
+                      field("episode_length", &C::episode_length));
   }
 };
 

@@ -20,6 +20,22 @@ struct EnumNames<AutoresetMode> {
   static constexpr std::array kNames{"next_step", "same_step", "disabled"};
 };
 
+// Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task.
+// Decided for every task in engine/src/batch/episodes.cpp.
+enum class EpisodeEnd : std::uint8_t {
+  none,       // it has not ended
+  success,    // the task calls it a success
+  contact,    // terminated in contact with something
+  left_area,  // the task ended it because the drone left the area the task allows; see Score::left_area
+  bad_state,  // something was not finite; see Outputs::bad_state
+  time,       // the time limit
+  task,       // the task terminated or truncated it for another reason
+};
+template <>
+struct EnumNames<EpisodeEnd> {
+  static constexpr std::array kNames{"none", "success", "contact", "left_area", "bad_state", "time", "task"};
+};
+
 struct EpisodeConfig {
   AutoresetMode autoreset_mode = AutoresetMode::next_step;
   std::optional<int> max_episode_steps;  // truncation, in flown steps; 0: never; none: what the task says

@@ -115,6 +115,7 @@ struct Score {
   FlagArray terminated;       // (E,) the episode ends here
   FlagArray truncated;        // (E,) it is cut off here, for another reason than the time limit; 0 where nothing is written
   FlagArray success;          // (E,) the episode counts as a success if it ends here
+  FlagArray left_area;        // (E,) it ends here because a drone left the area the task allows; 0 where nothing is written
 
   std::span<double> terms_of(std::size_t env) { return {terms.data() + env * num_terms, num_terms}; }
 };
@@ -152,7 +153,8 @@ class Task {
   virtual void begin(const TaskBlock& block) = 0;
   // Turn actions, a row per env as spec().action says, into setpoints.
   virtual void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) = 0;
-  // Score what has just been flown and sensed. Every entry of the block's envs has to be written, but for `truncated`.
+  // Score what has just been flown and sensed. Every entry of the block's envs has to be written, except `truncated` and
+  // `left_area`.
   virtual void score(const TaskBlock& block, Score& score) = 0;
   // Write the block's rows of each field of spec().observation, in their order.
   virtual void observe(const TaskBlock& block, std::span<Buffer> observation) = 0;

@@ -31,6 +31,7 @@ void end_now(Simulation& sim, std::size_t env) {
   out.bad_state[env] = out.terminated[env] = 1;
   out.truncated[env] = out.success[env] = 0;
   out.crashed[env] = touches(sim, env);
+  out.episode_end[env] = static_cast<std::uint8_t>(EpisodeEnd::bad_state);
   sim.episodes.done[env] = 1;
   ++sim.episodes.bad_states[env];
 }

@@ -139,6 +139,19 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   std::copy_n(succeeds.data(), count, out.success.data() + first);
   std::copy_n(crashes.data(), count, out.crashed.data() + first);
   std::copy_n(ends.data(), count, episodes.done.data() + first);
+  std::uint8_t* const reasons = out.episode_end.data() + first;
+  std::fill_n(reasons, count, static_cast<std::uint8_t>(EpisodeEnd::none));
+  for (std::size_t i = 0; is_any(ends.data(), count) && i < count; ++i) {
+    if (!ends[i]) continue;
+    const bool told = told_terminated[i] || told_truncated[i];
+    const EpisodeEnd end = bad[i]                                   ? EpisodeEnd::bad_state
+                           : success[i]                             ? EpisodeEnd::success
+                           : terminated[i] && hits[i]               ? EpisodeEnd::contact
+                           : told && run.score.left_area[first + i] ? EpisodeEnd::left_area
+                           : truncated[i] && is_late[i]             ? EpisodeEnd::time
+                                                                    : EpisodeEnd::task;
+    reasons[i] = static_cast<std::uint8_t>(end);
+  }
   std::copy_n(bad, count, out.bad_state.data() + first);
   if (is_any(bad, count)) {
     for (std::size_t i = 0; i < count; ++i) episodes.bad_states[first + i] += bad[i];
@@ -199,6 +212,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   run.score.terminated.resize(n);
   run.score.truncated.resize(n);
   run.score.success.resize(n);
+  run.score.left_area.resize(n);
   if (sim.config.episode.frame_skip > 1) run.earned.resize(n * run.score.num_terms);
   run.max_episode_steps = sim.config.episode.max_episode_steps.value_or(run.task->defaults().max_episode_steps);
   require(!sim.config.episode.stagger_first_episode || run.max_episode_steps > 0, "stagger_first_episode",

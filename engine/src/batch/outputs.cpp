@@ -15,6 +15,7 @@ void clear_row(Outputs& outputs, std::size_t env) {
   std::fill_n(outputs.reward_terms.begin() + first_term, terms, 0.0F);
   std::fill_n(outputs.episode_terms.begin() + first_term, terms, 0.0);
   outputs.terminated[env] = outputs.truncated[env] = outputs.success[env] = outputs.crashed[env] = outputs.bad_state[env] = 0;
+  outputs.episode_end[env] = static_cast<std::uint8_t>(EpisodeEnd::none);
   outputs.episode_return[env] = 0.0;
   outputs.episode_length[env] = 0;
 }
@@ -82,6 +83,7 @@ void OutputSlots::carry_over(std::size_t env) {
   to.success[env] = from.success[env];
   to.crashed[env] = from.crashed[env];
   to.bad_state[env] = from.bad_state[env];
+  to.episode_end[env] = from.episode_end[env];
   to.episode_return[env] = from.episode_return[env];
   const std::size_t terms = to.episode_terms.size() / to.reward.size();
   std::copy_n(from.episode_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms,

@@ -233,6 +233,8 @@ void require_meaning(const Simulation& sim) {
                                      {&outputs.bad_state, "bad_state"}}) {
     flags(*values, name);
   }
+  require_all(outputs.episode_end, "episode_end", "a member of EpisodeEnd",
+              [](std::uint8_t value) { return value < EnumNames<EpisodeEnd>::kNames.size(); });
   counts(outputs.episode_length, "episode_length");
   sim.run->task->check();
 }

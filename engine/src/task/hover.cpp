@@ -82,6 +82,7 @@ class Hover final : public FlightTask {
     double* const out = score.terms.data();
     std::uint8_t* const terminated = score.terminated.data();
     std::uint8_t* const success = score.success.data();
+    std::uint8_t* const left_area = score.left_area.data();
     for_each_together(block.envs, [&](Together& envs) {
       HoverScores scores;
       score_hover({.middle = middles_of(block.context, envs),
@@ -102,12 +103,14 @@ class Hover final : public FlightTask {
       }
       for (std::size_t i = 0; i < envs.drones().size(); ++i) {
         const std::uint32_t env = envs.drones()[i];
-        const bool crashed = (hit[env] != 0) | (scores.distance[i] > static_cast<double>(weights.max_distance_m));
+        const bool is_far = scores.distance[i] > static_cast<double>(weights.max_distance_m);
+        const bool crashed = (hit[env] != 0) | is_far;
         const bool is_held = scores.distance[i] <= hold;
         held[env] = is_held ? held[env] + 1 : 0;
         if (crashed) terms[i][kCrash] = -static_cast<double>(weights.crash_weight);
         std::copy_n(terms[i].data(), kTerms, out + kTerms * env);
         terminated[env] = crashed;
+        left_area[env] = is_far;
         success[env] = !crashed & (held[env] >= hold_steps);
       }
     });

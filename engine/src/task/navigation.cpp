@@ -321,6 +321,7 @@ class Navigation final : public Task {
     terms[kActionChange] = static_cast<double>(reward.action_change_weight) * (around.episodes.action_changed[env] ? -1.0 : 0.0);
     terms[kOvershoot] = static_cast<double>(reward.overshoot_weight) * (overshot ? -goal_reward / 10.0 : 0.0);
     score.terminated[env] = crashed || at_final_goal || overshot;
+    score.left_area[env] = overshot;
     score.success[env] = at_final_goal && !crashed;
   }
 

@@ -181,7 +181,8 @@ class Track final : public FlightTask {
       const Pose pose = pose_of(state, env);
       const double distance = distance_m(middle_of(block.context, env) + path_.position(waves), pose.position);
       const auto close = static_cast<double>(config_.close_m);
-      const bool crashed = state.contact.hit[env] != 0 || distance > static_cast<double>(config_.max_distance_m);
+      const bool is_far = distance > static_cast<double>(config_.max_distance_m);
+      const bool crashed = state.contact.hit[env] != 0 || is_far;
       squares_[env] += distance * distance;
       const std::span<double> terms = score.terms_of(env);
       terms[kNear] = static_cast<double>(config_.near_weight * std::exp(-2.0F * static_cast<float>(distance)));
@@ -191,6 +192,7 @@ class Track final : public FlightTask {
       terms[kChange] = -static_cast<double>(config_.change_weight * change(env));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
       score.terminated[env] = crashed;
+      score.left_area[env] = is_far;
       score.success[env] = !crashed && squares_[env] <= close * close * static_cast<double>(episodes.steps[env]);
     }
   }

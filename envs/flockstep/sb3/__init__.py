@@ -10,6 +10,12 @@ observations; `ImageFeatures` is a small network for any observation with images
 made of, and `Progress` prints how far a training is, on a terminal and into files.
 """
 
+try:
+    import stable_baselines3 as _  # noqa: F401
+except ImportError as _error:
+    _needed = f"flockstep.sb3 needs Stable-Baselines3 and PyTorch: pip install 'flockstep[sb3]' ({_error})"
+    raise type(_error)(_needed, name=_error.name) from _error
+
 from flockstep.sb3.evaluation import Evaluation, evaluate, success_rates
 from flockstep.sb3.features import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures, PointFeatures
 from flockstep.sb3.log_terms import LogTerms

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flockstep import scenes
-from flockstep._core import NativeTask
+from flockstep._core import EpisodeEnd, NativeTask
 from flockstep.recording import actions_of
 from flockstep.sb3.vec_env import DroneVecEnv, make_vec
 from flockstep.scenes import WorldsLike
@@ -19,14 +19,14 @@ from flockstep.task import Task
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Means over the episodes that a policy flew, of what their infos report."""
+    """How the episodes of a policy ended, and means over them."""
 
     episodes: int
-    """How many they were."""
+    """Number of episodes."""
     success_rate: float
-    """Share of them that succeeded, in [0, 1]."""
-    crash_rate: float
-    """Share of them that ended in contact with something, successes whose aim is to touch it included."""
+    """Share of successful episodes, in [0, 1]: ``ends["success"]``."""
+    ends: dict[str, float]
+    """Share of the episodes that ended for each reason, by the name of the `EpisodeEnd`; they sum to 1."""
     episode_return: float
     """Sum of the rewards, unscaled."""
     episode_length: float
@@ -44,10 +44,10 @@ def evaluate(
     seed: int = 0,
     **kwargs: Any,
 ) -> Evaluation:
-    """Fly a policy for some episodes; return the share that succeeded, and means of all else that episodes report.
+    """Fly a policy for some episodes; return how they ended, and means of everything else that episodes report.
 
-    ``crash_rate`` is the share that ended in contact with anything: where touching something is the aim, these may be
-    successes.
+    >>> flockstep.sb3.evaluate(None, "flockstep/Hover-v0").ends  # random actions
+    {'success': 0.0, 'contact': 0.0, 'left_area': 1.0, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
 
     Parameters
     ----------
@@ -70,7 +70,11 @@ def evaluate(
     return Evaluation(
         episodes=len(ends),
         success_rate=_mean(end["is_success"] for end in ends),
-        crash_rate=_mean(end["crashed"] for end in ends),
+        ends={
+            reason.name: _mean(end["episode_end"] == reason for end in ends)
+            for reason in EpisodeEnd
+            if reason is not EpisodeEnd.none
+        },
         episode_return=_mean(end["episode"]["r"] for end in ends),
         episode_length=_mean(end["episode"]["l"] for end in ends),
         episode_terms={name: _mean(end["episode_terms"][name] for end in ends) for name in ends[0]["episode_terms"]},

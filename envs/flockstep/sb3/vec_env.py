@@ -61,10 +61,13 @@ class DroneVecEnv(VecEnv):
     on are one and the same empty dict; do not write into it.
 
     Infos at the end of an episode: ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, and as `Monitor`
-    gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made. Then ``crashed``,
-    ``bad_state``, ``episode_terms``, the sum of each of the reward's terms by its name, and what a `Task` names in its
-    ``info_names``; `LogTerms` writes means of these to the log.
+    gives it ``episode``: return ``r``, length ``l``, and ``t``, seconds since this object was made. Then
+    ``episode_end``, a value of `EpisodeEnd`, ``crashed``, ``bad_state``, ``episode_terms``, the sum of each of the
+    reward's terms by its name, and what a `Task` names in its ``info_names``; `LogTerms` writes means of these to the
+    log.
     """
+
+    _options_of_all: dict[str, Any] | None = None  # of the next reset
 
     def __init__(self, env: DroneVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -79,10 +82,30 @@ class DroneVecEnv(VecEnv):
     def reset(self) -> Observation:
         """Begin new episodes, with the seeds given to `seed` since the last reset, and return the observation."""
         seeds = [seed for seed in self._seeds if seed is not None]
-        observation, _ = self.env.reset(seed=seeds or None)
+        options = self._options_of_all
+        self._reset_options()  # also if the env refuses them
+        observation, _ = self.env.reset(seed=seeds or None, options=options)
         self._reset_seeds()
-        self._reset_options()
         return observation
+
+    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
+        """Set the options of the next `reset`, as `DroneVectorEnv.reset` takes them.
+
+        Raises
+        ------
+        ValueError
+            A list of one dict for each env that are not all empty: the envs share one reset.
+        """
+        if isinstance(options, list):
+            if any(options):
+                raise ValueError("options: expected one dict, since the envs share a reset, got a list of them")
+            options = None
+        super().set_options(options)
+        self._options_of_all = options or None
+
+    def _reset_options(self) -> None:
+        super()._reset_options()
+        self._options_of_all = None
 
     def step_async(self, actions: npt.NDArray[Any]) -> None:
         """Keep the actions for `step_wait`."""

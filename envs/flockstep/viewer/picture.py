@@ -7,7 +7,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from flockstep._core import Batch, CameraConfig, World
+from flockstep._core import Batch, CameraConfig
+from flockstep.scenes import WorldLike, load_one
 
 Array: TypeAlias = npt.NDArray[Any]
 
@@ -15,7 +16,7 @@ FARTHEST_M = 1e6  # as far as a camera may see
 
 
 def render(
-    world: World,
+    world: WorldLike,
     position: npt.ArrayLike,
     quat_wxyz: npt.ArrayLike | None = None,
     *,
@@ -27,7 +28,7 @@ def render(
     Parameters
     ----------
     world
-        Drones are not seen.
+        A `World`, or the name or path of one. It is shown without drones.
     position, quat_wxyz
         (3,) m and (4,), as of a drone that carries the camera; by default it faces +x.
     look_at
@@ -49,7 +50,7 @@ def render(
             raise ValueError("look_at: expected None beside quat_wxyz, got both")
         quat_wxyz = facing(position, look_at)
     config = CameraConfig(far_m=FARTHEST_M) if camera is None else camera
-    batch = Batch([world], cameras=[config])
+    batch = Batch(load_one(world), cameras=[config])
     batch.set_pose(_row("position", position, 3), None if quat_wxyz is None else _row("quat_wxyz", quat_wxyz, 4))
     batch.capture()
     taken = batch.camera(config.name)
