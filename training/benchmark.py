@@ -167,7 +167,7 @@ def places_figures(out: Path) -> list[Figure]:
         straight = [np.stack([world.start, world.goal]) for world in worlds]
         rates = {
             "unseen_success_rate": summary(flights)["success_rate"],
-            "unseen_crash_rate": summary(flights)["crash_rate"],
+            "unseen_crash_rate": summary(flights)["contact_rate"],
             "random_policy": summary(random)["success_rate"],
             "straight_flight": float(np.mean(fly_routes(worlds, straight))),
         }

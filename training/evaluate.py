@@ -1,4 +1,4 @@
-"""Fly a trained policy once through each world: success, crash and time-out rate, path against the shortest path.
+"""Fly a trained policy once through each world: how its flights end, and its path against the shortest path.
 
 Beside it stand what needs no training: random actions, the straight flight from marker to marker, the planner's path.
 
@@ -33,8 +33,8 @@ from tasks import UNSEEN_SEEDS, Setup, load_policy, setup_of
 #: A flight of a built-in task that takes more flown steps has failed.
 MAX_STEPS = 1000
 
-#: How a flight ends; "ended" is a task of one's own that neither succeeded nor touched anything.
-OUTCOMES = ("success", "crash", "overshoot", "time-out", "ended")
+#: How a flight ends: the names of `flockstep.EpisodeEnd`.
+OUTCOMES = tuple(end.name for end in flockstep.EpisodeEnd if end is not flockstep.EpisodeEnd.none)
 
 Policy = Callable[[Any], npt.NDArray[Any]]
 
@@ -94,7 +94,7 @@ def fly(
             trail = np.stack([row[i] for row in positions])
             flights[i] = Flight(
                 world=worlds[i].name,
-                outcome=outcome(bool(infos["success"][i]), bool(infos["crashed"][i]), bool(truncated[i]), setup),
+                outcome=flockstep.EpisodeEnd(infos["episode_end"][i]).name,
                 steps=int(infos["episode_length"][i]),
                 reward=float(infos["episode_return"][i]),
                 path_length_m=length_m(trail),
@@ -154,12 +154,6 @@ def baselines(worlds: Sequence[flockstep.World], setup: Setup, random_start: boo
     return rates
 
 
-def outcome(success: bool, crashed: bool, truncated: bool, setup: Setup) -> str:
-    """Return in a word how an episode ended."""
-    otherwise = "ended" if setup.is_own else "overshoot"
-    return "success" if success else "crash" if crashed else "time-out" if truncated else otherwise
-
-
 def length_m(path: npt.NDArray[np.float32]) -> float:
     """Return the length of a polyline (K, 3) in metres."""
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
@@ -183,7 +177,7 @@ def summary(flights: Sequence[Flight]) -> dict[str, Any]:
     detours = [f.path_length_m / f.shortest_path_m for f in flights if f.outcome == "success" and f.shortest_path_m]
     return {
         "flights": len(flights),
-        **{f"{end.replace('-', '_')}_rate": sum(f.outcome == end for f in flights) / count for end in OUTCOMES},
+        **{f"{end}_rate": sum(f.outcome == end for f in flights) / count for end in OUTCOMES},
         "path_over_shortest": float(np.median(detours)) if detours else None,
     }
 

@@ -26,10 +26,11 @@ from tasks import Setup, env_keywords, load_policy, setup_of
 
 OUTCOME_COLOR = {
     "success": "tab:green",
-    "crash": "tab:red",
-    "overshoot": "tab:purple",
-    "time-out": "tab:orange",
-    "ended": "tab:brown",
+    "contact": "tab:red",
+    "left_area": "tab:purple",
+    "bad_state": "black",
+    "time": "tab:orange",
+    "task": "tab:brown",
 }
 OBSTACLE_COLOR = tuple(channel / 255 for channel in SOLID)
 MARKER_COLOR = {"start": "tab:red", "waypoints": "gold", "goal": "limegreen"}

@@ -81,7 +81,8 @@ def env_keywords(task: str) -> dict[str, Any]:
     if found is None:
         found = gymnasium.registry.get(name)
         if found is not None and _is_ours(found):
-            return dict(found.kwargs)
+            limit = found.max_episode_steps
+            return {**found.kwargs, **({} if limit is None else {"max_episode_steps": limit})}
     what = "is not there" if found is None else f"is a {type(found).__name__}"
     if isinstance(found, type):
         what = "does not derive from flockstep.Task"

@@ -13,12 +13,13 @@ from __future__ import annotations
 import argparse
 import ctypes
 import json
+import math
 import re
 import sys
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import torch
@@ -468,15 +469,88 @@ def train(args: Args) -> tuple[PPO, Outcome]:
     return PPO.load(args.out / "policy.zip", device="cpu"), outcome
 
 
+#: The least value of each number, whether that value itself is allowed, and the greatest value.
+RANGES: dict[str, tuple[float, bool, float]] = {
+    "seed": (0, True, 2**32 - 1),
+    "total_steps": (1, True, math.inf),
+    "max_minutes": (0, False, math.inf),
+    "evaluate_every": (1, True, math.inf),
+    "evaluation_flights": (1, True, 500_000),
+    "evaluation_steps": (1, True, math.inf),
+    "solved_rate": (0, True, 1),
+    "num_envs": (1, True, 2**20),
+    "generated": (0, True, 500_000),
+    "playground_share": (0, True, 1),
+    "width_px": (4, True, 16_384),
+    "samples_per_pixel": (1, True, math.inf),
+    "lidar_channels": (1, True, math.inf),
+    "lidar_vfov_deg": (0, True, 180),
+    "frame_skip": (1, True, 1000),
+    "max_episode_steps": (1, True, math.inf),
+    "reward_scale": (0, False, math.inf),
+    "reward_clip": (0, False, math.inf),
+    "step_cost": (-math.inf, False, math.inf),
+    "steps_per_update": (1, True, math.inf),
+    "batch_size": (2, True, math.inf),
+    "epochs": (1, True, math.inf),
+    "learning_rate": (0, False, math.inf),
+    "entropy": (0, True, math.inf),
+    "gamma": (0, True, 1),
+    "gae_lambda": (0, True, 1),
+    "clip_range": (0, False, math.inf),
+    "num_threads": (0, True, math.inf),
+    "learner_threads": (1, True, math.inf),
+}
+
+
+def require_valid(args: Args) -> None:
+    """Raise ValueError naming the first option whose value cannot train."""
+    for name, (least, is_allowed, greatest) in RANGES.items():
+        value = getattr(args, name)
+        if value is None:
+            continue
+        in_range = least <= value <= greatest and math.isfinite(value) and (is_allowed or value != least)
+        if not in_range:
+            expected = "an integer" if isinstance(value, int) else "a number"
+            if greatest < math.inf:
+                expected += f" in {'[' if is_allowed else '('}{least:,}, {greatest:,}]"
+            elif least > -math.inf:
+                expected += f" {'>=' if is_allowed else '>'} {least:,}"
+            raise ValueError(f"{option(name)}: expected {expected}, got {value}")
+    if any(size < 1 for size in args.net):
+        raise ValueError(f"--net: expected integers >= 1, got {' '.join(map(str, args.net))}")
+    steps = args.num_envs * args.steps_per_update
+    if steps < 2:
+        raise ValueError(f"--steps-per-update: expected at least 2 steps of all envs together, got {steps}")
+    if args.resume and not args.resume.is_file():
+        raise ValueError(f"--resume: expected a policy.zip, got {args.resume}, which is not there")
+
+
+def option(name: str) -> str:
+    """Return how the command line spells a field of `Args`."""
+    return f"--{name.replace('_', '-')}"
+
+
 def command_line() -> Args:
-    """Read the command line; what it leaves out is as its task has it."""
+    """Read the command line; what it leaves out is as its task has it. Exits with status 2 on a value it refuses."""
     chooser = argparse.ArgumentParser(add_help=False)
     chooser.add_argument("--task", default="lidar")
     try:
         defaults = defaults_of(chooser.parse_known_args()[0].task)
     except ValueError as error:
-        sys.exit(f"--{error}")
-    return tyro.cli(Args, default=defaults)
+        refuse(f"--{error}")
+    args = tyro.cli(Args, default=defaults)
+    try:
+        require_valid(args)
+    except ValueError as error:
+        refuse(str(error))
+    return args
+
+
+def refuse(message: str) -> NoReturn:
+    """Print one line and exit with status 2."""
+    print(message, file=sys.stderr)
+    sys.exit(2)
 
 
 if __name__ == "__main__":

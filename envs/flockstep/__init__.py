@@ -8,7 +8,13 @@ of it, `Task` is the base of a task of your own, `flockstep.sb3` serves Stable-B
 any Gymnasium vector environment. `render` takes a picture of a world, `record` a film of a flight.
 """
 
+# ruff: noqa: E402 # the check for required packages comes before the imports that need them
+
 from typing import TYPE_CHECKING as _TYPE_CHECKING
+
+from flockstep.doctor import stop_without_required as _stop_without_required
+
+_stop_without_required()
 
 from flockstep import registration, rotations, scenes
 from flockstep._core import (

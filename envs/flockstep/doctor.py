@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 import platform
 import sys
 import warnings
+from typing import TYPE_CHECKING
 
-from flockstep import _core
+if TYPE_CHECKING:
+    from flockstep import _core
 
-#: Packages that are not needed to fly, and what for.
+#: Packages that flockstep cannot be imported without: how pip and how Python call them.
+_REQUIRED = (("numpy", "numpy"), ("gymnasium", "gymnasium"))
+
+#: Packages that are not needed to fly: how pip and how Python call them, and what they are for.
 _OPTIONAL = (
-    ("stable-baselines3", "training"),
-    ("torch", "the networks of that"),
-    ("tqdm", "progress bars"),
-    ("pillow", "pictures"),
-    ("imageio-ffmpeg", "films"),
-    ("moviepy", "films by Gymnasium's recorders"),
-    ("fast-simplification", "meshes of drones"),
-    ("scipy", "hulls of these"),
-    ("matplotlib", "plots"),
-    ("tensorboard", "curves of a training"),
+    ("stable-baselines3", "stable_baselines3", "training"),
+    ("torch", "torch", "neural networks for training"),
+    ("tqdm", "tqdm", "progress bars"),
+    ("pillow", "PIL", "pictures"),
+    ("imageio-ffmpeg", "imageio_ffmpeg", "films"),
+    ("moviepy", "moviepy", "films by Gymnasium's recorders"),
+    ("fast-simplification", "fast_simplification", "meshes of drones"),
+    ("scipy", "scipy", "hulls of meshes"),
+    ("matplotlib", "matplotlib", "plots"),
+    ("tensorboard", "tensorboard", "learning curves"),
 )
 
 
@@ -33,43 +39,92 @@ def version_of(package: str) -> str | None:
         return None
 
 
+def state_of(package: str, module: str, purpose: str) -> str:
+    """Return the version of a package that can be imported; otherwise why it cannot, and how to get it."""
+    version = version_of(package)
+    if version is None:
+        return f"missing ({purpose}): pip install {package}"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            importlib.import_module(module)
+    except Exception as error:  # a package may raise anything when it is imported
+        reason = " ".join(str(error).split())
+        advice = f"pip install --force-reinstall {package}"
+        return f"{version}, but importing it raises {type(error).__name__}: {reason} ({purpose}): {advice}"
+    return version
+
+
+def required() -> list[tuple[str, str]]:
+    """Return what was found of the packages that flockstep cannot be imported without."""
+    return [(package, state_of(package, module, "needed by flockstep")) for package, module in _REQUIRED]
+
+
+def stop_without_required() -> None:
+    """If NumPy or Gymnasium cannot be imported and this is ``python -m flockstep``, print a report and exit.
+
+    Called at the start of ``import flockstep``. While Python looks for the module of ``-m``, `sys.argv` begins with
+    ``"-m"``.
+    """
+    if sys.argv[:2] != ["-m", "doctor"]:
+        return
+    found = required()
+    if any(state != version_of(package) for package, state in found):
+        print_lines([*python_and_system(), *found, ("the simulator", "cannot be imported without these")])
+        sys.exit(1)
+
+
 def dot() -> _core.World:
     """Return a small world."""
+    from flockstep import _core
+
     room = {"min": [0, 0, 0], "max": [1, 1, 1]}
     return _core.World.from_dict({"flockstep_scene": 1, "name": "dot", "room": room})
 
 
 def opengl() -> str:
     """Return which device the camera backend ``gl`` renders on, or why there is none."""
+    from flockstep import _core
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         batch = _core.Batch([dot()], cameras=[_core.CameraConfig()], camera_backend="gl")
     return f"not here: {caught[0].message}" if caught else f"here: {batch.camera_backend_report()}"
 
 
-def report() -> list[tuple[str, str]]:
-    """Return what is looked at, and what was found, in the order in which it is printed."""
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def python_and_system() -> list[tuple[str, str]]:
+    """Return what Python and which system this is."""
     libc = " ".join(platform.libc_ver())
-    lines = [
-        ("flockstep", f"{_core.__version__}, in {os.path.dirname(_core.__file__)}"),
+    return [
         ("Python", f"{platform.python_version()}, {sys.executable}"),
         ("system", f"{platform.platform()}{f', {libc}' if libc.strip() else ''}"),
-        ("NumPy, Gymnasium", f"{version_of('numpy')}, {version_of('gymnasium')}"),
+    ]
+
+
+def report() -> list[tuple[str, str]]:
+    """Return what is looked at, and what was found, in the order in which it is printed."""
+    from flockstep import _core
+
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    lines = [
+        ("flockstep", f"{_core.__version__}, in {os.path.dirname(_core.__file__)}"),
+        *python_and_system(),
+        *required(),
         ("processors", f"{processors}; a batch of many drones uses {_core.Batch([dot()], 10_000).num_threads} threads"),
         ("SIMD", f"{_core.simd_target}, chosen at run time"),
         ("camera backend raycast", f"here: Embree {_core.embree_version}"),
         ("camera backend gl", opengl()),
     ]
-    for package, purpose in _OPTIONAL:
-        version = version_of(package)
-        lines.append((package, version if version is not None else f"missing ({purpose}): pip install {package}"))
-    return lines
+    return [*lines, *((package, state_of(package, module, purpose)) for package, module, purpose in _OPTIONAL)]
 
 
 def main() -> None:
     """Print the report."""
-    lines = report()
+    print_lines(report())
+
+
+def print_lines(lines: list[tuple[str, str]]) -> None:
+    """Print names and what was found, in two columns."""
     width = max(len(name) for name, _ in lines)
     for name, found in lines:
         print(f"{name:<{width}}  {found}")

@@ -7,12 +7,12 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
 from flockstep._core import NativeTask
+from flockstep.registration import make_by_id
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 
@@ -84,9 +84,7 @@ def record(
             "record needs imageio: pip install 'imageio[ffmpeg]' pillow", name="imageio"
         ) from error
     kwargs |= {"autoreset_mode": "disabled", "render_mode": "rgb_array", "render_view": render_view}
-    envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else gymnasium.make_vec(env, 1, **kwargs)
-    if not isinstance(envs, DroneVectorEnv):
-        raise TypeError(f"env: expected an id of this package, {env!r} is a {type(envs).__name__}")
+    envs = DroneVectorEnv(1, task=env, **kwargs) if not isinstance(env, str) else make_by_id(env, 1, **kwargs)
     act = actions_of(policy, envs, "record", seed)
     if until_success is not None:
         seed, actions = _succeeding(envs, act, steps, range(seed, seed + until_success))

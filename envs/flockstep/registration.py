@@ -48,6 +48,23 @@ def _register(env_id: str, keywords: dict[str, Any], limit: int) -> None:
     )
 
 
+def make_by_id(env_id: str, num_envs: int, **keywords: Any) -> DroneVectorEnv:
+    """Return what `gymnasium.make_vec` makes. A ``task`` among the keywords has its own time limit, not that of the id.
+
+    Raises
+    ------
+    TypeError
+        The id is not one of this package.
+    """
+    if "task" in keywords:
+        keywords.setdefault("max_episode_steps", None)
+    made = gymnasium.make_vec(env_id, num_envs, **keywords)
+    if not isinstance(made, DroneVectorEnv):
+        made.close()
+        raise TypeError(f"env: expected an id of this package, {env_id!r} is a {type(made).__name__}")
+    return made
+
+
 def register_task(env_id: str, task: type[Task] | str | PathLike[str], **defaults: Any) -> None:
     """Register a task of your own with Gymnasium: `gymnasium.make_vec` makes its environments from then on.
 

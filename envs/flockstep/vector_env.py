@@ -162,7 +162,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         ``"camera-train"``; a `Task` declares its own.
     task
         Instead of the navigation task: a `HoverConfig` or a `TrackConfig`; a `Task` of your own (an object, or its
-        class), or a `NativeTask` in C++.
+        class), or a `NativeTask` in C++. Given to `gymnasium.make_vec`, it has the time limit of the id unless
+        ``max_episode_steps`` is given too.
     observation
         Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar

@@ -35,13 +35,19 @@ ID = "flockstep/LidarNavigation-v0"
             lambda: flockstep.Batch([], num_drone=3),
             "Batch.__init__() got an unexpected keyword argument 'num_drone'. Did you mean 'num_drones'?",
         ),
+        (lambda: flockstep.Batch(3), "worlds: expected a name, a path, a World or a sequence of these, got 3"),
+        (lambda: flockstep.Batch([3]), "worlds: expected a name, a path or a World, got int"),
         (
-            lambda: flockstep.Batch("playground/train-1"),
-            "worlds: expected a sequence of flockstep.World objects or a flockstep.WorldPool, got 'playground/train-1'",
+            lambda: DroneVectorEnv(start_tilt_deg=3),
+            "start_tilt_deg: of the hover task, but another task is given",
         ),
         (
-            lambda: flockstep.Batch(["playground/train-1"]),
-            "worlds: expected a sequence of flockstep.World objects or a flockstep.WorldPool, got 'playground/train-1'",
+            lambda: DroneVectorEnv(task=flockstep.HoverConfig(), step_m=3),
+            "step_m: of the navigation task, but another task is given",
+        ),
+        (
+            lambda: DroneVectorEnv(task=flockstep.HoverConfig(), hold_x=3),
+            "DroneVectorEnv.__init__() got an unexpected keyword argument 'hold_x'. Did you mean 'hold_s'?",
         ),
         (
             lambda: flockstep.Batch([flockstep.World.playground(0)], cameras=flockstep.CameraConfig()),
@@ -53,7 +59,10 @@ ID = "flockstep/LidarNavigation-v0"
         ),
         (lambda: DroneVectorEnv(lidar={}), "lidar: expected a flockstep.LidarConfig or None, got {}"),
         (lambda: DroneVectorEnv(lidar={1: 2}), "lidar: expected a flockstep.LidarConfig or None, got {1: 2}"),
-        (lambda: DroneVectorEnv(drone=4), "drone: expected a flockstep.DroneModel or None, got 4"),
+        (
+            lambda: DroneVectorEnv(drone=4),
+            "drone: expected a flockstep.DroneModel, the name or path of one, or None, got 4",
+        ),
         (
             lambda: DroneVectorEnv(worlds=3),
             "worlds: expected a name, a path, a World or a sequence of these, got 3",

@@ -34,7 +34,7 @@ def test_the_doctor_says_what_is_here_and_what_is_not(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["flockstep", "doctor"])
     runpy.run_module("flockstep", run_name="__main__")
     printed = capsys.readouterr().out
-    assert "missing (the networks of that): pip install torch" in printed
+    assert "missing (neural networks for training): pip install torch" in printed
     assert "EGL is switched off by FLOCKSTEP_EGL=none" in printed
 
 
@@ -62,7 +62,7 @@ def test_import_loads_neither_opengl_nor_what_opencv_would_bring():
 def test_envs_are_registered_by_import():
     spec = gymnasium.spec("flockstep/LidarNavigation-v0")
     assert spec.vector_entry_point is not None
-    assert spec.max_episode_steps is None  # the engine counts
+    assert spec.max_episode_steps == 3000
 
 
 @pytest.mark.parametrize(

@@ -419,7 +419,7 @@ def test_an_evaluation_has_the_means_of_what_first_episodes_report(room):
     assert found == flockstep.sb3.Evaluation(
         episodes=4,
         success_rate=0.5,
-        crash_rate=0.0,
+        ends={"success": 0.5, "contact": 0.0, "left_area": 0.0, "bad_state": 0.0, "time": 0.0, "task": 0.5},
         episode_return=np.mean(earned) - 0.5 * np.mean(lengths),
         episode_length=np.mean(lengths),
         episode_terms={"gain": np.mean(earned), "cost": -0.5 * np.mean(lengths)},
@@ -434,7 +434,7 @@ def test_an_evaluation_of_a_built_in_task(room, closet):
         return np.zeros(len(observation), int)
 
     found = flockstep.sb3.evaluate(ahead, episodes=2, worlds=[room, closet])
-    assert (found.success_rate, found.crash_rate, found.infos) == (0.0, 1.0, {})
+    assert (found.success_rate, found.ends["contact"], found.infos) == (0.0, 1.0, {})
     assert found.episode_return == pytest.approx(sum(found.episode_terms.values()))
     starts = {"worlds": room, "random_start": True, "episodes": 3}
     one, same, other = (flockstep.sb3.evaluate(ahead, seed=seed, **starts) for seed in (0, 0, 1000))

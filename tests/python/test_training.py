@@ -110,7 +110,7 @@ def flown(monkeypatch):
             assert [world.name for world in worlds] == kept  # and none of the playgrounds that ship
             (model,) = (cell.cell_contents for cell in policy.__closure__)
             policies.append(weights(model))
-            ends = ["success" if s else "crash" for s in next(given)]
+            ends = ["success" if s else "contact" for s in next(given)]
             return [evaluate.Flight("", end, 1, 0.0, 0.0, None, np.zeros((2, 3))) for end in ends]
 
         monkeypatch.setattr(train_ppo, "fly", fly)
@@ -253,7 +253,7 @@ def test_camera_tasks_train_fly_and_are_drawn(train, tmp_path, task):
         2,
     ]
     for group in judged.values():
-        rates = [group["summary"][f"{end.replace('-', '_')}_rate"] for end in evaluate.OUTCOMES]
+        rates = [group["summary"][f"{end}_rate"] for end in evaluate.OUTCOMES]
         assert sum(rates) == pytest.approx(1)
         assert group["baselines"]["planner"] == 1
     assert "2.5 m to the side" in judged["generated"]["note"]
@@ -332,8 +332,8 @@ def test_how_the_flights_of_a_task_of_ones_own_end(own, room):
     setup = tasks.Setup("own_tasks:Climb")
     actions = np.array([[0, 0, 1], [0, 0, -1], [0, 0, 0]], np.float32)
     flights = evaluate.fly(lambda observation: actions, [room] * 3, setup=setup)
-    assert [(flight.outcome, flight.steps) for flight in flights] == [("success", 2), ("ended", 2), ("time-out", 20)]
-    assert evaluate.summary(flights)["ended_rate"] == 1 / 3
+    assert [(flight.outcome, flight.steps) for flight in flights] == [("success", 2), ("task", 2), ("time", 20)]
+    assert evaluate.summary(flights)["task_rate"] == 1 / 3
 
 
 def test_episodes_that_never_end_are_refused(own, train, room):
@@ -482,7 +482,7 @@ def test_figures_of_a_training(monkeypatch, tmp_path):
 def test_a_flight_ends_where_its_world_says(room, closet):
     """Straight ahead: through the room until the pillar or the wall, in the closet at once."""
     flights = evaluate.fly(lambda observation: np.zeros(len(observation), int), [room, closet], 200)
-    assert [flight.outcome for flight in flights] == ["crash", "crash"]
+    assert [flight.outcome for flight in flights] == ["contact", "contact"]
     for flight, world in zip(flights, [room, closet], strict=True):
         assert flight.trail.shape == (flight.steps + 1, 3)
         np.testing.assert_allclose(flight.trail[0], world.start, atol=1e-6)

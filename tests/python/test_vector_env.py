@@ -15,7 +15,7 @@ import flockstep
 from flockstep.testing import check_vector_env
 
 MODES = ["next_step", "same_step", "disabled"]
-INFOS = {"episode_return", "episode_length", "success", "crashed", "bad_state", "episode_terms"}
+INFOS = {"episode_return", "episode_length", "success", "crashed", "bad_state", "episode_end", "episode_terms"}
 ID = "flockstep/LidarNavigation-v0"
 
 

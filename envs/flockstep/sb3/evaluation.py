@@ -47,7 +47,7 @@ def evaluate(
     """Fly a policy for some episodes; return how they ended, and means of everything else that episodes report.
 
     >>> flockstep.sb3.evaluate(None, "flockstep/Hover-v0").ends  # random actions
-    {'success': 0.0, 'contact': 0.0, 'left_area': 1.0, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
+    {'success': 0.0, 'contact': 0.21, 'left_area': 0.79, 'bad_state': 0.0, 'time': 0.0, 'task': 0.0}
 
     Parameters
     ----------

@@ -15,6 +15,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 from flockstep._core import NativeTask
 from flockstep.task import Task
+from flockstep.registration import make_by_id
 from flockstep.vector_env import DroneVectorEnv, Observation
 
 
@@ -46,11 +47,7 @@ def make_vec(
     kwargs |= {"autoreset_mode": "same_step", "copy": False}
     if isinstance(env, (Task, NativeTask, type)):
         return DroneVecEnv(DroneVectorEnv(num_envs, task=env, **kwargs))
-    made = gymnasium.make_vec(env, num_envs, **kwargs)
-    if not isinstance(made, DroneVectorEnv):
-        made.close()
-        raise TypeError(f"make_vec: expected an id of this package, {env!r} is a {type(made).__name__}")
-    return DroneVecEnv(made)
+    return DroneVecEnv(make_by_id(env, num_envs, **kwargs))
 
 
 class DroneVecEnv(VecEnv):

@@ -20,7 +20,7 @@ def test_a_mesh_and_a_path_that_leaves_it_are_drawn(tmp_path):
     scene = {"flockstep_scene": 1, "name": "wall", "meshes": meshes, "markers": {"goal": [5, 0, 1]}}
     world = flockstep.World.from_dict(scene)
     trail = np.float32([[1, 0, 1], [1, 2.5, 1], [8, 2.5, 1]])
-    flight = Flight("wall", "time-out", 2, 0.0, 9.5, None, trail)
+    flight = Flight("wall", "time", 2, 0.0, 9.5, None, trail)
     figure, axes = plt.subplots()
     for view, corners, dark in (("top", (0, 8, -3, 3), 3), ("side", (0, 8, 0, 2), None)):
         axes.clear()
