@@ -511,7 +511,9 @@ def require_valid(args: Args) -> None:
             continue
         in_range = least <= value <= greatest and math.isfinite(value) and (is_allowed or value != least)
         if not in_range:
-            expected = "an integer" if isinstance(value, int) else "a number"
+            expected = "a finite number"
+            if least > -math.inf:
+                expected = "an integer" if isinstance(value, int) else "a number"
             if greatest < math.inf:
                 expected += f" in {'[' if is_allowed else '('}{least:,}, {greatest:,}]"
             elif least > -math.inf:
@@ -524,6 +526,12 @@ def require_valid(args: Args) -> None:
         raise ValueError(f"--steps-per-update: expected at least 2 steps of all envs together, got {steps}")
     if args.resume and not args.resume.is_file():
         raise ValueError(f"--resume: expected a policy.zip, got {args.resume}, which is not there")
+    for name in ("worlds", "evaluation_worlds"):
+        try:
+            if getattr(args, name):
+                flockstep.scenes.load(getattr(args, name))
+        except (ValueError, FileNotFoundError) as error:
+            raise ValueError(f"{option(name)}: {error}") from None
 
 
 def option(name: str) -> str:

@@ -101,3 +101,35 @@ def test_public_python_has_docstrings():
         for member, value in vars(item).items() if isinstance(item, type) else []:
             if not member.startswith("_") and (callable(value) or isinstance(value, property)):
                 assert value.__doc__ or inspect.getdoc(getattr(item, member)), f"{name}.{member}"
+
+
+CONFIGS = [flockstep.EpisodeConfig, flockstep.ClockConfig, flockstep.DynamicsConfig]
+CONFIGS += [flockstep.NavigationConfig, flockstep.HoverConfig, flockstep.TrackConfig]
+
+
+def test_the_env_documents_every_keyword():
+    """Those of the signature, and the fields of configurations that the env takes as keywords."""
+    named = inspect.signature(flockstep.DroneVectorEnv).parameters.keys() - {"fields"}
+    fields = {name for config in CONFIGS for name in config.__match_args__}
+    sections = inspect.getdoc(flockstep.DroneVectorEnv).split("\nAttributes\n")[0]
+    for name in named:
+        assert f"\n{name}\n    " in sections, name
+    for name in fields - named:
+        assert f"``{name}``" in sections, name
+    for name in fields - named:  # and it does take each of them
+        with pytest.raises((TypeError, ValueError)) as caught:
+            flockstep.DroneVectorEnv(task=flockstep.HoverConfig(), **{name: object()})
+        assert "unexpected keyword" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", [flockstep.DroneVectorEnv, flockstep.DroneEnv])
+def test_the_env_documents_every_public_member(kind):
+    env = kind(render_mode="rgb_array")
+    attributes = inspect.getdoc(kind).split("\nAttributes\n")[1].split("\n\n")[0]
+    heads = {name for line in attributes.splitlines() if not line.startswith(" ") for name in line.split(", ")}
+    for name in dir(env):
+        if name.startswith("_"):
+            continue
+        item = inspect.getattr_static(kind, name, None)
+        documented = (callable(item) or isinstance(item, property)) and inspect.getdoc(getattr(kind, name))
+        assert documented or name in heads, name

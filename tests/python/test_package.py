@@ -1,12 +1,15 @@
 """What `import flockstep` brings, and what it does not."""
 
 import copy
+import os
 import pickle
+import re
 import runpy
 import subprocess
 import sys
 
 import gymnasium
+import numpy as np
 import pytest
 
 import flockstep
@@ -36,6 +39,60 @@ def test_the_doctor_says_what_is_here_and_what_is_not(monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert "missing (neural networks for training): pip install torch" in printed
     assert "EGL is switched off by FLOCKSTEP_EGL=none" in printed
+
+
+WITHOUT = """
+import sys
+
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {names!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Without())
+"""
+
+
+@pytest.mark.parametrize("missing", ["numpy", "gymnasium"])
+def test_the_doctor_runs_without_what_flockstep_needs(missing, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(WITHOUT.format(names=[missing]))
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    doctored, imported = (
+        subprocess.run([sys.executable, *arguments], capture_output=True, text=True, env=environment, check=False)
+        for arguments in (["-m", "flockstep", "doctor"], ["-c", "import flockstep"])
+    )
+    assert (doctored.returncode, doctored.stderr) == (1, "")
+    (line,) = (line for line in doctored.stdout.splitlines() if line.startswith(missing))
+    assert f"importing it raises ModuleNotFoundError: No module named '{missing}'" in line
+    assert "ModuleNotFoundError" in imported.stderr
+
+
+def test_the_doctor_imports_what_it_names(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)  # an import of it raises
+    found = dict(doctor.report())
+    assert "importing it raises ModuleNotFoundError: import of torch halted" in found["torch"]
+    assert "pip install --force-reinstall torch" in found["torch"]
+    assert found["scipy"] == doctor.version_of("scipy")
+
+
+def test_sb3_names_the_extra_it_needs():
+    code = WITHOUT.format(names=["stable_baselines3", "torch"]) + (
+        "import flockstep\n"
+        "try:\n"
+        "    flockstep.sb3\n"
+        "except ModuleNotFoundError as error:\n"
+        "    print(error, error.name)\n"
+    )
+    printed = run(code)
+    assert "pip install 'flockstep[sb3]'" in printed
+    assert printed.endswith(" stable_baselines3")
+
+
+def test_names_that_dir_lists():
+    listed = run("import flockstep; print(*dir(flockstep))").split()
+    public = [name for name in listed if not name.startswith("__")]
+    assert sorted([*public, "__version__"]) == sorted(flockstep.__all__)
+    assert {"sb3", "testing"} < set(public)
 
 
 def test_an_unknown_name_is_an_attribute_error():
@@ -81,6 +138,44 @@ def test_configs_can_be_copied_pickled_compared_and_read(config):
         assert repr(other) == repr(config)
     assert config != type(config)()
     assert repr(config).startswith(type(config).__name__)
+
+
+@pytest.mark.parametrize("kind", [getattr(flockstep, name) for name in flockstep.__all__ if name.endswith("Config")])
+def test_configs_print_the_shortest_numbers(kind):
+    config = kind()
+    assert not re.search(r"\d\.\d{9}", repr(config))
+    made = eval(repr(config), vars(flockstep))
+    assert made == config
+
+
+def test_configs_print_numbers_that_give_the_same_config():
+    rng = np.random.default_rng(0)
+    for bits in rng.integers(1, 0x7F7FFFFF, 300, dtype=np.uint32):
+        value = float(bits.view(np.float32))
+        config = flockstep.HoverConfig(near_weight=value, speed_weight=-value)
+        assert eval(repr(config), vars(flockstep)) == config
+        (printed,) = re.findall(r"near_weight=([^,]*)", repr(config))
+        assert float(printed) == float(str(np.float32(value)))  # NumPy prints the shortest, too
+    assert "hold_m=0.05," in repr(flockstep.HoverConfig())
+    assert "offset_m=[0.1, 0.0, 0.0]" in repr(flockstep.LidarConfig(offset_m=(0.1, 0, 0)))
+    assert "rate_hz=0.3" in repr(flockstep.LidarConfig(rate_hz=0.3))
+    assert "azimuth_deg=[0.1, 0.2]" in repr(flockstep.LidarConfig(azimuth_deg=[0.1, 0.2], elevation_deg=[0, 0]))
+    assert "NavigationReward(" in repr(flockstep.NavigationConfig())
+
+
+def test_batches_contacts_and_specs_say_what_they_are(room):
+    lidar, cameras = flockstep.LidarConfig(beams=7), [flockstep.CameraConfig(width_px=4, height_px=4)]
+    batch = flockstep.Batch(room, 3, lidar=lidar, cameras=cameras)
+    assert repr(batch) == '<Batch: 3 drones in 1 world, motion "kinematic", a LiDAR of 7 rays, 1 camera, no task>'
+    moved = batch.move(batch.position + np.float32([[0, 0, 0], [9, 0, 0], [9, 0, 0]]))
+    assert repr(moved) == "<Contact: 2 of 3 drones hit something>"
+    pool = flockstep.WorldPool(lambda number: room)
+    assert "in worlds of a WorldPool" in repr(flockstep.DroneVectorEnv(1, worlds=pool).batch)
+    assert repr(flockstep.DroneVectorEnv(1, worlds=room).batch.spec) == (
+        "TaskSpec(action=<Field 'action': int64 (), low 0.0, high 5.0>, "
+        "observation=[<Field 'observation': float32 (38,), low -1.0 to 0.0, high 1.0>], "
+        "reward_terms=['distance', 'crash', 'free_space', 'step', 'action_change', 'overshoot'])"
+    )
 
 
 def test_worlds_can_be_copied_into_a_spec(room):

@@ -145,6 +145,28 @@ def test_a_task_goes_by_the_keyword_of_the_env_too(task, room, tmp_path):
     assert flockstep.record(tmp_path / "flight.gif", render_view="top", **keywords) == 4
 
 
+def test_options_reach_the_next_reset(make):
+    envs = make()
+    envs.seed(0)
+    envs.reset()
+    for _ in range(3):
+        envs.step(np.full(6, 4))
+    mask = np.arange(6) < 2
+    envs.set_options({"reset_mask": mask})
+    envs.reset()
+    assert envs.get_attr("batch")[0].episode.tolist() == [1, 1, 0, 0, 0, 0]
+    envs.reset()  # they hold once
+    assert envs.get_attr("batch")[0].episode.tolist() == [2, 2, 1, 1, 1, 1]
+    envs.set_options({"nonsense": 1})
+    with pytest.raises(ValueError, match="options: expected nothing but 'reset_mask', got 'nonsense'"):
+        envs.reset()
+    envs.reset()  # what was refused is gone
+    envs.set_options([{}] * 6)
+    envs.reset()
+    with pytest.raises(ValueError, match="options: expected one dict, since the envs share a reset"):
+        envs.set_options([{"reset_mask": mask}] * 6)
+
+
 def test_is_a_direct_vec_env(make):
     envs = make()
     assert type(envs).__base__ is VecEnv

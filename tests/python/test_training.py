@@ -307,6 +307,41 @@ def test_the_command_line_knows_each_tasks_defaults(monkeypatch):
         assert train_ppo.command_line() == dataclasses.replace(defaults, seed=7)
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("--num-envs 0", "--num-envs: expected an integer in [1, 1,048,576], got 0"),
+        ("--resume nope.zip", "--resume: expected a policy.zip, got nope.zip, which is not there"),
+        ("--batch-size 0", "--batch-size: expected an integer >= 2, got 0"),
+        ("--learning-rate nan", "--learning-rate: expected a number > 0, got nan"),
+        ("--solved-rate 2", "--solved-rate: expected a number in [0, 1], got 2.0"),
+        ("--reward-clip -1", "--reward-clip: expected a number > 0, got -1.0"),
+        ("--step-cost inf", "--step-cost: expected a finite number, got inf"),
+        ("--net 0", "--net: expected integers >= 1, got 0"),
+        ("--num-envs 1 --steps-per-update 1", "--steps-per-update: expected at least 2 steps of all envs"),
+        ("--worlds nope", "--worlds: unknown scene 'nope'"),
+        ("--evaluation-worlds nope.json", "--evaluation-worlds: no such scene file: nope.json"),
+        ("--task nope", "--task: expected "),
+    ],
+)
+def test_the_command_line_refuses_in_one_line(monkeypatch, capsys, given, said):
+    monkeypatch.setattr("sys.argv", ["train_ppo.py", *given.split()])
+    with pytest.raises(SystemExit) as refused:
+        train_ppo.command_line()
+    assert refused.value.code == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith(said)
+    assert printed.count("\n") == 1
+
+
+def test_every_number_of_the_command_line_has_a_range():
+    types = {field.name: str(field.type) for field in dataclasses.fields(train_ppo.Args)}
+    numbers = {name for name, kind in types.items() if kind.split(" | ")[0] in ("int", "float")}
+    assert train_ppo.RANGES.keys() == numbers
+    for args in (*train_ppo.DEFAULTS.values(), train_ppo.OWN):
+        train_ppo.require_valid(args)
+
+
 @pytest.mark.parametrize("name", ["own_tasks:Climb", "own_tasks:own/Climb-v0"])
 def test_a_task_of_ones_own_trains_flies_and_is_drawn(train, own, tmp_path, name):
     model, outcome = train(task=name, worlds=("room.json",), generated=0, evaluation_flights=3, stop_when_solved=False)
@@ -361,12 +396,14 @@ def test_episodes_that_never_end_are_refused(own, train, room):
         (":Climb", "'' is not the name of a module"),
     ],
 )
-def test_what_is_no_task_is_refused(own, monkeypatch, name, message):
+def test_what_is_no_task_is_refused(own, monkeypatch, capsys, name, message):
     monkeypatch.setattr("sys.argv", ["train_ppo.py", "--task", name])
     with pytest.raises(SystemExit) as refused:
         train_ppo.command_line()
-    assert str(refused.value).startswith("--task: expected lidar, camera, pixels, an id of flockstep's, ")
-    assert message in str(refused.value)
+    assert refused.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("--task: expected lidar, camera, pixels, an id of flockstep's, ")
+    assert message in said
 
 
 def test_what_a_module_of_ones_own_lacks_is_named(own, tmp_path):

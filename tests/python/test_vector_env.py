@@ -483,3 +483,123 @@ class TestMaking:
         for call in (envs.reset, envs.render, envs.snapshot, lambda: envs.step([0] * 4)):
             with pytest.raises(RuntimeError, match="closed"):
                 call()
+
+
+class TestLimits:
+    """`gymnasium.make`, `make_vec` and ``max_episode_steps`` mean one limit: the engine's."""
+
+    IDS = ("LidarNavigation", "CameraNavigation", "CameraPixels", "Hover", "Track")
+
+    @staticmethod
+    def length(env, action):
+        """Fly one episode; return its steps, whether it was truncated, and its info."""
+        env.reset(seed=0)
+        for step in range(1, 1000):
+            _, _, terminated, truncated, info = env.step(action)
+            if terminated or truncated:
+                return step, truncated, info
+        raise AssertionError("the episode does not end")
+
+    @pytest.mark.parametrize("name", IDS)
+    def test_the_spec_has_the_limit_of_the_engine(self, name):
+        limit = gymnasium.spec(f"flockstep/{name}-v0").max_episode_steps
+        for limit_or_none, keywords in (
+            (limit, {}),
+            (7, {"max_episode_steps": 7}),
+            (9999, {"max_episode_steps": 9999}),
+        ):
+            env = gymnasium.make(f"flockstep/{name}-v0", **keywords)
+            envs = gymnasium.make_vec(f"flockstep/{name}-v0", 1, **keywords)
+            assert env.spec.max_episode_steps == limit_or_none
+            for batch in (env.unwrapped.batch, envs.batch):
+                assert isinstance(batch, flockstep.Batch)
+            assert env.unwrapped.envs._arguments["max_episode_steps"] == limit_or_none
+            assert envs._arguments["max_episode_steps"] == limit_or_none
+        assert flockstep.DroneVectorEnv(1)._arguments["max_episode_steps"] is None
+
+    @pytest.mark.parametrize("limit", [3, 310])  # the task's own is 300
+    def test_an_end_at_the_limit_is_the_engines(self, limit):
+        still = {"start_offset_m": 0, "start_tilt_deg": 0, "start_speed_mps": 0, "hold_s": 0.02}
+        env = gymnasium.make("flockstep/Hover-v0", max_episode_steps=limit, **still)
+        steps, truncated, info = self.length(env, np.zeros(4, np.float32))
+        assert (steps, truncated, info["success"]) == (limit, True, True)
+        again = gymnasium.make(env.spec)
+        assert self.length(again, np.zeros(4, np.float32))[0] == limit
+
+    def test_no_limit(self, room):
+        env = gymnasium.make(ID, worlds=room, max_episode_steps=-1)
+        assert env.unwrapped.envs._arguments["max_episode_steps"] == 0
+        assert env.spec.max_episode_steps is None
+
+    def test_frame_skip_counts_flown_steps(self, room):
+        env = gymnasium.make(ID, worlds=room, max_episode_steps=6, frame_skip=3)
+        assert self.length(env, 2)[:2] == (2, True)
+
+    def test_a_registered_task(self, room):
+        class Wait(flockstep.Task):
+            observation_space = gymnasium.spaces.Box(0, 9, (1,), np.float32)
+            max_episode_steps = 4
+
+            def step(self, batch):
+                return np.zeros(batch.num_drones), np.zeros(batch.num_drones, bool)
+
+            def observe(self, batch):
+                return batch.position[:, :1]
+
+        for version, (keywords, limit) in enumerate([({}, 4), ({"max_episode_steps": 2}, 2)]):
+            name = f"tests/Wait-v{version}"
+            flockstep.register_task(name, Wait, worlds=room, **keywords)
+            assert gymnasium.spec(name).max_episode_steps == limit
+            assert self.length(gymnasium.make(name), np.zeros(3))[0] == limit
+            assert self.length(gymnasium.make(name, max_episode_steps=6), np.zeros(3))[0] == 6
+            assert gymnasium.make_vec(name, 1)._arguments["max_episode_steps"] == limit
+        flockstep.register_task("tests/Wait-v9", Wait, worlds=room, max_episode_steps=0)
+        assert gymnasium.spec("tests/Wait-v9").max_episode_steps is None
+        assert gymnasium.make("tests/Wait-v9").unwrapped.envs.task.max_episode_steps == 0
+        assert gymnasium.make_vec("tests/Wait-v9", 1).task.max_episode_steps == 0
+
+    def test_wrappers_that_need_a_limit(self):
+        env = gymnasium.wrappers.TimeAwareObservation(gymnasium.make("flockstep/Hover-v0"))
+        env.reset(seed=0)
+        assert env.step(np.zeros(4, np.float32))[0].shape == (17,)
+
+    def test_sync_vectorization(self, room):
+        alike = {"worlds": room, "max_episode_steps": 5}
+        sync = gymnasium.make_vec(ID, 2, vectorization_mode="sync", **alike)
+        ours = gymnasium.make_vec(ID, 2, **alike)
+        np.testing.assert_array_equal(sync.reset(seed=3)[0], ours.reset(seed=3)[0])
+        for _ in range(12):
+            for one, other in zip(sync.step([2, 3])[:4], ours.step([2, 3])[:4], strict=True):
+                np.testing.assert_array_equal(one, other)
+        sync.close()
+
+
+def test_numpy_to_torch(closet):
+    envs = wrappers.NumpyToTorch(make(closet, max_episode_steps=3))
+    observation, _ = envs.reset(seed=0)
+    assert isinstance(observation, torch.Tensor)
+    infos = [envs.step(torch.zeros(4, dtype=torch.int64))[4] for _ in range(4)]
+    (ends,) = (info for info in infos if info)
+    assert ends["episode_end"].tolist() == [flockstep.EpisodeEnd.time] * 4
+
+
+@pytest.mark.parametrize(
+    ("make_it", "wrapper"),
+    [
+        (lambda: gymnasium.make_vec(ID, 2, render_mode="human"), "gymnasium.wrappers.vector.HumanRendering"),
+        (lambda: flockstep.DroneVectorEnv(render_mode="human"), "gymnasium.wrappers.vector.HumanRendering"),
+        (lambda: flockstep.DroneEnv(render_mode="human"), "gymnasium.wrappers.HumanRendering"),
+    ],
+)
+def test_a_window_is_a_wrapper(make_it, wrapper):
+    with pytest.raises(ValueError, match=rf"render_mode='rgb_array' in {wrapper}"):
+        make_it()
+    found = gymnasium.wrappers
+    for part in wrapper.split(".")[2:]:
+        found = getattr(found, part)
+    assert issubclass(found, gymnasium.Wrapper | gymnasium.vector.VectorWrapper)
+
+
+def test_an_id_belongs_to_gymnasium():
+    with pytest.raises(ValueError, match=r"call gymnasium.make_vec\('flockstep/Hover-v0', num_envs=...\)"):
+        flockstep.DroneVectorEnv("flockstep/Hover-v0")

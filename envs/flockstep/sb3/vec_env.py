@@ -14,8 +14,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from flockstep._core import NativeTask
-from flockstep.task import Task
 from flockstep.registration import make_by_id
+from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, Observation
 
 
