@@ -149,7 +149,8 @@ class Hover(FlightTask):
     def step(self, batch: flockstep.Batch) -> tuple[dict[str, Array], BoolArray]:
         c = self.config
         distance = np.linalg.norm(self.middle(batch) - batch.position, axis=1)
-        crashed = batch.contact.hit | (distance > c.max_distance_m)
+        self.left_area[:] = distance > c.max_distance_m
+        crashed = batch.contact.hit | self.left_area
         self.held = np.where(distance <= c.hold_m, self.held + 1, 0)
         self.success[:] = ~crashed & (self.held >= max(round(c.hold_s * self.clock.policy_hz), 1))
         terms = {

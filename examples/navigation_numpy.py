@@ -113,6 +113,7 @@ class Navigation(flockstep.Task):
         overshoot_term = np.where(overshot, -r.goal_reward / 10, 0)
 
         self.success[:] = at_goal & ~crashed
+        self.left_area[:] = overshot
         terms = {
             "distance": r.distance_weight * distance_term,
             "crash": r.crash_weight * crash_term,

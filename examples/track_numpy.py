@@ -59,7 +59,8 @@ class Track(FlightTask):
         c = self.config
         position, velocity = self.path(batch)
         distance = np.linalg.norm(position - batch.position, axis=1)
-        crashed = batch.contact.hit | (distance > c.max_distance_m)
+        self.left_area[:] = distance > c.max_distance_m
+        crashed = batch.contact.hit | self.left_area
         self.squares += distance**2
         self.success[:] = ~crashed & (self.squares <= c.close_m**2 * self.steps)
         terms = {

@@ -17,7 +17,9 @@ _NO_DEFAULTS = ("num_envs", "autoreset_mode", "copy")  # for whoever makes the e
 
 
 def register() -> None:
-    """Register the environments with Gymnasium; done by ``import flockstep``."""
+    """Register the environments with Gymnasium, once; done by ``import flockstep``."""
+    if "flockstep/LidarNavigation-v0" in gymnasium.registry:
+        return
     flights: dict[str, HoverConfig | TrackConfig] = {"Hover": HoverConfig(), "Track": TrackConfig()}
     navigation = {"LidarNavigation": "goal", "CameraNavigation": "blob", "CameraPixels": "pixels"}
     for name, task in flights.items():

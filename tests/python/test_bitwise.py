@@ -14,6 +14,7 @@ OUTPUTS = (
     "reward_terms",
     "success",
     "crashed",
+    "episode_end",
 )
 OUTPUTS += ("episode_return", "episode_length", "position", "quat_wxyz", "world_index", "goal_index", "ranges")
 STEPS = 60

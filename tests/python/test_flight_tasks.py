@@ -133,7 +133,7 @@ class TestTwins:
             if not ended.any():
                 continue
             infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
-            for key in ("episode_length", "success", "crashed", "bad_state"):
+            for key in ("episode_length", "success", "crashed", "bad_state", "episode_end"):
                 np.testing.assert_array_equal(infos[key], expected[key])
             np.testing.assert_allclose(infos["episode_return"], expected["episode_return"], atol=10 * DRIFT)
             if mode == "same_step":

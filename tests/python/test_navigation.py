@@ -72,7 +72,7 @@ def test_agrees_with_its_numpy_twin(room, closet, playgrounds, example, kind, re
         assert ours[4].keys() == theirs[4].keys()
         infos, expected = (s[4].get("final_info", s[4]) for s in (ours, theirs))
         if ended.any():
-            for key in ("episode_length", "success", "crashed"):
+            for key in ("episode_length", "success", "crashed", "episode_end"):
                 np.testing.assert_array_equal(infos[key], expected[key])
             np.testing.assert_allclose(infos["episode_return"], expected["episode_return"], rtol=1e-5, atol=0.5)
             crashed += infos["crashed"].sum()

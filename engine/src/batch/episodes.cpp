@@ -141,16 +141,19 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   std::copy_n(ends.data(), count, episodes.done.data() + first);
   std::uint8_t* const reasons = out.episode_end.data() + first;
   std::fill_n(reasons, count, static_cast<std::uint8_t>(EpisodeEnd::none));
-  for (std::size_t i = 0; is_any(ends.data(), count) && i < count; ++i) {
-    if (!ends[i]) continue;
-    const bool told = told_terminated[i] || told_truncated[i];
-    const EpisodeEnd end = bad[i]                                   ? EpisodeEnd::bad_state
-                           : success[i]                             ? EpisodeEnd::success
-                           : terminated[i] && hits[i]               ? EpisodeEnd::contact
-                           : told && run.score.left_area[first + i] ? EpisodeEnd::left_area
-                           : truncated[i] && is_late[i]             ? EpisodeEnd::time
-                                                                    : EpisodeEnd::task;
-    reasons[i] = static_cast<std::uint8_t>(end);
+  if (is_any(ends.data(), count)) {
+    const std::uint8_t* const left_area = run.score.left_area.data() + first;
+    for (std::size_t i = 0; i < count; ++i) {
+      if (!ends[i]) continue;
+      const bool by_task = told_terminated[i] || told_truncated[i];
+      const EpisodeEnd end = bad[i]                       ? EpisodeEnd::bad_state
+                             : success[i]                 ? EpisodeEnd::success
+                             : terminated[i] && hits[i]   ? EpisodeEnd::contact
+                             : by_task && left_area[i]    ? EpisodeEnd::left_area
+                             : truncated[i] && is_late[i] ? EpisodeEnd::time
+                                                          : EpisodeEnd::task;
+      reasons[i] = static_cast<std::uint8_t>(end);
+    }
   }
   std::copy_n(bad, count, out.bad_state.data() + first);
   if (is_any(bad, count)) {
