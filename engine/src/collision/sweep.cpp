@@ -243,9 +243,23 @@ class Search {
     take(mover().first_touch(*start, clearance, margins_, first_.time), element);
   }
 
+  // Whether there is a contact: meet() without the point, and without the way out of an obstacle.
+  bool is_touched(const Convex& obstacle) {
+    const std::optional<Approach> approach = approach_of_ball(obstacle);
+    if (!approach) return false;
+    const std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
+    if (!start) return false;
+    if (start->overlapping || start->gap <= kTouching) return true;
+    if (start->gap < margins_.floor()) return mover().leave(*start, kGain).hit;
+    const auto clearance = [this, &obstacle](double at, const Vec3d& guess) { return mover().clearance(obstacle, at, guess); };
+    return mover().first_touch(*start, clearance, margins_, first_.time).hit;
+  }
+
+  bool has_contact() const { return first_.hit || inside_.hit; }
+
   Contact contact() const {
     Contact contact;
-    if (!first_.hit && !inside_.hit) return contact;
+    if (!has_contact()) return contact;
     const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
     contact.inside = inside_.hit;
@@ -404,6 +418,15 @@ Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, co
   obstacles.for_each_near(search.middle(), search.reach(),
                           [&](std::uint32_t element) { search.meet(obstacles.convex(element), element); });
   return search.contact();
+}
+
+bool is_clear(const Obstacles& obstacles, std::span<const std::uint32_t> elements, const Hull& hull, const Pose& from,
+              const Pose& to) {
+  Search search(hull, from, to);
+  for (const Room& room : obstacles.rooms()) search.meet(room);
+  return !search.has_contact() && std::none_of(elements.begin(), elements.end(), [&](std::uint32_t element) {
+    return search.is_touched(obstacles.convex(element));
+  });
 }
 
 bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose) {

@@ -1,6 +1,9 @@
 // The swept hull: continuous collision of one moving convex hull against a world.
 #pragma once
 
+#include <cstdint>
+#include <span>
+
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
 #include "flockstep/pose.hpp"
@@ -29,6 +32,10 @@ Pose interpolate(const Pose& from, const Pose& to, float fraction);
 // move away; point and normal are then those of the way out. Of several first contacts the element of least index is reported.
 // Allocates nothing; a function of its arguments alone.
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to);
+
+// True if a sweep finds no contact with the walls of rooms and with these elements, and the hull does not begin inside of one.
+bool is_clear(const Obstacles& obstacles, std::span<const std::uint32_t> elements, const Hull& hull, const Pose& from,
+              const Pose& to);
 
 // True if the hull at this pose touches or penetrates anything: a sweep from here would begin inside.
 bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose);

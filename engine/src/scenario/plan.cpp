@@ -1,205 +1,144 @@
-// Lazy Theta*: A* on a grid in which a node's parent may be any node it sees, not only a neighbour, and that sight is checked
-// only once a node is expanded. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning and path length
-// analysis in 3D", AAAI 2010. Sight is the sweep of the drone's hull through the true world.
+// Lazy Theta*: A* on a grid in which a node's parent may be any node with a clear straight way to it, not only a neighbour, and
+// that way is checked only once a node is expanded. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning
+// and path length analysis in 3D", AAAI 2010. A way is clear if the sweep of the drone's hull through the true world says so.
+//
+// Grids from coarse to fine: a coarse one finds the right corridor for a small part of the work, and pulling its path taut makes
+// up for its cells. A finer grid is searched only for a path that is shorter than the one already found, and only if that search
+// is small; or until there is a path at all.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <numbers>
 #include <queue>
 #include <string>
 #include <utility>
 
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
-#include "collision/sweep.hpp"
-#include "compiled/compiled_world.hpp"
 #include "flockstep/scenario.hpp"
+#include "scenario/free_space.hpp"
+#include "scenario/lattice.hpp"
 
 namespace flockstep {
 namespace {
 
 using Path = std::vector<Vec3>;
 
-constexpr double kMaxCells = 1 << 25;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr double kCoarsest = 1 << 14;     // cells of the coarsest grid, at least
+constexpr double kMaxBetter = 1 << 18;    // cells in which a shorter path is searched for, at most
+constexpr float kStraightEnough = 1.01F;  // of the straight distance: no shorter path is searched for
+constexpr float kWorthIt = 0.995F;        // of the length of the path so far: what a shorter one has to have at most
 
-// The world as this drone meets it.
-struct Space {
-  const collision::Obstacles& obstacles;
-  collision::Hull hull;
+double length_of(const Path& path) {
+  double length = 0.0;
+  for (std::size_t i = 1; i < path.size(); ++i) length += (path[i] - path[i - 1]).cast<double>().norm();
+  return length;
+}
 
-  bool is_free(const Vec3& point) const { return !collision::overlaps(obstacles, hull, Pose{.position = point}); }
-  // Piece by piece, since a sweep looks at all that is in a ball about its motion.
-  bool is_clear(const Vec3& from, const Vec3& to) const {
-    constexpr float kPiece = 1.0F;  // m
-    const int pieces = std::max(1, static_cast<int>(std::min((to - from).norm() / kPiece, 1e4F)));
-    Vec3 here = from;
-    for (int piece = 1; piece <= pieces; ++piece) {
-      const Vec3 next =
-          piece == pieces ? to : Vec3(from + (static_cast<float>(piece) / static_cast<float>(pieces)) * (to - from));
-      if (collision::sweep(obstacles, hull, Pose{.position = here}, Pose{.position = next}).hit) return false;
-      here = next;
-    }
-    return true;
-  }
-};
-
-// Nodes on a lattice through the start, and one more: the goal.
-class Grid {
+// A search on one lattice. It ends with a path, or without one that is shorter than `bound` (m).
+class Search {
  public:
-  Grid(const Aabb& region, const Vec3& start, const Vec3& goal, float cell, bool is_flat)
-      : start_(start), goal_(goal), cell_(cell) {
-    double cells = 1.0;
-    for (int axis = 0; axis < 3; ++axis) {
-      if (is_flat && axis == 2) continue;
-      const double below = std::floor((static_cast<double>(start[axis]) - region.min[axis]) / cell);
-      const double above = std::floor((static_cast<double>(region.max[axis]) - start[axis]) / cell);
-      cells *= below + above + 1.0;
-      if (!(cells <= kMaxCells)) {
-        refuse("cell_m", "a grid of at most " + std::to_string(static_cast<int>(kMaxCells)) + " cells",
-               std::to_string(cell) + " m in a world that needs more of them");
-      }
-      start_index_[axis] = static_cast<int>(below);
-      size_[axis] = static_cast<int>(below + above) + 1;
+  Search(const FreeSpace& space, Lattice& lattice, float bound) : space_(space), lattice_(lattice), bound_(bound) {}
+
+  std::optional<Path> run() {
+    const std::int32_t start = lattice_.start();
+    lattice_.at(start) = {.cost = 0.0F, .parent = start, .is_checked = true};
+    push(start);
+    while (!open_.empty()) {
+      Interrupt::poll();
+      const std::int32_t node = open_.top().second;
+      open_.pop();
+      Lattice::Node& entry = lattice_.at(node);
+      if (entry.is_closed || entry.parent < 0) continue;
+      const Vec3 here = lattice_.position(node);
+      if (!entry.is_checked && !check(node, here)) continue;
+      if (node == Lattice::kGoal) return trace_back();
+      entry.is_closed = true;
+      const std::int32_t parent = entry.parent;
+      const Vec3 parent_position = lattice_.position(parent);
+      const float parent_cost = lattice_.at(parent).cost;
+      lattice_.for_each_neighbour(node, [&](std::int32_t neighbour) {
+        Lattice::Node& next = lattice_.at(neighbour);
+        if (next.is_closed) return;
+        const float cost = parent_cost + (lattice_.position(neighbour) - parent_position).norm();
+        if (cost >= next.cost) return;
+        next.cost = cost;
+        next.parent = parent;
+        next.is_checked = false;
+        push(neighbour);
+      });
     }
-  }
-
-  std::int32_t size() const { return size_.prod() + 1; }
-  std::int32_t goal() const { return size_.prod(); }
-  std::int32_t start() const { return index(start_index_); }
-
-  Vec3 position(std::int32_t node) const {
-    if (node == goal()) return goal_;
-    return start_ + cell_ * (coordinates(node) - start_index_).matrix().cast<float>();
-  }
-
-  // The lattice nodes one step away along every axis, and the goal where it is as near.
-  template <class Function>
-  void for_each_neighbour(std::int32_t node, const Function& function) const {
-    // The goal's lattice neighbours are those around the node nearest to it.
-    const Eigen::Array3i center = node == goal() ? nearest(goal_) : coordinates(node);
-    const Eigen::Array3i low = (center - 1).max(0);
-    const Eigen::Array3i high = (center + 1).min(size_ - 1);
-    for (int z = low.z(); z <= high.z(); ++z) {
-      for (int y = low.y(); y <= high.y(); ++y) {
-        for (int x = low.x(); x <= high.x(); ++x) {
-          const std::int32_t neighbour = index({x, y, z});
-          if (neighbour != node) function(neighbour);
-        }
-      }
-    }
-    if (node != goal() && ((center - nearest(goal_)).abs() <= 1).all()) function(goal());
+    return std::nullopt;
   }
 
  private:
-  std::int32_t index(const Eigen::Array3i& c) const { return (c.z() * size_.y() + c.y()) * size_.x() + c.x(); }
+  using Entry = std::pair<float, std::int32_t>;  // least length of a path through this node; ties go to the lower index
 
-  Eigen::Array3i coordinates(std::int32_t node) const {
-    return {node % size_.x(), node / size_.x() % size_.y(), node / size_.x() / size_.y()};
+  void push(std::int32_t node) {
+    const float least = lattice_.at(node).cost + (lattice_.position(node) - lattice_.position(Lattice::kGoal)).norm();
+    if (least < bound_) open_.emplace(least, node);
   }
 
-  Eigen::Array3i nearest(const Vec3& point) const {
-    const Eigen::Array3f steps = ((point - start_) / cell_).array().round();
-    return (start_index_ + steps.cast<int>()).max(0).min(size_ - 1);
-  }
-
-  Vec3 start_;
-  Vec3 goal_;
-  float cell_;
-  Eigen::Array3i start_index_ = Eigen::Array3i::Zero();
-  Eigen::Array3i size_ = Eigen::Array3i::Ones();
-};
-
-struct Node {
-  float cost = kInfinity;    // m, from the start over the parent
-  std::int32_t parent = -1;  // -1: none yet
-  bool is_closed = false;    // expanded: cost and parent are final
-  bool is_checked = false;   // the way from the parent is known to be clear
-  bool is_known = false;     // is_free has been computed
-  bool is_free = false;      // the drone fits here
-};
-
-Path trace_back(const std::vector<Node>& nodes, const Grid& grid, std::int32_t node) {
-  Path path;
-  for (; node != grid.start(); node = nodes[static_cast<std::size_t>(node)].parent) path.push_back(grid.position(node));
-  path.push_back(grid.position(node));
-  std::reverse(path.begin(), path.end());
-  return path;
-}
-
-std::optional<Path> search(const Space& space, const Grid& grid) {
-  std::vector<Node> nodes(static_cast<std::size_t>(grid.size()));
-  const auto at = [&](std::int32_t node) -> Node& { return nodes[static_cast<std::size_t>(node)]; };
-  const Vec3 goal = grid.position(grid.goal());
-
-  using Entry = std::pair<float, std::int32_t>;  // least cost a path through this node can have; ties go to the lower index
-  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-  const auto push = [&](std::int32_t node) { open.emplace(at(node).cost + (grid.position(node) - goal).norm(), node); };
-  const auto fits = [&](std::int32_t node) {
-    Node& entry = at(node);
-    if (!entry.is_known) entry.is_free = space.is_free(grid.position(node));
-    entry.is_known = true;
-    return entry.is_free;
-  };
-  // Of the expanded neighbours with a clear way here, the one with the cheapest path becomes the parent.
-  const auto take_parent_among_neighbours = [&](std::int32_t node, const Vec3& here) {
-    Node& entry = at(node);
+  // True if the way from the parent is clear. Otherwise the node waits with another parent, or is closed if nothing fits there.
+  bool check(std::int32_t node, const Vec3& here) {
+    Lattice::Node& entry = lattice_.at(node);
+    if (node != Lattice::kGoal && !lattice_.is_clear(here, here)) {
+      entry.is_closed = true;
+      entry.parent = -1;
+      return false;
+    }
+    if (lattice_.is_clear(lattice_.position(entry.parent), here)) {
+      entry.is_checked = true;
+      return true;
+    }
+    // Of the expanded neighbours with a clear way here, the one with the cheapest path becomes the parent.
+    std::array<Entry, 27> candidates;
+    std::size_t count = 0;
+    lattice_.for_each_neighbour(node, [&](std::int32_t neighbour) {
+      const Lattice::Node& from = lattice_.at(neighbour);
+      if (!from.is_closed || from.parent < 0) return;
+      candidates[count++] = {from.cost + (here - lattice_.position(neighbour)).norm(), neighbour};
+    });
+    std::sort(candidates.begin(), candidates.begin() + count);
     entry.cost = kInfinity;
     entry.parent = -1;
-    grid.for_each_neighbour(node, [&](std::int32_t neighbour) {
-      if (!at(neighbour).is_closed) return;
-      const Vec3 there = grid.position(neighbour);
-      const float cost = at(neighbour).cost + (here - there).norm();
-      if (cost >= entry.cost || !space.is_clear(there, here)) return;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto& [cost, neighbour] = candidates[i];
+      if (!lattice_.is_clear(lattice_.position(neighbour), here)) continue;
       entry.cost = cost;
       entry.parent = neighbour;
-    });
-    entry.is_checked = entry.parent >= 0;
-  };
-
-  at(grid.start()) = Node{.cost = 0.0F, .parent = grid.start(), .is_checked = true};
-  push(grid.start());
-  while (!open.empty()) {
-    Interrupt::poll();
-    const std::int32_t node = open.top().second;
-    open.pop();
-    Node& entry = at(node);
-    if (entry.is_closed || entry.parent < 0) continue;
-    const Vec3 here = grid.position(node);
-    if (!entry.is_checked) {
-      if (space.is_clear(grid.position(entry.parent), here)) {
-        entry.is_checked = true;
-      } else {
-        take_parent_among_neighbours(node, here);
-        if (entry.is_checked) push(node);  // at its true cost
-        continue;
-      }
+      entry.is_checked = true;
+      push(node);
+      break;
     }
-    if (node == grid.goal()) return trace_back(nodes, grid, node);
-    entry.is_closed = true;
-
-    const Vec3 parent_position = grid.position(entry.parent);
-    grid.for_each_neighbour(node, [&](std::int32_t neighbour) {
-      Node& next = at(neighbour);
-      if (next.is_closed || !fits(neighbour)) return;
-      const float cost = at(entry.parent).cost + (grid.position(neighbour) - parent_position).norm();
-      if (cost >= next.cost) return;
-      next.cost = cost;
-      next.parent = entry.parent;
-      next.is_checked = false;
-      push(neighbour);
-    });
+    return false;
   }
-  return std::nullopt;
-}
+
+  Path trace_back() {
+    Path path;
+    std::int32_t node = Lattice::kGoal;
+    for (; node != lattice_.start(); node = lattice_.at(node).parent) path.push_back(lattice_.position(node));
+    path.push_back(lattice_.position(node));
+    std::reverse(path.begin(), path.end());
+    return path;
+  }
+
+  const FreeSpace& space_;
+  Lattice& lattice_;
+  float bound_;
+  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open_;
+};
 
 // Leaves out every corner that the drone can cut.
-Path without_detours(const Space& space, const Path& path) {
+Path without_detours(Lattice& lattice, const Path& path) {
   Path shorter{path.front()};
   for (std::size_t i = 0; i + 1 < path.size();) {
     std::size_t next = path.size() - 1;
-    while (next > i + 1 && !space.is_clear(path[i], path[next])) --next;
+    while (next > i + 1 && !lattice.is_clear(path[i], path[next])) --next;
     shorter.push_back(path[next]);
     i = next;
   }
@@ -208,7 +147,7 @@ Path without_detours(const Space& space, const Path& path) {
 
 // Pulls the path taut: each corner moves towards its neighbours and towards the line between them as far as it can. All three
 // shorten the path; together they let a corner slide along what it touches.
-void pull_taut(const Space& space, Path& path) {
+void pull_taut(Lattice& lattice, Path& path) {
   constexpr int kRounds = 4;
   constexpr float kLargestStep = 0.5F;  // of the way
   constexpr float kSmallestStep = 0.01F;
@@ -222,7 +161,7 @@ void pull_taut(const Space& space, Path& path) {
       for (float step = kLargestStep; step > kSmallestStep; step *= 0.5F) {
         for (const Vec3& target : {foot, before, after}) {
           const Vec3 corner = path[i] + step * (target - path[i]);
-          if (space.is_clear(before, corner) && space.is_clear(corner, after)) path[i] = corner;
+          if (lattice.is_clear(before, corner) && lattice.is_clear(corner, after)) path[i] = corner;
         }
       }
     }
@@ -247,17 +186,16 @@ bool is_full_height(const World& world) {
   });
 }
 
-Path shortened(const Space& space, const Path& path) {
-  Path taut = without_detours(space, path);
-  pull_taut(space, taut);
+Path shortened(Lattice& lattice, const Path& path) {
+  Path taut = without_detours(lattice, path);
+  pull_taut(lattice, taut);
   return taut;
 }
 
 // Climbs or sinks evenly along a path in the plane; nullopt if something is touched on the way.
-std::optional<Path> lifted(const Space& space, Path path, float goal_z) {
+std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
   const float start_z = path.front().z();
-  float length = 0.0F;
-  for (std::size_t i = 1; i < path.size(); ++i) length += (path[i] - path[i - 1]).norm();
+  const auto length = static_cast<float>(length_of(path));
   float flown = 0.0F;
   Vec3 last = path.front();
   for (std::size_t i = 1; i < path.size(); ++i) {
@@ -269,19 +207,63 @@ std::optional<Path> lifted(const Space& space, Path path, float goal_z) {
   return path;
 }
 
-std::optional<Path> plan_leg(const Space& space, const Aabb& region, bool full_height, const Vec3& start, const Vec3& goal,
+// Cuts a leg that is clear piece by piece until each part is clear in one sweep, too.
+void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) {
+  const Vec3 from = path.back();
+  if (cuts > 0 && !space.is_free_leg(from, to)) {
+    add_leg(space, path, 0.5F * (from + to), cuts - 1);
+    add_leg(space, path, to, cuts - 1);
+  } else {
+    path.push_back(to);
+  }
+}
+
+// Cells of a lattice over all places on paths of at most this length: the part of the region within an ellipsoid.
+double cells_within(const Aabb& region, const Vec3& start, const Vec3& goal, double length, double cell, bool is_flat) {
+  const double straight = static_cast<double>((goal - start).norm());
+  const double half_width = 0.5 * std::sqrt(std::max(length * length - straight * straight, 0.0));
+  const Eigen::Vector3d size = (region.max - region.min).cast<double>();
+  const double area = std::min(std::numbers::pi * 0.5 * length * half_width, size.x() * size.y());
+  if (is_flat) return area / (cell * cell);
+  return std::min(4.0 / 3.0 * std::numbers::pi * 0.5 * length * half_width * half_width, area * size.z()) / (cell * cell * cell);
+}
+
+// On grids from coarse to fine.
+std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float finest,
+                           bool is_flat) {
+  float cell = finest;
+  while (Lattice::count(region, start, 2.0F * cell, is_flat) >= kCoarsest) cell *= 2.0F;
+  std::optional<Path> best;
+  float bound = kInfinity;
+  for (; cell >= 0.75F * finest; cell *= 0.5F) {
+    if (best && cells_within(region, start, goal, bound, cell, is_flat) > kMaxBetter) break;
+    if (!Lattice::fits(region, start, cell, is_flat)) {
+      refuse("cell_m", "a spacing with cells that can be numbered, since no path is found with larger ones",
+             std::to_string(finest) + " m");
+    }
+    Lattice lattice(space, region, start, goal, cell, is_flat);
+    const std::optional<Path> found = Search(space, lattice, bound).run();
+    if (!found) continue;
+    Path taut = shortened(lattice, *found);
+    const auto length = static_cast<float>(length_of(taut));
+    if (length < bound) best = std::move(taut);
+    bound = std::min(bound, kWorthIt * length);
+    if (length < kStraightEnough * (goal - start).norm()) break;
+  }
+  return best;
+}
+
+std::optional<Path> plan_leg(const FreeSpace& space, const Aabb& region, bool full_height, const Vec3& start, const Vec3& goal,
                              float cell) {
   if (!space.is_free(start) || !space.is_free(goal)) return std::nullopt;
   if (space.is_clear(start, goal)) return Path{start, goal};
   if (full_height) {
     const Vec3 goal_below(goal.x(), goal.y(), start.z());
-    const std::optional<Path> flat = search(space, Grid(region, start, goal_below, cell, true));
+    const std::optional<Path> flat = search(space, region, start, goal_below, cell, true);
     if (!flat) return std::nullopt;
-    if (std::optional<Path> path = lifted(space, shortened(space, *flat), goal.z())) return path;
-    if (std::optional<Path> path = lifted(space, *flat, goal.z())) return path;  // where shortening left it grazing something
+    if (std::optional<Path> path = lifted(space, *flat, goal.z())) return path;
   }
-  const std::optional<Path> path = search(space, Grid(region, start, goal, cell, false));
-  return path ? std::optional<Path>(shortened(space, *path)) : std::nullopt;
+  return search(space, region, start, goal, cell, false);
 }
 
 void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
@@ -298,7 +280,7 @@ void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
 std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
                                       float cell_m) {
   check(start, goals, cell_m);
-  const Space space{compiled(world).obstacles(), collision::Hull(drone)};
+  const FreeSpace space(world, drone);
   const bool full_height = is_full_height(world);
   // Without a room around it, wide enough to fly around everything.
   const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
@@ -311,7 +293,7 @@ std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& dron
   for (const Vec3& goal : goals) {
     const std::optional<Path> leg = plan_leg(space, Aabb{region.min(), region.max()}, full_height, path.back(), goal, cell_m);
     if (!leg) return std::nullopt;
-    path.insert(path.end(), leg->begin() + 1, leg->end());
+    for (std::size_t i = 1; i < leg->size(); ++i) add_leg(space, path, (*leg)[i]);
   }
   return path;
 }
