@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import World
-from flockstep.few_corners import few_corners
+from flockstep.few_corners import few_corners, thickness
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -166,15 +166,13 @@ class DroneMesh:
         spatial = _library("scipy.spatial", "scipy", "DroneMesh.hull")
         outermost = self._outermost.astype(float)
         try:
-            hull = spatial.ConvexHull(outermost)
+            thick_m = thickness(outermost, _LEAST_M)
         except spatial.QhullError:
-            thickness = 0.0
-        else:
-            thickness = -float((outermost @ hull.equations[:, :3].T + hull.equations[:, 3]).min(axis=0).max())
-        if thickness < _LEAST_M:
+            thick_m = 0.0
+        if thick_m < _LEAST_M:
             raise ValueError(
                 f"{self!r}: expected a mesh at least {_LEAST_M:g} m thick in every direction, to have a hull, "
-                f"got one of {thickness:.2g} m"
+                f"got one of {thick_m:.2g} m"
             )
         return few_corners(outermost, points)
 

@@ -3,6 +3,7 @@
 import copy
 import itertools
 import pickle
+import subprocess
 import sys
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 import flockstep
-from flockstep.few_corners import few_corners
+from flockstep.few_corners import few_corners, thickness
 
 MODELS = Path("/usr/share/assimp/models")  # of Debian's package assimp-testmodels
 HALF = np.array([0.26, 0.26, 0.07])  # of the bumpy body
@@ -143,6 +144,60 @@ def test_few_corners_hold_all_points_and_little_else(shape, most):
     assert beyond(corners, points) <= 0
     growth = ConvexHull(corners.astype(float)).volume / ConvexHull(points.astype(float)).volume
     assert growth < {32: 1.15, 12: 1.5, 8: 2.2, 4: 8.0}[most]
+
+
+HULL_OF_A_BALL = """
+import re, sys, time, numpy as np, flockstep
+def memory(what): return 1024 * int(re.search(what + r":\\s+(\\d+)", open("/proc/self/status").read())[1])
+n = int(sys.argv[1])
+i = np.arange(n) + 0.5
+z, around = 1 - 2 * i / n, np.pi * (1 + 5**0.5) * i
+ball = np.stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z], axis=1)
+mesh = flockstep.DroneMesh(0.3 * ball, np.stack([np.arange(n - 2), np.arange(n - 2) + 1, np.arange(n - 2) + 2], axis=1))
+flockstep.DroneMesh(ball[::100], [[0, 1, 2]]).hull(4)  # imports SciPy
+before = memory("VmRSS")
+corners = mesh.hull()
+print(memory("VmHWM") - before)
+np.save(sys.argv[2], corners)
+"""
+
+
+def test_the_hull_of_many_vertices_needs_little_memory(tmp_path):
+    """Every vertex is a corner of the convex hull: a table of corners and faces would have 54 GiB."""
+    program = [sys.executable, "-c", HULL_OF_A_BALL, "60000", str(tmp_path / "hull.npy")]
+    assert int(subprocess.run(program, check=True, stdout=subprocess.PIPE, text=True).stdout) < 200e6
+    corners = np.load(tmp_path / "hull.npy")
+    assert len(corners) <= 32
+    assert ConvexHull(corners).volume < 1.13 * 4 / 3 * np.pi * 0.3**3
+
+
+@pytest.mark.parametrize("shape", ["ball", "disc", "far", "box", "cloud"])
+def test_few_corners_of_very_many_points(shape, monkeypatch):
+    monkeypatch.setattr("flockstep.few_corners._MANY", 2000)
+    rng = np.random.default_rng(2)
+    ball = rng.normal(size=(6000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    faces = rng.uniform(-1, 1, (6000, 3))
+    faces[np.arange(6000), rng.integers(0, 3, 6000)] = 1
+    faces[:8] = list(itertools.product((-1, 1), repeat=3))
+    points = {
+        "ball": ball,
+        "disc": ball * [1, 1, 1e-3],
+        "far": 0.1 * ball + [90, -90, 90],
+        "box": faces,
+        "cloud": rng.normal(size=(6000, 3)),
+    }[shape].astype(np.float32)
+    corners = few_corners(points, 32)
+    assert beyond(corners, points) <= 0
+    growth = ConvexHull(corners.astype(float)).volume / ConvexHull(points.astype(float)).volume
+    assert growth < (1.0001 if shape == "box" else 1.15)
+    if shape == "box":
+        assert {tuple(corner) for corner in corners.tolist()} == {tuple(corner) for corner in faces[:8].tolist()}
+    assert thickness(points, 1e-4) >= 1e-4
+    assert (
+        thickness(points, 9.0) == pytest.approx({"disc": 2e-3, "far": 0.2}.get(shape, 2.0), rel=0.05)
+        or shape == "cloud"
+    )
 
 
 BOX = np.array(list(itertools.product((-0.3, 0.1), (-0.2, 0.2), (0, 0.1))), np.float32)
