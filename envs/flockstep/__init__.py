@@ -47,12 +47,12 @@ from flockstep._core import (
     color_blob,
     color_components,
     green_blob,
-    plan,
 )
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.headers import include_dir
 from flockstep.looks import looks
+from flockstep.planning import plan
 from flockstep.recording import record
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv

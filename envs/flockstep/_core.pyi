@@ -2241,17 +2241,6 @@ def plan(
     goals: npt.ArrayLike,
     drone: _DroneLike | None = None,
     cell_m: float = 0.1,
+    progress: Callable[[float], object] | None = None,
 ) -> _F32 | None:
-    """Return a shortest path (P, 3) m from ``start`` (3,) over ``goals`` (K, 3) in their order, on a grid; None if there is none.
-
-    The drone faces +x all the way, and no part of it comes nearer than the grid's precision to an obstacle.
-
-    Parameters
-    ----------
-    world
-        A `World`, or the name or path of one.
-    drone
-        A `DroneModel`, or the name or path of one. None: the 650-class quadrotor.
-    cell_m
-        Cell size of the grid.
-    """
+    """Do what `flockstep.plan` does; ``progress`` is called ten times a second with the share that is done, in [0, 1]."""

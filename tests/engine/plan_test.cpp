@@ -264,8 +264,13 @@ TEST(Plan, BadArgumentsAreRefused) {
             "goals[1]: expected finite coordinates, got one that is not");
   EXPECT_EQ(message(start, goals, 0.0F, world), "cell_m: expected a number > 0, got 0.000000");
   EXPECT_EQ(message(start, goals, nan, world), "cell_m: expected a number > 0, got nan");
-  const World blocked(scene({room({10, 6, 3}), box({5, 3, 1.5F}, {1, 1, 3})}));
-  EXPECT_EQ(message(start, goals, 1e-6F, blocked).rfind("cell_m: expected a grid of at most 33554432 cells", 0), 0U);
+  // Shut in with so little room that even the finest grid that can be numbered is searched soon.
+  const World shut(scene({room({10, 6, 3}), box({1.3F, 3, 1.5F}, {0.55F, 2, 3}), box({2.7F, 3, 1.5F}, {0.55F, 2, 3}),
+                          box({2, 2.375F, 1.5F}, {2, 0.6F, 3}), box({2, 3.625F, 1.5F}, {2, 0.6F, 3})}));
+  EXPECT_EQ(message(start, goals, 0.01F, shut), "accepted");  // there is none
+  EXPECT_EQ(message(start, goals, 1e-6F, shut).rfind("cell_m: expected a spacing at which a search of 33554432 cells finds", 0),
+            0U);
+  EXPECT_EQ(message(start, goals, 1e-6F, World(scene({room({10, 6, 3}), box({5, 3, 1.5F}, {1, 1, 3})}))), "accepted");
 }
 
 }  // namespace

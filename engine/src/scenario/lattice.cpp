@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <string>
 
 #include "base/interrupt.hpp"
@@ -27,6 +28,13 @@ Extent extent_of(const Aabb& region, const Vec3& start, float cell, bool is_flat
   return extent;
 }
 
+[[noreturn]] void refuse_cells(float cell) {
+  refuse(
+      "cell_m",
+      "a spacing at which a search of " + std::to_string(Lattice::kMaxCells) + " cells finds a path or shows that there is none",
+      std::to_string(cell) + " m, which needs more of them");
+}
+
 }  // namespace
 
 // Obstacles that may touch the drone in a block, and lists of them: each list follows that of the larger box it was taken from.
@@ -40,15 +48,10 @@ double Lattice::count(const Aabb& region, const Vec3& start, float cell, bool is
   return (extent.below + extent.above + 1.0).prod();
 }
 
-bool Lattice::fits(const Aabb& region, const Vec3& start, float cell, bool is_flat) {
-  const Extent extent = extent_of(region, start, cell, is_flat);
-  const Eigen::Array3d blocks = ((extent.below + extent.above + 1.0) / static_cast<double>(kAside)).ceil();
-  return (blocks <= kMaxBlocks).all() && blocks.prod() <= kMaxBlocks;
-}
-
 Lattice::Lattice(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float cell, bool is_flat)
     : space_(space), origin_(start), goal_(goal), cell_(cell) {
   const Extent extent = extent_of(region, start, cell, is_flat);
+  if (!(((extent.below + extent.above + 1.0) / kAside).ceil().prod() <= kMaxBlocks)) refuse_cells(cell);
   start_ = extent.below.cast<int>();
   size_ = (extent.below + extent.above).cast<int>() + 1;
   goal_cell_ = (start_ + ((goal - start) / cell).array().round().cast<int>()).max(0).min(size_ - 1);
@@ -71,10 +74,7 @@ std::int32_t Lattice::node_of(const Cell& cell) {
   const std::size_t x = static_cast<std::size_t>(place.x()), y = static_cast<std::size_t>(place.y());
   std::int32_t& number = numbers_[(static_cast<std::size_t>(place.z()) * aside.y() + y) * aside.x() + x];
   if (number < 0) {
-    if (static_cast<double>(blocks_.size() * kCells) >= kMaxCells) {
-      refuse("cell_m", "a spacing at which a path is found in a search of at most " + std::to_string(static_cast<int>(kMaxCells)) + " cells",
-             std::to_string(cell_) + " m, which needs more of them");
-    }
+    if (blocks_.size() * kCells >= kMaxCells) refuse_cells(cell_);
     Interrupt::poll();
     auto block = std::make_unique<Block>();
     block->first = place * kAside;

@@ -25,15 +25,14 @@ class Lattice {
   };
 
   static constexpr std::int32_t kGoal = 0;  // the one node that need not be on the lattice
-  static constexpr double kMaxCells = 1 << 25;
+  static constexpr std::size_t kMaxCells = 1 << 25;
 
-  // is_flat: one layer, at the height of the start. Requires fits(region, start, cell, is_flat).
+  // is_flat: one layer, at the height of the start. Throws std::invalid_argument, and so does a search that reaches more than
+  // kMaxCells, if the cells are too small for the region.
   Lattice(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float cell, bool is_flat);
 
   // How many cells a lattice would have.
   static double count(const Aabb& region, const Vec3& start, float cell, bool is_flat);
-  // Whether their blocks can be listed.
-  static bool fits(const Aabb& region, const Vec3& start, float cell, bool is_flat);
 
   std::int32_t start() { return node_of(start_); }
   Node& at(std::int32_t node) {

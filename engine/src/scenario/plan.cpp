@@ -39,22 +39,49 @@ double length_of(const Path& path) {
   return length;
 }
 
+// How near to the goals the searches have come.
+class Reporter {
+ public:
+  Reporter(const Progress& progress, std::size_t legs) : progress_(progress), legs_(static_cast<double>(legs)) {}
+
+  // A search comes to a node whose straight distance from the goal is this share of the start's.
+  void visit(float share_left) {
+    Interrupt::poll();
+    within_leg_ = std::max(within_leg_, 1.0 - static_cast<double>(share_left));
+    if (progress_ && ++visited_ % kPause == 0) progress_((leg_ + within_leg_) / legs_);
+  }
+  void end_leg() {
+    leg_ += 1.0;
+    within_leg_ = 0.0;
+  }
+
+ private:
+  static constexpr std::size_t kPause = 256;  // visits
+  const Progress& progress_;
+  double legs_;
+  double leg_ = 0.0;
+  double within_leg_ = 0.0;
+  std::size_t visited_ = 0;
+};
+
 // A search on one lattice. It ends with a path, or without one that is shorter than `bound` (m).
 class Search {
  public:
-  Search(const FreeSpace& space, Lattice& lattice, float bound) : space_(space), lattice_(lattice), bound_(bound) {}
+  Search(Lattice& lattice, float bound, Reporter& reporter) : lattice_(lattice), bound_(bound), reporter_(reporter) {}
 
   std::optional<Path> run() {
     const std::int32_t start = lattice_.start();
     lattice_.at(start) = {.cost = 0.0F, .parent = start, .is_checked = true};
     push(start);
+    const Vec3 goal = lattice_.position(Lattice::kGoal);
+    const float straight = std::max((lattice_.position(start) - goal).norm(), std::numeric_limits<float>::min());
     while (!open_.empty()) {
-      Interrupt::poll();
       const std::int32_t node = open_.top().second;
       open_.pop();
       Lattice::Node& entry = lattice_.at(node);
       if (entry.is_closed || entry.parent < 0) continue;
       const Vec3 here = lattice_.position(node);
+      reporter_.visit((here - goal).norm() / straight);
       if (!entry.is_checked && !check(node, here)) continue;
       if (node == Lattice::kGoal) return trace_back();
       entry.is_closed = true;
@@ -127,9 +154,9 @@ class Search {
     return path;
   }
 
-  const FreeSpace& space_;
   Lattice& lattice_;
-  float bound_;
+  float bound_;  // m
+  Reporter& reporter_;
   std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open_;
 };
 
@@ -230,19 +257,15 @@ double cells_within(const Aabb& region, const Vec3& start, const Vec3& goal, dou
 
 // On grids from coarse to fine.
 std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float finest,
-                           bool is_flat) {
+                           bool is_flat, Reporter& reporter) {
   float cell = finest;
   while (Lattice::count(region, start, 2.0F * cell, is_flat) >= kCoarsest) cell *= 2.0F;
   std::optional<Path> best;
   float bound = kInfinity;
   for (; cell >= 0.75F * finest; cell *= 0.5F) {
     if (best && cells_within(region, start, goal, bound, cell, is_flat) > kMaxBetter) break;
-    if (!Lattice::fits(region, start, cell, is_flat)) {
-      refuse("cell_m", "a spacing with cells that can be numbered, since no path is found with larger ones",
-             std::to_string(finest) + " m");
-    }
     Lattice lattice(space, region, start, goal, cell, is_flat);
-    const std::optional<Path> found = Search(space, lattice, bound).run();
+    const std::optional<Path> found = Search(lattice, bound, reporter).run();
     if (!found) continue;
     Path taut = shortened(lattice, *found);
     const auto length = static_cast<float>(length_of(taut));
@@ -254,16 +277,16 @@ std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec
 }
 
 std::optional<Path> plan_leg(const FreeSpace& space, const Aabb& region, bool full_height, const Vec3& start, const Vec3& goal,
-                             float cell) {
+                             float cell, Reporter& reporter) {
   if (!space.is_free(start) || !space.is_free(goal)) return std::nullopt;
   if (space.is_clear(start, goal)) return Path{start, goal};
   if (full_height) {
     const Vec3 goal_below(goal.x(), goal.y(), start.z());
-    const std::optional<Path> flat = search(space, region, start, goal_below, cell, true);
+    const std::optional<Path> flat = search(space, region, start, goal_below, cell, true, reporter);
     if (!flat) return std::nullopt;
     if (std::optional<Path> path = lifted(space, *flat, goal.z())) return path;
   }
-  return search(space, region, start, goal, cell, false);
+  return search(space, region, start, goal, cell, false, reporter);
 }
 
 void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
@@ -278,7 +301,7 @@ void check(const Vec3& start, std::span<const Vec3> goals, float cell_m) {
 }  // namespace
 
 std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
-                                      float cell_m) {
+                                      float cell_m, const Progress& progress) {
   check(start, goals, cell_m);
   const FreeSpace space(world, drone);
   const bool full_height = is_full_height(world);
@@ -289,10 +312,13 @@ std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& dron
   region.extend(start);
   for (const Vec3& goal : goals) region.extend(goal);
 
+  Reporter reporter(progress, goals.size());
   Path path{start};
   for (const Vec3& goal : goals) {
-    const std::optional<Path> leg = plan_leg(space, Aabb{region.min(), region.max()}, full_height, path.back(), goal, cell_m);
+    const std::optional<Path> leg =
+        plan_leg(space, Aabb{region.min(), region.max()}, full_height, path.back(), goal, cell_m, reporter);
     if (!leg) return std::nullopt;
+    reporter.end_leg();
     for (std::size_t i = 1; i < leg->size(); ++i) add_leg(space, path, (*leg)[i]);
   }
   return path;
