@@ -12,6 +12,7 @@ flight_train  Hover and Track by five seeds each, beside the controller alone; t
 tiles   rays at triangles by tiles and by Embree's packets, tracing alone
 worlds  LiDARs and cameras in every shipped world, and how much of it goes through Embree
 busy    the trainings of the README beside a busy loop for each processor; only where it is named
+plan    paths from start to goal in every shipped world and twenty of each generator: processor's time and length
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
 dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
@@ -46,6 +47,7 @@ import dynamics_peers
 import flockstep
 import mesh_peers
 import peers
+import plan
 import shipped
 from flockstep import _core
 
@@ -340,6 +342,10 @@ def bench_worlds() -> list[Figure]:
     return [figure(*each) for each in measured]
 
 
+def bench_plan() -> list[Figure]:
+    return [figure(*measured) for measured in plan.measure()]
+
+
 def bench_snippet() -> list[Figure]:
     """Run the README's first training as it is, and three times as long, by five seeds that its choice has not seen."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
@@ -436,6 +442,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "busy": bench_busy,
     "load": bench_load,
     "worlds": bench_worlds,
+    "plan": bench_plan,
     "tiles": bench_tiles,
     "dynamics": bench_dynamics,
     "dynamics_accuracy": bench_dynamics_accuracy,

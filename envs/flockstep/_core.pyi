@@ -6,7 +6,7 @@ SI units; the world frame is right-handed with z up, the body frame x forward, y
 Bad input raises `ValueError` naming the field, what was expected and what came, before anything changes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from os import PathLike
 from pathlib import Path

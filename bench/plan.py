@@ -1,0 +1,50 @@
+"""What planning takes by default: from start to goal in every shipped world and twenty of each generator."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import flockstep
+
+GENERATORS = ("office", "warehouse", "forest", "city", "playground")
+SEEDS = 20
+
+Measured = tuple[str, float, str, int]  # name, value, unit, runs
+
+
+def worlds() -> Iterator[tuple[str, Callable[[], flockstep.World]]]:
+    for name in flockstep.scenes.names():
+        yield name, lambda name=name: flockstep.World.load(name)  # type: ignore[misc]
+    for generator in GENERATORS:
+        make = getattr(flockstep.World, generator)
+        for seed in range(SEEDS):
+            yield f"{generator}/{seed}", lambda make=make, seed=seed: make(seed)  # type: ignore[misc]
+
+
+def measure() -> list[Measured]:
+    """Take the processor's time of the first plan in each world, what is prepared for it included, and its length."""
+    found: list[Measured] = []
+    seconds: dict[str, list[float]] = {}
+    for name, make in worlds():
+        world = make()
+        goals = np.array([*world.waypoints, world.goal])
+        before = time.process_time()
+        path = flockstep.plan(world, world.start, goals, progress=False)
+        took = time.process_time() - before
+        assert path is not None, f"{name}: expected a path, got none"
+        legs = np.diff(path.astype(float), axis=0)
+        found += [
+            (f"plan/{name}/cpu_seconds", took, "s", 1),
+            (f"plan/{name}/length_m", float(np.linalg.norm(legs, axis=1).sum()), "m", 1),
+        ]
+        seconds.setdefault(name.split("/")[0] if name.split("/")[1].isdigit() else "shipped", []).append(took)
+    for kind, times in seconds.items():
+        found += [
+            (f"plan/{kind}/median_cpu_seconds", statistics.median(times), "s", len(times)),
+            (f"plan/{kind}/most_cpu_seconds", max(times), "s", len(times)),
+        ]
+    return found
