@@ -1905,6 +1905,9 @@ class Batch:
         fast to integrate is put to rest where it was last, with a `RuntimeWarning`; in a task its episode ends as a bad
         state.
 
+        Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others, and
+        `tick` counts none of this flight.
+
         Raises
         ------
         ValueError

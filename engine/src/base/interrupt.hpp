@@ -15,8 +15,8 @@ class Interrupt {
   Interrupt(const Interrupt&) = delete;
   Interrupt& operator=(const Interrupt&) = delete;
 
-  // For loops that may take long, once every some microseconds: it reads the clock. On other threads than the caller's, such as
-  // those of a batch, it does nothing.
+  // For loops that may take long, once every some microseconds: it reads the clock. On other threads than the caller's it does
+  // nothing, but on those of Workers it ends the call once the caller's has ended.
   static void poll() {
     Polled& polled = current();
     if (polled.check == nullptr) return;

@@ -4,10 +4,12 @@
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/parallel_for.h>
 #include <oneapi/tbb/task_arena.h>
+#include <oneapi/tbb/task_group.h>
 
 #include <algorithm>
 #include <mutex>
 #include <optional>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -85,6 +87,12 @@ class Arenas {
   std::optional<tbb::global_control> control_;
 };
 
+// Ends a call on another thread than the caller's. oneTBB passes on the exception that cancelled the calls, and drops this one.
+struct Cancelled {};
+void throw_if_cancelled() {
+  if (tbb::is_current_task_group_canceling()) throw Cancelled();
+}
+
 }  // namespace
 
 struct Workers::Arena {
@@ -109,6 +117,7 @@ void Workers::run(std::size_t count, Call f, const void* call) {
     }
     return;
   }
+  const std::thread::id caller = std::this_thread::get_id();
   static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
   const char joined = 0;
   thread_sanitizer::release(&forked);
@@ -119,6 +128,8 @@ void Workers::run(std::size_t count, Call f, const void* call) {
           thread_sanitizer::acquire(&forked);
           {
             const FlushDenormals flush;
+            std::optional<Interrupt> interrupt;  // the caller has its own, if any
+            if (std::this_thread::get_id() != caller) interrupt.emplace(throw_if_cancelled);
             const auto thread = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
             for (std::size_t i = range.begin(); i != range.end(); ++i) f(call, i, thread);
           }

@@ -17,8 +17,8 @@ class Workers {
   int num_threads() const { return num_threads_; }
 
   // Calls f(index, thread) for every index in [0, count), in no particular order; thread is in [0, num_threads), the index
-  // for per-thread data. Denormals are zero. Where f throws, or the caller is interrupted (see Interrupt), some calls are left
-  // out and the exception is passed on.
+  // for per-thread data. Denormals are zero. If f throws, or the caller is interrupted (see Interrupt), some calls are left out
+  // and the exception is passed on; calls on other threads end at their next poll.
   template <class F>
   void run(std::size_t count, const F& f) {
     run(

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 
+#include "base/interrupt.hpp"
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "batch/bad_states.hpp"
@@ -158,6 +159,7 @@ class Group {
     load(scratch);
     load_setpoints(told);
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
+      Interrupt::poll();  // between two ticks: the state is that of drones in flight
       dynamics::fly(*sim_.physics, flock_, tick, 1);
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         if (is_done_[lane]) continue;
@@ -339,43 +341,48 @@ class Group {
   }
 
   // The tick's motion, as far as nothing is in the way. What hits is thrown back, and flies the rest of the tick from there,
-  // until it hits again.
+  // until it hits again. A drone that begins inside something is not in the way of itself: it flies out, with a contact.
   void sweep(std::size_t lane) {
     constexpr int kMostContacts = 3;  // of a tick: a wall, another, and where they meet
     const std::uint32_t drone = drones_[lane];
-    const Velocity began{of_row(sim_.state.flight.velocity, drone), of_row(sim_.state.flight.angular_velocity, drone)};
-    Velocity end{vec3(flock_.velocity, lane), vec3(flock_.turn, lane)};
+    const bool terminates = sim_.config.dynamics.on_contact == OnContact::terminate;
     Pose from = pose_of(sim_.state, drone);
     Pose to = pose(lane);
+    // At the beginning of the motion that is swept, and at its end.
+    Velocity begin{of_row(sim_.state.flight.velocity, drone), of_row(sim_.state.flight.angular_velocity, drone)};
+    Velocity end{vec3(flock_.velocity, lane), vec3(flock_.turn, lane)};
     keep(lane);
-    Velocity hit = began;  // at the beginning of the motion that is swept, then where it hits
     double left = sim_.config.clock.dt_s();
     bool is_held = true;
+    bool is_inside = false;
     for (int contacts = 0; contacts < kMostContacts; ++contacts) {
       const collision::Contact contact = collision::sweep(obstacles(lane), sim_.hull, from, to);
-      if (!contact.hit) {
+      if (contact.hit) write_contact(sim_.state, drone, contact);
+      is_inside = contact.inside;
+      if (!contact.hit || (contact.inside && contact.fraction == 1.0F && !terminates)) {
         if (contacts == 0) return;
         from = to;
         is_held = false;
         break;
       }
       from = collision::interpolate(from, to, contact.fraction);
-      write_contact(sim_.state, drone, contact);
-      if (sim_.config.dynamics.on_contact == OnContact::terminate) {
+      if (terminates) {
         is_done_[lane] = true;
         break;
       }
       const float share = contact.fraction;
-      hit = {hit.linear + share * (end.linear - hit.linear), hit.angular + share * (end.angular - hit.angular)};
+      const Velocity hit{begin.linear + share * (end.linear - begin.linear), begin.angular + share * (end.angular - begin.angular)};
+      left *= 1.0 - static_cast<double>(share);
       Touching touching;
       find_touching(lane, from, contact, touching);
-      end = dynamics::thrown_back(hit, end, from, touching.points(), contact.normal, *sim_.drone_model.airframe(), surface());
-      hit = end;
-      left *= 1.0 - static_cast<double>(share);
-      const auto time = static_cast<float>(left);
-      const Vec3 turn = time * end.angular;
+      const dynamics::Rebound rebound = dynamics::thrown_back(hit, end, left, from, touching.points(), contact.normal,
+                                                              *sim_.drone_model.airframe(), surface());
+      begin = rebound.after;
+      end = rebound.at_end;
+      const auto time = static_cast<float>(0.5 * left);
+      const Vec3 turn = time * (begin.angular + end.angular);
       const float angle = turn.norm();
-      to = {from.position + time * end.linear,
+      to = {from.position + time * (begin.linear + end.linear),
             angle > 0.0F ? (from.rotation * Quat(Eigen::AngleAxisf(angle, turn / angle))).normalized() : from.rotation};
     }
     set_pose_of(sim_.state, drone, from);
@@ -384,10 +391,7 @@ class Group {
       flight.acceleration[k] = flight.angular_acceleration[k] = flight.remainder[k] = 0.0F;
     }
     if (is_done_[lane]) return;
-    // What is held where it is falls no farther: it has no more energy than before.
-    if (const float share = is_held ? energy(began) / std::max(energy(end), 1e-12F) : 1.0F; share < 1.0F) {
-      end = {std::sqrt(share) * end.linear, std::sqrt(share) * end.angular};
-    }
+    if (is_held) end = is_inside ? Velocity{Vec3::Zero(), Vec3::Zero()} : begin;  // no force gives it speed where it is
     set(end.linear, flock_.velocity, lane);
     set(end.angular, flock_.turn, lane);
     store(flock_.velocity, lane, flight.velocity, drone);
@@ -406,19 +410,31 @@ class Group {
     std::span<const Vec3> points() const { return std::span(at).first(count); }
   };
 
+  // Each on the surface that was hit, and none of them twice: points out of its plane, or a millimetre apart, would keep the body
+  // from turning by the tiniest of levers. Inside something, the deepest vertices are those that must not go on.
   void find_touching(std::size_t lane, const Pose& pose, const collision::Contact& contact, Touching& touching) const {
-    touching.add(contact.point);
+    const auto above_surface = [&](const Vec3& vertex) {
+      return contact.normal.dot(pose.position + pose.rotation * vertex - contact.point);
+    };
+    float level = 0.0F;
+    if (contact.inside) {
+      for (const Vec3& vertex : sim_.drone_model.hull()) level = std::min(level, above_surface(vertex));
+    } else {
+      touching.add(contact.point);
+    }
     const float near = margin(pose.position);
     for (const Vec3& vertex : sim_.drone_model.hull()) {
+      const float above = above_surface(vertex) - level;
+      if (above >= near) continue;
       const Vec3 point = pose.position + pose.rotation * vertex;
-      if (contact.normal.dot(point - contact.point) < near && obstacles(lane).touches(point, near)) touching.add(point);
+      if (!contact.inside && !obstacles(lane).touches(point, near)) continue;
+      const Vec3 on_surface = point - above * contact.normal;
+      if (touching.count > 0 && (on_surface - touching.at[0]).norm() < near) {
+        touching.at[0] = on_surface;
+      } else {
+        touching.add(on_surface);
+      }
     }
-  }
-
-  float energy(const Velocity& velocity) const {  // J, twice the kinetic energy
-    const auto& inertia = sim_.physics->numbers.inertia;
-    return sim_.physics->numbers.mass * velocity.linear.squaredNorm() +
-           velocity.angular.cwiseAbs2().dot(Vec3(inertia[0], inertia[1], inertia[2]));
   }
 
   dynamics::Surface surface() const {

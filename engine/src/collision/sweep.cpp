@@ -228,10 +228,9 @@ class Search {
     std::optional<Clearance> start = clearance_at_start(obstacle, *approach);
     if (!start) return;
     if (start->overlapping || start->gap <= kTouching) {
-      start = way_out(obstacle, 0.0);
+      if (start->gap <= 0.0) start = way_out(obstacle, 0.0);
       Touch touch = mover().leave(*start, 0.0);
-      // The same measure at the end, so that no sequence of motions leads deeper by what the measure may be wrong.
-      if (touch.time == 1.0 && way_out(obstacle, 1.0).gap < start->gap) touch.time = 0.0;
+      if (touch.time == 1.0 && ends_deeper(obstacle, *start)) touch.time = 0.0;
       take_leaving(touch, *start, element);
       return;
     }
@@ -303,6 +302,14 @@ class Search {
     const Penetration out = penetrate(hull_, path.matrix(time), path.position(time), obstacle);
     const Plane plane = supporting_plane(obstacle, out.normal);
     return {true, plane, mover().gap(plane, time), out.point};
+  }
+
+  // Whether a motion that leads away from the plane ends deeper inside, by the same measure as at the start, so that no sequence
+  // of motions leads deeper by what the measure may be wrong. It measures nothing outside.
+  bool ends_deeper(const Convex& obstacle, const Clearance& start) {
+    if (mover().gap(start.plane, 1.0) > 0.0) return false;
+    if (mover().clearance(obstacle, 1.0, start.plane.normal).gap > 0.0) return false;
+    return way_out(obstacle, 1.0).gap < start.gap;
   }
 
   // A place of the body's origin on its way, and the obstacle's point nearest to it.

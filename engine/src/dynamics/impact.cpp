@@ -37,10 +37,11 @@ struct Touching {
 
 class Impact {
  public:
-  Impact(const Twist& at_hit, const Twist& at_end, const Mat3d& rotation, const Airframe& frame, const Vec3d& normal)
-      : at_hit_(at_hit), at_end_(at_end), normal_(normal), inverse_mass_(1.0 / frame.mass_kg) {
-    const Vec3d inverse(1.0 / frame.inertia_kgm2[0], 1.0 / frame.inertia_kgm2[1], 1.0 / frame.inertia_kgm2[2]);
-    inverse_inertia_ = rotation * inverse.asDiagonal() * rotation.transpose();
+  Impact(const Mat3d& rotation, const Airframe& frame, const Vec3d& normal)
+      : normal_(normal), mass_(frame.mass_kg), inverse_mass_(1.0 / frame.mass_kg) {
+    const Vec3d inertia(frame.inertia_kgm2[0], frame.inertia_kgm2[1], frame.inertia_kgm2[2]);
+    inertia_ = rotation * inertia.asDiagonal() * rotation.transpose();
+    inverse_inertia_ = rotation * inertia.cwiseInverse().asDiagonal() * rotation.transpose();
   }
 
   void add(const Vec3d& arm) {
@@ -52,41 +53,69 @@ class Impact {
     points_[count_++] = {arm, 0.0, across, all - across, Vec3d::Zero()};
   }
 
-  // The motion after it. Aslant, restitution of each point's own can give energy, with friction or without, and strong friction
-  // can keep the rounds from an end; a smooth surface that takes all speed from what comes does neither.
-  Twist after(const Surface& surface) {
-    for (const Surface& tried : {surface, Surface{surface.restitution, 0.0}}) {
-      const Twist motion = solve(tried);
-      if (is_settled_ && !gives_energy(motion)) return motion;
-    }
-    return solve({0.0, 0.0});
+  // The motion after the impact. If several points touch, or one of them slides, restitution of each point's own speed can give
+  // energy. The motion is then the one on the way from the impact without restitution, which loses energy, to the one with it
+  // that has the energy from before. Both leave the surface by impulses within the cone of friction, and so does every mixture.
+  Twist bounce(const Twist& before, const Surface& surface) {
+    const bool bounces = surface.restitution > 0.0 && std::ranges::any_of(points(), [&](const Touching& point) {
+                           return before.at(point.arm).dot(normal_) < -kSlow;
+                         });
+    if (!bounces) return press(before, surface.friction);
+    Twist hard = solve(before, surface);
+    if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can keep the rounds from an end
+    if (!is_settled_) return press(before, surface.friction);
+    if (energy(hard) <= energy(before)) return hard;
+    const Twist soft = press(before, surface.friction);
+    const Twist way{hard.linear - soft.linear, hard.angular - soft.angular};
+    const double half = 0.5 * work(soft, way);
+    const double more = std::max(energy(before) - energy(soft), 0.0);
+    const double share = std::clamp((std::sqrt(half * half + energy(way) * more) - half) / energy(way), 0.0, 1.0);
+    return {soft.linear + share * way.linear, soft.angular + share * way.angular};
+  }
+
+  // The motion that nothing but the surface changes: no point goes on into it.
+  Twist press(const Twist& before, double friction) {
+    const Twist rough = solve(before, {0.0, friction});
+    if (is_settled_ && energy(rough) <= energy(before)) return rough;
+    return solve(before, {0.0, 0.0});
+  }
+
+  // The angular velocity after some time of what the impact turned to `after` instead of on from `hit` to `end`. Torques add what
+  // they would have added. What a body's turning changes by itself depends on how it turns, and is no energy.
+  Vec3d turned(const Vec3d& after, const Vec3d& hit, const Vec3d& end, double time) const {
+    const Vec3d torque = end - coasted(hit, time);
+    const Vec3d turned = coasted(after, time) + torque;
+    const double most = energy({Vec3d::Zero(), after}) +
+                        std::max(energy({Vec3d::Zero(), end}) - energy({Vec3d::Zero(), hit}), 0.0);
+    const double is = energy({Vec3d::Zero(), turned});
+    return is > most ? Vec3d(std::sqrt(most / is) * turned) : turned;
   }
 
  private:
-  Twist solve(const Surface& surface) {
+  std::span<Touching> points() { return std::span(points_).first(count_); }
+
+  Twist solve(const Twist& before, const Surface& surface) {
     double fastest = kSlow;
-    for (Touching& point : std::span(points_).first(count_)) {
-      const double came = std::min(at_hit_.at(point.arm).dot(normal_), 0.0);
-      const double since = std::min((at_end_.at(point.arm) - at_hit_.at(point.arm)).dot(normal_), 0.0);
-      point.leaves = std::max((came < -kSlow ? -surface.restitution * came : 0.0) + since, 0.0);
+    for (Touching& point : points()) {
+      const Vec3d velocity = before.at(point.arm);
+      const double came = velocity.dot(normal_);
+      point.leaves = came < -kSlow ? -surface.restitution * came : 0.0;
       point.impulse = Vec3d::Zero();
-      fastest = std::max(fastest, at_end_.at(point.arm).norm());
+      fastest = std::max(fastest, velocity.norm());
     }
-    Twist motion = at_end_;
+    Twist motion = before;
     for (int round = 0; round < kMostRounds; ++round) {
       double changed = 0.0;
-      for (Touching& point : std::span(points_).first(count_)) {
-        changed = std::max(changed, push(point, surface.friction, motion));
-      }
+      for (Touching& point : points()) changed = std::max(changed, push(point, surface.friction, motion));
       if (changed <= kConverged * fastest) break;
     }
-    is_settled_ = std::ranges::all_of(std::span(points_).first(count_), [&](const Touching& point) {
+    is_settled_ = std::ranges::all_of(points(), [&](const Touching& point) {
       return motion.at(point.arm).dot(normal_) >= point.leaves - kSettled * fastest;
     });
     return motion;
   }
 
-  // Mends one point's impulse; returns by how much its speed changes.
+  // Corrects one point's impulse; returns by how much its speed changes.
   double push(Touching& point, double friction, Twist& motion) const {
     const Vec3d velocity = motion.at(point.arm);
     const double speed = velocity.dot(normal_);
@@ -103,22 +132,22 @@ class Impact {
     return change.norm() * (point.across + point.along);
   }
 
-  bool gives_energy(const Twist& after) const {
-    double gained = 0.0;
-    double exchanged = 0.0;
-    for (const Touching& point : std::span(points_).first(count_)) {
-      const double work = 0.5 * point.impulse.dot(at_end_.at(point.arm) + after.at(point.arm));
-      gained += work;
-      exchanged += std::abs(work);
-    }
-    return gained > 1e-6 * exchanged;
+  // Turning without torque, by Euler's equations: of first order, but the energy is kept.
+  Vec3d coasted(const Vec3d& angular, double time) const {
+    const Vec3d later = angular - time * (inverse_inertia_ * angular.cross(inertia_ * angular));
+    const double is = later.dot(inertia_ * later);
+    return is > 0.0 ? Vec3d(std::sqrt(angular.dot(inertia_ * angular) / is) * later) : angular;
   }
 
-  Twist at_hit_;
-  Twist at_end_;
+  // Of two motions: for the same one, twice the kinetic energy, J.
+  double work(const Twist& a, const Twist& b) const {
+    return mass_ * a.linear.dot(b.linear) + a.angular.dot(inertia_ * b.angular);
+  }
+  double energy(const Twist& motion) const { return 0.5 * work(motion, motion); }  // J
+
   Vec3d normal_;
-  double inverse_mass_;
-  Mat3d inverse_inertia_;  // world frame
+  double mass_, inverse_mass_;
+  Mat3d inertia_, inverse_inertia_;  // world frame
   std::array<Touching, kMostPoints> points_;
   std::size_t count_ = 0;
   bool is_settled_ = true;
@@ -126,17 +155,24 @@ class Impact {
 
 }  // namespace
 
-Velocity thrown_back(const Velocity& at_hit, const Velocity& at_end, const Pose& pose, std::span<const Vec3> points,
-                     const Vec3& normal, const Airframe& frame, const Surface& surface) {
+Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
+                    const Vec3& normal, const Airframe& frame, const Surface& surface) {
   assert(points.size() <= kMostPoints);
   const Mat3d rotation = pose.rotation.cast<double>().normalized().toRotationMatrix();
   const auto motion = [&](const Velocity& velocity) {
     return Twist{velocity.linear.cast<double>(), rotation * velocity.angular.cast<double>()};
   };
-  Impact impact(motion(at_hit), motion(at_end), rotation, frame, normal.cast<double>());
+  const auto velocity = [&](const Twist& twist) {
+    return Velocity{twist.linear.cast<float>(), (rotation.transpose() * twist.angular).cast<float>()};
+  };
+  const Twist before = motion(at_hit);
+  Impact impact(rotation, frame, normal.cast<double>());
   for (const Vec3& point : points) impact.add((point - pose.position).cast<double>());
-  const Twist after = impact.after(surface);
-  return {after.linear.cast<float>(), (rotation.transpose() * after.angular).cast<float>()};
+  const Twist after = impact.bounce(before, surface);
+  const Twist free = motion(at_end);
+  const Twist end{after.linear + (free.linear - before.linear),
+                  impact.turned(after.angular, before.angular, free.angular, left_s)};
+  return {velocity(after), velocity(impact.press(end, surface.friction))};
 }
 
 }  // namespace flockstep::dynamics

@@ -14,16 +14,24 @@ struct Surface {
   double friction;     // Coulomb's coefficient; infinite: what touches does not slide, whether it is pressed on or not
 };
 
-// The velocity at the end of a tick in which a contact happened, after impulses at all points of the body that touch the surface,
-// by restitution and Coulomb friction. at_hit: when it touched; at_end: what it would have been without the contact. points: m,
-// world frame, at most kMostPoints; normal: unit, away from the surface. Each point leaves at its share of the speed it came
-// with, less what forces have taken since, and does not go deeper. What moves away already goes on as it does. The body gains no
-// energy.
+// Velocities after a contact.
+struct Rebound {
+  Velocity after;   // right after the impact
+  Velocity at_end;  // at the end of the tick, if nothing else is hit
+};
+
+// What an impact in the middle of a tick, and then the surface, make of a body's motion. at_hit: the velocity before the impact;
+// at_end: what it would have been at the end of the tick, left_s later, without the contact. points: of the body that touch, m,
+// world frame, on the surface, at most kMostPoints; normal: unit, away from the surface.
+//
+// By the impact each point leaves at its share of the speed that it came with, by impulses within Coulomb's cone; what moves away
+// already goes on as it does. The impact gives the body no energy: if the restitution would, it is as much smaller as it has to
+// be. Then the forces of the rest of the tick act, and the surface keeps the points from going into it.
 //
 // The impulses are solved for one point after another until none changes any more (projected Gauss-Seidel: E. Catto, "Iterative
-// Dynamics with Temporal Coherence", 2005).
+// Dynamics with Temporal Coherence", 2005). Points that are not in one plane, or nearly the same, take many rounds.
 inline constexpr std::size_t kMostPoints = 33;  // every vertex of a hull, and one more
-Velocity thrown_back(const Velocity& at_hit, const Velocity& at_end, const Pose& pose, std::span<const Vec3> points,
-                     const Vec3& normal, const Airframe& frame, const Surface& surface);
+Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_s, const Pose& pose, std::span<const Vec3> points,
+                    const Vec3& normal, const Airframe& frame, const Surface& surface);
 
 }  // namespace flockstep::dynamics
