@@ -1,5 +1,7 @@
 """Drones that fly by their rotors and hit walls, floor and pillar."""
 
+import time
+
 import numpy as np
 import pytest
 from rigid_body import GRAVITY, Start, batch_of, frame, plain, to_world
@@ -123,14 +125,15 @@ def test_bounces_at_an_angle_keep_the_speed_along_a_smooth_wall():
 
 
 @pytest.mark.parametrize("speed", [8.0, 100.0])
-def test_a_pillar_throws_back_the_point_that_hits_it(speed):
-    """Wherever along the edge that touches it is."""
+def test_a_pillar_throws_back_a_flat_nose(speed):
+    """It touches along a line. Whichever point of it is found first, the others are thrown back in the same tick."""
     batch = room_of(restitution=0.6, friction=0.0)
     launch(batch, [-3, 0, 3], [speed, 0, 0])
     fly_until_hit(batch)
     assert -RADIUS - NOSE - GAP - speed / 500 <= batch.position[0, 0] <= -RADIUS - NOSE
     np.testing.assert_allclose(batch.contact.normal[0], [-1, 0, 0], atol=1e-3)
-    assert speed_of_touching_point(batch)[0] == pytest.approx(-0.6 * speed, rel=1e-3)
+    assert -0.6 * speed <= batch.velocity[0, 0] <= -0.4 * speed
+    assert not batch.fly([STILL], ticks=1).hit[0]
 
 
 def test_a_rough_wall_takes_speed_along_it():
@@ -213,26 +216,31 @@ def test_never_inside_and_never_through(mode):
     assert hit.mean() > 0.9
 
 
-SURFACES = [(0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5), (1.0, 0.0), (1.0, 0.5)]
+SURFACES = [(restitution, friction) for restitution in (0.0, 0.5, 0.9, 1.0) for friction in (0.0, 0.5)]
 
 
 @pytest.mark.parametrize(("restitution", "friction"), SURFACES)
 def test_a_hit_gives_no_energy(restitution, friction):
-    """But for what gravity gives between the hit and the end of its tick."""
-    count = 64
-    batch = room_of(count, restitution=restitution, friction=friction)
-    start = Start.random(count, BODY, seed=6, speed_mps=8, rates_radps=10)
+    """With long ticks, in which a body that tumbles hits twice; and a smooth surface that takes nothing gives all back."""
+    count, rate = 1024, 250
+    batch = batch_of(
+        BODY, count, 50, rate, worlds=[ROOM], on_contact="bounce", restitution=restitution, friction=friction
+    )
+    start = Start.random(count, BODY, seed=6, speed_mps=14, rates_radps=10)
     start.position = np.tile([3.0, 3.0, 3.0], (count, 1))
     start.speed[:] = 0
     start.place(batch)
-    hit = np.zeros(count, bool)
-    for _ in range(500):
-        before, fall = energy(batch), np.abs(batch.velocity[:, 2])
+    hit, kept = np.zeros(count, bool), []
+    for _ in range(rate):
+        before = energy(batch)
         now = batch.fly(np.zeros((count, 4)), ticks=1, mask=~hit).hit & ~hit
-        allowed = BODY["mass_kg"] * GRAVITY * (fall + GRAVITY / 500) / 500
-        assert (energy(batch) <= before + allowed + 1e-4 * before)[now].all()
+        kept.extend((energy(batch) / before)[now])
         hit |= now
-    assert hit.sum() > 60
+    assert hit.mean() > 0.95
+    assert max(kept) < 1 + 1e-5
+    if (restitution, friction) == (1.0, 0.0):
+        assert np.median(kept) > 1 - 1e-4
+        assert min(kept) > 0.85  # of two velocities that a body has while it spins, the mean has less energy
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
@@ -283,3 +291,71 @@ def test_a_drone_takes_off_again(mode):
     for _ in range(1500):
         batch.fly([[3, 3, 2.0, 0]])
     np.testing.assert_allclose(batch.position[0], [3, 3, 2], atol=0.05)
+
+
+BOX = flockstep.World.from_dict(
+    {
+        "flockstep_scene": 1,
+        "room": {"min": [-9, -9, -9], "max": [9, 9, 9]},
+        "boxes": [{"center": [0, 0, -1], "size": [8, 8, 2]}],
+        "spheres": [{"center": [-7, 0, 0], "radius": 1}],
+    }
+)
+
+
+@pytest.mark.parametrize(("world", "place"), [(ROOM, [3, 3, 0.045]), (BOX, [3, 3, 0.045]), (BOX, [-7, 0, 1.045])])
+@pytest.mark.parametrize("mode", ["stop", "bounce"])
+def test_what_starts_inside_flies_out_as_in_the_open(world, place, mode):
+    batch, free = (
+        batch_of(frame(), 1, 50, worlds=[room], on_contact=mode, control="velocity")
+        for room in (
+            world,
+            flockstep.World.from_dict({"flockstep_scene": 1, "room": {"min": [-99] * 3, "max": [99] * 3}}),
+        )
+    )
+    for each in (batch, free):
+        each.set_pose([place])
+    inside = 0
+    while batch.fly([[0, 0, 1, 0]], ticks=1).inside[0]:
+        free.fly([[0, 0, 1, 0]], ticks=1)
+        np.testing.assert_array_equal(batch.position, free.position)
+        np.testing.assert_array_equal(batch.velocity, free.velocity)
+        assert batch.contact.hit[0]
+        inside += 1
+        assert inside < 150
+    assert inside > 50
+    for _ in range(50):
+        assert not batch.fly([[0, 0, 1, 0]]).hit[0]
+
+
+@pytest.mark.parametrize("mode", ["stop", "bounce"])
+def test_what_starts_inside_goes_no_deeper(mode):
+    batch = batch_of(frame(), 1, 50, worlds=[BOX], on_contact=mode, control="velocity")
+    batch.set_pose([[3, 3, 0.045]])
+    for _ in range(50):
+        assert batch.fly([[0, 0, -1, 0]]).inside[0]
+        assert batch.position[0, 2] >= 0.045 - 1e-5
+        np.testing.assert_allclose(batch.velocity[0], 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["stop", "bounce"])
+def test_a_corner_costs_little_more_than_a_floor(mode):
+    """Not hundreds of rounds of impulses for a point found twice, or for points a tenth of a millimetre out of plane."""
+
+    def pressed(place, command):
+        batch = batch_of(frame(), 16, 100, worlds=[ROOM], on_contact=mode, control="velocity")
+        batch.set_pose(place + np.random.default_rng(0).uniform(0, 0.05, (16, 3)))
+        command = np.tile(command, (16, 1)).astype(np.float32)
+        for _ in range(100):
+            batch.fly(command)
+        assert batch.contact.hit.mean() > 0.8
+        return lambda: batch.fly(command, ticks=20)
+
+    def cost(fly):
+        begun = time.process_time()
+        fly()
+        return time.process_time() - begun
+
+    floor, corner = pressed([3, 3, 0.1], [0, 0, -1, 0]), pressed([4.6, 4.6, 0.1], [3, 3, -1, 0])
+    times = np.array([[cost(floor), cost(corner)] for _ in range(30)])
+    assert np.median(times[:, 1]) < 8 * np.median(times[:, 0])

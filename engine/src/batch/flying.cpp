@@ -371,12 +371,13 @@ class Group {
         break;
       }
       const float share = contact.fraction;
-      const Velocity hit{begin.linear + share * (end.linear - begin.linear), begin.angular + share * (end.angular - begin.angular)};
+      const Velocity hit{begin.linear + share * (end.linear - begin.linear),
+                         begin.angular + share * (end.angular - begin.angular)};
       left *= 1.0 - static_cast<double>(share);
       Touching touching;
       find_touching(lane, from, contact, touching);
-      const dynamics::Rebound rebound = dynamics::thrown_back(hit, end, left, from, touching.points(), contact.normal,
-                                                              *sim_.drone_model.airframe(), surface());
+      const dynamics::Rebound rebound =
+          dynamics::thrown_back(hit, end, left, from, touching.points(), contact.normal, *sim_.drone_model.airframe(), surface());
       begin = rebound.after;
       end = rebound.at_end;
       const auto time = static_cast<float>(0.5 * left);

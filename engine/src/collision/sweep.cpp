@@ -132,7 +132,7 @@ class Mover {
     if (!resting) {
       return {true, false, time, now.plane.normal, now.point};
     }
-    return rewind(clearance, first, now.plane.normal, time);
+    return rewind(clearance, first, now, time);
   }
 
   // The touch of a hull that starts nearer than the floor, or inside: it may fly the whole motion if that ends no nearer to the
@@ -155,15 +155,17 @@ class Mover {
 
  private:
   // The touch of a hull that rested: at a time up to `time` when the gap was no smaller than at first. Convex bodies that only
-  // translate approach ever faster, so there the hull has been pressing from the start.
+  // translate approach ever faster, so there the hull has been pressing from the start. One that turns may rest on a line or a
+  // face, all of whose points are as near: the point is the one that came nearest, at the time of `now`.
   template <class ClearanceAt>
-  Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Vec3d& guess, double time) const {
-    Touch touch{true, false, 0.0, first.plane.normal, first.point};
-    for (int halving = 0; halving < kRewinds && path_.angle > 0.0; ++halving) {
+  Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Clearance& now, double time) const {
+    if (path_.angle == 0.0) return {true, false, 0.0, first.plane.normal, first.point};
+    Touch touch{true, false, 0.0, first.plane.normal, now.point};
+    for (int halving = 0; halving < kRewinds; ++halving) {
       const double middle = 0.5 * (touch.time + time);
-      const Clearance there = clearance(middle, guess);
+      const Clearance there = clearance(middle, now.plane.normal);
       if (!there.overlapping && there.gap >= first.gap) {
-        touch = {true, false, middle, there.plane.normal, there.point};
+        touch = {true, false, middle, there.plane.normal, now.point};
       } else {
         time = middle;
       }

@@ -53,14 +53,15 @@ class Impact {
     points_[count_++] = {arm, 0.0, across, all - across, Vec3d::Zero()};
   }
 
+  bool bounces(const Twist& before, double restitution) {
+    return restitution > 0.0 &&
+           std::ranges::any_of(points(), [&](const Touching& point) { return before.at(point.arm).dot(normal_) < -kSlow; });
+  }
+
   // The motion after the impact. If several points touch, or one of them slides, restitution of each point's own speed can give
   // energy. The motion is then the one on the way from the impact without restitution, which loses energy, to the one with it
   // that has the energy from before. Both leave the surface by impulses within the cone of friction, and so does every mixture.
   Twist bounce(const Twist& before, const Surface& surface) {
-    const bool bounces = surface.restitution > 0.0 && std::ranges::any_of(points(), [&](const Touching& point) {
-                           return before.at(point.arm).dot(normal_) < -kSlow;
-                         });
-    if (!bounces) return press(before, surface.friction);
     Twist hard = solve(before, surface);
     if (!is_settled_) hard = solve(before, {surface.restitution, 0.0});  // strong friction can keep the rounds from an end
     if (!is_settled_) return press(before, surface.friction);
@@ -85,8 +86,8 @@ class Impact {
   Vec3d turned(const Vec3d& after, const Vec3d& hit, const Vec3d& end, double time) const {
     const Vec3d torque = end - coasted(hit, time);
     const Vec3d turned = coasted(after, time) + torque;
-    const double most = energy({Vec3d::Zero(), after}) +
-                        std::max(energy({Vec3d::Zero(), end}) - energy({Vec3d::Zero(), hit}), 0.0);
+    const double most =
+        energy({Vec3d::Zero(), after}) + std::max(energy({Vec3d::Zero(), end}) - energy({Vec3d::Zero(), hit}), 0.0);
     const double is = energy({Vec3d::Zero(), turned});
     return is > most ? Vec3d(std::sqrt(most / is) * turned) : turned;
   }
@@ -109,9 +110,8 @@ class Impact {
       for (Touching& point : points()) changed = std::max(changed, push(point, surface.friction, motion));
       if (changed <= kConverged * fastest) break;
     }
-    is_settled_ = std::ranges::all_of(points(), [&](const Touching& point) {
-      return motion.at(point.arm).dot(normal_) >= point.leaves - kSettled * fastest;
-    });
+    is_settled_ = std::ranges::all_of(
+        points(), [&](const Touching& point) { return motion.at(point.arm).dot(normal_) >= point.leaves - kSettled * fastest; });
     return motion;
   }
 
@@ -168,8 +168,11 @@ Rebound thrown_back(const Velocity& at_hit, const Velocity& at_end, double left_
   const Twist before = motion(at_hit);
   Impact impact(rotation, frame, normal.cast<double>());
   for (const Vec3& point : points) impact.add((point - pose.position).cast<double>());
-  const Twist after = impact.bounce(before, surface);
   const Twist free = motion(at_end);
+  if (!impact.bounces(before, surface.restitution)) {
+    return {velocity(impact.press(before, surface.friction)), velocity(impact.press(free, surface.friction))};
+  }
+  const Twist after = impact.bounce(before, surface);
   const Twist end{after.linear + (free.linear - before.linear),
                   impact.turned(after.angular, before.angular, free.angular, left_s)};
   return {velocity(after), velocity(impact.press(end, surface.friction))};

@@ -25,8 +25,8 @@ struct Rebound {
 // world frame, on the surface, at most kMostPoints; normal: unit, away from the surface.
 //
 // By the impact each point leaves at its share of the speed that it came with, by impulses within Coulomb's cone; what moves away
-// already goes on as it does. The impact gives the body no energy: if the restitution would, it is as much smaller as it has to
-// be. Then the forces of the rest of the tick act, and the surface keeps the points from going into it.
+// already goes on as it does. The impact gives the body no energy: if the restitution would, it is reduced until it does not.
+// Then the forces of the rest of the tick act, and the surface keeps the points from going into it.
 //
 // The impulses are solved for one point after another until none changes any more (projected Gauss-Seidel: E. Catto, "Iterative
 // Dynamics with Temporal Coherence", 2005). Points that are not in one plane, or nearly the same, take many rounds.
