@@ -279,11 +279,13 @@ void terms(bench::Figures& figures) {
 
 constexpr int kDrones = 256;        // a step of theirs is shorter than a slice
 constexpr float kHalfRoom = 50.0F;  // m
+const Vec3 kPillar(-30.0F, -30.0F, 0.0F);
 
-// All drones in a room, at a height above its floor, told a position.
+// All drones in a room with a pillar, near a place, told a position.
 class Fleet {
  public:
-  Fleet(const DynamicsConfig& dynamics, const Vec3& at, const Vec3& told, const std::optional<ImuConfig>& imu = {}) {
+  Fleet(const DynamicsConfig& dynamics, const Vec3& at, const Vec3& told, const std::optional<ImuConfig>& imu = {},
+        float spread = 5.0F) {
     BatchConfig config;
     config.num_envs = kDrones;
     config.num_threads = 1;
@@ -293,11 +295,13 @@ class Fleet {
     config.imu = imu;
     flockstep::SceneDescription room;
     room.primitives.push_back({.kind = flockstep::PrimitiveKind::room, .half_extents = {kHalfRoom, kHalfRoom, kHalfRoom}});
+    room.primitives.push_back(
+        {.kind = flockstep::PrimitiveKind::cylinder, .center = kPillar, .half_extents = {1.0F, 1.0F, 2.0F}});
     batch_ = std::make_unique<Batch>(config, Batch::Worlds{std::make_shared<const flockstep::World>(std::move(room))}, nullptr,
                                      DroneModel::load("kingfisher"));
     std::vector<float> places;
     std::mt19937 random(1);
-    std::uniform_real_distribution<float> aside(-5.0F, 5.0F);
+    std::uniform_real_distribution<float> aside(-spread, spread);
     for (int i = 0; i < kDrones; ++i) {
       const float x = aside(random), y = aside(random);
       places.insert(places.end(), {at.x() + x, at.y() + y, at.z()});
@@ -309,6 +313,7 @@ class Fleet {
 
   void fly() { batch_->fly(command_); }
   void sense() { batch_->sense(); }
+  bool is_inside() const { return batch_->state().contact.inside[0] != 0; }
   bool is_in_contact() const {
     const auto& hit = batch_->state().contact.hit;
     return std::any_of(hit.begin(), hit.end(), [](auto flag) { return flag != 0; });
@@ -366,7 +371,24 @@ void settings(bench::Figures& figures) {
   cost("IMU/ns_per_reading", fleets.more("sense, imu", "sense"));
 }
 
-// What they take in the open, near a floor, and on it.
+// Pressed into a corner of the room, each a little differently.
+std::shared_ptr<Fleet> cornered(const DynamicsConfig& config) {
+  const float wall = kHalfRoom - 0.25F;
+  return std::make_shared<Fleet>(config, Vec3(wall, wall, -wall), Vec3(kHalfRoom + 3.0F, kHalfRoom + 3.0F, -kHalfRoom - 1.0F),
+                                 std::nullopt, 0.05F);
+}
+
+// In the middle of the pillar, told to stay there.
+std::shared_ptr<Fleet> deep_inside(const DynamicsConfig& config) {
+  auto made = std::make_shared<Fleet>(config, kPillar, kPillar, std::nullopt, 0.1F);
+  if (!made->is_inside()) {
+    std::fprintf(stderr, "expected drones inside the pillar\n");
+    std::exit(1);
+  }
+  return made;
+}
+
+// What they take in the open, near a floor, on it, in a corner, and inside a pillar.
 void contacts(bench::Figures& figures) {
   DynamicsConfig stop = by_rotors(Control::position), bounce = stop;
   stop.on_contact = OnContact::stop;
@@ -376,7 +398,11 @@ void contacts(bench::Figures& figures) {
       {"5_cm_above_a_floor", fleet(stop, 0.05F, 0.05F)},
       {"pressed_to_a_floor,_terminate", fleet(by_rotors(Control::position), 0.01F, -0.2F)},
       {"pressed_to_a_floor,_stop", fleet(stop, 0.01F, -0.2F)},
-      {"pressed_to_a_floor,_bounce", fleet(bounce, 0.01F, -0.2F)}};
+      {"pressed_to_a_floor,_bounce", fleet(bounce, 0.01F, -0.2F)},
+      {"pressed_into_a_corner,_stop", cornered(stop)},
+      {"pressed_into_a_corner,_bounce", cornered(bounce)},
+      {"deep_inside_a_pillar,_stop", deep_inside(stop)},
+      {"deep_inside_a_pillar,_bounce", deep_inside(bounce)}};
   for (const auto& [name, drones] : flown) {  // one by one: a long one would have the next interrupted
     Beside alone(kDrones * kTicks);
     alone.add(name, [&] { drones->fly(); });

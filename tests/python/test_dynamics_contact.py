@@ -221,7 +221,7 @@ SURFACES = [(restitution, friction) for restitution in (0.0, 0.5, 0.9, 1.0) for 
 
 @pytest.mark.parametrize(("restitution", "friction"), SURFACES)
 def test_a_hit_gives_no_energy(restitution, friction):
-    """With long ticks, in which a body that tumbles hits twice; and a smooth surface that takes nothing gives all back."""
+    """In long ticks a tumbling body hits twice. A smooth surface with restitution 1 also takes no energy."""
     count, rate = 1024, 250
     batch = batch_of(
         BODY, count, 50, rate, worlds=[ROOM], on_contact="bounce", restitution=restitution, friction=friction
@@ -340,7 +340,7 @@ def test_what_starts_inside_goes_no_deeper(mode):
 
 @pytest.mark.parametrize("mode", ["stop", "bounce"])
 def test_a_corner_costs_little_more_than_a_floor(mode):
-    """Not hundreds of rounds of impulses for a point found twice, or for points a tenth of a millimetre out of plane."""
+    """Points listed twice, or a tenth of a millimetre out of plane, would take hundreds of rounds of impulses."""
 
     def pressed(place, command):
         batch = batch_of(frame(), 16, 100, worlds=[ROOM], on_contact=mode, control="velocity")

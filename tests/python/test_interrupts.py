@@ -68,9 +68,8 @@ except RuntimeError as error:
     print(error)
 """,
     "fly": """
-batch = flockstep.Batch(
-    [room], 2048, block_size=2048, dynamics=flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact="stop")
-)
+dynamics = flockstep.DynamicsConfig(motion="rotors", control="velocity", on_contact="stop")
+batch = flockstep.Batch([room], 2048, block_size=2048, dynamics=dynamics)
 batch.set_pose(np.tile([0.5, 0.5, 0.5], (2048, 1)))
 command = np.tile(np.float32([-3, -3, -3, 0]), (2048, 1))  # into a corner
 work(lambda: batch.fly(command, ticks=1_000_000))
