@@ -1906,7 +1906,7 @@ class Batch:
         state.
 
         Ctrl-C ends a long flight between two ticks. Drones near obstacles may then have flown fewer ticks than others, and
-        `tick` counts none of this flight.
+        `tick` leaves out what was cut short.
 
         Raises
         ------

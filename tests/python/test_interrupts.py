@@ -74,7 +74,7 @@ batch.set_pose(np.tile([0.5, 0.5, 0.5], (2048, 1)))
 command = np.tile(np.float32([-3, -3, -3, 0]), (2048, 1))  # into a corner
 work(lambda: batch.fly(command, ticks=1_000_000))
 batch.fly(command)
-assert np.isfinite(batch.position).all() and not batch.contact.inside.any() and batch.contact.hit.all()
+assert np.isfinite(batch.position).all() and not batch.contact.inside.any()
 """,
     "raycast": """
 rays = np.tile(np.float32([[1, 0.1, 0]]), (16_000_000, 1))

@@ -4,6 +4,7 @@
 #include <array>
 #include <utility>
 
+#include "base/interrupt.hpp"
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
@@ -139,6 +140,7 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
   list_chosen(*sim_, mask, &Block::chosen);
   constexpr int kLeg = 1000;  // ticks: long flights are interrupted between two
   for (int first = 0; first < flown; first += kLeg) {
+    Interrupt::poll();
     const int leg = std::min(kLeg, flown - first);
     sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
       if (first == 0) {

@@ -15,7 +15,7 @@ using Mat3d = Eigen::Matrix3d;
 constexpr double kSlow = 0.05;  // m/s; what comes slower does not bounce, or a body at rest would hop for ever
 constexpr int kMostRounds = 1000;
 constexpr double kConverged = 1e-7;  // of the speed of impact: no point's changes by more in the last round
-constexpr double kSettled = 1e-3;    // likewise: rounds that end before that, but with no point deeper than this, will do
+constexpr double kSettled = 1e-3;    // likewise: rounds that end before that will do if no point goes into the surface faster
 constexpr double kRelaxation = 1.3;  // measured: least rounds over boxes and random faces
 
 // A body's motion about its centre of mass, world frame.
@@ -111,7 +111,7 @@ class Impact {
       if (changed <= kConverged * fastest) break;
     }
     is_settled_ = std::ranges::all_of(
-        points(), [&](const Touching& point) { return motion.at(point.arm).dot(normal_) >= point.leaves - kSettled * fastest; });
+        points(), [&](const Touching& point) { return motion.at(point.arm).dot(normal_) >= -kSettled * fastest; });
     return motion;
   }
 
