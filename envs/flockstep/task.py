@@ -541,12 +541,19 @@ def _is_near(name: str, value: Any, meant: str) -> bool:
         needed = len(inspect.signature(getattr(Task, meant)).parameters)
         if _letters(name) == _letters(meant):
             return True
-        if needed < 2 or needed != len(inspect.signature(value).parameters):
+        if needed < 2 or needed != _count_parameters(value):
             return False  # it could not be called in place of the other
     elif meant == "step_m" or name.strip("_").count("_") > meant.count("_"):
         return _letters(name) == _letters(meant)  # lidar_m or step_ms may be a quantity with its unit
     a, b = (_letters(text).removesuffix("s") for text in (name, meant))
     return sorted(a) == sorted(b) or difflib.SequenceMatcher(None, a, b).ratio() > 0.88
+
+
+def _count_parameters(function: Any) -> int | None:
+    try:
+        return len(inspect.signature(function).parameters)
+    except ValueError:  # of some builtins
+        return None
 
 
 def _letters(name: str) -> str:

@@ -724,6 +724,7 @@ class TestMisspeltNames:
             "observe": lambda self, batch: batch.position,
         }
         task = type("Own", (flockstep.Task,), {**dict.fromkeys(OWN_NAMES.split(), 1), **methods, **needed})
+        task.squash, task.largest = np.tanh, staticmethod(max)  # whose parameters Python cannot count
         flockstep.DroneVectorEnv(2, worlds=room, task=task).reset(seed=0)
         # A name is no mistake either where the task has the other one, too, or once setup has begun.
         both = {"world": room, "worlds": room, "setup": lambda self, batch: setattr(self, "lidars", 3)}
