@@ -2,6 +2,7 @@
 
 import io
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -41,6 +42,21 @@ def test_generated_worlds_are_planned_by_default(place, seed, former_m):
     assert length(path) < 1.05 * former_m
     assert_free(world, path)
     np.testing.assert_array_equal(flockstep.plan(world, world.start, [world.goal]), path)
+
+
+def test_a_goal_in_a_closed_box_is_given_up_soon():
+    """A search from the start through all of an office took half a minute of the processor's time."""
+    world = flockstep.World.office(0)
+    scene = world.to_dict()
+    for axis, side in itertools.product(range(3), (-0.8, 0.8)):
+        center, size = world.goal.astype(float), [1.7] * 3
+        center[axis] += side
+        size[axis] = 0.05
+        scene.setdefault("boxes", []).append({"center": center.tolist(), "size": size})
+    shut = flockstep.World.from_dict(scene)
+    before = time.process_time()
+    assert flockstep.plan(shut, world.start, [world.goal]) is None
+    assert time.process_time() - before < 10
 
 
 HALF = np.array([0.3, 0.2, 0.1])  # of a box-shaped drone, for which the places that an obstacle takes are a box

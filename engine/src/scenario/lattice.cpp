@@ -48,10 +48,15 @@ double Lattice::count(const Aabb& region, const Vec3& start, float cell, bool is
   return (extent.below + extent.above + 1.0).prod();
 }
 
+bool Lattice::fits(const Aabb& region, const Vec3& start, float cell, bool is_flat) {
+  const Extent extent = extent_of(region, start, cell, is_flat);
+  return ((extent.below + extent.above + 1.0) / kAside).ceil().prod() <= kMaxBlocks;
+}
+
 Lattice::Lattice(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float cell, bool is_flat)
     : space_(space), origin_(start), goal_(goal), cell_(cell) {
   const Extent extent = extent_of(region, start, cell, is_flat);
-  if (!(((extent.below + extent.above + 1.0) / kAside).ceil().prod() <= kMaxBlocks)) refuse_cells(cell);
+  if (!fits(region, start, cell, is_flat)) refuse_cells(cell);
   start_ = extent.below.cast<int>();
   size_ = (extent.below + extent.above).cast<int>() + 1;
   goal_cell_ = (start_ + ((goal - start) / cell).array().round().cast<int>()).max(0).min(size_ - 1);

@@ -33,6 +33,8 @@ class Lattice {
 
   // How many cells a lattice would have.
   static double count(const Aabb& region, const Vec3& start, float cell, bool is_flat);
+  // Whether its blocks can be listed; the constructor refuses cells that are too small for that.
+  static bool fits(const Aabb& region, const Vec3& start, float cell, bool is_flat);
 
   std::int32_t start() { return node_of(start_); }
   Node& at(std::int32_t node) {

@@ -28,10 +28,11 @@ namespace {
 using Path = std::vector<Vec3>;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr double kCoarsest = 1 << 14;     // cells of the coarsest grid, at least
-constexpr double kMaxBetter = 1 << 18;    // cells in which a shorter path is searched for, at most
-constexpr float kStraightEnough = 1.01F;  // of the straight distance: no shorter path is searched for
-constexpr float kWorthIt = 0.995F;        // of the length of the path so far: what a shorter one has to have at most
+constexpr double kCoarsest = 1 << 14;        // cells of the coarsest grid, at least
+constexpr double kMaxBetter = 1 << 18;       // cells in which a shorter path is searched for, at most
+constexpr std::size_t kMaxAtGoal = 1 << 15;  // nodes of a search from the goal for a way out of where it lies
+constexpr float kStraightEnough = 1.01F;     // of the straight distance: no shorter path is searched for
+constexpr float kWorthIt = 0.995F;           // of the length of the path so far: what a shorter one has to have at most
 
 double length_of(const Path& path) {
   double length = 0.0;
@@ -69,22 +70,33 @@ class Search {
  public:
   Search(Lattice& lattice, float bound, Reporter& reporter) : lattice_(lattice), bound_(bound), reporter_(reporter) {}
 
-  std::optional<Path> run() {
-    const std::int32_t start = lattice_.start();
+  std::optional<Path> run() { return run(lattice_.start(), Lattice::kGoal, std::numeric_limits<std::size_t>::max()); }
+
+  // True if the goal lies in a space that is closed: a search from there has no node left, and it took few.
+  bool is_goal_shut_in() {
+    const bool is_found = run(Lattice::kGoal, lattice_.start(), kMaxAtGoal).has_value();
+    return !is_found && open_.empty();
+  }
+
+ private:
+  using Entry = std::pair<float, std::int32_t>;  // least length of a path through this node; ties go to the lower index
+
+  std::optional<Path> run(std::int32_t start, std::int32_t end, std::size_t most) {
+    end_ = lattice_.position(end);
     lattice_.at(start) = {.cost = 0.0F, .parent = start, .is_checked = true};
     push(start);
-    const Vec3 goal = lattice_.position(Lattice::kGoal);
-    const float straight = std::max((lattice_.position(start) - goal).norm(), std::numeric_limits<float>::min());
-    while (!open_.empty()) {
+    const float straight = std::max((lattice_.position(start) - end_).norm(), std::numeric_limits<float>::min());
+    for (std::size_t expanded = 0; !open_.empty() && expanded < most;) {
       const std::int32_t node = open_.top().second;
       open_.pop();
       Lattice::Node& entry = lattice_.at(node);
       if (entry.is_closed || entry.parent < 0) continue;
       const Vec3 here = lattice_.position(node);
-      reporter_.visit((here - goal).norm() / straight);
+      reporter_.visit(end == Lattice::kGoal ? (here - end_).norm() / straight : 1.0F);
       if (!entry.is_checked && !check(node, here)) continue;
-      if (node == Lattice::kGoal) return trace_back();
+      if (node == end) return trace_back(start, end);
       entry.is_closed = true;
+      ++expanded;
       const std::int32_t parent = entry.parent;
       const Vec3 parent_position = lattice_.position(parent);
       const float parent_cost = lattice_.at(parent).cost;
@@ -102,11 +114,8 @@ class Search {
     return std::nullopt;
   }
 
- private:
-  using Entry = std::pair<float, std::int32_t>;  // least length of a path through this node; ties go to the lower index
-
   void push(std::int32_t node) {
-    const float least = lattice_.at(node).cost + (lattice_.position(node) - lattice_.position(Lattice::kGoal)).norm();
+    const float least = lattice_.at(node).cost + (lattice_.position(node) - end_).norm();
     if (least < bound_) open_.emplace(least, node);
   }
 
@@ -145,10 +154,10 @@ class Search {
     return false;
   }
 
-  Path trace_back() {
+  Path trace_back(std::int32_t start, std::int32_t end) {
     Path path;
-    std::int32_t node = Lattice::kGoal;
-    for (; node != lattice_.start(); node = lattice_.at(node).parent) path.push_back(lattice_.position(node));
+    std::int32_t node = end;
+    for (; node != start; node = lattice_.at(node).parent) path.push_back(lattice_.position(node));
     path.push_back(lattice_.position(node));
     std::reverse(path.begin(), path.end());
     return path;
@@ -156,6 +165,7 @@ class Search {
 
   Lattice& lattice_;
   float bound_;  // m
+  Vec3 end_ = Vec3::Zero();
   Reporter& reporter_;
   std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open_;
 };
@@ -262,10 +272,17 @@ std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec
   while (Lattice::count(region, start, 2.0F * cell, is_flat) >= kCoarsest) cell *= 2.0F;
   std::optional<Path> best;
   float bound = kInfinity;
+  bool is_first = true;
   for (; cell >= 0.75F * finest; cell *= 0.5F) {
     if (best && cells_within(region, start, goal, bound, cell, is_flat) > kMaxBetter) break;
     Lattice lattice(space, region, start, goal, cell, is_flat);
     const std::optional<Path> found = Search(lattice, bound, reporter).run();
+    if (!found && is_first && cell > finest &&
+        Lattice::fits(region, start, finest, is_flat)) {  // before finer grids are searched for what is not there
+      Lattice fine(space, region, start, goal, finest, is_flat);
+      if (Search(fine, kInfinity, reporter).is_goal_shut_in()) return std::nullopt;
+    }
+    is_first = false;
     if (!found) continue;
     Path taut = shortened(lattice, *found);
     const auto length = static_cast<float>(length_of(taut));
