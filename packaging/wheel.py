@@ -167,7 +167,7 @@ def check(wheel: Path) -> str:
     """Return a line about the wheel; a wheel that is not fit to be given away ends the program."""
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
-    strangers = [name for name in names if UNWANTED.match(name.rpartition("/")[2])]
+    strangers = [name for name in names if UNWANTED.match(name.removeprefix("flockstep.libs/"))]
     if strangers:
         raise SystemExit(f"wheel: {wheel.name} holds what it must not: {', '.join(strangers)}")
     if not any(name.startswith("flockstep/scenes/") for name in names):

@@ -4,6 +4,7 @@ import importlib.util
 import re
 import shutil
 import subprocess
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from flockstep import _core
 
 ROOT = Path(__file__).resolve().parents[2]
-SYSTEM = re.compile(r"lib(c|m|dl|gcc_s|stdc\+\+)\.so")  # of any Linux: no wheel holds them
+SYSTEM = re.compile(r"lib(c|m|dl|z|gcc_s|stdc\+\+)\.so")  # of any Linux: no wheel holds them
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +42,16 @@ def test_what_the_module_loads_is_listed(wheel):
         assert f"`{package}`" in text
 
 
-def test_a_wheel_with_what_opencv_would_bring_is_refused(wheel):
+def test_a_wheel_with_what_opencv_would_bring_is_refused(wheel, tmp_path, monkeypatch):
+    def made(*libraries):
+        licence = "flockstep-0.1.0.dist-info/licenses/third_party/libopencv-core-dev.txt"
+        with zipfile.ZipFile(tmp_path / "made.whl", "w") as archive:
+            for name in ("flockstep/scenes/room.json", licence, *(f"flockstep.libs/{name}" for name in libraries)):
+                archive.writestr(name, "")
+        return tmp_path / "made.whl"
+
+    monkeypatch.setattr(wheel, "ROOT", tmp_path)
+    assert wheel.check(made("libtbb-12345678.so.12.8", "libembree3.so.3", "libepoxy.so.0")) == "made.whl: 0.0 MB"
     for name in ("libGLX-12345678.so.0.0.0", "libX11.so.6", "libblas.so.3", "liblapack-1.so", "libgfortran.so.5"):
-        assert wheel.UNWANTED.match(name)
-    for name in ("libtbb-12345678.so.12.8", "libembree3.so.3", "libpng16.so.16", "libepoxy.so.0"):
-        assert not wheel.UNWANTED.match(name)
+        with pytest.raises(SystemExit, match=f"holds what it must not: flockstep.libs/{name}"):
+            wheel.check(made("libtbb.so.12", name))
