@@ -468,8 +468,8 @@ class TestFailures:
             _ = batch.worlds
         with pytest.raises(IndexError, match=r"index: expected an integer in \[0, 8\), got 8"):
             batch.world_of(8)
-        with pytest.raises(TypeError, match=r"or a flockstep\.WorldPool"):
-            flockstep.Batch(hall(0))
+        with pytest.raises(TypeError, match="worlds: expected a name, a path, a World or a sequence of these, got <"):
+            flockstep.Batch(hall)
 
 
 # --------------------------------------------------------------------------------------------------- threads and memory
