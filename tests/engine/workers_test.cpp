@@ -9,6 +9,8 @@
 #include <thread>
 #include <vector>
 
+#include "base/interrupt.hpp"
+
 namespace flockstep {
 namespace {
 
@@ -40,6 +42,18 @@ TEST(Workers, PassOnWhatACallThrowsAndCanBeUsedAfterwards) {
     workers.run(100, [&](std::size_t, std::size_t) { ++calls; });
     EXPECT_EQ(calls, 100);
   }
+}
+
+TEST(Workers, AllCallsEndSoonOnceTheCallerIsInterrupted) {
+  struct Stopped {};
+  Workers workers(2);
+  const Interrupt interrupt([] { throw Stopped(); });
+  const auto begun = std::chrono::steady_clock::now();
+  const auto poll_for_long = [&](std::size_t, std::size_t) {
+    while (std::chrono::steady_clock::now() - begun < std::chrono::seconds(20)) Interrupt::poll();
+  };
+  EXPECT_THROW(workers.run(2, poll_for_long), Stopped);
+  EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::seconds(10));
 }
 
 }  // namespace
