@@ -12,6 +12,7 @@ flight_train  Hover and Track by five seeds each, beside the controller alone; t
 tiles   rays at triangles by tiles and by Embree's packets, tracing alone
 worlds  LiDARs and cameras in every shipped world, and how much of it goes through Embree
 busy    the trainings of the README beside a busy loop for each processor; only where it is named
+imaging what colours, hsv and smaller images cost, of our kernels and of OpenCV
 plan    paths from start to goal in every shipped world and twenty of each generator: processor's time and length
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
@@ -45,6 +46,7 @@ import numpy as np
 import dynamics_accuracy
 import dynamics_peers
 import flockstep
+import imaging
 import mesh_peers
 import peers
 import plan
@@ -342,6 +344,10 @@ def bench_worlds() -> list[Figure]:
     return [figure(*each) for each in measured]
 
 
+def bench_imaging() -> list[Figure]:
+    return [figure(*measured) for measured in imaging.measure()]
+
+
 def bench_plan() -> list[Figure]:
     return [figure(*measured) for measured in plan.measure()]
 
@@ -442,6 +448,7 @@ BENCHES: dict[str, Callable[[], list[Figure]]] = {
     "busy": bench_busy,
     "load": bench_load,
     "worlds": bench_worlds,
+    "imaging": bench_imaging,
     "plan": bench_plan,
     "tiles": bench_tiles,
     "dynamics": bench_dynamics,

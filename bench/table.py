@@ -44,10 +44,11 @@ NAMES = (
     "dynamics",
 )
 #: These have tables of their own only.
-APART = ("dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train")
+APART = ("imaging", "plan", "dynamics_accuracy", "dynamics_peers", "mesh_peers", "flight_train")
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 CAMERAS = ROOT / "docs" / "cameras.md"
 TRAINERS = ROOT / "docs" / "trainers.md"
+OWN_WORLD = ROOT / "docs" / "own-world.md"
 DYNAMICS = ROOT / "docs" / "dynamics.md"
 FLIGHT_TASKS = ROOT / "docs" / "flight-tasks.md"
 STAGE = "step/stage/"
@@ -362,6 +363,29 @@ def costs(results: dict[str, Result]) -> str:
     return with_source(results, "dynamics", "\n".join(rows[1:]) + "\n")
 
 
+def plans(results: dict[str, Result]) -> str:
+    """Return the table of the time that plans take."""
+    heads = {"median_cpu_seconds": "median", "most_cpu_seconds": "most"}
+    cells = {}
+    for (kind, what), f in named(results, "plan", r"plan/([^/]+)/(median_cpu_seconds|most_cpu_seconds)"):
+        cells[kind, "worlds"] = number(f["runs"])
+        cells[kind, heads[what]] = rough(f)
+    return with_source(results, "plan", pivot(cells, "worlds that are"))
+
+
+def imaging(results: dict[str, Result]) -> str:
+    """Return the tables of what colours and smaller images cost."""
+    colours = {
+        (color, f"{size}, `{function}`"): rough(f)
+        for (color, size, function), f in named(results, "imaging", r"imaging/colour/(.+)/(.+)/(.+)")
+    }
+    cameras = {
+        (camera, size): rough(f) for (camera, size), f in named(results, "imaging", r"imaging/camera/(.+)/(.+)/sense")
+    }
+    both = pivot(colours, "a colour in a frame") + "\n" + pivot(cameras, "a frame, rendered and written")
+    return with_source(results, "imaging", both)
+
+
 def of_peers(results: dict[str, Result], name: str) -> list[tuple[str, str, str, str, str, dict[str, Any]]]:
     """Return figures of a benchmark of peers, each with the program and its version, beside which, kind, mode and what.
 
@@ -483,9 +507,8 @@ def main() -> None:
         README: with_content(README.read_text(encoding="utf-8"), "headline", headline(results)),
         BENCHMARKS: with_content(BENCHMARKS.read_text(encoding="utf-8"), "figures", table(results)),
         ARCHITECTURE: tried(with_content(ARCHITECTURE.read_text(encoding="utf-8"), "stages", stages(results))),
-        CAMERAS: with_content(
-            with_content(CAMERAS.read_text(encoding="utf-8"), "frames", frames(results)), "modes", modes(results)
-        ),
+        CAMERAS: CAMERAS.read_text(encoding="utf-8"),
+        OWN_WORLD: with_content(OWN_WORLD.read_text(encoding="utf-8"), "plans", plans(results)),
         DYNAMICS: DYNAMICS.read_text(encoding="utf-8"),
         TRAINERS: with_content(TRAINERS.read_text(encoding="utf-8"), "trainers", trainers(results)),
         FLIGHT_TASKS: with_content(
@@ -502,6 +525,8 @@ def main() -> None:
         "costs": costs,
     }.items():
         documents[DYNAMICS] = with_content(documents[DYNAMICS], marker, write(results))
+    for marker, write in {"frames": frames, "modes": modes, "imaging": imaging}.items():
+        documents[CAMERAS] = with_content(documents[CAMERAS], marker, write(results))
     for marker, write in {"peers": peers, "mesh peers": mesh_peers}.items():
         documents[BENCHMARKS] = with_content(documents[BENCHMARKS], marker, write(results))
     for path, text in documents.items():
