@@ -40,9 +40,8 @@ ENVS = {
         "physics_hz": 500,
         "max_episode_steps": 200,
     },
-    "Track-v0 (bounce, gusts, ground effect, IMU)": {
-        "on_contact": "bounce",
-        "ground_effect": True,
+    "Hover-v0 (bounce, ground effect)": {"on_contact": "bounce", "ground_effect": True, "max_episode_steps": 200},
+    "Track-v0 (gusts, IMU)": {
         "wind": flockstep.WindConfig(gusts="ornstein_uhlenbeck", gust_std_mps=3),
         "imu": flockstep.ImuConfig(gyroscope_noise_density=0.01, accelerometer_random_walk=0.02),
         "max_episode_steps": 200,
