@@ -370,7 +370,7 @@ def plans(results: dict[str, Result]) -> str:
     for (kind, what), f in named(results, "plan", r"plan/([^/]+)/(median_cpu_seconds|most_cpu_seconds)"):
         cells[kind, "worlds"] = number(f["runs"])
         cells[kind, heads[what]] = rough(f)
-    return with_source(results, "plan", pivot(cells, "worlds that are"))
+    return with_source(results, "plan", pivot(cells, "kind"))
 
 
 def imaging(results: dict[str, Result]) -> str:
