@@ -142,7 +142,7 @@ std::string config_name(const std::string& otherwise) {
   }
 }
 
-// Whether it is a bool, which Python takes for a number; NumPy's, too.
+// True for a bool, NumPy's included. Python accepts bools as numbers.
 inline bool is_bool(const py::handle& value) { return py::detail::make_caster<bool>().load(value, false); }
 
 template <class T>

@@ -225,7 +225,7 @@ CONFIGS = [
 @pytest.mark.parametrize("config", CONFIGS)
 @pytest.mark.parametrize("flag", [True, np.False_])
 def test_no_number_is_a_bool(config, flag):
-    """Whatever the field: a number, one that may be None, or a sequence of them."""
+    """Every numeric field refuses bools: single numbers, optional numbers and sequences."""
     looked_at = 0
     for name, kind in config._field_types.items():
         if not re.search(r"\b(int|float)\b", kind):

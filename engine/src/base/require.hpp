@@ -35,7 +35,7 @@ inline void require_not_negative(float value, std::string_view field) {
   require(std::isfinite(value) && value >= 0.0F, field, "a finite number >= 0", value);
 }
 
-// Where a sensor is mounted, in the body frame, m: no farther out than the points of a hull may be.
+// A sensor's mount in the body frame, m: at most as far out as the points of a hull may be.
 inline void require_mount(const std::array<float, 3>& offset_m, std::string_view field) {
   for (const float value : offset_m) require(std::abs(value) <= 100.0F, field, "numbers within +-100", value);
 }

@@ -244,7 +244,7 @@ class Search {
     take(mover().first_touch(*start, clearance, margins_, first_.time), element);
   }
 
-  // Whether there is a contact: meet() without the point, and without the way out of an obstacle.
+  // Tests for a contact: meet() without the point and without the way out of an obstacle.
   bool is_touched(const Convex& obstacle) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
     if (!approach) return false;

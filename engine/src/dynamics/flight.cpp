@@ -213,8 +213,8 @@ FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at,
 // The sine of the angle between two directions times this is 2 sin(angle / 2), which grows up to half a turn.
 HWY_INLINE F turn_gain(F cosine) { return F(2.0F) / sqrt(max(F(2.0F) * (F(1.0F) + cosine), F(kTiny))); }
 
-// Whether two directions are within 0.06 degrees of opposite. Their sine then says nothing of the size of the turn, and rounding
-// decides its axis, so any axis does.
+// True if two directions are within 0.06 degrees of opposite. Their sine then does not give the size of the turn, and rounding
+// decides its axis, so any axis will do.
 HWY_INLINE hn::Mask<D> are_opposite(F cosine, F square_of_sine) {
   return hn::And((square_of_sine < F(1e-6F)), (cosine < F(0.0F)));
 }

@@ -67,7 +67,7 @@ bool can_rk4(const Airframe& frame, const DynamicsConfig& config, double dt_s) {
 }
 
 double stiffness(const Airframe& frame, const DynamicsConfig& config) {
-  // Of the drag: the force or torque for a unit of velocity or turn, over mass or inertia.
+  // Drag: the force or torque per unit of velocity or turn, over mass or inertia.
   const double rotors = config.rotor_drag ? frame.max_speed_radps : 0.0;
   const double body = config.body_drag ? 1.0 : 0.0;
   const auto& drag = frame.rotor_drag;
@@ -83,7 +83,7 @@ double stiffness(const Airframe& frame, const DynamicsConfig& config) {
     }
     fastest = std::max(fastest, torque / frame.inertia_kgm2[axis]);
   }
-  // Of the spin, if two opposite rotors are at full speed and the others at rest.
+  // Rotor spin, with two opposite rotors at full speed and the others at rest.
   const double momentum = config.gyroscopic ? 2.0 * frame.rotor_inertia_kgm2 * frame.max_speed_radps : 0.0;
   const double slowest = std::sqrt(frame.inertia_kgm2[0] * frame.inertia_kgm2[1]);
   return std::max(fastest, momentum / slowest);

@@ -1,4 +1,4 @@
-// The one place that includes OpenCV: its core and imgproc alone. CMake links its static libraries, see cmake/Dependencies.cmake.
+// The one place that includes OpenCV: only its core and imgproc. CMake links its static libraries, see cmake/Dependencies.cmake.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -6,7 +6,7 @@
 
 namespace flockstep::imaging {
 
-// Keeps OpenCV from starting threads of its own; to be called before any of its functions. Our copy of OpenCV is linked
+// Keeps OpenCV from starting threads; to be called before any of its functions. Our copy of OpenCV is linked
 // statically and its symbols are hidden, so the setting does not reach another copy in the process, such as that of the Python
 // module cv2.
 void prepare_opencv();

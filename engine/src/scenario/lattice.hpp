@@ -66,7 +66,7 @@ class Lattice {
   static constexpr int kAside = 8;  // cells of a block along each axis
   static constexpr std::size_t kCells = kAside * kAside * kAside;
 
-  // What can be touched in a cell: none if it is open; many, or a range of its block's lists.
+  // The obstacles that can be touched in a cell: none if it is open; many, or a range of its block's lists.
   struct Near {
     enum class Kind : std::uint8_t { none, few, many };
     Kind kind = Kind::many;

@@ -1,4 +1,4 @@
-// What tasks need of a world.
+// Requirements of tasks on a world.
 #pragma once
 
 #include <string>

@@ -33,7 +33,7 @@ void for_each_image(CameraImages& images, const F& f) {
 
 std::size_t area(int width, int height) { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 
-// What the renderer does for a camera.
+// The renderer's part of a camera.
 CameraConfig rendering_of(CameraConfig config) {
   config.resize.reset();
   config.outputs.rgb = config.outputs.rgb || config.outputs.hsv;

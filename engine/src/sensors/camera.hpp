@@ -21,7 +21,7 @@
 
 namespace flockstep::sensors {
 
-// What converting a frame needs; owned by one thread.
+// Buffers to convert a frame; owned by one thread.
 struct ConversionScratch {
   imaging::ResampleScratch resample;
   imaging::HsvScratch hsv;

@@ -25,7 +25,7 @@ class Lidar {
   std::size_t rays_per_drone() const { return rays_; }
   std::int64_t period() const { return period_; }               // ticks, as period_in_ticks() has it
   const std::vector<float>& ranges() const { return ranges_; }  // (N, channels, beams) m, inf on a miss
-  // Whether any drone has been scanned; the ranges are inf before.
+  // True once any drone has been scanned; before, the ranges are inf.
   bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
   const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
