@@ -281,7 +281,7 @@ constexpr int kDrones = 256;        // a step of theirs is shorter than a slice
 constexpr float kHalfRoom = 50.0F;  // m
 const Vec3 kPillar(-30.0F, -30.0F, 0.0F);
 
-// All drones in a room with a pillar, near a place, told a position.
+// Drones in a room with a pillar, all near one place, commanded to a position.
 class Fleet {
  public:
   Fleet(const DynamicsConfig& dynamics, const Vec3& at, const Vec3& told, const std::optional<ImuConfig>& imu = {},
@@ -378,7 +378,7 @@ std::shared_ptr<Fleet> cornered(const DynamicsConfig& config) {
                                  std::nullopt, 0.05F);
 }
 
-// In the middle of the pillar, told to stay there.
+// Drones in the middle of the pillar, commanded to stay there.
 std::shared_ptr<Fleet> deep_inside(const DynamicsConfig& config) {
   auto made = std::make_shared<Fleet>(config, kPillar, kPillar, std::nullopt, 0.1F);
   if (!made->is_inside()) {
@@ -388,7 +388,7 @@ std::shared_ptr<Fleet> deep_inside(const DynamicsConfig& config) {
   return made;
 }
 
-// What they take in the open, near a floor, on it, in a corner, and inside a pillar.
+// Time per substep in the open, near a floor, on it, in a corner, and inside a pillar.
 void contacts(bench::Figures& figures) {
   DynamicsConfig stop = by_rotors(Control::position), bounce = stop;
   stop.on_contact = OnContact::stop;
