@@ -90,24 +90,24 @@ void profile(bench::Figures& figures) {
 
   // The same stages as in the batch, on a simulation that is brought to its state.
   Simulation sim(config, worlds, make_navigation({}), DroneModel::quadrotor650(), {});
-  Task& task = *sim.run->task;
+  Task& task = *sim.task_state->task;
   std::vector<std::uint32_t> drones;  // world by world, as the batch has them; env and drone are one
   for (const Block& block : sim.schedule.blocks()) drones.insert(drones.end(), block.envs.begin(), block.envs.end());
   const TaskBlock all{*sim.context, drones, 0};
-  for (const std::uint32_t drone : drones) sim.run->actions.row<std::int64_t>(drone)[0] = drone % 6;
+  for (const std::uint32_t drone : drones) sim.task_state->actions.row<std::int64_t>(drone)[0] = drone % 6;
   float sink = 0.0F;
 
   Profile stages;
-  stages.add("command", [&] { task.command(all, sim.run->actions, sim.run->setpoints); });
+  stages.add("command", [&] { task.command(all, sim.task_state->actions, sim.task_state->setpoints); });
   stages.add("sweep", [&] {
     for (const std::uint32_t drone : drones) {
       const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(drone)];
-      sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.run->setpoints.target[drone]).fraction;
+      sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.task_state->setpoints.target[drone]).fraction;
     }
   });
   stages.add("lidar", [&] { sim.lidar->scan(drones, sim.scenes, sim.slots(), 1, sim.state, sim.scratches[0]->tracer); });
   stages.add("pose_sensor", [&] { sim.pose_sensor.read(drones, sim.state); });
-  stages.add("score", [&] { task.score(all, sim.run->score); });
+  stages.add("score", [&] { task.score(all, sim.task_state->score); });
   stages.add("episodes", [&] {
     for (Block& block : sim.schedule.blocks()) {
       take_part(sim, block);

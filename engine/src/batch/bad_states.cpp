@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
+#include "base/contiguous.hpp"
 #include "base/finite.hpp"
-#include "base/runs.hpp"
 #include "batch/episodes.hpp"
 
 namespace flockstep {
@@ -43,8 +43,8 @@ void mark_bad(Simulation& sim, std::size_t env) { sim.episodes.bad[env] = 1; }
 void check_setpoints(Simulation& sim, Block& block) {
   const std::size_t m = sim.drones_per_env();
   if (sim.config.dynamics.control != Control::pose) {
-    const std::span<const float> command(sim.run->setpoints.command);
-    for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+    const std::span<const float> command(sim.task_state->setpoints.command);
+    for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
       if (are_finite(command.subspan(4 * m * first, 4 * m * count))) return;
       for (std::size_t env = first; env < first + count; ++env) {
         if (!are_finite(command.subspan(4 * m * env, 4 * m))) mark_bad(sim, env);
@@ -54,7 +54,7 @@ void check_setpoints(Simulation& sim, Block& block) {
   }
   for (const std::uint32_t env : block.flying) {
     for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
-      Pose& target = sim.run->setpoints.target[drone];
+      Pose& target = sim.task_state->setpoints.target[drone];
       if (is_valid(target)) continue;
       target = pose_of(sim.state, drone);
       mark_bad(sim, env);
@@ -71,7 +71,7 @@ bool is_bad(const Field& field, std::size_t column, double value) {
 
 void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count) {
   for (std::size_t env = first_env; env < first_env + count; ++env) {
-    for (double& term : sim.run->score.terms_of(env)) {
+    for (double& term : sim.task_state->score.terms_of(env)) {
       if (is_reward(term)) continue;
       mark_bad(sim, env);
       term = 0.0;
@@ -80,9 +80,9 @@ void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count) {
 }
 
 void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
-  const std::vector<Field>& fields = sim.run->spec().observation;
+  const std::vector<Field>& fields = sim.task_state->spec().observation;
   const auto check = [&]<class T>(const Field& field, Buffer& values, T) {
-    for_each_run(envs, [&](std::size_t first, std::size_t count) {
+    for_each_contiguous(envs, [&](std::size_t first, std::size_t count) {
       if (are_finite(std::span<const T>(values.row<T>(first).data(), count * values.columns()))) return;
       for (std::size_t env = first; env < first + count; ++env) {
         if (!mend(field, values.row<T>(env))) continue;

@@ -55,7 +55,7 @@ void mark_absent(Simulation& sim, std::size_t drone) {
   clear_contact(sim.state, drone);
   if (sim.lidar) sim.lidar->clear(drone);
   sim.cameras.clear(drone);
-  if (sim.run) sim.outputs.mark_absent(sim.run->spec(), sim.env_of(drone));
+  if (sim.task_state) sim.outputs.mark_absent(sim.task_state->spec(), sim.env_of(drone));
 }
 
 }  // namespace
@@ -180,12 +180,12 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
     set_pose_of(state, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
     clear_contact(state, drone);
     start_flight(*sim_, drone, {});
-    if (!sim_->run) continue;
+    if (!sim_->task_state) continue;
     start_counts(*sim_, env);
     sim_->outputs.clear(env);
   }
   sim_->rebuild_schedule();
-  if (sim_->run) {
+  if (sim_->task_state) {
     list_chosen(*sim_, spawned, &Block::opening);
     begin_episodes(*sim_, false);
   } else {
@@ -258,7 +258,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
 
 // -------------------------------------------------------------------------------------------------------------------- task
 
-const Task* Batch::task() const { return sim_->run ? sim_->run->task.get() : nullptr; }
+const Task* Batch::task() const { return sim_->task_state ? sim_->task_state->task.get() : nullptr; }
 
 void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   const Use use(*sim_);
@@ -269,13 +269,13 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   if (!is_of_all(*sim_, mask)) checks::whole(*sim_);
   list_chosen(*sim_, mask, &Block::opening);
   if (sim_->pool) {
-    PoolRun& run = *sim_->pool;
-    run.moves.clear();
+    PoolState& pool = *sim_->pool;
+    pool.moves.clear();
     for (const Block& block : sim_->schedule.blocks()) {
       for (const std::uint32_t env : block.opening) {
         const bool goes_on = seeds.empty();
         const std::uint64_t seed = goes_on ? sim_->state.seed[env] : seeds[env];
-        run.moves.push_back({env, run.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
+        pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
       }
     }
     fetch_worlds(*sim_);
@@ -307,10 +307,10 @@ void Batch::step(std::span<const std::int64_t> actions) {
   checks::actions(*sim_, actions);
   checks::whole(*sim_);
   checks::begun(*sim_);
-  if (sim_->run->actions.type() == DType::int64) {
-    std::copy(actions.begin(), actions.end(), sim_->run->next_actions<std::int64_t>());
+  if (sim_->task_state->actions.type() == DType::int64) {
+    std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int64_t>());
   } else {
-    std::transform(actions.begin(), actions.end(), sim_->run->next_actions<std::int32_t>(),
+    std::transform(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int32_t>(),
                    [](std::int64_t action) { return static_cast<std::int32_t>(action); });
   }
   flockstep::step(*sim_);
@@ -323,7 +323,7 @@ void Batch::step(std::span<const float> actions) {
   checks::actions(*sim_, actions);
   checks::whole(*sim_);
   checks::begun(*sim_);
-  std::copy(actions.begin(), actions.end(), sim_->run->next_actions<float>());
+  std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<float>());
   flockstep::step(*sim_);
 }
 
@@ -338,7 +338,7 @@ Outputs& Batch::outputs() { return sim_->outputs.now(); }
 void Batch::visit_task(ArrayVisitor& visitor) const {
   const Use use(*sim_);
   checks::has_task(*sim_);
-  sim_->run->task->visit(visitor);
+  sim_->task_state->task->visit(visitor);
 }
 
 // --------------------------------------------------------------------------------------------------------------- snapshots

@@ -55,7 +55,7 @@ void has_camera(const Simulation& sim, std::size_t camera) {
 }
 
 void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode) {
-  const bool observed = sim.run && sim.run->task->observes_camera(camera);
+  const bool observed = sim.task_state && sim.task_state->task->observes_camera(camera);
   require(!observed || mode != CaptureMode::on_demand, "capture_mode",
           "every_step or on_movement (the task observes this camera)", "on_demand");
 }
@@ -133,7 +133,7 @@ void angles(Control control, std::span<const float> command, std::string_view fi
 }
 
 void has_task(const Simulation& sim) {
-  if (!sim.run) throw std::logic_error("this Batch has no task: give it one (task=...) to reset and step it");
+  if (!sim.task_state) throw std::logic_error("this Batch has no task: give it one (task=...) to reset and step it");
 }
 
 void spec(const TaskSpec& spec) {
@@ -229,7 +229,7 @@ void world_index(const Simulation& sim, std::span<const std::int32_t> world_inde
 }
 
 void actions(const Simulation& sim, std::span<const std::int64_t> actions) {
-  const Field& field = sim.run->spec().action;
+  const Field& field = sim.task_state->spec().action;
   require(!is_floating(field.type), "actions", "floating-point numbers", "integers");
   size(actions.size(), sim.num_envs(), "actions");
   const auto least = static_cast<std::int64_t>(field.low.at(0));
@@ -242,7 +242,7 @@ void actions(const Simulation& sim, std::span<const std::int64_t> actions) {
 }
 
 void actions(const Simulation& sim, std::span<const float> actions) {
-  const Field& field = sim.run->spec().action;
+  const Field& field = sim.task_state->spec().action;
   require(is_floating(field.type), "actions", "integers (the task's actions are discrete)", "floating-point numbers");
   size(actions.size(), sim.num_envs() * field.size(), "actions");
   if (are_finite(actions)) return;

@@ -7,9 +7,9 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/contiguous.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
-#include "base/runs.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/checks.hpp"
 
@@ -40,23 +40,23 @@ void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size
 }
 
 // Whether the action of this step is another than that of the step before, or the first.
-void compare_actions(const TaskRun& run, std::size_t first, std::size_t count, EpisodeState& episodes) {
+void compare_actions(const TaskState& task_state, std::size_t first, std::size_t count, EpisodeState& episodes) {
   std::uint8_t* const changed = episodes.action_changed.data() + first;
-  switch (run.actions.type()) {
+  switch (task_state.actions.type()) {
     case DType::int32:
-      compare_rows<std::int32_t>(run.actions, run.actions_before, first, count, changed);
+      compare_rows<std::int32_t>(task_state.actions, task_state.actions_before, first, count, changed);
       break;
     case DType::int64:
-      compare_rows<std::int64_t>(run.actions, run.actions_before, first, count, changed);
+      compare_rows<std::int64_t>(task_state.actions, task_state.actions_before, first, count, changed);
       break;
     case DType::float32:
-      compare_rows<float>(run.actions, run.actions_before, first, count, changed);
+      compare_rows<float>(task_state.actions, task_state.actions_before, first, count, changed);
       break;
     case DType::float64:
-      compare_rows<double>(run.actions, run.actions_before, first, count, changed);
+      compare_rows<double>(task_state.actions, task_state.actions_before, first, count, changed);
       break;
     default:
-      compare_rows<std::uint8_t>(run.actions, run.actions_before, first, count, changed);
+      compare_rows<std::uint8_t>(task_state.actions, task_state.actions_before, first, count, changed);
   }
   for (std::size_t i = 0; i < count; ++i) changed[i] |= episodes.steps[first + i] == 0;
 }
@@ -76,34 +76,34 @@ void sum_rows(const double* rows, std::size_t columns, std::size_t count, double
 // So many terms of the score's, from the first on, go into all sums that there are of them. They are what envs that follow each
 // other have earned in a flown step, so these loops are long.
 void add_up(Simulation& sim, std::size_t first, std::size_t count) {
-  TaskRun& run = *sim.run;
-  const double* const terms = run.score.terms.data() + first;
+  TaskState& task_state = *sim.task_state;
+  const double* const terms = task_state.score.terms.data() + first;
   std::size_t bad = 0;
   for (std::size_t i = 0; i < count; ++i) bad += !is_reward(terms[i]);
-  if (bad > 0) drop_bad_terms(sim, first / run.score.num_terms, count / run.score.num_terms);
+  if (bad > 0) drop_bad_terms(sim, first / task_state.score.num_terms, count / task_state.score.num_terms);
   double* const sums = sim.episodes.episode_terms.data() + first;
   double* const shown_sums = sim.outputs.now().episode_terms.data() + first;
   for (std::size_t i = 0; i < count; ++i) shown_sums[i] = sums[i] += terms[i];
-  double* const earned = run.earned.empty() ? nullptr : run.earned.data() + first;
+  double* const earned = task_state.earned.empty() ? nullptr : task_state.earned.data() + first;
   for (std::size_t i = 0; earned != nullptr && i < count; ++i) earned[i] += terms[i];
   const double* const step = earned != nullptr ? earned : terms;
   float* const shown = sim.outputs.now().reward_terms.data() + first;
   for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(step[i]);
 }
 
-// What the envs of a run, of which there are no more than kSettled, have earned and whether their episodes end.
+// Adds up the rewards of at most kSettled consecutive envs, and decides which of their episodes end.
 constexpr std::size_t kSettled = 64;
-void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
+void settle_contiguous(Simulation& sim, std::size_t first, std::size_t count) {
   EpisodeState& episodes = sim.episodes;
-  TaskRun& run = *sim.run;
+  TaskState& task_state = *sim.task_state;
   Outputs& out = sim.outputs.now();
-  const std::size_t num_terms = run.score.num_terms;
+  const std::size_t num_terms = task_state.score.num_terms;
   add_up(sim, first * num_terms, count * num_terms);
 
   std::array<double, kSettled> totals, step_totals;  // of this flown step, and of those flown so far
-  sum_rows(run.score.terms.data() + first * num_terms, num_terms, count, totals.data());
-  if (!run.earned.empty()) sum_rows(run.earned.data() + first * num_terms, num_terms, count, step_totals.data());
-  const double* const shown = run.earned.empty() ? totals.data() : step_totals.data();
+  sum_rows(task_state.score.terms.data() + first * num_terms, num_terms, count, totals.data());
+  if (!task_state.earned.empty()) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());
+  const double* const shown = task_state.earned.empty() ? totals.data() : step_totals.data();
   double* const returns = episodes.episode_return.data() + first;
   for (std::size_t i = 0; i < count; ++i) returns[i] += totals[i];
   for (std::size_t i = 0; i < count; ++i) out.reward[first + i] = static_cast<float>(shown[i]);
@@ -123,9 +123,9 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   }
   const std::uint8_t ends_on_contact = sim.physics && sim.config.dynamics.on_contact == OnContact::terminate;
   const std::uint8_t* const bad = episodes.bad.data() + first;
-  const std::uint8_t* const told_terminated = run.score.terminated.data() + first;
-  const std::uint8_t* const told_truncated = run.score.truncated.data() + first;
-  const std::uint8_t* const success = run.score.success.data() + first;
+  const std::uint8_t* const told_terminated = task_state.score.terminated.data() + first;
+  const std::uint8_t* const told_truncated = task_state.score.truncated.data() + first;
+  const std::uint8_t* const success = task_state.score.success.data() + first;
   Flags terminated, truncated, ends, succeeds, crashes;
   for (std::size_t i = 0; i < count; ++i) {
     terminated[i] = (bad[i] | told_terminated[i] | (hits[i] & ends_on_contact)) != 0;
@@ -142,7 +142,7 @@ void settle_run(Simulation& sim, std::size_t first, std::size_t count) {
   std::uint8_t* const reasons = out.episode_end.data() + first;
   std::fill_n(reasons, count, static_cast<std::uint8_t>(EpisodeEnd::none));
   if (is_any(ends.data(), count)) {
-    const std::uint8_t* const left_area = run.score.left_area.data() + first;
+    const std::uint8_t* const left_area = task_state.score.left_area.data() + first;
     for (std::size_t i = 0; i < count; ++i) {
       if (!ends[i]) continue;
       const bool by_task = told_terminated[i] || told_truncated[i];
@@ -190,35 +190,35 @@ bool touches(const Simulation& sim, std::size_t env) {
 void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   const std::size_t n = sim.num_envs();
   for_each_field(sim.episodes, [n](const auto&, auto& array) { array.resize(n); });
-  sim.run.emplace(TaskRun{.task = std::move(task)});
-  TaskRun& run = *sim.run;
+  sim.task_state.emplace(TaskState{.task = std::move(task)});
+  TaskState& task_state = *sim.task_state;
   const Control control = sim.config.dynamics.control;
-  if (!run.task->takes(control)) refuse("control", controls_of(*run.task), quoted(control));
-  run.task->setup(*sim.context);
+  if (!task_state.task->takes(control)) refuse("control", controls_of(*task_state.task), quoted(control));
+  task_state.task->setup(*sim.context);
   if (sim.pool) require_world_of_pool(sim, 0, sim.world_pointers[0]);
   if (!sim.pool) {
-    for (const World* const world : sim.world_pointers) run.task->require_world(*world, sim.drone_model);
+    for (const World* const world : sim.world_pointers) task_state.task->require_world(*world, sim.drone_model);
   }
-  const TaskSpec& spec = run.spec();
+  const TaskSpec& spec = task_state.spec();
   checks::spec(spec);
   double bytes = 0.0;  // of an observation, in two slots, twice: the present and the final one
   for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
   checks::memory(bytes * static_cast<double>(n));
-  run.actions = run.actions_before = Buffer(spec.action, n);
+  task_state.actions = task_state.actions_before = Buffer(spec.action, n);
   const bool tells_poses = sim.config.dynamics.control == Control::pose;
-  if (tells_poses) run.setpoints.target.resize(sim.num_drones());
-  if (!tells_poses) run.setpoints.command.resize(4 * sim.num_drones());
-  if (tells_poses && sim.config.clock.substeps() > 1) run.step_start.resize(sim.num_drones());
-  run.score.num_terms = spec.reward_terms.size();
-  run.score.terms.resize(n * run.score.num_terms);
-  sim.episodes.episode_terms.resize(n * run.score.num_terms);
-  run.score.terminated.resize(n);
-  run.score.truncated.resize(n);
-  run.score.success.resize(n);
-  run.score.left_area.resize(n);
-  if (sim.config.episode.frame_skip > 1) run.earned.resize(n * run.score.num_terms);
-  run.max_episode_steps = sim.config.episode.max_episode_steps.value_or(run.task->defaults().max_episode_steps);
-  require(!sim.config.episode.stagger_first_episode || run.max_episode_steps > 0, "stagger_first_episode",
+  if (tells_poses) task_state.setpoints.target.resize(sim.num_drones());
+  if (!tells_poses) task_state.setpoints.command.resize(4 * sim.num_drones());
+  if (tells_poses && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
+  task_state.score.num_terms = spec.reward_terms.size();
+  task_state.score.terms.resize(n * task_state.score.num_terms);
+  sim.episodes.episode_terms.resize(n * task_state.score.num_terms);
+  task_state.score.terminated.resize(n);
+  task_state.score.truncated.resize(n);
+  task_state.score.success.resize(n);
+  task_state.score.left_area.resize(n);
+  if (sim.config.episode.frame_skip > 1) task_state.earned.resize(n * task_state.score.num_terms);
+  task_state.max_episode_steps = sim.config.episode.max_episode_steps.value_or(task_state.task->defaults().max_episode_steps);
+  require(!sim.config.episode.stagger_first_episode || task_state.max_episode_steps > 0, "stagger_first_episode",
           "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
   sim.outputs.allocate(spec, n);
 }
@@ -264,35 +264,35 @@ void start_counts(Simulation& sim, std::size_t env) {
   EpisodeState& episodes = sim.episodes;
   episodes.steps[env] = 0;
   episodes.episode_return[env] = 0.0;
-  const std::size_t terms = sim.run->score.num_terms;
+  const std::size_t terms = sim.task_state->score.num_terms;
   std::fill_n(episodes.episode_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, 0.0);
   episodes.begun[env] = 1;
   episodes.done[env] = 0;
   episodes.action_changed[env] = 0;
   episodes.bad[env] = 0;
-  episodes.time_limit[env] = sim.run->max_episode_steps;
+  episodes.time_limit[env] = sim.task_state->max_episode_steps;
   if (sim.config.episode.stagger_first_episode && sim.state.episode[env] == 0) {
     const double u = uniform01(draw(sim.state, env, Stream::time_limit, 0)[0]);
-    episodes.time_limit[env] = 1 + static_cast<std::int64_t>(u * sim.run->max_episode_steps);
+    episodes.time_limit[env] = 1 + static_cast<std::int64_t>(u * sim.task_state->max_episode_steps);
   }
 }
 
 void take_part(Simulation& sim, Block& block) {
   const bool resets_in_next_step = sim.config.episode.autoreset_mode == AutoresetMode::next_step;
-  const bool skips = !sim.run->earned.empty();
-  const std::size_t terms = sim.run->score.num_terms;
+  const bool skips = !sim.task_state->earned.empty();
+  const std::size_t terms = sim.task_state->score.num_terms;
   block.flown.clear();
   block.flying.clear();
   block.opening.clear();
   bool all_fly = true;
-  for_each_run(block.envs, [&](std::size_t first, std::size_t count) {
+  for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
     sim.outputs.forget_final(first, count);
     all_fly &= !is_any(sim.episodes.done.data() + first, count);
   });
   if (all_fly) {  // as in most steps
     block.flown.assign(block.envs);
     block.flying.assign(block.envs);
-    for_each_run(block.envs, [&](std::size_t first, std::size_t count) {
+    for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
       std::fill_n(sim.episodes.flying.data() + first, count, std::uint8_t{1});
     });
   } else {
@@ -310,15 +310,16 @@ void take_part(Simulation& sim, Block& block) {
       }
     }
   }
-  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
-    if (skips) std::fill_n(sim.run->earned.data() + first * terms, count * terms, kNothing);
-    compare_actions(*sim.run, first, count, sim.episodes);
+  for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
+    if (skips) std::fill_n(sim.task_state->earned.data() + first * terms, count * terms, kNothing);
+    compare_actions(*sim.task_state, first, count, sim.episodes);
   });
 }
 
 void settle(Simulation& sim, Block& block) {
-  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
-    for (std::size_t done = 0; done < count; done += kSettled) settle_run(sim, first + done, std::min(kSettled, count - done));
+  for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
+    for (std::size_t done = 0; done < count; done += kSettled)
+      settle_contiguous(sim, first + done, std::min(kSettled, count - done));
   });
   block.flying.filter([&](std::uint32_t env) { return !sim.episodes.done[env]; });
 }

@@ -214,7 +214,7 @@ class Group {
   bool holds(std::size_t lane) const {
     const std::uint32_t drone = drones_[lane];
     return (sim_.config.dynamics.on_contact == OnContact::terminate && sim_.state.contact.hit[drone]) ||
-           (sim_.run && sim_.episodes.bad[sim_.env_of(drone)]);
+           (sim_.task_state && sim_.episodes.bad[sim_.env_of(drone)]);
   }
 
   Vec3 position(std::size_t lane) const { return vec3(base_, lane) + vec3(flock_.travelled, lane); }
@@ -332,7 +332,7 @@ class Group {
   // state; without a task the caller is warned.
   void give_up(std::size_t lane) {
     start_flight(sim_, drones_[lane], {});
-    if (sim_.run) {
+    if (sim_.task_state) {
       mark_bad(sim_, sim_.env_of(drones_[lane]));
     } else {
       scratch_.lost.add(drones_[lane]);
@@ -546,7 +546,7 @@ void sweep_to(Simulation& sim, std::size_t drone, const Pose& target) {
 }
 
 Row row_of(const Simulation& sim, const Block& block) {
-  if (!block.is_run) return {};
+  if (!block.is_contiguous) return {};
   return {block.envs.front() * sim.drones_per_env(), block.envs.size() * sim.drones_per_env()};
 }
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <type_traits>
 
-#include "base/runs.hpp"
+#include "base/contiguous.hpp"
 
 namespace flockstep {
 namespace {

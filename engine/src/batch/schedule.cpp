@@ -36,8 +36,8 @@ void Schedule::rebuild(std::span<const std::int32_t> world_index, std::span<cons
   for (std::size_t first = 0; first < end; first += block_size_) {
     const auto list = [&](std::size_t which) { return EnvList(lists_[which].data() + first); };
     const std::span<const std::uint32_t> envs = std::span(order_).subspan(first, std::min(block_size_, end - first));
-    const bool is_run = envs.back() - envs.front() + 1 == envs.size() && std::ranges::is_sorted(envs);
-    blocks_.push_back({envs, is_run, list(0), list(1), list(2), list(3)});
+    const bool is_contiguous = envs.back() - envs.front() + 1 == envs.size() && std::ranges::is_sorted(envs);
+    blocks_.push_back({envs, is_contiguous, list(0), list(1), list(2), list(3)});
   }
 }
 

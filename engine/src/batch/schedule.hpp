@@ -45,7 +45,7 @@ class EnvList {
 
 struct Block {
   std::span<const std::uint32_t> envs;  // all active ones of the block
-  bool is_run = false;                  // they follow each other without a gap
+  bool is_contiguous = false;           // they follow each other without a gap
   // of the step under way
   EnvList flown;    // take part in it
   EnvList flying;   // those of them whose episode goes on

@@ -17,7 +17,7 @@
 #include "base/prefetch.hpp"
 #include "base/workers.hpp"
 #include "batch/outputs.hpp"
-#include "batch/pool_run.hpp"
+#include "batch/pool_state.hpp"
 #include "batch/schedule.hpp"
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
@@ -53,7 +53,7 @@ struct Scratch {
 };
 
 // The task of a batch, and what it and the episode machine hand each other.
-struct TaskRun {
+struct TaskState {
   std::unique_ptr<Task> task;
   Buffer actions;                // of the step under way, else of the last; a row per env
   Buffer actions_before;         // of the step before it
@@ -133,7 +133,7 @@ struct Simulation {
   }
 
   const BatchConfig config;
-  std::optional<PoolRun> pool;  // where the worlds are drawn from one
+  std::optional<PoolState> pool;  // where the worlds are drawn from one
   // Of each slot: its world, and as rays and drones meet it. They stay what they are, but with a pool, where free ones are null.
   Batch::Worlds worlds;
   std::vector<const World*> world_pointers;
@@ -150,8 +150,8 @@ struct Simulation {
   std::optional<sensors::Imu> imu;
   sensors::CameraRig cameras;
 
-  EpisodeState episodes;       // sized where there is a task
-  std::optional<TaskRun> run;  // likewise
+  EpisodeState episodes;                // sized where there is a task
+  std::optional<TaskState> task_state;  // likewise
   std::unique_ptr<TaskContext> context;
   OutputSlots outputs;
 

@@ -39,15 +39,15 @@ void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   if (sim.imu) sim.imu->visit(visitor);
   if (sim.lidar) sim.lidar->visit(visitor);
   for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].visit(visitor);
-  if (!sim.run) return;
+  if (!sim.task_state) return;
   visitor.fields(sim.episodes);
-  visitor.bytes("actions", sim.run->actions.bytes(), sim.run->actions.type());
+  visitor.bytes("actions", sim.task_state->actions.bytes(), sim.task_state->actions.type());
   visitor.fields(sim.outputs.now());
 }
 
 void visit(Simulation& sim, ArrayVisitor& visitor) {
   visit_own(sim, visitor);
-  if (sim.run) sim.run->task->visit(visitor);
+  if (sim.task_state) sim.task_state->task->visit(visitor);
 }
 
 class Writer final : public ArrayVisitor {
@@ -168,7 +168,7 @@ void put(Simulation& sim, std::string_view body) {
   if (sim.lidar) sim.lidar->restored();
   for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].restored();
   sim.outputs.restored();
-  if (sim.run) sim.run->task->restored();
+  if (sim.task_state) sim.task_state->task->restored();
 }
 
 template <class Values, class Holds>
@@ -214,7 +214,7 @@ void require_meaning(const Simulation& sim) {
     require_all(sim.lidar->ranges(), "lidar_ranges", "ranges >= 0", [](float range) { return range >= 0.0F; });
   }
   for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].check();
-  if (!sim.run) return;
+  if (!sim.task_state) return;
   counts(sim.episodes.steps, "steps");
   counts(sim.episodes.time_limit, "time_limit");
   finite(sim.episodes.episode_return, "episode_return");
@@ -236,7 +236,7 @@ void require_meaning(const Simulation& sim) {
   require_all(outputs.episode_end, "episode_end", "a member of EpisodeEnd",
               [](std::uint8_t value) { return value < EnumNames<EpisodeEnd>::kNames.size(); });
   counts(outputs.episode_length, "episode_length");
-  sim.run->task->check();
+  sim.task_state->task->check();
 }
 
 }  // namespace
@@ -245,10 +245,10 @@ std::uint64_t config_hash(Simulation& sim) {
   if (sim.known_hash) return *sim.known_hash;
   Hash hash;
   hash.add(sim.config);
-  if (sim.run) {
-    hash.add(sim.run->task->identity());
-    hash.add(sim.run->spec());
-    hash.add(sim.run->max_episode_steps);
+  if (sim.task_state) {
+    hash.add(sim.task_state->task->identity());
+    hash.add(sim.task_state->spec());
+    hash.add(sim.task_state->max_episode_steps);
   }
   if (sim.pool) {  // the worlds of which nobody knows yet; snapshots have the hashes of those that envs are in
     hash.add("pool");
@@ -307,7 +307,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   reader.for_each("camera_settings", [&](std::span<const std::byte> bytes) { sim.cameras[camera++].check_restored(bytes); });
   std::optional<Reader> own;  // of a pool's batch
   if (sim.pool) own = reader;
-  if (sim.run) sim.run->task->visit(reader);  // now, since its arrays may have the names of those above
+  if (sim.task_state) sim.task_state->task->visit(reader);  // now, since its arrays may have the names of those above
   reader.require_end();
   if (own) fetch_worlds_of(sim, *own);
 

@@ -5,8 +5,8 @@
 #include <initializer_list>
 #include <utility>
 
+#include "base/contiguous.hpp"
 #include "base/pose_access.hpp"
-#include "base/runs.hpp"
 #include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
@@ -53,9 +53,9 @@ void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scrat
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
-  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+  for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
     for (std::size_t env = first; env < first + count; ++env) ++sim.episodes.steps[env];
-    std::fill_n(sim.run->score.truncated.data() + first, count, std::uint8_t{0});
+    std::fill_n(sim.task_state->score.truncated.data() + first, count, std::uint8_t{0});
   });
 }
 
@@ -65,11 +65,11 @@ void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
   for (std::size_t i = 0; i < drones.size(); ++i) {
     const std::uint32_t drone = drones[i];
     sim.fetch_ahead(drones, i);
-    const Pose& target = sim.run->setpoints.target[drone];
+    const Pose& target = sim.task_state->setpoints.target[drone];
     if (substeps == 1) {
       sweep_to(sim, drone, target);
     } else if (!sim.state.contact.hit[drone]) {  // what has been hit in this step holds the drone until the next
-      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.run->step_start[drone], target, substep, substeps));
+      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps));
     }
   }
 }
@@ -78,10 +78,11 @@ void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
 // What is due when the step is over is left to sense().
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
-  if (!sim.run->step_start.empty()) {
-    for (const std::uint32_t drone : sim.drones_of(block.flying, scratch)) sim.run->step_start[drone] = pose_of(sim.state, drone);
+  if (!sim.task_state->step_start.empty()) {
+    for (const std::uint32_t drone : sim.drones_of(block.flying, scratch))
+      sim.task_state->step_start[drone] = pose_of(sim.state, drone);
   }
-  for_each_run(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
+  for_each_contiguous(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
     if (sim.physics) {
       if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // as mostly
       for (std::size_t drone = first; drone < first + count; ++drone) {
@@ -93,7 +94,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
   });
   if (sim.physics) update_wind(sim, sim.drones_of(block.flying, scratch));
   const int leg = sim.physics && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
-  const Told told{sim.run->setpoints.command, sim.run->setpoints.target, sim.run->step_start};
+  const Told told{sim.task_state->setpoints.command, sim.task_state->setpoints.target, sim.task_state->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
     const auto drones = sim.drones_of(block.flying, scratch);
     if (sim.physics) {
@@ -101,12 +102,12 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
     } else {
       move(sim, drones, flown);
     }
-    for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+    for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
       for (std::size_t env = first; env < first + count; ++env) sim.state.tick[env] += leg;
     });
     if (flown < ticks) read(sim, block.flying, When::within_step, scratch);
   }
-  for_each_run(block.flying, [&](std::size_t first, std::size_t count) {
+  for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
     for (std::size_t env = first; env < first + count; ++env) ++sim.state.sensed[env];
   });
 }
@@ -119,7 +120,7 @@ void sense_all(Simulation& sim, Block& block, Scratch& scratch) {
   read(sim, block.*kList, When::asked, scratch);
 }
 
-// ------------------------------------------------------------------------------------------------- two ways to run the stages
+// ------------------------------------------------------------------------------------------------- two executors of the stages
 
 // A block goes through all stages on its thread and waits for nobody.
 class BlockByBlock {
@@ -158,7 +159,7 @@ class StageByStage {
   }
   template <class Call>
   void task(std::initializer_list<List> lists, const Call& call) {
-    if (!sim_.run->task->takes_all_envs_at_once()) {
+    if (!sim_.task_state->task->takes_all_envs_at_once()) {
       sim_.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
         BlockByBlock(sim_, block, scratch, thread).task(lists, call);
       });
@@ -194,61 +195,62 @@ void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(s
 void check_opened(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.opening, false); }
 
 // The first moment of the episodes that have been opened.
-template <class Run>
-void begin_program(Simulation& sim, Run& run, bool place) {
-  Task& task = *sim.run->task;
-  if (place) run.task({&Block::opening}, [&](const TaskBlock& envs) { task.place(envs); });
-  run.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
-  run.each([](Simulation& s, Block& block, Scratch& scratch) {
+template <class Executor>
+void begin_program(Simulation& sim, Executor& executor, bool place) {
+  Task& task = *sim.task_state->task;
+  if (place) executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.place(envs); });
+  executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
+  executor.each([](Simulation& s, Block& block, Scratch& scratch) {
     first_moment(s, block);
     if (s.physics) feel(s, s.drones_of(block.opening, scratch), row_of(s, block), scratch);
   });
-  run.start_frames(&Block::opening);
-  run.each(sense_all<&Block::opening>);
-  run.finish_frames();
+  executor.start_frames(&Block::opening);
+  executor.each(sense_all<&Block::opening>);
+  executor.finish_frames();
 }
 
 void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
 
 // A step is two programs: what is flown, and what begins. Between them the envs that begin may change their worlds.
-template <class Run>
-void fly_program(Simulation& sim, Run& run) {
-  Task& task = *sim.run->task;
-  run.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
+template <class Executor>
+void fly_program(Simulation& sim, Executor& executor) {
+  Task& task = *sim.task_state->task;
+  executor.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
   for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
     const bool is_last = flown == sim.config.episode.frame_skip;
-    run.each(count_step);
-    run.task({&Block::flying}, [&](const TaskBlock& envs) { task.command(envs, sim.run->actions, sim.run->setpoints); });
-    run.each([](Simulation& s, Block& block, Scratch&) { check_setpoints(s, block); });
-    run.each(fly);
-    if (is_last) run.start_frames(&Block::flown);
-    run.each(sense);
-    if (is_last) run.finish_frames();
-    run.task({&Block::flying}, [&](const TaskBlock& envs) { task.score(envs, sim.run->score); });
-    run.each([](Simulation& s, Block& block, Scratch&) { settle(s, block); });
+    executor.each(count_step);
+    executor.task({&Block::flying},
+                  [&](const TaskBlock& envs) { task.command(envs, sim.task_state->actions, sim.task_state->setpoints); });
+    executor.each([](Simulation& s, Block& block, Scratch&) { check_setpoints(s, block); });
+    executor.each(fly);
+    if (is_last) executor.start_frames(&Block::flown);
+    executor.each(sense);
+    if (is_last) executor.finish_frames();
+    executor.task({&Block::flying}, [&](const TaskBlock& envs) { task.score(envs, sim.task_state->score); });
+    executor.each([](Simulation& s, Block& block, Scratch&) { settle(s, block); });
   }
   // An env that is reset in the step in which it ended is observed twice: as its episode ends, and as the next begins.
   if (resets_at_once(sim)) {
-    run.task({&Block::flown}, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
-    run.each(check_flown);
-    run.each(keep);
+    executor.task({&Block::flown}, [&](const TaskBlock& envs) { task.observe(envs, sim.outputs.now().observation); });
+    executor.each(check_flown);
+    executor.each(keep);
   }
-  run.each([](Simulation& s, Block& block, Scratch&) { list_opening(s, block); });
+  executor.each([](Simulation& s, Block& block, Scratch&) { list_opening(s, block); });
 }
 
-template <class Run>
-void turn_program(Simulation& sim, Run& run) {
-  const auto observe = [&](const TaskBlock& envs) { sim.run->task->observe(envs, sim.outputs.now().observation); };
-  run.each(turn_over);
-  begin_program(sim, run, true);
+template <class Executor>
+void turn_program(Simulation& sim, Executor& executor) {
+  const auto observe = [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.outputs.now().observation); };
+  executor.each(turn_over);
+  begin_program(sim, executor, true);
   if (resets_at_once(sim)) {
-    run.task({&Block::opening}, observe);
-    run.each(check_opened);
+    executor.task({&Block::opening}, observe);
+    executor.each(check_opened);
   } else {
-    run.task({&Block::flown, &Block::opening}, observe);
-    run.each(check_flown);
-    run.each(check_opened);
-    run.each(keep);
+    executor.task({&Block::flown, &Block::opening}, observe);
+    executor.each(check_flown);
+    executor.each(check_opened);
+    executor.each(keep);
   }
 }
 
@@ -276,22 +278,22 @@ class Stepping {
 void step(Simulation& sim) {
   const Stepping stepping(sim);
   sim.outputs.turn();
-  if (!sim.cameras.empty() || sim.run->task->takes_all_envs_at_once()) {
-    StageByStage run(sim);
-    fly_program(sim, run);
+  if (!sim.cameras.empty() || sim.task_state->task->takes_all_envs_at_once()) {
+    StageByStage executor(sim);
+    fly_program(sim, executor);
     if (sim.pool) change_worlds(sim);
-    turn_program(sim, run);
+    turn_program(sim, executor);
   } else {
     sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
-      BlockByBlock run(sim, block, scratch, thread);
-      fly_program(sim, run);
-      if (!sim.pool) turn_program(sim, run);
+      BlockByBlock executor(sim, block, scratch, thread);
+      fly_program(sim, executor);
+      if (!sim.pool) turn_program(sim, executor);
     });
     if (sim.pool) {
       change_worlds(sim);
       sim.for_each_block([&](Block& block, Scratch& scratch, std::size_t thread) {
-        BlockByBlock run(sim, block, scratch, thread);
-        turn_program(sim, run);
+        BlockByBlock executor(sim, block, scratch, thread);
+        turn_program(sim, executor);
       });
     }
   }
@@ -300,21 +302,22 @@ void step(Simulation& sim) {
 
 void begin_episodes(Simulation& sim, bool place) {
   const Stepping stepping(sim);
-  StageByStage run(sim);
-  begin_program(sim, run, place);
-  run.task({&Block::opening}, [&](const TaskBlock& envs) { sim.run->task->observe(envs, sim.outputs.now().observation); });
-  run.each(check_opened);
+  StageByStage executor(sim);
+  begin_program(sim, executor, place);
+  executor.task({&Block::opening},
+                [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.outputs.now().observation); });
+  executor.each(check_opened);
   if (sim.pool) look_ahead(sim);
 }
 
 void read_sensors(Simulation& sim) {
-  StageByStage run(sim);
-  run.each([](Simulation& s, Block& block, Scratch&) {
+  StageByStage executor(sim);
+  executor.each([](Simulation& s, Block& block, Scratch&) {
     for (const std::uint32_t env : block.chosen) ++s.state.sensed[env];
   });
-  run.start_frames(&Block::chosen);
-  run.each(sense_all<&Block::chosen>);
-  run.finish_frames();
+  executor.start_frames(&Block::chosen);
+  executor.each(sense_all<&Block::chosen>);
+  executor.finish_frames();
 }
 
 }  // namespace flockstep

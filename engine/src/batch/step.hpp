@@ -8,7 +8,7 @@
 
 namespace flockstep {
 
-// Flies the actions in sim.run->actions.
+// Flies the actions in sim.task_state->actions.
 void step(Simulation& sim);
 
 // Begins the episodes that have been opened, in the envs that Block::opening lists. place: where the task has them begin, instead

@@ -6,7 +6,7 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
-#include "base/runs.hpp"
+#include "base/contiguous.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep {
@@ -41,7 +41,7 @@ Pose PoseSensor::pose(std::size_t drone) const {
 
 void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state) {
   if (config_.is_exact()) {
-    for_each_run(drones, [&](std::size_t first, std::size_t count) {
+    for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
       std::copy_n(state.position.data() + 3 * first, 3 * count, readings_.position.data() + 3 * first);
       std::copy_n(state.quat_wxyz.data() + 4 * first, 4 * count, readings_.quat_wxyz.data() + 4 * first);
     });

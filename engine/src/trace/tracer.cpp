@@ -202,7 +202,7 @@ void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waitin
     for (std::size_t ray = 0; ray < tile.width;) {
       const std::size_t count = std::min(kMaxRays - waiting.rays.count, tile.width - ray);
       append(bundle_, row * tile.width + ray, count, waiting.rays);
-      waiting.runs[waiting.num_runs++] = {ranges + row * stride + ray, count};
+      waiting.segments[waiting.num_segments++] = {ranges + row * stride + ray, count};
       if (waiting.rays.count == kMaxRays) deliver(waiting);
       ray += count;
     }
@@ -215,11 +215,11 @@ void Tracer::deliver(Waiting& waiting) {
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);
   meet_triangles(*scene_, waiting.rays, nullptr);  // the static world ends here
   const float* t_hit = waiting.rays.t_hit;
-  for (std::size_t i = 0; i < waiting.num_runs; ++i) {
-    std::copy_n(t_hit, waiting.runs[i].count, waiting.runs[i].ranges);
-    t_hit += waiting.runs[i].count;
+  for (std::size_t i = 0; i < waiting.num_segments; ++i) {
+    std::copy_n(t_hit, waiting.segments[i].count, waiting.segments[i].ranges);
+    t_hit += waiting.segments[i].count;
   }
-  waiting.rays.count = waiting.num_runs = 0;
+  waiting.rays.count = waiting.num_segments = 0;
 }
 
 }  // namespace flockstep::trace

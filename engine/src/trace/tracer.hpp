@@ -101,13 +101,13 @@ class Tracer {
  private:
   // Rays of several sensors, with what they have hit so far.
   struct Waiting {
-    struct Run {  // consecutive rays, and where their distances go
+    struct Segment {  // consecutive rays, and where their distances go
       float* ranges;
       std::size_t count;
     };
     RayBlock rays;
-    std::array<Run, kMaxRays> runs;
-    std::size_t num_runs = 0;
+    std::array<Segment, kMaxRays> segments;
+    std::size_t num_segments = 0;
   };
 
   void aim(const RayTile& tile);                                                           // the bundle is of its rays

@@ -1,4 +1,4 @@
-// Runs: indices that follow each other, so that what is done to all of them is done to a piece of an array.
+// Contiguous: stretches of consecutive indices, so that a loop over them works on one piece of an array.
 #pragma once
 
 #include <cstddef>
@@ -7,9 +7,9 @@
 
 namespace flockstep {
 
-// f(first, count) for each run of ascending indices without a gap.
+// Calls f(first, count) for each stretch of consecutive indices in an ascending list.
 template <class F>
-void for_each_run(std::span<const std::uint32_t> indices, const F& f) {
+void for_each_contiguous(std::span<const std::uint32_t> indices, const F& f) {
   for (std::size_t i = 0; i < indices.size();) {
     std::size_t end = i + 1;
     while (end < indices.size() && indices[end] == indices[end - 1] + 1) ++end;

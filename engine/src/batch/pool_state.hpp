@@ -1,4 +1,4 @@
-// PoolRun: the envs of a batch on their way through the worlds of a pool.
+// PoolState: the worlds of a pool that the envs of a batch are in.
 #pragma once
 
 #include <cstddef>
@@ -22,8 +22,8 @@ struct Move {
 
 // The worlds that envs are in now have slots in the tables of the simulation, each as many envs as are in it. state.world_index
 // has their numbers. No result depends on which slot a world has.
-struct PoolRun {
-  PoolRun(WorldPool pool, std::size_t num_envs);  // every env is in world 0
+struct PoolState {
+  PoolState(WorldPool pool, std::size_t num_envs);  // every env is in world 0
 
   WorldPool pool;
   std::vector<std::int32_t> slots;                         // (E,) of each env's world

@@ -1,4 +1,4 @@
-#include "batch/pool_run.hpp"
+#include "batch/pool_state.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -32,11 +32,11 @@ void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> w
 }
 
 void leave(Simulation& sim, std::uint32_t env) {
-  PoolRun& run = *sim.pool;
-  const std::int32_t slot = run.slots[env];
-  if (--run.users[static_cast<std::size_t>(slot)] > 0) return;
-  run.slot_of.erase(sim.state.world_index[env]);
-  run.free_slots.push_back(slot);
+  PoolState& state = *sim.pool;
+  const std::int32_t slot = state.slots[env];
+  if (--state.users[static_cast<std::size_t>(slot)] > 0) return;
+  state.slot_of.erase(sim.state.world_index[env]);
+  state.free_slots.push_back(slot);
   set_slot(sim, slot, nullptr);
 }
 
@@ -75,7 +75,7 @@ void build_ahead(const World& world, const BatchConfig& config) {
   for (const CameraConfig& camera : config.cameras) compiled(world).shading(camera.shadows);
 }
 
-PoolRun::PoolRun(WorldPool pool_in, std::size_t num_envs)
+PoolState::PoolState(WorldPool pool_in, std::size_t num_envs)
     : pool(std::move(pool_in)), slots(num_envs), users(num_envs), free_slots(num_envs - 1), contents(num_envs) {
   users[0] = static_cast<std::uint32_t>(num_envs);
   slot_of.emplace(0, 0);
@@ -89,78 +89,78 @@ void require_world_of_pool(const Simulation& sim, std::int32_t number, const Wor
   try {
     if (world == nullptr) refuse("worlds", "worlds", "a null pointer");
     sim.cameras.require_world(*world);
-    if (sim.run) sim.run->task->require_world(*world, sim.drone_model);
+    if (sim.task_state) sim.task_state->task->require_world(*world, sim.drone_model);
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument("world " + std::to_string(number) + " of the pool: " + error.what());
   }
 }
 
 void fetch_worlds(Simulation& sim) {
-  PoolRun& run = *sim.pool;
+  PoolState& state = *sim.pool;
   const auto by_number = [](const Move& a, const Move& b) { return std::pair(a.number, a.env) < std::pair(b.number, b.env); };
-  std::sort(run.moves.begin(), run.moves.end(), by_number);
-  run.wanted.clear();
-  for (Move& move : run.moves) {
-    if (const auto found = run.slot_of.find(move.number); found != run.slot_of.end()) {
+  std::sort(state.moves.begin(), state.moves.end(), by_number);
+  state.wanted.clear();
+  for (Move& move : state.moves) {
+    if (const auto found = state.slot_of.find(move.number); found != state.slot_of.end()) {
       move.world = sim.worlds[static_cast<std::size_t>(found->second)];
-    } else if (run.wanted.empty() || run.wanted.back() != move.number) {
-      run.wanted.push_back(move.number);
+    } else if (state.wanted.empty() || state.wanted.back() != move.number) {
+      state.wanted.push_back(move.number);
     }
   }
-  if (run.wanted.empty()) return;
-  run.pool.source->want(run.wanted);
-  for (std::size_t i = 0; i < run.moves.size(); ++i) {
-    Move& move = run.moves[i];
+  if (state.wanted.empty()) return;
+  state.pool.source->want(state.wanted);
+  for (std::size_t i = 0; i < state.moves.size(); ++i) {
+    Move& move = state.moves[i];
     if (move.world) continue;
-    if (i > 0 && run.moves[i - 1].number == move.number) {
-      move.world = run.moves[i - 1].world;
+    if (i > 0 && state.moves[i - 1].number == move.number) {
+      move.world = state.moves[i - 1].world;
       continue;
     }
-    move.world = run.pool.source->get(move.number);
+    move.world = state.pool.source->get(move.number);
     require_world_of_pool(sim, move.number, move.world.get());
     build_ahead(*move.world, sim.config);  // where the source has not
   }
 }
 
 void move_envs(Simulation& sim) {
-  PoolRun& run = *sim.pool;
-  for (Move& move : run.moves) {
-    const auto [known, is_new] = run.slot_of.try_emplace(move.number, -1);  // first, since it may throw
-    if (!is_new && known->second == run.slots[move.env]) continue;
+  PoolState& state = *sim.pool;
+  for (Move& move : state.moves) {
+    const auto [known, is_new] = state.slot_of.try_emplace(move.number, -1);  // first, since it may throw
+    if (!is_new && known->second == state.slots[move.env]) continue;
     leave(sim, move.env);
     if (is_new) {
-      known->second = run.free_slots.back();
-      run.free_slots.pop_back();
+      known->second = state.free_slots.back();
+      state.free_slots.pop_back();
       set_slot(sim, known->second, std::move(move.world));
     }
-    run.slots[move.env] = known->second;
-    ++run.users[static_cast<std::size_t>(known->second)];
+    state.slots[move.env] = known->second;
+    ++state.users[static_cast<std::size_t>(known->second)];
     sim.state.world_index[move.env] = move.number;
     sim.scratches[0]->moved_world = true;
   }
-  run.moves.clear();
+  state.moves.clear();
 }
 
 void look_ahead(Simulation& sim) {
-  PoolRun& run = *sim.pool;
-  run.wanted.clear();
+  PoolState& state = *sim.pool;
+  state.wanted.clear();
   for (const Block& block : sim.schedule.blocks()) {
     for (const std::uint32_t env : block.opening) {
-      run.wanted.push_back(run.pool.number_of(sim.state.seed[env], sim.state.episode[env] + 1));
+      state.wanted.push_back(state.pool.number_of(sim.state.seed[env], sim.state.episode[env] + 1));
     }
   }
-  if (!run.wanted.empty()) run.pool.source->want(run.wanted);
+  if (!state.wanted.empty()) state.pool.source->want(state.wanted);
 }
 
 void change_worlds(Simulation& sim) {
-  PoolRun& run = *sim.pool;
-  run.moves.clear();
+  PoolState& state = *sim.pool;
+  state.moves.clear();
   for (const Block& block : sim.schedule.blocks()) {
     for (const std::uint32_t env : block.opening) {
-      run.moves.push_back({env, run.pool.number_of(sim.state.seed[env], next_episode(sim, env)), nullptr});
+      state.moves.push_back({env, state.pool.number_of(sim.state.seed[env], next_episode(sim, env)), nullptr});
     }
   }
-  if (run.moves.empty()) return;
+  if (state.moves.empty()) return;
   fetch_worlds(sim);
   move_envs(sim);
 }

@@ -1,5 +1,3 @@
-#include "batch/simulation.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -14,6 +12,7 @@
 #include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
+#include "batch/simulation.hpp"
 #include "batch/task_context.hpp"
 #include "compiled/compiled_world.hpp"
 
@@ -62,19 +61,19 @@ Batch::Worlds validated(Batch::Worlds worlds) {
   return worlds;
 }
 
-PoolRun validated(WorldPool pool, const BatchConfig& config, bool has_task, bool has_world_index) {
+PoolState validated(WorldPool pool, const BatchConfig& config, bool has_task, bool has_world_index) {
   pool.validate();
   require(has_task, "worlds", "worlds, where there is no task: its resets draw from a pool", "a pool");
   require(!has_world_index, "world_index", "none with a pool: each episode draws its world", "some");
   require(config.camera_backend != CameraBackend::gl || config.cameras.empty(), "camera_backend",
           "raycast, with a pool of worlds", "gl");
-  return PoolRun(std::move(pool), static_cast<std::size_t>(config.num_envs));
+  return PoolState(std::move(pool), static_cast<std::size_t>(config.num_envs));
 }
 
 // Every env begins in world 0.
-Batch::Worlds first_world(const PoolRun& run) {
-  Batch::Worlds worlds(run.slots.size());
-  worlds[0] = run.pool.source->get(0);
+Batch::Worlds first_world(const PoolState& pool) {
+  Batch::Worlds worlds(pool.slots.size());
+  worlds[0] = pool.pool.source->get(0);
   require(worlds[0] != nullptr, "worlds", "worlds", "a null pointer, world 0 of the pool");
   return worlds;
 }

@@ -1,0 +1,41 @@
+#include "flockstep/limits.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace flockstep {
+namespace {
+
+TEST(Limits, ContainTheirEndsUnlessTheyExcludeThem) {
+  EXPECT_TRUE(between(0, 360).contain(0));
+  EXPECT_TRUE(between(0, 360).contain(360));
+  EXPECT_FALSE(between(0, 360).contain(360.0001));
+  EXPECT_FALSE(above(0).contain(0));
+  EXPECT_TRUE(above(0).contain(1e-300));
+  EXPECT_FALSE(above_up_to(0, 360).contain(0));
+  EXPECT_TRUE(above_up_to(0, 360).contain(360));
+  EXPECT_FALSE((Limits{.greatest = 1, .excludes_greatest = true}.contain(1)));
+  EXPECT_TRUE(within(100).contain(-100));
+}
+
+TEST(Limits, NeverContainWhatIsNotFinite) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  EXPECT_TRUE(Limits().contain(-1e308));
+  EXPECT_FALSE(Limits().contain(kInfinity));
+  EXPECT_FALSE(Limits().contain(-kInfinity));
+  EXPECT_FALSE(Limits().contain(std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_FALSE(at_least(0).contain(kInfinity));
+}
+
+TEST(Limits, ReadAsIntervalsAndComparisons) {
+  EXPECT_EQ(above_up_to(0, 360).text(), "in (0, 360]");
+  EXPECT_EQ(within(1e6).text(), "in [-1000000, 1000000]");
+  EXPECT_EQ(at_least(0).text(), ">= 0");
+  EXPECT_EQ(above(0.5).text(), "> 0.5");
+  EXPECT_EQ((Limits{.greatest = 1, .excludes_greatest = true}.text()), "< 1");
+  EXPECT_EQ(Limits().text(), "");
+}
+
+}  // namespace
+}  // namespace flockstep
