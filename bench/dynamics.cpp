@@ -94,7 +94,7 @@ Flock begin(const Airframe& frame, Control control, const Vec3& wind) {
       flock.wind[i][lane] = wind[static_cast<Eigen::Index>(i)];
     }
     for (std::size_t i = 0; i < flockstep::kRotors; ++i) {
-      flock.rotor[i][lane] = flock.rotor_told[i][lane] = hover * (1.0F + little(random));
+      flock.rotor[i][lane] = flock.rotor_command[i][lane] = hover * (1.0F + little(random));
       if (control == Control::rotor_speeds) flock.setpoint[i][lane] = hover * (1.0F + little(random));
     }
     const float small = 20.0F * little(random);

@@ -94,7 +94,7 @@ Flock random_flock(std::uint32_t seed, dynamics::Stage stage) {
   fill(flock.velocity, -3.0F, 3.0F);
   fill(flock.turn, -4.0F, 4.0F);
   fill(flock.rotor, 400.0F, 900.0F);
-  fill(flock.rotor_told, 400.0F, 900.0F);
+  fill(flock.rotor_command, 400.0F, 900.0F);
   fill(flock.error_integral, -0.5F, 0.5F);
   fill(flock.wind, -2.0F, 2.0F);
   fill(flock.rotation, -1.0F, 1.0F);
@@ -166,7 +166,7 @@ TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
           differ(flock.rotation, together.rotation);
           differ(flock.turn, together.turn);
           differ(flock.rotor, together.rotor);
-          differ(flock.rotor_told, together.rotor_told);
+          differ(flock.rotor_command, together.rotor_command);
           differ(flock.error_integral, together.error_integral);
           EXPECT_EQ(flock.is_good[lane], together.is_good[lane]);
         }
@@ -222,7 +222,7 @@ TEST(Flight, OfALaneDependsOnThatLaneAlone) {
           for (std::size_t k = 0; k < to.size(); ++k) to[k][lane] = from[k][lane];
         }
       };
-      copy(&Flock::velocity), copy(&Flock::rotation), copy(&Flock::turn), copy(&Flock::rotor), copy(&Flock::rotor_told);
+      copy(&Flock::velocity), copy(&Flock::rotation), copy(&Flock::turn), copy(&Flock::rotor), copy(&Flock::rotor_command);
       copy(&Flock::error_integral), copy(&Flock::wind), copy(&Flock::height), copy(&Flock::setpoint);
       dynamics::fly(physics, other, 0, 10);
       for (std::size_t k = 0; k < 3; ++k) {

@@ -17,7 +17,7 @@ ALLOWED: dict[str, set[str]] = {
     "trace": {"base", "world"},
     "collision": {"base", "trace", "world"},
     "render": {"base", "trace", "world"},
-    "dynamics": {"collision"},
+    "dynamics": {"base", "collision", "trace"},
     "compiled": {"base", "collision", "render", "trace", "world"},
     "scenario": {"base", "collision", "compiled", "world"},
     "sensors": {"base", "compiled", "imaging", "render", "trace", "world"},

@@ -91,7 +91,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
     set_pose_of(sim_->state, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
     clear_contact(sim_->state, drone);
-    start_flight(*sim_, drone, {});
+    start_flight(*sim_, DroneIndex(drone), {});
   });
 }
 
@@ -103,7 +103,7 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
     for (const std::uint32_t drone : sim_->drones_of(block.envs, scratch)) {
       if (!chosen(*sim_, mask, drone)) continue;
-      sweep_to(*sim_, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
+      sweep_to(*sim_, DroneIndex(drone), requested_pose(*sim_, drone, drone, position, quat_wxyz));
       if (drone % sim_->drones_per_env() == 0) sim_->state.tick[sim_->env_of(drone)] += sim_->config.clock.substeps();
     }
   });
@@ -146,7 +146,7 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
       if (first == 0) {
         for (const std::uint32_t drone : sim_->drones_of(block.chosen, scratch)) clear_contact(sim_->state, drone);
       }
-      fly_ticks(*sim_, block.chosen, row_of(*sim_, block), {.command = command}, leg, scratch);
+      fly_ticks(*sim_, block, block.chosen, {.command = command, .target = {}, .step_start = {}}, leg, scratch);
     });
   }
   sim_->warn_of_lost_drones();
@@ -179,7 +179,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
     forget_readings(*sim_, env);
     set_pose_of(state, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
     clear_contact(state, drone);
-    start_flight(*sim_, drone, {});
+    start_flight(*sim_, DroneIndex(drone), {});
     if (!sim_->task_state) continue;
     start_counts(*sim_, env);
     sim_->outputs.clear(env);
@@ -228,7 +228,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
     sim_->state.seed[env] = seeds[env];
     sim_->state.episode[env] = 0;
     forget_readings(*sim_, env);
-    begin_gusts(*sim_, drone);
+    begin_gusts(*sim_, DroneIndex(drone));
   });
 }
 
@@ -239,7 +239,7 @@ void Batch::begin_episode(Mask mask) {
   for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
     if (drone % sim_->drones_per_env() == 0) ++sim_->state.episode[sim_->env_of(drone)];
     forget_readings(*sim_, sim_->env_of(drone));
-    begin_gusts(*sim_, drone);
+    begin_gusts(*sim_, DroneIndex(drone));
   });
 }
 

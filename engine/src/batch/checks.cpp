@@ -61,11 +61,11 @@ void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode) {
 }
 
 void is_kinematic(const Simulation& sim, std::string_view call) {
-  if (sim.physics) throw std::logic_error(std::string(call) + "() is for kinematic motion; this Batch flies by rotors: fly()");
+  if (sim.fleet) throw std::logic_error(std::string(call) + "() is for kinematic motion; this Batch flies by rotors: fly()");
 }
 
 void flies_by_rotors(const Simulation& sim, std::string_view call) {
-  if (sim.physics) return;
+  if (sim.fleet) return;
   throw std::logic_error(std::string(call) + "() is for drones that fly by rotors; this Batch has kinematic motion");
 }
 
@@ -82,7 +82,7 @@ void velocity(const Simulation& sim, std::span<const float> values) {
 void angular_velocity(const Simulation& sim, std::span<const float> values) {
   if (values.empty()) return;
   size(values.size(), 3 * sim.num_drones(), "angular_velocity");
-  const float most = sim.physics->max_turn;
+  const float most = sim.fleet->physics.max_turn;
   for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
     const float* const w = values.data() + 3 * drone;
     const float norm = Vec3(w[0], w[1], w[2]).norm();

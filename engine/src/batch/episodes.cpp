@@ -121,7 +121,7 @@ void settle_contiguous(Simulation& sim, std::size_t first, std::size_t count) {
   } else {
     for (std::size_t i = 0; i < count; ++i) hits[i] = touches(sim, first + i);
   }
-  const std::uint8_t ends_on_contact = sim.physics && sim.config.dynamics.on_contact == OnContact::terminate;
+  const std::uint8_t ends_on_contact = sim.fleet && sim.config.dynamics.on_contact == OnContact::terminate;
   const std::uint8_t* const bad = episodes.bad.data() + first;
   const std::uint8_t* const told_terminated = task_state.score.terminated.data() + first;
   const std::uint8_t* const told_truncated = task_state.score.truncated.data() + first;

@@ -1,56 +1,48 @@
-// Flying: how drones come from where they are to where they are told, hitting what is in the way.
+// Flying: moves the drones of a batch to their setpoints, with contacts.
 #pragma once
 
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 
 #include "batch/simulation.hpp"
+#include "dynamics/setpoint.hpp"
+#include "flockstep/index.hpp"
 
 namespace flockstep {
 
-// A velocity that a drone may begin with: finite, and not so fast that float32 loses it.
+// The list that Simulation::drones_of() returns.
+inline std::span<const DroneIndex> drone_indices(std::span<const std::uint32_t> drones) {
+  static_assert(sizeof(DroneIndex) == sizeof(std::uint32_t));
+  return {reinterpret_cast<const DroneIndex*>(drones.data()), drones.size()};
+}
+
+// A velocity that a drone may start with: finite, and slow enough for float32.
 inline bool is_speed(const Vec3& velocity) {
   return velocity.allFinite() && velocity.cwiseAbs().maxCoeff() <= dynamics::kMaxSpeed;
 }
 
-// A drone that flies by its rotors begins anew: at this velocity, its rotors as in hovering. With kinematic motion, nothing.
-void start_flight(Simulation& sim, std::size_t drone, const Velocity& velocity);
-
-// Flies one drone to a pose, or as far as nothing is in the way.
-void sweep_to(Simulation& sim, std::size_t drone, const Pose& target);
-
-// What tells drones that fly by their rotors where to go: a row for each of them.
-struct Told {
-  std::span<const float> command;    // (N, 4), as Control says
-  std::span<const Pose> target;      // (N,), for Control::pose
-  std::span<const Pose> step_start;  // (N,) likewise: where the step began
-};
+// Starts the flight of a drone at this velocity, with its rotors at hover speed. Does nothing with kinematic motion.
+void start_flight(Simulation& sim, DroneIndex drone, const Velocity& velocity);
 
 // Draws the gusts that an episode begins with.
-void begin_gusts(Simulation& sim, std::size_t drone);
-// Advances the gusts by a step. The step begins ticks_ahead after the envs' present ticks.
-void update_wind(Simulation& sim, std::span<const std::uint32_t> drones, int ticks_ahead = 0);
+void begin_gusts(Simulation& sim, DroneIndex drone);
 
-// Drones that follow each other; none where count is 0.
-struct Row {
-  std::size_t first = 0, count = 0;
-};
-// The drones of a block, where they follow each other.
-Row row_of(const Simulation& sim, const Block& block);
+// Moves one drone kinematically to a pose, or to where it hits something.
+void sweep_to(Simulation& sim, DroneIndex drone, const Pose& target);
 
-// What accelerates drones where they are, if their rotors keep their speed: an episode begins with it.
-// own: drones that no other thread reads or writes meanwhile, these among them.
-void feel(Simulation& sim, std::span<const std::uint32_t> drones, Row own, Scratch& scratch);
+// The next three are for drones that fly by their rotors, some of those of a block.
 
-// Flies drones by their rotors for some ticks, the first of which is the first_tick-th of their step. What is in the
-// way is met in each tick. Those that have hit something in this step stay there where contacts end the episode.
-void fly_by_rotors(Simulation& sim, std::span<const std::uint32_t> drones, Row own, const Told& told, int first_tick, int ticks,
-                   Scratch& scratch);
+// Sets the accelerations that an episode begins with: those at the present state if the rotors keep their speed.
+void update_accelerations(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, Scratch& scratch);
 
-// Flies envs for some ticks outside of a task's step. Gusts and the controller follow each env's own clock, so that many calls of
-// one tick do what one call of many ticks does.
-void fly_ticks(Simulation& sim, std::span<const std::uint32_t> envs, Row own, const Told& told, int ticks, Scratch& scratch);
+// Flies drones for some ticks of a task's step, the first of which has the index first_tick in the step.
+void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
+                   int first_tick, int ticks, Scratch& scratch);
+
+// Flies envs of a block for some ticks outside of a task's step. Gusts and the controller follow each env's own clock, so that
+// many calls of one tick do the same as one call of many ticks.
+void fly_ticks(Simulation& sim, const Block& block, std::span<const std::uint32_t> envs, const dynamics::Commands& commands,
+               int ticks, Scratch& scratch);
 
 }  // namespace flockstep

@@ -94,7 +94,7 @@ void allocate(State& state, std::size_t num_envs, std::size_t num_drones) {
   for (auto* counts : {&state.episode, &state.tick, &state.sensed}) counts->resize(num_envs);
 }
 
-std::optional<dynamics::Physics> physics_of(const BatchConfig& config, const DroneModel& drone) {
+std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneModel& drone) {
   if (config.dynamics.is_kinematic()) return std::nullopt;
   require(drone.airframe().has_value(), "drone", "one with an airframe, to fly by its rotors", "a hull alone");
   require(
@@ -108,7 +108,8 @@ std::optional<dynamics::Physics> physics_of(const BatchConfig& config, const Dro
              << " 1/s, two per tick (or a physics_hz of at least " << std::ceil(rate / kMostStiffness) << ")";
     refuse("drone", expected.str(), rate);
   }
-  return dynamics::Physics(*drone.airframe(), config.dynamics, config.clock.dt_s(), config.clock.control_ticks());
+  return dynamics::Fleet(*drone.airframe(), config.dynamics, config.clock, static_cast<std::size_t>(config.drones_per_env),
+                         static_cast<std::size_t>(config.num_drones()));
 }
 
 void allocate(FlightState& flight, std::size_t num_drones) {
@@ -130,8 +131,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       world_pointers(pointers(worlds)),
       drone_model(std::move(drone)),
       hull(drone_model),
-      physics(physics_of(config, drone_model)),
-      wind(config.dynamics.wind, config.clock.step_s()),
+      fleet(fleet_of(config, drone_model)),
       pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
       cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
               num_drones(), config.tracer),
@@ -161,7 +161,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   if (config.imu) imu.emplace(*config.imu, config.clock, drones_per_env(), num_drones());
 
   allocate(state, num_envs(), num_drones());
-  if (physics) allocate(state.flight, num_drones());
+  if (fleet) allocate(state.flight, num_drones());
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
@@ -172,14 +172,13 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     const World& world = *world_pointers[slot_of(env_of(i))];
     set_pose_of(state, i, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
     clear_contact(state, i);
-    start_flight(*this, i, {});
+    start_flight(*this, DroneIndex(i), {});
   }
   pose_sensor.assume_truth(state);
 
   rebuild_schedule();
   listed.reserve(num_envs());
   captured.reserve(num_drones());
-  if (physics) open.resize(num_drones());
   for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
   // Worlds come and go with a pool, and OpenGL keeps what it draws.
   cameras.choose_backend(pool ? CameraBackend::raycast : config.camera_backend, drones_of(listed, *scratches[0]), workers);
@@ -189,16 +188,16 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
 }
 
 void Simulation::warn_of_lost_drones() {
-  LostDrones lost;
+  dynamics::LostDrones lost;
   for (const auto& scratch : scratches) {
-    lost.count += scratch->lost.count;
-    lost.first = std::min(lost.first, scratch->lost.first);
-    scratch->lost = {};
+    lost.count += scratch->flight.lost.count;
+    lost.first = std::min(lost.first, scratch->flight.lost.first);
+    scratch->flight.lost = {};
   }
   if (lost.count == 0) return;
   std::ostringstream text;
   text << "fly(): " << lost.count << (lost.count == 1 ? " drone" : " drones") << " (first: " << lost.first
-       << ") moved faster than " << dynamics::kMaxSpeed << " m/s or turned faster than " << physics->max_turn
+       << ") moved faster than " << dynamics::kMaxSpeed << " m/s or turned faster than " << fleet->physics.max_turn
        << " rad/s, half a turn in a tick, and now rest where they were last; a higher physics_hz allows faster turns";
   warning = text.str();
 }

@@ -21,8 +21,8 @@
 #include "batch/schedule.hpp"
 #include "collision/hull.hpp"
 #include "collision/obstacles.hpp"
-#include "dynamics/flight.hpp"
-#include "dynamics/wind.hpp"
+#include "dynamics/fleet.hpp"
+#include "dynamics/rotor_motion.hpp"
 #include "flockstep/batch.hpp"
 #include "sensors/camera_rig.hpp"
 #include "sensors/imu.hpp"
@@ -31,24 +31,12 @@
 
 namespace flockstep {
 
-// Drones whose flight left the range that can be integrated, in a batch without a task.
-struct LostDrones {
-  std::size_t count = 0;
-  std::uint32_t first = ~std::uint32_t{0};  // the lowest index
-
-  void add(std::uint32_t drone) {
-    ++count;
-    first = std::min(first, drone);
-  }
-};
-
 // What one thread needs while it steps a block; made once.
 struct Scratch {
   trace::Tracer tracer;
-  dynamics::Flock flock;
+  dynamics::FlightScratch flight;
   std::vector<std::uint32_t> drones;  // of some envs
   std::vector<std::uint32_t> envs;    // of a block
-  LostDrones lost;                    // in the call under way
   bool moved_world = false;           // an env has gone to another world
 };
 
@@ -69,19 +57,6 @@ struct TaskState {
   T* next_actions() {
     std::swap(actions, actions_before);
     return actions.row<T>(0).data();
-  }
-};
-
-// Balls about where drones were that nothing of their world reaches into: while a drone stays inside, nobody has to look.
-struct OpenBalls {
-  std::vector<float> center;        // (N, 3) m
-  std::vector<float> radius;        // (N,) m; negative: not known
-  std::vector<std::int32_t> world;  // (N,) world_index
-
-  void resize(std::size_t num_drones) {
-    center.resize(3 * num_drones);
-    radius.resize(num_drones, -1.0F);
-    world.resize(num_drones);
   }
 };
 
@@ -141,8 +116,7 @@ struct Simulation {
   std::vector<const collision::Obstacles*> obstacles;
   const DroneModel drone_model;
   const collision::Hull hull;
-  const std::optional<dynamics::Physics> physics;  // of drones that fly by rotors
-  const dynamics::Wind wind;
+  std::optional<dynamics::Fleet> fleet;  // if drones fly by their rotors
 
   State state;
   std::optional<sensors::Lidar> lidar;
@@ -163,7 +137,6 @@ struct Simulation {
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
   std::vector<std::uint32_t> listed;                // (E,) capacity: envs of all blocks, for a task that takes them at once
   std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
-  OpenBalls open;                                   // of drones that fly by rotors; nothing in a result depends on it
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
   bool is_cut_short = false;                        // an exception ended a step or reset half-way

@@ -258,7 +258,7 @@ std::uint64_t config_hash(Simulation& sim) {
     for (const auto& world : sim.worlds) hash.add(world->content_hash());
   }
   for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
-  if (sim.physics) hash.add(*sim.drone_model.airframe());
+  if (sim.fleet) hash.add(*sim.drone_model.airframe());
   sim.known_hash = hash.value();
   return *sim.known_hash;
 }

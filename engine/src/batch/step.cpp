@@ -67,9 +67,10 @@ void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
     sim.fetch_ahead(drones, i);
     const Pose& target = sim.task_state->setpoints.target[drone];
     if (substeps == 1) {
-      sweep_to(sim, drone, target);
+      sweep_to(sim, DroneIndex(drone), target);
     } else if (!sim.state.contact.hit[drone]) {  // what has been hit in this step holds the drone until the next
-      sweep_to(sim, drone, dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps));
+      sweep_to(sim, DroneIndex(drone),
+               dynamics::integrate_kinematic(sim.task_state->step_start[drone], target, substep, substeps));
     }
   }
 }
@@ -83,7 +84,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       sim.task_state->step_start[drone] = pose_of(sim.state, drone);
   }
   for_each_contiguous(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
-    if (sim.physics) {
+    if (sim.fleet) {
       if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // as mostly
       for (std::size_t drone = first; drone < first + count; ++drone) {
         if (sim.state.contact.hit[drone]) clear_contact(sim.state, drone);
@@ -92,13 +93,14 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
   });
-  if (sim.physics) update_wind(sim, sim.drones_of(block.flying, scratch));
-  const int leg = sim.physics && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
-  const Told told{sim.task_state->setpoints.command, sim.task_state->setpoints.target, sim.task_state->step_start};
+  if (sim.fleet) sim.fleet->update_wind(sim.state, drone_indices(sim.drones_of(block.flying, scratch)), 0);
+  const int leg = sim.fleet && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
+  const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
+                                    sim.task_state->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
     const auto drones = sim.drones_of(block.flying, scratch);
-    if (sim.physics) {
-      fly_by_rotors(sim, drones, row_of(sim, block), told, flown - leg, leg, scratch);
+    if (sim.fleet) {
+      fly_by_rotors(sim, block, drone_indices(drones), commands, flown - leg, leg, scratch);
     } else {
       move(sim, drones, flown);
     }
@@ -202,7 +204,7 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
   executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
     first_moment(s, block);
-    if (s.physics) feel(s, s.drones_of(block.opening, scratch), row_of(s, block), scratch);
+    if (s.fleet) update_accelerations(s, block, drone_indices(s.drones_of(block.opening, scratch)), scratch);
   });
   executor.start_frames(&Block::opening);
   executor.each(sense_all<&Block::opening>);

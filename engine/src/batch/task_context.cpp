@@ -57,7 +57,7 @@ class Context final : public TaskContext {
   void place(std::size_t drone, const Pose& pose, const Velocity& velocity) override {
     if (is_valid(pose) && is_speed(velocity.linear) && is_speed(velocity.angular)) {
       set_pose_of(sim_.state, drone, pose);
-      start_flight(sim_, drone, velocity);
+      start_flight(sim_, DroneIndex(drone), velocity);
     } else {
       mark_bad(sim_, sim_.env_of(drone));
     }

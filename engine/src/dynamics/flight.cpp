@@ -47,25 +47,25 @@ struct Forces {
   V3 turning;       // angular acceleration, body frame
 };
 
-HWY_INLINE F rotor_rate(const Numbers& n, At at, F speed, F told) {
-  const F difference = told - speed;
+HWY_INLINE F rotor_rate(const Numbers& n, At at, F speed, F command) {
+  const F difference = command - speed;
   return difference * select(difference > F(0.0F), at(n.inverse_lag_up), at(n.inverse_lag_down));
 }
 
-// Where the rotors' speeds are after a tick, or half of one, in which they were told the same.
-HWY_INLINE F lagged(F speed, F told, F keep_up, F keep_down) {
-  const F behind = speed - told;
-  return told + behind * select(behind < F(0.0F), keep_up, keep_down);
+// The rotor speed after a tick, or half of one, under the same command.
+HWY_INLINE F lagged(F speed, F command, F keep_up, F keep_down) {
+  const F behind = speed - command;
+  return command + behind * select(behind < F(0.0F), keep_up, keep_down);
 }
 
 // Rotors without a lag have the speed that they are commanded at once.
-HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* told, F* speed) {
+HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* command, F* speed) {
   if (!p.instant_up && !p.instant_down) return;
   const hn::Mask<D> instant_up = hn::Eq(at(n.inverse_lag_up).v, F(0.0F).v);
   const hn::Mask<D> instant_down = hn::Eq(at(n.inverse_lag_down).v, F(0.0F).v);
   for (std::size_t i = 0; i < kRotors; ++i) {
-    speed[i] = select(instant_up, max(speed[i], told[i]), speed[i]);
-    speed[i] = select(instant_down, min(speed[i], told[i]), speed[i]);
+    speed[i] = select(instant_up, max(speed[i], command[i]), speed[i]);
+    speed[i] = select(instant_down, min(speed[i], command[i]), speed[i]);
   }
 }
 
@@ -76,7 +76,7 @@ HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* told
 // The terms that not every frame has numbers for are switched by Physics, or not there at all where it has none of them: a branch
 // for each rotor, not taken, costs a quarter of the time.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* told, const V3& wind,
+FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const V3& wind,
                                    F height) {
   const bool has_drag = kHasRotorTerms && p.rotor_drag, has_lift = kHasRotorTerms && p.rotor_lift;
   const bool has_ground = kHasRotorTerms && p.ground_effect, has_momentum = kHasRotorTerms && p.gyroscopic;
@@ -114,7 +114,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
     torque.z = torque.z + at(n.yaw_torque[i]) * push;
     if (has_momentum) {
       momentum = momentum - at(n.yaw_sign[i]) * speed;
-      momentum_rate = momentum_rate - at(n.yaw_sign[i]) * rotor_rate(n, at, speed, told[i]);
+      momentum_rate = momentum_rate - at(n.yaw_sign[i]) * rotor_rate(n, at, speed, command[i]);
     }
   }
   if (p.body_drag) {
@@ -139,23 +139,24 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
 
 // Second order. The rotors' speeds, and the attitude at a constant angular velocity, are exact.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* told, const V3& wind, F height) {
+FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, State& s, const F* command, const V3& wind,
+                                   F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
-  const Forces first = forces<kHasRotorTerms>(p, n, at, s, told, wind, height);
+  const Forces first = forces<kHasRotorTerms>(p, n, at, s, command, wind, height);
   State middle;
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
   middle.travelled = s.travelled + s.velocity * half;
   middle.rotation = turned(s.rotation, s.turn, F(0.25F * p.dt));
   for (std::size_t i = 0; i < kRotors; ++i)
-    middle.rotor[i] = lagged(s.rotor[i], told[i], at(n.keep_half_up), at(n.keep_half_down));
-  const Forces mean = forces<kHasRotorTerms>(p, n, at, middle, told, wind, height);
+    middle.rotor[i] = lagged(s.rotor[i], command[i], at(n.keep_half_up), at(n.keep_half_down));
+  const Forces mean = forces<kHasRotorTerms>(p, n, at, middle, command, wind, height);
   s.travelled = s.travelled + middle.velocity * dt;
   s.velocity = s.velocity + mean.acceleration * dt;
   s.rotation = normalised(turned(s.rotation, middle.turn, half));
   s.turn = s.turn + mean.turning * dt;
-  for (std::size_t i = 0; i < kRotors; ++i) s.rotor[i] = lagged(s.rotor[i], told[i], at(n.keep_up), at(n.keep_down));
+  for (std::size_t i = 0; i < kRotors; ++i) s.rotor[i] = lagged(s.rotor[i], command[i], at(n.keep_up), at(n.keep_down));
 }
 
 struct Rates {
@@ -166,10 +167,10 @@ struct Rates {
 };
 
 template <bool kHasRotorTerms>
-HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const State& s, const F* told, const V3& wind, F height) {
-  const Forces f = forces<kHasRotorTerms>(p, n, at, s, told, wind, height);
+HWY_INLINE Rates rates(const Physics& p, const Numbers& n, At at, const State& s, const F* command, const V3& wind, F height) {
+  const Forces f = forces<kHasRotorTerms>(p, n, at, s, command, wind, height);
   Rates r{s.velocity, f.acceleration, rate_of(s.rotation, s.turn), f.turning, {}};
-  for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(n, at, s.rotor[i], told[i]);
+  for (std::size_t i = 0; i < kRotors; ++i) r.rotor[i] = rotor_rate(n, at, s.rotor[i], command[i]);
   return r;
 }
 
@@ -191,18 +192,18 @@ HWY_INLINE void add(Rates& sum, const Rates& r, F weight) {
 // The classical method of fourth order, the rotors part of the state. The sum grows as it goes: four rates at once are more than
 // there are registers for.
 template <bool kHasRotorTerms>
-FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* told, const V3& wind,
+FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at, State& s, const F* command, const V3& wind,
                                       F height) {
   const F half(0.5F * p.dt);
   const F dt(p.dt);
   const F two(2.0F);
-  Rates r = rates<kHasRotorTerms>(p, n, at, s, told, wind, height);
+  Rates r = rates<kHasRotorTerms>(p, n, at, s, command, wind, height);
   Rates sum = r;
-  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), told, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, wind, height);
   add(sum, r, two);
-  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), told, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, wind, height);
   add(sum, r, two);
-  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, dt), told, wind, height);
+  r = rates<kHasRotorTerms>(p, n, at, moved(s, r, dt), command, wind, height);
   add(sum, r, F(1.0F));
   s = moved(s, sum, F(p.dt / 6.0F));
   s.rotation = normalised(s.rotation);
@@ -236,16 +237,16 @@ struct Aim {
 };
 
 // Of an acceleration that is asked for, within the limits of tilt: the vertical part is kept.
-HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 wanted) {
-  wanted.z = max(wanted.z + F(kG), F(0.3F * kG));
-  const F sideways = sqrt(wanted.x * wanted.x + wanted.y * wanted.y);
-  const F most = wanted.z * F(p.max_tilt_tan);
+HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 desired) {
+  desired.z = max(desired.z + F(kG), F(0.3F * kG));
+  const F sideways = sqrt(desired.x * desired.x + desired.y * desired.y);
+  const F most = desired.z * F(p.max_tilt_tan);
   const F scale = select(sideways > most, most / max(sideways, F(kTiny)), F(1.0F));
-  wanted.x = wanted.x * scale;
-  wanted.y = wanted.y * scale;
-  const F length = sqrt(dot(wanted, wanted));
-  const F thrust = max(wanted.x * r.xz + wanted.y * r.yz + wanted.z * r.zz, F(0.0F));
-  return {thrust, wanted * (F(1.0F) / length), F(0.0F)};
+  desired.x = desired.x * scale;
+  desired.y = desired.y * scale;
+  const F length = sqrt(dot(desired, desired));
+  const F thrust = max(desired.x * r.xz + desired.y * r.yz + desired.z * r.zz, F(0.0F));
+  return {thrust, desired * (F(1.0F) / length), F(0.0F)};
 }
 
 // How fast to yaw so that the heading becomes the one asked for.
@@ -258,22 +259,22 @@ HWY_INLINE F yaw_towards(const Numbers& n, At at, const M3& r, F cosine, F sine)
 }
 
 // A velocity that is asked for, by proportion and integral.
-HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& velocity, const V3& wanted, V3& integral) {
-  const V3 error = shortened(wanted, F(p.max_speed_mps)) - velocity;
+HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& velocity, const V3& desired, V3& integral) {
+  const V3 error = shortened(desired, F(p.max_speed_mps)) - velocity;
   integral = shortened(integral + error * F(p.control_dt), at(n.max_integral));
   return shortened(error * at(n.velocity_gain) + integral * at(n.integral_gain), F(p.max_acceleration));
 }
 
 // Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
 // thrust moves to where roll and pitch have room, and only then are these made smaller.
-HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F thrust, V3 wanted, F* told) {
+HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F thrust, V3 desired, F* command) {
   const V3& turn = s.turn;
-  wanted = {clamp(wanted.x, p.max_rate), clamp(wanted.y, p.max_rate), clamp(wanted.z, p.max_yaw_rate)};
+  desired = {clamp(desired.x, p.max_rate), clamp(desired.y, p.max_rate), clamp(desired.z, p.max_yaw_rate)};
   const V3 spin{at(n.inertia[0]) * turn.x, at(n.inertia[1]) * turn.y, at(n.inertia[2]) * turn.z};
   const V3 gyro = cross(turn, spin);
-  const F x = at(n.rate_torque[0]) * (wanted.x - turn.x) + gyro.x;
-  const F y = at(n.rate_torque[1]) * (wanted.y - turn.y) + gyro.y;
-  const F z = at(n.rate_torque[2]) * (wanted.z - turn.z) + gyro.z;
+  const F x = at(n.rate_torque[0]) * (desired.x - turn.x) + gyro.x;
+  const F y = at(n.rate_torque[1]) * (desired.y - turn.y) + gyro.y;
+  const F z = at(n.rate_torque[2]) * (desired.z - turn.z) + gyro.z;
   const F push = at(n.mass) * thrust;
   F tilt[kRotors], level[kRotors];
   F low, high;
@@ -308,31 +309,31 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
       speed = select(at(n.thrust[2]) > F(0.0F), speed, straight);
     }
     if (p.leads) {
-      const F led = s.rotor[i] + at(n.lead) * (speed - s.rotor[i]);
-      speed = select(at(n.lead) > F(1.0F), led, speed);
+      const F leading = s.rotor[i] + at(n.lead) * (speed - s.rotor[i]);
+      speed = select(at(n.lead) > F(1.0F), leading, speed);
     }
-    told[i] = max(min(speed, at(n.max_speed)), at(n.min_speed));
+    command[i] = max(min(speed, at(n.max_speed)), at(n.min_speed));
   }
 }
 
 // What the outer loops ask for, from the stage at which the setpoint enters them.
 HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const State& s, const M3& r, const F* set, V3& integral) {
   if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(n, at, r, set[4], set[5])};
-  V3 wanted{set[0], set[1], set[2]};
+  V3 desired{set[0], set[1], set[2]};
   if (p.stage == Stage::acceleration) {
-    wanted = shortened(wanted, F(p.max_acceleration));
+    desired = shortened(desired, F(p.max_acceleration));
   } else {
     if (p.stage == Stage::position) {
-      wanted = (wanted - s.travelled) * at(n.position_gain);
+      desired = (desired - s.travelled) * at(n.position_gain);
     } else if (p.stage == Stage::heading_velocity) {
       const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
       const F x = r.xx * scale, y = r.yx * scale;
-      wanted = {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]};
+      desired = {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]};
     }
-    wanted = accelerate(p, n, at, s.velocity, wanted, integral);
+    desired = accelerate(p, n, at, s.velocity, desired, integral);
   }
   const bool has_rate = p.stage == Stage::velocity || p.stage == Stage::heading_velocity;
-  Aim aim = push_along(p, r, wanted);
+  Aim aim = push_along(p, r, desired);
   aim.yaw_rate = has_rate ? set[3] : yaw_towards(n, at, r, set[3], set[4]);
   return aim;
 }
@@ -349,9 +350,9 @@ HWY_INLINE V3 rates_towards(const Physics& p, const Numbers& n, At at, const M3&
 }
 
 // The cascade. A call of its own, so that the loops over ticks are compiled once and not once for every stage.
-HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State& s, const F* set, V3& integral, F* told) {
+HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State& s, const F* set, V3& integral, F* command) {
   if (p.stage == Stage::rotors) {
-    for (std::size_t i = 0; i < kRotors; ++i) told[i] = set[i];
+    for (std::size_t i = 0; i < kRotors; ++i) command[i] = set[i];
     return;
   }
   F thrust = set[0];
@@ -362,7 +363,7 @@ HWY_NOINLINE void control(const Physics& p, const Numbers& n, At at, const State
     thrust = aim.thrust;
     turn = rates_towards(p, n, at, r, aim);
   }
-  mix(p, n, at, s, thrust, turn, told);
+  mix(p, n, at, s, thrust, turn, command);
 }
 
 // -------------------------------------------------------------------------------------------------------------- the flight
@@ -392,10 +393,10 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
             load3(flock.turn, lane),
             {}};
     V3 integral = load3(flock.error_integral, lane);
-    F told[kRotors];
+    F command[kRotors];
     for (std::size_t i = 0; i < kRotors; ++i) {
       s.rotor[i] = load(flock.rotor[i], lane);
-      told[i] = load(flock.rotor_told[i], lane);
+      command[i] = load(flock.rotor_command[i], lane);
     }
     const V3 wind = load3(flock.wind, lane);
     const F height = load(flock.height, lane);
@@ -407,15 +408,15 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
     for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
       if (tick % p.control_ticks == 0) {
         const State seen = s;  // a copy, so that the state itself can stay in registers
-        control(p, n, at, seen, set, integral, told);
+        control(p, n, at, seen, set, integral, command);
       }
-      respond(p, n, at, told, s.rotor);
+      respond(p, n, at, command, s.rotor);
       velocity_before = s.velocity;
       turn_before = s.turn;
       if constexpr (kRk4) {
-        runge_kutta<kHasRotorTerms>(p, n, at, s, told, wind, height);
+        runge_kutta<kHasRotorTerms>(p, n, at, s, command, wind, height);
       } else {
-        midpoint<kHasRotorTerms>(p, n, at, s, told, wind, height);
+        midpoint<kHasRotorTerms>(p, n, at, s, command, wind, height);
       }
       reach2 = max(reach2, dot(s.travelled, s.travelled));
     }
@@ -429,7 +430,7 @@ void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, i
     store3(integral, flock.error_integral, lane);
     for (std::size_t i = 0; i < kRotors; ++i) {
       store(s.rotor[i], flock.rotor[i], lane);
-      store(told[i], flock.rotor_told[i], lane);
+      store(command[i], flock.rotor_command[i], lane);
     }
     store(reach2, flock.reach2, lane);
     store(goodness(p, s), flock.is_good, lane);

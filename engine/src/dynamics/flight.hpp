@@ -17,25 +17,30 @@ using Lane = std::array<float, kLanes>;  // one number of each of the drones
 template <std::size_t kCount>
 using Lanes = std::array<Lane, kCount>;
 
-// Drones in flight, structure of arrays. World frame but where it says body.
+// Drones in flight, structure of arrays, in the world frame unless marked as body. A leg is a number of ticks that are flown
+// without storing the state.
 struct alignas(64) Flock {
   // The state.
-  Lanes<3> travelled{};         // m, since the leg began: small numbers, so that small motions far from the origin are kept
-  Lanes<3> velocity{};          // m/s
-  Lanes<4> rotation{};          // w, x, y, z: unit, body to world
-  Lanes<3> turn{};              // angular velocity, rad/s, body
-  Lanes<kRotors> rotor{};       // rad/s
-  Lanes<kRotors> rotor_told{};  // rad/s: what the rotors were last told
-  Lanes<3> error_integral{};    // m: of the velocity, for the controller
-  // What they meet and are told, the same for the whole leg.
+  Lanes<3> travelled{};            // m, since the leg began: small numbers, so that small motions far from the origin are kept
+  Lanes<3> velocity{};             // m/s
+  Lanes<4> rotation{};             // w, x, y, z: unit, body to world
+  Lanes<3> turn{};                 // angular velocity, rad/s, body
+  Lanes<kRotors> rotor{};          // rad/s
+  Lanes<kRotors> rotor_command{};  // rad/s: the last commanded speeds
+  Lanes<3> error_integral{};       // m: of the velocity, for the controller
+  // Inputs, constant for the whole leg.
   Lanes<3> wind{};      // m/s
-  Lane height{};        // m, above the ground, of the leg's begin; infinite where there is none
-  Lanes<7> setpoint{};  // see Setpoint
-  // What the leg did.
+  Lane height{};        // m, above the ground, at the leg's begin; infinite without ground
+  Lanes<7> setpoint{};  // see Stage
+  // Results of the leg.
   Lanes<3> acceleration{};          // m/s^2, mean of the last tick
-  Lanes<3> angular_acceleration{};  // rad/s^2, body, likewise
-  Lane reach2{};                    // m^2: square of the farthest way from where the leg began
-  Lane is_good{};                   // 1 if the state can be flown on from: finite, unit, within kMaxSpeed and max_turn; else 0
+  Lanes<3> angular_acceleration{};  // rad/s^2, body, mean of the last tick
+  Lane reach2{};                    // m^2: square of the largest distance from the leg's begin
+  Lane is_good{};                   // 1 if the state is finite, unit, within kMaxSpeed and max_turn; else 0
+  // The position, which the equations of motion do not use; see update_position().
+  Lanes<3> origin{};     // m: where the leg, or its part after the last contact, begins
+  Lanes<3> position{};   // m: origin + travelled
+  Lanes<3> remainder{};  // m: what float32 rounds off of the position
 };
 
 // Which of the cascade's stages a setpoint enters at, and what its numbers are then.
@@ -51,8 +56,8 @@ enum class Stage : std::uint8_t {
 Stage stage_of(Control control);
 
 // The controller's gains, and how they follow from the lag of the rotors: with a lag T, rates damped by 0.7 allow 0.5 / T; each
-// loop around has a third of the bandwidth of the one within, the position half of that. Rotors slower than 35 ms are led: they
-// are told to go farther than they are wanted, so that they are as much faster, up to four times.
+// loop around has a third of the bandwidth of the one within, the position half of that. Rotors slower than 35 ms are overdriven:
+// the commanded change of speed is scaled by T / 35 ms, up to four times.
 struct Gains {
   double lead = 1.0;
   double rate = 0.0;      // 1/s, about x and y
@@ -125,7 +130,7 @@ struct Physics {
   bool rotor_drag = false, rotor_lift = false, body_drag = false, gyroscopic = false, ground_effect = false;
   bool instant_up = false, instant_down = false;  // rotors without a lag
   bool linear_thrust = false;                     // thrust that grows in proportion to the speed
-  bool leads = false;                             // rotors are commanded beyond the speed that is wanted
+  bool leads = false;                             // rotors are commanded beyond the desired speed
   int control_ticks = 1;
   float dt = 0.0F;
   float max_turn = 0.0F;  // rad/s: half a turn in a tick; faster ones would look like slow ones

@@ -45,16 +45,16 @@ void store_rows4(const Lanes<4>& lanes, float* rows) {
   }
 }
 
-// D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2: the rest is exact.
-void add_lanes(const Lanes<3>& position, const Lanes<3>& way, Lanes<3>& sum, Lanes<3>& rest) {
+// D. E. Knuth, "The Art of Computer Programming", volume 2, 4.2.2: the remainder is exact.
+void update_position(Flock& flock) {
   const D d;
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const F a = load(position[axis], lane), b = load(way[axis], lane);
+      const F a = load(flock.origin[axis], lane), b = load(flock.travelled[axis], lane);
       const F s = a + b;
       const F part = s - a;
-      store(s, sum[axis], lane);
-      store((a - (s - part)) + (b - part), rest[axis], lane);
+      store(s, flock.position[axis], lane);
+      store((a - (s - part)) + (b - part), flock.remainder[axis], lane);
     }
   }
 }
@@ -69,15 +69,13 @@ HWY_EXPORT(load_rows3);
 HWY_EXPORT(load_rows4);
 HWY_EXPORT(store_rows3);
 HWY_EXPORT(store_rows4);
-HWY_EXPORT(add_lanes);
+HWY_EXPORT(update_position);
 
 void load_rows(const float* rows, Lanes<3>& lanes) { HWY_DYNAMIC_DISPATCH(load_rows3)(rows, lanes); }
 void load_rows(const float* rows, Lanes<4>& lanes) { HWY_DYNAMIC_DISPATCH(load_rows4)(rows, lanes); }
 void store_rows(const Lanes<3>& lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_rows3)(lanes, rows); }
 void store_rows(const Lanes<4>& lanes, float* rows) { HWY_DYNAMIC_DISPATCH(store_rows4)(lanes, rows); }
-void add(const Lanes<3>& position, const Lanes<3>& way, Lanes<3>& sum, Lanes<3>& rest) {
-  HWY_DYNAMIC_DISPATCH(add_lanes)(position, way, sum, rest);
-}
+void update_position(Flock& flock) { HWY_DYNAMIC_DISPATCH(update_position)(flock); }
 
 }  // namespace flockstep::dynamics
 #endif

@@ -1,4 +1,4 @@
-// Rows: numbers of kLanes drones that follow each other, as arrays have them, to lanes and back.
+// Rows: copies the numbers of kLanes consecutive drones between arrays and lanes.
 #pragma once
 
 #include "dynamics/flight.hpp"
@@ -11,7 +11,7 @@ void load_rows(const float* rows, Lanes<4>& lanes);
 void store_rows(const Lanes<3>& lanes, float* rows);
 void store_rows(const Lanes<4>& lanes, float* rows);
 
-// position + way, and what float32 rounds off of it.
-void add(const Lanes<3>& position, const Lanes<3>& way, Lanes<3>& sum, Lanes<3>& rest);
+// Sets position and remainder to origin + travelled.
+void update_position(Flock& flock);
 
 }  // namespace flockstep::dynamics

@@ -10,15 +10,15 @@ float yaw_of(const Quat& q) {
   return std::atan2(2.0F * (q.x() * q.y() + q.w() * q.z()), 1.0F - 2.0F * (q.y() * q.y() + q.z() * q.z()));
 }
 
-std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& frame, const Wish& wish) {
-  const auto& [a, b, c, d] = wish.command;
+std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& frame, const SetpointInput& input) {
+  const auto& [a, b, c, d] = input.command;
   switch (config.control) {
     case Control::rotor_speeds:
     case Control::rotor_thrusts: {
       std::array<float, 7> speeds{};
       for (std::size_t i = 0; i < kRotors; ++i) {
-        const double told = static_cast<double>(wish.command[i]);
-        const double speed = config.control == Control::rotor_speeds ? told : frame.speed_for(told);
+        const double given = static_cast<double>(input.command[i]);
+        const double speed = config.control == Control::rotor_speeds ? given : frame.speed_for(given);
         speeds[i] = static_cast<float>(std::clamp(speed, frame.min_speed_radps, frame.max_speed_radps));
       }
       return speeds;
@@ -35,14 +35,14 @@ std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& f
     case Control::acceleration:
       return {a, b, c, std::cos(d), std::sin(d)};
     case Control::position: {
-      const Vec3 way = Vec3(a, b, c) - wish.now.position;
+      const Vec3 way = Vec3(a, b, c) - input.now.position;
       return {way.x(), way.y(), way.z(), std::cos(d), std::sin(d)};
     }
     default: {
-      const Vec3 velocity = (wish.target.position - wish.from.position) / wish.step_s;
+      const Vec3 velocity = (input.target.position - input.from.position) / input.step_s;
       const float turn =
-          std::remainder(yaw_of(wish.target.rotation) - yaw_of(wish.from.rotation), 2.0F * std::numbers::pi_v<float>);
-      return {velocity.x(), velocity.y(), velocity.z(), turn / wish.step_s};
+          std::remainder(yaw_of(input.target.rotation) - yaw_of(input.from.rotation), 2.0F * std::numbers::pi_v<float>);
+      return {velocity.x(), velocity.y(), velocity.z(), turn / input.step_s};
     }
   }
 }

@@ -1,7 +1,8 @@
-// Setpoint: what a drone is told, in the form in which the controller takes it.
+// Setpoint: a drone's command in the form that the controller takes.
 #pragma once
 
 #include <array>
+#include <span>
 
 #include "flockstep/airframe.hpp"
 #include "flockstep/dynamics.hpp"
@@ -9,16 +10,23 @@
 
 namespace flockstep::dynamics {
 
-struct Wish {
-  Pose now;                        // for Control::position: where the drone is
-  float step_s = 0.0F;             // how long a step is
-  std::array<float, 4> command{};  // as Control says
-  Pose from, target;               // instead of it, for Control::pose: where the step began, and where it is to end
+// The commands of a batch.
+struct Commands {
+  std::span<const float> command;    // (N, 4) numbers as Control describes them; unused with Control::pose
+  std::span<const Pose> target;      // (N,) poses at the end of the step; used with Control::pose only
+  std::span<const Pose> step_start;  // (N,) poses at the begin of the step; used with Control::pose only
 };
 
-// The numbers that Stage describes. Rotor speeds are kept within the rotors' limits; positions are relative to where the drone
-// is.
-std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& frame, const Wish& wish);
+// The command of one drone.
+struct SetpointInput {
+  Pose now;                        // the present pose; used with Control::position only
+  float step_s = 0.0F;             // duration of a step
+  std::array<float, 4> command{};  // as in Commands
+  Pose from, target;               // Commands::step_start and target
+};
+
+// The numbers that Stage describes. Rotor speeds are clamped to the rotors' limits; positions become relative to the present one.
+std::array<float, 7> setpoint_of(const DynamicsConfig& config, const Airframe& frame, const SetpointInput& input);
 
 // The heading of the body's x axis: 0 along the world's x axis, rad.
 float yaw_of(const Quat& rotation);

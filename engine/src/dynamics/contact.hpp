@@ -1,0 +1,48 @@
+// Contact: what obstacles do to the motion of one drone in one tick.
+#pragma once
+
+#include "collision/sweep.hpp"
+#include "flockstep/airframe.hpp"
+#include "flockstep/dynamics.hpp"
+#include "flockstep/index.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/state.hpp"
+
+namespace flockstep::dynamics {
+
+// A distance (m) larger than the standoff that a sweep keeps at this coordinate, with some float32 steps of the coordinate added.
+inline float margin(float coordinate) {
+  constexpr float kClearance = 1e-3F;  // m
+  constexpr float kFloatSteps = 0x1p-18F;
+  return kClearance + kFloatSteps * coordinate;
+}
+
+// A drone as obstacles and impacts need it.
+struct Body {
+  const collision::Hull& hull;
+  const Airframe& airframe;
+};
+
+// The motion of a drone in a tick if nothing is in its way.
+struct TickMotion {
+  Pose from, to;
+  Velocity begin, end;
+  double duration_s;
+};
+
+// The motion of a drone in a tick after all contacts.
+struct ContactResult {
+  collision::Contact contact;  // the last hit; hit is false if there was none
+  bool is_deflected = false;   // the tick ends with the pose and velocity below, not with those of the TickMotion
+  Pose pose;
+  Velocity velocity;
+};
+
+// Sweeps the hull along the motion. With OnContact::terminate the drone stays where it hit. Otherwise it rebounds, and flies the
+// rest of the tick from there until it hits again. A drone that begins inside an obstacle may fly out of it, with a contact.
+ContactResult resolve_contacts(const collision::Obstacles& obstacles, const Body& body, const DynamicsConfig& config,
+                               const TickMotion& motion);
+
+void write_contact(State& state, DroneIndex drone, const collision::Contact& contact);
+
+}  // namespace flockstep::dynamics

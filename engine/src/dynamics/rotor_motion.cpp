@@ -1,0 +1,271 @@
+#include "dynamics/rotor_motion.hpp"
+
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "base/interrupt.hpp"
+#include "dynamics/contact.hpp"
+#include "dynamics/rows.hpp"
+
+namespace flockstep::dynamics {
+namespace {
+
+constexpr float kSearchBeyond = 0.5F;  // m: added to the radius that must be free, so that the free ball lasts for some steps
+constexpr float kGroundRadii = 16.0F;  // of a rotor: farther below, the ground's effect is less than 0.03 %
+
+Vec3 vec3(const std::vector<float>& values, DroneIndex drone) { return Vec3::Map(values.data() + 3 * drone); }
+Vec3 vec3(const Lanes<3>& lanes, std::size_t lane) { return {lanes[0][lane], lanes[1][lane], lanes[2][lane]}; }
+
+void set(const Vec3& v, std::size_t lane, Lanes<3>& lanes) {
+  for (int axis = 0; axis < 3; ++axis) lanes[static_cast<std::size_t>(axis)][lane] = v[axis];
+}
+
+void set(const Quat& q, std::size_t lane, Lanes<4>& lanes) {
+  lanes[0][lane] = q.w();
+  lanes[1][lane] = q.x();
+  lanes[2][lane] = q.y();
+  lanes[3][lane] = q.z();
+}
+
+// The flight of one group of drones.
+class GroupFlight {
+ public:
+  // Takes the group off the list.
+  GroupFlight(const FlightContext& context, std::span<const DroneIndex>& drones)
+      : context_(context),
+        fleet_(context.fleet),
+        state_(context.state),
+        flock_(context.scratch.flock),
+        group_(drones, context.own) {}
+
+  void update_accelerations(const Physics& coasting) {
+    load();
+    for (std::size_t i = 0; i < kRotors; ++i) flock_.setpoint[i] = flock_.rotor[i];
+    advance(coasting, 0, 1);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (group_.is_listed(lane) && is_good(lane)) group_.store_accelerations(lane, flock_, state_);
+    }
+  }
+
+  void fly(const Commands& commands, int first_tick, int ticks) {
+    load();
+    load_setpoints(commands);
+    if (fly_free(first_tick, ticks)) return;
+    load();
+    load_setpoints(commands);
+    for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
+      Interrupt::poll();  // between ticks the state is consistent
+      fly_tick(tick);
+    }
+  }
+
+ private:
+  void load() {
+    group_.load(state_, flock_);
+    find_ground();
+  }
+
+  void load_setpoints(const Commands& commands) {
+    const Control control = fleet_.config.control;
+    if (group_.is_row() &&
+        (control == Control::body_rates || control == Control::velocity || control == Control::heading_velocity)) {
+      alignas(64) Lanes<4> numbers;
+      load_rows(commands.command.data() + 4 * group_[0], numbers);
+      return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
+    }
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const auto setpoint = setpoint_of(fleet_.config, fleet_.airframe, input_of(commands, group_[lane]));
+      for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
+    }
+  }
+
+  SetpointInput input_of(const Commands& commands, DroneIndex drone) const {
+    SetpointInput input{.step_s = static_cast<float>(fleet_.clock.step_s())};
+    if (fleet_.config.control == Control::position) input.now = pose_of(state_, drone);
+    if (fleet_.config.control == Control::pose) {
+      input.from = commands.step_start[drone];
+      input.target = commands.target[drone];
+    } else {
+      std::copy_n(commands.command.data() + 4 * drone, 4, input.command.data());
+    }
+    return input;
+  }
+
+  std::size_t env_of(std::size_t lane) const { return fleet_.env_of(group_[lane]); }
+  std::size_t slot_of(std::size_t lane) const { return static_cast<std::size_t>(context_.slot[env_of(lane)]); }
+  std::int32_t world_of(std::size_t lane) const { return state_.world_index[env_of(lane)]; }
+  const collision::Obstacles& obstacles(std::size_t lane) const { return *context_.obstacles[slot_of(lane)]; }
+
+  void find_ground() {
+    flock_.height.fill(std::numeric_limits<float>::infinity());
+    if (!fleet_.physics.ground_effect) return;
+    trace::RayBlock& rays = context_.tracer.block();
+    rays.near = 0.0F;
+    for (std::size_t first = 0; first < kLanes; first += rays.count) {  // consecutive drones in one world
+      rays.count = 0;
+      for (std::size_t lane = first; lane < kLanes && slot_of(lane) == slot_of(first); ++lane, ++rays.count) {
+        rays.org_x[rays.count] = flock_.origin[0][lane];
+        rays.org_y[rays.count] = flock_.origin[1][lane];
+        rays.org_z[rays.count] = flock_.origin[2][lane];
+        rays.dir_x[rays.count] = rays.dir_y[rays.count] = 0.0F;
+        rays.dir_z[rays.count] = -1.0F;
+        rays.range[rays.count] = kGroundRadii * 4.0F * fleet_.physics.numbers.ground_quarter;
+      }
+      context_.tracer.trace_block(*context_.scenes[slot_of(first)]);
+      std::copy_n(rays.t_hit, rays.count, flock_.height.data() + first);
+    }
+  }
+
+  void advance(const Physics& physics, int first_tick, int ticks) {
+    dynamics::fly(physics, flock_, first_tick, ticks);
+    update_position(flock_);
+  }
+
+  bool is_good(std::size_t lane) const { return flock_.is_good[lane] != 0.0F && is_in_world(vec3(flock_.position, lane)); }
+
+  // The drone stays where it is until its step is over.
+  bool is_held(std::size_t lane) const {
+    return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) ||
+           (!context_.bad.empty() && context_.bad[env_of(lane)]);
+  }
+
+  // Flies all ticks at once and stores the drones that met no obstacle within their reach. True if that leaves none.
+  bool fly_free(int first_tick, int ticks) {
+    advance(fleet_.physics, first_tick, ticks);
+    check_open_space();
+    LaneFlags flies{};
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const bool is_idle = !group_.is_listed(lane) || is_held(lane);
+      flies[lane] = !is_idle && is_good(lane) && (is_open_[lane] != 0 || find_open_space(lane));
+      is_done_[lane] = flies[lane] || is_idle;
+    }
+    group_.store(flies, flock_, state_);
+    return std::ranges::all_of(is_done_, [](bool done) { return done; });
+  }
+
+  // Finds how much space each drone needs, and whether its known open space holds that. Loops without branches, for vectors.
+  void check_open_space() {
+    const OpenSpace& open = fleet_.open;
+    alignas(64) Lanes<3> center;
+    Lane radius;
+    group_.load(open.center, center);
+    group_.load(open.radius, radius);
+    std::array<std::int32_t, kLanes> is_same_world;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) is_same_world[lane] = open.world[group_[lane]] == world_of(lane);
+    const float hull_radius = context_.hull.radius();
+    const Eigen::Array<float, kLanes, 1> reach = Eigen::Map<const Eigen::Array<float, kLanes, 1>>(flock_.reach2.data()).sqrt();
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const float x = flock_.origin[0][lane], y = flock_.origin[1][lane], z = flock_.origin[2][lane];
+      const float farthest = std::max(std::max(std::abs(x), std::abs(y)), std::abs(z));
+      space_[lane] = reach[static_cast<Eigen::Index>(lane)] + hull_radius + margin(farthest);
+      const float left = radius[lane] - space_[lane];
+      const float dx = x - center[0][lane], dy = y - center[1][lane], dz = z - center[2][lane];
+      const bool is_inside = dx * dx + dy * dy + dz * dz <= left * left;
+      is_open_[lane] = is_same_world[lane] & (left >= 0.0F) & is_inside;
+    }
+  }
+
+  // Searches the world for the space that the drone needs; if it is open, it is cached.
+  bool find_open_space(std::size_t lane) {
+    const Vec3 center = vec3(flock_.origin, lane);
+    for (const float beyond : {kSearchBeyond, 0.0F}) {
+      const float radius = space_[lane] + beyond;
+      if (!obstacles(lane).is_clear(center, radius)) continue;
+      const DroneIndex drone = group_[lane];
+      std::copy_n(center.data(), 3, fleet_.open.center.data() + 3 * drone);
+      fleet_.open.radius[drone] = radius;
+      fleet_.open.world[drone] = world_of(lane);
+      return true;
+    }
+    return false;
+  }
+
+  // Flies one tick of the remaining drones, with contacts.
+  void fly_tick(int tick) {
+    advance(fleet_.physics, tick, 1);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (is_done_[lane]) continue;
+      if (is_good(lane)) {
+        end_tick(lane);
+      } else {
+        give_up(lane);
+      }
+    }
+  }
+
+  void end_tick(std::size_t lane) {
+    const DroneIndex drone = group_[lane];
+    const auto& q = flock_.rotation;
+    const TickMotion motion{
+        .from = pose_of(state_, drone),
+        .to = {vec3(flock_.position, lane), Quat(q[0][lane], q[1][lane], q[2][lane], q[3][lane])},
+        .begin = {vec3(state_.flight.velocity, drone), vec3(state_.flight.angular_velocity, drone)},
+        .end = {vec3(flock_.velocity, lane), vec3(flock_.turn, lane)},
+        .duration_s = fleet_.clock.dt_s(),
+    };
+    const ContactResult result = resolve_contacts(obstacles(lane), {context_.hull, fleet_.airframe}, fleet_.config, motion);
+    if (result.contact.hit) write_contact(state_, drone, result.contact);
+    if (result.is_deflected) {
+      set(result.pose.position, lane, flock_.position);
+      set(result.pose.rotation, lane, flock_.rotation);
+      set(result.velocity.linear, lane, flock_.velocity);
+      set(result.velocity.angular, lane, flock_.turn);
+      for (Lanes<3>* const lanes : {&flock_.remainder, &flock_.acceleration, &flock_.angular_acceleration}) {
+        set(Vec3::Zero(), lane, *lanes);
+      }
+    }
+    group_.store(lane, flock_, state_);
+    if (!result.is_deflected) return;
+    if (fleet_.config.on_contact == OnContact::terminate) {
+      is_done_[lane] = true;
+    } else {
+      move_origin(lane, result.pose.position);
+    }
+  }
+
+  // The leg goes on from here.
+  void move_origin(std::size_t lane, const Vec3& to) {
+    const Vec3 moved = to - vec3(flock_.origin, lane);
+    set(to, lane, flock_.origin);
+    set(Vec3::Zero(), lane, flock_.travelled);
+    flock_.height[lane] += moved.z();
+    if (fleet_.physics.stage != Stage::position) return;
+    for (std::size_t k = 0; k < 3; ++k) flock_.setpoint[k][lane] -= moved[static_cast<Eigen::Index>(k)];
+  }
+
+  // The state has left the range that can be integrated: the drone rests where it was last. The episode of a task ends as a bad
+  // state; without a task the drone is counted as lost.
+  void give_up(std::size_t lane) {
+    fleet_.start(state_, group_[lane], {});
+    if (context_.bad.empty()) {
+      context_.scratch.lost.add(group_[lane]);
+    } else {
+      context_.bad[env_of(lane)] = 1;
+    }
+    is_done_[lane] = true;
+  }
+
+  const FlightContext& context_;
+  Fleet& fleet_;
+  State& state_;
+  Flock& flock_;
+  LaneGroup group_;
+  alignas(64) Lane space_{};                    // m: radius around the origin that must be free for the leg to be flown at once
+  std::array<std::int32_t, kLanes> is_open_{};  // the cached open space holds that
+  LaneFlags is_done_{};                         // the leg is over for the lane
+};
+
+}  // namespace
+
+void update_accelerations(const FlightContext& context, std::span<const DroneIndex> drones) {
+  Physics coasting = context.fleet.physics;
+  coasting.stage = Stage::rotors;
+  while (!drones.empty()) GroupFlight(context, drones).update_accelerations(coasting);
+}
+
+void fly(const FlightContext& context, std::span<const DroneIndex> drones, const Commands& commands, int first_tick, int ticks) {
+  while (!drones.empty()) GroupFlight(context, drones).fly(commands, first_tick, ticks);
+}
+
+}  // namespace flockstep::dynamics

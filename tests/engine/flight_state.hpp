@@ -1,0 +1,59 @@
+// A State for drones that fly by their rotors outside of a batch, and its arrays by name.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include "dynamics/wind.hpp"
+#include "flockstep/airframe.hpp"
+#include "flockstep/fields.hpp"
+#include "flockstep/state.hpp"
+
+namespace flockstep::testing {
+
+// All drones at the origin, upright and at rest, in world 0, env i with seed i.
+inline State flight_state(std::size_t num_envs, std::size_t drones_per_env) {
+  const std::size_t n = num_envs * drones_per_env;
+  State state;
+  for (auto* const array : {&state.position, &state.contact.point, &state.contact.normal, &state.flight.velocity,
+                            &state.flight.angular_velocity, &state.flight.acceleration, &state.flight.angular_acceleration,
+                            &state.flight.error_integral, &state.flight.remainder, &state.flight.wind}) {
+    array->resize(3 * n);
+  }
+  for (auto* const array : {&state.quat_wxyz, &state.flight.rotor_speed, &state.flight.rotor_command}) array->resize(4 * n);
+  for (std::size_t drone = 0; drone < n; ++drone) state.quat_wxyz[4 * drone] = 1.0F;
+  state.flight.gust.resize(dynamics::kGustStates * n);
+  state.contact.fraction.resize(n);
+  for (auto* const flags : {&state.contact.hit, &state.contact.inside, &state.active}) flags->resize(n);
+  std::fill(state.active.begin(), state.active.end(), 1);
+  state.world_index.resize(num_envs);
+  for (std::size_t env = 0; env < num_envs; ++env) state.seed.push_back(env);
+  for (auto* const numbers : {&state.episode, &state.tick, &state.sensed}) numbers->resize(num_envs);
+  return state;
+}
+
+// f(name, array) for every array of floats in a State, whose fields may be const.
+template <class T, class F>
+void for_each_float_array(T& arrays, const F& f) {
+  for_each_field(arrays, [&](const auto& field, auto& value) {
+    using Value = std::remove_cvref_t<decltype(value)>;
+    if constexpr (HasFields<Value>) {
+      for_each_float_array(value, f);
+    } else if constexpr (std::is_same_v<Value, std::vector<float>>) {
+      f(std::string(field.name), value);
+    }
+  });
+}
+
+inline bool is_written_by_flight(std::string_view name) {
+  constexpr std::string_view kNames[]{"position",       "quat_wxyz",     "velocity",    "angular_velocity",
+                                      "acceleration",   "rotor_command", "rotor_speed", "angular_acceleration",
+                                      "error_integral", "remainder"};
+  return std::find(std::begin(kNames), std::end(kNames), name) != std::end(kNames);
+}
+
+}  // namespace flockstep::testing
