@@ -127,8 +127,8 @@ TEST(RotorMotion, OfADroneIsTheSameInEnvsOfThree) {
     Room single(config, model, 1), triple(config, model, 3);
     const std::vector<DroneIndex> all = every(1);
     Random random(23);
-    for (int step = 0; step < 40; ++step) {
-      const std::vector<float> command = positions(random);
+    const std::vector<float> command = positions(random);
+    for (int step = 0; step < 60; ++step) {
       single.fly(all, kAll, command);
       triple.fly(all, kAll, command);
     }
@@ -151,8 +151,8 @@ TEST(RotorMotion, IsTheSameGatheredAndInOnePieceAndLeavesOthersAlone) {
       gathered.update_accelerations(odd, {});
       expect_same_flight(row.state, gathered.state);
       Random random(29);
-      for (int step = 0; step < 25; ++step) {
-        const std::vector<float> command = positions(random);
+      const std::vector<float> command = positions(random);
+      for (int step = 0; step < 60; ++step) {
         row.fly(odd, kAll, command);
         gathered.fly(odd, {}, command);
       }
