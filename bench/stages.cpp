@@ -91,17 +91,19 @@ void profile(bench::Figures& figures) {
   // The same stages as in the batch, on a simulation that is brought to its state.
   Simulation sim(config, worlds, make_navigation({}), DroneModel::quadrotor650(), {});
   Task& task = *sim.task_state->task;
-  std::vector<std::uint32_t> drones;  // world by world, as the batch has them; env and drone are one
-  for (const Block& block : sim.schedule.blocks()) drones.insert(drones.end(), block.envs.begin(), block.envs.end());
-  const TaskBlock all{*sim.context, drones, 0};
-  for (const std::uint32_t drone : drones) sim.task_state->actions.row<std::int64_t>(drone)[0] = drone % 6;
+  std::vector<EnvIndex> envs;  // world by world, as the batch has them
+  for (const Block& block : sim.schedule.blocks()) envs.insert(envs.end(), block.envs.begin(), block.envs.end());
+  std::vector<DroneIndex> drones;
+  sim.drones_of(envs, drones);
+  const TaskBlock all{*sim.context, envs, drones, 0};
+  for (const DroneIndex drone : drones) sim.task_state->actions.row<std::int64_t>(drone)[0] = drone % 6;
   float sink = 0.0F;
 
   Profile stages;
   stages.add("command", [&] { task.command(all, sim.task_state->actions, sim.task_state->setpoints); });
   stages.add("sweep", [&] {
-    for (const std::uint32_t drone : drones) {
-      const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(drone)];
+    for (const DroneIndex drone : drones) {
+      const collision::Obstacles& obstacles = *sim.obstacles[sim.slot_of(sim.env_of(drone))];
       sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.task_state->setpoints.target[drone]).fraction;
     }
   });

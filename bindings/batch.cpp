@@ -27,8 +27,9 @@ namespace {
 
 using Worlds = std::vector<std::shared_ptr<World>>;
 
-py::ssize_t size_of(const Batch& batch) { return batch.config().num_drones(); }
-Shape n_by(const Batch& batch, py::ssize_t columns) { return {size_of(batch), columns}; }
+py::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones(); }
+py::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
+Shape n_by(const Batch& batch, py::ssize_t columns) { return {num_drones(batch), columns}; }
 
 // Letting go of a batch waits for its threads.
 struct Released {
@@ -54,15 +55,21 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& drone, const py::object& cameras, const py::object& backend,
                                             const py::object& episode, const py::object& clock, const py::object& dynamics,
                                             const py::object& num_threads, const py::object& block_size,
-                                            const py::object& world_index, const py::object& tracer, const py::kwargs& unknown) {
+                                            const py::object& world_index, const py::object& tracer, const py::object& drones_per_env,
+                                            const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
     constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",   "task",
                                 "drone",       "cameras",    "camera_backend", "episode",     "clock", "dynamics",
-                                "num_threads", "block_size", "world_index",    "tracer"};
+                                "num_threads", "block_size", "world_index",    "tracer",     "drones_per_env"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
   }
   BatchConfig config;
-  config.num_envs = from_python<int>(num_drones, "num_drones");
+  const int drones = from_python<int>(num_drones, "num_drones");
+  config.drones_per_env = from_python<int>(drones_per_env, "drones_per_env");
+  require(config.drones_per_env >= 1, "drones_per_env", "an integer >= 1", config.drones_per_env);
+  require(drones % config.drones_per_env == 0, "num_drones",
+          "a multiple of drones_per_env (" + std::to_string(config.drones_per_env) + ")", drones);
+  config.num_envs = drones / config.drones_per_env;
   config.num_threads = from_python<int>(num_threads, "num_threads");
   config.block_size = from_python<int>(block_size, "block_size");
   config.lidar = optional_argument<LidarConfig>(lidar, "lidar");
@@ -90,13 +97,12 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   return batch;
 }
 
-// A view of one array of the state, kept alive by its batch.
+// A view of one array of the state, kept alive by its batch. Its number of rows is what the array holds.
 template <class T, class Get>
 auto state_view(const Get& get, py::ssize_t columns = 0) {
   return [get, columns](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    const auto& array = get(batch);
-    const std::array shape{size_of(batch), columns};
+    const auto& array = get(self.cast<const Batch&>());
+    const std::array shape{static_cast<py::ssize_t>(array.size()) / std::max<py::ssize_t>(columns, 1), columns};
     return view<T>(self, array.data(), std::span(shape).first(columns == 0 ? 1 : 2));
   };
 }
@@ -133,8 +139,8 @@ struct ContactView {
 ContactView contact_of(const py::object& self) {
   const auto& batch = self.cast<const Batch&>();
   const ContactState& contact = batch.state().contact;
-  return {view<bool>(self, contact.hit.data(), {size_of(batch)}), view<bool>(self, contact.inside.data(), {size_of(batch)}),
-          view<float>(self, contact.fraction.data(), {size_of(batch)}), view<float>(self, contact.point.data(), n_by(batch, 3)),
+  return {view<bool>(self, contact.hit.data(), {num_drones(batch)}), view<bool>(self, contact.inside.data(), {num_drones(batch)}),
+          view<float>(self, contact.fraction.data(), {num_drones(batch)}), view<float>(self, contact.point.data(), n_by(batch, 3)),
           view<float>(self, contact.normal.data(), n_by(batch, 3))};
 }
 
@@ -160,12 +166,16 @@ const TaskSpec& spec_of(const Batch& batch) {
   return batch.task()->spec();
 }
 
+// Rows of actions, observations and rewards.
+py::ssize_t num_rows(const Batch& batch) { return spec_of(batch).row == Row::drone ? num_drones(batch) : num_envs(batch); }
+
 template <class T, class Member>
 auto output_view(Member member, bool writable = false) {
   return [member, writable](const py::object& self) {
     const auto& batch = self.cast<const Batch&>();
     spec_of(batch);
-    return view<T>(self, (batch.outputs().*member).data(), {size_of(batch)}, writable);
+    const auto& array = batch.outputs().*member;
+    return view<T>(self, array.data(), {static_cast<py::ssize_t>(array.size())}, writable);
   };
 }
 
@@ -175,7 +185,7 @@ auto terms_view(AlignedVector<T> Outputs::* member) {
   return [member](const py::object& self) {
     const auto& batch = self.cast<const Batch&>();
     const auto terms = static_cast<py::ssize_t>(spec_of(batch).reward_terms.size());
-    return view<T>(self, (batch.outputs().*member).data(), n_by(batch, terms));
+    return view<T>(self, (batch.outputs().*member).data(), {num_rows(batch), terms});
   };
 }
 
@@ -205,7 +215,7 @@ auto observation_view(std::vector<Buffer> Outputs::* member, bool writable = fal
     const std::vector<Buffer>& buffers = batch.outputs().*member;
     const auto field_view = [&](std::size_t i) {
       const Field& field = spec.observation[i];
-      Shape shape{size_of(batch)};
+      Shape shape{num_rows(batch)};
       shape.insert(shape.end(), field.shape.begin(), field.shape.end());
       return typed_view(self, buffers[i].bytes().data(), field.type, shape, writable);
     };
@@ -223,9 +233,9 @@ class TaskArrays final : public ArrayVisitor {
   void bytes(std::string_view name, std::span<std::byte> bytes, std::optional<DType> type) override {
     if (!type) return;
     const auto count = static_cast<py::ssize_t>(bytes.size() / flockstep::size_of(*type));
-    const py::ssize_t n = size_of(batch_);
-    // With a row per env where it can be.
-    const Shape shape = count == n || count % n != 0 || count == 0 ? Shape{count} : n_by(batch_, count / n);
+    const py::ssize_t n = num_rows(batch_);
+    // With the rows of the task if they divide it.
+    const Shape shape = count == n || count % n != 0 || count == 0 ? Shape{count} : Shape{n, count / n};
     arrays[py::str(std::string(name))] = typed_view(owner_, bytes.data(), *type, shape);
   }
   void blob(std::string_view, std::string&) override {}
@@ -246,10 +256,10 @@ py::dict task_state(const py::object& self) {
 void step(Batch& batch, const py::object& actions) {
   const Field& field = spec_of(batch).action;
   if (!is_floating(field.type)) {
-    const auto input = integers<std::int64_t>(actions, "actions", {size_of(batch)});
+    const auto input = integers<std::int64_t>(actions, "actions", {num_rows(batch)});
     released(batch, [&] { batch.step(std::span<const std::int64_t>(input)); });
   } else {
-    Shape shape{size_of(batch)};
+    Shape shape{num_rows(batch)};
     shape.insert(shape.end(), field.shape.begin(), field.shape.end());
     const Input<float> input(actions, "actions", shape, "f", "floats");
     released(batch, [&] { batch.step(std::span<const float>(input)); });
@@ -261,7 +271,7 @@ std::size_t camera_of(const Batch& batch, const std::optional<std::string>& name
 }
 
 py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
-  py::array_t<float> numbers(n_by(batch, std::max(count, 0)));
+  py::array_t<float> numbers({num_envs(batch), static_cast<py::ssize_t>(std::max(count, 0))});
   batch.random(stream, count, {numbers.mutable_data(), static_cast<std::size_t>(numbers.size())});
   return numbers;
 }
@@ -283,7 +293,9 @@ void register_batch(py::module_& module) {
            py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
            py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
            py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none,
-           py::arg("tracer") = "auto")
+           py::arg("tracer") = "auto", py::arg("drones_per_env") = 1)
+      .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
+      .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
       .def_property_readonly("num_threads", [](const Batch& batch) { return batch.num_threads(); })
       .def_property_readonly("embree_rays", [](const Batch& batch) { return batch.embree_rays(); })
@@ -304,10 +316,10 @@ void register_batch(py::module_& module) {
           "world_of",
           [](const Batch& batch, const py::object& index) {
             const auto drone = from_python<std::int64_t>(index, "index");
-            if (drone < 0 || drone >= size_of(batch)) {
-              throw py::index_error("index: expected an integer in [0, " + std::to_string(size_of(batch)) + "), got " + std::to_string(drone));
+            if (drone < 0 || drone >= num_drones(batch)) {
+              throw py::index_error("index: expected an integer in [0, " + std::to_string(num_drones(batch)) + "), got " + std::to_string(drone));
             }
-            return std::const_pointer_cast<World>(batch.world_of(static_cast<std::size_t>(drone)));
+            return std::const_pointer_cast<World>(batch.world_of(EnvIndex(drone / batch.config().drones_per_env)));
           },
           py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
@@ -340,7 +352,7 @@ void register_batch(py::module_& module) {
           "set_pose",
           [](Batch& batch, const py::object& position, const py::object& quat_wxyz, const py::object& mask) {
             batch.set_pose(floats(position, "position", n_by(batch, 3)), floats(quat_wxyz, "quat_wxyz", n_by(batch, 4)),
-                           flags(mask, "mask", size_of(batch)));
+                           flags(mask, "mask", num_drones(batch)));
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
       .def(
@@ -349,7 +361,7 @@ void register_batch(py::module_& module) {
             auto& batch = self.cast<Batch&>();
             const auto p = floats(position, "position", n_by(batch, 3));
             const auto q = floats(quat_wxyz, "quat_wxyz", n_by(batch, 4));
-            const auto m = flags(mask, "mask", size_of(batch));
+            const auto m = flags(mask, "mask", num_drones(batch));
             released(batch, [&] { batch.move(p, q, m); });
             return contact_of(self);
           },
@@ -360,7 +372,7 @@ void register_batch(py::module_& module) {
              const py::object& mask) {
             batch.set_velocity(floats(velocity, "velocity", n_by(batch, 3)),
                                floats(angular_velocity, "angular_velocity", n_by(batch, 3)),
-                               floats(rotor_speed, "rotor_speed", n_by(batch, kRotors)), flags(mask, "mask", size_of(batch)));
+                               floats(rotor_speed, "rotor_speed", n_by(batch, kRotors)), flags(mask, "mask", num_drones(batch)));
           },
           py::arg("velocity") = none, py::arg("angular_velocity") = none, py::arg("rotor_speed") = none, py::arg("mask") = none)
       .def(
@@ -371,7 +383,7 @@ void register_batch(py::module_& module) {
             const auto c = floats(command, "command", n_by(batch, 4));
             const int count = ticks.is_none() ? 0 : from_python<int>(ticks, "ticks");
             if (!ticks.is_none()) require(count >= 1, "ticks", "an integer >= 1", count);
-            const auto m = flags(mask, "mask", size_of(batch));
+            const auto m = flags(mask, "mask", num_drones(batch));
             released(batch, [&] { batch.fly(c, count, m); });
             return contact_of(self);
           },
@@ -379,7 +391,7 @@ void register_batch(py::module_& module) {
       .def(
           "sense",
           [](Batch& batch, const py::object& mask) {
-            const auto m = flags(mask, "mask", size_of(batch));
+            const auto m = flags(mask, "mask", num_drones(batch));
             released(batch, [&] { batch.sense(m); });
           },
           py::arg("mask") = none)
@@ -402,8 +414,8 @@ void register_batch(py::module_& module) {
       .def(
           "set_world",
           [](Batch& batch, const py::object& world_index, const py::object& mask) {
-            batch.set_world(integers<std::int32_t>(world_index, "world_index", {size_of(batch)}),
-                            flags(mask, "mask", size_of(batch)));
+            batch.set_world(integers<std::int32_t>(world_index, "world_index", {num_envs(batch)}),
+                            flags(mask, "mask", num_envs(batch)));
           },
           py::arg("world_index"), py::arg("mask") = none)
       .def(
@@ -412,7 +424,7 @@ void register_batch(py::module_& module) {
              std::optional<float> hfov_deg, std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
             batch.require_lidar(lidar.value_or(""));
-            batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", size_of(batch)));
+            batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", num_drones(batch)));
           },
           py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none,
           py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
@@ -420,7 +432,7 @@ void register_batch(py::module_& module) {
       .def(
           "capture",
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& camera) {
-            const auto m = flags(mask, "mask", size_of(batch));
+            const auto m = flags(mask, "mask", num_drones(batch));
             const std::size_t index = camera_of(batch, camera);
             released(batch, [&] { batch.capture(index, m); });
           },
@@ -437,7 +449,7 @@ void register_batch(py::module_& module) {
              std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
             batch.set_camera(camera_of(batch, camera), {hfov_deg, vfov_deg, offset_m, quat_wxyz},
-                             flags(mask, "mask", size_of(batch)));
+                             flags(mask, "mask", num_drones(batch)));
           },
           py::arg("mask") = none, py::arg("camera") = none, py::kw_only(), py::arg("hfov_deg") = none, py::arg("vfov_deg") = none,
           py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
@@ -445,18 +457,18 @@ void register_batch(py::module_& module) {
       .def(
           "seed",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
-            batch.seed(integers<std::uint64_t>(seeds, "seeds", {size_of(batch)}), flags(mask, "mask", size_of(batch)));
+            batch.seed(integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)}), flags(mask, "mask", num_envs(batch)));
           },
           py::arg("seeds"), py::arg("mask") = none)
       .def(
-          "begin_episode", [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", size_of(batch))); },
+          "begin_episode", [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", num_envs(batch))); },
           py::arg("mask") = none)
       .def("random", &random, py::arg("stream"), py::arg("count"))
       .def(
           "reset",
           [](Batch& batch, const py::object& seeds, const py::object& mask) {
-            const auto s = integers<std::uint64_t>(seeds, "seeds", {size_of(batch)});
-            const auto m = flags(mask, "mask", size_of(batch));
+            const auto s = integers<std::uint64_t>(seeds, "seeds", {num_envs(batch)});
+            const auto m = flags(mask, "mask", num_envs(batch));
             released(batch, [&] { batch.reset(s, m); });
           },
           py::arg("seeds") = none, py::arg("mask") = none)

@@ -48,8 +48,8 @@ NativeTask load_task(const py::object& given) {
   return {path, reinterpret_cast<Task* (*)()>(load_function(path, "flockstep_make_task"))};
 }
 
-// A task whose methods are Python's. Each takes and returns arrays with a row per env; the names are those of its caller,
-// flockstep.task.TaskCalls.
+// A task whose methods are Python's. They take and return arrays with the rows of spec().row; the names are those of their
+// caller, flockstep.task.TaskCalls.
 class PythonTask final : public Task {
  public:
   PythonTask(TaskSpec spec, std::string identity, int max_episode_steps, py::object calls)
@@ -67,36 +67,39 @@ class PythonTask final : public Task {
   bool takes(Control) const override { return true; }  // what act() returns has to be what it means
   bool takes_all_envs_at_once() const override { return true; }
 
-  void setup(const TaskContext&) override {}
+  void setup(const TaskContext& context) override {
+    is_per_drone_ = spec_.row == Row::drone;
+    num_rows_ = is_per_drone_ ? context.num_drones() : context.num_envs();
+  }
   void place(const TaskBlock&) override {}  // Task.reset does both
 
   void begin(const TaskBlock& block) override {
     const py::gil_scoped_acquire acquire;
-    calls_->attr("begin")(envs(block));
-    for (const std::uint32_t env : block.envs) {
-      const Vec3 position = position_of(block.context.state(), env);
-      const World& world = block.context.world_of(env);
+    calls_->attr("begin")(is_per_drone_ ? indices(block.drones) : indices(block.envs));
+    for (const DroneIndex drone : block.drones) {
+      const Vec3 position = position_of(block.context.state(), drone);
+      const World& world = block.context.world_of(block.context.env_of(drone));
       const Aabb space = open_space(world);
       if ((position.array() >= space.min.array()).all() && (position.array() <= space.max.array()).all()) continue;
       std::ostringstream expected, got;
       expected << "drones within the room of world \"" << world.name() << "\", (" << space.min.transpose() << ") to ("
                << space.max.transpose() << ')';
-      got << '(' << position.transpose() << ") of env " << env << " after reset()";
+      got << '(' << position.transpose() << ") of drone " << drone << " after reset()";
       refuse("reset: position", expected.str(), got.str());
     }
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     const py::gil_scoped_acquire acquire;
-    const auto n = static_cast<py::ssize_t>(block.context.num_envs());
-    const py::tuple targets = calls_->attr("command")(copy_of(actions, n));
+    const auto n = static_cast<py::ssize_t>(block.context.num_drones());
+    const py::tuple targets = calls_->attr("command")(copy_of(actions));
     require(!targets[0].is_none(), "act", "an array of positions or commands", "None");
     if (block.context.dynamics().control != Control::pose) {
       require(targets[1].is_none(), "act", "commands (N, 4), as the control has them", "a pair of positions and quaternions");
       const auto commands = floats(targets[0], "act: command", {n, 4});
       const std::span<const float> rows = commands;
       checks::angles(block.context.dynamics().control, rows, "act: command");
-      for (const std::uint32_t env : block.envs) std::copy_n(rows.data() + 4 * env, 4, setpoints.command.data() + 4 * env);
+      for (const DroneIndex drone : block.drones) std::copy_n(rows.data() + 4 * drone, 4, setpoints.command.data() + 4 * drone);
       return;
     }
     const auto position = floats(targets[0], "act: target position", {n, 3});
@@ -104,24 +107,25 @@ class PythonTask final : public Task {
     const std::span<const float> p = position, q = quat_wxyz;
     const State& state = block.context.state();
     bool bad = false;
-    for (const std::uint32_t env : block.envs) {
-      setpoints.target[env] = {Vec3(p[3 * env], p[3 * env + 1], p[3 * env + 2]), Quat::Identity()};
-      const float* const wxyz = q.empty() ? state.quat_wxyz.data() + 4 * std::size_t{env} : q.data() + 4 * std::size_t{env};
-      Quat& rotation = setpoints.target[env].rotation = Quat(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+    for (const DroneIndex drone : block.drones) {
+      setpoints.target[drone] = {Vec3(p[3 * drone], p[3 * drone + 1], p[3 * drone + 2]), Quat::Identity()};
+      const float* const wxyz = (q.empty() ? std::span<const float>(state.quat_wxyz) : q).data() + 4 * drone;
+      Quat& rotation = setpoints.target[drone].rotation = Quat(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
       const float norm = rotation.norm();  // not finite: a bad state, which the batch deals with
       if (std::isfinite(norm) && std::abs(norm - 1.0F) > 1e-2F) {
         throw py::value_error("act: expected unit quaternions, got one of norm " + std::to_string(norm) + " in row " +
-                              std::to_string(env));
+                              std::to_string(drone));
       }
       if (!q.empty()) rotation.normalize();
-      if (!is_valid(setpoints.target[env]) && !std::exchange(bad, true))
-        report("act: target", env, worst_of(setpoints.target[env]));
+      if (!is_valid(setpoints.target[drone]) && !std::exchange(bad, true)) {
+        report("act: target", drone, worst_of(setpoints.target[drone]));
+      }
     }
   }
 
   void score(const TaskBlock& block, Score& score) override {
     const py::gil_scoped_acquire acquire;
-    const auto n = static_cast<py::ssize_t>(block.context.num_envs());
+    const auto n = static_cast<py::ssize_t>(num_rows_);
     const auto terms = static_cast<py::ssize_t>(score.num_terms);
     const py::tuple scored = calls_->attr("score")();
     const auto reward = py::array_t<double, py::array::c_style | py::array::forcecast>(scored[0]);
@@ -132,20 +136,18 @@ class PythonTask final : public Task {
     const auto left_area = flags(scored[4], "left_area", n);
     const double* const columns = reward.data();
     const std::span<const std::uint8_t> ends = terminated, cuts = truncated, successes = success, left = left_area;
-    for (const std::uint32_t env : block.envs) {
-      const std::span<double> row = score.terms_of(env);
-      for (std::size_t k = 0; k < row.size(); ++k) row[k] = columns[k * static_cast<std::size_t>(n) + env];
-      score.terminated[env] = ends[env];
-      score.truncated[env] = cuts[env];
-      score.success[env] = successes[env];
-      score.left_area[env] = left[env];
-    }
-    for (const std::uint32_t env : block.envs) {
-      const std::span<const double> row = score.terms_of(env);
-      const auto bad = std::ranges::find_if_not(row, is_reward);
-      if (bad == row.end()) continue;
-      return report("step: reward term '" + spec_.reward_terms[static_cast<std::size_t>(bad - row.begin())] + "'", env, *bad);
-    }
+    bool reported = false;
+    for_each_row(block, [&](std::size_t row) {
+      const std::span<double> earned = score.terms_of(row);
+      for (std::size_t k = 0; k < earned.size(); ++k) earned[k] = columns[k * num_rows_ + row];
+      score.terminated[row] = ends[row];
+      score.truncated[row] = cuts[row];
+      score.success[row] = successes[row];
+      score.left_area[row] = left[row];
+      const auto bad = std::ranges::find_if_not(earned, is_reward);
+      if (bad == earned.end() || std::exchange(reported, true)) return;
+      report("step: reward term '" + spec_.reward_terms[static_cast<std::size_t>(bad - earned.begin())] + "'", row, *bad);
+    });
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
@@ -155,7 +157,7 @@ class PythonTask final : public Task {
       const py::array field = fields[i];
       const auto* const bytes = static_cast<const std::byte*>(field.data());
       const std::size_t row = observation[i].row_bytes();
-      for (const std::uint32_t env : block.envs) std::memcpy(observation[i].row_as_bytes(env).data(), bytes + env * row, row);
+      for_each_row(block, [&](std::size_t at) { std::memcpy(observation[i].row_as_bytes(at).data(), bytes + at * row, row); });
       if (observation[i].type() == DType::float32) report_bad<float>(block, spec_.observation[i], observation[i]);
       if (observation[i].type() == DType::float64) report_bad<double>(block, spec_.observation[i], observation[i]);
     }
@@ -176,8 +178,18 @@ class PythonTask final : public Task {
   }
 
  private:
-  // The batch ends the episode of an env with such a value and goes on; who wrote the task wants to know which it was.
-  void report(const std::string& what, std::uint32_t env, double value) const { calls_->attr("report")(what, env, value); }
+  // The batch ends the episode of a row with such a value and goes on; the author of the task needs to know which it was.
+  void report(const std::string& what, std::size_t row, double value) const { calls_->attr("report")(what, row, value); }
+
+  // Calls f(row) for each row of the block.
+  template <class F>
+  void for_each_row(const TaskBlock& block, const F& f) const {
+    if (is_per_drone_) {
+      for (const DroneIndex drone : block.drones) f(std::size_t{drone});
+    } else {
+      for (const EnvIndex env : block.envs) f(std::size_t{env});
+    }
+  }
 
   // The number that makes a pose no pose in the world.
   static double worst_of(const Pose& pose) {
@@ -189,23 +201,27 @@ class PythonTask final : public Task {
 
   template <class T>
   void report_bad(const TaskBlock& block, const Field& field, const Buffer& values) const {
-    for (const std::uint32_t env : block.envs) {
-      const std::span<const T> row = values.row<T>(env);
-      if (are_finite(row)) continue;
-      for (std::size_t i = 0; i < row.size(); ++i) {
-        if (is_bad(field, i, row[i])) return report("observe: '" + field.name + "'", env, row[i]);
+    bool reported = false;
+    for_each_row(block, [&](std::size_t at) {
+      const std::span<const T> row = values.row<T>(at);
+      if (reported || are_finite(row)) return;
+      for (std::size_t i = 0; i < row.size() && !reported; ++i) {
+        if (!is_bad(field, i, row[i])) continue;
+        reported = true;
+        report("observe: '" + field.name + "'", at, row[i]);
       }
-    }
+    });
   }
 
-  static py::array_t<std::int64_t> envs(const TaskBlock& block) {
-    py::array_t<std::int64_t> indices(static_cast<py::ssize_t>(block.envs.size()));
-    std::copy(block.envs.begin(), block.envs.end(), indices.mutable_data());
-    return indices;
+  template <class Kind>
+  static py::array_t<std::int64_t> indices(std::span<const Index<Kind>> from) {
+    py::array_t<std::int64_t> array(static_cast<py::ssize_t>(from.size()));
+    std::ranges::transform(from, array.mutable_data(), [](std::size_t index) { return static_cast<std::int64_t>(index); });
+    return array;
   }
 
-  py::array copy_of(const Buffer& actions, py::ssize_t n) const {
-    Shape shape{n};
+  py::array copy_of(const Buffer& actions) const {
+    Shape shape{static_cast<py::ssize_t>(num_rows_)};
     shape.insert(shape.end(), spec_.action.shape.begin(), spec_.action.shape.end());
     py::array array(py::dtype(name_of(spec_.action.type)), shape);
     std::memcpy(array.mutable_data(), actions.bytes().data(), actions.bytes().size());
@@ -217,6 +233,8 @@ class PythonTask final : public Task {
   int max_episode_steps_;
   std::shared_ptr<py::object> calls_;
   std::string state_;  // as the last snapshot has it
+  bool is_per_drone_ = true;
+  std::size_t num_rows_ = 0;
 };
 
 // What makes one; a batch has a task of its own.
@@ -298,8 +316,12 @@ void register_task(py::module_& module) {
       .def_property_readonly("high", [](const Field& field) { return bounds(field.high); })
       .def("__repr__", &describe_field);
   py::class_<TaskSpec>(module, "TaskSpec", "What a task takes, shows and rewards, declared once.")
-      .def(py::init<Field, std::vector<Field>, std::vector<std::string>>(), py::arg("action"), py::arg("observation"),
-           py::arg("reward_terms"))
+      .def(py::init(
+               [](Field action, std::vector<Field> observation, std::vector<std::string> reward_terms, const std::string& row) {
+                 return TaskSpec{std::move(action), std::move(observation), std::move(reward_terms), enum_of<Row>(row, "row")};
+               }),
+           py::arg("action"), py::arg("observation"), py::arg("reward_terms"), py::arg("row") = "drone")
+      .def_property_readonly("row", [](const TaskSpec& spec) { return name_of(spec.row); })
       .def_readonly("action", &TaskSpec::action)
       .def_readonly("observation", &TaskSpec::observation)
       .def_readonly("reward_terms", &TaskSpec::reward_terms)

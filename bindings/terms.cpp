@@ -12,7 +12,7 @@ struct Terms {
   py::object owner;
 
   const Batch& batch() const { return owner.cast<const Batch&>(); }
-  std::size_t size() const { return static_cast<std::size_t>(batch().config().num_envs); }
+  std::size_t size() const { return static_cast<std::size_t>(batch().config().num_drones()); }
 };
 
 Pose pose_at(const std::vector<float>& position, const std::vector<float>& quat_wxyz, std::size_t drone) {
@@ -21,7 +21,11 @@ Pose pose_at(const std::vector<float>& position, const std::vector<float>& quat_
   return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
 }
 
-// The goal of each env: the waypoint that goal_index names, else the goal marker of its world.
+const World& world_of(const Batch& batch, std::size_t drone) {
+  return *batch.world_of(EnvIndex(drone / static_cast<std::size_t>(batch.config().drones_per_env)));
+}
+
+// The goal of each drone: the waypoint that goal_index names, else the goal marker of its world.
 std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   const Batch& batch = terms.batch();
   const auto n = static_cast<py::ssize_t>(terms.size());
@@ -30,10 +34,10 @@ std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   std::vector<Vec3> result;
   const std::size_t count = terms.size();
   result.reserve(count);
-  for (std::size_t env = 0; env < count; ++env) {
-    const World& world = *batch.world_of(env);
+  for (std::size_t drone = 0; drone < count; ++drone) {
+    const World& world = world_of(batch, drone);
     const auto waypoints = static_cast<std::int32_t>(world.markers().waypoints.size());
-    const std::int32_t which = indices.empty() ? waypoints : indices[env];
+    const std::int32_t which = indices.empty() ? waypoints : indices[drone];
     if (which < 0) throw py::value_error("goal_index: expected integers >= 0, got " + std::to_string(which));
     if (which >= waypoints && !world.markers().goal) throw py::value_error("world '" + world.name() + "' has no goal marker");
     result.push_back(task::goal_of(world, which));
@@ -41,13 +45,13 @@ std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   return result;
 }
 
-// f(env) for each, as a new array.
+// Returns f(drone) of each, as a new array.
 template <class T, class F>
-py::array_t<T> per_env(const Terms& terms, const F& f) {
-  const std::size_t n = terms.size();  // which asks Python
+py::array_t<T> per_drone(const Terms& terms, const F& f) {
+  const std::size_t n = terms.size();  // looked up in Python, once
   py::array_t<T> array(static_cast<py::ssize_t>(n));
   T* const values = array.mutable_data();
-  for (std::size_t env = 0; env < n; ++env) values[env] = static_cast<T>(f(env));
+  for (std::size_t drone = 0; drone < n; ++drone) values[drone] = static_cast<T>(f(drone));
   return array;
 }
 
@@ -71,8 +75,8 @@ struct Scans {
 py::array_t<double> goal_distance(const Terms& terms, const py::object& goal_index) {
   const std::vector<Vec3> points = goals(terms, goal_index);
   const State& state = terms.batch().state();
-  return per_env<double>(terms, [&](std::size_t env) {
-    return task::distance_m(points[env], pose_at(state.position, state.quat_wxyz, env).position);
+  return per_drone<double>(terms, [&](std::size_t drone) {
+    return task::distance_m(points[drone], pose_at(state.position, state.quat_wxyz, drone).position);
   });
 }
 
@@ -82,8 +86,8 @@ py::array_t<float> start(const Terms& terms) {
   std::vector<Vec3> points;
   const std::size_t count = terms.size();
   points.reserve(count);
-  for (std::size_t env = 0; env < count; ++env) {
-    const World& world = *batch.world_of(env);
+  for (std::size_t drone = 0; drone < count; ++drone) {
+    const World& world = world_of(batch, drone);
     if (!world.markers().start)
       throw py::value_error("world '" + world.name() + "' has no start marker, where Task.reset puts drones; override it");
     points.push_back(*world.markers().start);
@@ -96,8 +100,8 @@ py::array_t<float> goal_direction(const Terms& terms, const py::object& goal_ind
   const Batch& batch = terms.batch();
   const std::vector<float>& position = batch.sensed_position();
   const std::vector<float>& quat_wxyz = batch.sensed_quat_wxyz();
-  for (std::size_t env = 0; env < points.size(); ++env) {
-    points[env] = task::direction_to(pose_at(position, quat_wxyz, env), points[env]);
+  for (std::size_t drone = 0; drone < points.size(); ++drone) {
+    points[drone] = task::direction_to(pose_at(position, quat_wxyz, drone), points[drone]);
   }
   return rows(points);
 }
@@ -108,7 +112,7 @@ py::array_t<float> displaced(const Terms& terms, const py::object& displacement)
   const State& state = terms.batch().state();
   std::vector<Vec3> points(terms.size());
   for (std::size_t drone = 0; drone < points.size(); ++drone) {
-    const Pose pose = pose_of(state, drone);
+    const Pose pose = pose_of(state, DroneIndex(drone));
     points[drone] = pose.position + pose.rotation * Vec3(d[3 * drone], d[3 * drone + 1], d[3 * drone + 2]);
   }
   return rows(points);
@@ -127,13 +131,13 @@ py::array_t<float> ranges(const Terms& terms) {
 
 py::array_t<double> clearance(const Terms& terms) {
   const Scans scans(terms.batch());
-  return per_env<double>(terms, [&](std::size_t drone) { return scans.clearance(drone).nearest; });
+  return per_drone<double>(terms, [&](std::size_t drone) { return scans.clearance(drone).nearest; });
 }
 
 py::array_t<double> free_space(const Terms& terms, double min_clearance) {
   const Scans scans(terms.batch());
   if (!(min_clearance > 0.0 && min_clearance < 1.0)) throw py::value_error("min_clearance: expected a number in (0, 1)");
-  return per_env<double>(
+  return per_drone<double>(
       terms, [&](std::size_t drone) { return task::free_space(scans.clearance(drone).sum, scans.rays, min_clearance); });
 }
 

@@ -19,40 +19,40 @@ class FlyToGoal final : public Task {
     for (const auto& world : context.worlds()) {
       if (!world->markers().goal) throw std::invalid_argument("worlds: expected worlds with a goal, got " + world->name());
     }
-    last_distance_.resize(context.num_envs());
+    last_distance_.resize(context.num_drones());
   }
   void begin(const TaskBlock& block) override {
-    for (const auto env : block.envs) last_distance_[env] = to_goal(block, env).norm();
+    for (const auto drone : block.drones) last_distance_[drone] = to_goal(block, drone).norm();
   }
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
-    for (const auto env : block.envs) {
-      const Vec3 action = Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
-      setpoints.target[env] = {position_of(block.context.state(), env) + 0.1F * action, Quat::Identity()};
+    for (const auto drone : block.drones) {
+      const Vec3 action = Vec3(actions.row<float>(drone).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
+      setpoints.target[drone] = {position_of(block.context.state(), drone) + 0.1F * action, Quat::Identity()};
     }
   }
   void score(const TaskBlock& block, Score& score) override {
-    for (const auto env : block.envs) {
-      const float distance = to_goal(block, env).norm();
-      const bool crashed = block.context.state().contact.hit[env] != 0;
-      score.success[env] = distance < 0.5F && !crashed;
-      score.terminated[env] = score.success[env] || crashed;
-      const auto terms = score.terms_of(env);
-      terms[0] = last_distance_[env] - distance;
-      terms[1] = score.success[env] ? 10.0 : 0.0;
+    for (const auto drone : block.drones) {
+      const float distance = to_goal(block, drone).norm();
+      const bool crashed = block.context.state().contact.hit[drone] != 0;
+      score.success[drone] = distance < 0.5F && !crashed;
+      score.terminated[drone] = score.success[drone] || crashed;
+      const auto terms = score.terms_of(drone);
+      terms[0] = last_distance_[drone] - distance;
+      terms[1] = score.success[drone] ? 10.0 : 0.0;
       terms[2] = crashed ? -10.0 : 0.0;
-      last_distance_[env] = distance;
+      last_distance_[drone] = distance;
     }
   }
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
-    for (const auto env : block.envs) {
-      Eigen::Map<Vec3>(observation[0].row<float>(env).data()) = to_goal(block, env).stableNormalized();
+    for (const auto drone : block.drones) {
+      Eigen::Map<Vec3>(observation[0].row<float>(drone).data()) = to_goal(block, drone).stableNormalized();
     }
   }
   void visit(ArrayVisitor& visitor) override { visitor.array("last_distance", last_distance_); }  // for snapshots
 
  private:
-  static Vec3 to_goal(const TaskBlock& block, std::size_t env) {
-    return *block.context.world_of(env).markers().goal - position_of(block.context.state(), env);
+  static Vec3 to_goal(const TaskBlock& block, DroneIndex drone) {
+    return *block.context.world_of(block.context.env_of(drone)).markers().goal - position_of(block.context.state(), drone);
   }
 
   TaskSpec spec_;

@@ -47,48 +47,48 @@ class Drift final : public Task {
   std::string identity() const override { return "drift"; }
   void setup(const TaskContext&) override {}
   void place(const TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) {
+    for (const DroneIndex drone : block.drones) {
       Pose pose{Vec3(1, 1, 0.75F), Quat::Identity()};
-      if (begins(What::place, block, env)) pose.position.y() = fault_.value;
-      block.context.place(env, pose);
+      if (begins(What::place, block, drone)) pose.position.y() = fault_.value;
+      block.context.place(drone, pose);
     }
   }
   void begin(const TaskBlock&) override {}
   void command(const TaskBlock& block, const Buffer&, Setpoints& setpoints) override {
-    for (const std::uint32_t env : block.envs) {
-      Pose& target = setpoints.target[env] = pose_of(block.context.state(), env);
+    for (const DroneIndex drone : block.drones) {
+      Pose& target = setpoints.target[drone] = pose_of(block.context.state(), drone);
       target.position.x() += 0.001F;
-      if (hits(What::position, block, env)) target.position.y() = fault_.value;
-      if (hits(What::rotation, block, env)) target.rotation.x() = fault_.value;
+      if (hits(What::position, block, drone)) target.position.y() = fault_.value;
+      if (hits(What::rotation, block, drone)) target.rotation.x() = fault_.value;
     }
   }
   void score(const TaskBlock& block, Score& score) override {
-    for (const std::uint32_t env : block.envs) {
-      score.terms_of(env)[0] = 1.0;
-      score.terms_of(env)[1] = hits(What::reward, block, env) ? fault_.value : 0.5;
-      score.terminated[env] = 0;
-      score.success[env] = 1;
+    for (const DroneIndex drone : block.drones) {
+      score.terms_of(drone)[0] = 1.0;
+      score.terms_of(drone)[1] = hits(What::reward, block, drone) ? fault_.value : 0.5;
+      score.terminated[drone] = 0;
+      score.success[drone] = 1;
     }
   }
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
-    for (const std::uint32_t env : block.envs) {
-      const bool bad = hits(What::observation, block, env) || begins(What::first_observation, block, env);
-      observation[0].row<float>(env)[0] = position_of(block.context.state(), env).x();
-      observation[0].row<float>(env)[1] = bad ? fault_.value : 1.0F;
-      observation[1].row<double>(env)[0] = kInfinity;
-      observation[1].row<double>(env)[1] = -kInfinity;
+    for (const DroneIndex drone : block.drones) {
+      const bool bad = hits(What::observation, block, drone) || begins(What::first_observation, block, drone);
+      observation[0].row<float>(drone)[0] = position_of(block.context.state(), drone).x();
+      observation[0].row<float>(drone)[1] = bad ? fault_.value : 1.0F;
+      observation[1].row<double>(drone)[0] = kInfinity;
+      observation[1].row<double>(drone)[1] = -kInfinity;
     }
   }
   void visit(ArrayVisitor&) override {}
 
  private:
-  bool hits(What what, const TaskBlock& block, std::uint32_t env) const {
-    return what == fault_.what && env == fault_.env && block.context.state().episode[env] == 0 &&
-           block.context.episodes().steps[env] == fault_.step;
+  bool hits(What what, const TaskBlock& block, DroneIndex drone) const {
+    return what == fault_.what && drone == fault_.env && block.context.state().episode[drone] == 0 &&
+           block.context.episodes().steps[drone] == fault_.step;
   }
-  bool begins(What what, const TaskBlock& block, std::uint32_t env) const {
-    return what == fault_.what && env == fault_.env && block.context.state().episode[env] == 1 &&
-           block.context.episodes().steps[env] == 0;
+  bool begins(What what, const TaskBlock& block, DroneIndex drone) const {
+    return what == fault_.what && drone == fault_.env && block.context.state().episode[drone] == 1 &&
+           block.context.episodes().steps[drone] == 0;
   }
 
   Fault fault_;

@@ -367,7 +367,7 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
         }
         EXPECT_GT(hits, 0);
         for (std::size_t i = 0; i < kDrones; ++i) {
-          EXPECT_FALSE(collision::overlaps(compiled(*world).obstacles(), hull, pose_of(batch.state(), i)));
+          EXPECT_FALSE(collision::overlaps(compiled(*world).obstacles(), hull, pose_of(batch.state(), DroneIndex(i))));
         }
       }
     }

@@ -87,7 +87,7 @@ TEST(Imu, OffTheCentreFeelsTheTurning) {
   Quat rotation = Quat::Identity();
   for (int tick = 0; tick < 41; ++tick) {
     batch.fly(told, 1);
-    const Pose pose = pose_of(batch.state(), 0);
+    const Pose pose = pose_of(batch.state(), DroneIndex(0));
     places.push_back((pose.position + pose.rotation * offset).cast<double>());
     if (tick == 20) {
       batch.sense();

@@ -29,23 +29,24 @@ Envs random_envs(Random& random, std::size_t count, std::size_t num_worlds, floa
   return envs;
 }
 
-std::vector<std::uint32_t> envs_of(Schedule& schedule) {
-  std::vector<std::uint32_t> envs;
+std::vector<EnvIndex> envs_of(Schedule& schedule) {
+  std::vector<EnvIndex> envs;
   for (const Block& block : schedule.blocks()) envs.insert(envs.end(), block.envs.begin(), block.envs.end());
   return envs;
 }
 
 void expect_schedule(Schedule& schedule, const Envs& envs, std::size_t block_size) {
-  const auto world_of = [&](std::uint32_t env) { return envs.world_index.empty() ? 0 : envs.world_index[env]; };
+  const auto world_of = [&](EnvIndex env) { return envs.world_index.empty() ? 0 : envs.world_index[env]; };
   for (const Block& block : schedule.blocks()) {
     ASSERT_FALSE(block.envs.empty());
     ASSERT_LE(block.envs.size(), block_size);
-    for (const EnvList* list : {&block.flown, &block.flying, &block.opening, &block.chosen}) ASSERT_TRUE(list->empty());
+    for (const EnvList* list : {&block.flown, &block.flying, &block.opening, &block.selected}) ASSERT_TRUE(list->empty());
   }
   // Every active env once: world by world, where worlds are given, and in each by its index.
-  std::vector<std::uint32_t> expected(envs.active.size());
-  std::iota(expected.begin(), expected.end(), 0U);
-  std::erase_if(expected, [&](std::uint32_t env) { return !envs.active[env]; });
+  std::vector<EnvIndex> expected;
+  for (std::size_t env = 0; env < envs.active.size(); ++env) {
+    if (envs.active[env]) expected.push_back(EnvIndex(env));
+  }
   std::stable_sort(expected.begin(), expected.end(), [&](auto a, auto b) { return world_of(a) < world_of(b); });
   ASSERT_EQ(envs_of(schedule), expected);
   // Only the last block is less than full.
@@ -103,17 +104,17 @@ TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {
   const Envs envs = random_envs(random, 50, 3, 0.9F);
   Schedule schedule(50, 3, 8);
   schedule.rebuild(envs.world_index, envs.active);
-  constexpr EnvList Block::* kLists[] = {&Block::flown, &Block::flying, &Block::opening, &Block::chosen};
+  constexpr EnvList Block::* kLists[] = {&Block::flown, &Block::flying, &Block::opening, &Block::selected};
   for (Block& block : schedule.blocks()) {
     for (const auto list : kLists) {
-      for (const std::uint32_t env : block.envs) (block.*list).push(env);
+      for (const EnvIndex env : block.envs) (block.*list).push(env);
     }
   }
   for (const Block& block : schedule.blocks()) {
     for (const auto list : kLists) {
-      const EnvList& its = block.*list;
-      EXPECT_EQ(its.size(), block.envs.size());
-      EXPECT_TRUE(std::equal(its.begin(), its.end(), block.envs.begin(), block.envs.end()));
+      const EnvList& listed = block.*list;
+      EXPECT_EQ(listed.size(), block.envs.size());
+      EXPECT_TRUE(std::equal(listed.begin(), listed.end(), block.envs.begin(), block.envs.end()));
     }
   }
   schedule.rebuild(envs.world_index, envs.active);
@@ -121,21 +122,21 @@ TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {
 }
 
 TEST(EnvList, FilterKeepsTheOrder) {
-  std::uint32_t storage[6];
+  EnvIndex storage[6];
   EnvList list(storage);
   EXPECT_TRUE(list.empty());
-  for (const std::uint32_t env : {9U, 2U, 7U, 4U, 1U, 8U}) list.push(env);
-  std::vector<std::uint32_t> asked;
-  list.filter([&](std::uint32_t env) {
+  for (const std::uint32_t env : {9U, 2U, 7U, 4U, 1U, 8U}) list.push(EnvIndex(env));
+  std::vector<std::size_t> asked;
+  list.filter([&](EnvIndex env) {
     asked.push_back(env);
     return env % 2 == 1 || env == 8;
   });
-  EXPECT_EQ(asked, (std::vector<std::uint32_t>{9, 2, 7, 4, 1, 8})) << "each once";
-  EXPECT_EQ(std::vector<std::uint32_t>(list.begin(), list.end()), (std::vector<std::uint32_t>{9, 7, 1, 8}));
-  list.push(3);
+  EXPECT_EQ(asked, (std::vector<std::size_t>{9, 2, 7, 4, 1, 8})) << "each once";
+  EXPECT_EQ(std::vector<std::size_t>(list.begin(), list.end()), (std::vector<std::size_t>{9, 7, 1, 8}));
+  list.push(EnvIndex(3));
   EXPECT_EQ(list.size(), 5U);
-  EXPECT_EQ(list.end()[-1], 3U);
-  list.filter([](std::uint32_t) { return false; });
+  EXPECT_EQ(list.end()[-1], EnvIndex(3));
+  list.filter([](EnvIndex) { return false; });
   EXPECT_TRUE(list.empty());
 }
 

@@ -28,12 +28,12 @@ class Still final : public Task {
   void setup(const TaskContext&) override {}
   void begin(const TaskBlock&) override {}
   void command(const TaskBlock& block, const Buffer&, Setpoints& setpoints) override {
-    for (const std::uint32_t env : block.envs) setpoints.target[env] = pose_of(block.context.state(), env);
+    for (const DroneIndex drone : block.drones) setpoints.target[drone] = pose_of(block.context.state(), drone);
   }
   void score(const TaskBlock& block, Score& score) override {
-    for (const std::uint32_t env : block.envs) {
-      for (double& term : score.terms_of(env)) term = 0.0;
-      score.terminated[env] = score.success[env] = 0;
+    for (const DroneIndex drone : block.drones) {
+      for (double& term : score.terms_of(drone)) term = 0.0;
+      score.terminated[drone] = score.success[drone] = 0;
     }
   }
   void observe(const TaskBlock&, std::span<Buffer>) override {}

@@ -138,7 +138,7 @@ struct Tally {
     std::vector<float> directions(3 * per_drone * kDrones);
     first.lidar_directions(directions);
     for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      const Pose pose = pose_of(first.state(), drone);
+      const Pose pose = pose_of(first.state(), DroneIndex(drone));
       const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
       const Eigen::Vector3d origin =
           pose.position.cast<double>() + rotation * Eigen::Vector3d(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);

@@ -62,7 +62,7 @@ TEST(WorldPool, AWorldLivesAsLongAsAnEnvIsInIt) {
     for (int i = 0; i < 300; ++i) {
       step(batch);
       ASSERT_LE(pool.source->alive(), 20U);
-      for (std::size_t env = 0; env < 20; ++env) ASSERT_NE(batch.world_of(env), nullptr);
+      for (std::size_t env = 0; env < 20; ++env) ASSERT_NE(batch.world_of(EnvIndex(env)), nullptr);
     }
     EXPECT_GT(pool.source->asked, 1000);
     EXPECT_TRUE(batch.worlds().empty());
@@ -77,8 +77,8 @@ TEST(WorldPool, EnvsOfEqualNumbersShareAWorld) {
   for (int i = 0; i < 30; ++i) step(batch);
   std::map<std::int32_t, const World*> by_number;
   for (std::size_t env = 0; env < 50; ++env) {
-    const auto [known, is_new] = by_number.emplace(batch.state().world_index[env], batch.world_of(env).get());
-    EXPECT_EQ(known->second, batch.world_of(env).get());
+    const auto [known, is_new] = by_number.emplace(batch.state().world_index[env], batch.world_of(EnvIndex(env)).get());
+    EXPECT_EQ(known->second, batch.world_of(EnvIndex(env)).get());
   }
   EXPECT_GT(by_number.size(), 4U);
 }

@@ -24,47 +24,47 @@ class ReachHeight final : public flockstep::Task {
   std::string identity() const override { return "reach height"; }
 
   void setup(const flockstep::TaskContext& context) override {
-    target_.resize(context.num_envs());
-    last_.resize(context.num_envs());
+    target_.resize(context.num_drones());
+    last_.resize(context.num_drones());
   }
   void begin(const flockstep::TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) {
-      last_[env] = position_of(block.context.state(), env).z();
-      target_[env] = last_[env] + 2.0F;
+    for (const flockstep::DroneIndex drone : block.drones) {
+      last_[drone] = position_of(block.context.state(), drone).z();
+      target_[drone] = last_[drone] + 2.0F;
     }
   }
   void command(const flockstep::TaskBlock& block, const flockstep::Buffer& actions, flockstep::Setpoints& setpoints) override {
-    for (const std::uint32_t env : block.envs) {
-      const flockstep::Vec3 from = position_of(block.context.state(), env);
-      const flockstep::Vec3 step = flockstep::Vec3(actions.row<float>(env).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
-      setpoints.target[env] = {from + 0.25F * step, flockstep::Quat::Identity()};
+    for (const flockstep::DroneIndex drone : block.drones) {
+      const flockstep::Vec3 from = position_of(block.context.state(), drone);
+      const flockstep::Vec3 step = flockstep::Vec3(actions.row<float>(drone).data()).cwiseMax(-1.0F).cwiseMin(1.0F);
+      setpoints.target[drone] = {from + 0.25F * step, flockstep::Quat::Identity()};
     }
   }
   void score(const flockstep::TaskBlock& block, flockstep::Score& score) override {
-    for (const std::uint32_t env : block.envs) {
-      const float height = position_of(block.context.state(), env).z();
-      const float off = std::abs(target_[env] - height);
-      const bool touched = block.context.state().contact.hit[env] != 0;
-      score.success[env] = !touched && off <= 0.1F;
-      score.terminated[env] = touched || score.success[env];
-      const std::span<double> terms = score.terms_of(env);
-      terms[0] = std::abs(target_[env] - last_[env]) - off;
-      terms[1] = score.success[env];
-      last_[env] = height;
+    for (const flockstep::DroneIndex drone : block.drones) {
+      const float height = position_of(block.context.state(), drone).z();
+      const float off = std::abs(target_[drone] - height);
+      const bool touched = block.context.state().contact.hit[drone] != 0;
+      score.success[drone] = !touched && off <= 0.1F;
+      score.terminated[drone] = touched || score.success[drone];
+      const std::span<double> terms = score.terms_of(drone);
+      terms[0] = std::abs(target_[drone] - last_[drone]) - off;
+      terms[1] = score.success[drone];
+      last_[drone] = height;
     }
   }
   void observe(const flockstep::TaskBlock& block, std::span<flockstep::Buffer> observation) override {
-    for (const std::uint32_t env : block.envs) {
-      const float height = block.context.sensed_pose(env).position.z();
-      observation[0].row<float>(env)[0] = target_[env] - height;
-      observation[0].row<float>(env)[1] = height;
+    for (const flockstep::DroneIndex drone : block.drones) {
+      const float height = block.context.sensed_pose(drone).position.z();
+      observation[0].row<float>(drone)[0] = target_[drone] - height;
+      observation[0].row<float>(drone)[1] = height;
     }
   }
   void visit(flockstep::ArrayVisitor& visitor) override { visitor.array("target", target_), visitor.array("last", last_); }
 
  private:
   flockstep::TaskSpec spec_;
-  std::vector<float> target_, last_;  // (E,) m, heights: to be reached, and after the step before
+  std::vector<float> target_, last_;  // (N,) m, heights: to be reached, and after the step before
 };
 
 FLOCKSTEP_EXPORT_TASK(ReachHeight)

@@ -20,25 +20,25 @@
 
 namespace flockstep {
 
-// What a step or reset returns, a row per env, each array aligned to a cache line. Two of these rotate, so that what one returned
-// stays intact during the next.
+// What a step or reset returns, each array aligned to a cache line. R rows are N or E, as TaskSpec::row says. Two of these
+// rotate, so that what one returned stays intact during the next.
 struct Outputs {
-  std::vector<Buffer> observation;        // one for each field of TaskSpec::observation
-  std::vector<Buffer> final_observation;  // likewise; valid where terminated or truncated
-  AlignedVector<float> reward;            // (E,)
-  AlignedVector<float> reward_terms;      // (E, number of terms); their sum is the reward
-  FlagArray terminated;                   // (E,)
-  FlagArray truncated;                    // (E,)
-  FlagArray success;                      // (E,) ended here, and the task calls it a success
-  FlagArray crashed;                      // (E,) ended here, in contact with something
-  // (E,) ended here (terminated), because a setpoint, a pose, a reward or an observation was no finite number, or a pose was
-  // beyond the world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of
-  // the observation's field contain is as good as a number.
+  std::vector<Buffer> observation;        // (R, ...) one for each field of TaskSpec::observation
+  std::vector<Buffer> final_observation;  // (R, ...) same fields; valid where terminated or truncated
+  AlignedVector<float> reward;            // (R,)
+  AlignedVector<float> reward_terms;      // (R, number of terms); their sum is the reward
+  FlagArray terminated;                   // (R,)
+  FlagArray truncated;                    // (R,)
+  FlagArray success;                      // (R,) ended here, and the task calls it a success
+  FlagArray crashed;                      // (R,) ended here, in contact with something
+  // (R,) ended here (terminated), because a setpoint, a pose, a reward or an observation was not finite, or a pose was beyond the
+  // world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of the
+  // observation's field contain counts as finite.
   FlagArray bad_state;
-  AlignedVector<std::uint8_t> episode_end;     // (E,) EpisodeEnd: why the episode ended here; none if it goes on
-  AlignedVector<double> episode_return;        // (E,) of the episode that ended here, else of the current one so far
-  AlignedVector<double> episode_terms;         // (E, number of terms) likewise, the sum of each of the reward's terms
-  AlignedVector<std::int64_t> episode_length;  // (E,) likewise, in flown steps
+  AlignedVector<std::uint8_t> episode_end;     // (R,) EpisodeEnd: why the episode ended here; none if it goes on
+  AlignedVector<double> episode_return;        // (R,) of the episode that ended here, else of the current one so far
+  AlignedVector<double> episode_terms;         // (R, number of terms) the sum of each reward term over the same episode
+  AlignedVector<std::int64_t> episode_length;  // (R,) of the same episode, in flown steps
 
   static constexpr auto fields() {
     using C = Outputs;
@@ -54,13 +54,13 @@ struct Outputs {
 struct Simulation;
 
 // All methods check their input before they change anything and throw std::invalid_argument naming the field, what was expected
-// and what came. A mask is (N,), 0 or 1, or empty for every active drone. Not thread-safe: one caller at a time.
+// and what came. An empty mask selects every active drone or env; an env is active if one of its drones is. Not thread-safe: one
+// caller at a time.
 // A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error. So does a call while another
 // thread is in one.
 class Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;
-  using Mask = std::span<const std::uint8_t>;
 
   // world_index: (E,), or empty for env i in world i mod W. Drones start at their world's start marker, else at the centre of
   // its bounds. Without a task there is nothing to reset() and step(), and all else works.
@@ -75,7 +75,7 @@ class Batch {
 
   const BatchConfig& config() const;
   const Worlds& worlds() const;  // by state().world_index; empty with a pool
-  const std::shared_ptr<const World>& world_of(std::size_t env) const;
+  const std::shared_ptr<const World>& world_of(EnvIndex env) const;
   const DroneModel& drone() const;
   int num_threads() const;  // what num_threads = 0 became
   // How many rays of LiDARs and cameras, shadow rays included, have gone through Embree's trees of triangles, and in how many
@@ -85,23 +85,24 @@ class Batch {
   const State& state() const;
 
   // --- motion and sensing; positions (N, 3) m, quaternions (N, 4) wxyz; an empty span leaves the value unchanged
-  void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});  // no collision check
-  void move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask = {});      // swept; see state().contact
+  void set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask = {});  // no collision check
+  void move(std::span<const float> position, std::span<const float> quat_wxyz,
+            DroneMask mask = {});  // swept; see state().contact
   // Drones that fly by rotors: velocities (N, 3) m/s, world frame, and rad/s, body frame; rotor speeds (N, 4) rad/s. After
   // set_pose() they are at rest, rotors hovering.
   void set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity, std::span<const float> rotor_speed,
-                    Mask mask = {});
+                    DroneMask mask = {});
   // Flies a command (N, 4), as config().dynamics.control says, for some ticks; 0: those of a step. move() is for kinematic
   // motion.
-  void fly(std::span<const float> command, int ticks = 0, Mask mask = {});
-  void sense(Mask mask = {});
+  void fly(std::span<const float> command, int ticks = 0, DroneMask mask = {});
+  void sense(DroneMask mask = {});
 
   // --- slots
   void spawn(
       std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
       std::span<const std::int32_t> world_index);  // rows in the order of indices; an empty span leaves the value unchanged
   void remove(std::span<const std::int64_t> indices);
-  void set_world(std::span<const std::int32_t> world_index, Mask mask = {});  // (E,); refused with a pool
+  void set_world(std::span<const std::int32_t> world_index, EnvMask mask = {});  // (E,); refused with a pool
 
   // --- the pose sensor
   const std::vector<float>& sensed_position() const;   // (N, 3) m
@@ -114,7 +115,7 @@ class Batch {
   // --- the LiDAR; std::invalid_argument without one, or where it has another name
   void require_lidar(std::string_view name) const;
   void require_scan() const;  // std::logic_error before the first scan, when all ranges are inf
-  void set_lidar(const LidarChange& change, Mask mask = {});
+  void set_lidar(const LidarChange& change, DroneMask mask = {});
   const std::vector<float>& lidar_ranges() const;      // (N, channels, beams) m, inf on a miss; empty without a LiDAR
   std::span<const float> lidar_max_range_m() const;    // (N,) m, of each drone
   LidarConfig lidar_config(std::int64_t index) const;  // of one drone, as changed at run time
@@ -126,25 +127,25 @@ class Batch {
   const CameraConfig& camera_config(std::size_t camera) const;  // with its present capture mode
   const CameraImages& images(std::size_t camera) const;
   CameraConfig camera_config(std::size_t camera, std::int64_t index) const;  // of one drone, as changed at run time
-  void capture(std::size_t camera, Mask mask = {});                          // renders now, whatever the mode
+  void capture(std::size_t camera, DroneMask mask = {});                     // renders now, whatever the mode
   void set_capture_mode(std::size_t camera, CaptureMode mode);
-  void set_camera(std::size_t camera, const CameraChange& change, Mask mask = {});  // marks its frames stale
-  const std::string& camera_backend_report() const;                                 // which backend renders, and why
+  void set_camera(std::size_t camera, const CameraChange& change, DroneMask mask = {});  // marks its frames stale
+  const std::string& camera_backend_report() const;                                      // which backend renders, and why
   std::string take_warning();  // a warning not reported yet, e.g. that OpenGL failed; mostly empty
   // JPEG file of one drone's rgb frame, or grey if it has no rgb; the frame must not be stale. Quality in [1, 100].
   std::string jpeg(std::size_t camera, std::int64_t index, int quality) const;
 
   // --- random numbers, keyed by (env seed, episode, stream); drawing changes nothing
-  void seed(std::span<const std::uint64_t> seeds, Mask mask = {});           // (E,); episode counters go to 0
-  void begin_episode(Mask mask = {});                                        // the next episode of each masked env
+  void seed(std::span<const std::uint64_t> seeds, EnvMask mask = {});        // (E,); episode counters go to 0
+  void begin_episode(EnvMask mask = {});                                     // the next episode of each masked env
   void random(std::uint32_t stream, int count, std::span<float> out) const;  // (E, count), uniform in [0, 1)
 
   // --- the task; std::logic_error without one, or before the first reset
-  const Task* task() const;                                          // null without one
-  void reset(std::span<const std::uint64_t> seeds, Mask mask = {});  // seeds (E,), or empty: the next episode
+  const Task* task() const;                                             // null without one
+  void reset(std::span<const std::uint64_t> seeds, EnvMask mask = {});  // seeds (E,), or empty: the next episode
   // Actions are rows as TaskSpec::action says. Each is flown EpisodeConfig::frame_skip times.
-  void step(std::span<const std::int64_t> actions);  // of an integer type: (E,)
-  void step(std::span<const float> actions);         // of a floating-point type: (E, ...)
+  void step(std::span<const std::int64_t> actions);  // of an integer type: (R,)
+  void step(std::span<const float> actions);         // of a floating-point type: (R, ...)
   const EpisodeState& episodes() const;
   void visit_task(ArrayVisitor& visitor) const;  // the arrays of the task, to be read
   const Outputs& outputs() const;                // of the last step, reset or restore; intact during the next one

@@ -1,4 +1,4 @@
-// Field: a named array as a task declares it, such as an observation. Buffer: its values, a row per env.
+// Field: a named array as a task declares it, such as an observation. Buffer: its values, row by row.
 #pragma once
 
 #include <algorithm>
@@ -60,7 +60,7 @@ constexpr std::size_t size_of(DType type) {
 struct Field {
   std::string name;
   DType type = DType::float32;
-  std::vector<std::int64_t> shape;  // of one env; empty: a single number
+  std::vector<std::int64_t> shape;  // of one row; empty: a single number
   // Least and greatest value: one for all of the row, or one for each of its values.
   std::vector<double> low{-1.0};
   std::vector<double> high{1.0};

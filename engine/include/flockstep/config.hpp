@@ -30,7 +30,7 @@ struct EnumNames<TracerKind> {
 
 struct BatchConfig {
   int num_envs = 1;        // E; E x M in [1, 1 << 20]
-  int drones_per_env = 1;  // M; 1: envs of several drones are not there yet
+  int drones_per_env = 1;  // M; the drones of an env are in one world and do not sense or touch each other
   int num_threads = 0;     // 0: physical cores in the affinity mask
   int block_size = 0;      // envs a thread takes at once; 0: a good number; no result depends on it
   std::optional<LidarConfig> lidar;

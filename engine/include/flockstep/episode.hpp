@@ -20,7 +20,8 @@ struct EnumNames<AutoresetMode> {
   static constexpr std::array kNames{"next_step", "same_step", "disabled"};
 };
 
-// Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task.
+// Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task,
+// teammate.
 // Decided for every task in engine/src/batch/episodes.cpp.
 enum class EpisodeEnd : std::uint8_t {
   none,       // it has not ended
@@ -30,10 +31,11 @@ enum class EpisodeEnd : std::uint8_t {
   bad_state,  // something was not finite; see Outputs::bad_state
   time,       // the time limit
   task,       // the task terminated or truncated it for another reason
+  teammate,   // the episode of another drone of the env ended
 };
 template <>
 struct EnumNames<EpisodeEnd> {
-  static constexpr std::array kNames{"none", "success", "contact", "left_area", "bad_state", "time", "task"};
+  static constexpr std::array kNames{"none", "success", "contact", "left_area", "bad_state", "time", "task", "teammate"};
 };
 
 struct EpisodeConfig {

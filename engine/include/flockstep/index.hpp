@@ -1,10 +1,14 @@
-// EnvIndex and DroneIndex: the number of an env or of a drone in its batch. Neither is taken for the other by mistake.
+// EnvIndex and DroneIndex: the number of an env or of a drone in its batch; masks of either. The compiler keeps them apart.
 #pragma once
 
+#include <array>
 #include <compare>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <span>
+
+#include "flockstep/fields.hpp"
 
 namespace flockstep {
 
@@ -25,5 +29,33 @@ class Index {
 
 using EnvIndex = Index<struct EnvKind>;      // below E
 using DroneIndex = Index<struct DroneKind>;  // below N = E M; drone d belongs to env d / M
+
+// Flags that select envs or drones: one for each, 0 or 1, or none at all to select every one.
+template <class Kind>
+class Mask {
+ public:
+  constexpr Mask() = default;
+  constexpr Mask(std::span<const std::uint8_t> flags) : flags_(flags) {}  // NOLINT: any flags of the right number are one
+  template <class Flags>
+    requires std::convertible_to<const Flags&, std::span<const std::uint8_t>>
+  constexpr Mask(const Flags& flags) : flags_(flags) {}  // NOLINT
+
+  constexpr bool empty() const { return flags_.empty(); }
+  constexpr std::size_t size() const { return flags_.size(); }
+  constexpr bool selects(Index<Kind> index) const { return flags_.empty() || flags_[index]; }
+
+ private:
+  std::span<const std::uint8_t> flags_;
+};
+
+using EnvMask = Mask<struct EnvKind>;      // (E,)
+using DroneMask = Mask<struct DroneKind>;  // (N,)
+
+// What a row of an array belongs to.
+enum class Row : std::uint8_t { drone, env };
+template <>
+struct EnumNames<Row> {
+  static constexpr std::array kNames{"drone", "env"};
+};
 
 }  // namespace flockstep

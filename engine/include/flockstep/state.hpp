@@ -1,5 +1,4 @@
-// State: what a batch knows about its drones and envs, structure of arrays. E envs of M drones each are N = E M drones, env by
-// env; M is 1 so far.
+// State: the drones and envs of a batch, structure of arrays. E envs of M drones each are N = E M drones, env by env.
 #pragma once
 
 #include <cstddef>
@@ -8,6 +7,7 @@
 
 #include "flockstep/aligned.hpp"
 #include "flockstep/fields.hpp"
+#include "flockstep/index.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {
@@ -74,28 +74,29 @@ struct State {
   }
 };
 
-// Where a drone is; its index is not checked.
-inline Vec3 position_of(const State& state, std::size_t drone) {
+// The pose of a drone. The index is not checked.
+inline Vec3 position_of(const State& state, DroneIndex drone) {
   const float* const p = state.position.data() + 3 * drone;
   return {p[0], p[1], p[2]};
 }
-inline Pose pose_of(const State& state, std::size_t drone) {
+inline Pose pose_of(const State& state, DroneIndex drone) {
   const float* const q = state.quat_wxyz.data() + 4 * drone;
   return {position_of(state, drone), Quat(q[0], q[1], q[2], q[3])};
 }
 
-// The episodes of a task, one after another in each env. Written by the episode machine alone.
+// The episodes of a task, one after another in each env. Only batch/episodes.cpp writes them. R rows are N or E, as
+// TaskSpec::row says.
 struct EpisodeState {
-  std::vector<std::int64_t> steps;       // (E,) flown in this episode; while one is flown and scored, this one included
+  std::vector<std::int64_t> steps;       // (E,) flown in this episode, the step under way included
   std::vector<std::int64_t> time_limit;  // (E,) steps; 0: none
-  std::vector<double> episode_return;    // (E,) rewards so far
-  std::vector<double> episode_terms;     // (E, number of terms) likewise, of each of the reward's terms
+  std::vector<double> episode_return;    // (R,) sum of the rewards so far
+  std::vector<double> episode_terms;     // (R, number of terms) sum of each reward term so far
   FlagArray begun;                       // (E,) the first episode has begun
   FlagArray done;                        // (E,) the episode ended and no reset has come since
   FlagArray flying;                      // (E,) takes part in the present or last step; 0: its episode was over before
-  FlagArray bad;                         // (E,) something about it is no finite number: its episode ends in the next settling
-  std::vector<std::int64_t> bad_states;  // (E,) episodes that ended so, since the batch was made; see Outputs::bad_state
-  FlagArray action_changed;              // (E,) the action differs from that of the step before; so does an episode's first
+  FlagArray bad;                         // (R,) a number is not finite: the episode ends in the present step
+  std::vector<std::int64_t> bad_states;  // (R,) episodes that ended so, since the batch was made; see Outputs::bad_state
+  FlagArray action_changed;              // (R,) the action differs from that of the step before; so does an episode's first
 
   static constexpr auto fields() {
     using C = EpisodeState;

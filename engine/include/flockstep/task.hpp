@@ -19,6 +19,7 @@
 #include "flockstep/drone_model.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
+#include "flockstep/index.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/state.hpp"
@@ -33,11 +34,12 @@ struct TaskSpec {
   Field action;
   std::vector<Field> observation;         // one field is the observation itself; several form a dict
   std::vector<std::string> reward_terms;  // their sum is the reward
+  Row row = Row::drone;                   // of actions, observations and rewards: one for each drone, or one for each env
 
   static constexpr auto fields() {
     using C = TaskSpec;
-    return field_list(field("action", &C::action), field("observation", &C::observation),
-                      field("reward_terms", &C::reward_terms));
+    return field_list(field("action", &C::action), field("observation", &C::observation), field("reward_terms", &C::reward_terms),
+                      field("row", &C::row));
   }
 };
 
@@ -55,16 +57,21 @@ struct TaskDefaults {
 // The batch as a task sees it. Everything but place() only reads. Indices are not checked.
 class TaskContext {
  public:
+  TaskContext(std::size_t num_envs, std::size_t drones_per_env) : num_envs_(num_envs), drones_per_env_(drones_per_env) {}
   virtual ~TaskContext() = default;
 
-  virtual std::size_t num_envs() const = 0;        // E
-  virtual std::size_t drones_per_env() const = 0;  // M; drone d is of env d / M
+  std::size_t num_envs() const { return num_envs_; }                      // E
+  std::size_t drones_per_env() const { return drones_per_env_; }          // M
+  std::size_t num_drones() const { return num_envs_ * drones_per_env_; }  // N
+  EnvIndex env_of(DroneIndex drone) const {                               // drone d belongs to env d / M
+    return EnvIndex(drones_per_env_ == 1 ? std::size_t{drone} : drone / drones_per_env_);
+  }
   virtual std::size_t num_threads() const = 0;
   virtual const State& state() const = 0;
   virtual const EpisodeState& episodes() const = 0;
   virtual const DroneModel& drone_model() const = 0;
   virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;  // by state().world_index; empty with a WorldPool
-  virtual const World& world_of(std::size_t env) const = 0;
+  virtual const World& world_of(EnvIndex env) const = 0;
 
   // Sensors. Of all drones: the ranges (N, channels x beams) m, inf on a miss, and the maximum ranges (N,) m; empty without a
   // LiDAR.
@@ -73,16 +80,18 @@ class TaskContext {
   virtual std::span<const float> lidar_max_range_m() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;
   virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
-  virtual Pose sensed_pose(std::size_t drone) const = 0;             // by the pose sensor
+  virtual Pose sensed_pose(DroneIndex drone) const = 0;              // by the pose sensor
   virtual std::span<const float> sensed_position() const = 0;        // likewise, of all drones: (N, 3) m
   virtual std::span<const float> sensed_quat_wxyz() const = 0;       // (N, 4)
   virtual std::span<const float> accelerometer() const = 0;          // (N, 3) m/s^2, by the IMU; empty without one
   virtual std::span<const float> gyroscope() const = 0;              // (N, 3) rad/s, likewise
 
-  // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index.
-  virtual float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const = 0;
+  // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index; for
+  // a drone also by its number in the env. The first drone of an env draws the same numbers as its env.
+  virtual float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const = 0;
+  virtual float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const = 0;
   // Whether a drone of the env at this pose would touch nothing.
-  virtual bool is_free(std::size_t env, const Pose& pose) const = 0;
+  virtual bool is_free(EnvIndex env, const Pose& pose) const = 0;
 
   // How drones move, and what Setpoints tell them.
   virtual const DynamicsConfig& dynamics() const = 0;
@@ -90,14 +99,18 @@ class TaskContext {
 
   // Puts a drone somewhere, without a collision check: in Task::place(). What is no pose in the world is a bad state; see
   // Outputs::bad_state. Drones that fly by rotors begin with this velocity, and rotors at the speed of hovering.
-  virtual void place(std::size_t drone, const Pose& pose, const Velocity& velocity = {}) = 0;
+  virtual void place(DroneIndex drone, const Pose& pose, const Velocity& velocity = {}) = 0;
+
+ private:
+  std::size_t num_envs_, drones_per_env_;
 };
 
 // The envs that a call is about. Other calls may be about other envs at the same time, on other threads.
 struct TaskBlock {
   TaskContext& context;
-  std::span<const std::uint32_t> envs;
-  std::size_t thread;  // in [0, num_threads()): the index for per-thread data
+  std::span<const EnvIndex> envs;
+  std::span<const DroneIndex> drones;  // the active drones of these envs, env by env
+  std::size_t thread;                  // in [0, num_threads()): the index for per-thread data
 };
 
 // Where each drone is to fly in the present step, in a straight line and turning evenly, the shorter way round. Of exactly half a
@@ -108,16 +121,17 @@ struct Setpoints {
   std::vector<float> command;  // (N, 4), where another Control does: what its four numbers mean
 };
 
-// What one flown step earned.
+// What one flown step earned. R rows are N or E, as TaskSpec::row says. All drones of an env begin and end their episodes
+// together: when the episode of one row ends, those of the env's other rows are truncated.
 struct Score {
   std::size_t num_terms;
-  std::vector<double> terms;  // (E, num_terms), each times its weight
-  FlagArray terminated;       // (E,) the episode ends here
-  FlagArray truncated;        // (E,) it is cut off here, for another reason than the time limit; 0 where nothing is written
-  FlagArray success;          // (E,) the episode counts as a success if it ends here
-  FlagArray left_area;        // (E,) it ends here because a drone left the area the task allows; 0 where nothing is written
+  std::vector<double> terms;  // (R, num_terms), each times its weight
+  FlagArray terminated;       // (R,) the episode ends here
+  FlagArray truncated;        // (R,) it is cut off here, for another reason than the time limit; 0 unless the task writes it
+  FlagArray success;          // (R,) the episode counts as a success if it ends here
+  FlagArray left_area;        // (R,) it ends here because a drone left the area the task allows; 0 unless the task writes it
 
-  std::span<double> terms_of(std::size_t env) { return {terms.data() + env * num_terms, num_terms}; }
+  std::span<double> terms_of(std::size_t row) { return {terms.data() + row * num_terms, num_terms}; }
 };
 
 class Task {
@@ -129,7 +143,7 @@ class Task {
   // Name and configuration: snapshots are restored between tasks of equal identity alone.
   virtual std::string identity() const = 0;
 
-  // Called once, before any call about envs: allocate what has a row per env, and refuse what the task cannot work with, by
+  // Called once, before any call about envs: allocate the task's own arrays, and refuse what the task cannot work with, by
   // std::invalid_argument. defaults() may be called earlier, on another object. spec() may change here, and stays from then on.
   virtual void setup(const TaskContext& context) = 0;
   // Refuse, by std::invalid_argument, a world that episodes cannot be flown in. Called after setup(), for each world; with a
@@ -141,20 +155,18 @@ class Task {
   // Put the drones where an episode begins. By default: level, facing +x, at the start marker of their world, or
   // at the centre of its bounds if it has none.
   virtual void place(const TaskBlock& block) {
-    for (const std::uint32_t env : block.envs) {
-      const World& world = block.context.world_of(env);
+    for (const DroneIndex drone : block.drones) {
+      const World& world = block.context.world_of(block.context.env_of(drone));
       const Vec3 start = world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2.0F);
-      for (std::size_t m = 0; m < block.context.drones_per_env(); ++m) {
-        block.context.place(env * block.context.drones_per_env() + m, {start, Quat::Identity()});
-      }
+      block.context.place(drone, {start, Quat::Identity()});
     }
   }
   // Begin the task's own part of an episode, from where the drones are. Sensors read afterwards.
   virtual void begin(const TaskBlock& block) = 0;
-  // Turn actions, a row per env as spec().action says, into setpoints.
+  // Turn actions, rows as spec().action says, into setpoints.
   virtual void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) = 0;
-  // Score what has just been flown and sensed. Every entry of the block's envs has to be written, except `truncated` and
-  // `left_area`.
+  // Score what has just been flown and sensed. Every row of the block's drones (or envs) has to be written, except `truncated`
+  // and `left_area`.
   virtual void score(const TaskBlock& block, Score& score) = 0;
   // Write the block's rows of each field of spec().observation, in their order.
   virtual void observe(const TaskBlock& block, std::span<Buffer> observation) = 0;

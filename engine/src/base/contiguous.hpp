@@ -3,17 +3,20 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <span>
 
 namespace flockstep {
 
 // Calls f(first, count) for each stretch of consecutive indices in an ascending list.
-template <class F>
-void for_each_contiguous(std::span<const std::uint32_t> indices, const F& f) {
-  for (std::size_t i = 0; i < indices.size();) {
+template <class Indices, class F>
+void for_each_contiguous(const Indices& indices, const F& f) {
+  const auto* const first = std::data(indices);
+  const std::size_t size = std::size(indices);
+  for (std::size_t i = 0; i < size;) {
     std::size_t end = i + 1;
-    while (end < indices.size() && indices[end] == indices[end - 1] + 1) ++end;
-    f(std::size_t{indices[i]}, end - i);
+    while (end < size && first[end] == first[end - 1] + 1) ++end;
+    f(std::size_t{first[i]}, end - i);
     i = end;
   }
 }

@@ -16,7 +16,7 @@ inline void store_pose(float* position, float* quat_wxyz, const Pose& pose) {
   quat_wxyz[3] = pose.rotation.z();
 }
 
-inline void set_pose_of(State& state, std::size_t drone, const Pose& pose) {
+inline void set_pose_of(State& state, DroneIndex drone, const Pose& pose) {
   store_pose(state.position.data() + 3 * drone, state.quat_wxyz.data() + 4 * drone, pose);
 }
 

@@ -1,5 +1,5 @@
-// Random numbers of an env: counter-based, keyed by (env seed, episode, stream), so that an env's numbers depend on nothing but
-// these, and drawing needs no state.
+// Random numbers: counter-based, keyed by (env seed, drone in the env, episode, stream, index). They depend on nothing else, and
+// drawing needs no state.
 #pragma once
 
 #include <array>
@@ -22,19 +22,34 @@ enum class Stream : std::uint32_t {
   imu_noise,
 };
 
-inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index) {
+// member: the number of the drone in its env, below 2^20. It takes the upper bits of the episode, which no env reaches: the
+// numbers of the first drone are those of its env.
+inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index,
+                                         std::uint32_t member = 0) {
   const auto e = static_cast<std::uint64_t>(episode);
-  return philox4x32({index, stream, static_cast<std::uint32_t>(e), static_cast<std::uint32_t>(e >> 32U)},
+  return philox4x32({index, stream, static_cast<std::uint32_t>(e), static_cast<std::uint32_t>(e >> 32U) ^ (member << 12U)},
                     {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)});
 }
 
-inline std::array<std::uint32_t, 4> draw(const State& state, std::size_t env, Stream stream, std::uint32_t index) {
-  return draw(state.seed[env], state.episode[env], static_cast<std::uint32_t>(stream), index);
+// Whose random numbers: an env's, or those of one of its drones.
+struct RandomKey {
+  EnvIndex env;
+  std::uint32_t member = 0;
+
+  static RandomKey of(EnvIndex env) { return {env}; }
+  static RandomKey of(DroneIndex drone, std::size_t drones_per_env) {
+    if (drones_per_env == 1) return {EnvIndex(std::size_t{drone})};
+    return {EnvIndex(drone / drones_per_env), static_cast<std::uint32_t>(drone % drones_per_env)};
+  }
+};
+
+inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index) {
+  return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream), index, key.member);
 }
 
 // The index-th of the numbers of a user's stream, uniform in [0, 1).
-inline float draw_uniform(const State& state, std::size_t env, std::uint32_t stream, std::uint32_t index) {
-  return uniform01(draw(state.seed[env], state.episode[env], stream, index / 4)[index % 4]);
+inline float draw_uniform(const State& state, RandomKey key, std::uint32_t stream, std::uint32_t index) {
+  return uniform01(draw(state.seed[key.env], state.episode[key.env], stream, index / 4, key.member)[index % 4]);
 }
 
 }  // namespace flockstep

@@ -12,9 +12,9 @@
 namespace flockstep {
 namespace {
 
-// Returns whether something was bad.
+// Sets bad numbers of a row to 0. Returns whether there were any.
 template <class T>
-bool mend(const Field& field, std::span<T> row) {
+bool clear_bad(const Field& field, std::span<T> row) {
   bool bad = false;
   for (std::size_t i = 0; i < row.size(); ++i) {
     if (!is_bad(field, i, static_cast<double>(row[i]))) continue;
@@ -24,40 +24,44 @@ bool mend(const Field& field, std::span<T> row) {
   return bad;
 }
 
-// The episode, which has been flown and settled, ends in this step after all.
-void end_now(Simulation& sim, std::size_t env) {
+// Ends the episode in this step, although the step has been scored already.
+void end_now(Simulation& sim, EnvIndex env, std::size_t row) {
   Outputs& out = sim.outputs.now();
-  if (out.bad_state[env]) return;
-  out.bad_state[env] = out.terminated[env] = 1;
-  out.truncated[env] = out.success[env] = 0;
-  out.crashed[env] = touches(sim, env);
-  out.episode_end[env] = static_cast<std::uint8_t>(EpisodeEnd::bad_state);
+  if (out.bad_state[row]) return;
+  out.bad_state[row] = out.terminated[row] = 1;
+  out.truncated[row] = out.success[row] = 0;
+  out.crashed[row] = touches(sim, row);
+  out.episode_end[row] = static_cast<std::uint8_t>(EpisodeEnd::bad_state);
+  ++sim.episodes.bad_states[row];
   sim.episodes.done[env] = 1;
-  ++sim.episodes.bad_states[env];
+  end_teammates(sim, env);
 }
 
 }  // namespace
 
-void mark_bad(Simulation& sim, std::size_t env) { sim.episodes.bad[env] = 1; }
+void mark_bad(Simulation& sim, std::size_t row) { sim.episodes.bad[row] = 1; }
 
 void check_setpoints(Simulation& sim, Block& block) {
   const std::size_t m = sim.drones_per_env();
   if (sim.config.dynamics.control != Control::pose) {
     const std::span<const float> command(sim.task_state->setpoints.command);
-    for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
-      if (are_finite(command.subspan(4 * m * first, 4 * m * count))) return;
-      for (std::size_t env = first; env < first + count; ++env) {
-        if (!are_finite(command.subspan(4 * m * env, 4 * m))) mark_bad(sim, env);
+    for_each_contiguous(block.flying, [&](std::size_t first_env, std::size_t count) {
+      const std::size_t first = first_env * m, end = (first_env + count) * m;
+      if (are_finite(command.subspan(4 * first, 4 * (end - first)))) return;
+      for (std::size_t i = first; i < end; ++i) {
+        const DroneIndex drone(i);
+        if (sim.state.active[drone] && !are_finite(command.subspan(4 * i, 4))) mark_bad(sim, sim.row_of(drone));
       }
     });
     return;
   }
-  for (const std::uint32_t env : block.flying) {
-    for (std::size_t drone = env * m; drone < (env + 1) * m; ++drone) {
+  for (const EnvIndex env : block.flying) {
+    for (std::size_t member = 0; member < m; ++member) {
+      const DroneIndex drone = sim.drone_of(env, member);
       Pose& target = sim.task_state->setpoints.target[drone];
-      if (is_valid(target)) continue;
+      if (!sim.state.active[drone] || is_valid(target)) continue;
       target = pose_of(sim.state, drone);
-      mark_bad(sim, env);
+      mark_bad(sim, sim.row_of(drone));
     }
   }
 }
@@ -69,11 +73,11 @@ bool is_bad(const Field& field, std::size_t column, double value) {
   return bounds[bounds.size() == 1 ? 0 : column] != value;
 }
 
-void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count) {
-  for (std::size_t env = first_env; env < first_env + count; ++env) {
-    for (double& term : sim.task_state->score.terms_of(env)) {
+void drop_bad_terms(Simulation& sim, std::size_t first_row, std::size_t count) {
+  for (std::size_t row = first_row; row < first_row + count; ++row) {
+    for (double& term : sim.task_state->score.terms_of(row)) {
       if (is_reward(term)) continue;
-      mark_bad(sim, env);
+      mark_bad(sim, row);
       term = 0.0;
     }
   }
@@ -81,15 +85,17 @@ void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count) {
 
 void check_observations(Simulation& sim, const EnvList& envs, bool flown) {
   const std::vector<Field>& fields = sim.task_state->spec().observation;
+  const std::size_t rows = sim.rows_per_env();
   const auto check = [&]<class T>(const Field& field, Buffer& values, T) {
-    for_each_contiguous(envs, [&](std::size_t first, std::size_t count) {
-      if (are_finite(std::span<const T>(values.row<T>(first).data(), count * values.columns()))) return;
-      for (std::size_t env = first; env < first + count; ++env) {
-        if (!mend(field, values.row<T>(env))) continue;
+    for_each_contiguous(envs, [&](std::size_t first_env, std::size_t count) {
+      const std::size_t first = first_env * rows, end = (first_env + count) * rows;
+      if (are_finite(std::span<const T>(values.row<T>(first).data(), (end - first) * values.columns()))) return;
+      for (std::size_t row = first; row < end; ++row) {
+        if (!clear_bad(field, values.row<T>(row))) continue;
         if (flown) {
-          end_now(sim, env);
+          end_now(sim, EnvIndex(row / rows), row);
         } else {
-          mark_bad(sim, env);
+          mark_bad(sim, row);
         }
       }
     });

@@ -16,8 +16,8 @@ inline bool is_valid(const Pose& pose) {
   return is_in_world(pose.position) && std::abs(pose.rotation.squaredNorm() - 1.0F) < kTolerance;  // false for NaN, too
 }
 
-// Something about this env is bad: its episode ends in the present step, or in the next if none is under way.
-void mark_bad(Simulation& sim, std::size_t env);
+// A number of this row is not finite: its episode ends in the present step, or in the next if none is under way.
+void mark_bad(Simulation& sim, std::size_t row);
 
 // Setpoints of the envs that fly. A drone whose setpoint is no pose in the world stays where it is.
 void check_setpoints(Simulation& sim, Block& block);
@@ -25,10 +25,10 @@ void check_setpoints(Simulation& sim, Block& block);
 // Whether a number of an observation is none: neither finite nor an infinity that the bounds of its field contain.
 bool is_bad(const Field& field, std::size_t column, double value);
 
-// What an env has earned in a flown step. Sums of many numbers up to 1e30 are still finite, as float32, too.
+// Bounds a reward term of one flown step, so that sums of many are finite in float32.
 inline bool is_reward(double term) { return std::abs(term) <= 1e30; }  // false for NaN, too
-// Of envs that follow each other: what is none becomes 0, and the env is marked.
-void drop_bad_terms(Simulation& sim, std::size_t first_env, std::size_t count);
+// Sets bad terms of consecutive rows to 0 and marks those rows.
+void drop_bad_terms(Simulation& sim, std::size_t first_row, std::size_t count);
 
 // Observations of some envs, as just written: a value that is neither finite nor within infinite bounds of its field becomes 0.
 // An episode that has been flown ends here, as one that has just begun does in its first step.

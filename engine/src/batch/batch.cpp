@@ -9,9 +9,9 @@
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "batch/checks.hpp"
-#include "batch/chosen.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
+#include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
 #include "batch/step.hpp"
@@ -20,25 +20,14 @@
 namespace flockstep {
 namespace {
 
-// Fills a list of each block with its envs that are chosen; an env is where its first drone is.
-void list_chosen(Simulation& sim, Batch::Mask mask, EnvList Block::* list) {
-  for (Block& block : sim.schedule.blocks()) {
-    (block.*list).clear();
-    for (const std::uint32_t env : block.envs) {
-      if (chosen(sim, mask, env * sim.drones_per_env())) (block.*list).push(env);
-    }
-  }
-}
-
-bool is_of_all(const Simulation& sim, Batch::Mask mask) {
-  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
-    if (sim.state.active[drone] && !chosen(sim, mask, drone)) return false;
-  }
-  return true;
+bool selects_all(const Simulation& sim, EnvMask mask) {
+  bool all = true;
+  for_each_selected(sim, EnvMask(), [&](EnvIndex env) { all &= mask.selects(env); });
+  return all;
 }
 
 // The pose a row asks for: what is missing stays, quaternions are normalised.
-Pose requested_pose(const Simulation& sim, std::size_t drone, std::size_t row, std::span<const float> position,
+Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, std::span<const float> position,
                     std::span<const float> quat_wxyz) {
   Pose pose = pose_of(sim.state, drone);
   if (!position.empty()) pose.position = Vec3(position[3 * row], position[3 * row + 1], position[3 * row + 2]);
@@ -49,13 +38,25 @@ Pose requested_pose(const Simulation& sim, std::size_t drone, std::size_t row, s
   return pose;
 }
 
-// A removed slot reads as absent from now on.
-void mark_absent(Simulation& sim, std::size_t drone) {
+// The readings and outputs of a removed drone are those of an absent one from now on.
+void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
   clear_contact(sim.state, drone);
   if (sim.lidar) sim.lidar->clear(drone);
   sim.cameras.clear(drone);
-  if (sim.task_state) sim.outputs.mark_absent(sim.task_state->spec(), sim.env_of(drone));
+  if (!sim.task_state) return;
+  const std::size_t row = sim.row_of(drone);
+  if (sim.rows_per_env() < sim.drones_per_env() && is_active(sim, sim.env_of(drone))) return;  // others of its env fly on
+  sim.outputs.mark_absent(sim.task_state->spec(), row);
+  Score& score = sim.task_state->score;
+  std::ranges::fill(score.terms_of(row), 0.0);
+  score.terminated[row] = score.truncated[row] = score.success[row] = score.left_area[row] = 0;
+}
+
+// A time begins in which nothing has been sensed, with gusts drawn by the env's seed and episode.
+void begin_time(Simulation& sim, EnvIndex env) {
+  forget_readings(sim, env);
+  for (std::size_t member = 0; member < sim.drones_per_env(); ++member) begin_gusts(sim, sim.drone_of(env, member));
 }
 
 }  // namespace
@@ -75,7 +76,7 @@ const Batch::Worlds& Batch::worlds() const {
   static const Worlds kNone;
   return sim_->pool ? kNone : sim_->worlds;
 }
-const std::shared_ptr<const World>& Batch::world_of(std::size_t env) const { return sim_->worlds[sim_->slot_of(env)]; }
+const std::shared_ptr<const World>& Batch::world_of(EnvIndex env) const { return sim_->worlds[sim_->slot_of(env)]; }
 const DroneModel& Batch::drone() const { return sim_->drone_model; }
 int Batch::num_threads() const { return sim_->workers.num_threads(); }
 std::int64_t Batch::embree_rays() const { return sim_->embree_use().rays; }
@@ -84,43 +85,44 @@ const State& Batch::state() const { return sim_->state; }
 
 // ------------------------------------------------------------------------------------------------------ motion and sensing
 
-void Batch::set_pose(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
+void Batch::set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
+  for_each_selected(*sim_, mask, [&](DroneIndex drone) {
     set_pose_of(sim_->state, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
     clear_contact(sim_->state, drone);
-    start_flight(*sim_, DroneIndex(drone), {});
+    start_flight(*sim_, drone, {});
   });
 }
 
-void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, Mask mask) {
+void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
   const Use use(*sim_);
   checks::is_kinematic(*sim_, "move");
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
-    for (const std::uint32_t drone : sim_->drones_of(block.envs, scratch)) {
-      if (!chosen(*sim_, mask, drone)) continue;
-      sweep_to(*sim_, DroneIndex(drone), requested_pose(*sim_, drone, drone, position, quat_wxyz));
-      if (drone % sim_->drones_per_env() == 0) sim_->state.tick[sim_->env_of(drone)] += sim_->config.clock.substeps();
+    EnvIndex before(sim_->num_envs());  // none
+    for (const DroneIndex drone : selected_drones(*sim_, block.envs, mask, scratch)) {
+      sweep_to(*sim_, drone, requested_pose(*sim_, drone, drone, position, quat_wxyz));
+      const EnvIndex env = sim_->env_of(drone);
+      if (env != std::exchange(before, env)) sim_->state.tick[env] += sim_->config.clock.substeps();
     }
   });
 }
 
 void Batch::set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
-                         std::span<const float> rotor_speed, Mask mask) {
+                         std::span<const float> rotor_speed, DroneMask mask) {
   const Use use(*sim_);
   checks::flies_by_rotors(*sim_, "set_velocity");
   checks::mask(*sim_, mask);
   checks::velocity(*sim_, velocity);
   checks::angular_velocity(*sim_, angular_velocity);
   checks::rotor_speeds(*sim_, rotor_speed);
-  const auto put = [](std::span<const float> from, std::vector<float>& to, std::size_t drone, std::size_t columns) {
+  const auto put = [](std::span<const float> from, std::vector<float>& to, DroneIndex drone, std::size_t columns) {
     if (!from.empty()) std::copy_n(from.data() + columns * drone, columns, to.data() + columns * drone);
   };
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
+  for_each_selected(*sim_, mask, [&](DroneIndex drone) {
     FlightState& flight = sim_->state.flight;
     put(velocity, flight.velocity, drone, 3);
     put(angular_velocity, flight.angular_velocity, drone, 3);
@@ -129,7 +131,7 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
   });
 }
 
-void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
+void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
   const Use use(*sim_);
   checks::not_stepping(*sim_, "fly");
   checks::flies_by_rotors(*sim_, "fly");
@@ -137,26 +139,26 @@ void Batch::fly(std::span<const float> command, int ticks, Mask mask) {
   checks::command(*sim_, command);
   require(ticks >= 0 && ticks <= 1000000, "ticks", "an integer in [0, 1000000]", ticks);
   const int flown = ticks == 0 ? sim_->config.clock.substeps() : ticks;
-  list_chosen(*sim_, mask, &Block::chosen);
+  list_selected(*sim_, mask, &Block::selected);
   constexpr int kLeg = 1000;  // ticks: long flights are interrupted between two
   for (int first = 0; first < flown; first += kLeg) {
     Interrupt::poll();
     const int leg = std::min(kLeg, flown - first);
     sim_->for_each_block([&](Block& block, Scratch& scratch, std::size_t) {
       if (first == 0) {
-        for (const std::uint32_t drone : sim_->drones_of(block.chosen, scratch)) clear_contact(sim_->state, drone);
+        for (const DroneIndex drone : selected_drones(*sim_, block.selected, mask, scratch)) clear_contact(sim_->state, drone);
       }
-      fly_ticks(*sim_, block, block.chosen, {.command = command, .target = {}, .step_start = {}}, leg, scratch);
+      fly_ticks(*sim_, block, block.selected, mask, {.command = command, .target = {}, .step_start = {}}, leg, scratch);
     });
   }
   sim_->warn_of_lost_drones();
 }
 
-void Batch::sense(Mask mask) {
+void Batch::sense(DroneMask mask) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
-  list_chosen(*sim_, mask, &Block::chosen);
-  read_sensors(*sim_);
+  list_selected(*sim_, mask, &Block::selected);
+  read_sensors(*sim_, mask);
 }
 
 // ------------------------------------------------------------------------------------------------------------------- slots
@@ -170,27 +172,36 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   checks::world_index(*sim_, world_index, indices.size());
   checks::whole(*sim_);
   State& state = sim_->state;
-  std::vector<std::uint8_t> spawned(sim_->num_drones());
+  std::vector<std::uint8_t> spawned(sim_->num_drones()), begins(sim_->num_envs(), 1);
+  for (const std::int64_t index : indices) spawned[static_cast<std::size_t>(index)] = 1;
+  for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
+    if (state.active[i] && !spawned[i]) begins[sim_->env_of(DroneIndex(i))] = 0;  // its time goes on
+  }
+  checks::spawns(*sim_, indices, begins, world_index);
   for (std::size_t row = 0; row < indices.size(); ++row) {
-    const auto drone = static_cast<std::size_t>(indices[row]);
-    const std::size_t env = sim_->env_of(drone);
+    const DroneIndex drone(indices[row]);
+    const EnvIndex env = sim_->env_of(drone);
     if (!world_index.empty()) state.world_index[env] = world_index[row];
-    state.active[drone] = spawned[drone] = 1;
-    forget_readings(*sim_, env);
+    state.active[drone] = 1;
+    if (begins[env]) {
+      forget_readings(*sim_, env);
+    } else {
+      forget_readings(*sim_, drone);
+    }
     set_pose_of(state, drone, requested_pose(*sim_, drone, row, position, quat_wxyz));
     clear_contact(state, drone);
-    start_flight(*sim_, DroneIndex(drone), {});
+    start_flight(*sim_, drone, {});
     if (!sim_->task_state) continue;
     start_counts(*sim_, env);
-    sim_->outputs.clear(env);
+    sim_->outputs.clear(sim_->row_of(drone));
   }
   sim_->rebuild_schedule();
   if (sim_->task_state) {
-    list_chosen(*sim_, spawned, &Block::opening);
+    list_selected(*sim_, DroneMask(spawned), &Block::opening);
     begin_episodes(*sim_, false);
   } else {
-    list_chosen(*sim_, spawned, &Block::chosen);
-    read_sensors(*sim_);
+    list_selected(*sim_, DroneMask(spawned), &Block::selected);
+    read_sensors(*sim_, spawned);
   }
 }
 
@@ -198,17 +209,17 @@ void Batch::remove(std::span<const std::int64_t> indices) {
   const Use use(*sim_);
   checks::not_stepping(*sim_, "remove");
   checks::indices(*sim_, indices);
-  for (const std::int64_t index : indices) mark_absent(*sim_, static_cast<std::size_t>(index));
+  for (const std::int64_t index : indices) mark_absent(*sim_, DroneIndex(index));
   sim_->rebuild_schedule();
 }
 
-void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
+void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::size(world_index.size(), sim_->num_envs(), "world_index");
   checks::world_index(*sim_, world_index, sim_->num_envs());
-  for (std::size_t env = 0; env < sim_->num_envs(); ++env) {
-    if (mask.empty() || mask[env * sim_->drones_per_env()]) sim_->state.world_index[env] = world_index[env];
+  for (std::size_t i = 0; i < sim_->num_envs(); ++i) {
+    if (const EnvIndex env(i); mask.selects(env)) sim_->state.world_index[env] = world_index[env];
   }
   if (sim_->is_stepping) {
     sim_->scratches[0]->moved_world = true;  // the blocks follow when the step is over
@@ -219,27 +230,24 @@ void Batch::set_world(std::span<const std::int32_t> world_index, Mask mask) {
 
 // ---------------------------------------------------------------------------------------------------------- random numbers
 
-void Batch::seed(std::span<const std::uint64_t> seeds, Mask mask) {
+void Batch::seed(std::span<const std::uint64_t> seeds, EnvMask mask) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::size(seeds.size(), sim_->num_envs(), "seeds");
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
-    const std::size_t env = sim_->env_of(drone);
+  for_each_selected(*sim_, mask, [&](EnvIndex env) {
     sim_->state.seed[env] = seeds[env];
     sim_->state.episode[env] = 0;
-    forget_readings(*sim_, env);
-    begin_gusts(*sim_, DroneIndex(drone));
+    begin_time(*sim_, env);
   });
 }
 
-void Batch::begin_episode(Mask mask) {
+void Batch::begin_episode(EnvMask mask) {
   const Use use(*sim_);
   checks::not_stepping(*sim_, "begin_episode");
   checks::mask(*sim_, mask);
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) {
-    if (drone % sim_->drones_per_env() == 0) ++sim_->state.episode[sim_->env_of(drone)];
-    forget_readings(*sim_, sim_->env_of(drone));
-    begin_gusts(*sim_, DroneIndex(drone));
+  for_each_selected(*sim_, mask, [&](EnvIndex env) {
+    ++sim_->state.episode[env];
+    begin_time(*sim_, env);
   });
 }
 
@@ -251,7 +259,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
   checks::size(out.size(), sim_->num_envs() * columns, "out");
   for (std::size_t env = 0; env < sim_->num_envs(); ++env) {
     for (std::size_t k = 0; k < columns; ++k) {
-      out[env * columns + k] = draw_uniform(sim_->state, env, stream, static_cast<std::uint32_t>(k));
+      out[env * columns + k] = draw_uniform(sim_->state, RandomKey::of(EnvIndex(env)), stream, static_cast<std::uint32_t>(k));
     }
   }
 }
@@ -260,19 +268,19 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
 
 const Task* Batch::task() const { return sim_->task_state ? sim_->task_state->task.get() : nullptr; }
 
-void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
+void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
   const Use use(*sim_);
   checks::not_stepping(*sim_, "reset");
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
   if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
-  if (!is_of_all(*sim_, mask)) checks::whole(*sim_);
-  list_chosen(*sim_, mask, &Block::opening);
+  if (!selects_all(*sim_, mask)) checks::whole(*sim_);
+  list_selected(*sim_, mask, &Block::opening);
   if (sim_->pool) {
     PoolState& pool = *sim_->pool;
     pool.moves.clear();
     for (const Block& block : sim_->schedule.blocks()) {
-      for (const std::uint32_t env : block.opening) {
+      for (const EnvIndex env : block.opening) {
         const bool goes_on = seeds.empty();
         const std::uint64_t seed = goes_on ? sim_->state.seed[env] : seeds[env];
         pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
@@ -285,7 +293,7 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
   sim_->is_cut_short = false;
   sim_->outputs.turn_and_copy();
   for (const Block& block : sim_->schedule.blocks()) {
-    for (const std::uint32_t env : block.opening) {
+    for (const EnvIndex env : block.opening) {
       if (seeds.empty()) {
         open_next_episode(*sim_, env, *sim_->scratches[0]);
       } else {
@@ -293,8 +301,9 @@ void Batch::reset(std::span<const std::uint64_t> seeds, Mask mask) {
         sim_->state.episode[env] = 0;
         open_episode(*sim_, env, *sim_->scratches[0]);
       }
-      sim_->outputs.clear(env);
-      sim_->outputs.forget_final(env, 1);
+      const std::size_t rows = sim_->rows_per_env(), first = env * rows;
+      for (std::size_t row = first; row < first + rows; ++row) sim_->outputs.clear(row);
+      sim_->outputs.forget_final(first, rows);
     }
   }
   begin_episodes(*sim_, true);
@@ -355,12 +364,12 @@ void Batch::restore(const std::string& blob) {
   checks::not_stepping(*sim_, "restore");
   restore_snapshot(*sim_, blob);
   sim_->is_cut_short = false;
-  for (std::size_t drone = 0; drone < sim_->num_drones(); ++drone) {
-    if (!sim_->state.active[drone]) mark_absent(*sim_, drone);  // in the other slot too, where it may have been alive
+  for (std::size_t i = 0; i < sim_->num_drones(); ++i) {
+    if (!sim_->state.active[i]) mark_absent(*sim_, DroneIndex(i));  // in the other slot too, where it may have been alive
   }
   sim_->rebuild_schedule();
   if (sim_->pool) {
-    list_chosen(*sim_, {}, &Block::opening);
+    list_selected(*sim_, EnvMask(), &Block::opening);
     look_ahead(*sim_);
   }
   sim_->cameras.ask_again();

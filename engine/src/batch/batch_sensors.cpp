@@ -6,7 +6,7 @@
 
 #include "base/require.hpp"
 #include "batch/checks.hpp"
-#include "batch/chosen.hpp"
+#include "batch/selected.hpp"
 #include "batch/simulation.hpp"
 #include "batch/use.hpp"
 #include "flockstep/batch.hpp"
@@ -35,12 +35,12 @@ void Batch::require_scan() const {
   checks::has_scanned(*sim_);
 }
 
-void Batch::set_lidar(const LidarChange& change, Mask mask) {
+void Batch::set_lidar(const LidarChange& change, DroneMask mask) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
   checks::has_lidar(*sim_);
-  std::vector<std::uint32_t> drones;
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) { drones.push_back(drone); });
+  std::vector<DroneIndex> drones;
+  for_each_selected(*sim_, mask, [&](DroneIndex drone) { drones.push_back(drone); });
   sim_->lidar->change(change, drones);
 }
 
@@ -58,7 +58,7 @@ LidarConfig Batch::lidar_config(std::int64_t index) const {
   const Use use(*sim_);
   checks::has_lidar(*sim_);
   checks::index(*sim_, index);
-  return sim_->lidar->config_of(static_cast<std::size_t>(index));
+  return sim_->lidar->config_of(DroneIndex(index));
 }
 
 void Batch::lidar_directions(std::span<float> out) const {
@@ -103,19 +103,17 @@ CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const 
   const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
-  return sim_->cameras[camera].config_of(static_cast<std::size_t>(index));
+  return sim_->cameras[camera].config_of(DroneIndex(index));
 }
 
-void Batch::capture(std::size_t camera, Mask mask) {
+void Batch::capture(std::size_t camera, DroneMask mask) {
   const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
-  std::vector<std::uint32_t>& drones = sim_->captured;  // in the order of the blocks: those of one world follow each other
+  std::vector<DroneIndex>& drones = sim_->captured;  // in the order of the blocks, so that drones of one world are consecutive
   drones.clear();
   for (const Block& block : sim_->schedule.blocks()) {
-    for (const std::uint32_t drone : sim_->drones_of(block.envs, *sim_->scratches[0])) {
-      if (chosen(*sim_, mask, drone)) drones.push_back(drone);
-    }
+    for (const DroneIndex drone : selected_drones(*sim_, block.envs, mask, *sim_->scratches[0])) drones.push_back(drone);
   }
   sim_->cameras.ask_now(camera, drones);
   sim_->cameras.start();
@@ -129,12 +127,12 @@ void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
   sim_->cameras[camera].set_capture_mode(mode);
 }
 
-void Batch::set_camera(std::size_t camera, const CameraChange& change, Mask mask) {
+void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask mask) {
   const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
-  std::vector<std::uint32_t> drones;
-  for_each_chosen(*sim_, mask, [&](std::uint32_t drone) { drones.push_back(drone); });
+  std::vector<DroneIndex> drones;
+  for_each_selected(*sim_, mask, [&](DroneIndex drone) { drones.push_back(drone); });
   sim_->cameras[camera].change(change, drones);
 }
 
@@ -150,7 +148,7 @@ std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) con
   const Use use(*sim_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
-  return sim_->cameras.jpeg(camera, static_cast<std::size_t>(index), quality);
+  return sim_->cameras.jpeg(camera, DroneIndex(index), quality);
 }
 
 }  // namespace flockstep

@@ -181,8 +181,8 @@ void whole(const Simulation& sim) {
 void begun(const Simulation& sim) {
   const FlagArray& begun = sim.episodes.begun;
   if (begun.empty() || std::memchr(begun.data(), 0, begun.size()) == nullptr) return;
-  for (std::size_t drone = 0; drone < sim.num_drones(); ++drone) {
-    if (sim.state.active[drone] && !begun[sim.env_of(drone)]) {
+  for (std::size_t i = 0; i < sim.num_drones(); ++i) {
+    if (const DroneIndex drone(i); sim.state.active[drone] && !begun[sim.env_of(drone)]) {
       throw std::logic_error("reset() must come before the first step()");
     }
   }
@@ -200,8 +200,29 @@ void indices(const Simulation& sim, std::span<const std::int64_t> indices) {
   }
 }
 
-void mask(const Simulation& sim, Batch::Mask mask) {
-  if (!mask.empty()) require(mask.size() == sim.num_drones(), "mask", std::to_string(sim.num_drones()) + " flags", mask.size());
+namespace {
+
+void mask_size(std::size_t size, std::size_t expected, const char* of) {
+  if (size != 0 && size != expected) refuse("mask", std::to_string(expected) + " flags, one for each " + of, size);
+}
+
+}  // namespace
+
+void mask(const Simulation& sim, EnvMask mask) { mask_size(mask.size(), sim.num_envs(), "env"); }
+void mask(const Simulation& sim, DroneMask mask) { mask_size(mask.size(), sim.num_drones(), "drone"); }
+
+void spawns(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::uint8_t> begins,
+            std::span<const std::int32_t> world_index) {
+  std::vector<std::int32_t> worlds(sim.num_envs(), -1);
+  for (std::size_t row = 0; row < indices.size(); ++row) {
+    const EnvIndex env = sim.env_of(DroneIndex(indices[row]));
+    require(begins[env] || !sim.task_state, row_of("indices", row),
+            "all drones of an env, which begin their episodes together (or the env's other drones removed)", indices[row]);
+    if (world_index.empty()) continue;
+    if (worlds[env] < 0) worlds[env] = begins[env] ? world_index[row] : sim.state.world_index[env];
+    require(world_index[row] == worlds[env], row_of("world_index", row),
+            std::to_string(worlds[env]) + ", where the other drones of its env are", world_index[row]);
+  }
 }
 
 void poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows) {
@@ -231,20 +252,20 @@ void world_index(const Simulation& sim, std::span<const std::int32_t> world_inde
 void actions(const Simulation& sim, std::span<const std::int64_t> actions) {
   const Field& field = sim.task_state->spec().action;
   require(!is_floating(field.type), "actions", "floating-point numbers", "integers");
-  size(actions.size(), sim.num_envs(), "actions");
+  size(actions.size(), sim.num_rows(), "actions");
   const auto least = static_cast<std::int64_t>(field.low.at(0));
   const auto greatest = static_cast<std::int64_t>(field.high.at(0));
-  for (std::size_t env = 0; env < actions.size(); ++env) {
-    if (actions[env] >= least && actions[env] <= greatest) continue;
-    refuse(row_of("actions", env), "an integer in [" + std::to_string(least) + ", " + std::to_string(greatest + 1) + ")",
-           actions[env]);
+  for (std::size_t row = 0; row < actions.size(); ++row) {
+    if (actions[row] >= least && actions[row] <= greatest) continue;
+    refuse(row_of("actions", row), "an integer in [" + std::to_string(least) + ", " + std::to_string(greatest + 1) + ")",
+           actions[row]);
   }
 }
 
 void actions(const Simulation& sim, std::span<const float> actions) {
   const Field& field = sim.task_state->spec().action;
   require(is_floating(field.type), "actions", "integers (the task's actions are discrete)", "floating-point numbers");
-  size(actions.size(), sim.num_envs() * field.size(), "actions");
+  size(actions.size(), sim.num_rows() * field.size(), "actions");
   if (are_finite(actions)) return;
   for (std::size_t i = 0; i < actions.size(); ++i) {
     if (!std::isfinite(actions[i])) refuse(row_of("actions", i / field.size()), "finite numbers", actions[i]);

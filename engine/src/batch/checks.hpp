@@ -41,7 +41,11 @@ void begun(const Simulation& sim);  // every active env is in an episode
 
 void index(const Simulation& sim, std::int64_t index);
 void indices(const Simulation& sim, std::span<const std::int64_t> indices);
-void mask(const Simulation& sim, Batch::Mask mask);
+void mask(const Simulation& sim, EnvMask mask);
+void mask(const Simulation& sim, DroneMask mask);
+// Which envs begin when drones are spawned: a task takes all drones of an env at once, and an env is in one world.
+void spawns(const Simulation& sim, std::span<const std::int64_t> indices, std::span<const std::uint8_t> begins,
+            std::span<const std::int32_t> world_index);
 void poses(std::span<const float> position, std::span<const float> quat_wxyz, std::size_t rows);
 void world_index(const Simulation& sim, std::span<const std::int32_t> world_index, std::size_t rows);
 void actions(const Simulation& sim, std::span<const std::int64_t> actions);

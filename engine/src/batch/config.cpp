@@ -81,9 +81,10 @@ void DynamicsConfig::validate() const {
 }
 
 void BatchConfig::validate() const {
-  require(num_envs >= 1 && num_envs <= (1 << 20), "num_drones = num_envs x drones_per_env", "an integer in [1, 1048576]",
-          num_envs);
-  require(drones_per_env == 1, "drones_per_env", "1 (envs of several drones are not there yet)", drones_per_env);
+  constexpr int kMostDrones = 1 << 20;
+  require(drones_per_env >= 1 && drones_per_env <= kMostDrones, "drones_per_env", "an integer in [1, 1048576]", drones_per_env);
+  const long long drones = static_cast<long long>(num_envs) * drones_per_env;
+  require(num_envs >= 1 && drones <= kMostDrones, "num_drones = num_envs x drones_per_env", "an integer in [1, 1048576]", drones);
   require(num_threads >= 0 && num_threads <= 4096, "num_threads", "an integer in [0, 4096]", num_threads);
   require(block_size >= 0, "block_size", "an integer >= 0", block_size);
   episode.validate();

@@ -39,8 +39,10 @@ void compare_rows(const Buffer& a, const Buffer& b, std::size_t first, std::size
   compare_rows<T, 0>(a, b, first, count, differ);
 }
 
-// Whether the action of this step is another than that of the step before, or the first.
-void compare_actions(const TaskState& task_state, std::size_t first, std::size_t count, EpisodeState& episodes) {
+// Finds out for consecutive envs which actions differ from those of the step before, or are the first.
+void compare_actions(const TaskState& task_state, std::size_t first_env, std::size_t num_envs, std::size_t rows,
+                     EpisodeState& episodes) {
+  const std::size_t first = first_env * rows, count = num_envs * rows;
   std::uint8_t* const changed = episodes.action_changed.data() + first;
   switch (task_state.actions.type()) {
     case DType::int32:
@@ -58,7 +60,10 @@ void compare_actions(const TaskState& task_state, std::size_t first, std::size_t
     default:
       compare_rows<std::uint8_t>(task_state.actions, task_state.actions_before, first, count, changed);
   }
-  for (std::size_t i = 0; i < count; ++i) changed[i] |= episodes.steps[first + i] == 0;
+  for (std::size_t env = 0; env < num_envs; ++env) {
+    const std::uint8_t is_first = episodes.steps[first_env + env] == 0;
+    for (std::size_t k = env * rows; k < (env + 1) * rows; ++k) changed[k] |= is_first;
+  }
 }
 
 // The sum of each of some rows, of its numbers in their order, of several rows side by side.
@@ -73,8 +78,7 @@ void sum_rows(const double* rows, std::size_t columns, std::size_t count, double
   }
 }
 
-// So many terms of the score's, from the first on, go into all sums that there are of them. They are what envs that follow each
-// other have earned in a flown step, so these loops are long.
+// Adds `count` reward terms of consecutive rows, earned in one flown step, to all running sums. These loops are long.
 void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   TaskState& task_state = *sim.task_state;
   const double* const terms = task_state.score.terms.data() + first;
@@ -91,45 +95,65 @@ void add_up(Simulation& sim, std::size_t first, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) shown[i] = static_cast<float>(step[i]);
 }
 
-// Adds up the rewards of at most kSettled consecutive envs, and decides which of their episodes end.
+// Adds up what consecutive rows earned in a flown step. They are at most kSettled.
 constexpr std::size_t kSettled = 64;
-void settle_contiguous(Simulation& sim, std::size_t first, std::size_t count) {
-  EpisodeState& episodes = sim.episodes;
+void settle_rewards(Simulation& sim, std::size_t first, std::size_t count) {
   TaskState& task_state = *sim.task_state;
   Outputs& out = sim.outputs.now();
   const std::size_t num_terms = task_state.score.num_terms;
   add_up(sim, first * num_terms, count * num_terms);
-
   std::array<double, kSettled> totals, step_totals;  // of this flown step, and of those flown so far
   sum_rows(task_state.score.terms.data() + first * num_terms, num_terms, count, totals.data());
-  if (!task_state.earned.empty()) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());
-  const double* const shown = task_state.earned.empty() ? totals.data() : step_totals.data();
-  double* const returns = episodes.episode_return.data() + first;
+  const bool repeats = !task_state.earned.empty();
+  if (repeats) sum_rows(task_state.earned.data() + first * num_terms, num_terms, count, step_totals.data());
+  const double* const shown = repeats ? step_totals.data() : totals.data();
+  double* const returns = sim.episodes.episode_return.data() + first;
   for (std::size_t i = 0; i < count; ++i) returns[i] += totals[i];
   for (std::size_t i = 0; i < count; ++i) out.reward[first + i] = static_cast<float>(shown[i]);
   std::copy_n(returns, count, out.episode_return.data() + first);
-  std::copy_n(episodes.steps.data() + first, count, out.episode_length.data() + first);
+}
 
-  // Flags: bytes, of which a vector holds many. Nothing is asked of one that another has decided.
+// Why the episode of a row ended.
+EpisodeEnd reason_of(const Simulation& sim, std::size_t row, bool hit) {
+  const Score& score = sim.task_state->score;
+  const Outputs& out = sim.outputs.now();
+  const std::size_t env = row / sim.rows_per_env();
+  const std::int64_t limit = sim.episodes.time_limit[env];
+  const bool is_late = limit > 0 && sim.episodes.steps[env] >= limit;
+  const bool by_task = score.terminated[row] || score.truncated[row];
+  if (out.bad_state[row]) return EpisodeEnd::bad_state;
+  if (score.success[row]) return EpisodeEnd::success;
+  if (out.terminated[row] && hit) return EpisodeEnd::contact;
+  if (by_task && score.left_area[row]) return EpisodeEnd::left_area;
+  if (out.truncated[row] && is_late) return EpisodeEnd::time;
+  return by_task ? EpisodeEnd::task : EpisodeEnd::teammate;
+}
+
+// Decides which episodes of consecutive rows end, each by itself. lengths, limits: steps flown and allowed, of each row. Flags
+// are bytes, so that a vector holds many.
+void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const std::int64_t* lengths, const std::int64_t* limits,
+                 std::uint8_t* ends) {
+  EpisodeState& episodes = sim.episodes;
+  const Score& score = sim.task_state->score;
+  Outputs& out = sim.outputs.now();
   using Flags = std::array<std::uint8_t, kSettled>;
   Flags is_late, hits;
-  const std::int64_t* const steps = episodes.steps.data() + first;
-  const std::int64_t* const limits = episodes.time_limit.data() + first;
-  for (std::size_t i = 0; i < count; ++i) is_late[i] = (limits[i] > 0) & (steps[i] >= limits[i]);
-  if (sim.drones_per_env() == 1) {
+  std::copy_n(lengths, count, out.episode_length.data() + first);
+  for (std::size_t i = 0; i < count; ++i) is_late[i] = (limits[i] > 0) & (lengths[i] >= limits[i]);
+  if (sim.num_rows() == sim.num_drones()) {
     std::copy_n(sim.state.contact.hit.data() + first, count, hits.data());
   } else {
     for (std::size_t i = 0; i < count; ++i) hits[i] = touches(sim, first + i);
   }
   const std::uint8_t ends_on_contact = sim.fleet && sim.config.dynamics.on_contact == OnContact::terminate;
   const std::uint8_t* const bad = episodes.bad.data() + first;
-  const std::uint8_t* const told_terminated = task_state.score.terminated.data() + first;
-  const std::uint8_t* const told_truncated = task_state.score.truncated.data() + first;
-  const std::uint8_t* const success = task_state.score.success.data() + first;
-  Flags terminated, truncated, ends, succeeds, crashes;
+  const std::uint8_t* const terminated_by_task = score.terminated.data() + first;
+  const std::uint8_t* const truncated_by_task = score.truncated.data() + first;
+  const std::uint8_t* const success = score.success.data() + first;
+  Flags terminated, truncated, succeeds, crashes;
   for (std::size_t i = 0; i < count; ++i) {
-    terminated[i] = (bad[i] | told_terminated[i] | (hits[i] & ends_on_contact)) != 0;
-    truncated[i] = (told_truncated[i] | is_late[i]) > terminated[i];
+    terminated[i] = (bad[i] | terminated_by_task[i] | (hits[i] & ends_on_contact)) != 0;
+    truncated[i] = (truncated_by_task[i] | is_late[i]) > terminated[i];
     ends[i] = (terminated[i] | truncated[i]) != 0;
     succeeds[i] = (ends[i] & success[i]) > bad[i];
     crashes[i] = (ends[i] & hits[i]) != 0;
@@ -138,29 +162,51 @@ void settle_contiguous(Simulation& sim, std::size_t first, std::size_t count) {
   std::copy_n(truncated.data(), count, out.truncated.data() + first);
   std::copy_n(succeeds.data(), count, out.success.data() + first);
   std::copy_n(crashes.data(), count, out.crashed.data() + first);
-  std::copy_n(ends.data(), count, episodes.done.data() + first);
+  std::copy_n(bad, count, out.bad_state.data() + first);
   std::uint8_t* const reasons = out.episode_end.data() + first;
   std::fill_n(reasons, count, static_cast<std::uint8_t>(EpisodeEnd::none));
-  if (is_any(ends.data(), count)) {
-    const std::uint8_t* const left_area = task_state.score.left_area.data() + first;
+  if (is_any(ends, count)) {
     for (std::size_t i = 0; i < count; ++i) {
-      if (!ends[i]) continue;
-      const bool by_task = told_terminated[i] || told_truncated[i];
-      const EpisodeEnd end = bad[i]                       ? EpisodeEnd::bad_state
-                             : success[i]                 ? EpisodeEnd::success
-                             : terminated[i] && hits[i]   ? EpisodeEnd::contact
-                             : by_task && left_area[i]    ? EpisodeEnd::left_area
-                             : truncated[i] && is_late[i] ? EpisodeEnd::time
-                                                          : EpisodeEnd::task;
-      reasons[i] = static_cast<std::uint8_t>(end);
+      if (ends[i]) reasons[i] = static_cast<std::uint8_t>(reason_of(sim, first + i, hits[i] != 0));
     }
   }
-  std::copy_n(bad, count, out.bad_state.data() + first);
   if (is_any(bad, count)) {
     for (std::size_t i = 0; i < count; ++i) episodes.bad_states[first + i] += bad[i];
     std::fill_n(episodes.bad.data() + first, count, std::uint8_t{0});
   }
-  std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // flown once more, it is the same
+  std::fill_n(episodes.action_changed.data() + first, count, std::uint8_t{0});  // if it is flown again, it is the same
+}
+
+// Finishes a flown step of consecutive envs with a row each, at most kSettled.
+void settle_single_rows(Simulation& sim, std::size_t first, std::size_t count) {
+  settle_rewards(sim, first, count);
+  decide_ends(sim, first, count, sim.episodes.steps.data() + first, sim.episodes.time_limit.data() + first,
+              sim.episodes.done.data() + first);
+}
+
+// Finishes a flown step of an env with several rows.
+void settle_rows(Simulation& sim, EnvIndex env) {
+  const std::size_t rows = sim.rows_per_env();
+  const std::int64_t length = sim.episodes.steps[env], limit = sim.episodes.time_limit[env];
+  bool ends = false;
+  for (std::size_t done = 0; done < rows; done += kSettled) {
+    const std::size_t first = env * rows + done, count = std::min(kSettled, rows - done);
+    settle_rewards(sim, first, count);
+    std::array<std::int64_t, kSettled> lengths, limits;
+    lengths.fill(length);
+    limits.fill(limit);
+    std::array<std::uint8_t, kSettled> ended{};
+    decide_ends(sim, first, count, lengths.data(), limits.data(), ended.data());
+    for (std::size_t i = 0; i < count; ++i) {
+      if (!sim.state.active[first + i]) {
+        sim.outputs.clear(first + i);
+      } else {
+        ends |= ended[i] != 0;
+      }
+    }
+  }
+  sim.episodes.done[env] = ends;
+  if (ends) end_teammates(sim, env);
 }
 
 std::string quoted(Control control) {
@@ -179,17 +225,25 @@ std::string controls_of(const Task& task) {
 
 }  // namespace
 
-bool touches(const Simulation& sim, std::size_t env) {
-  const std::size_t m = sim.drones_per_env();
-  if (m == 1) return sim.state.contact.hit[env] != 0;
-  return std::any_of(sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>(env * m),
-                     sim.state.contact.hit.begin() + static_cast<std::ptrdiff_t>((env + 1) * m),
-                     [](std::uint8_t hit) { return hit != 0; });
+bool touches(const Simulation& sim, std::size_t row) {
+  const std::size_t drones = sim.num_drones() / sim.num_rows();
+  return is_any(sim.state.contact.hit.data() + row * drones, drones);
+}
+
+void end_teammates(Simulation& sim, EnvIndex env) {
+  const std::size_t rows = sim.rows_per_env();
+  Outputs& out = sim.outputs.now();
+  for (std::size_t row = env * rows; rows > 1 && row < (env + 1) * rows; ++row) {
+    if (!sim.state.active[row] || out.terminated[row] || out.truncated[row]) continue;
+    const bool hit = touches(sim, row);
+    out.truncated[row] = 1;
+    out.success[row] = sim.task_state->score.success[row];
+    out.crashed[row] = hit;
+    out.episode_end[row] = static_cast<std::uint8_t>(reason_of(sim, row, hit));
+  }
 }
 
 void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
-  const std::size_t n = sim.num_envs();
-  for_each_field(sim.episodes, [n](const auto&, auto& array) { array.resize(n); });
   sim.task_state.emplace(TaskState{.task = std::move(task)});
   TaskState& task_state = *sim.task_state;
   const Control control = sim.config.dynamics.control;
@@ -203,7 +257,14 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   checks::spec(spec);
   double bytes = 0.0;  // of an observation, in two slots, twice: the present and the final one
   for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
+  const std::size_t n = sim.num_rows();
   checks::memory(bytes * static_cast<double>(n));
+  EpisodeState& episodes = sim.episodes;
+  for (auto* counts : {&episodes.steps, &episodes.time_limit}) counts->resize(sim.num_envs());
+  for (auto* flags : {&episodes.begun, &episodes.done, &episodes.flying}) flags->resize(sim.num_envs());
+  for (auto* flags : {&episodes.bad, &episodes.action_changed}) flags->resize(n);
+  episodes.episode_return.resize(n);
+  episodes.bad_states.resize(n);
   task_state.actions = task_state.actions_before = Buffer(spec.action, n);
   const bool tells_poses = sim.config.dynamics.control == Control::pose;
   if (tells_poses) task_state.setpoints.target.resize(sim.num_drones());
@@ -223,36 +284,38 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   sim.outputs.allocate(spec, n);
 }
 
-void clear_contact(State& state, std::size_t first, std::size_t count) {
-  std::fill_n(state.contact.hit.data() + first, count, std::uint8_t{0});
-  std::fill_n(state.contact.inside.data() + first, count, std::uint8_t{0});
-  std::fill_n(state.contact.fraction.data() + first, count, 1.0F);
-  std::fill_n(state.contact.point.data() + 3 * first, 3 * count, 0.0F);
-  std::fill_n(state.contact.normal.data() + 3 * first, 3 * count, 0.0F);
+void clear_contact(State& state, DroneIndex drone) {
+  state.contact.hit[drone] = state.contact.inside[drone] = 0;
+  state.contact.fraction[drone] = 1.0F;
+  std::fill_n(state.contact.point.data() + 3 * drone, 3, 0.0F);
+  std::fill_n(state.contact.normal.data() + 3 * drone, 3, 0.0F);
 }
 
-void forget_readings(Simulation& sim, std::size_t env) {
+void forget_readings(Simulation& sim, EnvIndex env) {
   sim.state.tick[env] = 0;
   sim.state.sensed[env] = -1;
-  for (std::size_t m = 0; sim.imu && m < sim.drones_per_env(); ++m) sim.imu->begin(env * sim.drones_per_env() + m);
-  if (sim.cameras.empty()) return;
-  for (std::size_t m = 0; m < sim.drones_per_env(); ++m) sim.cameras.mark_stale(env * sim.drones_per_env() + m);
+  for (std::size_t member = 0; member < sim.drones_per_env(); ++member) forget_readings(sim, sim.drone_of(env, member));
 }
 
-std::int64_t next_episode(const Simulation& sim, std::size_t env) {
+void forget_readings(Simulation& sim, DroneIndex drone) {
+  if (sim.imu) sim.imu->begin(drone, sim.state);
+  sim.cameras.mark_stale(drone);
+}
+
+std::int64_t next_episode(const Simulation& sim, EnvIndex env) {
   return sim.state.episode[env] + (sim.episodes.begun[env] ? 1 : 0);
 }
 
-void open_next_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
+void open_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
   sim.state.episode[env] = next_episode(sim, env);
   open_episode(sim, env, scratch);
 }
 
-void open_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
+void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
   State& state = sim.state;
   forget_readings(sim, env);
   if (sim.config.episode.random_world && !sim.pool) {
-    const double u = uniform01(draw(state, env, Stream::world, 0)[0]);
+    const double u = uniform01(draw(state, RandomKey::of(env), Stream::world, 0)[0]);
     const auto world = static_cast<std::int32_t>(u * static_cast<double>(sim.worlds.size()));
     scratch.moved_world |= world != state.world_index[env];
     state.world_index[env] = world;
@@ -260,19 +323,19 @@ void open_episode(Simulation& sim, std::size_t env, Scratch& scratch) {
   start_counts(sim, env);
 }
 
-void start_counts(Simulation& sim, std::size_t env) {
+void start_counts(Simulation& sim, EnvIndex env) {
   EpisodeState& episodes = sim.episodes;
   episodes.steps[env] = 0;
-  episodes.episode_return[env] = 0.0;
-  const std::size_t terms = sim.task_state->score.num_terms;
-  std::fill_n(episodes.episode_terms.begin() + static_cast<std::ptrdiff_t>(env * terms), terms, 0.0);
   episodes.begun[env] = 1;
   episodes.done[env] = 0;
-  episodes.action_changed[env] = 0;
-  episodes.bad[env] = 0;
+  const std::size_t rows = sim.rows_per_env(), first = env * rows, terms = sim.task_state->score.num_terms;
+  std::fill_n(episodes.episode_return.data() + first, rows, 0.0);
+  std::fill_n(episodes.episode_terms.data() + first * terms, rows * terms, 0.0);
+  std::fill_n(episodes.action_changed.data() + first, rows, std::uint8_t{0});
+  std::fill_n(episodes.bad.data() + first, rows, std::uint8_t{0});
   episodes.time_limit[env] = sim.task_state->max_episode_steps;
   if (sim.config.episode.stagger_first_episode && sim.state.episode[env] == 0) {
-    const double u = uniform01(draw(sim.state, env, Stream::time_limit, 0)[0]);
+    const double u = uniform01(draw(sim.state, RandomKey::of(env), Stream::time_limit, 0)[0]);
     episodes.time_limit[env] = 1 + static_cast<std::int64_t>(u * sim.task_state->max_episode_steps);
   }
 }
@@ -280,13 +343,13 @@ void start_counts(Simulation& sim, std::size_t env) {
 void take_part(Simulation& sim, Block& block) {
   const bool resets_in_next_step = sim.config.episode.autoreset_mode == AutoresetMode::next_step;
   const bool skips = !sim.task_state->earned.empty();
-  const std::size_t terms = sim.task_state->score.num_terms;
+  const std::size_t terms = sim.task_state->score.num_terms, rows = sim.rows_per_env();
   block.flown.clear();
   block.flying.clear();
   block.opening.clear();
   bool all_fly = true;
   for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
-    sim.outputs.forget_final(first, count);
+    sim.outputs.forget_final(first * rows, count * rows);
     all_fly &= !is_any(sim.episodes.done.data() + first, count);
   });
   if (all_fly) {  // as in most steps
@@ -296,7 +359,7 @@ void take_part(Simulation& sim, Block& block) {
       std::fill_n(sim.episodes.flying.data() + first, count, std::uint8_t{1});
     });
   } else {
-    for (const std::uint32_t env : block.envs) {
+    for (const EnvIndex env : block.envs) {
       const bool flies = !sim.episodes.done[env];
       sim.episodes.flying[env] = flies;
       if (flies) {
@@ -304,47 +367,56 @@ void take_part(Simulation& sim, Block& block) {
         block.flying.push(env);
       } else if (resets_in_next_step) {
         block.opening.push(env);
-        sim.outputs.clear(env);
+        for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) sim.outputs.clear(row);
       } else {
-        sim.outputs.carry_over(env);
+        for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) sim.outputs.carry_over(row);
       }
     }
   }
   for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
-    if (skips) std::fill_n(sim.task_state->earned.data() + first * terms, count * terms, kNothing);
-    compare_actions(*sim.task_state, first, count, sim.episodes);
+    if (skips) std::fill_n(sim.task_state->earned.data() + first * rows * terms, count * rows * terms, kNothing);
+    compare_actions(*sim.task_state, first, count, rows, sim.episodes);
   });
 }
 
 void settle(Simulation& sim, Block& block) {
-  for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
-    for (std::size_t done = 0; done < count; done += kSettled)
-      settle_contiguous(sim, first + done, std::min(kSettled, count - done));
-  });
-  block.flying.filter([&](std::uint32_t env) { return !sim.episodes.done[env]; });
+  if (sim.rows_per_env() == 1) {
+    for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
+      for (std::size_t done = 0; done < count; done += kSettled) {
+        settle_single_rows(sim, first + done, std::min(kSettled, count - done));
+      }
+    });
+  } else {
+    for (const EnvIndex env : block.flying) settle_rows(sim, env);
+  }
+  block.flying.filter([&](EnvIndex env) { return !sim.episodes.done[env]; });
 }
 
 void keep_final(Simulation& sim, Block& block) {
-  for (const std::uint32_t env : block.flown) {
-    if (sim.episodes.done[env]) sim.outputs.keep_final(env);
+  const std::size_t rows = sim.rows_per_env();
+  for (const EnvIndex env : block.flown) {
+    if (!sim.episodes.done[env]) continue;
+    for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) {
+      if (sim.outputs.now().terminated[row] || sim.outputs.now().truncated[row]) sim.outputs.keep_final(row);
+    }
   }
 }
 
 void list_opening(Simulation& sim, Block& block) {
   if (sim.config.episode.autoreset_mode != AutoresetMode::same_step) return;
-  for (const std::uint32_t env : block.flown) {
+  for (const EnvIndex env : block.flown) {
     if (sim.episodes.done[env]) block.opening.push(env);
   }
 }
 
 void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
-  for (const std::uint32_t env : block.opening) open_next_episode(sim, env, scratch);
+  for (const EnvIndex env : block.opening) open_next_episode(sim, env, scratch);
 }
 
 void first_moment(Simulation& sim, Block& block) {
-  for (const std::uint32_t env : block.opening) {
+  for (const EnvIndex env : block.opening) {
     ++sim.state.sensed[env];
-    for (std::size_t m = 0; m < sim.drones_per_env(); ++m) clear_contact(sim.state, env * sim.drones_per_env() + m);
+    for (std::size_t member = 0; member < sim.drones_per_env(); ++member) clear_contact(sim.state, sim.drone_of(env, member));
   }
 }
 

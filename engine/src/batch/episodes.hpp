@@ -12,16 +12,19 @@ namespace flockstep {
 // Gives a simulation its task.
 void begin_task(Simulation& sim, std::unique_ptr<Task> task);
 
-void clear_contact(State& state, std::size_t first, std::size_t count = 1);  // of drones that follow each other
-bool touches(const Simulation& sim, std::size_t env);  // a drone of it has touched something in its last motion
+void clear_contact(State& state, DroneIndex drone);
+bool touches(const Simulation& sim, std::size_t row);  // a drone of this row touched something in its last motion
+// An episode of one row has ended: the others of its env are truncated in the same step.
+void end_teammates(Simulation& sim, EnvIndex env);
 
 // --- of one env
-std::int64_t next_episode(const Simulation& sim, std::size_t env);  // the first where none has begun
+std::int64_t next_episode(const Simulation& sim, EnvIndex env);  // the first where none has begun
 // Names the episode that begins: the next one, or the first where none has begun. Draws its world, where that is random.
-void open_next_episode(Simulation& sim, std::size_t env, Scratch& scratch);
-void open_episode(Simulation& sim, std::size_t env, Scratch& scratch);  // the one that state.seed and state.episode name
-void start_counts(Simulation& sim, std::size_t env);                    // steps, return and flags of an episode that begins
-void forget_readings(Simulation& sim, std::size_t env);                 // nothing has been sensed of the episode yet
+void open_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch);
+void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch);  // the one that state.seed and state.episode name
+void start_counts(Simulation& sim, EnvIndex env);                    // steps, return and flags of an episode that begins
+void forget_readings(Simulation& sim, EnvIndex env);                 // nothing has been sensed in this episode yet
+void forget_readings(Simulation& sim, DroneIndex drone);             // the part of one drone, whose env's time goes on
 
 // --- stages of a step, over a block
 // Who takes part: an env whose episode has ended begins the next one in this step, or holds still.

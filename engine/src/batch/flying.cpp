@@ -4,6 +4,7 @@
 #include <iterator>
 
 #include "base/pose_access.hpp"
+#include "batch/selected.hpp"
 #include "collision/sweep.hpp"
 #include "dynamics/contact.hpp"
 #include "dynamics/rotor_motion.hpp"
@@ -21,6 +22,7 @@ dynamics::FlightContext context_of(Simulation& sim, const Block& block, Scratch&
       .scenes = sim.scenes,
       .obstacles = sim.obstacles,
       .bad = sim.task_state ? std::span(sim.episodes.bad) : std::span<std::uint8_t>(),
+      .drones_per_row = sim.task_state ? sim.drones_per_env() / sim.rows_per_env() : 1,
       .own = block.is_contiguous ? dynamics::DroneRange{DroneIndex(block.envs.front() * m), block.envs.size() * m}
                                  : dynamics::DroneRange{},
       .tracer = scratch.tracer,
@@ -55,8 +57,8 @@ void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneInd
   dynamics::fly(context_of(sim, block, scratch), drones, commands, first_tick, ticks);
 }
 
-void fly_ticks(Simulation& sim, const Block& block, std::span<const std::uint32_t> envs, const dynamics::Commands& commands,
-               int ticks, Scratch& scratch) {
+void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
+               const dynamics::Commands& commands, int ticks, Scratch& scratch) {
   const int step = sim.config.clock.substeps();
   const bool has_gusts = sim.fleet->wind.has_gusts();
   // Envs may be at different ticks of their step, and each keeps to its own clock: envs of one phase fly together.
@@ -64,17 +66,17 @@ void fly_ticks(Simulation& sim, const Block& block, std::span<const std::uint32_
   for (int phase = 0; phase < phases; ++phase) {
     scratch.envs.clear();
     std::ranges::copy_if(envs, std::back_inserter(scratch.envs),
-                         [&](std::uint32_t env) { return sim.state.tick[env] % phases == phase; });
+                         [&](EnvIndex env) { return sim.state.tick[env] % phases == phase; });
     if (scratch.envs.empty()) continue;
     for (int flown = 0, leg = ticks; flown < ticks; flown += leg) {
       const int tick = (phase + flown) % step;  // of the step
-      const auto drones = drone_indices(sim.drones_of(scratch.envs, scratch));
+      const auto drones = selected_drones(sim, scratch.envs, mask, scratch);
       if (has_gusts) leg = std::min(ticks - flown, step - tick);
       if (tick == 0) sim.fleet->update_wind(sim.state, drones, flown);
       fly_by_rotors(sim, block, drones, commands, tick, leg, scratch);
     }
   }
-  for (const std::uint32_t env : envs) sim.state.tick[env] += ticks;
+  for (const EnvIndex env : envs) sim.state.tick[env] += ticks;
 }
 
 }  // namespace flockstep

@@ -11,12 +11,6 @@
 
 namespace flockstep {
 
-// The list that Simulation::drones_of() returns.
-inline std::span<const DroneIndex> drone_indices(std::span<const std::uint32_t> drones) {
-  static_assert(sizeof(DroneIndex) == sizeof(std::uint32_t));
-  return {reinterpret_cast<const DroneIndex*>(drones.data()), drones.size()};
-}
-
 // A velocity that a drone may start with: finite, and slow enough for float32.
 inline bool is_speed(const Vec3& velocity) {
   return velocity.allFinite() && velocity.cwiseAbs().maxCoeff() <= dynamics::kMaxSpeed;
@@ -40,9 +34,9 @@ void update_accelerations(Simulation& sim, const Block& block, std::span<const D
 void fly_by_rotors(Simulation& sim, const Block& block, std::span<const DroneIndex> drones, const dynamics::Commands& commands,
                    int first_tick, int ticks, Scratch& scratch);
 
-// Flies envs of a block for some ticks outside of a task's step. Gusts and the controller follow each env's own clock, so that
-// many calls of one tick do the same as one call of many ticks.
-void fly_ticks(Simulation& sim, const Block& block, std::span<const std::uint32_t> envs, const dynamics::Commands& commands,
-               int ticks, Scratch& scratch);
+// Flies the selected drones of some envs of a block for some ticks outside of a task's step; other drones hold still. Gusts and
+// the controller follow each env's own clock, so that many calls of one tick do the same as one call of many ticks.
+void fly_ticks(Simulation& sim, const Block& block, std::span<const EnvIndex> envs, DroneMask mask,
+               const dynamics::Commands& commands, int ticks, Scratch& scratch);
 
 }  // namespace flockstep

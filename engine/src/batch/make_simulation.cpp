@@ -21,7 +21,7 @@ namespace {
 
 // Of the arrays that sensors write.
 double sensor_bytes(const BatchConfig& config) {
-  double bytes = 0.0;  // of one drone
+  double bytes = 0.0;  // for one drone
   if (config.lidar) bytes += 4.0 * config.lidar->rows() * config.lidar->columns();
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
@@ -169,15 +169,17 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     if (!pool) state.world_index[env] = world_index.empty() ? static_cast<std::int32_t>(env % worlds.size()) : world_index[env];
   }
   for (std::size_t i = 0; i < num_drones(); ++i) {
-    const World& world = *world_pointers[slot_of(env_of(i))];
-    set_pose_of(state, i, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
-    clear_contact(state, i);
-    start_flight(*this, DroneIndex(i), {});
+    const DroneIndex drone(i);
+    const World& world = *world_pointers[slot_of(env_of(drone))];
+    set_pose_of(state, drone, {world.markers().start.value_or((world.bounds().min + world.bounds().max) / 2), Quat::Identity()});
+    clear_contact(state, drone);
+    start_flight(*this, drone, {});
   }
   pose_sensor.assume_truth(state);
 
   rebuild_schedule();
   listed.reserve(num_envs());
+  listed_drones.reserve(num_drones());
   captured.reserve(num_drones());
   for (const Block& block : schedule.blocks()) listed.insert(listed.end(), block.envs.begin(), block.envs.end());
   // Worlds come and go with a pool, and OpenGL keeps what it draws.
@@ -202,13 +204,20 @@ void Simulation::warn_of_lost_drones() {
   warning = text.str();
 }
 
-std::span<const std::uint32_t> Simulation::list_drones(std::span<const std::uint32_t> envs, Scratch& scratch) const {
+std::span<const DroneIndex> Simulation::drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const {
   const std::size_t m = drones_per_env();
-  scratch.drones.clear();
-  for (const std::uint32_t env : envs) {
-    for (std::size_t i = 0; i < m; ++i) scratch.drones.push_back(static_cast<std::uint32_t>(env * m + i));
+  if (m == 1) {  // lists hold active envs only
+    list.resize(envs.size());
+    std::ranges::transform(envs, list.begin(), [](EnvIndex env) { return DroneIndex(std::size_t{env}); });
+    return list;
   }
-  return scratch.drones;
+  list.clear();
+  for (const EnvIndex env : envs) {
+    for (std::size_t member = 0; member < m; ++member) {
+      if (const DroneIndex drone = drone_of(env, member); state.active[drone]) list.push_back(drone);
+    }
+  }
+  return list;
 }
 
 }  // namespace flockstep

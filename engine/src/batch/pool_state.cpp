@@ -31,7 +31,7 @@ void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> w
   sim.worlds[at] = std::move(world);
 }
 
-void leave(Simulation& sim, std::uint32_t env) {
+void leave(Simulation& sim, EnvIndex env) {
   PoolState& state = *sim.pool;
   const std::int32_t slot = state.slots[env];
   if (--state.users[static_cast<std::size_t>(slot)] > 0) return;
@@ -145,7 +145,7 @@ void look_ahead(Simulation& sim) {
   PoolState& state = *sim.pool;
   state.wanted.clear();
   for (const Block& block : sim.schedule.blocks()) {
-    for (const std::uint32_t env : block.opening) {
+    for (const EnvIndex env : block.opening) {
       state.wanted.push_back(state.pool.number_of(sim.state.seed[env], sim.state.episode[env] + 1));
     }
   }
@@ -156,7 +156,7 @@ void change_worlds(Simulation& sim) {
   PoolState& state = *sim.pool;
   state.moves.clear();
   for (const Block& block : sim.schedule.blocks()) {
-    for (const std::uint32_t env : block.opening) {
+    for (const EnvIndex env : block.opening) {
       state.moves.push_back({env, state.pool.number_of(sim.state.seed[env], next_episode(sim, env)), nullptr});
     }
   }

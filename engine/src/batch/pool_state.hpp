@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "flockstep/index.hpp"
 #include "flockstep/world_pool.hpp"
 
 namespace flockstep {
@@ -15,7 +16,7 @@ struct Simulation;
 
 // An env goes to a world: by its number, and as it is once it has been fetched.
 struct Move {
-  std::uint32_t env;
+  EnvIndex env;
   std::int32_t number;
   std::shared_ptr<const World> world;
 };

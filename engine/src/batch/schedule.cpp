@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/contiguous.hpp"
+
 namespace flockstep {
 namespace {
 
@@ -21,21 +23,23 @@ Schedule::Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t blo
 }
 
 void Schedule::rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active) {
+  const std::size_t drones_per_env = active.size() / order_.size();
+  const auto is_active = [&](std::size_t env) { return is_any(active.data() + env * drones_per_env, drones_per_env); };
   // A counting sort: stable, so envs of a world stay in index order.
   const auto world_of = [&](std::size_t env) { return world_index.empty() ? 0 : static_cast<std::size_t>(world_index[env]); };
   std::fill(world_begin_.begin(), world_begin_.end(), 0U);
   for (std::size_t env = 0; env < order_.size(); ++env) {
-    if (active[env]) ++world_begin_[world_of(env)];
+    if (is_active(env)) ++world_begin_[world_of(env)];
   }
   std::uint32_t end = 0;
   for (std::uint32_t& of_world : world_begin_) end += std::exchange(of_world, end);  // from here on: where its next env goes
   for (std::size_t env = 0; env < order_.size(); ++env) {
-    if (active[env]) order_[world_begin_[world_of(env)]++] = static_cast<std::uint32_t>(env);
+    if (is_active(env)) order_[world_begin_[world_of(env)]++] = EnvIndex(env);
   }
   blocks_.clear();
   for (std::size_t first = 0; first < end; first += block_size_) {
     const auto list = [&](std::size_t which) { return EnvList(lists_[which].data() + first); };
-    const std::span<const std::uint32_t> envs = std::span(order_).subspan(first, std::min(block_size_, end - first));
+    const std::span<const EnvIndex> envs = std::span(order_).subspan(first, std::min(block_size_, end - first));
     const bool is_contiguous = envs.back() - envs.front() + 1 == envs.size() && std::ranges::is_sorted(envs);
     blocks_.push_back({envs, is_contiguous, list(0), list(1), list(2), list(3)});
   }

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "flockstep/state.hpp"
+#include "flockstep/index.hpp"
 
 namespace flockstep {
 
@@ -15,18 +15,19 @@ namespace flockstep {
 class EnvList {
  public:
   EnvList() = default;
-  explicit EnvList(std::uint32_t* storage) : envs_(storage) {}
+  explicit EnvList(EnvIndex* storage) : envs_(storage) {}
 
   void clear() { count_ = 0; }
-  void push(std::uint32_t env) { envs_[count_++] = env; }
-  void assign(std::span<const std::uint32_t> envs) {
+  void push(EnvIndex env) { envs_[count_++] = env; }
+  void assign(std::span<const EnvIndex> envs) {
     std::copy(envs.begin(), envs.end(), envs_);
     count_ = envs.size();
   }
   bool empty() const { return count_ == 0; }
   std::size_t size() const { return count_; }
-  const std::uint32_t* begin() const { return envs_; }
-  const std::uint32_t* end() const { return envs_ + count_; }
+  const EnvIndex* begin() const { return envs_; }
+  const EnvIndex* end() const { return envs_ + count_; }
+  const EnvIndex* data() const { return envs_; }
 
   // Keeps those for which keep(env) is true.
   template <class Keep>
@@ -39,19 +40,19 @@ class EnvList {
   }
 
  private:
-  std::uint32_t* envs_ = nullptr;
+  EnvIndex* envs_ = nullptr;
   std::size_t count_ = 0;
 };
 
 struct Block {
-  std::span<const std::uint32_t> envs;  // all active ones of the block
-  bool is_contiguous = false;           // they follow each other without a gap
+  std::span<const EnvIndex> envs;  // all active ones of the block
+  bool is_contiguous = false;      // they follow each other without a gap
   // of the step under way
   EnvList flown;    // take part in it
   EnvList flying;   // those of them whose episode goes on
   EnvList opening;  // begin an episode in it
   // of a call about some envs
-  EnvList chosen;
+  EnvList selected;
 };
 
 class Schedule {
@@ -60,8 +61,8 @@ class Schedule {
   // but at least eight blocks for each thread where these are not too small for that.
   Schedule(std::size_t num_envs, std::size_t num_worlds, std::size_t block_size, std::size_t num_threads = 1);
 
-  // After a change of world_index or of which envs are active; allocates nothing. All lists are empty then. Envs are sorted by
-  // world, or stay in the order of their indices where no worlds are given.
+  // Call it after a change of world_index or of the active drones, (N,). It allocates nothing and clears all lists. An env is
+  // active if one of its drones is. Envs are sorted by world; without world_index they keep the order of their indices.
   void rebuild(std::span<const std::int32_t> world_index, std::span<const std::uint8_t> active);
 
   std::span<Block> blocks() { return blocks_; }
@@ -71,9 +72,9 @@ class Schedule {
   static constexpr std::size_t kLists = 4;  // of a block
 
   std::size_t block_size_;
-  std::vector<std::uint32_t> order_;          // (E,)
-  std::vector<std::uint32_t> lists_[kLists];  // (E,) storage, a block's where its envs are in order_
-  std::vector<std::uint32_t> world_begin_;    // (W,) in order_
+  std::vector<EnvIndex> order_;             // (E,)
+  std::vector<EnvIndex> lists_[kLists];     // (E,) storage, a block's where its envs are in order_
+  std::vector<std::uint32_t> world_begin_;  // (W,) in order_
   std::vector<Block> blocks_;
 };
 

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "base/prefetch.hpp"
+#include "base/random.hpp"
 #include "base/workers.hpp"
 #include "batch/outputs.hpp"
 #include "batch/pool_state.hpp"
@@ -35,20 +36,20 @@ namespace flockstep {
 struct Scratch {
   trace::Tracer tracer;
   dynamics::FlightScratch flight;
-  std::vector<std::uint32_t> drones;  // of some envs
-  std::vector<std::uint32_t> envs;    // of a block
-  bool moved_world = false;           // an env has gone to another world
+  std::vector<DroneIndex> drones;  // of some envs
+  std::vector<EnvIndex> envs;      // of a block
+  bool moved_world = false;        // an env has gone to another world
 };
 
 // The task of a batch, and what it and the episode machine hand each other.
 struct TaskState {
   std::unique_ptr<Task> task;
-  Buffer actions;                // of the step under way, else of the last; a row per env
+  Buffer actions;                // (R, ...) of the step under way, else of the last
   Buffer actions_before;         // of the step before it
   Setpoints setpoints;           // written by task.command
   std::vector<Pose> step_start;  // (N,) where the flown step began; empty where poses are flown to in one tick, or not told
   Score score;                   // of the last flown step; written by task.score
-  std::vector<double> earned;    // (E, terms) of the flown steps of this step() so far; empty where it flies one
+  std::vector<double> earned;    // (R, terms) of the flown steps of this step() so far; empty where it flies one
   int max_episode_steps = 0;     // 0: no limit
 
   const TaskSpec& spec() const { return task->spec(); }
@@ -67,17 +68,25 @@ struct Simulation {
   std::size_t num_envs() const { return static_cast<std::size_t>(config.num_envs); }
   std::size_t drones_per_env() const { return static_cast<std::size_t>(config.drones_per_env); }
   std::size_t num_drones() const { return static_cast<std::size_t>(config.num_drones()); }
-  std::size_t env_of(std::size_t drone) const {  // without a division where it can be
-    return config.drones_per_env == 1 ? drone : drone / drones_per_env();
+  EnvIndex env_of(DroneIndex drone) const {  // without a division for single drones
+    return EnvIndex(config.drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env());
+  }
+  DroneIndex drone_of(EnvIndex env, std::size_t member) const { return DroneIndex(env * drones_per_env() + member); }
+  RandomKey random_key(DroneIndex drone) const { return RandomKey::of(drone, drones_per_env()); }
+  // Rows of actions, observations, rewards and what else an episode returns: R in all, those of an env consecutive.
+  std::size_t rows_per_env() const { return task_state->spec().row == Row::drone ? drones_per_env() : 1; }
+  std::size_t num_rows() const { return num_envs() * rows_per_env(); }
+  std::size_t row_of(DroneIndex drone) const {
+    return task_state->spec().row == Row::drone ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
   // Where the world of each env is in the tables of worlds below.
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }
-  std::size_t slot_of(std::size_t env) const { return static_cast<std::size_t>(slots()[env]); }
-  // The drones of some envs; holds until the next call with this scratch.
-  std::span<const std::uint32_t> drones_of(std::span<const std::uint32_t> envs, Scratch& scratch) const {
-    return config.drones_per_env == 1 ? envs : list_drones(envs, scratch);
+  std::size_t slot_of(EnvIndex env) const { return static_cast<std::size_t>(slots()[env]); }
+  // The active drones of some envs, env by env; valid until the next call with this scratch.
+  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, Scratch& scratch) const {
+    return drones_of(envs, scratch.drones);
   }
-  std::span<const std::uint32_t> list_drones(std::span<const std::uint32_t> envs, Scratch& scratch) const;
+  std::span<const DroneIndex> drones_of(std::span<const EnvIndex> envs, std::vector<DroneIndex>& list) const;
 
   // f(block, scratch, thread) for every block, on the workers.
   template <class F>
@@ -87,7 +96,7 @@ struct Simulation {
   }
   // What the drones after this one in a list will ask of their worlds, where these are others: worlds of their own are seldom in
   // the cache.
-  void fetch_ahead(std::span<const std::uint32_t> drones, std::size_t i) const {
+  void fetch_ahead(std::span<const DroneIndex> drones, std::size_t i) const {
     constexpr std::size_t kParts = 4, kWhole = 8;  // drones ahead
     if (i + kWhole < drones.size()) {
       const std::size_t world = slot_of(env_of(drones[i + kWhole]));
@@ -135,8 +144,9 @@ struct Simulation {
   bool sorts_by_world = false;
   Schedule schedule;
   std::vector<std::unique_ptr<Scratch>> scratches;  // of each of the workers' threads
-  std::vector<std::uint32_t> listed;                // (E,) capacity: envs of all blocks, for a task that takes them at once
-  std::vector<std::uint32_t> captured;              // (N,) capacity: drones of all blocks, for capture()
+  std::vector<EnvIndex> listed;                     // (E,) capacity: envs of all blocks, for a task that takes them at once
+  std::vector<DroneIndex> listed_drones;            // (N,) capacity: their drones
+  std::vector<DroneIndex> captured;                 // (N,) capacity: drones of all blocks, for capture()
   bool is_stepping = false;                         // a step is under way: its blocks must stay
   const long owner;                                 // the process that made this batch
   bool is_cut_short = false;                        // an exception ended a step or reset half-way

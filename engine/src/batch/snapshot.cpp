@@ -17,7 +17,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 6;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 7;                     // of everything below; one more with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -141,7 +141,7 @@ void fetch_worlds_of(Simulation& sim, const Reader& reader) {
     const auto numbers = values_of<std::int32_t>(bytes);
     for (std::size_t env = 0; env < numbers.size(); ++env) {
       require(numbers[env] >= 0, "snapshot", "numbers of worlds", numbers[env]);
-      sim.pool->moves.push_back({static_cast<std::uint32_t>(env), numbers[env], nullptr});
+      sim.pool->moves.push_back({EnvIndex(env), numbers[env], nullptr});
     }
   });
   fetch_worlds(sim);
@@ -155,7 +155,7 @@ void fetch_worlds_of(Simulation& sim, const Reader& reader) {
 std::vector<Move> moves_to_here(const Simulation& sim) {
   std::vector<Move> moves;
   for (std::size_t env = 0; env < sim.num_envs(); ++env) {
-    moves.push_back({static_cast<std::uint32_t>(env), sim.state.world_index[env], sim.worlds[sim.slot_of(env)]});
+    moves.push_back({EnvIndex(env), sim.state.world_index[env], sim.worlds[sim.slot_of(EnvIndex(env))]});
   }
   return moves;
 }
@@ -265,7 +265,7 @@ std::uint64_t config_hash(Simulation& sim) {
 
 std::string make_snapshot(Simulation& sim) {
   for (std::size_t env = 0; sim.pool && env < sim.num_envs(); ++env) {
-    sim.pool->contents[env] = sim.worlds[sim.slot_of(env)]->content_hash();
+    sim.pool->contents[env] = sim.worlds[sim.slot_of(EnvIndex(env))]->content_hash();
   }
   std::string blob(sizeof(Header), '\0');
   Writer writer(blob);

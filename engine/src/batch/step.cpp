@@ -10,6 +10,7 @@
 #include "batch/bad_states.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
+#include "batch/selected.hpp"
 #include "dynamics/kinematic.hpp"
 #include "sensors/rate.hpp"
 
@@ -23,19 +24,17 @@ using List = EnvList Block::*;
 // When sensors read: in the middle of a step and at its end those that are due, otherwise all of them.
 enum class When : std::uint8_t { within_step, step_is_over, asked };
 
-// The drones of those of the envs where a sensor of this period reads.
-std::span<const std::uint32_t> readers(const Simulation& sim, std::span<const std::uint32_t> envs, std::int64_t period, When when,
-                                       Scratch& scratch) {
+// The drones of those envs in which a sensor of this period reads.
+std::span<const DroneIndex> readers(const Simulation& sim, std::span<const EnvIndex> envs, std::int64_t period, When when,
+                                    Scratch& scratch) {
   const bool step_is_over = when == When::step_is_over;
   if (when == When::asked || (period == 0 && step_is_over)) return sim.drones_of(envs, scratch);
   if (period == 0) return {};
-  const std::size_t m = sim.drones_per_env();
-  scratch.drones.clear();
-  for (const std::uint32_t env : envs) {
-    if (!sensors::is_due(period, sim.state.tick[env], step_is_over)) continue;
-    for (std::size_t i = 0; i < m; ++i) scratch.drones.push_back(static_cast<std::uint32_t>(env * m + i));
+  scratch.envs.clear();
+  for (const EnvIndex env : envs) {
+    if (sensors::is_due(period, sim.state.tick[env], step_is_over)) scratch.envs.push_back(env);
   }
-  return scratch.drones;
+  return sim.drones_of(scratch.envs, scratch);
 }
 
 bool reads_between_ticks(const Simulation& sim) {
@@ -43,7 +42,7 @@ bool reads_between_ticks(const Simulation& sim) {
 }
 
 // Every kind of sensor but the cameras, which render for all blocks at once.
-void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scratch& scratch) {
+void read(Simulation& sim, std::span<const EnvIndex> envs, When when, Scratch& scratch) {
   if (sim.lidar) {
     const auto drones = readers(sim, envs, sim.lidar->period(), when, scratch);
     sim.lidar->scan(drones, sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
@@ -52,18 +51,26 @@ void read(Simulation& sim, std::span<const std::uint32_t> envs, When when, Scrat
   if (sim.imu) sim.imu->read(readers(sim, envs, sim.imu->period(), when, scratch), sim.state);
 }
 
+// The same sensors, for drones that a call selects.
+void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scratch) {
+  if (sim.lidar) sim.lidar->scan(drones, sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
+  sim.pose_sensor.read(drones, sim.state);
+  if (sim.imu) sim.imu->read(drones, sim.state);
+}
+
 void count_step(Simulation& sim, Block& block, Scratch&) {
   for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
     for (std::size_t env = first; env < first + count; ++env) ++sim.episodes.steps[env];
-    std::fill_n(sim.task_state->score.truncated.data() + first, count, std::uint8_t{0});
+    const std::size_t rows = sim.rows_per_env();
+    std::fill_n(sim.task_state->score.truncated.data() + first * rows, count * rows, std::uint8_t{0});
   });
 }
 
 // Kinematic drones are at their setpoint when the step is over.
-void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
+void move(Simulation& sim, std::span<const DroneIndex> drones, int substep) {
   const int substeps = sim.config.clock.substeps();
   for (std::size_t i = 0; i < drones.size(); ++i) {
-    const std::uint32_t drone = drones[i];
+    const DroneIndex drone = drones[i];
     sim.fetch_ahead(drones, i);
     const Pose& target = sim.task_state->setpoints.target[drone];
     if (substeps == 1) {
@@ -80,27 +87,27 @@ void move(Simulation& sim, std::span<const std::uint32_t> drones, int substep) {
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
   if (!sim.task_state->step_start.empty()) {
-    for (const std::uint32_t drone : sim.drones_of(block.flying, scratch))
+    for (const DroneIndex drone : sim.drones_of(block.flying, scratch))
       sim.task_state->step_start[drone] = pose_of(sim.state, drone);
   }
   for_each_contiguous(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
     if (sim.fleet) {
       if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // as mostly
-      for (std::size_t drone = first; drone < first + count; ++drone) {
-        if (sim.state.contact.hit[drone]) clear_contact(sim.state, drone);
+      for (std::size_t i = first; i < first + count; ++i) {
+        if (sim.state.contact.hit[i]) clear_contact(sim.state, DroneIndex(i));
       }
     } else if (ticks > 1) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
   });
-  if (sim.fleet) sim.fleet->update_wind(sim.state, drone_indices(sim.drones_of(block.flying, scratch)), 0);
+  if (sim.fleet) sim.fleet->update_wind(sim.state, sim.drones_of(block.flying, scratch), 0);
   const int leg = sim.fleet && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
   const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
                                     sim.task_state->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
     const auto drones = sim.drones_of(block.flying, scratch);
     if (sim.fleet) {
-      fly_by_rotors(sim, block, drone_indices(drones), commands, flown - leg, leg, scratch);
+      fly_by_rotors(sim, block, drones, commands, flown - leg, leg, scratch);
     } else {
       move(sim, drones, flown);
     }
@@ -137,7 +144,7 @@ class BlockByBlock {
   template <class Call>
   void task(std::initializer_list<List> lists, const Call& call) {
     for (const List list : lists) {
-      if (!(block_.*list).empty()) call(TaskBlock{*sim_.context, block_.*list, thread_});
+      if (!(block_.*list).empty()) call(TaskBlock{*sim_.context, block_.*list, sim_.drones_of(block_.*list, scratch_), thread_});
     }
   }
   void start_frames(List) {}  // there are no cameras
@@ -171,14 +178,14 @@ class StageByStage {
     for (const Block& block : sim_.schedule.blocks()) {
       for (const List list : lists) sim_.listed.insert(sim_.listed.end(), (block.*list).begin(), (block.*list).end());
     }
-    if (!sim_.listed.empty()) call(TaskBlock{*sim_.context, sim_.listed, 0});
+    if (!sim_.listed.empty()) call(TaskBlock{*sim_.context, sim_.listed, sim_.drones_of(sim_.listed, sim_.listed_drones), 0});
   }
   // A backend with a thread of its own renders until finish_frames().
-  void start_frames(List list) {
+  void start_frames(List list, DroneMask mask = {}) {
     if (sim_.cameras.empty()) return;
     sim_.cameras.ask([&](const auto& ask) {
       for (const Block& block : sim_.schedule.blocks()) {
-        for (const std::uint32_t drone : sim_.drones_of(block.*list, *sim_.scratches[0])) ask(drone);
+        for (const DroneIndex drone : selected_drones(sim_, block.*list, mask, *sim_.scratches[0])) ask(drone);
       }
     });
     sim_.cameras.start();
@@ -204,7 +211,7 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
   executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
     first_moment(s, block);
-    if (s.fleet) update_accelerations(s, block, drone_indices(s.drones_of(block.opening, scratch)), scratch);
+    if (s.fleet) update_accelerations(s, block, s.drones_of(block.opening, scratch), scratch);
   });
   executor.start_frames(&Block::opening);
   executor.each(sense_all<&Block::opening>);
@@ -312,13 +319,15 @@ void begin_episodes(Simulation& sim, bool place) {
   if (sim.pool) look_ahead(sim);
 }
 
-void read_sensors(Simulation& sim) {
+void read_sensors(Simulation& sim, DroneMask mask) {
   StageByStage executor(sim);
   executor.each([](Simulation& s, Block& block, Scratch&) {
-    for (const std::uint32_t env : block.chosen) ++s.state.sensed[env];
+    for (const EnvIndex env : block.selected) ++s.state.sensed[env];
   });
-  executor.start_frames(&Block::chosen);
-  executor.each(sense_all<&Block::chosen>);
+  executor.start_frames(&Block::selected, mask);
+  executor.each([mask](Simulation& s, Block& block, Scratch& scratch) {
+    read_all(s, selected_drones(s, block.selected, mask, scratch), scratch);
+  });
   executor.finish_frames();
 }
 

@@ -12,10 +12,8 @@ namespace {
 
 class Context final : public TaskContext {
  public:
-  explicit Context(Simulation& sim) : sim_(sim) {}
+  explicit Context(Simulation& sim) : TaskContext(sim.num_envs(), sim.drones_per_env()), sim_(sim) {}
 
-  std::size_t num_envs() const override { return sim_.num_envs(); }
-  std::size_t drones_per_env() const override { return sim_.drones_per_env(); }
   std::size_t num_threads() const override { return static_cast<std::size_t>(sim_.workers.num_threads()); }
   const State& state() const override { return sim_.state; }
   const EpisodeState& episodes() const override { return sim_.episodes; }
@@ -23,7 +21,7 @@ class Context final : public TaskContext {
   std::span<const std::shared_ptr<const World>> worlds() const override {
     return sim_.pool ? std::span<const std::shared_ptr<const World>>() : sim_.worlds;
   }
-  const World& world_of(std::size_t env) const override { return *sim_.world_pointers[sim_.slot_of(env)]; }
+  const World& world_of(EnvIndex env) const override { return *sim_.world_pointers[sim_.slot_of(env)]; }
 
   const std::optional<LidarConfig>& lidar() const override { return sim_.config.lidar; }
   std::span<const float> lidar_ranges() const override {
@@ -34,7 +32,7 @@ class Context final : public TaskContext {
   }
   const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
   const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
-  Pose sensed_pose(std::size_t drone) const override { return sim_.pose_sensor.pose(drone); }
+  Pose sensed_pose(DroneIndex drone) const override { return sim_.pose_sensor.pose(drone); }
   std::span<const float> sensed_position() const override { return sim_.pose_sensor.position(); }
   std::span<const float> sensed_quat_wxyz() const override { return sim_.pose_sensor.quat_wxyz(); }
   std::span<const float> accelerometer() const override {
@@ -44,22 +42,25 @@ class Context final : public TaskContext {
     return sim_.imu ? std::span<const float>(sim_.imu->gyroscope()) : std::span<const float>();
   }
 
-  float random(std::size_t env, std::uint32_t stream, std::uint32_t index) const override {
-    return draw_uniform(sim_.state, env, stream, index);
+  float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const override {
+    return draw_uniform(sim_.state, RandomKey::of(env), stream, index);
   }
-  bool is_free(std::size_t env, const Pose& pose) const override {
+  float random(DroneIndex drone, std::uint32_t stream, std::uint32_t index) const override {
+    return draw_uniform(sim_.state, sim_.random_key(drone), stream, index);
+  }
+  bool is_free(EnvIndex env, const Pose& pose) const override {
     return !collision::overlaps(*sim_.obstacles[sim_.slot_of(env)], sim_.hull, pose);
   }
 
   const DynamicsConfig& dynamics() const override { return sim_.config.dynamics; }
   const ClockConfig& clock() const override { return sim_.config.clock; }
 
-  void place(std::size_t drone, const Pose& pose, const Velocity& velocity) override {
+  void place(DroneIndex drone, const Pose& pose, const Velocity& velocity) override {
     if (is_valid(pose) && is_speed(velocity.linear) && is_speed(velocity.angular)) {
       set_pose_of(sim_.state, drone, pose);
       start_flight(sim_, DroneIndex(drone), velocity);
     } else {
-      mark_bad(sim_, sim_.env_of(drone));
+      mark_bad(sim_, sim_.row_of(drone));
     }
   }
 

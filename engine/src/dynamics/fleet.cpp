@@ -9,12 +9,11 @@ namespace {
 
 GustNoise gust_noise(const Fleet& fleet, const State& state, DroneIndex drone, std::int64_t tick) {
   constexpr std::uint32_t kDraws = 3;  // of two numbers each
-  const std::size_t env = fleet.env_of(drone);
-  const auto m = static_cast<std::uint32_t>(drone - env * fleet.drones_per_env);
-  const std::uint32_t index = kDraws * (static_cast<std::uint32_t>(tick) * static_cast<std::uint32_t>(fleet.drones_per_env) + m);
-  const auto [a, b] = normal_pair(draw(state, env, Stream::gust, index));
-  const auto [c, d] = normal_pair(draw(state, env, Stream::gust, index + 1));
-  const auto [e, unused] = normal_pair(draw(state, env, Stream::gust, index + 2));
+  const RandomKey key = RandomKey::of(drone, fleet.drones_per_env);
+  const std::uint32_t index = kDraws * static_cast<std::uint32_t>(tick);
+  const auto [a, b] = normal_pair(draw(state, key, Stream::gust, index));
+  const auto [c, d] = normal_pair(draw(state, key, Stream::gust, index + 1));
+  const auto [e, unused] = normal_pair(draw(state, key, Stream::gust, index + 2));
   return {a, b, c, d, e};
 }
 

@@ -93,6 +93,9 @@ class GroupFlight {
   }
 
   std::size_t env_of(std::size_t lane) const { return fleet_.env_of(group_[lane]); }
+  std::size_t row_of(std::size_t lane) const {
+    return context_.drones_per_row == 1 ? std::size_t{group_[lane]} : group_[lane] / context_.drones_per_row;
+  }
   std::size_t slot_of(std::size_t lane) const { return static_cast<std::size_t>(context_.slot[env_of(lane)]); }
   std::int32_t world_of(std::size_t lane) const { return state_.world_index[env_of(lane)]; }
   const collision::Obstacles& obstacles(std::size_t lane) const { return *context_.obstacles[slot_of(lane)]; }
@@ -127,7 +130,7 @@ class GroupFlight {
   // The drone stays where it is until its step is over.
   bool is_held(std::size_t lane) const {
     return (fleet_.config.on_contact == OnContact::terminate && state_.contact.hit[group_[lane]]) ||
-           (!context_.bad.empty() && context_.bad[env_of(lane)]);
+           (!context_.bad.empty() && context_.bad[row_of(lane)]);
   }
 
   // Flies all ticks at once and stores the drones that met no obstacle within their reach. True if that leaves none.
@@ -241,7 +244,7 @@ class GroupFlight {
     if (context_.bad.empty()) {
       context_.scratch.lost.add(group_[lane]);
     } else {
-      context_.bad[env_of(lane)] = 1;
+      context_.bad[row_of(lane)] = 1;
     }
     is_done_[lane] = true;
   }

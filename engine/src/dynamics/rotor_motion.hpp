@@ -44,7 +44,8 @@ struct FlightContext {
   std::span<const std::int32_t> slot;                      // (E,) index of the env's world in the next two
   std::span<const trace::Scene* const> scenes;             // by slot
   std::span<const collision::Obstacles* const> obstacles;  // by slot
-  std::span<std::uint8_t> bad;                             // (E,) the env's episode ends as a bad state; empty without a task
+  std::span<std::uint8_t> bad;                             // (R,) the row's episode ends as a bad state; empty without a task
+  std::size_t drones_per_row;                              // of bad
   DroneRange own;                                          // drones that no other thread reads or writes meanwhile
   trace::Tracer& tracer;
   FlightScratch& scratch;

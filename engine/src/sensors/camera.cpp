@@ -83,7 +83,7 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
   images_.frame_step.resize(num_drones, -1);
 }
 
-CameraConfig Camera::config_of(std::size_t drone) const {
+CameraConfig Camera::config_of(DroneIndex drone) const {
   CameraConfig config = config_;
   config.hfov_deg = settings_[setting_[drone]]->hfov_deg;
   config.vfov_deg = settings_[setting_[drone]]->vfov_deg;
@@ -92,7 +92,7 @@ CameraConfig Camera::config_of(std::size_t drone) const {
   return config;
 }
 
-void Camera::set_config(std::size_t drone, const CameraConfig& config) {
+void Camera::set_config(DroneIndex drone, const CameraConfig& config) {
   const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
   auto setting =
       find([&](const auto& other) { return other->hfov_deg == config.hfov_deg && other->vfov_deg == config.vfov_deg; });
@@ -111,7 +111,7 @@ void Camera::set_config(std::size_t drone, const CameraConfig& config) {
   mark_stale(drone);
 }
 
-void Camera::change(const CameraChange& change, std::span<const std::uint32_t> drones) {
+void Camera::change(const CameraChange& change, std::span<const DroneIndex> drones) {
   const auto changed = [&](CameraConfig config) {
     if (change.hfov_deg || change.vfov_deg) {
       config.hfov_deg = change.hfov_deg;
@@ -123,10 +123,10 @@ void Camera::change(const CameraChange& change, std::span<const std::uint32_t> d
   };
   changed(config_).validate();  // as with LiDARs: also where no drone is listed
   if (!change.any()) return;
-  for (const std::uint32_t drone : drones) set_config(drone, changed(config_of(drone)));
+  for (const DroneIndex drone : drones) set_config(drone, changed(config_of(drone)));
 }
 
-void Camera::clear(std::size_t drone) {
+void Camera::clear(DroneIndex drone) {
   for_each_image(images_, [&](auto& image, std::size_t values) {
     using Value = typename std::remove_reference_t<decltype(image)>::value_type;
     const bool is_depth = static_cast<const void*>(&image) == &images_.depth;
@@ -136,7 +136,7 @@ void Camera::clear(std::size_t drone) {
   mark_stale(drone);
 }
 
-bool Camera::is_due(std::size_t drone, const State& state) const {
+bool Camera::is_due(DroneIndex drone, const State& state) const {
   const std::size_t env = drone / drones_per_env_;
   switch (config_.capture_mode) {
     case CaptureMode::every_step:
@@ -151,7 +151,7 @@ bool Camera::is_due(std::size_t drone, const State& state) const {
   }
 }
 
-render::RenderRequest Camera::take(std::size_t drone, const World& world, const State& state) {
+render::RenderRequest Camera::take(DroneIndex drone, const World& world, const State& state) {
   const std::size_t env = drone / drones_per_env_;
   const Pose pose = pose_of(state, drone);
   store_pose(&taken_.position[3 * drone], &taken_.quat_wxyz[4 * drone], pose);
@@ -161,13 +161,13 @@ render::RenderRequest Camera::take(std::size_t drone, const World& world, const 
   return request(drone, world, pose);
 }
 
-render::RenderRequest Camera::retake(std::size_t drone, const World& world) {
+render::RenderRequest Camera::retake(DroneIndex drone, const World& world) {
   const float* const p = &taken_.position[3 * drone];
   const float* const q = &taken_.quat_wxyz[4 * drone];
   return request(drone, world, {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])});
 }
 
-render::RenderRequest Camera::request(std::size_t drone, const World& world, const Pose& pose) {
+render::RenderRequest Camera::request(DroneIndex drone, const World& world, const Pose& pose) {
   const Mat3 body = pose.rotation.toRotationMatrix();
   Mat3 rotation;
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
@@ -194,7 +194,7 @@ render::RenderRequest Camera::request(std::size_t drone, const World& world, con
   return request;
 }
 
-void Camera::convert(std::size_t drone, ConversionScratch& scratch) {
+void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
   const auto written = [&](auto& images, std::size_t values) { return images.data() + drone * pixels_ * values; };
   const auto rendered = [&](auto& images, std::size_t values) { return images.data() + drone * rendered_pixels_ * values; };
   std::uint8_t* rgb = config_.outputs.rgb ? written(images_.rgb, 3) : nullptr;
@@ -223,7 +223,8 @@ void Camera::convert(std::size_t drone, ConversionScratch& scratch) {
 
 void Camera::visit(ArrayVisitor& visitor) {
   saved_.clear();
-  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+  for (std::size_t i = 0; i < setting_.size(); ++i) {
+    const DroneIndex drone(i);
     const CameraConfig config = config_of(drone);
     saved_.push_back({config.hfov_deg.value_or(0.0F), config.vfov_deg.value_or(0.0F), config.offset_m, config.quat_wxyz});
   }
@@ -254,13 +255,14 @@ void Camera::check_restored(std::span<const std::byte> settings) const {
 void Camera::restored() {
   config_.capture_mode = mode_.at(0);
   const std::vector<std::int64_t> frame_step = images_.frame_step;  // a change of the setting would make frames stale
-  for (std::size_t drone = 0; drone < saved_.size(); ++drone) set_config(drone, with(saved_[drone]));
+  for (std::size_t i = 0; i < saved_.size(); ++i) set_config(DroneIndex(i), with(saved_[i]));
   std::copy(frame_step.begin(), frame_step.end(), images_.frame_step.begin());
   saved_ = {};
 }
 
 void Camera::check() const {
-  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+  for (std::size_t i = 0; i < setting_.size(); ++i) {
+    const DroneIndex drone(i);
     const std::int64_t step = images_.frame_step[drone];
     require(step >= -1 && step <= std::int64_t{1} << 62, "snapshot: frame_step", "a number in [-1, 2^62]", step);
     require(taken_.tick[drone] >= 0, "snapshot: taken_tick", "a number >= 0", taken_.tick[drone]);

@@ -41,31 +41,31 @@ class Camera {
   void set_capture_mode(CaptureMode mode) { config_.capture_mode = mode; }
 
   // A drone's own setting, as changed at run time. Setting it marks its frame stale.
-  CameraConfig config_of(std::size_t drone) const;
-  void set_config(std::size_t drone, const CameraConfig& config);  // of the same resolution and outputs
+  CameraConfig config_of(DroneIndex drone) const;
+  void set_config(DroneIndex drone, const CameraConfig& config);  // of the same resolution and outputs
 
   // The same for some drones, in some fields. What it makes of every setting has to be valid; that is checked first.
-  void change(const CameraChange& change, std::span<const std::uint32_t> drones);
+  void change(const CameraChange& change, std::span<const DroneIndex> drones);
 
   // The drone's frame shows nothing that counts any more, as after a reset.
-  void mark_stale(std::size_t drone) { images_.frame_step[drone] = -1; }
+  void mark_stale(DroneIndex drone) { images_.frame_step[drone] = -1; }
   // A removed drone sees nothing: black, depth inf, ids 0.
-  void clear(std::size_t drone);
+  void clear(DroneIndex drone);
 
   // Whether a step or sense() is to render the drone's frame.
-  bool is_due(std::size_t drone, const State& state) const;
+  bool is_due(DroneIndex drone, const State& state) const;
   // The picture of where the drone is now; from now on its frame counts as taken there, at this reading of its episode.
-  render::RenderRequest take(std::size_t drone, const World& world, const State& state);
+  render::RenderRequest take(DroneIndex drone, const World& world, const State& state);
   // The picture its frame already shows, once more.
-  render::RenderRequest retake(std::size_t drone, const World& world);
+  render::RenderRequest retake(DroneIndex drone, const World& world);
 
   // Whether what is rendered is not yet what the camera writes: images are resized, or hsv is computed. Then each frame is to be
   // converted once it is rendered.
   bool converts() const { return resample_.has_value() || config_.outputs.hsv; }
-  void convert(std::size_t drone, ConversionScratch& scratch);
+  void convert(DroneIndex drone, ConversionScratch& scratch);
 
   // Which world the drone's frame shows; with visit() and retake(), all that a restored frame needs.
-  std::int32_t taken_world(std::size_t drone) const { return taken_.world[drone]; }
+  std::int32_t taken_world(DroneIndex drone) const { return taken_.world[drone]; }
 
   // Where frames were taken, and run-time settings; frames are taken again. To be followed by restored() after they were written.
   void visit(ArrayVisitor& visitor);
@@ -93,7 +93,7 @@ class Camera {
     std::array<float, 4> quat_wxyz;
   };
   CameraConfig with(const Saved& saved) const;
-  render::RenderRequest request(std::size_t drone, const World& world, const Pose& pose);
+  render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
 
   CameraConfig config_;
   CameraConfig rendering_;  // what the renderer does: no resize, and rgb instead of hsv

@@ -54,7 +54,7 @@ void CameraRig::require_world(const World& world) const {
   }
 }
 
-void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers) {
+void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers) {
   if (empty()) return;
   for (const World* const world : worlds_) {  // built here, not by whichever thread first needs it
     if (world == nullptr) continue;
@@ -66,7 +66,7 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint3
     const std::size_t most = std::max<std::size_t>(kTypicalPixels / camera->pixels(), 1);
     const std::size_t count = std::min({typical.size(), kTypicalRequests, most});
     for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t drone = typical[i * typical.size() / count];
+      const DroneIndex drone = typical[i * typical.size() / count];
       requests_.push_back(camera->take(drone, world_of(drone), *state_));
       camera->mark_stale(drone);
     }
@@ -75,30 +75,31 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const std::uint3
   scratch_.resize(static_cast<std::size_t>(workers.num_threads()));
   for (const auto& camera : cameras_) {  // every thread's scratch grows now; the frame is stale
     for (ConversionScratch& scratch : scratch_) {
-      if (camera->converts()) camera->convert(0, scratch);
+      if (camera->converts()) camera->convert(DroneIndex(0), scratch);
     }
   }
   clear_requests();
 }
 
-void CameraRig::mark_stale(std::size_t drone) {
+void CameraRig::mark_stale(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->mark_stale(drone);
 }
 
-void CameraRig::clear(std::size_t drone) {
+void CameraRig::clear(DroneIndex drone) {
   for (const auto& camera : cameras_) camera->clear(drone);
 }
 
-void CameraRig::ask_now(std::size_t camera, std::span<const std::uint32_t> drones) {
+void CameraRig::ask_now(std::size_t camera, std::span<const DroneIndex> drones) {
   clear_requests();
   Camera& chosen = *cameras_[camera];
-  for (const std::uint32_t drone : drones) request(chosen, drone, chosen.take(drone, world_of(drone), *state_));
+  for (const DroneIndex drone : drones) request(chosen, drone, chosen.take(drone, world_of(drone), *state_));
 }
 
 void CameraRig::ask_again() {
   clear_requests();
   for (const auto& camera : cameras_) {
-    for (std::size_t drone = 0; drone < num_drones_; ++drone) {
+    for (std::size_t i = 0; i < num_drones_; ++i) {
+      const DroneIndex drone(i);
       if (!state_->active[drone] || camera->images().frame_step[drone] < 0) continue;
       const bool by_slot = slots_ == &state_->world_index;  // else a frame that is of another world is stale
       const World& world = by_slot ? *worlds_[static_cast<std::size_t>(camera->taken_world(drone))] : world_of(drone);
@@ -125,7 +126,7 @@ void CameraRig::finish(Workers& workers) {
       });
     }
   } catch (...) {  // some frames, nobody knows which, have not been rendered
-    for (std::size_t drone = 0; drone < num_drones_; ++drone) mark_stale(drone);
+    for (std::size_t i = 0; i < num_drones_; ++i) mark_stale(DroneIndex(i));
     clear_requests();
     throw;
   }
@@ -139,7 +140,7 @@ const std::string& CameraRig::report() const {
 
 std::string CameraRig::take_warning() { return renderer_ ? renderer_->take_warning() : std::string(); }
 
-std::string CameraRig::jpeg(std::size_t camera, std::size_t drone, int quality) const {
+std::string CameraRig::jpeg(std::size_t camera, DroneIndex drone, int quality) const {
   require(quality >= 1 && quality <= 100, "quality", "an integer in [1, 100]", quality);
   const CameraConfig& config = cameras_[camera]->config();
   require(config.outputs.any_color(), "camera", "one that writes rgb or grey", '"' + config.name + '"');
@@ -150,7 +151,7 @@ std::string CameraRig::jpeg(std::size_t camera, std::size_t drone, int quality) 
                             : render::compress_grey(images.grey.data() + drone * pixels, config, quality);
 }
 
-const World& CameraRig::world_of(std::size_t drone) const {
+const World& CameraRig::world_of(DroneIndex drone) const {
   return *worlds_[static_cast<std::size_t>((*slots_)[drone / drones_per_env_])];
 }
 

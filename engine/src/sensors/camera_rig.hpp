@@ -31,15 +31,15 @@ class CameraRig {
   void require_world(const World& world) const;
 
   // Chooses who renders, now that every drone has its place; typical: drones spread over the batch, to time backends by.
-  void choose_backend(CameraBackend backend, std::span<const std::uint32_t> typical, Workers& workers);
+  void choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers);
 
   bool empty() const { return cameras_.empty(); }
   std::size_t size() const { return cameras_.size(); }
   Camera& operator[](std::size_t camera) { return *cameras_[camera]; }
   const Camera& operator[](std::size_t camera) const { return *cameras_[camera]; }
 
-  void mark_stale(std::size_t drone);
-  void clear(std::size_t drone);  // a removed drone sees nothing
+  void mark_stale(DroneIndex drone);
+  void clear(DroneIndex drone);  // a removed drone sees nothing
 
   // --- the next frames: ask for them, start, finish. In between a backend with a thread of its own renders already.
   // Those that are due, of the drones with which for_each_drone calls its argument.
@@ -47,13 +47,13 @@ class CameraRig {
   void ask(const ForEachDrone& for_each_drone) {
     clear_requests();
     for (const auto& camera : cameras_) {
-      for_each_drone([&](std::uint32_t drone) {
+      for_each_drone([&](DroneIndex drone) {
         if (camera->is_due(drone, *state_)) request(*camera, drone, camera->take(drone, world_of(drone), *state_));
       });
     }
   }
-  void ask_now(std::size_t camera, std::span<const std::uint32_t> drones);  // by one camera, whether they are due or not
-  void ask_again();                                                         // all frames that are not stale, as they were
+  void ask_now(std::size_t camera, std::span<const DroneIndex> drones);  // by one camera, whether they are due or not
+  void ask_again();                                                      // all frames that are not stale, as they were
   void start();
   void finish(Workers& workers);
 
@@ -62,12 +62,12 @@ class CameraRig {
   std::string take_warning();
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
   // A JPEG file of one frame; quality in [1, 100].
-  std::string jpeg(std::size_t camera, std::size_t drone, int quality) const;
+  std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;
 
  private:
-  const World& world_of(std::size_t drone) const;
+  const World& world_of(DroneIndex drone) const;
   void clear_requests();
-  void request(Camera& camera, std::size_t drone, const render::RenderRequest& frame) {
+  void request(Camera& camera, DroneIndex drone, const render::RenderRequest& frame) {
     requests_.push_back(frame);
     if (camera.converts()) conversions_.push_back({&camera, drone});
   }
@@ -82,7 +82,7 @@ class CameraRig {
   std::vector<render::RenderRequest> requests_;  // asked for, camera by camera
   struct Conversion {
     Camera* camera;
-    std::size_t drone;
+    DroneIndex drone;
   };
   std::vector<Conversion> conversions_;     // of those requests, once they are rendered
   std::vector<ConversionScratch> scratch_;  // one for each thread

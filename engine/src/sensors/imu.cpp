@@ -26,11 +26,11 @@ void ImuConfig::validate() const {
 namespace sensors {
 namespace {
 
-Vec3 of_row(const std::vector<float>& values, std::size_t drone) {
+Vec3 of_row(const std::vector<float>& values, DroneIndex drone) {
   return {values[3 * drone], values[3 * drone + 1], values[3 * drone + 2]};
 }
 
-void put(const Vec3& value, std::vector<float>& values, std::size_t drone) {
+void put(const Vec3& value, std::vector<float>& values, DroneIndex drone) {
   std::copy_n(value.data(), 3, values.data() + 3 * drone);
 }
 
@@ -75,17 +75,17 @@ Imu::Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_p
   readings_.tick.resize(num_drones);
 }
 
-void Imu::begin(std::size_t drone) {
+void Imu::begin(DroneIndex drone, const State& state) {
   put(Vec3::Zero(), readings_.accelerometer_bias, drone);
   put(Vec3::Zero(), readings_.gyroscope_bias, drone);
-  readings_.tick[drone] = 0;
+  readings_.tick[drone] = state.tick[RandomKey::of(drone, drones_per_env_).env];
 }
 
 void Imu::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
 
 // The accelerometer feels all forces but gravity: R^T (dv/dt + g e3), and where it sits besides dw/dt x r + w x (w x r).
-void Imu::read(std::span<const std::uint32_t> drones, const State& state) {
-  for (const std::uint32_t drone : drones) {
+void Imu::read(std::span<const DroneIndex> drones, const State& state) {
+  for (const DroneIndex drone : drones) {
     const Vec3 turn = of_row(state.flight.angular_velocity, drone);
     const Vec3 turning = of_row(state.flight.angular_acceleration, drone);
     const Vec3 felt = of_row(state.flight.acceleration, drone) + Vec3(0.0F, 0.0F, static_cast<float>(kGravity));
@@ -94,14 +94,14 @@ void Imu::read(std::span<const std::uint32_t> drones, const State& state) {
     Vec3 acceleration = to_sensor_ * at_sensor;
     Vec3 angular = to_sensor_ * turn;
     if (!accelerometer_.is_none() || !gyroscope_.is_none()) {
-      const std::size_t env = drone / drones_per_env_;
+      const RandomKey key = RandomKey::of(drone, drones_per_env_);
+      const EnvIndex env = key.env;
       const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
-      const auto m = static_cast<std::uint32_t>(drone % drones_per_env_);
       constexpr std::uint32_t kDraws = 6;  // of two numbers each
-      const std::uint32_t index = kDraws * (reading * static_cast<std::uint32_t>(drones_per_env_) + m);
+      const std::uint32_t index = kDraws * reading;
       std::array<float, 2 * kDraws> n;
       for (std::uint32_t k = 0; k < kDraws; ++k) {
-        const auto [first, second] = normal_pair(draw(state, env, Stream::imu_noise, index + k));
+        const auto [first, second] = normal_pair(draw(state, key, Stream::imu_noise, index + k));
         n[2 * k] = first;
         n[2 * k + 1] = second;
       }

@@ -18,11 +18,12 @@ class Imu {
  public:
   Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones);
 
-  // Begins an episode of a drone, whose clock is at tick 0 then: the biases are 0.
-  void begin(std::size_t drone);
-  // Reads the listed drones. The noise of an env is a function of its seed, its episode, and which reading of the episode it is.
+  // The biases of a drone are 0 at the present tick of its env, as when an episode begins.
+  void begin(DroneIndex drone, const State& state);
+  // Reads the listed drones. The noise of a drone is a function of its env's seed and episode, its number in the env, and the
+  // number of the reading.
   // The biases walk with the time since the last reading, so a reading in the same tick finds the same biases.
-  void read(std::span<const std::uint32_t> drones, const State& state);
+  void read(std::span<const DroneIndex> drones, const State& state);
 
   std::int64_t period() const { return period_; }                                      // ticks, as period_in_ticks() has it
   const std::vector<float>& accelerometer() const { return readings_.accelerometer; }  // (N, 3) m/s^2, sensor frame

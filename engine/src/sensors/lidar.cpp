@@ -30,14 +30,14 @@ Lidar::Lidar(const LidarConfig& config, const ClockConfig& clock, std::size_t nu
       max_range_(num_drones, config.max_range_m),
       offset_(num_drones, Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2])) {}
 
-LidarConfig Lidar::config_of(std::size_t drone) const {
+LidarConfig Lidar::config_of(DroneIndex drone) const {
   LidarConfig config = settings_[setting_[drone]].config;
   config.max_range_m = max_range_[drone];
   for (int axis = 0; axis < 3; ++axis) config.offset_m[static_cast<std::size_t>(axis)] = offset_[drone][axis];
   return config;
 }
 
-void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
+void Lidar::set_config(DroneIndex drone, const LidarConfig& config) {
   const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
   auto setting = find([&](const Setting& other) { return same_beams(other.config, config); });
   if (setting == settings_.end()) {
@@ -53,7 +53,7 @@ void Lidar::set_config(std::size_t drone, const LidarConfig& config) {
   offset_[drone] = Vec3(config.offset_m[0], config.offset_m[1], config.offset_m[2]);
 }
 
-void Lidar::change(const LidarChange& change, std::span<const std::uint32_t> drones) {
+void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones) {
   const bool beams_move = change.hfov_deg || change.vfov_deg;
   require(!(beams_move && config_.has_pattern()), change.hfov_deg ? "hfov_deg" : "vfov_deg",
           "no field of view for a LiDAR made from a beam pattern", change.hfov_deg.value_or(change.vfov_deg.value_or(0.0F)));
@@ -67,22 +67,24 @@ void Lidar::change(const LidarChange& change, std::span<const std::uint32_t> dro
   };
   // Each field is valid or not by itself, whatever a drone's others are; so this refuses even where no drone is listed.
   changed(config_).validate();
-  for (const std::uint32_t drone : drones) set_config(drone, changed(config_of(drone)));
+  for (const DroneIndex drone : drones) set_config(drone, changed(config_of(drone)));
 }
 
-void Lidar::clear(std::size_t drone) {
+void Lidar::clear(DroneIndex drone) {
   std::fill_n(ranges_.begin() + static_cast<std::ptrdiff_t>(drone * rays_), rays_, kInfinity);
 }
 
 void Lidar::write_directions(std::span<float> out) const {
-  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+  for (std::size_t i = 0; i < setting_.size(); ++i) {
+    const DroneIndex drone(i);
     sensors::write_directions(pattern_of(drone), out.data() + 3 * drone * rays_);
   }
 }
 
 void Lidar::write_points(const State& state, std::span<float> out) const {
   write_directions(out);
-  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+  for (std::size_t i = 0; i < setting_.size(); ++i) {
+    const DroneIndex drone(i);
     const Pose pose = pose_of(state, drone);
     const Vec3 origin = pose.position + pose.rotation * offset_[drone];
     for (std::size_t ray = 0; ray < rays_; ++ray) {
@@ -97,7 +99,8 @@ void Lidar::write_points(const State& state, std::span<float> out) const {
 
 void Lidar::visit(ArrayVisitor& visitor) {
   saved_.clear();
-  for (std::size_t drone = 0; drone < setting_.size(); ++drone) {
+  for (std::size_t i = 0; i < setting_.size(); ++i) {
+    const DroneIndex drone(i);
     const LidarConfig config = config_of(drone);
     saved_.push_back({config.hfov_deg, config.vfov_deg, config.max_range_m, config.offset_m, config.quat_wxyz});
   }
@@ -124,20 +127,20 @@ void Lidar::check_restored(std::span<const std::byte> settings) const {
 }
 
 void Lidar::restored() {
-  for (std::size_t drone = 0; drone < saved_.size(); ++drone) set_config(drone, with(saved_[drone]));
+  for (std::size_t i = 0; i < saved_.size(); ++i) set_config(DroneIndex(i), with(saved_[i]));
   saved_ = {};
   has_scanned_ = true;
 }
 
-void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes,
+void Lidar::scan(std::span<const DroneIndex> drones, std::span<const trace::Scene* const> scenes,
                  std::span<const std::int32_t> slots, std::size_t drones_per_env, const State& state, trace::Tracer& tracer) {
   if (!drones.empty() && !has_scanned()) has_scanned_.store(true, std::memory_order_relaxed);
-  const auto scene_of = [&](std::uint32_t drone) {
-    const std::size_t env = drones_per_env == 1 ? drone : drone / drones_per_env;
+  const auto scene_of = [&](DroneIndex drone) {
+    const std::size_t env = drones_per_env == 1 ? std::size_t{drone} : drone / drones_per_env;
     return scenes[static_cast<std::size_t>(slots[env])];
   };
   for (std::size_t i = 0; i < drones.size(); ++i) {
-    const std::uint32_t drone = drones[i];
+    const DroneIndex drone = drones[i];
     const trace::Scene& scene = *scene_of(drone);
     if (i + 2 < drones.size() && scene_of(drones[i + 2]) != &scene) scene_of(drones[i + 2])->prefetch_parts();
     scan(scene, pose_of(state, drone), drone, ranges_.data() + drone * rays_, tracer);
@@ -145,7 +148,7 @@ void Lidar::scan(std::span<const std::uint32_t> drones, std::span<const trace::S
   tracer.finish();
 }
 
-void Lidar::scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, trace::Tracer& tracer) const {
+void Lidar::scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const {
   const BeamPattern& pattern = pattern_of(drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
   tracer.settle(scene, {.origin = pose.position + trace::rotated(rotation, offset_[drone]),

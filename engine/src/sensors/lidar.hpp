@@ -27,20 +27,20 @@ class Lidar {
   const std::vector<float>& ranges() const { return ranges_; }  // (N, channels, beams) m, inf on a miss
   // True once any drone has been scanned; before, the ranges are inf.
   bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
-  const BeamPattern& pattern_of(std::size_t drone) const { return settings_[setting_[drone]].pattern; }
+  const BeamPattern& pattern_of(DroneIndex drone) const { return settings_[setting_[drone]].pattern; }
   std::span<const float> max_range() const { return max_range_; }  // (N,) m; stays where it is in memory
   // The drone's own setting, as changed at run time.
-  LidarConfig config_of(std::size_t drone) const;
-  void set_config(std::size_t drone, const LidarConfig& config);  // of the same number of rays
+  LidarConfig config_of(DroneIndex drone) const;
+  void set_config(DroneIndex drone, const LidarConfig& config);  // of the same number of rays
 
   // The changed setting is checked before any drone's is changed.
-  void change(const LidarChange& change, std::span<const std::uint32_t> drones);
+  void change(const LidarChange& change, std::span<const DroneIndex> drones);
 
   // Scans the listed drones; drone d is in scenes[slots[d / drones_per_env]]. Where rays go through Embree, consecutive
   // drones in the same world share packets.
-  void scan(std::span<const std::uint32_t> drones, std::span<const trace::Scene* const> scenes,
-            std::span<const std::int32_t> slots, std::size_t drones_per_env, const State& state, trace::Tracer& tracer);
-  void clear(std::size_t drone);  // a removed drone sees nothing
+  void scan(std::span<const DroneIndex> drones, std::span<const trace::Scene* const> scenes, std::span<const std::int32_t> slots,
+            std::size_t drones_per_env, const State& state, trace::Tracer& tracer);
+  void clear(DroneIndex drone);  // a removed drone sees nothing
 
   void write_directions(std::span<float> out) const;                  // (N, channels, beams, 3) unit, body frame
   void write_points(const State& state, std::span<float> out) const;  // likewise, m, world frame; inf on a miss
@@ -51,7 +51,7 @@ class Lidar {
   void restored();
 
  private:
-  void scan(const trace::Scene& scene, const Pose& pose, std::uint32_t drone, float* ranges, trace::Tracer& tracer) const;
+  void scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
 
   // The run-time setting of one drone, as it stands in a snapshot.
   struct Saved {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <numbers>
 
+#include "base/contiguous.hpp"
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
-#include "base/contiguous.hpp"
 #include "sensors/rate.hpp"
 
 namespace flockstep {
@@ -33,13 +33,13 @@ void PoseSensor::assume_truth(const State& state) {
 
 void PoseSensor::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
 
-Pose PoseSensor::pose(std::size_t drone) const {
+Pose PoseSensor::pose(DroneIndex drone) const {
   const float* const p = readings_.position.data() + 3 * drone;
   const float* const q = readings_.quat_wxyz.data() + 4 * drone;
   return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
 }
 
-void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state) {
+void PoseSensor::read(std::span<const DroneIndex> drones, const State& state) {
   if (config_.is_exact()) {
     for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
       std::copy_n(state.position.data() + 3 * first, 3 * count, readings_.position.data() + 3 * first);
@@ -48,22 +48,21 @@ void PoseSensor::read(std::span<const std::uint32_t> drones, const State& state)
     return;
   }
   const float orientation_std_rad = config_.orientation_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
-  for (const std::uint32_t drone : drones) {
+  for (const DroneIndex drone : drones) {
     Pose pose = pose_of(state, drone);
-    const std::size_t env = drone / drones_per_env_;
+    const RandomKey key = RandomKey::of(drone, drones_per_env_);
     // With a rate of its own the sensor may read several times between two readings of the env.
-    const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
-    const auto m = static_cast<std::uint32_t>(drone % drones_per_env_);
-    const std::uint32_t index = 2 * (reading * static_cast<std::uint32_t>(drones_per_env_) + m);
-    const auto [px, py] = normal_pair(draw(state, env, Stream::position_noise, index));
-    const auto [pz, unused] = normal_pair(draw(state, env, Stream::position_noise, index + 1));
+    const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[key.env] : state.tick[key.env]);
+    const std::uint32_t index = 2 * reading;
+    const auto [px, py] = normal_pair(draw(state, key, Stream::position_noise, index));
+    const auto [pz, unused] = normal_pair(draw(state, key, Stream::position_noise, index + 1));
     pose.position += config_.position_noise_std_m * Vec3(px, py, pz);
-    const auto [rx, ry] = normal_pair(draw(state, env, Stream::orientation_noise, index));
-    const auto [rz, unused_too] = normal_pair(draw(state, env, Stream::orientation_noise, index + 1));
+    const auto [rx, ry] = normal_pair(draw(state, key, Stream::orientation_noise, index));
+    const auto [rz, unused_too] = normal_pair(draw(state, key, Stream::orientation_noise, index + 1));
     const Vec3 rotation_vector = orientation_std_rad * Vec3(rx, ry, rz);
     const float angle = rotation_vector.norm();
     if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
-    store_pose(readings_.position.data() + 3 * std::size_t{drone}, readings_.quat_wxyz.data() + 4 * std::size_t{drone}, pose);
+    store_pose(readings_.position.data() + 3 * drone, readings_.quat_wxyz.data() + 4 * drone, pose);
   }
 }
 

@@ -18,13 +18,14 @@ class PoseSensor {
  public:
   PoseSensor(const PoseSensorConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones);
 
-  // Reads the listed drones. The noise of an env is a function of its seed, its episode, and which reading of the episode it is.
-  void read(std::span<const std::uint32_t> drones, const State& state);
+  // Reads the listed drones. The noise of a drone is a function of its env's seed and episode, its number in the env, and the
+  // number of the reading.
+  void read(std::span<const DroneIndex> drones, const State& state);
 
   std::int64_t period() const { return period_; }                              // ticks, as period_in_ticks() has it
   const std::vector<float>& position() const { return readings_.position; }    // (N, 3) m
   const std::vector<float>& quat_wxyz() const { return readings_.quat_wxyz; }  // (N, 4)
-  Pose pose(std::size_t drone) const;                                          // as it was read last
+  Pose pose(DroneIndex drone) const;                                           // as it was read last
 
   // Of drones that nobody has read yet: the truth.
   void assume_truth(const State& state);

@@ -105,7 +105,7 @@ class FlightAction {
   }
 
   // action: within [-1, 1].
-  Four command(const Four& action, const State& state, std::size_t drone) const {
+  Four command(const Four& action, const State& state, DroneIndex drone) const {
     Four command = ranges_.at(action);
     if (control_ == Control::position) command.head<3>() += position_of(state, drone).array();
     if (control_ == Control::attitude || control_ == Control::acceleration || control_ == Control::position) {

@@ -25,11 +25,11 @@ inline constexpr std::size_t kOwnFlight = 13;
 inline constexpr float kSpinUnit = 10.0F;  // rad/s: what angular velocities are observed and scored in
 inline constexpr std::uint32_t kStartStream = 0;
 
-inline Vec3 velocity_of(const State& state, std::size_t drone) {
+inline Vec3 velocity_of(const State& state, DroneIndex drone) {
   const float* const v = state.flight.velocity.data() + 3 * drone;
   return {v[0], v[1], v[2]};
 }
-inline Vec3 angular_velocity_of(const State& state, std::size_t drone) {
+inline Vec3 angular_velocity_of(const State& state, DroneIndex drone) {
   const float* const w = state.flight.angular_velocity.data() + 3 * drone;
   return {w[0], w[1], w[2]};
 }
@@ -39,25 +39,25 @@ inline Field flight_field(std::size_t size) {
   return {.name = "observation", .shape = {static_cast<std::int64_t>(size)}, .low = {-kInfinity}, .high = {kInfinity}};
 }
 
-// Rows of arrays of kLanes drones: where they are where the drones follow each other, else brought together.
-class Together {
+// Array rows of up to kLanes drones: read in place if the drones are consecutive, otherwise gathered.
+class GatheredRows {
  public:
   static constexpr std::size_t kCount = dynamics::kLanes;
 
   // At least one drone, at most kCount; lanes beyond the last repeat it.
-  explicit Together(std::span<const std::uint32_t> drones) : drones_(drones) {
-    is_row_ = drones.size() == kCount;
-    for (std::size_t i = 1; i < drones.size(); ++i) is_row_ &= drones[i] == drones[0] + i;
+  explicit GatheredRows(std::span<const DroneIndex> drones) : drones_(drones) {
+    is_contiguous_ = drones.size() == kCount;
+    for (std::size_t i = 1; i < drones.size(); ++i) is_contiguous_ &= drones[i] == drones[0] + i;
   }
 
-  std::span<const std::uint32_t> drones() const { return drones_; }
-  bool is_row() const { return is_row_; }
+  std::span<const DroneIndex> drones() const { return drones_; }
+  bool is_contiguous() const { return is_contiguous_; }
 
-  // Of an array (N, kColumns); it holds as long as this.
+  // Rows of an array (N, kColumns); valid as long as this object.
   template <std::size_t kColumns>
   const float* rows(std::span<const float> array) {
-    if (is_row_) return array.data() + kColumns * drones_[0];
-    float* const out = brought_.at(count_++).data();
+    if (is_contiguous_) return array.data() + kColumns * drones_[0];
+    float* const out = gathered_.at(count_++).data();
     for (std::size_t i = 0; i < kCount; ++i) {
       std::copy_n(array.data() + kColumns * drones_[std::min(i, drones_.size() - 1)], kColumns, out + kColumns * i);
     }
@@ -65,17 +65,18 @@ class Together {
   }
 
  private:
-  std::span<const std::uint32_t> drones_;
-  bool is_row_ = false;
+  std::span<const DroneIndex> drones_;
+  bool is_contiguous_ = false;
   std::size_t count_ = 0;
-  std::array<std::array<float, 4 * kCount>, 6> brought_;
+  std::array<std::array<float, 4 * kCount>, 6> gathered_;
 };
 
+// Calls f(rows) for each kLanes drones of the list.
 template <class F>
-void for_each_together(std::span<const std::uint32_t> envs, const F& f) {
-  for (std::size_t first = 0; first < envs.size(); first += Together::kCount) {
-    Together together(envs.subspan(first, std::min(Together::kCount, envs.size() - first)));
-    f(together);
+void for_each_lanes(std::span<const DroneIndex> drones, const F& f) {
+  for (std::size_t first = 0; first < drones.size(); first += GatheredRows::kCount) {
+    GatheredRows rows(drones.subspan(first, std::min(GatheredRows::kCount, drones.size() - first)));
+    f(rows);
   }
 }
 
@@ -88,31 +89,31 @@ class FlightTask : public Task {
     action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
     rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
     step_s_ = context.clock().step_s();
-    middles_.resize(3 * context.num_envs());
-    middle_world_.assign(context.num_envs(), -1);
-    action_before_.resize(kActions * context.num_envs());
-    action_now_.resize(kActions * context.num_envs());
+    targets_.resize(3 * context.num_drones());
+    target_world_.assign(context.num_drones(), -1);
+    action_before_.resize(kActions * context.num_drones());
+    action_now_.resize(kActions * context.num_drones());
   }
 
   void require_world(const World& world, const DroneModel& drone) const override {
     const bool is_marked = world.markers().goal.has_value();
-    require_free(world, drone, is_marked ? "markers.goal" : "the middle (markers.goal sets another point)", middle_of(world));
+    require_free(world, drone, is_marked ? "markers.goal" : "the middle (markers.goal sets another point)", target_of(world));
   }
 
   void begin(const TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) {
-      std::fill_n(action_before_.begin() + static_cast<std::ptrdiff_t>(kActions * env), kActions, 0.0F);
-      std::fill_n(action_now_.begin() + static_cast<std::ptrdiff_t>(kActions * env), kActions, 0.0F);
+    for (const DroneIndex drone : block.drones) {
+      std::fill_n(action_before_.data() + kActions * drone, kActions, 0.0F);
+      std::fill_n(action_now_.data() + kActions * drone, kActions, 0.0F);
     }
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     const State& state = block.context.state();
-    for (const std::uint32_t env : block.envs) {
-      const Four action = Four(actions.row<float>(env).data()).max(-1.0F).min(1.0F);
-      Eigen::Map<Four>(setpoints.command.data() + kActions * env) = action_.command(action, state, env);
-      Eigen::Map<Four> now(action_now_.data() + kActions * env);
-      Eigen::Map<Four>(action_before_.data() + kActions * env) = now;
+    for (const DroneIndex drone : block.drones) {
+      const Four action = Four(actions.row<float>(drone).data()).max(-1.0F).min(1.0F);
+      Eigen::Map<Four>(setpoints.command.data() + kActions * drone) = action_.command(action, state, drone);
+      Eigen::Map<Four> now(action_now_.data() + kActions * drone);
+      Eigen::Map<Four>(action_before_.data() + kActions * drone) = now;
       now = action;
     }
   }
@@ -134,29 +135,30 @@ class FlightTask : public Task {
     spec_.reward_terms = std::move(reward_terms);
   }
 
-  // The goal marker of a world, or the middle of it.
-  static Vec3 middle_of(const World& world) {
+  // The goal marker of a world, or its centre.
+  static Vec3 target_of(const World& world) {
     return world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
   }
-  Vec3 middle_of(const TaskContext& context, std::size_t env) {
+  Vec3 target_of(const TaskContext& context, DroneIndex drone) {
+    const EnvIndex env = context.env_of(drone);
     const std::int32_t world_index = context.state().world_index[env];
-    const Eigen::Map<Vec3> middle(middles_.data() + 3 * env);
-    if (middle_world_[env] != world_index) {
-      Eigen::Map<Vec3>(middles_.data() + 3 * env) = middle_of(context.world_of(env));
-      middle_world_[env] = world_index;
+    Eigen::Map<Vec3> target(targets_.data() + 3 * drone);
+    if (target_world_[drone] != world_index) {
+      target = target_of(context.world_of(env));
+      target_world_[drone] = world_index;
     }
-    return middle;
+    return target;
   }
-  const float* middles_of(const TaskContext& context, Together& envs) {
+  const float* targets_of(const TaskContext& context, GatheredRows& rows) {
     const std::int32_t* const world_index = context.state().world_index.data();
-    for (const std::uint32_t env : envs.drones()) {
-      if (middle_world_[env] != world_index[env]) middle_of(context, env);
+    for (const DroneIndex drone : rows.drones()) {
+      if (target_world_[drone] != world_index[context.env_of(drone)]) target_of(context, drone);
     }
-    return envs.rows<3>(middles_);
+    return rows.rows<3>(targets_);
   }
 
   // Velocity, up, angular velocity, rotor speeds.
-  void observe_flight(const State& state, std::size_t drone, const Mat3& to_body, std::span<float> row) const {
+  void observe_flight(const State& state, DroneIndex drone, const Mat3& to_body, std::span<float> row) const {
     const Vec3 velocity = to_body * velocity_of(state, drone);
     const Vec3 up = to_body.col(2);
     const Vec3 spin = angular_velocity_of(state, drone) * (1.0F / kSpinUnit);
@@ -169,13 +171,13 @@ class FlightTask : public Task {
     Eigen::Map<Four>(row.data() + 9) = rotor_.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
   }
 
-  // Mean square of what the action changed by.
-  float change(std::size_t env) const {
-    const Four change = Four(action_now_.data() + kActions * env) - Four(action_before_.data() + kActions * env);
+  // Mean square of the change of the action.
+  float change(DroneIndex drone) const {
+    const Four change = Four(action_now_.data() + kActions * drone) - Four(action_before_.data() + kActions * drone);
     return change.square().mean();
   }
 
-  static double spin(const State& state, std::size_t drone) {
+  static double spin(const State& state, DroneIndex drone) {
     return static_cast<double>(angular_velocity_of(state, drone).norm() / kSpinUnit);
   }
 
@@ -189,10 +191,10 @@ class FlightTask : public Task {
   FlightAction action_;
   ActionRanges rotor_;
   double step_s_ = 0.0;
-  std::vector<float> middles_;              // (E, 3) m
-  std::vector<std::int32_t> middle_world_;  // (E,) world_index that it is of; -1: none yet
-  std::vector<float> action_before_;        // (E, 4) in [-1, 1], of the step before; 0 in the first
-  std::vector<float> action_now_;           // (E, 4) likewise, of the present or last step
+  std::vector<float> targets_;              // (N, 3) m
+  std::vector<std::int32_t> target_world_;  // (N,) world_index of each target; -1: none yet
+  std::vector<float> action_before_;        // (N, 4) in [-1, 1], of the step before; 0 in the first
+  std::vector<float> action_now_;           // (N, 4) in [-1, 1], of the present or last step
 };
 
 }  // namespace flockstep::task

@@ -43,7 +43,7 @@ class Hover final : public FlightTask {
 
   void setup(const TaskContext& context) override {
     FlightTask::setup(context);
-    held_.resize(context.num_envs());
+    held_.resize(context.num_drones());
     const Airframe& frame = *context.drone_model().airframe();
     const double hovering = frame.hover_speed();
     rotors_ = {static_cast<float>(hovering), static_cast<float>(1.0 / (hovering - frame.min_speed_radps)),
@@ -52,29 +52,29 @@ class Hover final : public FlightTask {
   }
 
   void place(const TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) {
-      Pose pose{middle_of(block.context, env), Quat::Identity()};
+    for (const DroneIndex drone : block.drones) {
+      Pose pose{target_of(block.context, drone), Quat::Identity()};
       Velocity velocity;
       for (std::uint32_t attempt = 0; attempt < kTries; ++attempt) {
-        const auto [thrown_pose, thrown_velocity] = thrown(block.context, env, attempt);
-        if (!block.context.is_free(env, thrown_pose)) continue;
+        const auto [thrown_pose, thrown_velocity] = thrown(block.context, drone, attempt);
+        if (!block.context.is_free(block.context.env_of(drone), thrown_pose)) continue;
         pose = thrown_pose;
         velocity = thrown_velocity;
         break;
       }
-      block.context.place(env, pose, velocity);
+      block.context.place(drone, pose, velocity);
     }
   }
 
   void begin(const TaskBlock& block) override {
     FlightTask::begin(block);
-    for (const std::uint32_t env : block.envs) held_[env] = 0;
+    for (const DroneIndex drone : block.drones) held_[drone] = 0;
   }
 
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
     const auto hold = static_cast<double>(config_.hold_m);
-    // Of their own, since flags are bytes, and bytes written could be anything's.
+    // Local copies: writes through uint8_t* may alias members, and would force reloads.
     const HoverConfig weights = config_;
     const std::int64_t hold_steps = hold_steps_;
     const std::uint8_t* const hit = state.contact.hit.data();
@@ -83,17 +83,17 @@ class Hover final : public FlightTask {
     std::uint8_t* const terminated = score.terminated.data();
     std::uint8_t* const success = score.success.data();
     std::uint8_t* const left_area = score.left_area.data();
-    for_each_together(block.envs, [&](Together& envs) {
+    for_each_lanes(block.drones, [&](GatheredRows& rows) {
       HoverScores scores;
-      score_hover({.middle = middles_of(block.context, envs),
-                   .position = envs.rows<3>(state.position),
-                   .velocity = envs.rows<3>(state.flight.velocity),
-                   .angular_velocity = envs.rows<3>(state.flight.angular_velocity),
-                   .action = envs.rows<4>(action_now()),
-                   .action_before = envs.rows<4>(action_before())},
+      score_hover({.target = targets_of(block.context, rows),
+                   .position = rows.rows<3>(state.position),
+                   .velocity = rows.rows<3>(state.flight.velocity),
+                   .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
+                   .action = rows.rows<4>(action_now()),
+                   .action_before = rows.rows<4>(action_before())},
                   2.0 * hold, scores);
-      std::array<std::array<double, kTerms>, Together::kCount> terms;
-      for (std::size_t i = 0; i < Together::kCount; ++i) {
+      std::array<std::array<double, kTerms>, GatheredRows::kCount> terms;
+      for (std::size_t i = 0; i < GatheredRows::kCount; ++i) {
         terms[i] = {static_cast<double>(weights.near_weight * scores.closeness[i]),
                     static_cast<double>(weights.hold_weight) * scores.holding[i],
                     -static_cast<double>(weights.speed_weight * scores.speed[i]),
@@ -101,36 +101,36 @@ class Hover final : public FlightTask {
                     -static_cast<double>(weights.change_weight * scores.change[i]),
                     0.0};
       }
-      for (std::size_t i = 0; i < envs.drones().size(); ++i) {
-        const std::uint32_t env = envs.drones()[i];
+      for (std::size_t i = 0; i < rows.drones().size(); ++i) {
+        const DroneIndex drone = rows.drones()[i];
         const bool is_far = scores.distance[i] > static_cast<double>(weights.max_distance_m);
-        const bool crashed = (hit[env] != 0) | is_far;
+        const bool crashed = (hit[drone] != 0) | is_far;
         const bool is_held = scores.distance[i] <= hold;
-        held[env] = is_held ? held[env] + 1 : 0;
+        held[drone] = is_held ? held[drone] + 1 : 0;
         if (crashed) terms[i][kCrash] = -static_cast<double>(weights.crash_weight);
-        std::copy_n(terms[i].data(), kTerms, out + kTerms * env);
-        terminated[env] = crashed;
-        left_area[env] = is_far;
-        success[env] = !crashed & (held[env] >= hold_steps);
+        std::copy_n(terms[i].data(), kTerms, out + kTerms * drone);
+        terminated[drone] = crashed;
+        left_area[drone] = is_far;
+        success[drone] = !crashed & (held[drone] >= hold_steps);
       }
     });
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const State& state = block.context.state();
-    for_each_together(block.envs, [&](Together& envs) {
-      const HoverRows rows{.middle = middles_of(block.context, envs),
-                           .position = envs.rows<3>(block.context.sensed_position()),
-                           .quat_wxyz = envs.rows<4>(block.context.sensed_quat_wxyz()),
-                           .velocity = envs.rows<3>(state.flight.velocity),
-                           .angular_velocity = envs.rows<3>(state.flight.angular_velocity),
-                           .rotor_speed = envs.rows<4>(state.flight.rotor_speed)};
-      float* const first = observation[0].row<float>(envs.drones()[0]).data();
-      if (envs.is_row()) return observe_hover(rows, rotors_, kSpinUnit, first);
-      std::array<float, kHoverNumbers * Together::kCount> out;
-      observe_hover(rows, rotors_, kSpinUnit, out.data());
-      for (std::size_t i = 0; i < envs.drones().size(); ++i) {
-        std::copy_n(out.data() + kHoverNumbers * i, kHoverNumbers, observation[0].row<float>(envs.drones()[i]).data());
+    for_each_lanes(block.drones, [&](GatheredRows& rows) {
+      const HoverRows flown{.target = targets_of(block.context, rows),
+                            .position = rows.rows<3>(block.context.sensed_position()),
+                            .quat_wxyz = rows.rows<4>(block.context.sensed_quat_wxyz()),
+                            .velocity = rows.rows<3>(state.flight.velocity),
+                            .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
+                            .rotor_speed = rows.rows<4>(state.flight.rotor_speed)};
+      float* const first = observation[0].row<float>(rows.drones()[0]).data();
+      if (rows.is_contiguous()) return observe_hover(flown, rotors_, kSpinUnit, first);
+      std::array<float, kHoverNumbers * GatheredRows::kCount> out;
+      observe_hover(flown, rotors_, kSpinUnit, out.data());
+      for (std::size_t i = 0; i < rows.drones().size(); ++i) {
+        std::copy_n(out.data() + kHoverNumbers * i, kHoverNumbers, observation[0].row<float>(rows.drones()[i]).data());
       }
     });
   }
@@ -149,11 +149,11 @@ class Hover final : public FlightTask {
   enum Term : std::size_t { kNear, kHold, kSpeed, kSpin, kChange, kCrash, kTerms };
   static constexpr std::uint32_t kTries = 64;  // starts drawn before the point itself is taken
 
-  std::pair<Pose, Velocity> thrown(const TaskContext& context, std::uint32_t env, std::uint32_t attempt) {
+  std::pair<Pose, Velocity> thrown(const TaskContext& context, DroneIndex drone, std::uint32_t attempt) {
     constexpr std::uint32_t kDraws = 12;
     constexpr float kPi = std::numbers::pi_v<float>;
     std::array<float, kDraws> unit;
-    for (std::uint32_t k = 0; k < kDraws; ++k) unit[k] = context.random(env, kStartStream, kDraws * attempt + k);
+    for (std::uint32_t k = 0; k < kDraws; ++k) unit[k] = context.random(drone, kStartStream, kDraws * attempt + k);
     const auto around = [&](std::size_t k) {
       return Vec3(2.0F * unit[k] - 1.0F, 2.0F * unit[k + 1] - 1.0F, 2.0F * unit[k + 2] - 1.0F);
     };
@@ -167,14 +167,14 @@ class Hover final : public FlightTask {
     const float level = std::sqrt(1.0F - upward * upward);
     const float heading = 2.0F * kPi * unit[8];
     const Vec3 direction(level * std::cos(heading), level * std::sin(heading), upward);
-    return {{middle_of(context, env) + config_.start_offset_m * around(0), (tilted * headed).normalized()},
+    return {{target_of(context, drone) + config_.start_offset_m * around(0), (tilted * headed).normalized()},
             {config_.start_speed_mps * unit[6] * direction, config_.start_rate_dps * kPi / 180.0F * around(9)}};
   }
 
   HoverConfig config_;
   RotorUnits rotors_;
   std::int64_t hold_steps_ = 1;
-  std::vector<std::int64_t> held_;  // (E,) steps in a row within hold_m
+  std::vector<std::int64_t> held_;  // (N,) consecutive steps within hold_m
 };
 
 }  // namespace

@@ -49,7 +49,7 @@ HWY_INLINE void score_distances(const HoverRows& rows, double reach_m, HoverScor
   const hn::Rebind<float, decltype(d)> df;
   alignas(64) dynamics::Lanes<3> a, b;
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(D())) {
-    store3(rows3(rows.middle, lane), a, lane);
+    store3(rows3(rows.target, lane), a, lane);
     store3(rows3(rows.position, lane), b, lane);
   }
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
@@ -90,7 +90,7 @@ void observe_hover(const HoverRows& rows, const RotorUnits& rotors, float spin_u
   };
   for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
     const M3 to_world = matrix(rows4(rows.quat_wxyz, lane));
-    const V3 way = transpose_times(to_world, rows3(rows.middle, lane) - rows3(rows.position, lane));
+    const V3 way = transpose_times(to_world, rows3(rows.target, lane) - rows3(rows.position, lane));
     const V3 velocity = transpose_times(to_world, rows3(rows.velocity, lane));
     const V3 spin = rows3(rows.angular_velocity, lane) * F(1.0F / spin_unit);
     const Q speed = rows4(rows.rotor_speed, lane);

@@ -13,7 +13,7 @@ inline constexpr std::size_t kHoverNumbers = 16;  // of an observation
 
 // Rows of arrays, kLanes of each.
 struct HoverRows {
-  const float* middle;            // (kLanes, 3) m: the points to hold
+  const float* target;            // (kLanes, 3) m: the points to hold
   const float* position;          // (kLanes, 3) m
   const float* quat_wxyz;         // (kLanes, 4); of observations alone
   const float* velocity;          // (kLanes, 3) m/s

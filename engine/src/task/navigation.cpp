@@ -31,7 +31,7 @@ constexpr std::array<std::array<float, 3>, 3> kForwardDirections{{{1, 0, 0}, {0,
 // The terms of the reward, in the order of TaskSpec::reward_terms.
 enum Term : std::size_t { kDistance, kCrash, kFreeSpace, kStep, kActionChange, kOvershoot, kNumTerms };
 
-// (E,) each
+// (N,) each
 struct NavigationState {
   std::vector<std::int32_t> goal_index;  // waypoints reached; the final goal when it equals their number
   std::vector<double> last_distance;     // m to the current goal, after the last step
@@ -115,9 +115,9 @@ class Navigation final : public Task {
     rays_ = static_cast<std::size_t>(context.lidar()->rows()) * static_cast<std::size_t>(context.lidar()->columns());
     spec_.observation = observation_fields(context);
     context_ = &context;
-    state_.goal_index.resize(context.num_envs());
-    state_.last_distance.resize(context.num_envs());
-    goals_.resize(context.num_envs());
+    state_.goal_index.resize(context.num_drones());
+    state_.last_distance.resize(context.num_drones());
+    goals_.resize(context.num_drones());
     blobs_.resize(context.num_threads());
     if (config_.observation == ObservationKind::blob) {
       const CameraConfig& camera = context.cameras().front();
@@ -132,47 +132,49 @@ class Navigation final : public Task {
   void require_world(const World& world, const DroneModel& drone) const override { require_navigable(world, drone); }
 
   void place(const TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) block.context.place(env, {start_position(block.context, env), Quat::Identity()});
+    for (const DroneIndex drone : block.drones) {
+      block.context.place(drone, {start_position(block.context, drone), Quat::Identity()});
+    }
   }
 
   void begin(const TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) {
-      state_.goal_index[env] = 0;
-      state_.last_distance[env] = distance_m(goal(block.context, env), position_of(block.context.state(), env));
+    for (const DroneIndex drone : block.drones) {
+      state_.goal_index[drone] = 0;
+      state_.last_distance[drone] = distance_m(goal(block.context, drone), position_of(block.context.state(), drone));
     }
   }
 
   void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
     const State& state = block.context.state();
     const bool is_discrete = !is_floating(spec_.action.type);
-    for (const std::uint32_t env : block.envs) {
-      const Pose pose = pose_of(state, env);
-      setpoints.target[env] =
-          is_discrete ? discrete_target(pose, actions.row<std::int64_t>(env)[0]) : target(pose, actions.row<float>(env));
+    for (const DroneIndex drone : block.drones) {
+      const Pose pose = pose_of(state, drone);
+      setpoints.target[drone] =
+          is_discrete ? discrete_target(pose, actions.row<std::int64_t>(drone)[0]) : target(pose, actions.row<float>(drone));
     }
   }
 
   void score(const TaskBlock& block, Score& score) override {
     const Surroundings around(block.context);
-    for (const std::uint32_t env : block.envs) score_env(around, block.context, env, score);
+    for (const DroneIndex drone : block.drones) score_drone(around, block.context, drone, score);
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const bool apart = config_.observation == ObservationKind::pixels;  // the ranges are a field of their own
     const Surroundings around(block.context);
-    for (const std::uint32_t env : block.envs) {
-      const std::span<float> row = observation[apart ? 1 : 0].row<float>(env);
+    for (const DroneIndex drone : block.drones) {
+      const std::span<float> row = observation[apart ? 1 : 0].row<float>(drone);
       const std::size_t head = row.size() - rays_;
-      normalise(around.ranges.subspan(env * rays_, rays_), around.max_range_m[env], row.data() + head);
+      normalise(around.ranges.subspan(drone * rays_, rays_), around.max_range_m[drone], row.data() + head);
       switch (config_.observation) {
         case ObservationKind::goal: {
-          const Vec3 direction = direction_to(block.context.sensed_pose(env), goal(block.context, env));
+          const Vec3 direction = direction_to(block.context.sensed_pose(drone), goal(block.context, drone));
           std::copy_n(direction.data(), 3, row.data());
           break;
         }
         case ObservationKind::blob: {
           const CameraConfig& camera = block.context.cameras()[0];
-          const ColorBlob blob = find_color(image_of(block.context, env), camera.image_width_px(), camera.image_height_px(),
+          const ColorBlob blob = find_color(image_of(block.context, drone), camera.image_width_px(), camera.image_height_px(),
                                             camera.layout, config_.color, blobs_[block.thread]);
           row[0] = blob.offset;
           row[1] = blob.area;
@@ -180,8 +182,8 @@ class Navigation final : public Task {
         }
         case ObservationKind::pixels: {
           // A copy: the camera's own image is written again in the next step, when this one may still be in use.
-          const auto image = image_of(block.context, env);
-          std::copy(image.begin(), image.end(), observation[0].row<std::uint8_t>(env).data());
+          const auto image = image_of(block.context, drone);
+          std::copy(image.begin(), image.end(), observation[0].row<std::uint8_t>(drone).data());
           break;
         }
       }
@@ -191,11 +193,11 @@ class Navigation final : public Task {
   void visit(ArrayVisitor& visitor) override { visitor.fields(state_); }
 
   void check() const override {
-    for (std::size_t env = 0; env < state_.goal_index.size(); ++env) {
+    for (std::size_t drone = 0; drone < state_.goal_index.size(); ++drone) {
       // More than the world's waypoints may be reached: the env has come from another world.
-      if (state_.goal_index[env] < 0) refuse("snapshot: goal_index", "a number >= 0", state_.goal_index[env]);
-      if (!std::isfinite(state_.last_distance[env])) {
-        refuse("snapshot: last_distance", "finite numbers", state_.last_distance[env]);
+      if (state_.goal_index[drone] < 0) refuse("snapshot: goal_index", "a number >= 0", state_.goal_index[drone]);
+      if (!std::isfinite(state_.last_distance[drone])) {
+        refuse("snapshot: last_distance", "finite numbers", state_.last_distance[drone]);
       }
     }
   }
@@ -223,10 +225,10 @@ class Navigation final : public Task {
     return {image, vector_field("ranges", {}, rays_)};
   }
 
-  std::span<const std::uint8_t> image_of(const TaskContext& context, std::size_t env) const {
+  std::span<const std::uint8_t> image_of(const TaskContext& context, DroneIndex drone) const {
     const CameraConfig& camera = context.cameras()[0];
     const std::size_t size = image_size(camera);
-    return std::span(context.images(0).rgb).subspan(env * size, size);
+    return std::span(context.images(0).rgb).subspan(drone * size, size);
   }
 
   // Values of one rgb image.
@@ -234,12 +236,13 @@ class Navigation final : public Task {
     return 3 * static_cast<std::size_t>(camera.image_width_px()) * static_cast<std::size_t>(camera.image_height_px());
   }
 
-  Vec3 start_position(const TaskContext& context, std::uint32_t env) const {
+  Vec3 start_position(const TaskContext& context, DroneIndex drone) const {
+    const EnvIndex env = context.env_of(drone);
     const Markers& markers = context.world_of(env).markers();
     if (config_.random_start && markers.spawn_box) {
       const Aabb& box = *markers.spawn_box;
       for (std::uint32_t attempt = 0; attempt < kStartTries; ++attempt) {
-        const auto bits = draw(context.state(), env, Stream::start, attempt);
+        const auto bits = draw(context.state(), RandomKey::of(drone, context.drones_per_env()), Stream::start, attempt);
         const Vec3 unit(uniform01(bits[0]), uniform01(bits[1]), uniform01(bits[2]));
         const Vec3 position = box.min + unit.cwiseProduct(box.max - box.min);
         if (context.is_free(env, {position, Quat::Identity()})) return position;
@@ -268,41 +271,43 @@ class Navigation final : public Task {
     return {pose.position + pose.rotation * step, rotation};
   }
 
-  // Where the env is to fly next.
-  const Vec3& goal(const TaskContext& context, std::size_t env) {
-    Goal& known = goals_[env];
+  // The waypoint or goal that the drone flies to next.
+  const Vec3& goal(const TaskContext& context, DroneIndex drone) {
+    Goal& known = goals_[drone];
+    const EnvIndex env = context.env_of(drone);
     const std::int32_t world_index = context.state().world_index[env];
-    if (known.world_index != world_index || known.goal_index != state_.goal_index[env]) {
-      known = {world_index, state_.goal_index[env], goal_of(context.world_of(env), state_.goal_index[env])};
+    if (known.world_index != world_index || known.goal_index != state_.goal_index[drone]) {
+      known = {world_index, state_.goal_index[drone], goal_of(context.world_of(env), state_.goal_index[drone])};
     }
     return known.position;
   }
 
-  void score_env(const Surroundings& around, const TaskContext& context, std::uint32_t env, Score& score) {
+  void score_drone(const Surroundings& around, const TaskContext& context, DroneIndex drone, Score& score) {
     const NavigationReward& reward = config_.reward;
     const State& state = around.state;
-    const Vec3 position = position_of(state, env);
-    const bool crashed = state.contact.hit[env] != 0;
+    const Vec3 position = position_of(state, drone);
+    const bool crashed = state.contact.hit[drone] != 0;
     const double goal_reward = reward.goal_reward;
 
     // Distance to the goal. Where a waypoint is reached, the next one counts from here on.
-    const Vec3 target = goal(context, env);
+    const Vec3 target = goal(context, drone);
     const double distance = distance_m(target, position);
     const bool reached = distance <= static_cast<double>(reward.goal_radius_m);
-    const auto num_waypoints = reached ? static_cast<std::int32_t>(context.world_of(env).markers().waypoints.size()) : 0;
-    const bool at_final_goal = reached && state_.goal_index[env] >= num_waypoints;
-    double distance_term = (state_.last_distance[env] - distance) * kCentimetresPerMetre;
-    state_.last_distance[env] = distance;
+    const auto num_waypoints =
+        reached ? static_cast<std::int32_t>(context.world_of(context.env_of(drone)).markers().waypoints.size()) : 0;
+    const bool at_final_goal = reached && state_.goal_index[drone] >= num_waypoints;
+    double distance_term = (state_.last_distance[drone] - distance) * kCentimetresPerMetre;
+    state_.last_distance[drone] = distance;
     if (at_final_goal) {
       distance_term = goal_reward;
     } else if (reached) {
       distance_term = goal_reward * static_cast<double>(reward.waypoint_share) / num_waypoints;
-      ++state_.goal_index[env];
-      if (!reward.carry_over_distance) state_.last_distance[env] = distance_m(goal(context, env), position);
+      ++state_.goal_index[drone];
+      if (!reward.carry_over_distance) state_.last_distance[drone] = distance_m(goal(context, drone), position);
     }
 
     const double min_clearance = reward.min_clearance;
-    const auto [nearest, sum] = clearance_of(around.ranges.subspan(env * rays_, rays_), around.max_range_m[env]);
+    const auto [nearest, sum] = clearance_of(around.ranges.subspan(drone * rays_, rays_), around.max_range_m[drone]);
     double crash_term = 0.0;
     if (crashed) {
       crash_term = -goal_reward;
@@ -310,19 +315,20 @@ class Navigation final : public Task {
       crash_term = nearest - min_clearance;
     }
 
-    const auto step_number = static_cast<double>(around.episodes.steps[env] - 1);
+    const auto step_number = static_cast<double>(around.episodes.steps[context.env_of(drone)] - 1);
     const bool overshot = reward.overshoot_weight != 0.0F && position.x() > target.x() + reward.goal_radius_m;
 
-    const std::span<double> terms = score.terms_of(env);
+    const std::span<double> terms = score.terms_of(drone);
     terms[kDistance] = static_cast<double>(reward.distance_weight) * distance_term;
     terms[kCrash] = static_cast<double>(reward.crash_weight) * crash_term;
     terms[kFreeSpace] = static_cast<double>(reward.free_space_weight) * free_space(sum, rays_, min_clearance);
     terms[kStep] = static_cast<double>(reward.step_weight) * (-step_number / static_cast<double>(reward.step_scale));
-    terms[kActionChange] = static_cast<double>(reward.action_change_weight) * (around.episodes.action_changed[env] ? -1.0 : 0.0);
+    terms[kActionChange] =
+        static_cast<double>(reward.action_change_weight) * (around.episodes.action_changed[drone] ? -1.0 : 0.0);
     terms[kOvershoot] = static_cast<double>(reward.overshoot_weight) * (overshot ? -goal_reward / 10.0 : 0.0);
-    score.terminated[env] = crashed || at_final_goal || overshot;
-    score.left_area[env] = overshot;
-    score.success[env] = at_final_goal && !crashed;
+    score.terminated[drone] = crashed || at_final_goal || overshot;
+    score.left_area[drone] = overshot;
+    score.success[drone] = at_final_goal && !crashed;
   }
 
   NavigationConfig config_;
@@ -330,7 +336,7 @@ class Navigation final : public Task {
   const TaskContext* context_ = nullptr;  // of the batch, which owns the task
   std::size_t rays_ = 0;
   NavigationState state_;
-  std::vector<Goal> goals_;              // (E,), the current ones; nothing depends on it
+  std::vector<Goal> goals_;              // (N,) cache of the current ones
   std::vector<ColorBlobScratch> blobs_;  // one for each thread
 };
 

@@ -127,14 +127,14 @@ class Track final : public FlightTask {
 
   void setup(const TaskContext& context) override {
     FlightTask::setup(context);
-    phase_.resize(kPhases * context.num_envs());
-    squares_.resize(context.num_envs());
+    phase_.resize(kPhases * context.num_drones());
+    squares_.resize(context.num_drones());
   }
 
   // A figure-8 is the same in every episode; of random paths the middle is looked at, and how far they reach.
   void require_world(const World& world, const DroneModel& drone) const override {
     FlightTask::require_world(world, drone);
-    const Vec3 middle = middle_of(world);
+    const Vec3 middle = target_of(world);
     if (config_.path == TrackPath::figure8) {
       constexpr int kPlaces = 32;
       for (int i = 0; i < kPlaces; ++i) {
@@ -154,65 +154,66 @@ class Track final : public FlightTask {
   }
 
   void place(const TaskBlock& block) override {
-    for (const std::uint32_t env : block.envs) {
-      float* const phases = phase_.data() + kPhases * env;
-      for (std::uint32_t k = 0; k < kPhases; ++k) phases[k] = block.context.random(env, kPhaseStream, k);
+    for (const DroneIndex drone : block.drones) {
+      float* const phases = phase_.data() + kPhases * drone;
+      for (std::uint32_t k = 0; k < kPhases; ++k) phases[k] = block.context.random(drone, kPhaseStream, k);
       const Path::Waves waves = path_.waves_at(0.0, phases);
       const float yaw = yaw_at(waves);
-      Pose pose{middle_of(block.context, env) + path_.position(waves), Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))};
+      Pose pose{target_of(block.context, drone) + path_.position(waves), Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))};
       for (std::uint32_t axis = 0; axis < 3; ++axis) {
         pose.position[static_cast<Eigen::Index>(axis)] +=
-            config_.start_offset_m * (2.0F * block.context.random(env, kStartStream, axis) - 1.0F);
+            config_.start_offset_m * (2.0F * block.context.random(drone, kStartStream, axis) - 1.0F);
       }
-      block.context.place(env, pose, {path_.velocity(waves), Vec3::Zero()});
+      block.context.place(drone, pose, {path_.velocity(waves), Vec3::Zero()});
     }
   }
 
   void begin(const TaskBlock& block) override {
     FlightTask::begin(block);
-    for (const std::uint32_t env : block.envs) squares_[env] = 0.0;
+    for (const DroneIndex drone : block.drones) squares_[drone] = 0.0;
   }
 
   void score(const TaskBlock& block, Score& score) override {
     const State& state = block.context.state();
     const EpisodeState& episodes = block.context.episodes();
-    for (const std::uint32_t env : block.envs) {
-      const Path::Waves waves = waves_of(episodes, env);
-      const Pose pose = pose_of(state, env);
-      const double distance = distance_m(middle_of(block.context, env) + path_.position(waves), pose.position);
+    for (const DroneIndex drone : block.drones) {
+      const Path::Waves waves = waves_of(episodes, block.context.env_of(drone), drone);
+      const Pose pose = pose_of(state, drone);
+      const double distance = distance_m(target_of(block.context, drone) + path_.position(waves), pose.position);
       const auto close = static_cast<double>(config_.close_m);
       const bool is_far = distance > static_cast<double>(config_.max_distance_m);
-      const bool crashed = state.contact.hit[env] != 0 || is_far;
-      squares_[env] += distance * distance;
-      const std::span<double> terms = score.terms_of(env);
+      const bool crashed = state.contact.hit[drone] != 0 || is_far;
+      squares_[drone] += distance * distance;
+      const std::span<double> terms = score.terms_of(drone);
       terms[kNear] = static_cast<double>(config_.near_weight * std::exp(-2.0F * static_cast<float>(distance)));
       terms[kClose] = static_cast<double>(config_.close_weight) / (1.0 + distance * distance / (close * close));
       terms[kYaw] = -static_cast<double>(config_.yaw_weight * std::abs(missing_yaw(waves, pose.rotation)));
-      terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, env);
-      terms[kChange] = -static_cast<double>(config_.change_weight * change(env));
+      terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, drone);
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
       terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
-      score.terminated[env] = crashed;
-      score.left_area[env] = is_far;
-      score.success[env] = !crashed && squares_[env] <= close * close * static_cast<double>(episodes.steps[env]);
+      score.terminated[drone] = crashed;
+      score.left_area[drone] = is_far;
+      score.success[drone] =
+          !crashed && squares_[drone] <= close * close * static_cast<double>(episodes.steps[block.context.env_of(drone)]);
     }
   }
 
   void observe(const TaskBlock& block, std::span<Buffer> observation) override {
     const State& state = block.context.state();
-    for (const std::uint32_t env : block.envs) {
-      const Pose pose = block.context.sensed_pose(env);
+    for (const DroneIndex drone : block.drones) {
+      const Pose pose = block.context.sensed_pose(drone);
       const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
-      const std::span<float> row = observation[0].row<float>(env);
+      const std::span<float> row = observation[0].row<float>(drone);
       const auto points = static_cast<std::size_t>(config_.points);
-      Path::Waves waves = waves_of(block.context.episodes(), env);
+      Path::Waves waves = waves_of(block.context.episodes(), block.context.env_of(drone), drone);
       const float missing = missing_yaw(waves, pose.rotation);
-      const Vec3 from_middle = pose.position - middle_of(block.context, env);
+      const Vec3 from_middle = pose.position - target_of(block.context, drone);
       for (std::size_t i = 0; i < points; ++i) {
         if (i > 0) path_.turn(waves, ahead_);
         const Vec3 way = to_body * (path_.position(waves) - from_middle);
         std::copy_n(way.data(), 3, row.data() + 3 * i);
       }
-      observe_flight(state, env, to_body, row.subspan(3 * points));
+      observe_flight(state, drone, to_body, row.subspan(3 * points));
       row[3 * points + kOwnFlight] = std::sin(missing);
       row[3 * points + kOwnFlight + 1] = std::cos(missing);
     }
@@ -233,8 +234,8 @@ class Track final : public FlightTask {
  private:
   enum Term : std::size_t { kNear, kClose, kYaw, kSpin, kChange, kCrash };
 
-  Path::Waves waves_of(const EpisodeState& episodes, std::uint32_t env) const {
-    return path_.waves_at(static_cast<double>(episodes.steps[env]) * step_s(), phase_.data() + kPhases * env);
+  Path::Waves waves_of(const EpisodeState& episodes, EnvIndex env, DroneIndex drone) const {
+    return path_.waves_at(static_cast<double>(episodes.steps[env]) * step_s(), phase_.data() + kPhases * drone);
   }
 
   float yaw_at(const Path::Waves& waves) const {
@@ -250,8 +251,8 @@ class Track final : public FlightTask {
   TrackConfig config_;
   Path path_;
   Path::Waves ahead_{};          // by which waves turn in ahead_s
-  std::vector<float> phase_;     // (E, 9) turns
-  std::vector<double> squares_;  // (E,) m^2: of the distances of all steps
+  std::vector<float> phase_;     // (N, 9) turns
+  std::vector<double> squares_;  // (N,) m^2: sum of the squared distances of all steps
 };
 
 }  // namespace

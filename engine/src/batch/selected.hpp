@@ -1,0 +1,43 @@
+// The drones and envs that a call's mask selects.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "batch/simulation.hpp"
+
+namespace flockstep {
+
+inline bool is_selected(const Simulation& sim, DroneMask mask, DroneIndex drone) {
+  return sim.state.active[drone] && mask.selects(drone);
+}
+
+// Calls f(drone) for each selected active drone, on the calling thread.
+template <class F>
+void for_each_selected(const Simulation& sim, DroneMask mask, const F& f) {
+  for (std::size_t i = 0; i < sim.num_drones(); ++i) {
+    if (const DroneIndex drone(i); is_selected(sim, mask, drone)) f(drone);
+  }
+}
+
+// An env is active if one of its drones is.
+bool is_active(const Simulation& sim, EnvIndex env);
+
+// Calls f(env) for each selected active env, on the calling thread.
+template <class F>
+void for_each_selected(const Simulation& sim, EnvMask mask, const F& f) {
+  for (std::size_t i = 0; i < sim.num_envs(); ++i) {
+    if (const EnvIndex env(i); mask.selects(env) && is_active(sim, env)) f(env);
+  }
+}
+
+// Fills a list of each block with its envs that are selected, or that have a selected drone.
+void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list);
+void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list);
+
+// The selected active drones of some envs, env by env; valid until the next call with this scratch.
+std::span<const DroneIndex> selected_drones(const Simulation& sim, std::span<const EnvIndex> envs, DroneMask mask,
+                                            Scratch& scratch);
+
+}  // namespace flockstep
