@@ -832,10 +832,20 @@ class Field:
 class TaskSpec:
     """What a task takes, shows and is rewarded by, declared once."""
 
-    def __init__(self, action: Field, observation: Sequence[Field], reward_terms: Sequence[str]) -> None: ...
+    def __init__(
+        self,
+        action: Field,
+        observation: Sequence[Field],
+        reward_terms: Sequence[str],
+        row: Literal["drone", "env"] = "drone",
+    ) -> None: ...
+    @property
+    def row(self) -> str:
+        """What a row of actions, observations and rewards belongs to: ``"drone"`` or ``"env"``."""
+
     @property
     def action(self) -> Field:
-        """What `Batch.step` takes, of one env."""
+        """One row of what `Batch.step` takes."""
 
     @property
     def observation(self) -> list[Field]:
@@ -847,12 +857,14 @@ class TaskSpec:
 
 @final
 class EpisodeEnd(IntEnum):
-    """Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task.
+    """Why an episode ended. If several reasons hold in one step, the order is: bad_state, success, contact, left_area, time, task,
+    teammate.
 
     ``none``: it has not ended. ``success``: the task calls it a success. ``contact``: it was terminated while a drone was in
     contact with something. ``left_area``: the task ended it because a drone left the area that the task allows.
     ``bad_state``: a setpoint, pose, reward or observation was not finite; see `Batch.bad_state`. ``time``: it was truncated at
     ``max_episode_steps``. ``task``: the task terminated or truncated it for another reason.
+    ``teammate``: it was truncated because the episode of another drone of the env ended.
 
     `Batch.episode_end` and the infos hold these as integers; ``EpisodeEnd(2).name`` is ``"contact"``.
     """
@@ -864,6 +876,7 @@ class EpisodeEnd(IntEnum):
     bad_state = 4
     time = 5
     task = 6
+    teammate = 7
 
 @final
 class NativeTask:
@@ -1688,10 +1701,12 @@ class Terms:
         """(N,): the action differs from that of the step before, as an episode's first does; in `Task.step`. A view."""
 
 class Batch:
-    """N drone slots over W worlds, stepped together.
+    """E envs of M drones each over W worlds, N = E M drone slots in all, stepped together.
 
     Arrays that are properties are read-only views, unless said to be copies: they are written in place by the next call,
-    and keep the batch alive. Masks are bool (N,); None means every active drone. One caller at a time. A batch does not
+    and keep the batch alive. Drone d belongs to env d // M. Masks are bool, (N,) for calls about drones and (E,) for calls about envs
+    (`reset`, `seed`, `begin_episode`, `set_world`); None means every active one. R rows are N or E, as the task's
+    `TaskSpec.row` says. One caller at a time. A batch does not
     survive a fork: used in a child process, it raises `RuntimeError`.
 
     Parameters
@@ -1701,7 +1716,7 @@ class Batch:
         `WorldPool`, from which each `reset` and each episode that begins draws one: it takes a task. Until their
         first reset, all drones are in world 0 of a pool.
     num_drones
-        N, from 1 to 2**20.
+        N, from 1 to 2**20: a multiple of ``drones_per_env``.
     lidar, pose_sensor, imu
         Sensors: none, an exact pose, and none by default. An IMU needs drones that fly by their rotors.
     task
@@ -1722,7 +1737,7 @@ class Batch:
     block_size
         Envs a thread takes at once; 0 means a good number, 64 to 256. No result depends on it.
     world_index
-        (N,) integers: the world of each drone. Default: drone i is in world i modulo W.
+        (E,) integers: the world of each env. Default: env i is in world i modulo W.
     tracer
         How rays of cameras and LiDARs meet what is in a world; the same but for rounding. ``"tiles"``: those of cameras,
         and of LiDARs whose beams lie close (at least four rows, sixteen beams of each within some 50 degrees), meet
@@ -1730,6 +1745,9 @@ class Batch:
         triangle; all others by Embree, in packets. ``"auto"``: tiles for sensors
         of at least 256 rays, in worlds of at most 1,024 triangles for each of these; beyond, packets are faster.
         ``"embree"``: no tiles, and primitives by Embree, too, except rooms: slower, to compare with.
+    drones_per_env
+        M, from 1: the drones of an env share its world, its seed and its episodes. They neither sense nor touch each
+        other.
     """
 
     def __init__(
@@ -1751,7 +1769,16 @@ class Batch:
         block_size: int = 0,
         world_index: npt.ArrayLike | None = None,
         tracer: str = "auto",
+        drones_per_env: int = 1,
     ) -> None: ...
+    @property
+    def num_envs(self) -> int:
+        """E."""
+
+    @property
+    def drones_per_env(self) -> int:
+        """M."""
+
     @property
     def num_drones(self) -> int:
         """N."""
@@ -1828,7 +1855,7 @@ class Batch:
 
     @property
     def world_index(self) -> _I32:
-        """(N,) index into `worlds`. With a `WorldPool`, the number of each drone's world."""
+        """(E,) index into `worlds`. With a `WorldPool`, the number of each env's world."""
 
     @property
     def contact(self) -> Contact:
@@ -1851,7 +1878,7 @@ class Batch:
 
     @property
     def episode(self) -> _I64:
-        """(N,) which episode of its seed each env is in, from 0."""
+        """(E,) which episode of its seed each env is in, from 0."""
 
     @property
     def accelerometer(self) -> _F32:
@@ -1863,7 +1890,7 @@ class Batch:
 
     @property
     def tick(self) -> _I64:
-        """(N,) ticks flown in the episode of each env."""
+        """(E,) ticks flown in the episode of each env."""
 
     def set_pose(
         self,
@@ -1926,7 +1953,10 @@ class Batch:
         quat_wxyz: npt.ArrayLike | None = None,
         world_index: npt.ArrayLike | None = None,
     ) -> None:
-        """Bring slots (K,) to life at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there."""
+        """Bring slots (K,) to life at positions (K, 3) m, quaternions (K, 4), in worlds (K,), and `sense` there.
+
+        With a task, the drones of an env begin their episodes together: give all of them that are not removed.
+        """
 
     def remove(self, indices: npt.ArrayLike) -> None:
         """Empty slots (K,): they cost nothing and read as absent, with ranges of inf and the pose they had.
@@ -1935,7 +1965,7 @@ class Batch:
         """
 
     def set_world(self, world_index: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Put drones into worlds (N,); each keeps its coordinates. Refused with a `WorldPool`, as a world in `spawn` is."""
+        """Put envs into worlds (E,); their drones keep their coordinates. Refused with a `WorldPool`, as a world in `spawn` is."""
 
     def set_lidar(
         self,
@@ -1984,19 +2014,19 @@ class Batch:
         """Return which backend renders, and why."""
 
     def seed(self, seeds: npt.ArrayLike, mask: npt.ArrayLike | None = None) -> None:
-        """Set the env seeds (N,) uint64 and set the episode counters to 0. With a task, `reset` does this."""
+        """Set the env seeds (E,) uint64 and set the episode counters to 0. With a task, `reset` does this."""
 
     def begin_episode(self, mask: npt.ArrayLike | None = None) -> None:
         """Advance the episode counters. With a task, `reset` and `step` do this."""
 
     def random(self, stream: int, count: int) -> _F32:
-        """Return uniform numbers in [0, 1), (N, count), a new array.
+        """Return uniform numbers in [0, 1), (E, count), a new array.
 
         They depend on the env's seed, its episode and the stream (from 0 to 2**31 - 1) alone; drawing changes nothing.
         """
 
     def reset(self, seeds: npt.ArrayLike | None = None, mask: npt.ArrayLike | None = None) -> None:
-        """Begin new episodes of the task: the first ones of seeds (N,) uint64, or each env's next one.
+        """Begin new episodes of the task: the first ones of seeds (E,) uint64, or each env's next one.
 
         Raises
         ------
@@ -2005,7 +2035,7 @@ class Batch:
         """
 
     def step(self, actions: npt.ArrayLike) -> None:
-        """Fly one step of the task, or as many as ``frame_skip`` says: actions (N, ...), as `spec` declares them.
+        """Fly one step of the task, or as many as ``frame_skip`` says: actions (R, ...), as `spec` declares them.
 
         Two slots of outputs take turns, so what `observation` and the like gave before a step is whole until the one after.
 
@@ -2021,7 +2051,7 @@ class Batch:
 
     @property
     def observation(self) -> Any:
-        """(N, ...), after resets; a dict of arrays where the task observes several fields. Writable, and never read back."""
+        """(R, ...), after resets; a dict of arrays where the task observes several fields. Writable, and never read back."""
 
     @property
     def final_observation(self) -> Any:
@@ -2029,31 +2059,31 @@ class Batch:
 
     @property
     def reward(self) -> _F32:
-        """(N,); writable, and never read back."""
+        """(R,); writable, and never read back."""
 
     @property
     def reward_terms(self) -> _F32:
-        """(N, terms): the weighted terms, in the order of ``spec.reward_terms``; their sum is the reward."""
+        """(R, terms): the weighted terms, in the order of ``spec.reward_terms``; their sum is the reward."""
 
     @property
     def terminated(self) -> _Bool:
-        """(N,) the task ended the episode in this step."""
+        """(R,) the task ended the episode in this step."""
 
     @property
     def truncated(self) -> _Bool:
-        """(N,) out of time, or cut off by the task, and not terminated."""
+        """(R,) out of time, cut off by the task, or because a teammate's episode ended; not terminated."""
 
     @property
     def success(self) -> _Bool:
-        """(N,) the episode ended in this step, and the task calls it a success."""
+        """(R,) the episode ended in this step, and the task calls it a success."""
 
     @property
     def crashed(self) -> _Bool:
-        """(N,) the episode ended in this step, and the drone was in contact with something."""
+        """(R,) the episode ended in this step, and the drone was in contact with something."""
 
     @property
     def bad_state(self) -> _Bool:
-        """(N,) the episode ended in this step (terminated) by a setpoint, pose, reward or observation that is not finite.
+        """(R,) the episode ended in this step (terminated) by a setpoint, pose, reward or observation that is not finite.
 
         Or by a pose beyond the world. The drone stayed where it was; the reward and the observation read 0 there. An
         infinity within the declared bounds of an observation, such as a LiDAR's on a miss, is as good as a number.
@@ -2061,31 +2091,31 @@ class Batch:
 
     @property
     def episode_end(self) -> _U8:
-        """(N,) why the episode ended in this step, a value of `EpisodeEnd`; 0 if it goes on."""
+        """(R,) why the episode ended in this step, a value of `EpisodeEnd`; 0 if it goes on."""
 
     @property
     def bad_states(self) -> _I64:
-        """(N,) how many episodes of each env have ended with ``bad_state`` since the batch was made."""
+        """(R,) how many episodes of each row have ended with ``bad_state`` since the batch was made."""
 
     @property
     def episode_return(self) -> _F64:
-        """(N,) of the episode that ended in this step, else of the present one so far."""
+        """(R,) of the episode that ended in this step, else of the present one so far."""
 
     @property
     def episode_terms(self) -> _F64:
-        """(N, terms) likewise: the sum of each of the reward's terms, in the order of ``spec.reward_terms``."""
+        """(R, terms) likewise: the sum of each of the reward's terms, in the order of ``spec.reward_terms``."""
 
     @property
     def episode_length(self) -> _I64:
-        """(N,) flown steps, likewise."""
+        """(R,) flown steps, likewise."""
 
     @property
     def steps(self) -> _I64:
-        """(N,) flown steps of the present episode."""
+        """(E,) flown steps of the present episode."""
 
     @property
     def flying(self) -> _Bool:
-        """(N,) the env takes part in the present or last step: its episode was not over before."""
+        """(E,) the env takes part in the present or last step: its episode was not over before."""
 
     @property
     def terms(self) -> Terms:

@@ -15,7 +15,7 @@ import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +48,8 @@ DroneLike: TypeAlias = DroneModel | str | PathLike[str]
 
 _SUCCESS, _INFO, _STATE = "success", "info.", "state."
 
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
 #: The markers a world may have that are drawn.
 MARKERS = ("start", "waypoints", "goal")
 
@@ -59,8 +61,8 @@ class Task:
     `step`; the rest has defaults: actions are displacements of up to ``step_m`` metres per axis, flown with collision,
     and episodes begin at the start marker of the drone's world.
 
-    Random numbers come from ``batch.random(stream, count)``: they depend on nothing but the env's seed, its episode and
-    the stream, so env i does the same whatever the number of envs. Use a separate stream for each purpose.
+    Random numbers come from ``batch.random(stream, count)``, a row per env: they depend on nothing but the env's seed,
+    its episode and the stream, so env i does the same whatever the number of envs. Use a separate stream for each purpose.
 
     Attributes
     ----------
@@ -85,6 +87,10 @@ class Task:
         show no others. What the drones' own cameras see does not depend on it.
     step_m
         Length of a full displacement in the default `act`, in metres.
+    row_kind
+        What a row of actions, observations, rewards and flags belongs to, if envs have several drones: ``"drone"``, so
+        that there are N rows, or ``"env"``, so that there are E and one action commands all drones of an env. What
+        `act` returns always has a row per drone. Arrays of the batch have N or E rows, as they say.
     steps
         (N,) int64: steps flown in the current episode; in `step`, the present one included. Read only.
     flying
@@ -121,6 +127,7 @@ class Task:
     info_names: tuple[str, ...] = ()
     markers: tuple[str, ...] = MARKERS
     step_m: float = 0.1
+    row_kind: Literal["drone", "env"] = "drone"
 
     success: BoolArray
     truncated: BoolArray
@@ -132,12 +139,17 @@ class Task:
     @property
     def steps(self) -> npt.NDArray[np.int64]:
         """Steps flown in the present episode, (N,)."""
-        return self._own_batch().steps
+        return self._rows_of(self._own_batch().steps)
 
     @property
     def flying(self) -> BoolArray:
         """Drones that fly in the present step, (N,): the others' episode is over."""
-        return self._own_batch().flying
+        return self._rows_of(self._own_batch().flying)
+
+    def _rows_of(self, of_envs: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
+        """Return an array (E,) with the task's rows."""
+        per_env = self._own_batch().drones_per_env
+        return of_envs if self.row_kind == "env" or per_env == 1 else np.repeat(of_envs, per_env)
 
     def _own_batch(self) -> Batch:
         batch = None if self._batch is None else self._batch()
@@ -155,7 +167,8 @@ class Task:
         """Begin new episodes where ``mask`` (N,) is True: place those drones and reset their rows of your state."""
         level = np.zeros((batch.num_drones, 4), np.float32)
         level[:, 0] = 1
-        batch.set_pose(batch.terms.start(), level, mask)
+        drones = mask if self.row_kind == "drone" else np.repeat(mask, batch.drones_per_env)
+        batch.set_pose(batch.terms.start(), level, drones)
 
     def act(self, batch: Batch, actions: Array) -> Target:
         """Return where each drone flies to: positions (N, 3) m, or a pair of positions and quaternions (N, 4).
@@ -257,7 +270,7 @@ def native_task(task: Task) -> tuple[PythonTask, TaskCalls]:
         raise ValueError(f"max_episode_steps: expected an integer in [0, {(1 << 31) - 1}], got {limit!r}")
     calls = TaskCalls(task)
     observation = [_field(name, space) for name, space in calls.observation_spaces.items()]
-    spec = TaskSpec(_action_field(task), observation, list(task.reward_terms))
+    spec = TaskSpec(_action_field(task), observation, list(task.reward_terms), task.row_kind)
     return PythonTask(spec, _identity(task), int(limit), calls), calls
 
 
@@ -300,20 +313,21 @@ class TaskCalls:
         self._takes_poses = control == "pose"
         poses = "positions (N, 3), or a pair of positions and quaternions (N, 4)"
         self._expected_target = poses if self._takes_poses else "commands (N, 4)"
-        self._rows = (batch.num_drones,)
+        self._num_drones = batch.num_drones
+        self._rows = (batch.num_drones if self._task.row_kind == "drone" else batch.num_envs,)
         self._task._batch = weakref.ref(batch)
-        self._task.success, self._task.truncated, self._task.left_area = np.zeros((3, batch.num_drones), bool)
-        self._task.info = _Info({name: np.zeros(batch.num_drones) for name in self._task.info_names})
-        self._reported = {name: np.zeros(batch.num_drones) for name in self._task.info_names}
+        self._task.success, self._task.truncated, self._task.left_area = np.zeros((3, *self._rows), bool)
+        self._task.info = _Info({name: np.zeros(self._rows) for name in self._task.info_names})
+        self._reported = {name: np.zeros(self._rows) for name in self._task.info_names}
         self._task.setup(batch)
         own = {name: value for name, value in vars(self._task).items() if name not in _NOT_STATE}
         self._task._constants = {name: _constant(value) for name, value in own.items()}
 
-    def begin(self, envs: npt.NDArray[np.int64]) -> None:
-        """Begin an episode in each of the envs."""
+    def begin(self, rows: npt.NDArray[np.int64]) -> None:
+        """Begin an episode in each of the rows."""
         batch = self._task._own_batch()
-        mask = np.zeros(batch.num_drones, bool)
-        mask[envs] = True
+        mask = np.zeros(self._rows, bool)
+        mask[rows] = True
         for array in (self._task.success, *self._task.info.values()):
             array[mask] = 0
         self._task.reset(batch, mask)
@@ -326,7 +340,7 @@ class TaskCalls:
             raise ValueError(f"{_name(self._task)}.act: expected {self._expected_target}, got {_counted(target)}")
         for part in pair:
             self._refuse_masked("act", part)
-        if self._takes_poses and pair[1] is None and np.shape(pair[0]) == (*self._rows, 4):
+        if self._takes_poses and pair[1] is None and np.shape(pair[0]) == (self._num_drones, 4):
             raise ValueError(
                 f"{_name(self._task)}.act: expected {self._expected_target}, got shape {np.shape(pair[0])}: control is "
                 "'pose'; for commands (N, 4) declare dynamics = flockstep.DynamicsConfig(motion='rotors', control=...)"
@@ -347,7 +361,7 @@ class TaskCalls:
             raise ValueError(f"{_name(self._task)}.info: expected {expected}, as info_names says, got {got}")
         for name, reported in self._reported.items():
             given = self._row(f"info {name!r}", self._task.info[name])
-            np.copyto(reported, given, where=batch.flying)
+            np.copyto(reported, given, where=self._task.flying)
             self._task.info[name] = np.array(given, np.float64)  # no other's array, should the task have put one there
         names = self._task.reward_terms
         if isinstance(reward, Mapping):
@@ -368,10 +382,10 @@ class TaskCalls:
         """Return copies of what the task reports, (N,) by name: of episodes that ended, as it was then."""
         return {name: reported.copy() for name, reported in self._reported.items()}
 
-    def report(self, what: str, env: int, value: float) -> None:
-        """Warn that the task made a number that is none."""
+    def report(self, what: str, row: int, value: float) -> None:
+        """Warn that the task returned a number that is not finite."""
         warnings.warn(
-            f"{_name(self._task)}.{what} is {value} in env {env}; its episode ends here, as a bad state",
+            f"{_name(self._task)}.{what} is {value} in env {row}; its episode ends here, as a bad state",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -136,7 +136,7 @@ _MODES = {
 
 
 class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
-    """N drones, one call per step: a task of the engine, or a `Task` of your own.
+    """Drones in many envs, one call per step: a task of the engine, or a `Task` of your own.
 
     Tasks of the engine: navigation, where none is given; `HoverConfig` and `TrackConfig`, whose drones fly by their
     rotors (``flockstep/Hover-v0`` and ``flockstep/Track-v0``). The navigation tasks differ in what they observe, and so
@@ -155,7 +155,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     Parameters
     ----------
     num_envs
-        Number of drones.
+        Number of envs, E; of drones, if ``drones_per_env`` is 1.
     worlds
         A set of `flockstep.scenes` (``"train"``, ``"validation"``), a scene name, a path, a `World`, or a sequence of
         these; or a `WorldPool`, from which each episode draws one. Default: ``"train"``, for camera tasks
@@ -210,6 +210,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         whose pixels are enlarged or reduced to fit, else 640 x 480.
     render_camera
         The name of the camera that ``render_view="camera"`` shows. Default: the first.
+    drones_per_env
+        Number of drones in each env, M. They share a world and begin and end their episodes together, but neither sense
+        nor touch each other. Gymnasium counts one env per drone, so the `num_envs` of this object is then N = E M rows,
+        env by env: drone m of env i has row i M + m. Default: 1.
     drone_mesh
         How drones look in the views with depth, those from behind and from a fixed place: a `DroneMesh`. Default: the
         drone's own look, with arms and rotors or its hull. Collisions use the hull of ``drone`` either way.
@@ -238,7 +242,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     Attributes
     ----------
     num_envs
-        Number of drones, N.
+        Number of rows of actions, observations and rewards: N = E M drones, or E envs for a task with ``row_kind = "env"``.
+    num_groups
+        Number of envs, E. Drones of a group share a world, a seed and their episodes.
+    drones_per_env
+        Number of drones in each group, M.
     batch
         The `Batch` that flies them, until `close`.
     task
@@ -316,6 +324,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         render_size: tuple[int, int] | None = None,
         render_camera: str | None = None,
         drone_mesh: DroneMesh | None = None,
+        drones_per_env: int = 1,
         **fields: Unpack[Fields],
     ) -> None:
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
@@ -335,7 +344,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
-        self.num_envs = num_envs = _count(num_envs)
+        self.num_groups = _count(num_envs)
+        self.drones_per_env = _members(drones_per_env)
         self.copy = copy
         self.task = task = task() if isinstance(task, type) else task
         if isinstance(task, Task):
@@ -384,7 +394,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
 
         self.batch = Batch(
             defaults["worlds"] if worlds is None else worlds,
-            num_envs,
+            self.num_groups * self.drones_per_env,
+            drones_per_env=self.drones_per_env,
             lidar=self.lidar,
             cameras=self.cameras,
             camera_backend=camera_backend,
@@ -398,6 +409,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             dynamics=dynamics,
             num_threads=num_threads,
         )
+        self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
+        self.num_envs = self.num_groups * self._rows_per_env
         flown_hz = self.batch.clock.policy_hz / episode.frame_skip
         self.metadata["render_fps"] = max(1, round(flown_hz))  # a picture of each step, as fast as it is flown
         self._task_calls = calls
@@ -409,8 +422,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             assert isinstance(task, Task)
             calls.attach(self.batch)
             self.single_observation_space, self.single_action_space = task.observation_space, task.action_space
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._seeded = False  # every env has a seed, so an observation to return and an episode to go on from
@@ -449,10 +462,11 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         Parameters
         ----------
         seed
-            s: env i gets the seed s + i. A sequence: env i gets seed[i]. None: each env goes on with the next episode
-            of the seed it has; the first time, seeds are drawn from `np_random`.
+            s: env i gets the seed s + i. A sequence of E numbers: env i gets seed[i]. None: each env goes on with the
+            next episode of the seed it has; the first time, seeds are drawn from `np_random`.
         options
-            ``{"reset_mask": mask}`` with a bool array (N,) resets the envs where it is True. The dict is not changed.
+            ``{"reset_mask": mask}`` with a bool array of one flag per row resets the envs where it is True. The drones
+            of an env begin together, so a mask that selects some of them is refused. The dict is not changed.
 
         Returns
         -------
@@ -473,7 +487,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             raise RuntimeError("this env was closed by its task while it reset: close it after reset() has returned")
         self._seeded = True
         if self.trail is not None:
-            self.trail.record(True if mask is None else mask)
+            self.trail.record(True if mask is None else np.repeat(mask, self.drones_per_env))
         return self._returned(self.observation()), {}
 
     def step(self, actions: npt.ArrayLike) -> tuple[Observation, Array, BoolArray, BoolArray, dict[str, Any]]:
@@ -532,7 +546,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if self._view is None:
             return None
         chosen = range(self.num_envs) if indices is None else selected(indices, self.num_envs)
-        return tuple(self._view.frame(i) for i in chosen)
+        drones_per_row = self.drones_per_env // self._rows_per_env
+        return tuple(self._view.frame(i * drones_per_row) for i in chosen)
 
     def snapshot(self) -> bytes:
         """Return everything the next step depends on, the state of a `Task` included."""
@@ -673,16 +688,16 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if seed is None:
             return None
         if isinstance(seed, (bool, np.bool_)) or not isinstance(seed, (int, np.integer, Sequence, np.ndarray)):
-            raise TypeError(f"seed: expected an integer, {self.num_envs} integers or None, got {seed!r}")
+            raise TypeError(f"seed: expected an integer, {self.num_groups} integers or None, got {seed!r}")
         if isinstance(seed, (int, np.integer)):
             first = int(seed)
-            if not 0 <= first <= (1 << 64) - self.num_envs:
+            if not 0 <= first <= (1 << 64) - self.num_groups:
                 raise ValueError(f"seed: expected a number from 0 to 2**64 - num_envs, got {first}")
             super().reset(seed=first)  # seeds np_random
-            seeds: npt.NDArray[np.uint64] = np.arange(self.num_envs, dtype=np.uint64) + np.uint64(first)
+            seeds: npt.NDArray[np.uint64] = np.arange(self.num_groups, dtype=np.uint64) + np.uint64(first)
             return seeds
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed: expected one integer or {self.num_envs} of them, got {len(seed)}")
+        if len(seed) != self.num_groups:
+            raise ValueError(f"seed: expected one integer or {self.num_groups} of them, one per env, got {len(seed)}")
         for s in seed:
             if not isinstance(s, (int, np.integer)) or isinstance(s, bool) or not 0 <= int(s) < 1 << 64:
                 raise ValueError(f"seed: expected integers from 0 to 2**64 - 1, got {s!r}")
@@ -702,7 +717,14 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             raise ValueError(f"options['reset_mask']: expected a bool array of shape ({self.num_envs},), got {got}")
         if not mask.any():
             raise ValueError("options['reset_mask']: expected at least one True")
-        return mask
+        groups = mask.reshape(self.num_groups, self._rows_per_env)
+        split = np.flatnonzero(groups.any(axis=1) != groups.all(axis=1))
+        if split.size:
+            raise ValueError(
+                f"options['reset_mask']: expected all {self._rows_per_env} drones of an env or none, since they begin "
+                f"their episodes together, got some of env {split[0]}"
+            )
+        return groups[:, 0].copy()
 
 
 def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
@@ -793,6 +815,12 @@ def _count(num_envs: Any) -> int:
             advice = f"; for an env by its id, call gymnasium.make_vec({num_envs!r}, num_envs=...)"
         raise ValueError(f"num_envs: expected an integer >= 1, got {num_envs!r}{advice}")
     return int(num_envs)
+
+
+def _members(drones_per_env: Any) -> int:
+    if not isinstance(drones_per_env, (int, np.integer)) or isinstance(drones_per_env, bool) or drones_per_env < 1:
+        raise ValueError(f"drones_per_env: expected an integer >= 1, got {drones_per_env!r}")
+    return int(drones_per_env)
 
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

@@ -33,12 +33,12 @@ def make_vec(
         `DroneVectorEnv` with same-step autoreset (then without ``num_envs`` and keywords). ``task=`` says the same of a
         task, as for `DroneVectorEnv`.
     num_envs
-        Number of drones.
+        Number of envs, of one drone each unless ``drones_per_env`` says more.
     **kwargs
         Keywords of `DroneVectorEnv`, except ``autoreset_mode`` and ``copy``.
     """
     if isinstance(env, DroneVectorEnv):
-        if num_envs not in (1, env.num_envs) or kwargs:
+        if num_envs not in (1, env.num_envs, env.num_groups) or kwargs:
             raise TypeError("make_vec: an env that is ready takes neither num_envs nor keywords")
         return DroneVecEnv(env)
     own = [name for name in ("autoreset_mode", "copy") if name in kwargs]
@@ -78,7 +78,7 @@ class DroneVecEnv(VecEnv):
 
     def reset(self) -> Observation:
         """Begin new episodes, with the seeds given to `seed` since the last reset, and return the observation."""
-        seeds = [seed for seed in self._seeds if seed is not None]
+        seeds = [seed for seed in self._seeds if seed is not None][: self.env.num_groups]  # one for each env
         options = self._options_of_all
         self._reset_options()  # also if the env refuses them
         observation, _ = self.env.reset(seed=seeds or None, options=options)

@@ -12,7 +12,7 @@ from gymnasium.vector.utils import iterate
 
 from flockstep.testing.comparing import arrays_in, difference_between, rows_of
 from flockstep.testing.interface import check_contained, check_infos, check_observation
-from flockstep.testing.runs import Actions, Array, Setup, Step, run
+from flockstep.testing.runs import Actions, Array, Setup, Step, rows_per_env, run
 
 
 def check_autoreset(setup: Setup) -> None:
@@ -44,7 +44,7 @@ def _check_next_step(setup: Setup, history: list[Step]) -> None:
         actions, others = Actions(env, setup.seed), Actions(env, setup.seed + 1000)
         env.reset(seed=setup.seed)
         other.reset(seed=setup.seed)
-        ended = np.zeros(setup.num_envs, bool)
+        ended = np.zeros(env.num_envs, bool)
         for number in range(setup.steps):
             a, b = actions(), others()
             mixed = _where(ended, b, a)
@@ -109,8 +109,9 @@ def check_reset_mask(setup: Setup) -> None:
         actions = Actions(env, setup.seed)
         result = copy.deepcopy(env.step(actions()))
         observation = result[0]
-        mask = np.zeros(setup.num_envs, bool)
-        mask[0] = True
+        count = rows_per_env(env)
+        mask = np.zeros(env.num_envs, bool)
+        mask[:count] = True
         options = {"reset_mask": mask}
         given = copy.deepcopy(options)
         after, infos = env.reset(options=options)
@@ -119,7 +120,7 @@ def check_reset_mask(setup: Setup) -> None:
         )
         check_observation(env, after, "reset with a mask")
         check_infos(env, infos, "reset with a mask")
-        rows = slice(1, None)
+        rows = slice(count, None)
         difference = difference_between(rows_of(observation, rows), rows_of(after, rows))
         assert difference is None, f"reset with a mask changed the observation of an env outside the mask: {difference}"
         with setup.env() as same:

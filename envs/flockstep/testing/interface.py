@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from flockstep.task import Task
-from flockstep.testing.runs import Actions, AnyVectorEnv, Setup
+from flockstep.testing.runs import Actions, AnyVectorEnv, Setup, rows_per_env
 from flockstep.viewer.top_view import TopView
 
 
@@ -20,7 +20,8 @@ def check_spaces(setup: Setup) -> None:
     """Check batched spaces, metadata and autoreset mode."""
     with setup.env() as env, setup.env() as other:
         assert isinstance(env, VectorEnv), f"expected a gymnasium.vector.VectorEnv, got {type(env).__name__}"
-        assert env.num_envs == setup.num_envs, f"asked for {setup.num_envs} envs, num_envs is {env.num_envs}"
+        expected_rows = setup.num_envs * rows_per_env(env)
+        assert env.num_envs == expected_rows, f"asked for {setup.num_envs} envs, num_envs is {env.num_envs}"
         for kind in ("observation", "action"):
             single, batched = getattr(env, f"single_{kind}_space", None), getattr(env, f"{kind}_space", None)
             assert isinstance(single, spaces.Space), f"single_{kind}_space: expected a space, got {single!r}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flockstep.testing.comparing import assert_same_runs, rows_of
-from flockstep.testing.runs import Actions, Setup, go_on, run
+from flockstep.testing.runs import Actions, Setup, go_on, rows_per_env, run
 
 
 def check_determinism(setup: Setup) -> None:
@@ -42,7 +42,7 @@ def check_num_envs(setup: Setup) -> None:
     n, more = setup.num_envs, 2 * setup.num_envs + 1
     with setup.env(n) as env, setup.env(more) as wide:
         few, many = run(env, setup.steps, setup.seed, setup.seed), run(wide, setup.steps, setup.seed, setup.seed)
-    rows = slice(0, n)
+    rows = slice(0, len(few[1][0].reward))
     assert_same_runs(
         few,
         (rows_of(many[0], rows), [rows_of(step, rows) for step in many[1]]),
@@ -55,9 +55,10 @@ def check_seed_offset(setup: Setup) -> None:
     last = setup.num_envs - 1
     with setup.env() as env, setup.env(1) as alone:
         batch = run(env, setup.steps, setup.seed, setup.seed)
-        single = run(alone, setup.steps, setup.seed + last, setup.seed, offset=last)
+        count = rows_per_env(env)
+        single = run(alone, setup.steps, setup.seed + last, setup.seed, offset=last * count)
         worlds = getattr(getattr(env.unwrapped, "batch", None), "worlds", ())
-    rows = slice(last, last + 1)
+    rows = slice(last * count, (last + 1) * count)
     rule = f"env {last} of a batch seeded s should do what env 0 of a batch seeded s + {last} does"
     if len(worlds) > 1:
         rule += " (not where envs take several worlds in turn: give one, random_world=True or skip=('seed_offset',))"

@@ -36,6 +36,15 @@ class Setup:
             env.close()
 
 
+def rows_per_env(env: AnyVectorEnv) -> int:
+    """Return how many rows an env has: several if ``num_groups`` says that consecutive rows form one env."""
+    groups = int(getattr(env.unwrapped, "num_groups", env.num_envs))
+    assert groups > 0 and env.num_envs % groups == 0, (
+        f"num_groups: expected a divisor of num_envs ({env.num_envs}), got {groups}"
+    )
+    return env.num_envs // groups
+
+
 @dataclass
 class Step:
     """What one step returned; every field has a row per env."""

@@ -89,7 +89,8 @@ class ThirdPersonView:
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
-        index = int(self._batch.world_index[env])
+        world_index = np.repeat(self._batch.world_index, self._batch.drones_per_env)
+        index = int(world_index[env])
         if index not in self._stages:
             if len(self._stages) >= _WORLDS:
                 self._stages.clear()
@@ -107,7 +108,7 @@ class ThirdPersonView:
                 self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
             self._draw_beams(canvas, env)  # last: they are glass
         if self._others:
-            for other in np.flatnonzero(self._batch.active & (self._batch.world_index == index)):
+            for other in np.flatnonzero(self._batch.active & (world_index == index)):
                 if other != env:
                     pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
                     self._body.draw(canvas, *pose, pale=True, line_px=self._line_px)

@@ -71,7 +71,7 @@ class TopView:
 
     def frame(self, env: int) -> Image:
         """Return the picture of one env, (height, width, 3) uint8, a new array."""
-        index = int(self._batch.world_index[env])
+        index = int(self._batch.world_index[env // self._batch.drones_per_env])
         if index not in self._canvases:
             if len(self._canvases) >= _WORLDS:
                 self._canvases.clear()

@@ -25,7 +25,11 @@ class Trail:
         self._positions: list[npt.NDArray[np.float32]] = []
         self._forgotten = 0  # how many positions came before these
         self._first = np.zeros(batch.num_drones, np.int64)  # since which each drone's episode goes
-        self._episode = batch.episode.copy()
+        self._episode = self._episodes()
+
+    def _episodes(self) -> npt.NDArray[np.int64]:
+        """Return the number of each drone's episode."""
+        return np.repeat(self._batch.episode, self._batch.drones_per_env)
 
     def record(self, began: npt.NDArray[np.bool_] | bool = False) -> None:
         """Note where the drones are.
@@ -36,8 +40,9 @@ class Trail:
             (N,): where a trail begins anew, besides where the batch counts another episode.
         """
         now = self._forgotten + len(self._positions)
-        self._first[(self._batch.episode != self._episode) | began] = now
-        self._episode = self._batch.episode.copy()
+        episode = self._episodes()
+        self._first[(episode != self._episode) | began] = now
+        self._episode = episode
         self._positions.append(self._batch.position.copy())
         forget = max(int(self._first.min()), now + 1 - self._max_steps) - self._forgotten
         if forget > 0:
