@@ -17,8 +17,8 @@ from flockstep.vector_env import DroneVectorEnv, Observation, require_render_mod
 class DroneEnv(gymnasium.Env[Observation, Any]):
     """A `DroneVectorEnv` of one drone, for `gymnasium.make` and whoever wants a single env.
 
-    Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``drones_per_env``, ``autoreset_mode`` and ``copy``. With several worlds the
-    drone stays in the first, unless ``random_world=True`` draws one for each episode.
+    Takes the keywords of `DroneVectorEnv` except ``num_envs``, ``drones_per_env``, ``autoreset_mode`` and ``copy``.
+    With several worlds the drone stays in the first, unless ``random_world=True`` draws one for each episode.
 
     ``gymnasium.make(..., max_episode_steps=n)`` sets the engine's time limit, in flown steps, and adds Gymnasium's
     `TimeLimit` wrapper of n calls of `step`, which therefore never ends an episode that the engine does not end. -1
@@ -48,8 +48,8 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
         require_render_mode(render_mode, "gymnasium.wrappers.HumanRendering, as gymnasium.make does")
         if kwargs.get("drones_per_env", 1) != 1:
             raise TypeError(
-                f"drones_per_env: a single env is of one drone, got {kwargs['drones_per_env']!r}; for several drones use "
-                "gymnasium.make_vec or flockstep.DroneVectorEnv"
+                f"drones_per_env: a single env is of one drone, got {kwargs['drones_per_env']!r}; for several drones "
+                "use gymnasium.make_vec or flockstep.DroneVectorEnv"
             )
         limit = _limit_of_make()
         if limit is not None:

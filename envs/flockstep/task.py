@@ -62,7 +62,8 @@ class Task:
     and episodes begin at the start marker of the drone's world.
 
     Random numbers come from ``batch.random(stream, count)``, a row per env: they depend on nothing but the env's seed,
-    its episode and the stream, so env i does the same whatever the number of envs. Use a separate stream for each purpose.
+    its episode and the stream, so env i does the same whatever the number of envs. Use a separate stream for each
+    purpose.
 
     Attributes
     ----------

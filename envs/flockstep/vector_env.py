@@ -242,7 +242,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     Attributes
     ----------
     num_envs
-        Number of rows of actions, observations and rewards: N = E M drones, or E envs for a task with ``row_kind = "env"``.
+        Number of rows of actions, observations and rewards: N = E M drones, or E envs for a task whose ``row_kind`` is
+        ``"env"``.
     num_groups
         Number of envs, E. Drones of a group share a world, a seed and their episodes.
     drones_per_env

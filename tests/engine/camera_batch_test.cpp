@@ -648,8 +648,8 @@ TEST(CameraRefusal, ChangesNothing) {
     EXPECT_REFUSED(batch.set_camera(2, {.hfov_deg = 60.0F}, mask), "camera: expected an index below 2, got 2");
     EXPECT_REFUSED(batch.capture(2, mask), "camera: expected an index below 2, got 2");
   }
-  EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F}, Flags{1}), "mask: expected 2 flags, got 1");
-  EXPECT_REFUSED(batch.capture(0, Flags{1, 0, 1}), "mask: expected 2 flags, got 3");
+  EXPECT_REFUSED(batch.set_camera(0, {.hfov_deg = 60.0F}, Flags{1}), "mask: expected 2 flags, one for each drone, got 1");
+  EXPECT_REFUSED(batch.capture(0, Flags{1, 0, 1}), "mask: expected 2 flags, one for each drone, got 3");
   EXPECT_REFUSED(batch.set_capture_mode(7, CaptureMode::on_demand), "camera: expected an index below 2, got 7");
   EXPECT_REFUSED((void)batch.images(2), "camera: expected an index below 2, got 2");
   EXPECT_REFUSED((void)batch.camera_config(2, 0), "camera: expected an index below 2, got 2");

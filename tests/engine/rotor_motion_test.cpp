@@ -52,7 +52,7 @@ class Room {
 
   // Flies the listed drones for a step, then lets them accelerate freely.
   void fly(std::span<const DroneIndex> drones, const DroneRange& own, std::span<const float> command) {
-    const dynamics::FlightContext context{fleet, state, hull_, slots_, scenes_, obstacles_, {}, own, *tracer_, *scratch_};
+    const dynamics::FlightContext context{fleet, state, hull_, slots_, scenes_, obstacles_, {}, 1, own, *tracer_, *scratch_};
     fleet.update_wind(state, drones, 0);
     const dynamics::Commands commands{.command = command, .target = {}, .step_start = {}};
     for (int tick = 0; tick < kClock.substeps(); tick += 5) {
@@ -62,7 +62,7 @@ class Room {
     EXPECT_EQ(scratch_->lost.count, 0U);
   }
   void update_accelerations(std::span<const DroneIndex> drones, const DroneRange& own) {
-    dynamics::update_accelerations({fleet, state, hull_, slots_, scenes_, obstacles_, {}, own, *tracer_, *scratch_}, drones);
+    dynamics::update_accelerations({fleet, state, hull_, slots_, scenes_, obstacles_, {}, 1, own, *tracer_, *scratch_}, drones);
   }
   std::size_t hits() const { return static_cast<std::size_t>(std::ranges::count(state.contact.hit, 1)); }
 

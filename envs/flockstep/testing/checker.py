@@ -27,8 +27,8 @@ def check_vector_env(
         Makes a new env with the given number of sub-envs, alike on every call. Its episodes should be short: at least
         one must end within ``steps`` steps of random actions, or its autoreset cannot be checked.
     num_envs
-        Number of sub-envs to check with, at least 2. An env whose ``num_groups`` is this number may have several rows for
-        each.
+        Number of sub-envs to check with, at least 2. An env whose ``num_groups`` is this number may have several rows
+        for each.
     steps
         Length of the runs that are compared.
     seed

@@ -1,0 +1,361 @@
+"""Envs of several drones: each does what a single drone does that is placed and commanded alike."""
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
+
+import flockstep
+from flockstep.testing import check_vector_env
+
+M = 3
+OUTPUTS = ("reward", "reward_terms", "terminated", "truncated", "success", "crashed", "episode_return", "episode_end")
+
+
+def rows(array: Any, member: int) -> Any:
+    """Return the rows of one drone of each env."""
+    return array[member::M]
+
+
+def envs(**keywords: Any) -> flockstep.DroneVectorEnv:
+    return flockstep.DroneVectorEnv(4, drones_per_env=M, **keywords)
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+@pytest.mark.parametrize("observation", ["goal", "pixels"])
+def test_drones_that_fly_alike_return_what_the_single_env_does(mode: str, observation: str) -> None:
+    keywords: dict[str, Any] = {"observation": observation, "autoreset_mode": mode, "max_episode_steps": 40}
+    with_three, single = envs(**keywords), flockstep.DroneVectorEnv(4, **keywords)
+    with_three.reset(seed=7)
+    single.reset(seed=7)
+    single.action_space.seed(1)
+    for _ in range(100):
+        action = single.action_space.sample()
+        with_three.step(np.repeat(action, M, axis=0))
+        single.step(action)
+        for member in range(M):
+            for name in (*OUTPUTS, "position"):
+                got, expected = getattr(with_three.batch, name), getattr(single.batch, name)
+                np.testing.assert_array_equal(rows(got, member), expected, err_msg=name)
+        ended = single.batch.terminated | single.batch.truncated
+        if mode == "disabled" and ended.any():
+            single.reset(options={"reset_mask": ended})
+            with_three.reset(options={"reset_mask": np.repeat(ended, M)})
+    assert single.batch.episode.min() >= 1, "several episodes"
+
+
+@pytest.mark.parametrize(
+    "task", [flockstep.HoverConfig(), flockstep.TrackConfig(path="random")], ids=["hover", "track"]
+)
+def test_the_first_drone_equals_the_single_env_until_a_teammate_ends(task: Any) -> None:
+    """Their starts are random, each from its own numbers; gusts, noise of the pose sensor and of the IMU too."""
+    keywords: dict[str, Any] = {
+        "task": task,
+        "wind": flockstep.WindConfig(gusts="dryden"),
+        "imu": flockstep.ImuConfig(gyroscope_noise_density=0.1, accelerometer_random_walk=0.1, rate_hz=250),
+        "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.01, orientation_noise_std_deg=1),
+        "physics_hz": 500,
+    }
+    with_three, single = envs(**keywords), flockstep.DroneVectorEnv(4, **keywords)
+    first, _ = with_three.reset(seed=7)
+    expected, _ = single.reset(seed=7)
+    starts = with_three.batch.position.reshape(4, M, 3)
+    assert len(np.unique(starts.reshape(-1, 3), axis=0)) == 4 * M, "every drone starts elsewhere"
+    np.testing.assert_array_equal(rows(first, 0), expected)
+    for steps in range(1000):
+        action = single.action_space.sample() * 0.1
+        observation, reward, terminated, truncated, _ = with_three.step(np.repeat(action, M, axis=0))
+        if (terminated | truncated).any():
+            assert steps > 5
+            return
+        same, alone, *_ = single.step(action)
+        np.testing.assert_array_equal(rows(observation, 0), same)
+        np.testing.assert_array_equal(rows(reward, 0), alone)
+        np.testing.assert_array_equal(rows(with_three.batch.accelerometer, 0), single.batch.accelerometer)
+        assert not np.array_equal(rows(with_three.batch.gyroscope, 1), single.batch.gyroscope)
+    pytest.fail("no episode ended")
+
+
+@pytest.mark.parametrize("on_contact", ["stop", "bounce"])
+def test_each_drone_flies_as_a_batch_of_single_drones_does(on_contact: str) -> None:
+    world = flockstep.World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "room": {"min": [-4, -4, 0], "max": [4, 4, 3]},
+            "pillars": [{"center": [1, 0], "radius": 0.3}, {"center": [-1, 1], "radius": 0.2}],
+        }
+    )
+    keywords: dict[str, Any] = {
+        "dynamics": flockstep.DynamicsConfig(motion="rotors", control="body_rates", on_contact=on_contact),
+        "lidar": flockstep.LidarConfig(channels=4, beams=32, vfov_deg=30, max_range_m=8),
+        "cameras": [flockstep.CameraConfig(width_px=16, height_px=12, outputs=["rgb", "depth"])],
+        "imu": flockstep.ImuConfig(),
+    }
+    grouped = flockstep.Batch(world, 7 * M, drones_per_env=M, block_size=2, num_threads=2, **keywords)
+    alone = flockstep.Batch(world, 7 * M, **keywords)
+    rng = np.random.default_rng(0)
+    start = rng.uniform([-2, -2, 1], [0, 0, 2], (7 * M, 3)).astype(np.float32)
+    for batch in (grouped, alone):
+        batch.set_pose(start)
+    hits = 0
+    for _ in range(40):
+        command = rng.uniform([7, -2, -2, -1], [12, 2, 2, 1], (7 * M, 4)).astype(np.float32)
+        for batch in (grouped, alone):
+            batch.fly(command, ticks=25)
+            batch.sense()
+        for name in ("position", "quat_wxyz", "velocity", "accelerometer", "gyroscope", "sensed_position"):
+            np.testing.assert_array_equal(getattr(grouped, name), getattr(alone, name), err_msg=name)
+        np.testing.assert_array_equal(grouped.lidar().ranges, alone.lidar().ranges)
+        np.testing.assert_array_equal(grouped.camera().depth, alone.camera().depth)
+        np.testing.assert_array_equal(grouped.camera().rgb, alone.camera().rgb)
+        np.testing.assert_array_equal(grouped.contact.hit, alone.contact.hit)
+        hits += int(alone.contact.hit.sum())
+    assert hits > 10
+    np.testing.assert_array_equal(grouped.tick, np.full(7, 1000))
+
+
+def test_an_episode_ends_for_all_drones_of_an_env() -> None:
+    env = envs(task=flockstep.HoverConfig(), max_episode_steps=200)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    ends: list[int] = []
+    for _ in range(400):
+        _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        ended = (terminated | truncated).reshape(-1, M)
+        assert (ended.any(axis=1) == ended.all(axis=1)).all()
+        reasons = env.batch.episode_end.reshape(-1, M)[ended[:, 0]]
+        for of_env, mates in zip(reasons, terminated.reshape(-1, M)[ended[:, 0]], strict=True):
+            assert (of_env != flockstep.EpisodeEnd.none).all()
+            assert ((of_env == flockstep.EpisodeEnd.teammate) <= ~mates).all(), "a teammate's end truncates"
+            assert (of_env != flockstep.EpisodeEnd.teammate).any(), "some drone has a reason of its own"
+            ends += of_env.tolist()
+    assert flockstep.EpisodeEnd.teammate in ends
+    assert flockstep.EpisodeEnd.left_area in ends or flockstep.EpisodeEnd.contact in ends
+
+
+def test_a_bad_state_ends_the_episode_of_its_env_only() -> None:
+    class Faulty(flockstep.Task):
+        observation_space = gymnasium.spaces.Box(-10, 10, (3,), np.float32)
+        worlds = "train"
+
+        def step(self, batch: flockstep.Batch) -> tuple[Any, Any]:
+            reward = np.ones(batch.num_drones)
+            reward[4] = np.nan if self.steps[4] == 3 else 1
+            return reward, np.zeros(batch.num_drones, bool)
+
+        def observe(self, batch: flockstep.Batch) -> Any:
+            return batch.position
+
+    env = envs(task=Faulty)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.step(np.zeros((12, 3), np.float32))
+    with pytest.warns(RuntimeWarning, match="nan"):
+        _, _, terminated, truncated, infos = env.step(np.zeros((12, 3), np.float32))
+    assert np.flatnonzero(terminated).tolist() == [4]
+    assert np.flatnonzero(truncated).tolist() == [3, 5]
+    assert np.flatnonzero(infos["bad_state"]).tolist() == [4]
+    assert env.batch.bad_states.tolist() == [0] * 4 + [1] + [0] * 7
+
+
+@pytest.mark.parametrize("mode", ["next_step", "same_step", "disabled"])
+@pytest.mark.parametrize("kind", ["navigation", "hover"])
+def test_gymnasiums_rules_hold(kind: str, mode: str) -> None:
+    keywords: dict[str, Any] = (
+        {"worlds": "playground/train-1"} if kind == "navigation" else {"task": flockstep.HoverConfig()}
+    )
+    check_vector_env(
+        lambda n: flockstep.DroneVectorEnv(
+            n, drones_per_env=M, max_episode_steps=15, autoreset_mode=mode, render_mode="rgb_array", **keywords
+        ),
+        steps=40,
+        num_envs=3,
+    )
+
+
+def test_make_vec_and_wrappers_take_it(tmp_path: Any) -> None:
+    env: Any = gymnasium.make_vec(
+        "flockstep/LidarNavigation-v0", num_envs=2, drones_per_env=M, max_episode_steps=10, render_mode="rgb_array"
+    )
+    assert (env.num_envs, env.num_groups, env.drones_per_env) == (2 * M, 2, M)
+    env = RecordEpisodeStatistics(RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda _: True))
+    env.reset(seed=[3, 4])
+    for _ in range(25):
+        env.step(env.action_space.sample())
+    env.close()
+    assert list(tmp_path.rglob("*.mp4"))
+
+
+def test_stable_baselines3_learns_from_every_row() -> None:
+    from stable_baselines3 import PPO
+
+    from flockstep.sb3 import make_vec
+
+    vec = make_vec("flockstep/Hover-v0", num_envs=8, drones_per_env=M, max_episode_steps=30)
+    assert vec.num_envs == 24
+    vec.seed(5)
+    first = np.array(vec.reset())
+    alone = flockstep.DroneVectorEnv(8, task=flockstep.HoverConfig(), max_episode_steps=30)
+    np.testing.assert_array_equal(rows(first, 0), alone.reset(seed=5)[0])
+    model = PPO("MlpPolicy", vec, n_steps=8, batch_size=96, n_epochs=1, device="cpu")
+    model.learn(3 * 8 * vec.num_envs)
+    assert model.num_timesteps == 3 * 8 * 24
+
+
+def test_copies_go_on_alike() -> None:
+    env = envs(random_world=True)
+    env.reset(seed=1)
+    env.step(np.zeros(12, int))
+    copy = pickle.loads(pickle.dumps(env))
+    for action in range(6):
+        first, second = (each.step(np.arange(12) % (action + 1)) for each in (env, copy))
+        np.testing.assert_array_equal(first[0], second[0])
+
+
+def test_env_calls_take_a_flag_per_env_and_drone_calls_one_per_drone() -> None:
+    batch = flockstep.Batch(flockstep.scenes.load("train"), 12, drones_per_env=M)
+    assert (batch.num_envs, batch.drones_per_env, batch.num_drones) == (4, M, 12)
+    assert batch.world_index.tolist() == [0, 1, 2, 3]
+    assert batch.world_of(5) is batch.worlds[1]
+    moved = np.arange(12) == 4
+    batch.set_pose(np.full((12, 3), 0.5, np.float32), mask=moved)
+    assert np.flatnonzero((batch.position == 0.5).all(axis=1)).tolist() == [4]
+    batch.move(batch.position, mask=moved)
+    assert batch.tick.tolist() == [0, 1, 0, 0]
+    batch.seed(np.arange(4) + 9, mask=np.arange(4) == 1)
+    batch.begin_episode(np.arange(4) == 2)
+    assert batch.episode.tolist() == [0, 0, 1, 0]
+    assert batch.tick.tolist() == [0, 0, 0, 0]
+    batch.set_world(np.zeros(4, int), np.arange(4) == 3)
+    assert batch.world_index.tolist() == [0, 1, 2, 0]
+    assert batch.random(0, 2).shape == (4, 2)
+    for call in (batch.begin_episode, lambda mask: batch.seed(np.zeros(4, int), mask)):
+        with pytest.raises(ValueError, match=r"mask: expected shape \(4,\)"):
+            call(np.ones(12, bool))
+    for call in (batch.sense, lambda mask: batch.move(batch.position, mask=mask)):
+        with pytest.raises(ValueError, match=r"mask: expected shape \(12,\)"):
+            call(np.ones(4, bool))
+
+
+def test_removed_drones_leave_their_teammates_flying() -> None:
+    batch = flockstep.Batch(
+        flockstep.scenes.load("train"),
+        12,
+        drones_per_env=M,
+        lidar=flockstep.LidarConfig(),
+        task=flockstep.NavigationConfig(),
+    )
+    batch.reset(np.arange(4))
+    batch.remove([4, 9, 10, 11])
+    before = batch.position.copy()
+    for _ in range(20):
+        batch.step(np.zeros(12, int))
+        assert batch.reward[[4, 9, 10, 11]].tolist() == [0] * 4
+        assert not (batch.terminated | batch.truncated)[[4, 9, 10, 11]].any()
+    assert np.isinf(batch.lidar().ranges[[4, 9]]).all()
+    moved = (batch.position != before).any(axis=1)
+    assert moved[[3, 5]].all()
+    assert not moved[[4, 9, 10, 11]].any()
+    with pytest.raises(ValueError, match=r"indices \(row 0\): expected all drones of an env"):
+        batch.spawn([4], before[[4]])
+    assert not batch.active[4]
+    batch.spawn([3, 4, 5], before[3:6])
+    assert batch.steps.tolist()[1] == 0
+    assert batch.active[:6].all()
+
+
+def test_without_a_task_one_drone_of_an_env_may_come_back() -> None:
+    batch = flockstep.Batch(flockstep.scenes.load("train"), 6, drones_per_env=M, lidar=flockstep.LidarConfig())
+    batch.sense()
+    batch.move(batch.position)
+    position = batch.position.copy()
+    batch.remove([1])
+    batch.spawn([1], position[[1]])
+    assert batch.tick.tolist() == [1, 1], "the env's time goes on"
+    assert np.isfinite(batch.lidar().ranges[1]).any()
+    with pytest.raises(ValueError, match=r"world_index \(row 0\): expected 0"):
+        batch.spawn([1], position[[1]], world_index=[2])
+
+
+def test_a_task_may_have_a_row_per_env() -> None:
+    class Formation(flockstep.Task):
+        """One displacement moves all drones of an env."""
+
+        observation_space = gymnasium.spaces.Box(-100, 100, (3,), np.float32)
+        row_kind = "env"
+        worlds = "train"
+        max_episode_steps = 5
+
+        def act(self, batch: flockstep.Batch, actions: Any) -> Any:
+            return batch.position + 0.01 * np.repeat(actions, batch.drones_per_env, axis=0)
+
+        def step(self, batch: flockstep.Batch) -> tuple[Any, Any]:
+            return batch.position.reshape(batch.num_envs, -1).sum(axis=1), self.steps < 0
+
+        def observe(self, batch: flockstep.Batch) -> Any:
+            return batch.position.reshape(batch.num_envs, -1, 3).mean(axis=1).astype(np.float32)
+
+    env = envs(task=Formation, render_mode="rgb_array")
+    assert (env.num_envs, env.num_groups, env.batch.num_drones) == (4, 4, 12)
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == (4, 3)
+    after, reward, _, _, _ = env.step(np.ones((4, 3), np.float32))
+    np.testing.assert_allclose(after - observation, 0.01, atol=1e-5)
+    assert reward.shape == (4,)
+    assert len(env.render() or ()) == 4
+    for _ in range(4):
+        *_, truncated, infos = env.step(np.ones((4, 3), np.float32))
+    assert truncated.all()
+    assert infos["episode_length"].tolist() == [5] * 4
+    check_vector_env(
+        lambda n: flockstep.DroneVectorEnv(n, drones_per_env=M, task=Formation, worlds="playground/train-1"), steps=20
+    )
+
+
+def test_worlds_of_a_pool() -> None:
+    pool = flockstep.WorldPool(lambda number: flockstep.World.playground(seed=number), size=4)
+    env = envs(worlds=pool, max_episode_steps=5)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.zeros(12, int))
+    for drone in range(12):
+        assert env.batch.world_of(drone) is env.batch.world_of(drone // M * M)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"drones_per_env": 0}, "drones_per_env: expected an integer >= 1, got 0"),
+        ({"drones_per_env": True}, "drones_per_env: expected an integer >= 1, got True"),
+        ({"drones_per_env": 1 << 20}, "num_drones"),
+    ],
+)
+def test_bad_numbers_of_drones_are_refused(keywords: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        flockstep.DroneVectorEnv(4, **keywords)
+
+
+def test_a_batch_refuses_a_part_of_an_env() -> None:
+    with pytest.raises(ValueError, match=r"num_drones: expected a multiple of drones_per_env \(3\), got 4"):
+        flockstep.Batch(flockstep.scenes.load("train"), 4, drones_per_env=3)
+
+
+def test_a_mask_that_splits_an_env_is_refused() -> None:
+    env = envs(autoreset_mode="disabled")
+    env.reset(seed=0)
+    before = env.snapshot()
+    with pytest.raises(ValueError, match=r"reset_mask.*expected all 3 drones of an env or none.*env 1"):
+        env.reset(options={"reset_mask": np.arange(12) < 4})
+    with pytest.raises(ValueError, match=r"reset_mask.*shape \(12,\)"):
+        env.reset(options={"reset_mask": np.ones(4, bool)})
+    with pytest.raises(ValueError, match="seed: expected one integer or 4 of them, one per env, got 12"):
+        env.reset(seed=list(range(12)))
+    assert env.snapshot() == before
+
+
+def test_a_single_env_is_of_one_drone() -> None:
+    with pytest.raises(TypeError, match="drones_per_env: a single env is of one drone, got 2"):
+        flockstep.DroneEnv(drones_per_env=2)
