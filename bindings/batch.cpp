@@ -55,12 +55,12 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
                                             const py::object& drone, const py::object& cameras, const py::object& backend,
                                             const py::object& episode, const py::object& clock, const py::object& dynamics,
                                             const py::object& num_threads, const py::object& block_size,
-                                            const py::object& world_index, const py::object& tracer, const py::object& drones_per_env,
-                                            const py::kwargs& unknown) {
+                                            const py::object& world_index, const py::object& tracer,
+                                            const py::object& drones_per_env, const py::kwargs& unknown) {
   for (const auto& [keyword, value] : unknown) {
-    constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",   "task",
-                                "drone",       "cameras",    "camera_backend", "episode",     "clock", "dynamics",
-                                "num_threads", "block_size", "world_index",    "tracer",     "drones_per_env"};
+    constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",           "task",
+                                "drone",       "cameras",    "camera_backend", "episode",     "clock",         "dynamics",
+                                "num_threads", "block_size", "world_index",    "tracer",      "drones_per_env"};
     throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
   }
   BatchConfig config;
@@ -140,8 +140,8 @@ ContactView contact_of(const py::object& self) {
   const auto& batch = self.cast<const Batch&>();
   const ContactState& contact = batch.state().contact;
   return {view<bool>(self, contact.hit.data(), {num_drones(batch)}), view<bool>(self, contact.inside.data(), {num_drones(batch)}),
-          view<float>(self, contact.fraction.data(), {num_drones(batch)}), view<float>(self, contact.point.data(), n_by(batch, 3)),
-          view<float>(self, contact.normal.data(), n_by(batch, 3))};
+          view<float>(self, contact.fraction.data(), {num_drones(batch)}),
+          view<float>(self, contact.point.data(), n_by(batch, 3)), view<float>(self, contact.normal.data(), n_by(batch, 3))};
 }
 
 std::string describe_contact(const ContactView& contact) {
