@@ -570,7 +570,7 @@ class TestMistakes:
         def reset(self, batch, mask):
             batch.set_pose([[2, 4, 2], [20, 4, 2]], None, mask)
 
-        expected = r'drones within the room of world "room", \(0 0 0\) to \(8 8 4\), got \(20  4  2\) of env 1'
+        expected = r'drones within the room of world "room", \(0 0 0\) to \(8 8 4\), got \(20  4  2\) of drone 1'
         with pytest.raises(ValueError, match=rf"^reset: position: expected {expected}"):
             self.env(room, reset=reset).reset(seed=0)
         no_room = {"flockstep_scene": 1, "name": "open", "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}]}
