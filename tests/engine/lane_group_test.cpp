@@ -142,7 +142,8 @@ TEST(LaneGroup, StoresOneLaneAndItsAccelerationsAlone) {
   group.store(1, flock, one);
   group.store_accelerations(1, flock, accelerations);
   const auto row = [](const std::vector<float>& values, std::size_t drone) {
-    return std::vector<float>(values.begin() + 3 * drone, values.begin() + 3 * drone + 3);
+    const std::span<const float> found = testing::row(values, drone, 3);
+    return std::vector<float>(found.begin(), found.end());
   };
   const std::vector<float> changed(3, -1.0F);
   EXPECT_EQ(row(one.position, 9), changed);

@@ -15,6 +15,11 @@ struct FlightArray {
 };
 
 template <class Owner, std::size_t kColumns>
+constexpr FlightArray<Owner, kColumns> moved_array(std::vector<float> Owner::* array, Lanes<kColumns> Flock::* loaded,
+                                                   Lanes<kColumns> Flock::* stored) {
+  return {array, loaded, stored};
+}
+template <class Owner, std::size_t kColumns>
 constexpr FlightArray<Owner, kColumns> kept_array(std::vector<float> Owner::* array, Lanes<kColumns> Flock::* lanes) {
   return {array, lanes, lanes};
 }
@@ -29,8 +34,8 @@ constexpr FlightArray<Owner, kColumns> result_array(std::vector<float> Owner::* 
 
 // The list of all arrays that flight reads or writes.
 constexpr std::tuple kArrays{
-    FlightArray{&State::position, &Flock::origin, &Flock::position},
-    FlightArray{&FlightState::remainder, &Flock::travelled, &Flock::remainder},
+    moved_array(&State::position, &Flock::origin, &Flock::position),
+    moved_array(&FlightState::remainder, &Flock::travelled, &Flock::remainder),
     kept_array(&State::quat_wxyz, &Flock::rotation),
     kept_array(&FlightState::velocity, &Flock::velocity),
     kept_array(&FlightState::angular_velocity, &Flock::turn),
@@ -82,10 +87,11 @@ void LaneGroup::load(const State& state, Flock& flock) const {
 }
 
 void LaneGroup::store(const LaneFlags& lanes, Flock& flock, State& state) const {
+  const bool is_whole_row = is_row_ && std::ranges::count(lanes, true) == kLanes;
   for_each_array(state, [&](auto& array, const auto& entry) {
     if (entry.stored == nullptr) return;
     auto& values = flock.*entry.stored;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    for (std::size_t lane = 0; !is_whole_row && lane < kLanes; ++lane) {
       if (is_row_ && !lanes[lane]) load(array, lane, values);
       if (!is_row_ && lanes[lane]) store(values, lane, array);
     }
