@@ -288,12 +288,13 @@ std::shared_ptr<const World> clutter(const Vec3& at) {
 }
 
 // Contacts that bounce, gusts, an IMU, a LiDAR between ticks, resets included.
-TEST(Flight, AStepAllocatesNothing) {
+void expect_no_allocation(int drones_per_env) {
   constexpr std::size_t kDrones = 64;
   const auto room = testing::make_world({primitive(PrimitiveKind::room, Vec3::Zero(), {2.0F, 2.0F, 1.5F}),
                                          primitive(PrimitiveKind::cylinder, {1.2F, 0.4F, 0.0F}, {0.2F, 0.2F, 1.5F})},
                                         {.goal = Vec3::Zero()});
-  BatchConfig config = batch_of(kDrones, Control::body_rates);
+  BatchConfig config = batch_of(static_cast<int>(kDrones) / drones_per_env, Control::body_rates);
+  config.drones_per_env = drones_per_env;
   config.dynamics.on_contact = OnContact::bounce;
   config.dynamics.wind.gusts = Gusts::dryden;
   config.imu = ImuConfig{};
@@ -321,6 +322,9 @@ TEST(Flight, AStepAllocatesNothing) {
   EXPECT_GT(hits, 10U);
   EXPECT_GT(ends, 10U);
 }
+
+TEST(Flight, AStepAllocatesNothing) { expect_no_allocation(1); }
+TEST(Flight, AStepOfSeveralDronesPerEnvAllocatesNothing) { expect_no_allocation(4); }
 
 // Drones that push against walls and corners for ever are never inside of anything: `./dev try pushes` tries it 10^8 times.
 TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {

@@ -255,6 +255,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   }
   const TaskSpec& spec = task_state.spec();
   checks::spec(spec);
+  task_state.rows_per_env = spec.row == Row::drone ? sim.drones_per_env() : 1;
   double bytes = 0.0;  // of an observation, in two slots, twice: the present and the final one
   for (const Field& field : spec.observation) bytes += 4.0 * static_cast<double>(field.size() * size_of(field.type));
   const std::size_t n = sim.num_rows();

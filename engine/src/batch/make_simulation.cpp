@@ -145,7 +145,9 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   }
   for (int i = 0; i < workers.num_threads(); ++i) {
     scratches.push_back(std::make_unique<Scratch>());
-    scratches.back()->drones.reserve(schedule.block_size() * drones_per_env());
+    for (auto* const drones : {&scratches.back()->flying, &scratches.back()->drones}) {
+      drones->reserve(schedule.block_size() * drones_per_env());
+    }
     scratches.back()->envs.reserve(schedule.block_size());
   }
   sorts_by_world = config.tracer == TracerKind::embree;

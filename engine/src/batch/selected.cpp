@@ -10,23 +10,22 @@ bool is_active(const Simulation& sim, EnvIndex env) {
 
 void list_selected(Simulation& sim, EnvMask mask, EnvList Block::* list) {
   for (Block& block : sim.schedule.blocks()) {
-    (block.*list).clear();
-    for (const EnvIndex env : block.envs) {
-      if (mask.selects(env)) (block.*list).push(env);
-    }
+    (block.*list).assign(block.envs);
+    if (!mask.empty()) (block.*list).filter([&](EnvIndex env) { return mask.selects(env); });
   }
 }
 
 void list_selected(Simulation& sim, DroneMask mask, EnvList Block::* list) {
   for (Block& block : sim.schedule.blocks()) {
-    (block.*list).clear();
-    for (const EnvIndex env : block.envs) {
+    (block.*list).assign(block.envs);
+    if (mask.empty()) continue;
+    (block.*list).filter([&](EnvIndex env) {
       bool any = false;
       for (std::size_t member = 0; member < sim.drones_per_env(); ++member) {
         any |= is_selected(sim, mask, sim.drone_of(env, member));
       }
-      if (any) (block.*list).push(env);
-    }
+      return any;
+    });
   }
 }
 

@@ -36,6 +36,7 @@ namespace flockstep {
 struct Scratch {
   trace::Tracer tracer;
   dynamics::FlightScratch flight;
+  std::vector<DroneIndex> flying;  // drones of Block::flying, while it flies a step
   std::vector<DroneIndex> drones;  // of some envs
   std::vector<EnvIndex> envs;      // of a block
   bool moved_world = false;        // an env has gone to another world
@@ -51,6 +52,7 @@ struct TaskState {
   Score score;                   // of the last flown step; written by task.score
   std::vector<double> earned;    // (R, terms) of the flown steps of this step() so far; empty where it flies one
   int max_episode_steps = 0;     // 0: no limit
+  std::size_t rows_per_env = 1;  // drones_per_env if each drone has a row
 
   const TaskSpec& spec() const { return task->spec(); }
   // For the actions of a step that begins.
@@ -74,10 +76,10 @@ struct Simulation {
   DroneIndex drone_of(EnvIndex env, std::size_t member) const { return DroneIndex(env * drones_per_env() + member); }
   RandomKey random_key(DroneIndex drone) const { return RandomKey::of(drone, drones_per_env()); }
   // Rows of actions, observations, rewards and what else an episode returns: R in all, those of an env consecutive.
-  std::size_t rows_per_env() const { return task_state->spec().row == Row::drone ? drones_per_env() : 1; }
+  std::size_t rows_per_env() const { return task_state->rows_per_env; }
   std::size_t num_rows() const { return num_envs() * rows_per_env(); }
   std::size_t row_of(DroneIndex drone) const {
-    return task_state->spec().row == Row::drone ? std::size_t{drone} : std::size_t{env_of(drone)};
+    return rows_per_env() == drones_per_env() ? std::size_t{drone} : std::size_t{env_of(drone)};
   }
   // Where the world of each env is in the tables of worlds below.
   const std::vector<std::int32_t>& slots() const { return pool ? pool->slots : state.world_index; }

@@ -21,41 +21,33 @@ using List = EnvList Block::*;
 
 // ------------------------------------------------------------------------------------------------------------------ stages
 
-// When sensors read: in the middle of a step and at its end those that are due, otherwise all of them.
-enum class When : std::uint8_t { within_step, step_is_over, asked };
-
-// The drones of those envs in which a sensor of this period reads.
-std::span<const DroneIndex> readers(const Simulation& sim, std::span<const EnvIndex> envs, std::int64_t period, When when,
-                                    Scratch& scratch) {
-  const bool step_is_over = when == When::step_is_over;
-  if (when == When::asked || (period == 0 && step_is_over)) return sim.drones_of(envs, scratch);
-  if (period == 0) return {};
-  scratch.envs.clear();
-  for (const EnvIndex env : envs) {
-    if (sensors::is_due(period, sim.state.tick[env], step_is_over)) scratch.envs.push_back(env);
-  }
-  return sim.drones_of(scratch.envs, scratch);
-}
-
 bool reads_between_ticks(const Simulation& sim) {
   return (sim.lidar && sim.lidar->period() > 0) || sim.pose_sensor.period() > 0 || (sim.imu && sim.imu->period() > 0);
 }
 
-// Every kind of sensor but the cameras, which render for all blocks at once.
-void read(Simulation& sim, std::span<const EnvIndex> envs, When when, Scratch& scratch) {
-  if (sim.lidar) {
-    const auto drones = readers(sim, envs, sim.lidar->period(), when, scratch);
-    sim.lidar->scan(drones, sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
-  }
-  sim.pose_sensor.read(readers(sim, envs, sim.pose_sensor.period(), when, scratch), sim.state);
-  if (sim.imu) sim.imu->read(readers(sim, envs, sim.imu->period(), when, scratch), sim.state);
-}
-
-// The same sensors, for drones that a call selects.
+// Reads every kind of sensor except the cameras, which render for all blocks at once.
 void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scratch) {
   if (sim.lidar) sim.lidar->scan(drones, sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
   sim.pose_sensor.read(drones, sim.state);
   if (sim.imu) sim.imu->read(drones, sim.state);
+}
+
+// Reads those of these sensors that are due, in the middle of a step or at its end. drones: those of the envs.
+void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const DroneIndex> drones, bool step_is_over,
+              Scratch& scratch) {
+  const auto due = [&](std::int64_t period) -> std::span<const DroneIndex> {
+    if (period == 0) return step_is_over ? drones : std::span<const DroneIndex>();
+    scratch.envs.clear();
+    for (const EnvIndex env : envs) {
+      if (sensors::is_due(period, sim.state.tick[env], step_is_over)) scratch.envs.push_back(env);
+    }
+    return sim.drones_of(scratch.envs, scratch);
+  };
+  if (sim.lidar) {
+    sim.lidar->scan(due(sim.lidar->period()), sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
+  }
+  sim.pose_sensor.read(due(sim.pose_sensor.period()), sim.state);
+  if (sim.imu) sim.imu->read(due(sim.imu->period()), sim.state);
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
@@ -86,11 +78,11 @@ void move(Simulation& sim, std::span<const DroneIndex> drones, int substep) {
 // What is due when the step is over is left to sense().
 void fly(Simulation& sim, Block& block, Scratch& scratch) {
   const int ticks = sim.config.clock.substeps();
+  const auto drones = sim.drones_of(block.flying, scratch.flying);
   if (!sim.task_state->step_start.empty()) {
-    for (const DroneIndex drone : sim.drones_of(block.flying, scratch))
-      sim.task_state->step_start[drone] = pose_of(sim.state, drone);
+    for (const DroneIndex drone : drones) sim.task_state->step_start[drone] = pose_of(sim.state, drone);
   }
-  for_each_contiguous(sim.drones_of(block.flying, scratch), [&](std::size_t first, std::size_t count) {
+  for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
     if (sim.fleet) {
       if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // as mostly
       for (std::size_t i = first; i < first + count; ++i) {
@@ -100,12 +92,11 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
       std::fill_n(sim.state.contact.hit.data() + first, count, std::uint8_t{0});
     }
   });
-  if (sim.fleet) sim.fleet->update_wind(sim.state, sim.drones_of(block.flying, scratch), 0);
+  if (sim.fleet) sim.fleet->update_wind(sim.state, drones, 0);
   const int leg = sim.fleet && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
   const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
                                     sim.task_state->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {
-    const auto drones = sim.drones_of(block.flying, scratch);
     if (sim.fleet) {
       fly_by_rotors(sim, block, drones, commands, flown - leg, leg, scratch);
     } else {
@@ -114,19 +105,21 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
     for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
       for (std::size_t env = first; env < first + count; ++env) sim.state.tick[env] += leg;
     });
-    if (flown < ticks) read(sim, block.flying, When::within_step, scratch);
+    if (flown < ticks) read_due(sim, block.flying, drones, false, scratch);
   }
   for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
     for (std::size_t env = first; env < first + count; ++env) ++sim.state.sensed[env];
   });
 }
 
-void sense(Simulation& sim, Block& block, Scratch& scratch) { read(sim, block.flying, When::step_is_over, scratch); }
+void sense(Simulation& sim, Block& block, Scratch& scratch) {
+  read_due(sim, block.flying, sim.drones_of(block.flying, scratch.flying), true, scratch);
+}
 
 // As at the first moment of an episode.
 template <List kList>
 void sense_all(Simulation& sim, Block& block, Scratch& scratch) {
-  read(sim, block.*kList, When::asked, scratch);
+  read_all(sim, sim.drones_of(block.*kList, scratch), scratch);
 }
 
 // ------------------------------------------------------------------------------------------------- two executors of the stages
