@@ -21,6 +21,7 @@
 #include "collision/sweep.hpp"
 #include "compiled/compiled_world.hpp"
 #include "dynamics/impact.hpp"
+#include "flight_inputs.hpp"
 #include "flockstep/hover.hpp"
 #include "on_target.hpp"
 #include "random.hpp"
@@ -37,9 +38,6 @@ using testing::primitive;
 using testing::Random;
 using testing::same_bits;
 
-constexpr std::array kControls{Control::rotor_speeds, Control::rotor_thrusts, Control::body_rates,       Control::attitude,
-                               Control::acceleration, Control::velocity,      Control::heading_velocity, Control::position};
-
 DynamicsConfig config_of(Control control) {
   DynamicsConfig config;
   config.motion = Motion::rotors;
@@ -55,32 +53,6 @@ BatchConfig batch_of(int num_envs, Control control) {
   config.clock = {.policy_hz = 50.0F, .physics_hz = 500.0F, .controller_hz = 250.0F};
   config.dynamics = config_of(control);
   return config;
-}
-
-// Something for each control to do.
-std::vector<float> commands(Random& random, Control control, std::size_t drones, const DroneModel& model) {
-  const Airframe& frame = *model.airframe();
-  std::vector<float> rows;
-  for (std::size_t i = 0; i < drones; ++i) {
-    for (int k = 0; k < 4; ++k) {
-      const float x = random.within(-1.0F, 1.0F);
-      switch (control) {
-        case Control::rotor_speeds:
-          rows.push_back(static_cast<float>(frame.hover_speed()) * (1.0F + 0.1F * x));
-          break;
-        case Control::rotor_thrusts:
-          rows.push_back(static_cast<float>(frame.mass_kg * kGravity / 4.0) * (1.0F + 0.2F * x));
-          break;
-        case Control::body_rates:
-        case Control::attitude:
-          rows.push_back(k == 0 ? 9.81F + 3.0F * x : x);
-          break;
-        default:
-          rows.push_back(3.0F * x);
-      }
-    }
-  }
-  return rows;
 }
 
 Flock random_flock(std::uint32_t seed, dynamics::Stage stage) {
@@ -113,29 +85,10 @@ Flock random_flock(std::uint32_t seed, dynamics::Stage stage) {
 
 bool same(const Flock& a, const Flock& b) { return std::memcmp(&a, &b, sizeof a) == 0; }
 
-// Airframes that differ in every number and in which terms they have.
-std::vector<Airframe> different_airframes() {
-  std::vector<Airframe> frames;
-  for (const std::string& name : DroneModel::names()) frames.push_back(*DroneModel::load(name).airframe());
-  Airframe lifted = frames[0];
-  lifted.rotor_lift = 1e-3;
-  lifted.linear_drag = {0.1, 0.2, 0.3};
-  Airframe instant = frames[1];
-  instant.lag_up_s = instant.lag_down_s = 0.0;
-  instant.rotor_drag = {};
-  instant.rotor_inertia_kgm2 = 0.0;
-  Airframe linear = frames[2];
-  linear.thrust_n = {0.0, linear.max_thrust() / linear.max_speed_radps, 0.0};
-  linear.radius_m = 0.0;
-  linear.quadratic_drag = {0.01, 0.02, 0.03};
-  frames.insert(frames.end(), {lifted, instant, linear});
-  return frames;
-}
-
 TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
-  const std::vector<Airframe> frames = different_airframes();
+  const std::vector<Airframe> frames = testing::different_airframes();
   ASSERT_GE(frames.size(), 8U);
-  for (const Control control : kControls) {
+  for (const Control control : testing::kFlightControls) {
     for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
       SCOPED_TRACE(::testing::Message() << "control " << static_cast<int>(control) << ", integrator "
                                         << static_cast<int>(integrator));
@@ -144,11 +97,13 @@ TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
       std::vector<Physics> alone;
       for (const Airframe& frame : frames) alone.emplace_back(frame, config, 0.002, 2);
       Physics mixed = alone[0];
-      dynamics::LaneNumbers numbers;
+      std::array<const dynamics::AirframeNumbers<float>*, kLanes> of_lanes;
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         mixed.include(alone[lane % frames.size()]);
-        dynamics::set_lane(alone[lane % frames.size()].numbers, lane, numbers);
+        of_lanes[lane] = &alone[lane % frames.size()].numbers;
       }
+      dynamics::LaneNumbers numbers;
+      dynamics::set_lanes(of_lanes, numbers);
       const Flock start = random_flock(11, mixed.stage);
       Flock together = start;
       dynamics::fly(mixed, numbers, together, 0, 20);
@@ -178,7 +133,7 @@ TEST(Flight, OfADroneIsTheSameBesideOtherAirframes) {
 TEST(Flight, HasTheSameBitsOnEveryTarget) {
   const DroneModel model = DroneModel::load("hummingbird");
   int compared = 0;
-  for (const Control control : kControls) {
+  for (const Control control : testing::kFlightControls) {
     for (const Integrator integrator : {Integrator::midpoint, Integrator::rk4}) {
       DynamicsConfig config = config_of(control);
       config.integrator = integrator;
@@ -201,12 +156,12 @@ TEST(Flight, HasTheSameBitsOnEveryTarget) {
       }
     }
   }
-  EXPECT_GE(compared, 2 * static_cast<int>(kControls.size()));
+  EXPECT_GE(compared, 2 * static_cast<int>(testing::kFlightControls.size()));
 }
 
 TEST(Flight, OfALaneDependsOnThatLaneAlone) {
   const DroneModel model = DroneModel::load("kingfisher");
-  for (const Control control : kControls) {
+  for (const Control control : testing::kFlightControls) {
     const Physics physics(*model.airframe(), config_of(control), 0.002, 1);
     const Flock start = random_flock(3, physics.stage);
     Flock together = start;
@@ -242,7 +197,7 @@ TEST(Flight, PastObstaclesIsThatInTheOpen) {
   const auto between = testing::make_world(std::move(beside));
   const DroneModel model = DroneModel::load("kingfisher").scaled(12.0, 1000.0);  // reaches far, and so looks far
   constexpr std::size_t kDrones = 40;
-  for (const Control control : kControls) {
+  for (const Control control : testing::kFlightControls) {
     BatchConfig config = batch_of(kDrones, control);
     config.dynamics.ground_effect = false;
     std::vector<float> position;
@@ -252,7 +207,7 @@ TEST(Flight, PastObstaclesIsThatInTheOpen) {
     Batch careful(config, {between}, nullptr, model);
     for (Batch* const batch : {&free, &careful}) batch->set_pose(position, {});
     for (int step = 0; step < 10; ++step) {
-      const std::vector<float> command = commands(random, control, kDrones, model);
+      const std::vector<float> command = testing::flight_commands(random, control, std::vector(kDrones, *model.airframe()));
       for (Batch* const batch : {&free, &careful}) batch->fly(command);
     }
     for (std::size_t i = 0; i < kDrones; ++i) ASSERT_FALSE(careful.state().contact.hit[i]);
@@ -357,7 +312,7 @@ TEST(Contact, PushedAgainstWallsAndCornersNothingGetsInside) {
         long hits = 0;
         for (long step = 0; step < steps; ++step) {
           if (step % 50 == 0) {
-            command = commands(random, control, kDrones, model);
+            command = testing::flight_commands(random, control, std::vector(kDrones, *model.airframe()));
             if (control == Control::velocity) {
               for (float& value : command) value *= 5.0F;
             }

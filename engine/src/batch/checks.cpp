@@ -96,8 +96,8 @@ void angular_velocity(const Simulation& sim, std::span<const float> values) {
 void rotor_speeds(const Simulation& sim, std::span<const float> values) {
   if (values.empty()) return;
   size(values.size(), kRotors * sim.num_drones(), "rotor_speed");
-  const auto most = static_cast<float>(sim.drone_model.airframe()->max_speed_radps);
   for (std::size_t i = 0; i < values.size(); ++i) {
+    const auto most = static_cast<float>(sim.fleet->airframe_of(DroneIndex(i / kRotors)).max_speed_radps);
     if (values[i] >= 0.0F && values[i] <= most) continue;
     refuse(row_of("rotor_speed", i / kRotors), "numbers in [0, " + std::to_string(most) + "] rad/s", values[i]);
   }

@@ -97,17 +97,6 @@ void allocate(State& state, std::size_t num_envs, std::size_t num_drones) {
 std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneModel& drone) {
   if (config.dynamics.is_kinematic()) return std::nullopt;
   require(drone.airframe().has_value(), "drone", "one with an airframe, to fly by its rotors", "a hull alone");
-  require(
-      config.dynamics.integrator != Integrator::rk4 || dynamics::can_rk4(*drone.airframe(), config.dynamics, config.clock.dt_s()),
-      "integrator", "midpoint or automatic, where a tick is longer than twice the rotors' lag", "rk4");
-  constexpr double kMostStiffness = 2.0;  // per tick: beyond it, a midpoint step amplifies instead of damping
-  const double ticks = config.clock.ticks_hz();
-  if (const double rate = dynamics::stiffness(*drone.airframe(), config.dynamics); rate > kMostStiffness * ticks) {
-    std::ostringstream expected;
-    expected << "drag and rotor inertia that change its motion at no more than " << kMostStiffness * ticks
-             << " 1/s, two per tick (or a physics_hz of at least " << std::ceil(rate / kMostStiffness) << ")";
-    refuse("drone", expected.str(), rate);
-  }
   return dynamics::Fleet(*drone.airframe(), config.dynamics, config.clock, static_cast<std::size_t>(config.drones_per_env),
                          static_cast<std::size_t>(config.num_drones()));
 }

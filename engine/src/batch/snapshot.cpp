@@ -34,6 +34,7 @@ std::uint64_t checksum_of(Header header, std::string_view body) {
 // Everything that a snapshot holds but what the task keeps, in its order.
 void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
+  if (sim.fleet && sim.fleet->airframes.size() > 1) visitor.array("airframe_index", sim.fleet->airframe_index);
   if (sim.pool) visitor.array("world_content", sim.pool->contents);
   sim.pose_sensor.visit(visitor);
   if (sim.imu) sim.imu->visit(visitor);
@@ -207,6 +208,10 @@ void require_meaning(const Simulation& sim) {
   require_all(state.contact.fraction, "fraction", "a number in [0, 1]",
               [](float value) { return value >= 0.0F && value <= 1.0F; });
   for_each_field(state.flight, [&](const auto& field, const auto& values) { finite(values, field.name); });
+  if (sim.fleet) {
+    require_all(sim.fleet->airframe_index, "airframe_index", "rows of the table of airframes",
+                [&](std::int32_t row) { return row >= 0 && static_cast<std::size_t>(row) < sim.fleet->airframes.size(); });
+  }
   counts(state.episode, "episode");
   counts(state.tick, "tick");
   counts(state.sensed, "sensed", -1);
@@ -258,7 +263,9 @@ std::uint64_t config_hash(Simulation& sim) {
     for (const auto& world : sim.worlds) hash.add(world->content_hash());
   }
   for (const Vec3& vertex : sim.drone_model.hull()) hash.add(std::array{vertex.x(), vertex.y(), vertex.z()});
-  if (sim.fleet) hash.add(*sim.drone_model.airframe());
+  if (sim.fleet) {
+    for (const Airframe& airframe : sim.fleet->airframes) hash.add(airframe);
+  }
   sim.known_hash = hash.value();
   return *sim.known_hash;
 }

@@ -115,14 +115,14 @@ struct AirframeNumbers {
 
 // The numbers of the drones of a flock.
 struct alignas(64) LaneNumbers : AirframeNumbers<Lane> {};
-void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbers& lanes);
+void set_lanes(const std::array<const AirframeNumbers<float>*, kLanes>& numbers, LaneNumbers& lanes);
 
 // How a batch flies, the same for all of its drones; the numbers of its airframe.
 struct Physics {
   Physics() = default;
   // dt_s: of a tick; control_ticks: ticks from one call of the controller to the next.
   Physics(const Airframe& frame, const DynamicsConfig& config, double dt_s, int control_ticks);
-  // Turns on what the other needs too, so that drones of both airframes can fly in one flock.
+  // Turns on what the other needs too, so that drones of both airframes can fly in one flock; by rk4 only if both would.
   void include(const Physics& other);
 
   Stage stage = Stage::rotors;

@@ -171,7 +171,9 @@ Physics::Physics(const Airframe& frame, const DynamicsConfig& config, double dt_
   max_speed_mps = config.max_speed_mps;
   max_acceleration = config.max_acceleration_mps2;
   max_tilt_tan = narrow(std::tan(radians(config.max_tilt_deg)));
-  for (std::size_t lane = 0; lane < kLanes; ++lane) set_lane(n, lane, lanes);
+  std::array<const AirframeNumbers<float>*, kLanes> same;
+  same.fill(&n);
+  set_lanes(same, lanes);
 }
 
 void Physics::include(const Physics& other) {
@@ -180,14 +182,17 @@ void Physics::include(const Physics& other) {
         &Physics::instant_up, &Physics::instant_down, &Physics::linear_thrust, &Physics::leads}) {
     this->*term |= other.*term;
   }
+  is_rk4 &= other.is_rk4;
 }
 
-void set_lane(const AirframeNumbers<float>& numbers, std::size_t lane, LaneNumbers& lanes) {
-  constexpr std::size_t kCount = sizeof(numbers) / sizeof(float);
+void set_lanes(const std::array<const AirframeNumbers<float>*, kLanes>& numbers, LaneNumbers& lanes) {
+  constexpr std::size_t kCount = sizeof(AirframeNumbers<float>) / sizeof(float);
   static_assert(sizeof(lanes) == kCount * sizeof(Lane), "one lane for each number, and nothing between");
-  const auto from = std::bit_cast<std::array<float, kCount>>(numbers);
-  auto to = std::bit_cast<std::array<Lane, kCount>>(lanes);
-  for (std::size_t i = 0; i < kCount; ++i) to[i][lane] = from[i];
+  std::array<Lane, kCount> to;
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    const auto from = std::bit_cast<std::array<float, kCount>>(*numbers[lane]);
+    for (std::size_t i = 0; i < kCount; ++i) to[i][lane] = from[i];
+  }
   lanes = std::bit_cast<LaneNumbers>(to);
 }
 

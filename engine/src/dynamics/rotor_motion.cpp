@@ -37,7 +37,8 @@ class GroupFlight {
         fleet_(context.fleet),
         state_(context.state),
         flock_(context.scratch.flock),
-        group_(drones, context.own) {}
+        group_(drones, context.own),
+        numbers_(fleet_.airframes.size() == 1 ? fleet_.physics.lanes : gathered_numbers()) {}
 
   void update_accelerations(const Physics& coasting) {
     load();
@@ -61,6 +62,19 @@ class GroupFlight {
   }
 
  private:
+  // The numbers of the lanes' airframes. They are kept, since the next group often has the same airframes in its lanes.
+  const LaneNumbers& gathered_numbers() {
+    FlightScratch& scratch = context_.scratch;
+    std::array<std::int32_t, kLanes> airframes;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) airframes[lane] = fleet_.airframe_index[group_[lane]];
+    if (airframes == scratch.airframes) return scratch.numbers;
+    std::array<const AirframeNumbers<float>*, kLanes> numbers;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) numbers[lane] = &fleet_.numbers[fleet_.airframe_row(group_[lane])];
+    set_lanes(numbers, scratch.numbers);
+    scratch.airframes = airframes;
+    return scratch.numbers;
+  }
+
   void load() {
     group_.load(state_, flock_);
     find_ground();
@@ -75,7 +89,7 @@ class GroupFlight {
       return void(std::copy(numbers.begin(), numbers.end(), flock_.setpoint.begin()));
     }
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const auto setpoint = setpoint_of(fleet_.config, fleet_.airframe, input_of(commands, group_[lane]));
+      const auto setpoint = setpoint_of(fleet_.config, fleet_.airframe_of(group_[lane]), input_of(commands, group_[lane]));
       for (std::size_t k = 0; k < setpoint.size(); ++k) flock_.setpoint[k][lane] = setpoint[k];
     }
   }
@@ -113,7 +127,7 @@ class GroupFlight {
         rays.org_z[rays.count] = flock_.origin[2][lane];
         rays.dir_x[rays.count] = rays.dir_y[rays.count] = 0.0F;
         rays.dir_z[rays.count] = -1.0F;
-        rays.range[rays.count] = kGroundRadii * 4.0F * fleet_.physics.numbers.ground_quarter;
+        rays.range[rays.count] = kGroundRadii * 4.0F * numbers_.ground_quarter[lane];
       }
       context_.tracer.trace_block(*context_.scenes[slot_of(first)]);
       std::copy_n(rays.t_hit, rays.count, flock_.height.data() + first);
@@ -121,7 +135,7 @@ class GroupFlight {
   }
 
   void advance(const Physics& physics, int first_tick, int ticks) {
-    dynamics::fly(physics, flock_, first_tick, ticks);
+    dynamics::fly(physics, numbers_, flock_, first_tick, ticks);
     update_position(flock_);
   }
 
@@ -207,7 +221,8 @@ class GroupFlight {
         .end = {vec3(flock_.velocity, lane), vec3(flock_.turn, lane)},
         .duration_s = fleet_.clock.dt_s(),
     };
-    const ContactResult result = resolve_contacts(obstacles(lane), {context_.hull, fleet_.airframe}, fleet_.config, motion);
+    const ContactResult result =
+        resolve_contacts(obstacles(lane), {context_.hull, fleet_.airframe_of(drone)}, fleet_.config, motion);
     if (result.contact.hit) write_contact(state_, drone, result.contact);
     if (result.is_deflected) {
       set(result.pose.position, lane, flock_.position);
@@ -254,6 +269,7 @@ class GroupFlight {
   State& state_;
   Flock& flock_;
   LaneGroup group_;
+  const LaneNumbers& numbers_;
   alignas(64) Lane space_{};                    // m: radius around the origin that must be free for the leg to be flown at once
   std::array<std::int32_t, kLanes> is_open_{};  // the cached open space holds that
   LaneFlags is_done_{};                         // the leg is over for the lane

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -33,6 +34,9 @@ struct LostDrones {
 // The working memory of a thread; made once.
 struct FlightScratch {
   Flock flock;
+  // In a fleet of several airframes: the numbers of the last group's lanes, and the rows of their airframes; -1: no group yet.
+  LaneNumbers numbers;
+  std::array<std::int32_t, kLanes> airframes{-1};
   LostDrones lost;  // in the present call, of a batch without a task
 };
 

@@ -1,0 +1,193 @@
+// Fleet: drones of several airframes fly as they do in fleets of one airframe.
+#include "dynamics/fleet.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "batch/simulation.hpp"
+#include "batch/snapshot.hpp"
+#include "batch_helpers.hpp"
+#include "flight_inputs.hpp"
+#include "flight_room.hpp"
+#include "random.hpp"
+
+namespace flockstep {
+namespace {
+
+using dynamics::DroneRange;
+using dynamics::Fleet;
+using testing::FlightRoom;
+using testing::Random;
+
+constexpr std::size_t kDrones = testing::kRoomDrones;
+const DroneRange kAll{DroneIndex(0), kDrones};
+const std::vector<std::int32_t> kFirstRow(kDrones);  // every drone has the first airframe
+
+std::vector<DroneIndex> all_drones() {
+  std::vector<DroneIndex> list;
+  for (std::size_t drone = 0; drone < kDrones; ++drone) list.emplace_back(drone);
+  return list;
+}
+
+// The drone has the same bits in two states.
+void expect_same_drone(const State& a, const State& b, std::size_t drone) {
+  testing::for_each_float_array(a, b, [&](const std::string& name, const auto& values, const auto& others) {
+    const std::size_t columns = values.size() / kDrones;
+    EXPECT_TRUE(testing::same_bits(testing::row(values, drone, columns), testing::row(others, drone, columns)))
+        << name << ' ' << drone;
+  });
+  EXPECT_EQ(a.contact.hit[drone], b.contact.hit[drone]);
+  EXPECT_EQ(a.contact.inside[drone], b.contact.inside[drone]);
+}
+
+// Rows of a table of some airframes: consecutive drones have different ones.
+std::vector<std::int32_t> mixed_index(std::size_t num_airframes) {
+  std::vector<std::int32_t> index;
+  for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    index.push_back(static_cast<std::int32_t>((7 * drone + drone / num_airframes) % num_airframes));
+  }
+  return index;
+}
+
+std::vector<Airframe> by_drone(const Fleet& fleet) {
+  std::vector<Airframe> airframes;
+  for (std::size_t drone = 0; drone < kDrones; ++drone) airframes.push_back(fleet.airframe_of(DroneIndex(drone)));
+  return airframes;
+}
+
+void expect_same_flights(const DynamicsConfig& config, bool is_row) {
+  const DroneModel model = DroneModel::load("crazyflie");
+  const std::vector<Airframe> airframes = testing::different_airframes();
+  const std::vector<std::int32_t> index = mixed_index(airframes.size());
+  const std::vector<DroneIndex> drones = all_drones();
+  const DroneRange own = is_row ? kAll : DroneRange{};
+  FlightRoom mixed(config, model, airframes, index);
+  Random random(31);
+  const std::vector<float> command = testing::flight_commands(random, config.control, by_drone(mixed.fleet));
+  const auto fly = [&](FlightRoom& room) {
+    room.update_accelerations(drones, own);
+    for (int step = 0; step < 40; ++step) room.fly(drones, own, command);
+  };
+  fly(mixed);
+  EXPECT_GT(mixed.hits(), 3U);
+  for (std::size_t row = 0; row < airframes.size(); ++row) {
+    FlightRoom same(config, model, std::span(airframes).subspan(row, 1), kFirstRow);
+    fly(same);
+    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+      if (index[drone] == static_cast<std::int32_t>(row)) expect_same_drone(mixed.state, same.state, drone);
+    }
+  }
+}
+
+TEST(Fleet, OfSeveralAirframesFliesEachDroneAsAFleetOfItsAirframe) {
+  int tried = 0;
+  for (const OnContact on_contact : {OnContact::terminate, OnContact::stop, OnContact::bounce}) {
+    for (const Control control : testing::kFlightControls) {
+      SCOPED_TRACE(::testing::Message() << static_cast<int>(on_contact) << ' ' << static_cast<int>(control));
+      DynamicsConfig config = testing::room_dynamics(on_contact, control);
+      config.wind.gusts = Gusts::dryden;
+      config.integrator = tried++ % 2 == 0 ? Integrator::midpoint : Integrator::rk4;
+      expect_same_flights(config, tried % 3 != 0);
+    }
+  }
+}
+
+// With the other airframe from the third step on, it flies as in a fleet of that airframe that begins there.
+TEST(Fleet, GivesADroneAnotherAirframeBetweenSteps) {
+  const DroneModel model = DroneModel::load("crazyflie");
+  const std::vector<Airframe> airframes{*model.airframe(), *DroneModel::load("hummingbird").airframe()};
+  const DynamicsConfig config = testing::room_dynamics(OnContact::bounce, Control::velocity);
+  const std::vector<DroneIndex> drones = all_drones();
+  FlightRoom mixed(config, model, airframes, kFirstRow);
+  FlightRoom first(config, model, std::span(airframes).first(1), kFirstRow);
+  FlightRoom second(config, model, std::span(airframes).last(1), kFirstRow);
+  Random random(37);
+  const std::vector<float> command = testing::flight_commands(random, config.control, by_drone(mixed.fleet));
+  for (int step = 0; step < 2; ++step) {
+    mixed.fly(drones, kAll, command);
+    first.fly(drones, kAll, command);
+  }
+  second.state = first.state;
+  for (const std::size_t drone : {3U, 20U}) mixed.fleet.set_airframe(DroneIndex(drone), 1);
+  for (int step = 0; step < 5; ++step) {
+    mixed.fly(drones, kAll, command);
+    first.fly(drones, kAll, command);
+    second.fly(drones, kAll, command);
+  }
+  EXPECT_FALSE(testing::same_bits(first.state.position, second.state.position));
+  for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    expect_same_drone(mixed.state, drone == 3 || drone == 20 ? second.state : first.state, drone);
+  }
+}
+
+TEST(Fleet, HasTheIntegratorThatSuitsEveryAirframe) {
+  const Airframe slow = *DroneModel::load("kingfisher").airframe();
+  Airframe fast = slow;
+  fast.lag_up_s = fast.lag_down_s = 1e-4;
+  const DynamicsConfig config = testing::room_dynamics(OnContact::stop, Control::rotor_speeds);
+  const auto is_rk4 = [&](std::vector<Airframe> airframes) {
+    return Fleet(airframes, kFirstRow, config, testing::kRoomClock, 1).physics.is_rk4;
+  };
+  EXPECT_TRUE(is_rk4({slow, slow}));
+  EXPECT_FALSE(is_rk4({slow, fast}));
+  EXPECT_FALSE(is_rk4({fast, slow}));
+}
+
+TEST(Fleet, RefusesAirframesThatItCannotIntegrate) {
+  const Airframe good = *DroneModel::load("kingfisher").airframe();
+  Airframe fast = good, stiff = good;
+  fast.lag_up_s = 1e-4;
+  stiff.linear_drag = {0.0, 1e4, 0.0};
+  DynamicsConfig config = testing::room_dynamics(OnContact::stop, Control::rotor_speeds);
+  const auto make = [&](std::vector<Airframe> airframes, std::int32_t row) {
+    Fleet(airframes, std::vector(kDrones, row), config, testing::kRoomClock, 1);
+  };
+  make({good, good, good}, 2);
+  EXPECT_REFUSED(make({}, 0), "airframes: ");
+  EXPECT_REFUSED(make({good, good}, 2), "airframe_index: expected an integer in [0, 2), got 2");
+  EXPECT_REFUSED(make({good, good}, -1), "airframe_index: ");
+  EXPECT_REFUSED(make({good, stiff}, 0), "airframes (row 1): ");
+  EXPECT_REFUSED(make({stiff}, 0), "drone: ");
+  config.integrator = Integrator::rk4;
+  make({good, good}, 0);
+  EXPECT_REFUSED(make({good, fast}, 0), "integrator: ");
+  Fleet fleet(std::vector{good, good}, kFirstRow, config, testing::kRoomClock, 1);
+  EXPECT_REFUSED(fleet.set_airframe(DroneIndex(0), 2), "airframe_index: ");
+}
+
+// A simulation of two drones whose fleet has these airframes.
+std::unique_ptr<Simulation> simulation_of(const std::vector<Airframe>& airframes) {
+  BatchConfig config;
+  config.num_envs = 2;
+  config.num_threads = 1;
+  config.clock = testing::kRoomClock;
+  config.dynamics = testing::room_dynamics(OnContact::stop, Control::velocity);
+  auto sim = std::make_unique<Simulation>(config, Batch::Worlds{testing::closet()}, nullptr, DroneModel::load("crazyflie"),
+                                          std::span<const std::int32_t>());
+  sim->fleet.emplace(airframes, std::vector<std::int32_t>(2), config.dynamics, config.clock, 1);
+  return sim;
+}
+
+TEST(Fleet, IsPartOfASnapshotIfItHasSeveralAirframes) {
+  const Airframe airframe = *DroneModel::load("crazyflie").airframe(), other = *DroneModel::load("x500").airframe();
+  const auto sim = simulation_of({airframe, other}), same = simulation_of({airframe, other});
+  sim->fleet->set_airframe(DroneIndex(1), 1);
+  const std::string snapshot = make_snapshot(*sim);
+  restore_snapshot(*same, snapshot);
+  EXPECT_EQ(same->fleet->airframe_index, (std::vector<std::int32_t>{0, 1}));
+  EXPECT_REFUSED(restore_snapshot(*simulation_of({airframe, airframe}), snapshot), "snapshot: ");
+  EXPECT_REFUSED(restore_snapshot(*simulation_of({airframe}), snapshot), "snapshot: ");
+
+  sim->fleet->airframe_index[1] = 2;
+  EXPECT_REFUSED(restore_snapshot(*same, make_snapshot(*sim)), "airframe_index");
+  EXPECT_EQ(same->fleet->airframe_index, (std::vector<std::int32_t>{0, 1}));
+}
+
+}  // namespace
+}  // namespace flockstep
