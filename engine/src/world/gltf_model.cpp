@@ -16,6 +16,7 @@
 #include "world/base64.hpp"
 #include "world/json_document.hpp"
 #include "world/scene_description.hpp"
+#include "world/scene_keys.hpp"
 #include "world/solid_names.hpp"
 #include "world/text_file.hpp"
 
@@ -368,7 +369,7 @@ class Checker {
     const double times = strength ? number(*strength, 0.0, kMaxNumber, "a number >= 0") : 1.0;
     bool emits = false;
     for (Json& factor : factors["emissiveFactor"]) {
-      factor = std::min(factor.get<double>() * times, kMaxLightColor);
+      factor = std::min(factor.get<double>() * times, keys::kEmissive.limits.greatest);
       emits |= factor.get<double>() > 0.0;
     }
     if (!emits) return;

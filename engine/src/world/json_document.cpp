@@ -147,13 +147,17 @@ JsonField require(const JsonField& object, std::string_view key) {
   return *field;
 }
 
+void refuse_unknown(const JsonField& field, std::span<const std::string_view> known) {
+  std::string names;
+  for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
+  fail(field, "unknown field; expected one of " + names);
+}
+
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known) {
   if (!field.value.is_object()) refuse(field, "an object");
   for (const auto& [key, value] : field.value.items()) {
     if (std::find(known.begin(), known.end(), key) != known.end()) continue;
-    std::string names;
-    for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
-    fail(child(field, key, value), "unknown field; expected one of " + names);
+    refuse_unknown(child(field, key, value), {known.begin(), known.size()});
   }
 }
 

@@ -16,6 +16,7 @@
 #include "base/require.hpp"
 #include "world/image.hpp"
 #include "world/scene_description.hpp"
+#include "world/scene_keys.hpp"
 #include "world/text_file.hpp"
 #include "world/text_lines.hpp"
 
@@ -126,9 +127,9 @@ class MtlChecker {
     for (int channel = 0; channel < 3; ++channel) {
       const std::string_view word = channel == 0 || rest.empty() ? first : next_word(words);
       double value = 0.0;
-      if (!(parse_number(word, value) && value >= 0.0 && value <= (is_emission ? kMaxLightColor : 1.0))) {
-        refuse(place(), std::string("three numbers in [0, ") + (is_emission ? "100" : "1") + "] after " + std::string(keyword),
-               '"' + excerpt(line_) + '"');
+      const SceneKey& key = is_emission ? keys::kEmissive : keys::kBaseColor;
+      if (!(parse_number(word, value) && key.limits.contain(value))) {
+        refuse(place(), "three " + text_of_values(key) + " after " + std::string(keyword), '"' + excerpt(line_) + '"');
       }
       kept += ' ';
       kept += word;

@@ -13,6 +13,7 @@
 #include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "world/scene_keys.hpp"
 
 namespace flockstep {
 namespace {
@@ -25,9 +26,19 @@ std::string text(const Vec3& v) {
 
 std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
 
+std::string text_of_coordinates() { return "finite coordinates " + text_of_magnitude(keys::kCoordinates); }
+
+// object: a function that returns its name.
+template <class Name>
+void check_values(const Name& object, const SceneKey& key, std::span<const float> values) {
+  for (const float value : values) {
+    if (!allows(key, value)) refuse(object() + '.' + std::string(key.name), text_of_values(key), std::to_string(value));
+  }
+}
+
 void check_point(const std::string& field, const Vec3& point) {
   if (!is_in_world(point)) {
-    refuse(field, "finite coordinates within +-1e+06 m", text(point));
+    refuse(field, text_of_coordinates() + " m", text(point));
   }
 }
 
@@ -46,8 +57,9 @@ void check_material(const std::string& field, std::size_t index, std::size_t cou
 void take_corners(const std::string& field, Primitive& room) {
   const Eigen::Vector3d center = room.center.cast<double>(), half = room.half_extents.cast<double>();
   const Eigen::Vector3d low = center - half, high = center + half;
-  if (!(low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff() <= kMaxCorner)) {
-    refuse(field, "corners within +-1e+06 m", text(low.cast<float>()) + " and " + text(high.cast<float>()));
+  if (!(low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff() <= keys::kCorners.greatest)) {
+    refuse(field, "corners " + text_of_magnitude(keys::kCorners) + " m",
+           text(low.cast<float>()) + " and " + text(high.cast<float>()));
   }
   room.center = ((low + high) / 2.0).cast<float>();
   room.half_extents = ((high - low) / 2.0).cast<float>();
@@ -65,8 +77,8 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
   if (is_flat && half.z() != 0.0F) refuse(field + ".half_extents", "thickness 0", text(half));
   if (is_flat) primitive.half_extents.z() = 0.0F;  // as which -0 is written
-  if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize))) {
-    refuse(field + ".half_extents", "sizes >= 1e-06 m", text(half));
+  if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(keys::kSizes.least))) {
+    refuse(field + ".half_extents", "sizes " + at_least(keys::kSizes.least).text() + " m", text(half));
   }
 
   check_presence(field + ".presence", primitive.presence);
@@ -119,7 +131,9 @@ void check_uv(TriangleMesh& mesh, bool is_textured) {
   }
   for (std::size_t i = 0; i < mesh.uv.size(); ++i) {
     for (const float value : mesh.uv[i]) {
-      if (!is_in_world(value)) refuse("mesh." + element("uv", i), "finite numbers within +-1e+06", std::to_string(value));
+      if (!allows(keys::kUv, value)) {
+        refuse("mesh." + element("uv", i), "finite numbers " + text_of_magnitude(keys::kUv.limits), std::to_string(value));
+      }
     }
   }
 }
@@ -132,8 +146,9 @@ void check_colors(const TriangleMesh& mesh) {
   }
   for (std::size_t i = 0; i < mesh.colors.size(); ++i) {
     for (const float value : mesh.colors[i]) {
-      const bool is_color = value >= 0.0F && value <= 1.0F;
-      if (!is_color) refuse("mesh." + element("colors", i), "numbers in [0, 1]", std::to_string(value));
+      if (!allows(keys::kColors, value)) {
+        refuse("mesh." + element("colors", i), text_of_values(keys::kColors), std::to_string(value));
+      }
     }
   }
 }
@@ -238,7 +253,8 @@ void check_solid(const SceneDescription& description) {
 }
 
 void check_textures(const std::vector<Texture>& textures) {
-  if (textures.size() > kMaxTextures) refuse("textures", "at most 65536 of them", std::to_string(textures.size()));
+  if (textures.size() > kMaxTextures)
+    refuse("textures", "at most " + std::to_string(kMaxTextures) + " of them", std::to_string(textures.size()));
   std::set<std::string_view> names;
   for (std::size_t i = 0; i < textures.size(); ++i) {
     const auto& [name, width, height, rgba, wrap] = textures[i];
@@ -260,19 +276,10 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
   }
   std::set<std::string_view> names;
   for (std::size_t i = 0; i < materials.size(); ++i) {
-    for (const float value : materials[i].base_color) {
-      if (!(value >= 0.0F && value <= 1.0F)) {
-        refuse(element("materials", i) + ".base_color", "numbers in [0, 1]", std::to_string(value));
-      }
-    }
-    for (const float value : materials[i].emissive) {
-      if (!(value >= 0.0F && value <= static_cast<float>(kMaxLightColor))) {
-        refuse(element("materials", i) + ".emissive", "numbers in [0, 100]", std::to_string(value));
-      }
-    }
-    if (!(materials[i].alpha_cutoff >= 0.0F && materials[i].alpha_cutoff <= 1.0F)) {
-      refuse(element("materials", i) + ".alpha_cutoff", "a number in [0, 1]", std::to_string(materials[i].alpha_cutoff));
-    }
+    const auto name = [i] { return element("materials", i); };
+    check_values(name, keys::kBaseColor, materials[i].base_color);
+    check_values(name, keys::kEmissive, materials[i].emissive);
+    check_values(name, keys::kAlphaCutoff, {&materials[i].alpha_cutoff, 1});
     if (materials[i].semantic >= kSemanticStart) {
       refuse(element("materials", i) + ".semantic", "a number below " + std::to_string(kSemanticStart),
              std::to_string(materials[i].semantic));
@@ -302,34 +309,14 @@ Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vecto
 void check_light(Light& light) {
   const auto& sun = light.sun_direction;
   const Vec3 direction(sun[0], sun[1], sun[2]);
-  if (!(is_in_world(sun[0]) && is_in_world(sun[1]) && is_in_world(sun[2]))) {
-    refuse("light.sun_direction", "finite coordinates within +-1e+06", text(direction));
-  }
+  if (!is_in_world(direction)) refuse("light.sun_direction", text_of_coordinates(), text(direction));
   if (direction.isZero(0.0F)) refuse("light.sun_direction", "a direction that is not 0", text(direction));
   const Vec3 unit = unit_direction(direction.cast<double>());
   light.sun_direction = {unit.x(), unit.y(), unit.z()};
 
-  const auto check_color = [](const char* name, const std::array<float, 3>& color) {
-    for (const float value : color) {
-      if (!(value >= 0.0F && value <= static_cast<float>(kMaxLightColor))) {
-        refuse(std::string("light.") + name, "numbers in [0, 100]", std::to_string(value));
-      }
-    }
-  };
-  check_color("sun_color", light.sun_color);
-  check_color("sky_ambient", light.sky_ambient);
-  check_color("ground_ambient", light.ground_ambient);
-  check_color("zenith_color", light.zenith_color);
-  check_color("horizon_color", light.horizon_color);
-  if (!(light.gamma >= static_cast<float>(kMinGamma) && light.gamma <= static_cast<float>(kMaxGamma))) {
-    refuse("light.gamma", "a number in [1, 4]", std::to_string(light.gamma));
-  }
-  const float radius = light.sun_radius_deg;
-  const bool is_radius = radius >= static_cast<float>(kMinSunRadiusDeg) && radius <= static_cast<float>(kMaxSunRadiusDeg);
-  if (radius != 0.0F && !is_radius) refuse("light.sun_radius_deg", "0 or a number in [0.1, 45]", std::to_string(radius));
-  if (!(light.sun_glow >= 0.0F && light.sun_glow <= 1.0F)) {
-    refuse("light.sun_glow", "a number in [0, 1]", std::to_string(light.sun_glow));
-  }
+  const auto name = [] { return std::string("light"); };
+  for (const auto& [key, member] : kLightColors) check_values(name, key, light.*member);
+  for (const auto& [key, member] : kLightNumbers) check_values(name, key, {&(light.*member), 1});
 }
 
 void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials) {
@@ -340,7 +327,9 @@ void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material
   for (std::size_t i = 0; i < tint.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
       const float value = tint[i][c];
-      if (!(value >= 0.0F && value <= kMaxTint)) refuse(element("tint", i), "numbers in [0, 10]", std::to_string(value));
+      if (!kTints.contain(static_cast<double>(value))) {
+        refuse(element("tint", i), "numbers " + kTints.text(), std::to_string(value));
+      }
       materials[i].base_color[c] = std::min(1.0F, materials[i].base_color[c] * value);
     }
   }
@@ -367,7 +356,7 @@ Vec3 unit_direction(const Eigen::Vector3d& direction) {
 }
 
 void check_markers(const Markers& markers) {
-  if (!(markers.radius >= static_cast<float>(kMinSize) && is_in_world(markers.radius))) {
+  if (!allows(keys::kMarkerRadius, markers.radius)) {
     refuse("markers.radius", "a number > 0", std::to_string(markers.radius));
   }
   if (markers.start) check_point("markers.start", *markers.start);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/limits.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -31,14 +32,8 @@ inline constexpr int kMaxTexturePx = 16384;
 // From so many triangles of a world on, what each takes in memory counts for more than a few milliseconds here and there.
 inline constexpr std::size_t kManyTriangles = std::size_t{1} << 18U;
 
-// Colours of the light are refused beyond this: brighter than any picture shows, and far from overflow.
-inline constexpr double kMaxLightColor = 100.0;
-inline constexpr float kMaxTint = 10.0F;
-inline constexpr double kMinGamma = 1.0;
-inline constexpr double kMaxGamma = 4.0;
-// Of the sun's disc, where it has one. Directions in float32 are accurate enough to show the least.
-inline constexpr double kMinSunRadiusDeg = 0.1;
-inline constexpr double kMaxSunRadiusDeg = 45.0;
+// See Look::tint.
+inline constexpr Limits kTints = between(0.0, 10.0);
 
 // True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);

@@ -1,0 +1,71 @@
+#include "world/scene_keys.hpp"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "world/json_document.hpp"
+
+namespace flockstep {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+OrderedJson keys_as_json(std::span<const SceneKey> keys);
+
+OrderedJson key_as_json(const SceneKey& key) {
+  const auto name_of = [](const auto& names, auto value) { return names[static_cast<std::size_t>(value)]; };
+  OrderedJson object = {{"name", key.name}, {"meaning", key.meaning}};
+  object["kind"] = name_of(EnumNames<ValueKind>::kNames, key.kind);
+  object["count"] = name_of(EnumNames<ValueCount>::kNames, key.count);
+  object["size"] = key.size;
+  object["unit"] = key.unit;
+  object["required"] = key.is_required;
+  object["alternative"] = key.alternative;
+  if (std::isfinite(key.limits.least)) object["least"] = key.limits.least;
+  if (std::isfinite(key.limits.greatest)) object["greatest"] = key.limits.greatest;
+  if (key.or_zero) object["or_zero"] = true;
+  if (key.kind == ValueKind::version) object["version"] = kSceneVersion;
+  if (key.most != 0) object["most"] = key.most;
+  if (key.kind == ValueKind::flag) object["default"] = true;
+  if (key.usual != nullptr) object["default"] = OrderedJson::parse(key.usual());
+  if (!key.choices.empty()) object["choices"] = std::vector<std::string>(key.choices.begin(), key.choices.end());
+  if (!key.keys.empty()) object["keys"] = keys_as_json(key.keys);
+  return object;
+}
+
+OrderedJson keys_as_json(std::span<const SceneKey> keys) {
+  OrderedJson list = OrderedJson::array();
+  for (const SceneKey& key : keys) list.push_back(key_as_json(key));
+  return list;
+}
+
+}  // namespace
+
+std::string as_json(const std::string& text) { return OrderedJson(text).dump(); }
+
+std::string as_json(float value) { return OrderedJson(json::shortest(value)).dump(); }
+
+std::string as_json(const std::array<float, 3>& values) {
+  return '[' + as_json(values[0]) + ',' + as_json(values[1]) + ',' + as_json(values[2]) + ']';
+}
+
+std::string as_json(const std::array<TextureWrap, 2>& wrap) {
+  OrderedJson names = OrderedJson::array();
+  for (const TextureWrap one : wrap) names.push_back(EnumNames<TextureWrap>::kNames[static_cast<std::size_t>(one)]);
+  return names.dump();
+}
+
+std::string scene_keys_as_json() { return keys_as_json(keys::kSceneKeys).dump(); }
+
+std::string text_of_magnitude(const Limits& limits) {
+  std::ostringstream text;
+  text << "within +-" << limits.greatest;
+  return text.str();
+}
+
+std::string text_of_values(const SceneKey& key) {
+  return (key.or_zero ? "0 or " : "") + std::string(key.size == 0 ? "a number " : "numbers ") + key.limits.text();
+}
+
+}  // namespace flockstep

@@ -1,0 +1,392 @@
+// The keys of a scene file. Type, limits, unit, default and meaning of each are written here and nowhere else: the reader and the
+// checks of a SceneDescription use these lists, and bindings/scene_keys.py makes scenes/schema.json and the table of
+// docs/conventions.md from them.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "flockstep/limits.hpp"
+#include "flockstep/pose.hpp"
+#include "flockstep/world.hpp"
+#include "world/scene_description.hpp"
+
+namespace flockstep {
+
+enum class ValueKind : std::uint8_t {
+  anything,       // not read
+  version,        // the number kSceneVersion
+  text,           //
+  text_or_texts,  // one text, or an array of them
+  flag,           // true or false; true by default
+  number,         //
+  integer,        //
+  index,          // an integer >= 0
+  direction,      // numbers, not all of them 0
+  choice,         // one of a few texts
+  object,         // with keys of its own
+};
+template <>
+struct EnumNames<ValueKind> {
+  static constexpr std::array kNames{"anything", "version", "text",      "text_or_texts", "flag",  "number",
+                                     "integer",  "index",   "direction", "choice",        "object"};
+};
+
+// How many values a key holds.
+enum class ValueCount : std::uint8_t { one, list, by_name };
+template <>
+struct EnumNames<ValueCount> {
+  static constexpr std::array kNames{"one", "list", "by_name"};
+};
+
+struct SceneKey {
+  std::string_view name;
+  std::string_view meaning;  // a sentence
+  ValueKind kind = ValueKind::number;
+  Limits limits;                         // of each number
+  bool or_zero = false;                  // 0 is allowed besides
+  std::size_t size = 0;                  // a value is an array of so many; 0: it is not an array
+  ValueCount count = ValueCount::one;    //
+  std::size_t most = 0;                  // values of a list or a map; 0: any number
+  std::string_view unit;                 //
+  std::string (*usual)() = nullptr;      // the default as JSON; null: there is none
+  bool is_required = false;              // with `alternative`: if another key of the same alternative is there
+  std::uint8_t alternative = 0;          // keys of exactly one alternative of an object may be there; 0: of none
+  std::span<const SceneKey> keys;        // of an object
+  std::span<const char* const> choices;  // of a choice
+};
+
+inline constexpr int kSceneVersion = 1;
+
+// For SceneKey::usual.
+std::string as_json(const std::string& text);
+std::string as_json(float value);
+std::string as_json(const std::array<float, 3>& values);
+std::string as_json(const std::array<TextureWrap, 2>& wrap);
+
+// All keys, as a JSON array of objects.
+std::string scene_keys_as_json();
+
+// "within +-1e+06", of limits that are symmetric.
+std::string text_of_magnitude(const Limits& limits);
+
+// "a number in [1, 4]", "0 or a number in [0.1, 45]", or of an array "numbers in [0, 1]".
+std::string text_of_values(const SceneKey& key);
+
+// True if a float32 may be the rounded value of a number that the key allows.
+constexpr bool allows(const SceneKey& key, float value) {
+  const Limits& limits = key.limits;
+  return (value >= static_cast<float>(limits.least) && value <= static_cast<float>(limits.greatest)) ||
+         (key.or_zero && value == 0.0F);
+}
+
+namespace keys {
+
+constexpr SceneKey list_of(std::string_view name, std::string_view meaning, std::span<const SceneKey> keys,
+                           std::size_t most = 0) {
+  return {.name = name, .meaning = meaning, .kind = ValueKind::object, .count = ValueCount::list, .most = most, .keys = keys};
+}
+
+constexpr SceneKey light_color(std::string_view name, std::string_view meaning, std::string (*usual)()) {
+  constexpr Limits kBrightness = between(0.0, 100.0);  // brighter than a picture shows, and far from overflow
+  return {.name = name, .meaning = meaning, .limits = kBrightness, .size = 3, .usual = usual};
+}
+
+inline constexpr Limits kCoordinates = within(kMaxCoordinate);
+inline constexpr Limits kSizes = between(kMinSize, kMaxCoordinate);
+inline constexpr Limits kLengths = between(2.0 * kMinSize, 2.0 * kMaxCoordinate);  // half of a length is a size
+inline constexpr Limits kCorners = within(kMaxCorner);
+inline constexpr Limits kShares = between(0.0, 1.0);
+
+// Keys that several objects have.
+inline constexpr SceneKey kCenter{
+    .name = "center", .meaning = "x, y, z.", .limits = kCoordinates, .size = 3, .unit = "m", .is_required = true};
+inline constexpr SceneKey kRadius{.name = "radius", .meaning = "The radius.", .limits = kSizes, .unit = "m", .is_required = true};
+inline constexpr SceneKey kHeight{.name = "height",
+                                  .meaning = "Length along local z. A capsule's includes its caps: at least twice the radius.",
+                                  .limits = kLengths,
+                                  .unit = "m",
+                                  .is_required = true};
+inline constexpr SceneKey kRotation{
+    .name = "quat_wxyz",
+    .meaning = "Rotation (w, x, y, z) from local to world, of norm 1 within 1e-3; the identity if left out.",
+    .limits = kCoordinates,
+    .size = 4};
+inline constexpr SceneKey kMaterial{
+    .name = "material",
+    .meaning = "A name listed in materials; \"default\", a light grey unless listed, if left out.",
+    .kind = ValueKind::text};
+inline constexpr SceneKey kVisible{
+    .name = "visible", .meaning = "True if cameras, LiDARs and rays see it.", .kind = ValueKind::flag};
+inline constexpr SceneKey kSolid{
+    .name = "solid",
+    .meaning = "True if drones hit it and planners go around it. At least one of visible and solid is true.",
+    .kind = ValueKind::flag};
+inline constexpr SceneKey kMin{
+    .name = "min", .meaning = "Least corner.", .limits = kCorners, .size = 3, .unit = "m", .is_required = true};
+inline constexpr SceneKey kMax{
+    .name = "max", .meaning = "Greatest corner, above min.", .limits = kCorners, .size = 3, .unit = "m", .is_required = true};
+
+// Textures
+inline constexpr SceneKey kTextureFile{.name = "file",
+                                       .meaning = "Path of a PNG or JPEG file, relative to the scene.",
+                                       .kind = ValueKind::text,
+                                       .is_required = true,
+                                       .alternative = 1};
+inline constexpr SceneKey kTextureBytes{.name = "png_base64",
+                                        .meaning = "The bytes of such a file, in base64.",
+                                        .kind = ValueKind::text,
+                                        .is_required = true,
+                                        .alternative = 2};
+inline constexpr SceneKey kWrap{.name = "wrap",
+                                .meaning =
+                                    "Continuation beyond its borders, across and down: repeated, mirrored, or the border "
+                                    "itself.",
+                                .kind = ValueKind::choice,
+                                .size = 2,
+                                .usual = [] { return as_json(Texture().wrap); },
+                                .choices = EnumNames<TextureWrap>::kNames};
+inline constexpr std::array kTextureKeys{kTextureFile, kTextureBytes, kWrap};
+
+// Materials
+inline constexpr SceneKey kBaseColor{
+    .name = "base_color", .meaning = "Linear red, green, blue.", .limits = kShares, .size = 3, .is_required = true};
+inline constexpr SceneKey kSemantic{.name = "semantic",
+                                    .meaning = "Class that cameras report; the place in materials, counted from 1, if left out.",
+                                    .kind = ValueKind::integer,
+                                    .limits = between(1, kSemanticStart - 1)};
+inline constexpr SceneKey kTexture{.name = "texture",
+                                   .meaning =
+                                       "A name listed in textures. Its colours are multiplied by base_color; only triangles "
+                                       "show it.",
+                                   .kind = ValueKind::text};
+inline constexpr SceneKey kEmissive = light_color("emissive",
+                                                  "Linear red, green, blue, shown in any light and added to the lit colour. On "
+                                                  "triangles it is multiplied by texture and colors.",
+                                                  [] { return as_json(Material().emissive); });
+inline constexpr SceneKey kAlphaCutoff{.name = "alpha_cutoff",
+                                       .meaning =
+                                           "Cameras see through triangles, and the sun shines through, if the texture's "
+                                           "alpha, from 0 to 1, is below this.",
+                                       .limits = kShares,
+                                       .usual = [] { return as_json(Material().alpha_cutoff); }};
+inline constexpr std::array kMaterialKeys{kBaseColor, kSemantic, kTexture, kEmissive, kAlphaCutoff};
+
+// Solids
+inline constexpr std::array kRoomKeys{kMin, kMax, kMaterial};
+
+inline constexpr SceneKey kPillarCenter{
+    .name = "center", .meaning = "x, y.", .limits = kCoordinates, .size = 2, .unit = "m", .is_required = true};
+inline constexpr SceneKey kPillarEnds{
+    .name = "z", .meaning = "Low and high end; those of the room if left out.", .limits = kCoordinates, .size = 2, .unit = "m"};
+inline constexpr std::array kPillarKeys{kPillarCenter, kRadius, kPillarEnds, kMaterial, kVisible, kSolid};
+
+inline constexpr std::array kRoundKeys{kCenter, kRadius, kHeight, kRotation, kMaterial, kVisible, kSolid};
+
+inline constexpr SceneKey kBoxSize{.name = "size",
+                                   .meaning = "Full lengths along local x, y, z.",
+                                   .limits = kLengths,
+                                   .size = 3,
+                                   .unit = "m",
+                                   .is_required = true};
+inline constexpr std::array kBoxKeys{kCenter, kBoxSize, kRotation, kMaterial, kVisible, kSolid};
+
+inline constexpr std::array kSphereKeys{kCenter, kRadius, kMaterial, kVisible, kSolid};
+
+inline constexpr SceneKey kPlaneSize{
+    .name = "size", .meaning = "Full lengths along local x, y.", .limits = kLengths, .size = 2, .unit = "m", .is_required = true};
+inline constexpr std::array kPlaneKeys{kCenter, kPlaneSize, kRotation, kMaterial, kVisible, kSolid};
+
+inline constexpr std::array kDiscKeys{kCenter, kRadius, kRotation, kMaterial, kVisible, kSolid};
+
+// Meshes
+inline constexpr SceneKey kMeshFile{.name = "file",
+                                    .meaning =
+                                        "Path of an OBJ or PLY file, relative to the scene. Without material, an OBJ file "
+                                        "has the materials of its MTL files, or those of the scene with the same names; "
+                                        "its vt are uv.",
+                                    .kind = ValueKind::text,
+                                    .is_required = true,
+                                    .alternative = 1};
+inline constexpr SceneKey kVertices{.name = "vertices",
+                                    .meaning = "x, y, z of each vertex.",
+                                    .limits = kCoordinates,
+                                    .size = 3,
+                                    .count = ValueCount::list,
+                                    .unit = "m",
+                                    .is_required = true,
+                                    .alternative = 2};
+inline constexpr SceneKey kTriangles{.name = "triangles",
+                                     .meaning =
+                                         "Vertex indices from 0, counter-clockwise seen from outside. Each triangle has an "
+                                         "area.",
+                                     .kind = ValueKind::index,
+                                     .size = 3,
+                                     .count = ValueCount::list,
+                                     .is_required = true,
+                                     .alternative = 2};
+inline constexpr SceneKey kUv{.name = "uv",
+                              .meaning =
+                                  "One per vertex, a place in the texture: [0, 0] is its upper left corner, [1, 1] its "
+                                  "lower right one.",
+                              .limits = kCoordinates,
+                              .size = 2,
+                              .count = ValueCount::list,
+                              .alternative = 2};
+inline constexpr SceneKey kColors{.name = "colors",
+                                  .meaning =
+                                      "One per vertex, linear red, green, blue: base_color and emissive are multiplied by "
+                                      "them. White if left out.",
+                                  .limits = kShares,
+                                  .size = 3,
+                                  .count = ValueCount::list,
+                                  .alternative = 2};
+inline constexpr SceneKey kPosition{.name = "position",
+                                    .meaning = "Place of the mesh's origin; the world's origin if left out.",
+                                    .limits = kCoordinates,
+                                    .size = 3,
+                                    .unit = "m"};
+inline constexpr SceneKey kScale{.name = "scale",
+                                 .meaning = "Factor of all coordinates of the mesh, before rotation and position.",
+                                 .limits = kSizes,
+                                 .usual = [] { return std::string("1"); }};
+inline constexpr SceneKey kMeshMaterial{.name = "material",
+                                        .meaning = "One name for all triangles, or an array with a name for each.",
+                                        .kind = ValueKind::text_or_texts};
+inline constexpr std::array kMeshKeys{kMeshFile, kVertices, kTriangles,    kUv,      kColors, kPosition,
+                                      kRotation, kScale,    kMeshMaterial, kVisible, kSolid};
+
+// Markers
+inline constexpr SceneKey kMarkerRadius{
+    .name = "radius", .meaning = "Drawn size.", .limits = kSizes, .unit = "m", .usual = [] { return as_json(Markers().radius); }};
+inline constexpr SceneKey kStart{.name = "start", .meaning = "x, y, z.", .limits = kCoordinates, .size = 3, .unit = "m"};
+inline constexpr SceneKey kWaypoints{.name = "waypoints",
+                                     .meaning = "x, y, z of each, in the order of flight.",
+                                     .limits = kCoordinates,
+                                     .size = 3,
+                                     .count = ValueCount::list,
+                                     .unit = "m"};
+inline constexpr SceneKey kGoal{.name = "goal", .meaning = "x, y, z.", .limits = kCoordinates, .size = 3, .unit = "m"};
+inline constexpr SceneKey kLow{
+    .name = "min", .meaning = "Least corner.", .limits = kCoordinates, .size = 3, .unit = "m", .is_required = true};
+inline constexpr SceneKey kHigh{.name = "max",
+                                .meaning = "Greatest corner, at least min.",
+                                .limits = kCoordinates,
+                                .size = 3,
+                                .unit = "m",
+                                .is_required = true};
+inline constexpr std::array kSpawnBoxKeys{kLow, kHigh};
+inline constexpr SceneKey kSpawnBox{.name = "spawn_box",
+                                    .meaning = "The box in which a task may start drones at random.",
+                                    .kind = ValueKind::object,
+                                    .keys = kSpawnBoxKeys};
+inline constexpr std::array kMarkerKeys{kMarkerRadius, kStart, kWaypoints, kGoal, kSpawnBox};
+
+// The light
+inline constexpr SceneKey kSunDirection{.name = "sun_direction",
+                                        .meaning = "Towards the sun, of any length except 0.",
+                                        .kind = ValueKind::direction,
+                                        .limits = kCoordinates,
+                                        .size = 3,
+                                        .usual = [] { return as_json(Light().sun_direction); }};
+inline constexpr SceneKey kSunColor =
+    light_color("sun_color", "Linear red, green, blue of the sun's light.", [] { return as_json(Light().sun_color); });
+inline constexpr SceneKey kSkyAmbient =
+    light_color("sky_ambient", "Linear red, green, blue of the light from above.", [] { return as_json(Light().sky_ambient); });
+inline constexpr SceneKey kGroundAmbient = light_color("ground_ambient", "Linear red, green, blue of the light from below.",
+                                                       [] { return as_json(Light().ground_ambient); });
+inline constexpr SceneKey kZenithColor =
+    light_color("zenith_color", "Linear red, green, blue of the sky straight up.", [] { return as_json(Light().zenith_color); });
+inline constexpr SceneKey kHorizonColor =
+    light_color("horizon_color", "Linear red, green, blue of the sky at the horizon and below.",
+                [] { return as_json(Light().horizon_color); });
+inline constexpr SceneKey kGamma{
+    .name = "gamma", .meaning = "A value v is written as 255 * min(v, 1)^(1 / gamma).", .limits = between(1.0, 4.0), .usual = [] {
+      return as_json(Light().gamma);
+    }};
+inline constexpr SceneKey kSunRadius{.name = "sun_radius_deg",
+                                     .meaning = "Radius of the sun's disc in the sky; 0: no disc. The real sun's is 0.27.",
+                                     .limits = between(0.1, 45.0),  // directions in float32 can show the least
+                                     .or_zero = true,
+                                     .unit = "deg",
+                                     .usual = [] { return as_json(Light().sun_radius_deg); }};
+inline constexpr SceneKey kSunGlow{.name = "sun_glow",
+                                   .meaning = "The sun's share of the sky's colour beside it; it has halved 5.7 degrees away.",
+                                   .limits = kShares,
+                                   .usual = [] { return as_json(Light().sun_glow); }};
+inline constexpr std::array kLightKeys{kSunDirection, kSunColor, kSkyAmbient, kGroundAmbient, kZenithColor,
+                                       kHorizonColor, kGamma,    kSunRadius,  kSunGlow};
+
+// The scene
+inline constexpr SceneKey kVersion{
+    .name = "flockstep_scene", .meaning = "Version of the format.", .kind = ValueKind::version, .is_required = true};
+inline constexpr SceneKey kSchema{
+    .name = "$schema", .meaning = "Address of the schema, for editors.", .kind = ValueKind::anything};
+inline constexpr SceneKey kName{
+    .name = "name", .meaning = "Shown in messages and pictures.", .kind = ValueKind::text, .usual = [] {
+      return as_json(SceneDescription().name);
+    }};
+inline constexpr SceneKey kTextures{.name = "textures",
+                                    .meaning = "Images by name. They colour triangles.",
+                                    .kind = ValueKind::object,
+                                    .count = ValueCount::by_name,
+                                    .most = kMaxTextures,
+                                    .keys = kTextureKeys};
+inline constexpr SceneKey kMaterials{.name = "materials",
+                                     .meaning = "Materials by name.",
+                                     .kind = ValueKind::object,
+                                     .count = ValueCount::by_name,
+                                     .most = kMaxMaterials,
+                                     .keys = kMaterialKeys};
+inline constexpr SceneKey kRoom{.name = "room",
+                                .meaning = "The inside of a box: floor, walls and ceiling, hit from within.",
+                                .kind = ValueKind::object,
+                                .keys = kRoomKeys};
+inline constexpr SceneKey kPillars =
+    list_of("pillars", "Upright cylinders from the floor of the room to its ceiling, or from z[0] to z[1].", kPillarKeys);
+inline constexpr SceneKey kCylinders = list_of("cylinders", "Cylinders with flat caps; the axis is local z.", kRoundKeys);
+inline constexpr SceneKey kBoxes = list_of("boxes", "Boxes.", kBoxKeys);
+inline constexpr SceneKey kSpheres = list_of("spheres", "Spheres.", kSphereKeys);
+inline constexpr SceneKey kCapsules =
+    list_of("capsules", "Cylinders with round caps at both ends; the axis is local z.", kRoundKeys);
+inline constexpr SceneKey kPlanes =
+    list_of("planes", "Rectangles of no thickness, normal to local z, seen and hit from both sides.", kPlaneKeys);
+inline constexpr SceneKey kDiscs =
+    list_of("discs", "Discs of no thickness, normal to local z, seen and hit from both sides.", kDiscKeys);
+inline constexpr SceneKey kMeshes = list_of("meshes",
+                                            "Triangles from an OBJ or PLY file, or given here; scaled, then rotated, then moved. "
+                                            "Each mesh is one object to cameras.",
+                                            kMeshKeys, kMaxObjects);
+inline constexpr SceneKey kMarkers{.name = "markers",
+                                   .meaning = "Named places. Nothing collides with them and no LiDAR sees them.",
+                                   .kind = ValueKind::object,
+                                   .keys = kMarkerKeys};
+inline constexpr SceneKey kLight{
+    .name = "light", .meaning = "Sun and sky, as cameras see them.", .kind = ValueKind::object, .keys = kLightKeys};
+inline constexpr std::array kSceneKeys{kVersion, kSchema,  kName,     kTextures, kMaterials, kRoom,   kPillars, kCylinders,
+                                       kBoxes,   kSpheres, kCapsules, kPlanes,   kDiscs,     kMeshes, kMarkers, kLight};
+
+}  // namespace keys
+
+// The colours and numbers of a Light, with their keys.
+struct LightColor {
+  const SceneKey& key;
+  std::array<float, 3> Light::* member;
+};
+inline constexpr std::array<LightColor, 5> kLightColors{{{keys::kSunColor, &Light::sun_color},
+                                                         {keys::kSkyAmbient, &Light::sky_ambient},
+                                                         {keys::kGroundAmbient, &Light::ground_ambient},
+                                                         {keys::kZenithColor, &Light::zenith_color},
+                                                         {keys::kHorizonColor, &Light::horizon_color}}};
+struct LightNumber {
+  const SceneKey& key;
+  float Light::* member;
+};
+inline constexpr std::array<LightNumber, 3> kLightNumbers{
+    {{keys::kGamma, &Light::gamma}, {keys::kSunRadius, &Light::sun_radius_deg}, {keys::kSunGlow, &Light::sun_glow}}};
+
+}  // namespace flockstep
