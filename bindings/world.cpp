@@ -9,6 +9,7 @@
 #include "flockstep/scenario.hpp"
 #include "named.hpp"
 #include "released.hpp"
+#include "world/scene_keys.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -166,6 +167,7 @@ std::shared_ptr<World> world_argument(const py::object& world) {
 }
 
 void register_world(py::module_& module) {
+  module.def("_scene_keys", &scene_keys_as_json);
   py::class_<World, std::shared_ptr<World>>(module, "World", "Immutable geometry, materials and named markers.")
       .def_static(
           "load",

@@ -1,9 +1,12 @@
 """Scene files: the shipped ones, and how names and paths are resolved."""
 
 import base64
+import copy
+import importlib.util
 import json
 import struct
 from pathlib import Path
+from typing import ClassVar
 
 import jsonschema
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 import flockstep
 from flockstep import scenes
 
+ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = scenes.names()
 SCHEMA = json.loads((scenes.directory() / "schema.json").read_text())
 
@@ -20,6 +24,14 @@ def test_the_eleven_playgrounds_are_shipped():
     expected = [name for members in scenes.SETS.values() for name in members]
     assert len(expected) == 11
     assert set(expected) <= set(SHIPPED)
+
+
+def test_schema_and_documents_are_made_from_the_list_of_keys():
+    spec = importlib.util.spec_from_file_location("scene_keys", ROOT / "bindings" / "scene_keys.py")
+    scene_keys = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(scene_keys)
+    for path, text in scene_keys.renewed().items():
+        assert path.read_text(encoding="utf-8") == text, f"{path.name}: run bindings/scene_keys.py"
 
 
 def test_the_schema_is_one():
@@ -280,6 +292,160 @@ class TestLight:
         assert list(light) == list(properties)
         for field, value in light.items():
             np.testing.assert_array_equal(np.float32(properties[field]["default"]), np.float32(value), err_msg=field)
+
+
+#: A scene with every key that has limits.
+FULL = {
+    "flockstep_scene": 1,
+    "materials": {"a": {"base_color": [0, 0, 0], "emissive": [0, 0, 0], "semantic": 1, "alpha_cutoff": 0}},
+    "room": {"min": [-1, -1, -1], "max": [1, 1, 1]},
+    "pillars": [{"center": [0, 0], "radius": 1, "z": [0, 1]}],
+    "cylinders": [{"center": [0, 0, 0], "radius": 1, "height": 1}],
+    "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}],
+    "spheres": [{"center": [0, 0, 0], "radius": 1}],
+    "capsules": [{"center": [0, 0, 0], "radius": 1e-6, "height": 2e-6}],
+    "planes": [{"center": [0, 0, 0], "size": [1, 1]}],
+    "discs": [{"center": [0, 0, 0], "radius": 1}],
+    "meshes": [
+        {
+            "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+            "triangles": [[0, 1, 2]],
+            "uv": [[0, 0], [0, 0], [0, 0]],
+            "colors": [[0, 0, 0], [0, 0, 0], [0, 0, 0]],
+            "position": [0, 0, 0],
+            "scale": 1,
+        }
+    ],
+    "markers": {
+        "radius": 1,
+        "start": [0, 0, 0],
+        "waypoints": [[0, 0, 0]],
+        "goal": [0, 0, 0],
+        "spawn_box": {"min": [0, 0, 0], "max": [0, 0, 0]},
+    },
+    "light": {
+        **{color: [0, 0, 0] for color in COLORS},
+        "sun_direction": [0, 0, 1],
+        "gamma": 1,
+        "sun_radius_deg": 0,
+        "sun_glow": 0,
+    },
+}
+#: The limits of its numbers, by their places.
+LIMITS = {
+    "materials/a/base_color/0": (0, 1),
+    "materials/a/emissive/1": (0, 100),
+    "materials/a/semantic": (1, 65532),
+    "materials/a/alpha_cutoff": (0, 1),
+    "pillars/0/center/1": (-1e6, 1e6),
+    "pillars/0/radius": (1e-6, 1e6),
+    "pillars/0/z/1": (None, 1e6),
+    "cylinders/0/radius": (1e-6, 1e6),
+    "cylinders/0/height": (2e-6, 2e6),
+    "boxes/0/center/2": (-1e6, 1e6),
+    "boxes/0/size/1": (2e-6, 2e6),
+    "spheres/0/radius": (1e-6, 1e6),
+    "capsules/0/height": (2e-6, 2e6),
+    "planes/0/size/0": (2e-6, 2e6),
+    "discs/0/radius": (1e-6, 1e6),
+    "meshes/0/vertices/1/0": (None, 1e6),
+    "meshes/0/uv/0/1": (-1e6, 1e6),
+    "meshes/0/colors/2/2": (0, 1),
+    "meshes/0/position/2": (-1e6, 1e6),
+    "meshes/0/scale": (1e-6, 1e6),
+    "markers/radius": (1e-6, 1e6),
+    "markers/start/0": (-1e6, 1e6),
+    "markers/waypoints/0/1": (-1e6, 1e6),
+    "markers/goal/2": (-1e6, 1e6),
+    "markers/spawn_box/min/0": (-1e6, None),
+    "markers/spawn_box/max/0": (None, 1e6),
+    **{f"light/{color}/0": (0, 100) for color in COLORS},
+    "light/sun_direction/0": (-1e6, 1e6),
+    "light/gamma": (1, 4),
+    "light/sun_radius_deg": (0.1, 45),
+    "light/sun_glow": (0, 1),
+}
+
+
+def accepted_by_schema(scene):
+    return jsonschema.Draft202012Validator(SCHEMA).is_valid(scene)
+
+
+def accepted_by_loader(scene):
+    try:
+        flockstep.World.from_dict(scene)
+    except ValueError:
+        return False
+    return True
+
+
+def with_value(place, value):
+    """Return FULL with another value at a place."""
+    scene = copy.deepcopy(FULL)
+    *way, last = (int(step) if step.isdigit() else step for step in place.split("/"))
+    parent = scene
+    for step in way:
+        parent = parent[step]
+    parent[last] = value
+    return scene
+
+
+class TestSchemaAndLoader:
+    @pytest.mark.parametrize("place", LIMITS)
+    def test_have_these_limits(self, place):
+        for end, outwards in zip(LIMITS[place], (-1, 1), strict=True):
+            if end is None:  # another rule is met before
+                continue
+            at, beyond = with_value(place, end), with_value(place, end + outwards * (abs(end) or 1) * 1e-3)
+            assert accepted_by_schema(at)
+            assert accepted_by_loader(at)
+            assert not accepted_by_schema(beyond)
+            with pytest.raises(ValueError, match=place.rsplit("/", 1)[0].replace("/", ".")):
+                flockstep.World.from_dict(beyond)
+
+    BALL: ClassVar = {"center": [0, 0, 0], "radius": 1}
+    TRIANGLE: ClassVar = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]]}
+
+    @pytest.mark.parametrize(
+        "scene",
+        [
+            {"spheres": [{**BALL, "visible": False}]},
+            {"spheres": [{**BALL, "solid": False}, BALL]},
+            {"pillars": [{**BALL, "center": [0, 0], "z": [0, 1]}]},
+            {"room": {"min": [0, 0, 0], "max": [1, 1, 1]}, "pillars": [{**BALL, "center": [0, 0]}]},
+            {"room": {"min": [0, 0, 0], "max": [1, 1, 1]}, "spheres": []},
+            {"meshes": [{**TRIANGLE, "uv": [[0, 0]] * 3, "colors": [[1, 1, 1]] * 3}]},
+            {"meshes": [{"vertices": [], "triangles": []}, TRIANGLE]},
+            {"$schema": "schema.json", "spheres": [BALL]},
+        ],
+    )
+    def test_accept(self, scene):
+        scene = {"flockstep_scene": 1, **scene}
+        jsonschema.validate(scene, SCHEMA)
+        flockstep.World.from_dict(scene)
+
+    @pytest.mark.parametrize(
+        "scene",
+        [
+            {},
+            {"spheres": []},
+            {"spheres": [{**BALL, "solid": False}]},  # nothing is solid
+            {"meshes": [{**TRIANGLE, "solid": False}]},
+            {"meshes": [{"vertices": [], "triangles": []}]},
+            {"spheres": [BALL, {**BALL, "visible": False, "solid": False}]},
+            {"pillars": [{**BALL, "center": [0, 0]}]},  # of no height
+            {"meshes": [TRIANGLE, {"vertices": [[0, 0, 0]]}]},
+            {"meshes": [TRIANGLE, {**TRIANGLE, "file": "a.obj"}]},
+            {"meshes": [TRIANGLE, {"file": "a.obj", "uv": []}]},
+            {"meshes": [TRIANGLE, {"uv": []}]},
+            {"spheres": [BALL], "textures": {"a": {}}},
+            {"spheres": [BALL], "textures": {"a": {"file": "a.png", "png_base64": ""}}},
+        ],
+    )
+    def test_refuse(self, scene):
+        scene = {"flockstep_scene": 1, **scene}
+        assert not accepted_by_schema(scene)
+        assert not accepted_by_loader(scene)
 
 
 @pytest.mark.parametrize("name", [*scenes.SETS["camera-train"], *scenes.SETS["camera-validation"]])

@@ -1,0 +1,241 @@
+"""Writes what scene files may hold, from the module's list of their keys; --check only compares.
+
+That is ``scenes/schema.json`` and, in ``docs/conventions.md``, the part between "<!-- scene keys -->" and
+"<!-- /scene keys -->". Run it after a change of ``engine/src/world/scene_keys.hpp``, with the module built.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from flockstep import _core
+
+ROOT = Path(__file__).resolve().parents[1]
+SCHEMA = ROOT / "scenes" / "schema.json"
+DOCUMENT = ROOT / "docs" / "conventions.md"
+BEGIN, END = "<!-- scene keys -->\n", "<!-- /scene keys -->\n"
+WIDTH = 120
+
+ABOUT = (
+    "A world: its solids, their materials, and the places that a task reads. Positions are in the world frame "
+    "(right-handed, x east, y north, z up). Numbers are rounded to float32. Rules that a schema cannot express: names "
+    "of materials and textures are listed, min is below max, a capsule is at least as high as its caps, vertex indices "
+    "are in range, triangles have an area."
+)
+
+Key = dict[str, Any]  # as _core._scene_keys() describes one
+Schema = dict[str, Any]
+
+# -------------------------------------------------------------------------------------------------------------- schema
+
+
+def either(options: Sequence[Sequence[Key]]) -> list[Schema]:
+    """Return a schema for each alternative: its required keys, and none of the other alternatives' keys."""
+    schemas = []
+    for option in options:
+        others = [{"required": [key["name"]]} for other in options if other is not option for key in other]
+        needed = [key["name"] for key in option if key["required"]]
+        schemas.append({"required": needed, "not": others[0] if len(others) == 1 else {"anyOf": others}})
+    return schemas
+
+
+def object_schema(keys: Sequence[Key]) -> Schema:
+    """Return the schema of an object with these keys."""
+    schema: Schema = {"type": "object"}
+    required = [key["name"] for key in keys if key["required"] and not key["alternative"]]
+    if required:
+        schema["required"] = required
+    numbers = sorted({key["alternative"] for key in keys} - {0})
+    if numbers:
+        schema["oneOf"] = either([[key for key in keys if key["alternative"] == number] for number in numbers])
+    if {"visible", "solid"} <= {key["name"] for key in keys}:  # a solid is one of them
+        neither: Schema = {name: {"const": False} for name in ("visible", "solid")}
+        schema["not"] = {"required": list(neither), "properties": neither}
+    schema["additionalProperties"] = False
+    schema["properties"] = {key["name"]: key_schema(key) for key in keys}
+    return schema
+
+
+def value_schema(key: Key) -> Schema:
+    """Return the schema of a single value, such as a coordinate of a point."""
+    kind = key["kind"]
+    if kind == "anything":
+        return {}
+    if kind == "version":
+        return {"const": key["version"]}
+    if kind == "text":
+        return {"type": "string"}
+    if kind == "text_or_texts":
+        return {"oneOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
+    if kind == "flag":
+        return {"type": "boolean"}
+    if kind == "choice":
+        return {"enum": key["choices"]}
+    if kind == "object":
+        return object_schema(key["keys"])
+    if kind == "index":
+        return {"type": "integer", "minimum": 0}
+    limits = {word: plain(key[end]) for word, end in (("minimum", "least"), ("maximum", "greatest")) if end in key}
+    within = {"anyOf": [{"const": 0}, limits]} if key.get("or_zero") else limits
+    return {"type": "integer" if kind == "integer" else "number", **within}
+
+
+def key_schema(key: Key) -> Schema:
+    """Return the schema of all that a key holds."""
+    schema = value_schema(key)
+    size, count = key["size"], key["count"]
+    if size:
+        schema = {"type": "array", "items": schema, "minItems": size, "maxItems": size}
+        if key["kind"] == "direction":
+            schema["not"] = {"items": {"const": 0}}
+    if count == "list":
+        schema = {"type": "array", "items": schema} | ({"maxItems": key["most"]} if "most" in key else {})
+    elif count == "by_name":
+        schema = {"type": "object", "maxProperties": key["most"], "additionalProperties": schema}
+    about = key["meaning"] + (f" Unit: {key['unit']}." if key["unit"] else "")
+    return {"description": about, **schema, **({"default": key["default"]} if "default" in key else {})}
+
+
+def some_solid(keys: Sequence[Key]) -> list[Schema]:
+    """Return schemas, one of which a scene keeps to: it has a room, or something solid in one of its lists."""
+    options: list[Schema] = [{"required": ["room"]}]
+    for key in keys:
+        names = {inner["name"] for inner in key.get("keys", ())}
+        if "solid" not in names:
+            continue
+        one: Schema = {"solid": {"const": True}} | ({"triangles": {"minItems": 1}} if "triangles" in names else {})
+        options.append({"required": [key["name"]], "properties": {key["name"]: {"contains": {"properties": one}}}})
+    return options
+
+
+def schema_text(keys: Sequence[Key]) -> str:
+    """Return the text of schema.json."""
+    ends_of_pillars = {"properties": {"pillars": {"items": {"required": ["z"]}}}}
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "flockstep scene",
+        "description": ABOUT,
+        **object_schema(keys),
+        "allOf": [{"anyOf": some_solid(keys)}, {"anyOf": [{"required": ["room"]}, ends_of_pillars]}],
+    }
+    return written(schema) + "\n"
+
+
+def plain(number: float) -> float:
+    """Return a whole number as one: 4, not 4.0."""
+    return int(number) if number == int(number) else number
+
+
+def written(value: Any, indent: str = "", used: int = 0) -> str:
+    """Return JSON on one line if it fits, otherwise with a line for each item. ``used``: columns taken already."""
+    line = json.dumps(value)
+    if not isinstance(value, (dict, list)) or len(indent) + used + len(line) < WIDTH:
+        return line
+    deeper = indent + "  "
+    if isinstance(value, list):
+        return "[\n" + ",\n".join(deeper + written(item, deeper) for item in value) + f"\n{indent}]"
+    items = [(json.dumps(name) + ": ", item) for name, item in value.items()]
+    lines = [deeper + name + written(item, deeper, len(name)) for name, item in items]
+    return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
+
+
+# --------------------------------------------------------------------------------------------------------------- table
+
+
+def number_text(number: float) -> str:
+    """Return a number as the table has it: 1e-6, 65532."""
+    return f"{number:.6g}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def values_text(key: Key) -> str:
+    """Return what a key may hold, in words."""
+    kind, size = key["kind"], key["size"]
+    limits = f" in [{number_text(key['least'])}, {number_text(key['greatest'])}]" if "least" in key else ""
+    words = {
+        "anything": "anything",
+        "version": str(key.get("version")),
+        "text": "text",
+        "text_or_texts": "text, or a list of texts",
+        "flag": "true or false",
+        "number": f"{size} numbers{limits}" if size else f"a number{limits}",
+        "integer": f"an integer{limits}",
+        "index": f"{size} indices",
+        "direction": f"{size} numbers{limits}, not all 0",
+        "choice": f"{size} of " + ", ".join(f'`"{choice}"`' for choice in key.get("choices", ())),
+        "object": ", ".join(f"`{inner['name']}`" for inner in key.get("keys", ())),
+    }
+    text = ("0 or " if key.get("or_zero") else "") + words[kind] + (f", {key['unit']}" if key["unit"] else "")
+    most = f"; at most {key['most']:,}" if "most" in key else ""
+    return {"one": "", "list": "list of ", "by_name": "by name: "}[key["count"]] + text + most
+
+
+def default_text(key: Key, siblings: Sequence[Key]) -> str:
+    """Return what holds for an object without the key."""
+    if "default" in key:
+        return f"`{json.dumps(key['default'])}`"
+    if not key["required"]:
+        return ""
+    others = [other for other in siblings if other["required"] and other["alternative"] not in (0, key["alternative"])]
+    names = " and ".join(f"`{other['name']}`" for other in others if key["alternative"])
+    return "required" + (f", or {names}" if names else "")
+
+
+def tables_text(keys: Sequence[Key]) -> str:
+    """Return the tables of docs/conventions.md: the keys of a scene, then those of its objects, each key once."""
+    rows: list[tuple[Key, str, list[str]]] = []
+
+    def add(owner: str, inner: Sequence[Key]) -> None:
+        for key in inner:
+            known = next((owners for other, _, owners in rows if other == key), None)
+            if known is None:
+                rows.append((key, default_text(key, inner), known := []))
+            known.append(f"`{owner}`")
+            add(key["name"], key.get("keys", ()))
+
+    text = "| key | values | default | what |\n|---|---|---|---|\n"
+    for key in keys:
+        text += f"| `{key['name']}` | {values_text(key)} | {default_text(key, keys)} | {key['meaning']} |\n"
+        add(key["name"], key.get("keys", ()))
+    text += "\n| key | of | values | default | what |\n|---|---|---|---|---|\n"
+    for key, default, owners in rows:
+        text += f"| `{key['name']}` | {', '.join(owners)} | {values_text(key)} | {default} | {key['meaning']} |\n"
+    return text
+
+
+def document_text(text: str, keys: Sequence[Key]) -> str:
+    """Return a document with its tables made anew."""
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    return before + BEGIN + tables_text(keys) + END + after
+
+
+# ---------------------------------------------------------------------------------------------------------------- main
+
+
+def renewed() -> dict[Path, str]:
+    """Return the text that each file should have."""
+    keys: list[Key] = json.loads(_core._scene_keys())
+    return {SCHEMA: schema_text(keys), DOCUMENT: document_text(DOCUMENT.read_text(encoding="utf-8"), keys)}
+
+
+def main() -> None:
+    """Write or check."""
+    stale = False
+    for path, text in renewed().items():
+        if path.read_text(encoding="utf-8") == text:
+            continue
+        stale = True
+        if "--check" in sys.argv:
+            print(f"{path.relative_to(ROOT)}: not as the keys of scenes are; run bindings/scene_keys.py")
+        else:
+            path.write_text(text, encoding="utf-8")
+    if stale and "--check" in sys.argv:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
