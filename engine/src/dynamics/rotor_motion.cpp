@@ -50,12 +50,15 @@ class GroupFlight {
   }
 
   void fly(const Commands& commands, int first_tick, int ticks) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) is_done_[lane] = !group_.is_listed(lane) || is_held(lane);
+    if (is_done()) return;
     load();
     load_setpoints(commands);
-    if (fly_free(first_tick, ticks)) return;
+    fly_free(first_tick, ticks);
+    if (is_done()) return;
     load();
     load_setpoints(commands);
-    for (int tick = first_tick; tick < first_tick + ticks; ++tick) {
+    for (int tick = first_tick; tick < first_tick + ticks && !is_done(); ++tick) {
       Interrupt::poll();  // between ticks the state is consistent
       fly_tick(tick);
     }
@@ -147,18 +150,18 @@ class GroupFlight {
            (!context_.bad.empty() && context_.bad[row_of(lane)]);
   }
 
-  // Flies all ticks at once and stores the drones that met no obstacle within their reach. True if that leaves none.
-  bool fly_free(int first_tick, int ticks) {
+  bool is_done() const { return std::ranges::count(is_done_, true) == kLanes; }
+
+  // Flies all ticks at once and stores the drones that met no obstacle within their reach.
+  void fly_free(int first_tick, int ticks) {
     advance(fleet_.physics, first_tick, ticks);
     check_open_space();
     LaneFlags flies{};
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const bool is_idle = !group_.is_listed(lane) || is_held(lane);
-      flies[lane] = !is_idle && is_good(lane) && (is_open_[lane] != 0 || find_open_space(lane));
-      is_done_[lane] = flies[lane] || is_idle;
+      if (is_done_[lane]) continue;
+      flies[lane] = is_done_[lane] = is_good(lane) && (is_open_[lane] != 0 || find_open_space(lane));
     }
     group_.store(flies, flock_, state_);
-    return std::ranges::all_of(is_done_, [](bool done) { return done; });
   }
 
   // Finds how much space each drone needs, and whether its known open space holds that. Loops without branches, for vectors.
