@@ -292,7 +292,7 @@ class Fleet {
     config.dynamics = dynamics;
     config.clock.policy_hz = 100.0F;
     config.clock.physics_hz = 500.0F;
-    config.imu = imu;
+    if (imu) config.imus = {*imu};
     flockstep::SceneDescription room;
     room.primitives.push_back({.kind = flockstep::PrimitiveKind::room, .half_extents = {kHalfRoom, kHalfRoom, kHalfRoom}});
     room.primitives.push_back(

@@ -180,7 +180,7 @@ void bench_case(const std::string& name, const flockstep::LidarConfig& lidar, in
   flockstep::BatchConfig config;
   config.num_envs = num_drones;
   config.num_threads = 1;
-  config.lidar = lidar;
+  config.lidars = {lidar};
   flockstep::Batch batch(config, worlds);
   config.tracer = flockstep::TracerKind::embree;
   flockstep::Batch by_embree(config, worlds);

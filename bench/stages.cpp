@@ -31,7 +31,7 @@ BatchConfig lidar_config(int num_envs) {
   BatchConfig config;
   config.num_envs = num_envs;
   config.num_threads = 1;
-  config.lidar = LidarConfig();
+  config.lidars = {LidarConfig()};
   return config;
 }
 
@@ -107,8 +107,10 @@ void profile(bench::Figures& figures) {
       sink += collision::sweep(obstacles, sim.hull, pose_of(sim.state, drone), sim.task_state->setpoints.target[drone]).fraction;
     }
   });
-  stages.add("lidar", [&] { sim.lidar->scan(drones, sim.scenes, sim.slots(), 1, sim.state, sim.scratches[0]->tracer); });
-  stages.add("pose_sensor", [&] { sim.pose_sensor.read(drones, sim.state); });
+  const sensors::Surroundings surroundings{
+      .state = sim.state, .scenes = sim.scenes, .slots = sim.slots(), .drones_per_env = 1, .tracer = sim.scratches[0]->tracer};
+  stages.add("lidar", [&] { sim.suite.lidars()[0]->read(drones, surroundings); });
+  stages.add("pose_sensor", [&] { sim.suite.pose().read(drones, surroundings); });
   stages.add("score", [&] { task.score(all, sim.task_state->score); });
   stages.add("episodes", [&] {
     for (Block& block : sim.schedule.blocks()) {

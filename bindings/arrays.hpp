@@ -119,19 +119,23 @@ inline Input<std::uint8_t> flags(const py::object& object, const char* field, py
 
 // A view of memory that `owner` keeps alive. Every step makes some, so NumPy is called directly: py::array_t would first work out
 // strides and flags that NumPy works out again.
-template <class T, class Stored>
-py::array_t<T> view(const py::object& owner, const Stored* data, std::span<const py::ssize_t> shape, bool writable = false) {
-  static_assert(sizeof(T) == sizeof(Stored));
+inline py::object view(const py::object& owner, py::dtype dtype, const void* data, std::span<const py::ssize_t> shape,
+                       bool writable = false) {
   using Api = py::detail::npy_api;
   Api& numpy = Api::get();
   const int flags = Api::NPY_ARRAY_C_CONTIGUOUS_ | Api::NPY_ARRAY_ALIGNED_ | (writable ? Api::NPY_ARRAY_WRITEABLE_ : 0);
-  PyObject* const array = numpy.PyArray_NewFromDescr_(
-      numpy.PyArray_Type_, py::dtype::of<T>().release().ptr(), static_cast<int>(shape.size()),
-      reinterpret_cast<const Py_intptr_t*>(shape.data()), nullptr, const_cast<Stored*>(data), flags, nullptr);
+  PyObject* const array = numpy.PyArray_NewFromDescr_(numpy.PyArray_Type_, dtype.release().ptr(), static_cast<int>(shape.size()),
+                                                      reinterpret_cast<const Py_intptr_t*>(shape.data()), nullptr,
+                                                      const_cast<void*>(data), flags, nullptr);
   if (array == nullptr) throw py::error_already_set();
-  auto view = py::reinterpret_steal<py::array_t<T>>(array);
+  auto view = py::reinterpret_steal<py::object>(array);
   if (numpy.PyArray_SetBaseObject_(array, py::object(owner).release().ptr()) != 0) throw py::error_already_set();
   return view;
+}
+template <class T, class Stored>
+py::array_t<T> view(const py::object& owner, const Stored* data, std::span<const py::ssize_t> shape, bool writable = false) {
+  static_assert(sizeof(T) == sizeof(Stored));
+  return py::reinterpret_steal<py::array_t<T>>(view(owner, py::dtype::of<T>(), data, shape, writable).release());
 }
 template <class T, class Stored>
 py::array_t<T> view(const py::object& owner, const Stored* data, std::initializer_list<py::ssize_t> shape,

@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 
+#include "array_views.hpp"
 #include "arrays.hpp"
 #include "base/require.hpp"
 #include "camera.hpp"
@@ -39,14 +40,20 @@ struct Released {
   }
 };
 
-std::vector<CameraConfig> cameras_of(const py::object& given) {
-  const std::string expected = "a sequence of flockstep.CameraConfig objects";
+// A sequence of configurations; where one_will_do, also a single one, or None.
+template <class Config>
+std::vector<Config> configs_of(const py::object& given, const char* name, bool one_will_do) {
+  const std::string type = py::str(py::type::of<Config>().attr("__name__"));
+  if (one_will_do && given.is_none()) return {};
+  if (one_will_do && py::isinstance<Config>(given)) return {given.cast<const Config&>()};
+  const std::string expected =
+      (one_will_do ? "a flockstep." + type + ", None or a" : std::string("a")) + " sequence of flockstep." + type + " objects";
   if (!py::isinstance<py::sequence>(given) || py::isinstance<py::str>(given)) {
-    throw py::type_error("cameras: expected " + expected + ", got " + std::string(py::repr(given)));
+    throw py::type_error(name + (": expected " + expected) + ", got " + std::string(py::repr(given)));
   }
-  std::vector<CameraConfig> cameras;
-  for (const py::handle camera : given) cameras.push_back(argument<CameraConfig>(camera, "cameras", expected));
-  return cameras;
+  std::vector<Config> configs;
+  for (const py::handle config : given) configs.push_back(argument<Config>(config, name, expected));
+  return configs;
 }
 
 // Arguments are taken as they come: what pybind11 says of a wrong one names all but that.
@@ -72,10 +79,10 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   config.num_envs = drones / config.drones_per_env;
   config.num_threads = from_python<int>(num_threads, "num_threads");
   config.block_size = from_python<int>(block_size, "block_size");
-  config.lidar = optional_argument<LidarConfig>(lidar, "lidar");
+  config.lidars = configs_of<LidarConfig>(lidar, "lidar", true);
   config.pose_sensor = optional_argument<PoseSensorConfig>(pose_sensor, "pose_sensor").value_or(PoseSensorConfig());
-  config.imu = optional_argument<ImuConfig>(imu, "imu");
-  config.cameras = cameras_of(cameras);
+  config.imus = configs_of<ImuConfig>(imu, "imu", true);
+  config.cameras = configs_of<CameraConfig>(cameras, "cameras", false);
   config.camera_backend = from_python<CameraBackend>(backend, "camera_backend");
   config.tracer = from_python<TracerKind>(tracer, "tracer");
   config.episode = optional_argument<EpisodeConfig>(episode, "episode").value_or(EpisodeConfig());
@@ -97,57 +104,21 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   return batch;
 }
 
-// A view of one array of the state, kept alive by its batch. Its number of rows is what the array holds.
-template <class T, class Get>
-auto state_view(const Get& get, py::ssize_t columns = 0) {
-  return [get, columns](const py::object& self) {
-    const auto& array = get(self.cast<const Batch&>());
-    const std::array shape{static_cast<py::ssize_t>(array.size()) / std::max<py::ssize_t>(columns, 1), columns};
-    return view<T>(self, array.data(), std::span(shape).first(columns == 0 ? 1 : 2));
-  };
-}
-
-// Likewise, of drones that fly by their rotors.
-auto flight_view(std::vector<float> FlightState::* member, py::ssize_t columns) {
-  return [member, columns](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    if (batch.config().dynamics.is_kinematic()) {
-      throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
-    }
-    return view<float>(self, (batch.state().flight.*member).data(), n_by(batch, columns));
-  };
-}
-
-auto imu_view(std::span<const float> (Batch::*readings)() const) {
-  return [readings](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    if (!batch.config().imu) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
-    return view<float>(self, (batch.*readings)().data(), n_by(batch, 3));
-  };
-}
-
 std::string counted(std::int64_t count, const std::string& noun) {
   return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
 }
 
-// The contact of a batch's last move: views into the batch.
+// The contact of a batch's last move, which it keeps alive: its arrays are views.
 struct ContactView {
-  py::array_t<bool> hit, inside;
-  py::array_t<float> fraction, point, normal;
+  py::object owner;
+
+  const ContactState& state() const { return owner.cast<const Batch&>().state().contact; }
 };
 
-ContactView contact_of(const py::object& self) {
-  const auto& batch = self.cast<const Batch&>();
-  const ContactState& contact = batch.state().contact;
-  return {view<bool>(self, contact.hit.data(), {num_drones(batch)}), view<bool>(self, contact.inside.data(), {num_drones(batch)}),
-          view<float>(self, contact.fraction.data(), {num_drones(batch)}),
-          view<float>(self, contact.point.data(), n_by(batch, 3)), view<float>(self, contact.normal.data(), n_by(batch, 3))};
-}
-
 std::string describe_contact(const ContactView& contact) {
-  const bool* const hit = contact.hit.data();
-  const auto hits = std::count(hit, hit + contact.hit.size(), true);
-  return "<Contact: " + std::to_string(hits) + " of " + counted(contact.hit.size(), "drone") + " hit something>";
+  const FlagArray& hit = contact.state().hit;
+  return "<Contact: " + std::to_string(std::ranges::count(hit, 1)) + " of " + counted(std::ssize(hit), "drone") +
+         " hit something>";
 }
 
 std::string describe_batch(const Batch& batch) {
@@ -155,9 +126,11 @@ std::string describe_batch(const Batch& batch) {
   std::string text = "<Batch: " + counted(config.num_drones(), "drone");
   text += batch.worlds().empty() ? " in worlds of a WorldPool" : " in " + counted(std::ssize(batch.worlds()), "world");
   text += ", motion \"" + std::string(name_of(config.dynamics.motion)) + '"';
-  if (config.lidar) text += ", a LiDAR of " + counted(std::int64_t{config.lidar->rows()} * config.lidar->columns(), "ray");
+  for (const LidarConfig& lidar : config.lidars) {
+    text += ", a LiDAR of " + counted(std::int64_t{lidar.rows()} * lidar.columns(), "ray");
+  }
   if (!config.cameras.empty()) text += ", " + counted(std::ssize(config.cameras), "camera");
-  if (config.imu) text += ", an IMU";
+  for (std::size_t i = 0; i < config.imus.size(); ++i) text += ", an IMU";
   return text + (batch.task() == nullptr ? ", no task>" : ", a task>");
 }
 
@@ -168,26 +141,6 @@ const TaskSpec& spec_of(const Batch& batch) {
 
 // Rows of actions, observations and rewards.
 py::ssize_t num_rows(const Batch& batch) { return spec_of(batch).row == Row::drone ? num_drones(batch) : num_envs(batch); }
-
-template <class T, class Member>
-auto output_view(Member member, bool writable = false) {
-  return [member, writable](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    spec_of(batch);
-    const auto& array = batch.outputs().*member;
-    return view<T>(self, array.data(), {static_cast<py::ssize_t>(array.size())}, writable);
-  };
-}
-
-// A column for each of the reward's terms.
-template <class T>
-auto terms_view(AlignedVector<T> Outputs::* member) {
-  return [member](const py::object& self) {
-    const auto& batch = self.cast<const Batch&>();
-    const auto terms = static_cast<py::ssize_t>(spec_of(batch).reward_terms.size());
-    return view<T>(self, (batch.outputs().*member).data(), {num_rows(batch), terms});
-  };
-}
 
 // A view of an array whose type is known at run time alone.
 py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
@@ -276,24 +229,52 @@ py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   return numbers;
 }
 
+template <class Class>
+void add_batch_arrays(Class& cls) {
+  add_arrays<State>(cls,
+                    [](const py::object& self, const char*) { return Viewed<State>{self.cast<const Batch&>().state(), self}; });
+  add_arrays<FlightState>(cls, [](const py::object& self, const char*) {
+    const auto& batch = self.cast<const Batch&>();
+    if (batch.config().dynamics.is_kinematic()) {
+      throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
+    }
+    return Viewed<FlightState>{batch.state().flight, self};
+  });
+  add_arrays<PoseReadings>(cls, [](const py::object& self, const char*) {
+    return Viewed<PoseReadings>{self.cast<const Batch&>().pose_readings(), self};
+  });
+  add_arrays<ImuReadings>(cls, [](const py::object& self, const char*) {
+    const auto& batch = self.cast<const Batch&>();
+    if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
+    return Viewed<ImuReadings>{batch.imu_readings(), self};
+  });
+  add_arrays<EpisodeState>(
+      cls, [](const py::object& self, const char*) { return Viewed<EpisodeState>{self.cast<const Batch&>().episodes(), self}; });
+  add_arrays<Outputs>(cls, [](const py::object& self, const char*) {
+    const auto& batch = self.cast<const Batch&>();
+    return Viewed<Outputs>{batch.outputs(), self, {.sizes = {std::ssize(spec_of(batch).reward_terms), 1}, .dimensions = 1}};
+  });
+}
+
 }  // namespace
 
 void register_batch(py::module_& module) {
-  py::class_<ContactView>(module, "Contact", "Where the last motion of each drone ended.")
-      .def_readonly("hit", &ContactView::hit)
-      .def_readonly("inside", &ContactView::inside)
-      .def_readonly("fraction", &ContactView::fraction)
-      .def_readonly("point", &ContactView::point)
-      .def_readonly("normal", &ContactView::normal)
-      .def("__repr__", &describe_contact);
+  py::class_<ContactView> contact(module, "Contact", "Where the last motion of each drone ended.");
+  contact.def("__repr__", &describe_contact);
+  add_arrays<ContactState>(contact, [](const py::object& self, const char*) {
+    const auto& view = self.cast<const ContactView&>();
+    return Viewed<ContactState>{view.state(), view.owner};
+  });
 
   const auto none = py::none();
-  py::class_<Batch, std::unique_ptr<Batch, Released>>(module, "Batch", "N drone slots over W worlds, stepped together.")
-      .def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
-           py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none, py::arg("cameras") = py::tuple(),
-           py::arg("camera_backend") = "raycast", py::arg("episode") = none, py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
-           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none,
-           py::arg("tracer") = "auto", py::arg("drones_per_env") = 1)
+  py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
+  add_batch_arrays(cls);
+  cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
+          py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none,
+          py::arg("cameras") = py::tuple(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,
+          py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
+          py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
+          py::arg("drones_per_env") = 1)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
       .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })
@@ -306,8 +287,9 @@ void register_batch(py::module_& module) {
                              [](const Batch& batch) {
                                Worlds worlds;
                                if (batch.worlds().empty()) {
-                                 throw py::attribute_error("the worlds of this Batch come from a WorldPool, which has no end: "
-                                                           "world_of(i) is the one that drone i is in");
+                                 throw py::attribute_error(
+                                     "the worlds of this Batch come from a WorldPool, which has no end: "
+                                     "world_of(i) is the one that drone i is in");
                                }
                                for (const auto& world : batch.worlds()) worlds.push_back(std::const_pointer_cast<World>(world));
                                return worlds;
@@ -317,35 +299,18 @@ void register_batch(py::module_& module) {
           [](const Batch& batch, const py::object& index) {
             const auto drone = from_python<std::int64_t>(index, "index");
             if (drone < 0 || drone >= num_drones(batch)) {
-              throw py::index_error("index: expected an integer in [0, " + std::to_string(num_drones(batch)) + "), got " + std::to_string(drone));
+              throw py::index_error("index: expected an integer in [0, " + std::to_string(num_drones(batch)) + "), got " +
+                                    std::to_string(drone));
             }
             return std::const_pointer_cast<World>(batch.world_of(EnvIndex(drone / batch.config().drones_per_env)));
           },
           py::arg("index"))
       .def_property_readonly("drone", [](const Batch& batch) { return batch.drone(); })
-      .def_property_readonly("position", state_view<float>([](const Batch& b) -> auto& { return b.state().position; }, 3))
-      .def_property_readonly("quat_wxyz", state_view<float>([](const Batch& b) -> auto& { return b.state().quat_wxyz; }, 4))
-      .def_property_readonly("velocity", flight_view(&FlightState::velocity, 3))
-      .def_property_readonly("angular_velocity", flight_view(&FlightState::angular_velocity, 3))
-      .def_property_readonly("acceleration", flight_view(&FlightState::acceleration, 3))
-      .def_property_readonly("angular_acceleration", flight_view(&FlightState::angular_acceleration, 3))
-      .def_property_readonly("wind", flight_view(&FlightState::wind, 3))
-      .def_property_readonly("rotor_speed", flight_view(&FlightState::rotor_speed, kRotors))
-      .def_property_readonly("active", state_view<bool>([](const Batch& b) -> auto& { return b.state().active; }))
-      .def_property_readonly("world_index",
-                             state_view<std::int32_t>([](const Batch& b) -> auto& { return b.state().world_index; }))
-      .def_property_readonly("episode", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().episode; }))
-      .def_property_readonly("sensed_position", state_view<float>([](const Batch& b) -> auto& { return b.sensed_position(); }, 3))
-      .def_property_readonly("sensed_quat_wxyz",
-                             state_view<float>([](const Batch& b) -> auto& { return b.sensed_quat_wxyz(); }, 4))
-      .def_property_readonly("accelerometer", imu_view(&Batch::accelerometer))
-      .def_property_readonly("gyroscope", imu_view(&Batch::gyroscope))
-      .def_property_readonly("contact", &contact_of)
-      .def_property_readonly("tick", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.state().tick; }))
+      .def_property_readonly("contact", [](const py::object& self) { return ContactView{self}; })
       .def_property_readonly("lidar_name",
                              [](const Batch& batch) -> std::optional<std::string> {
-                               const auto& lidar = batch.config().lidar;
-                               return lidar ? std::optional(lidar->name) : std::nullopt;
+                               const auto& lidars = batch.config().lidars;
+                               return lidars.empty() ? std::nullopt : std::optional(lidars[0].name);
                              })
       .def("lidar", &lidar_view, py::arg("name") = none)
       .def(
@@ -363,7 +328,7 @@ void register_batch(py::module_& module) {
             const auto q = floats(quat_wxyz, "quat_wxyz", n_by(batch, 4));
             const auto m = flags(mask, "mask", num_drones(batch));
             released(batch, [&] { batch.move(p, q, m); });
-            return contact_of(self);
+            return ContactView{self};
           },
           py::arg("position") = none, py::arg("quat_wxyz") = none, py::arg("mask") = none)
       .def(
@@ -385,7 +350,7 @@ void register_batch(py::module_& module) {
             if (!ticks.is_none()) require(count >= 1, "ticks", "an integer >= 1", count);
             const auto m = flags(mask, "mask", num_drones(batch));
             released(batch, [&] { batch.fly(c, count, m); });
-            return contact_of(self);
+            return ContactView{self};
           },
           py::arg("command"), py::arg("ticks") = none, py::arg("mask") = none)
       .def(
@@ -423,11 +388,22 @@ void register_batch(py::module_& module) {
           [](Batch& batch, const py::object& mask, const std::optional<std::string>& lidar, std::optional<float> max_range_m,
              std::optional<float> hfov_deg, std::optional<float> vfov_deg, const std::optional<std::array<float, 3>>& offset_m,
              const std::optional<std::array<float, 4>>& quat_wxyz) {
-            batch.require_lidar(lidar.value_or(""));
-            batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", num_drones(batch)));
+            const std::size_t index = batch.lidar_index(lidar.value_or(""));
+            batch.set_lidar({max_range_m, hfov_deg, vfov_deg, offset_m, quat_wxyz}, flags(mask, "mask", num_drones(batch)),
+                            index);
           },
           py::arg("mask") = none, py::arg("lidar") = none, py::kw_only(), py::arg("max_range_m") = none,
           py::arg("hfov_deg") = none, py::arg("vfov_deg") = none, py::arg("offset_m") = none, py::arg("quat_wxyz") = none)
+      .def(
+          "sensor",
+          [](const py::object& self, const std::string& name) {
+            py::dict arrays;
+            for (const ArrayView& array : self.cast<const Batch&>().sensor_arrays(name)) {
+              arrays[array.name] = view(self, dtype_of(array), array.data, shape_of(array));
+            }
+            return arrays;
+          },
+          py::arg("name"))
       .def("camera", &camera_view, py::arg("name") = none)
       .def(
           "capture",
@@ -461,7 +437,8 @@ void register_batch(py::module_& module) {
           },
           py::arg("seeds"), py::arg("mask") = none)
       .def(
-          "begin_episode", [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", num_envs(batch))); },
+          "begin_episode",
+          [](Batch& batch, const py::object& mask) { batch.begin_episode(flags(mask, "mask", num_envs(batch))); },
           py::arg("mask") = none)
       .def("random", &random, py::arg("stream"), py::arg("count"))
       .def(
@@ -476,21 +453,6 @@ void register_batch(py::module_& module) {
       .def_property_readonly("spec", [](const Batch& batch) { return spec_of(batch); })
       .def_property_readonly("observation", observation_view(&Outputs::observation, true))
       .def_property_readonly("final_observation", observation_view(&Outputs::final_observation))
-      .def_property_readonly("reward", output_view<float>(&Outputs::reward, true))
-      .def_property_readonly("reward_terms", terms_view<float>(&Outputs::reward_terms))
-      .def_property_readonly("episode_terms", terms_view<double>(&Outputs::episode_terms))
-      .def_property_readonly("terminated", output_view<bool>(&Outputs::terminated))
-      .def_property_readonly("truncated", output_view<bool>(&Outputs::truncated))
-      .def_property_readonly("success", output_view<bool>(&Outputs::success))
-      .def_property_readonly("crashed", output_view<bool>(&Outputs::crashed))
-      .def_property_readonly("bad_state", output_view<bool>(&Outputs::bad_state))
-      .def_property_readonly("episode_end", output_view<std::uint8_t>(&Outputs::episode_end))
-      .def_property_readonly("episode_return", output_view<double>(&Outputs::episode_return))
-      .def_property_readonly("episode_length", output_view<std::int64_t>(&Outputs::episode_length))
-      .def_property_readonly("steps", state_view<std::int64_t>([](const Batch& b) -> auto& { return b.episodes().steps; }))
-      .def_property_readonly("flying", state_view<bool>([](const Batch& b) -> auto& { return b.episodes().flying; }))
-      .def_property_readonly("bad_states",
-                             state_view<std::int64_t>([](const Batch& b) -> auto& { return b.episodes().bad_states; }))
       .def_property_readonly("terms", &terms_of)
       .def_property_readonly("task_state", &task_state)
       .def("snapshot",

@@ -2,6 +2,9 @@
 
 #include <pybind11/stl.h>
 
+#include <string_view>
+
+#include "array_views.hpp"
 #include "arrays.hpp"
 #include "flockstep/batch.hpp"
 #include "released.hpp"
@@ -18,25 +21,15 @@ struct CameraView {
   const CameraConfig& config() const { return batch().camera_config(index); }
 };
 
-template <class T, class Stored>
-py::array_t<T> image(const CameraView& camera, const std::vector<Stored>& values, py::ssize_t channels, const char* output) {
+Viewed<CameraImages> images_of(const py::object& self, const char* name) {
+  const auto& camera = self.cast<const CameraView&>();
   const CameraConfig& config = camera.config();
-  if (values.empty()) {
-    throw py::value_error("camera \"" + config.name + "\": expected \"" + output + "\" among its outputs, got " +
+  for_each_field(config.outputs, [&](const auto& output, bool is_written) {
+    if (is_written || std::string_view(output.name) != name) return;
+    throw py::value_error("camera \"" + config.name + "\": expected \"" + name + "\" among its outputs, got " +
                           std::string(py::repr(py::cast(config).attr("outputs"))));
-  }
-  Shape shape{camera.batch().config().num_drones()};
-  if (channels > 1 && config.layout == ImageLayout::chw) shape.push_back(channels);
-  shape.push_back(config.image_height_px());
-  shape.push_back(config.image_width_px());
-  if (channels > 1 && config.layout == ImageLayout::hwc) shape.push_back(channels);
-  return view<T>(camera.owner, values.data(), shape);
-}
-
-template <class T, class Member>
-auto image_view(Member member, py::ssize_t channels, const char* output) {
-  return
-      [=](const CameraView& camera) { return image<T>(camera, camera.batch().images(camera.index).*member, channels, output); };
+  });
+  return {camera.batch().images(camera.index), camera.owner, items_of(config)};
 }
 
 }  // namespace
@@ -46,25 +39,13 @@ py::object camera_view(const py::object& batch, const std::optional<std::string>
 }
 
 void register_camera(py::module_& module) {
-  py::class_<CameraView>(module, "Camera", "One camera of every drone of a batch.")
-      .def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
+  py::class_<CameraView> cls(module, "Camera", "One camera of every drone of a batch.");
+  add_arrays<CameraImages>(cls, &images_of);
+  cls.def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
       .def(
           "config_of",
           [](const CameraView& camera, std::int64_t index) { return camera.batch().camera_config(camera.index, index); },
           py::arg("index"))
-      .def_property_readonly("rgb", image_view<std::uint8_t>(&CameraImages::rgb, 3, "rgb"))
-      .def_property_readonly("depth", image_view<float>(&CameraImages::depth, 1, "depth"))
-      .def_property_readonly("semantic", image_view<std::uint16_t>(&CameraImages::semantic, 1, "semantic"))
-      .def_property_readonly("instance", image_view<std::uint16_t>(&CameraImages::instance, 1, "instance"))
-      .def_property_readonly("normal", image_view<float>(&CameraImages::normal, 3, "normal"))
-      .def_property_readonly("grey", image_view<std::uint8_t>(&CameraImages::grey, 1, "grey"))
-      .def_property_readonly("hsv", image_view<std::uint8_t>(&CameraImages::hsv, 3, "hsv"))
-      .def_property_readonly("frame_step",
-                             [](const CameraView& camera) {
-                               const Batch& batch = camera.batch();
-                               return view<std::int64_t>(camera.owner, batch.images(camera.index).frame_step.data(),
-                                                         {batch.config().num_drones()});
-                             })
       .def(
           "jpeg",
           [](const CameraView& camera, std::int64_t index, int quality) {

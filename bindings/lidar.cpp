@@ -2,54 +2,54 @@
 
 #include <pybind11/stl.h>
 
+#include <string_view>
+
+#include "array_views.hpp"
 #include "arrays.hpp"
 #include "flockstep/batch.hpp"
 
 namespace flockstep::bindings {
 namespace {
 
-// The LiDAR of a batch, which it keeps alive: its ranges are views.
+// One LiDAR of a batch, which it keeps alive: its ranges are views.
 struct LidarView {
   py::object owner;
+  std::size_t index;
 
   const Batch& batch() const { return owner.cast<const Batch&>(); }
   const Batch& scanned() const {
-    batch().require_scan();
+    batch().require_scan(index);
     return batch();
   }
-  const LidarConfig& config() const { return *batch().config().lidar; }
+  const LidarConfig& config() const { return batch().config().lidars[index]; }
   Shape shape() const { return {batch().config().num_drones(), config().rows(), config().columns()}; }
 };
 
-py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span<float>) const) {
+py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span<float>, std::size_t) const) {
   Shape shape = lidar.shape();
   shape.push_back(3);
   py::array_t<float> array(shape);
-  (lidar.batch().*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())});
+  (lidar.batch().*fill)({array.mutable_data(), static_cast<std::size_t>(array.size())}, lidar.index);
   return array;
 }
 
 }  // namespace
 
 py::object lidar_view(const py::object& batch, const std::optional<std::string>& name) {
-  batch.cast<const Batch&>().require_lidar(name.value_or(""));
-  return py::cast(LidarView{batch});
+  return py::cast(LidarView{batch, batch.cast<const Batch&>().lidar_index(name.value_or(""))});
 }
 
 void register_lidar(py::module_& module) {
-  py::class_<LidarView>(module, "Lidar", "The LiDAR of every drone of a batch.")
-      .def_property_readonly("config", [](const LidarView& lidar) { return lidar.config(); })
+  py::class_<LidarView> cls(module, "Lidar", "One LiDAR of every drone of a batch.");
+  add_arrays<LidarReadings>(cls, [](const py::object& self, const char* name) {
+    const auto& lidar = self.cast<const LidarView&>();
+    const Batch& batch = name == std::string_view("ranges") ? lidar.scanned() : lidar.batch();
+    return Viewed<LidarReadings>{batch.lidar_readings(lidar.index), lidar.owner, items_of(lidar.config())};
+  });
+  cls.def_property_readonly("config", [](const LidarView& lidar) { return lidar.config(); })
       .def(
-          "config_of", [](const LidarView& lidar, std::int64_t index) { return lidar.batch().lidar_config(index); },
+          "config_of", [](const LidarView& lidar, std::int64_t index) { return lidar.batch().lidar_config(index, lidar.index); },
           py::arg("index"))
-      .def_property_readonly(
-          "ranges",
-          [](const LidarView& lidar) { return view<float>(lidar.owner, lidar.scanned().lidar_ranges().data(), lidar.shape()); })
-      .def_property_readonly("max_range_m",
-                             [](const LidarView& lidar) {
-                               const Batch& batch = lidar.batch();
-                               return view<float>(lidar.owner, batch.lidar_max_range_m().data(), {batch.config().num_drones()});
-                             })
       .def_property_readonly("directions", [](const LidarView& lidar) { return per_ray(lidar, &Batch::lidar_directions); })
       .def_property_readonly("points", [](const LidarView& lidar) {
         lidar.scanned();

@@ -1,8 +1,9 @@
-"""Writes what stubs say of the fields of configurations, from the fields themselves; --check only compares.
+"""Writes the parts of the stub and of the documents that are made from lists in the engine; --check only compares.
 
-Between the lines "# fields of A, B" and "# end of fields" of envs/flockstep/_core.pyi (attributes and __init__) and of
-envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`). Run it after a change of fields(), with the module
-built.
+The parts stand between marks: "# fields of A, B" and "# end of fields" in envs/flockstep/_core.pyi (attributes and
+__init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`); "# arrays of A" and "# end of arrays" in
+_core.pyi; "<!-- arrays of A, B -->" and "<!-- end of arrays -->" in docs/conventions.md. Run it after a change of such
+a list, with the module built.
 """
 
 from __future__ import annotations
@@ -14,8 +15,20 @@ from typing import Any
 
 from flockstep import _core
 
-PACKAGE = Path(__file__).resolve().parents[1] / "envs" / "flockstep"
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "envs" / "flockstep"
 MARKED = re.compile(r"^( *)# fields of ([\w, ]+)\n.*?^ *# end of fields\n", re.MULTILINE | re.DOTALL)
+MARKED_ARRAYS = re.compile(r"^( *)# arrays of (\w+)\n.*?^ *# end of arrays\n", re.MULTILINE | re.DOTALL)
+MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
+ARRAY_TYPES = {
+    "bool": "_Bool",
+    "uint8": "_U8",
+    "uint16": "_U16",
+    "int32": "_I32",
+    "int64": "_I64",
+    "float32": "_F32",
+    "float64": "_F64",
+}
 OWN_KEYWORDS = ("autoreset_mode", "max_episode_steps", "observation")  # of DroneVectorEnv, spelled out there
 
 
@@ -59,8 +72,41 @@ def keywords(indent: str, configs: list[type[Any]]) -> list[str]:
     return [part for line in lines for part in folded(line)]
 
 
+def array_text(array: dict[str, Any]) -> str:
+    """Return the docstring of a view of an array."""
+    unit = f" {array['unit']}" if array["unit"] else ""
+    frame = f", {array['frame']} frame" if array["frame"] else ""
+    about = array["about"] + (". Writable, and never read back" if array["writable"] else "")
+    return f"{array['shape']}{unit}{frame}: {about}."
+
+
+def array_properties(indent: str, cls: type[Any]) -> list[str]:
+    """Return the properties of a class that view arrays."""
+    lines: list[str] = []
+    for array in cls._arrays:
+        text = array_text(array)
+        lines += [
+            "",
+            f"{indent}@property",
+            f"{indent}def {array['name']}(self) -> {ARRAY_TYPES[array['dtype']]}:",
+            f'{indent}    """{text}"""',
+        ]
+    return lines[1:]
+
+
+def array_table(classes: list[type[Any]]) -> list[str]:
+    """Return a table of the arrays of some classes."""
+    lines = ["| array | type | shape | unit | frame | written by | content |", "|---|---|---|---|---|---|---|"]
+    for cls in classes:
+        owner = {"Contact": "contact.", "Lidar": "lidar().", "Camera": "camera()."}.get(cls.__name__, "")
+        for array in cls._arrays:
+            cells = (array[key] for key in ("dtype", "shape", "unit", "frame", "writer", "about"))
+            lines.append(f"| `{owner}{array['name']}` | " + " | ".join(cells) + " |")
+    return lines
+
+
 def renewed(path: Path) -> str:
-    """Return a file's text with its marked parts made anew."""
+    """Return a file's text with its marked parts written again."""
 
     def replace(match: re.Match[str]) -> str:
         indent, names = match.group(1), match.group(2)
@@ -68,19 +114,29 @@ def renewed(path: Path) -> str:
         lines = class_body(indent, configs[0]) if path.suffix == ".pyi" else keywords(indent, configs)
         return "\n".join([f"{indent}# fields of {names}", *lines, f"{indent}# end of fields"]) + "\n"
 
-    return MARKED.sub(replace, path.read_text())
+    def replace_arrays(match: re.Match[str]) -> str:
+        indent, name = match.group(1), match.group(2)
+        lines = array_properties(indent, getattr(_core, name))
+        return "\n".join([f"{indent}# arrays of {name}", *lines, f"{indent}# end of arrays"]) + "\n"
+
+    def replace_table(match: re.Match[str]) -> str:
+        lines = array_table([getattr(_core, name.strip()) for name in match.group(1).split(",")])
+        return "\n".join([f"<!-- arrays of {match.group(1)} -->", *lines, "<!-- end of arrays -->"]) + "\n"
+
+    text = MARKED.sub(replace, path.read_text())
+    return MARKED_TABLE.sub(replace_table, MARKED_ARRAYS.sub(replace_arrays, text))
 
 
 def main() -> None:
     """Write or check."""
     stale = False
-    for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py"):
+    for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py", ROOT / "docs" / "conventions.md"):
         text = renewed(path)
         if text == path.read_text():
             continue
         stale = True
         if "--check" in sys.argv:
-            print(f"{path.name}: its fields are not those of the module; run bindings/stubs.py")
+            print(f"{path.name}: it differs from the module; run bindings/stubs.py")
         else:
             path.write_text(text)
     if stale and "--check" in sys.argv:

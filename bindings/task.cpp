@@ -276,7 +276,7 @@ py::dict defaults_of(const py::object& description) {
   const TaskDefaults defaults = make_task(description)->defaults();
   py::dict dict;
   dict["worlds"] = defaults.worlds;
-  dict["lidar"] = defaults.lidar ? py::cast(*defaults.lidar) : py::none();
+  dict["lidars"] = py::cast(defaults.lidars);
   dict["cameras"] = py::cast(defaults.cameras);
   dict["max_episode_steps"] = defaults.max_episode_steps;
   dict["drone"] = defaults.drone.empty() ? py::none() : py::cast(defaults.drone);

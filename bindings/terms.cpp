@@ -59,10 +59,10 @@ py::array_t<T> per_drone(const Terms& terms, const F& f) {
 struct Scans {
   explicit Scans(const Batch& batch) {
     batch.require_scan();
-    const LidarConfig& lidar = *batch.config().lidar;
+    const LidarConfig& lidar = batch.config().lidars[0];
     rays = static_cast<std::size_t>(lidar.rows()) * static_cast<std::size_t>(lidar.columns());
-    all = batch.lidar_ranges();
-    max_range_m = batch.lidar_max_range_m();
+    all = batch.lidar_readings().ranges;
+    max_range_m = batch.lidar_readings().max_range_m;
   }
   std::span<const float> of(std::size_t drone) const { return all.subspan(drone * rays, rays); }
   task::Clearance clearance(std::size_t drone) const { return task::clearance_of(of(drone), max_range_m[drone]); }
@@ -98,8 +98,8 @@ py::array_t<float> start(const Terms& terms) {
 py::array_t<float> goal_direction(const Terms& terms, const py::object& goal_index) {
   std::vector<Vec3> points = goals(terms, goal_index);
   const Batch& batch = terms.batch();
-  const std::vector<float>& position = batch.sensed_position();
-  const std::vector<float>& quat_wxyz = batch.sensed_quat_wxyz();
+  const std::vector<float>& position = batch.pose_readings().position;
+  const std::vector<float>& quat_wxyz = batch.pose_readings().quat_wxyz;
   for (std::size_t drone = 0; drone < points.size(); ++drone) {
     points[drone] = task::direction_to(pose_at(position, quat_wxyz, drone), points[drone]);
   }

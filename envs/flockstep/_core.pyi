@@ -23,6 +23,7 @@ _F64: TypeAlias = npt.NDArray[np.float64]
 _I32: TypeAlias = npt.NDArray[np.int32]
 _I64: TypeAlias = npt.NDArray[np.int64]
 _U8: TypeAlias = npt.NDArray[np.uint8]
+_U16: TypeAlias = npt.NDArray[np.uint16]
 _Bool: TypeAlias = npt.NDArray[np.bool_]
 _DroneLike: TypeAlias = DroneModel | str | PathLike[str]
 _MaybeNone: TypeAlias = Any  # a marker is None only if the world lacks it, and who passes one on knows that it has it
@@ -360,6 +361,7 @@ class ImuConfig:
 
     # fields of ImuConfig
     __match_args__: ClassVar[tuple[str, ...]]
+    name: str
     accelerometer_noise_density: float
     accelerometer_random_walk: float
     accelerometer_bias_time_s: float
@@ -372,6 +374,7 @@ class ImuConfig:
     def __init__(
         self,
         *,
+        name: str = "imu",
         accelerometer_noise_density: float = 0.0,
         accelerometer_random_walk: float = 0.0,
         accelerometer_bias_time_s: float = 0.0,
@@ -1516,25 +1519,27 @@ class DroneModel:
 class Contact:
     """Where the last motion of each drone ended. Views into the batch, cleared by a teleport or a reset."""
 
+    # arrays of Contact
     @property
     def hit(self) -> _Bool:
-        """(N,) something was touched."""
+        """(N,): something was touched."""
 
     @property
     def inside(self) -> _Bool:
-        """(N,) the motion began in penetration."""
+        """(N,): the motion began in penetration."""
 
     @property
     def fraction(self) -> _F32:
-        """(N,) of the motion that was flown."""
+        """(N,): part of the motion that was flown; with substeps, of the one that hit."""
 
     @property
     def point(self) -> _F32:
-        """(N, 3) m, world frame, on the obstacle."""
+        """(N, 3) m, world frame: where it touched, on the obstacle."""
 
     @property
     def normal(self) -> _F32:
-        """(N, 3) unit, world frame, from the obstacle towards the drone."""
+        """(N, 3) 1, world frame: from the obstacle towards the drone."""
+    # end of arrays
 
 @final
 class Camera:
@@ -1552,42 +1557,39 @@ class Camera:
     def config_of(self, index: int) -> CameraConfig:
         """Return the setting of one drone, as `Batch.set_camera` changed it."""
 
+    # arrays of Camera
     @property
-    def rgb(self) -> npt.NDArray[np.uint8]:
-        """(N, H, W, 3) or (N, 3, H, W), row 0 at the top."""
+    def rgb(self) -> _U8:
+        """(N, height, width, 3): sRGB colour."""
 
     @property
     def depth(self) -> _F32:
-        """(N, H, W) m."""
+        """(N, height, width) m: inf if nothing is seen: sky, or beyond far_m."""
 
     @property
-    def semantic(self) -> npt.NDArray[np.uint16]:
-        """(N, H, W) classes of materials; 65533, 65534, 65535: start, waypoint, goal."""
+    def semantic(self) -> _U16:
+        """(N, height, width): semantic id; 0 if nothing is seen."""
 
     @property
-    def instance(self) -> npt.NDArray[np.uint16]:
-        """(N, H, W) 1 + index into `World.primitives`, then the meshes, then start, waypoints, goal."""
+    def instance(self) -> _U16:
+        """(N, height, width): 1 + index of the primitive, then the meshes, then start, waypoints, goal; 0 if nothing is seen."""
 
     @property
     def normal(self) -> _F32:
-        """(N, H, W, 3) or (N, 3, H, W), unit, world frame, towards the camera."""
+        """(N, height, width, 3) 1, world frame: surface normal, towards the camera; 0 if nothing is seen."""
 
     @property
-    def grey(self) -> npt.NDArray[np.uint8]:
-        """(N, H, W) 0.299 R + 0.587 G + 0.114 B, rounded."""
+    def grey(self) -> _U8:
+        """(N, height, width): 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded."""
 
     @property
-    def hsv(self) -> npt.NDArray[np.uint8]:
-        """(N, H, W, 3) or (N, 3, H, W), of rgb: hue / 2 in degrees, from 0 to 179, saturation and value from 0 to 255."""
+    def hsv(self) -> _U8:
+        """(N, height, width, 3): hue / 2 in degrees, [0, 179], saturation and value in [0, 255], as in OpenCV."""
 
     @property
-    def frame_step(self) -> npt.NDArray[np.int64]:
-        """(N,) how often the drone had been sensed in its episode before a frame; -1: stale.
-
-        Where `Batch.reset` and `Batch.step` alone sense, it is the step whose pose the frame shows, 0 being the reset.
-        `Batch.capture` gives the number of the last sense.
-        """
-
+    def frame_step(self) -> _I64:
+        """(N,): number of the reading that the frame shows, 0 at the reset; -1: stale."""
+    # end of arrays
     def jpeg(self, index: int, quality: int = 90) -> bytes:
         """Return the file of one drone's rgb (else grey) frame; quality from 1 to 100.
 
@@ -1634,7 +1636,7 @@ class Camera:
 
 @final
 class Lidar:
-    """The LiDAR of every drone of a batch; `Batch.lidar` returns it. Views keep the batch alive."""
+    """One LiDAR of every drone of a batch; `Batch.lidar` returns it. Views keep the batch alive."""
 
     @property
     def config(self) -> LidarConfig:
@@ -1643,20 +1645,15 @@ class Lidar:
     def config_of(self, index: int) -> LidarConfig:
         """Return the setting of one drone, as `Batch.set_lidar` changed it."""
 
+    # arrays of Lidar
     @property
     def ranges(self) -> _F32:
-        """(N, channels, beams) m, inf on a miss; a read-only view, written in place by the next scan.
-
-        Raises
-        ------
-        RuntimeError
-            Before the first scan, which `Batch.sense` and `Batch.reset` make; so do `points` and `Batch.terms`.
-        """
+        """(N, channels, beams) m: inf on a miss; `RuntimeError` before the first scan."""
 
     @property
     def max_range_m(self) -> _F32:
-        """(N,) m, of each drone's LiDAR as `Batch.set_lidar` left it; a read-only view."""
-
+        """(N,) m: maximum range of each drone."""
+    # end of arrays
     @property
     def directions(self) -> _F32:
         """(N, channels, beams, 3) unit, body frame; a copy."""
@@ -1719,7 +1716,8 @@ class Batch:
     num_drones
         N, from 1 to 2**20: a multiple of ``drones_per_env``.
     lidar, pose_sensor, imu
-        Sensors: none, an exact pose, and none by default. An IMU needs drones that fly by their rotors.
+        Sensors: none, an exact pose, and none by default. Several LiDARs or IMUs are a sequence, of different names. An IMU
+        needs drones that fly by their rotors.
     task
         What `reset` and `step` run. The navigation task needs a LiDAR, and a camera where it observes one.
     drone
@@ -1756,9 +1754,9 @@ class Batch:
         worlds: WorldsLike | WorldPool,
         num_drones: int = 1,
         *,
-        lidar: LidarConfig | None = None,
+        lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         pose_sensor: PoseSensorConfig | None = None,
-        imu: ImuConfig | None = None,
+        imu: ImuConfig | Sequence[ImuConfig] | None = None,
         task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask | None = None,
         drone: _DroneLike | None = None,
         cameras: Sequence[CameraConfig] = (),
@@ -1818,80 +1816,143 @@ class Batch:
     def drone(self) -> DroneModel:
         """The model that every drone has."""
 
+    # arrays of Batch
     @property
     def position(self) -> _F32:
-        """(N, 3) m, world frame."""
+        """(N, 3) m, world frame: position."""
 
     @property
     def quat_wxyz(self) -> _F32:
-        """(N, 4) unit, body to world."""
-
-    @property
-    def velocity(self) -> _F32:
-        """(N, 3) m/s, world frame. This and the next five: of drones that fly by rotors; others raise `AttributeError`."""
-
-    @property
-    def angular_velocity(self) -> _F32:
-        """(N, 3) rad/s, body frame."""
-
-    @property
-    def acceleration(self) -> _F32:
-        """(N, 3) m/s^2, world frame: mean of the last tick, 0 where it ended in a contact."""
-
-    @property
-    def angular_acceleration(self) -> _F32:
-        """(N, 3) rad/s^2, body frame: likewise."""
-
-    @property
-    def wind(self) -> _F32:
-        """(N, 3) m/s, world frame: of the last step, before the first one of an episode that at its begin."""
-
-    @property
-    def rotor_speed(self) -> _F32:
-        """(N, 4) rad/s, in the order of the airframe."""
+        """(N, 4) 1, world frame: orientation, body to world."""
 
     @property
     def active(self) -> _Bool:
-        """(N,) False: the slot is removed."""
+        """(N,): False: the slot is removed."""
 
     @property
     def world_index(self) -> _I32:
-        """(E,) index into `worlds`. With a `WorldPool`, the number of each env's world."""
+        """(E,): index into `worlds`; with a `WorldPool`, the number of the env's world."""
 
+    @property
+    def episode(self) -> _I64:
+        """(E,): number of the episode under the env's seed, from 0."""
+
+    @property
+    def tick(self) -> _I64:
+        """(E,) ticks: ticks flown in the env's episode."""
+
+    @property
+    def velocity(self) -> _F32:
+        """(N, 3) m/s, world frame: velocity."""
+
+    @property
+    def angular_velocity(self) -> _F32:
+        """(N, 3) rad/s, body frame: angular velocity."""
+
+    @property
+    def acceleration(self) -> _F32:
+        """(N, 3) m/s^2, world frame: mean of the last tick; 0 if it ended in a contact."""
+
+    @property
+    def angular_acceleration(self) -> _F32:
+        """(N, 3) rad/s^2, body frame: mean of the last tick; 0 if it ended in a contact."""
+
+    @property
+    def rotor_speed(self) -> _F32:
+        """(N, 4) rad/s: speeds of the rotors, in the order of the airframe."""
+
+    @property
+    def wind(self) -> _F32:
+        """(N, 3) m/s, world frame: wind of the last step; before an episode's first step, the wind it begins with."""
+
+    @property
+    def sensed_position(self) -> _F32:
+        """(N, 3) m, world frame: position, as read last."""
+
+    @property
+    def sensed_quat_wxyz(self) -> _F32:
+        """(N, 4) 1, world frame: orientation, body to world, as read last."""
+
+    @property
+    def accelerometer(self) -> _F32:
+        """(N, 3) m/s^2, sensor frame: specific force, as read last."""
+
+    @property
+    def gyroscope(self) -> _F32:
+        """(N, 3) rad/s, sensor frame: angular velocity, as read last."""
+
+    @property
+    def steps(self) -> _I64:
+        """(E,) steps: steps flown in this episode, the current step included."""
+
+    @property
+    def flying(self) -> _Bool:
+        """(E,): False: the episode was over before the last step, which skipped the env."""
+
+    @property
+    def bad_states(self) -> _I64:
+        """(R,): episodes that ended in a `bad_state` since the batch was made."""
+
+    @property
+    def reward(self) -> _F32:
+        """(R,): reward of the last step. Writable, and never read back."""
+
+    @property
+    def reward_terms(self) -> _F32:
+        """(R, terms): terms of the reward, in the order of the spec; their sum is it."""
+
+    @property
+    def terminated(self) -> _Bool:
+        """(R,): the episode ended here, in a state that ends episodes."""
+
+    @property
+    def truncated(self) -> _Bool:
+        """(R,): the episode ended here, for another reason."""
+
+    @property
+    def success(self) -> _Bool:
+        """(R,): the episode ended here, and the task calls it a success."""
+
+    @property
+    def crashed(self) -> _Bool:
+        """(R,): the episode ended here, in contact with something."""
+
+    @property
+    def bad_state(self) -> _Bool:
+        """(R,): the episode ended here, because a number was not finite or a pose beyond the world."""
+
+    @property
+    def episode_end(self) -> _U8:
+        """(R,): why the episode ended here, an `EpisodeEnd`; 0 if it goes on."""
+
+    @property
+    def episode_return(self) -> _F64:
+        """(R,): sum of the rewards of the episode that ended here, else of the current one."""
+
+    @property
+    def episode_terms(self) -> _F64:
+        """(R, terms): the same sum for each term of the reward."""
+
+    @property
+    def episode_length(self) -> _I64:
+        """(R,) steps: steps flown in the same episode."""
+    # end of arrays
     @property
     def contact(self) -> Contact:
         """Where the last motion ended."""
 
     @property
     def lidar_name(self) -> str | None:
-        """Name of the LiDAR, None without one."""
+        """Name of the LiDAR, or of the first of several; None without one."""
 
     def lidar(self, name: str | None = None) -> Lidar:
-        """Return the LiDAR: its ranges and configuration. `ValueError` without one."""
+        """Return a LiDAR: its ranges and configuration. Without a name, the first. `ValueError` if there is none."""
 
-    @property
-    def sensed_position(self) -> _F32:
-        """(N, 3) m, as the pose sensor has it."""
+    def sensor(self, name: str) -> dict[str, Any]:
+        """Return the arrays that a sensor publishes, read-only views by their names, such as ``"accelerometer"``.
 
-    @property
-    def sensed_quat_wxyz(self) -> _F32:
-        """(N, 4), as the pose sensor has it."""
-
-    @property
-    def episode(self) -> _I64:
-        """(E,) which episode of its seed each env is in, from 0."""
-
-    @property
-    def accelerometer(self) -> _F32:
-        """(N, 3) m/s^2, sensor frame: as the IMU read it last. This and the next: `AttributeError` without an IMU."""
-
-    @property
-    def gyroscope(self) -> _F32:
-        """(N, 3) rad/s, sensor frame: likewise."""
-
-    @property
-    def tick(self) -> _I64:
-        """(E,) ticks flown in the episode of each env."""
+        LiDARs, IMUs and cameras have the name in their configuration, the pose sensor is ``"pose"``.
+        """
 
     def set_pose(
         self,
@@ -2057,66 +2118,6 @@ class Batch:
     @property
     def final_observation(self) -> Any:
         """Likewise, the last of the episode, valid where `terminated` or `truncated`."""
-
-    @property
-    def reward(self) -> _F32:
-        """(R,); writable, and never read back."""
-
-    @property
-    def reward_terms(self) -> _F32:
-        """(R, terms): the weighted terms, in the order of ``spec.reward_terms``; their sum is the reward."""
-
-    @property
-    def terminated(self) -> _Bool:
-        """(R,) the task ended the episode in this step."""
-
-    @property
-    def truncated(self) -> _Bool:
-        """(R,) out of time, cut off by the task, or because a teammate's episode ended; not terminated."""
-
-    @property
-    def success(self) -> _Bool:
-        """(R,) the episode ended in this step, and the task calls it a success."""
-
-    @property
-    def crashed(self) -> _Bool:
-        """(R,) the episode ended in this step, and the drone was in contact with something."""
-
-    @property
-    def bad_state(self) -> _Bool:
-        """(R,) the episode ended in this step (terminated) by a setpoint, pose, reward or observation that is not finite.
-
-        Or by a pose beyond the world. The drone stayed where it was; the reward and the observation read 0 there. An
-        infinity within the declared bounds of an observation, such as a LiDAR's on a miss, is as good as a number.
-        """
-
-    @property
-    def episode_end(self) -> _U8:
-        """(R,) why the episode ended in this step, a value of `EpisodeEnd`; 0 if it goes on."""
-
-    @property
-    def bad_states(self) -> _I64:
-        """(R,) how many episodes of each row have ended with ``bad_state`` since the batch was made."""
-
-    @property
-    def episode_return(self) -> _F64:
-        """(R,) of the episode that ended in this step, else of the present one so far."""
-
-    @property
-    def episode_terms(self) -> _F64:
-        """(R, terms) likewise: the sum of each of the reward's terms, in the order of ``spec.reward_terms``."""
-
-    @property
-    def episode_length(self) -> _I64:
-        """(R,) flown steps, likewise."""
-
-    @property
-    def steps(self) -> _I64:
-        """(E,) flown steps of the present episode."""
-
-    @property
-    def flying(self) -> _Bool:
-        """(E,) the env takes part in the present or last step: its episode was not over before."""
 
     @property
     def terms(self) -> Terms:

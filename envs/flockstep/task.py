@@ -73,7 +73,7 @@ class Task:
         Names of what `step` returns as the reward, where that is a mapping; ``batch.reward_terms`` has a column for
         each.
     lidar, camera
-        The LiDAR and the camera the task needs, if any; several cameras as a sequence.
+        The LiDAR and the camera that the task needs, if any; several as a sequence.
     worlds
         Where it is flown unless the env is given others: as `DroneVectorEnv` takes them. Default: ``"train"``.
     drone, dynamics, clock
@@ -116,7 +116,7 @@ class Task:
     observation_space: spaces.Box | spaces.Dict
     action_space: spaces.Space[Any] = spaces.Box(-1.0, 1.0, (3,), np.float32)
     reward_terms: tuple[str, ...] = ("reward",)
-    lidar: LidarConfig | None = None
+    lidar: LidarConfig | Sequence[LidarConfig] | None = None
     camera: CameraConfig | Sequence[CameraConfig] | None = None
     worlds: WorldsLike | WorldPool | None = None
     drone: DroneLike | None = None

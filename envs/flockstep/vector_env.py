@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy as copied
 from copy import deepcopy
 from numbers import Real
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -116,6 +116,8 @@ if TYPE_CHECKING:
         # end of fields
 
 
+_Sensor = TypeVar("_Sensor")
+
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 #: An array, or a dict of arrays where a task observes several fields.
@@ -167,8 +169,8 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     observation
         Of the navigation task: ``"goal"``, ``"blob"`` or ``"pixels"``.
     lidar
-        Default: that of the thesis, 35 beams over 270 degrees and 3 m, for camera tasks 20 over 180; a `Task` declares
-        its own.
+        One, or a sequence of several; navigation observes the first. Default: that of the thesis, 35 beams over 270
+        degrees and 3 m, for camera tasks 20 over 180; a `Task` declares its own.
     camera
         One, or a sequence of several; a camera task observes the first. Default: for camera tasks 64 x 48 pixels over
         90 degrees, facing forward, otherwise none; a `Task` declares its own.
@@ -179,7 +181,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     pose_sensor
         Default: an exact pose.
     imu
-        Default: none.
+        One, or a sequence of several. Default: none.
     drone
         A `DroneModel`, or what `DroneModel.load` takes: the name of a frame or a path. Default: the task's, for
         navigation the 650-class quadrotor.
@@ -253,7 +255,9 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
     task
         The task, as given or with the fields that keywords set; None is the navigation task.
     lidar
-        The `LidarConfig` in use, or None.
+        The `LidarConfig` in use, or the first of several; None without one.
+    lidars
+        The list of `LidarConfig` in use.
     cameras
         The list of `CameraConfig` in use.
     observation_space, action_space
@@ -308,12 +312,12 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         worlds: scenes.WorldsLike | WorldPool | None = None,
         task: Task | type[Task] | NativeTask | HoverConfig | TrackConfig | None = None,
         observation: str = "goal",
-        lidar: LidarConfig | None = None,
+        lidar: LidarConfig | Sequence[LidarConfig] | None = None,
         camera: CameraConfig | Sequence[CameraConfig] | None = None,
         camera_backend: str = "raycast",
         tracer: str = "auto",
         pose_sensor: PoseSensorConfig | None = None,
-        imu: ImuConfig | None = None,
+        imu: ImuConfig | Sequence[ImuConfig] | None = None,
         drone: DroneLike | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = "next_step",
@@ -384,20 +388,21 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if isinstance(task, Task):
             said = {name: getattr(task, name) for name in ("worlds", "drone", "dynamics", "clock")}
             defaults |= {name: value for name, value in said.items() if value is not None}
-            defaults |= {"lidar": task.lidar, "cameras": task.camera}
+            defaults |= {"lidars": task.lidar, "cameras": task.camera}
         clock, dynamics = copied(defaults["clock"]), copied(defaults["dynamics"])
         for config in (clock, dynamics):
             for name, value in chosen.get(type(config), {}).items():
                 setattr(config, name, value)
         drone = defaults["drone"] if drone is None else drone
-        self.lidar = copied(defaults["lidar"] if lidar is None else lidar)
-        self.cameras = _listed(defaults["cameras"] if camera is None else camera)
+        self.lidars = _listed(defaults["lidars"] if lidar is None else lidar, LidarConfig, "lidar")
+        self.lidar = self.lidars[0] if self.lidars else None
+        self.cameras = _listed(defaults["cameras"] if camera is None else camera, CameraConfig, "camera")
 
         self.batch = Batch(
             defaults["worlds"] if worlds is None else worlds,
             self.num_groups * self.drones_per_env,
             drones_per_env=self.drones_per_env,
-            lidar=self.lidar,
+            lidar=self.lidars,
             cameras=self.cameras,
             camera_backend=camera_backend,
             tracer=tracer,
@@ -783,15 +788,15 @@ def _refuse_keywords_on(task: Task) -> None:
         raise TypeError(f"{kind.__name__}.{name}: no env reads it from a task; {advice}")
 
 
-def _listed(camera: CameraConfig | Sequence[CameraConfig] | None) -> list[CameraConfig]:
-    """Return copies of no, one or several cameras."""
-    if camera is None:
+def _listed(given: Any, kind: type[_Sensor], name: str) -> list[_Sensor]:
+    """Return copies of no, one or several configurations of sensors."""
+    if given is None:
         return []
-    cameras = list(camera) if isinstance(camera, Sequence) else [camera]
-    for its in cameras:
-        if not isinstance(its, CameraConfig):
-            raise TypeError(f"camera: expected a flockstep.CameraConfig or a sequence of them, got {its!r}")
-    return [copied(its) for its in cameras]
+    configs = list(given) if isinstance(given, Sequence) else [given]
+    for config in configs:
+        if not isinstance(config, kind):
+            raise TypeError(f"{name}: expected a flockstep.{kind.__name__} or a sequence of them, got {config!r}")
+    return [copied(config) for config in configs]
 
 
 def _reward_scale(scale: Any) -> float:

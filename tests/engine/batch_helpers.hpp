@@ -54,7 +54,7 @@ inline BatchConfig lidar_batch(int num_envs, const LidarConfig& lidar = {}) {
   BatchConfig config;
   config.num_envs = num_envs;
   config.num_threads = 1;
-  config.lidar = lidar;
+  config.lidars = {lidar};
   return config;
 }
 
@@ -141,9 +141,9 @@ inline std::vector<NamedRow> rows_of(const Batch& batch, std::size_t env) {
   for_each_array(batch.state(), [&](const std::string& name, const auto& array) {
     if (name != "world_index") add(name, std::as_bytes(std::span(array)));
   });
-  add("lidar_ranges", std::as_bytes(std::span(batch.lidar_ranges())));
-  add("sensed_position", std::as_bytes(std::span(batch.sensed_position())));
-  add("sensed_quat_wxyz", std::as_bytes(std::span(batch.sensed_quat_wxyz())));
+  add("lidar_ranges", std::as_bytes(std::span(batch.lidar_readings().ranges)));
+  add("sensed_position", std::as_bytes(std::span(batch.pose_readings().position)));
+  add("sensed_quat_wxyz", std::as_bytes(std::span(batch.pose_readings().quat_wxyz)));
   if (batch.task() == nullptr) return rows;
   const Outputs& out = batch.outputs();
   for_each_array(out, [&](const std::string& name, const auto& array) {

@@ -109,7 +109,7 @@ TEST(Batch, DirectTracingAndEmbreeAgree) {
         raycast(*worlds[drone % 5], origins, std::span(directions).subspan(3 * 35 * drone, std::size_t{3} * 35), 3.0F);
     for (std::size_t ray = 0; ray < 35; ++ray) {
       // raycast() normalises the directions again: the last bit of a beam may move.
-      const float range = batch.lidar_ranges()[35 * drone + ray];
+      const float range = batch.lidar_readings().ranges[35 * drone + ray];
       if (range == hits.t_hit[ray]) continue;
       ASSERT_NEAR(range, hits.t_hit[ray], 2e-6F) << drone << ' ' << ray;
     }

@@ -863,7 +863,7 @@ TEST(CameraSnapshot, OfAnotherCameraIsRefused) {
   EXPECT_NO_THROW(batch.restore(two_cameras(CaptureMode::every_step).make(worlds).snapshot()));
 }
 
-// What a snapshot says of cameras is its end where there is no task: the mode, a setting of 36 bytes per drone, and where and
+// What a snapshot says of cameras is its end where there is no task: the mode, a setting of 40 bytes per drone, and where and
 // when the frames were taken, five arrays; each behind its length.
 TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   constexpr std::size_t kDrones = 3;
@@ -875,7 +875,7 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   const std::size_t ticks = steps - 8 - 8 * kDrones;
   const std::size_t worlds = ticks - 8 - 4 * kDrones;
   const std::size_t positions = worlds - 8 - 16 * kDrones - 8 - 12 * kDrones;
-  const std::size_t settings = positions - 8 - 36 * kDrones;
+  const std::size_t settings = positions - 8 - 40 * kDrones;
   const std::size_t mode = settings - 8 - 1;
   const auto expect_refused = [&](std::size_t at, const auto& value, const std::string& field) {
     std::string damaged = blob;
@@ -892,7 +892,7 @@ TEST(CameraSnapshot, DamagedOnesAreRefusedAndChangeNothing) {
   expect_refused(worlds + 8, std::int32_t{-1}, "snapshot: expected world indices below 2");
   expect_refused(mode, std::uint8_t{3}, "snapshot: expected a capture mode");
   expect_refused(settings, 200.0F, "camera.hfov_deg");
-  expect_refused(settings + 36 + 8, kInfinity, "camera.offset_m");
+  expect_refused(settings + 40 + 12, kInfinity, "camera.offset_m");
   for (const std::size_t length : {steps, ticks, worlds, settings, mode}) {
     EXPECT_REFUSED(batch.restore(blob.substr(0, length)), "snapshot");
     EXPECT_REFUSED(batch.restore(testing::mended(blob.substr(0, length))), "snapshot");

@@ -141,7 +141,7 @@ TEST(CameraNavigation, BlobAndRangesAreObserved) {
         EXPECT_EQ(observation[1], blob.area);
         seen += blob.found;
         for (std::size_t k = 0; k < kRays; ++k) {
-          EXPECT_FLOAT_EQ(observation[2 + k], std::min(batch.lidar_ranges()[i * kRays + k] / 3.0F, 1.0F));
+          EXPECT_FLOAT_EQ(observation[2 + k], std::min(batch.lidar_readings().ranges[i * kRays + k] / 3.0F, 1.0F));
         }
       }
     }
@@ -193,7 +193,8 @@ TEST(CameraNavigation, PixelsAreTheCamerasImage) {
     EXPECT_TRUE(same_bits(image(), rgb()));
     EXPECT_TRUE(same_bits(previous, std::span(there, previous.size()))) << "the previous images were written";
     const std::vector<float> ranges = testing::values_of(batch.outputs().observation[1]);
-    for (std::size_t k = 0; k < 6 * kRays; ++k) EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar_ranges()[k] / 3.0F, 1.0F));
+    for (std::size_t k = 0; k < 6 * kRays; ++k)
+      EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar_readings().ranges[k] / 3.0F, 1.0F));
   }
 }
 
@@ -530,7 +531,7 @@ TEST(CameraNavigation, RefusesABatchItCannotObserve) {
                    "camera.outputs");
     EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras[0].capture_mode = CaptureMode::on_demand; }).make(worlds),
                    "camera.capture_mode");
-    EXPECT_REFUSED(with([](NavigationBatch& c) { c.lidar.reset(); }).make(worlds), "lidar");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.lidars.clear(); }).make(worlds), "lidar");
     EXPECT_REFUSED(with([](NavigationBatch& c) { c.episode.frame_skip = 0; }).make(worlds), "frame_skip");
     Batch batch = camera_batch(1, kind).make(worlds);
     EXPECT_REFUSED(batch.set_capture_mode(0, CaptureMode::on_demand), "capture_mode");

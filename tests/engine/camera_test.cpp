@@ -483,7 +483,7 @@ TEST(CameraIds, ALidarSeesNoMarkers) {
   const Markers marker{.goal = Vec3(4, 0, 0)};
   Batch batch(config, {make_world({primitive(room, {0, 0, 0}, {9, 9, 9})}, marker)});
   batch.sense();
-  EXPECT_EQ(batch.lidar_ranges()[0], 9.0F);
+  EXPECT_EQ(batch.lidar_readings().ranges[0], 9.0F);
   EXPECT_EQ(pixel(batch, 0, 0).depth, 3.75F);
 }
 

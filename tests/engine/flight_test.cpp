@@ -252,8 +252,8 @@ void expect_no_allocation(int drones_per_env) {
   config.drones_per_env = drones_per_env;
   config.dynamics.on_contact = OnContact::bounce;
   config.dynamics.wind.gusts = Gusts::dryden;
-  config.imu = ImuConfig{};
-  config.lidar = LidarConfig{.rate_hz = 100.0F};
+  config.imus = {ImuConfig{}};
+  config.lidars = {LidarConfig{.rate_hz = 100.0F}};
   config.episode.max_episode_steps = 150;
   HoverConfig hover;
   hover.start_offset_m = 0.5F;

@@ -26,7 +26,7 @@ BatchConfig with_imu(int num_drones, const ImuConfig& imu, Control control = Con
   config.dynamics.motion = Motion::rotors;
   config.dynamics.control = control;
   config.dynamics.body_drag = config.dynamics.rotor_drag = false;
-  config.imu = imu;
+  config.imus = {imu};
   return config;
 }
 
@@ -52,15 +52,15 @@ TEST(Imu, ReadsGravityUpwardsAtRestAndNothingInFreeFall) {
   Batch batch = make(with_imu(1, {}));
   const auto hovering = static_cast<float>(batch.drone().airframe()->hover_speed());
   batch.sense();
-  EXPECT_TRUE(row(batch.accelerometer(), 0).isApprox(Vec3(0, 0, kG), 1e-5F)) << "before it flies";
+  EXPECT_TRUE(row(batch.imu_readings().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-5F)) << "before it flies";
   batch.fly(all(1, hovering));
   batch.sense();
-  EXPECT_TRUE(row(batch.accelerometer(), 0).isApprox(Vec3(0, 0, kG), 1e-4F)) << "hovering";
+  EXPECT_TRUE(row(batch.imu_readings().accelerometer, 0).isApprox(Vec3(0, 0, kG), 1e-4F)) << "hovering";
   batch.set_velocity({}, {}, all(1, 0.0F));
   batch.fly(all(1, 0.0F));
   batch.sense();
-  EXPECT_LT(row(batch.accelerometer(), 0).norm(), 1e-4F) << "falling";
-  EXPECT_TRUE(row(batch.gyroscope(), 0).isZero(1e-6F));
+  EXPECT_LT(row(batch.imu_readings().accelerometer, 0).norm(), 1e-4F) << "falling";
+  EXPECT_TRUE(row(batch.imu_readings().gyroscope, 0).isZero(1e-6F));
 }
 
 TEST(Imu, FeelsTheFrameItIsIn) {
@@ -70,8 +70,8 @@ TEST(Imu, FeelsTheFrameItIsIn) {
   batch.set_pose({}, std::vector<float>{turned.w(), turned.x(), turned.y(), turned.z()});
   batch.set_velocity({}, std::vector<float>{0, 0, 2}, {});
   batch.sense();  // not flown: nothing accelerates it but what holds it
-  EXPECT_TRUE(row(batch.accelerometer(), 0).isApprox((turned * mount).conjugate() * Vec3(0, 0, kG), 1e-5F));
-  EXPECT_TRUE(row(batch.gyroscope(), 0).isApprox(mount.conjugate() * Vec3(0, 0, 2), 1e-5F));
+  EXPECT_TRUE(row(batch.imu_readings().accelerometer, 0).isApprox((turned * mount).conjugate() * Vec3(0, 0, kG), 1e-5F));
+  EXPECT_TRUE(row(batch.imu_readings().gyroscope, 0).isApprox(mount.conjugate() * Vec3(0, 0, 2), 1e-5F));
 }
 
 // Two sensors on one body differ by what turning adds: w' x r + w x (w x r), here from positions of the sensor itself.
@@ -91,7 +91,7 @@ TEST(Imu, OffTheCentreFeelsTheTurning) {
     places.push_back((pose.position + pose.rotation * offset).cast<double>());
     if (tick == 20) {
       batch.sense();
-      reading = row(batch.accelerometer(), 0);
+      reading = row(batch.imu_readings().accelerometer, 0);
       rotation = pose.rotation;
     }
   }
@@ -138,8 +138,9 @@ TEST(Imu, NoiseHasTheAllanVarianceOfItsDensities) {
     batch.fly(hover);
     batch.sense();
     for (std::size_t drone = 0; drone < kDrones; ++drone) {
-      white[drone].push_back(static_cast<double>(batch.accelerometer()[3 * drone]));  // along x, where hovering adds nothing
-      walk[drone].push_back(static_cast<double>(batch.gyroscope()[3 * drone + 1]));
+      white[drone].push_back(
+          static_cast<double>(batch.imu_readings().accelerometer[3 * drone]));  // along x, where hovering adds nothing
+      walk[drone].push_back(static_cast<double>(batch.imu_readings().gyroscope[3 * drone + 1]));
     }
   }
   for (const std::size_t k : {1U, 16U, 64U}) {
@@ -169,7 +170,8 @@ TEST(Imu, ABiasThatForgetsKeepsItsVariance) {
     batch.sense();
   }
   std::vector<double> biases;
-  for (std::size_t drone = 0; drone < kDrones; ++drone) biases.push_back(static_cast<double>(batch.accelerometer()[3 * drone]));
+  for (std::size_t drone = 0; drone < kDrones; ++drone)
+    biases.push_back(static_cast<double>(batch.imu_readings().accelerometer[3 * drone]));
   const double expected = 0.1 * 0.1 * 0.5 / 2.0;
   EXPECT_NEAR(moments(biases).variance / expected, 1.0, 5.0 * std::sqrt(2.0 / kDrones));
 }
@@ -189,9 +191,9 @@ TEST(Imu, BiasWalksByTimeNotByReadings) {
           batch.fly(hover, 1);
         }
         batch.sense();
-        const std::vector<float> first(batch.gyroscope().begin(), batch.gyroscope().end());
+        const std::vector<float> first(batch.imu_readings().gyroscope.begin(), batch.imu_readings().gyroscope.end());
         batch.sense();
-        EXPECT_TRUE(same_bits(batch.gyroscope(), first)) << "no time has passed";
+        EXPECT_TRUE(same_bits(batch.imu_readings().gyroscope, first)) << "no time has passed";
         std::vector<double> biases;
         for (std::size_t drone = 0; drone < kDrones; ++drone) biases.push_back(static_cast<double>(first[3 * drone]));
         const double t = static_cast<double>(bias_time);
@@ -207,10 +209,10 @@ TEST(Imu, BiasOfAnEpisodeBeginsAtZero) {
   const std::vector<float> hover = all(1, static_cast<float>(batch.drone().airframe()->hover_speed()));
   batch.fly(hover, 500);
   batch.sense();
-  EXPECT_GT(row(batch.gyroscope(), 0).norm(), 1e-3F);
+  EXPECT_GT(row(batch.imu_readings().gyroscope, 0).norm(), 1e-3F);
   batch.begin_episode();
   batch.sense();
-  EXPECT_LT(row(batch.gyroscope(), 0).norm(), 1e-5F);
+  EXPECT_LT(row(batch.imu_readings().gyroscope, 0).norm(), 1e-5F);
 }
 
 TEST(Imu, OfAnEnvIsTheSameInAnyCompanyAndAfterARestore) {
@@ -234,13 +236,13 @@ TEST(Imu, OfAnEnvIsTheSameInAnyCompanyAndAfterARestore) {
   for (int i = 0; i < 10; ++i) fly(many), fly(alone);
   const std::string blob = alone.snapshot();
   for (int i = 0; i < 10; ++i) fly(many), fly(alone);
-  EXPECT_TRUE(same_bits(alone.accelerometer(), many.accelerometer().subspan(6, 3)));
-  EXPECT_TRUE(same_bits(alone.gyroscope(), many.gyroscope().subspan(6, 3)));
+  EXPECT_TRUE(same_bits(alone.imu_readings().accelerometer, std::span(many.imu_readings().accelerometer).subspan(6, 3)));
+  EXPECT_TRUE(same_bits(alone.imu_readings().gyroscope, std::span(many.imu_readings().gyroscope).subspan(6, 3)));
   EXPECT_TRUE(same_bits(alone.state().flight.wind, std::span(many.state().flight.wind).subspan(6, 3)));
-  const std::vector<float> reading(alone.accelerometer().begin(), alone.accelerometer().end());
+  const std::vector<float> reading(alone.imu_readings().accelerometer.begin(), alone.imu_readings().accelerometer.end());
   alone.restore(blob);
   for (int i = 0; i < 10; ++i) fly(alone);
-  EXPECT_TRUE(same_bits(alone.accelerometer(), reading));
+  EXPECT_TRUE(same_bits(alone.imu_readings().accelerometer, reading));
 }
 
 TEST(Imu, IsRefusedWhereNothingAccelerates) {

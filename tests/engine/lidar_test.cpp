@@ -70,7 +70,7 @@ Vec3d direction_of(const LidarConfig& config, const Beam& beam) {
 }
 
 std::vector<Vec3d> directions_of(const Batch& batch, std::size_t drone = 0) {
-  const auto rays = static_cast<std::size_t>(batch.config().lidar->rows() * batch.config().lidar->columns());
+  const auto rays = static_cast<std::size_t>(batch.config().lidars[0].rows() * batch.config().lidars[0].columns());
   std::vector<float> all(batch.state().active.size() * rays * 3);
   batch.lidar_directions(all);
   std::vector<Vec3d> directions;
@@ -222,7 +222,7 @@ void expect_scan(const Batch& batch, std::size_t drone, const LidarConfig& confi
   const Eigen::Vector4d wxyz = Eigen::Vector4f(state.quat_wxyz.data() + 4 * drone).cast<double>();
   const Vec3d origin = position + rotated(wxyz, Eigen::Vector3f(config.offset_m.data()).cast<double>());
   const std::vector<Beam> beams = beams_of(config);
-  const auto ranges = row(batch.lidar_ranges(), drone, beams.size());
+  const auto ranges = row(batch.lidar_readings().ranges, drone, beams.size());
   const double max_range = config.max_range_m;
   std::size_t compared = 0;
   for (std::size_t ray = 0; ray < beams.size(); ++ray) {
@@ -254,7 +254,7 @@ TEST(LidarRanges, AreThoseOfTheOracleInRandomPoses) {
     batch.set_pose(poses.position, poses.quat_wxyz);
     batch.sense();
     for (std::size_t drone = 0; drone < 24; ++drone) expect_scan(batch, drone, config);
-    const auto& ranges = batch.lidar_ranges();
+    const auto& ranges = batch.lidar_readings().ranges;
     const auto misses = std::count(ranges.begin(), ranges.end(), kInfinity);
     EXPECT_GT(misses, 0);
     EXPECT_LT(misses, static_cast<std::ptrdiff_t>(ranges.size()) / 2);
@@ -291,7 +291,7 @@ TEST(LidarRanges, AHitAtTheRangeItselfIsAHit) {
     batch.set_lidar({.max_range_m = std::nextafter(2.0F, 0.0F)}, std::vector<std::uint8_t>{0, 1, 0});
     batch.set_lidar({.max_range_m = 8.0F}, std::vector<std::uint8_t>{0, 0, 1});
     batch.sense();
-    EXPECT_EQ(batch.lidar_ranges(), (std::vector<float>{2, kInfinity, kInfinity, kInfinity, 2, 8}));
+    EXPECT_EQ(batch.lidar_readings().ranges, (std::vector<float>{2, kInfinity, kInfinity, kInfinity, 2, 8}));
   }
 }
 
@@ -310,7 +310,7 @@ TEST(LidarRanges, PointsLieWhereTheRangesSay) {
     const Eigen::Vector4d wxyz = Eigen::Vector4f(batch.state().quat_wxyz.data() + 4 * drone).cast<double>();
     for (std::size_t ray = 0; ray < 70; ++ray) {
       const Vec3 point(points.data() + 3 * (70 * drone + ray));
-      const float range = batch.lidar_ranges()[70 * drone + ray];
+      const float range = batch.lidar_readings().ranges[70 * drone + ray];
       if (range == kInfinity) {
         EXPECT_EQ(point, Vec3::Constant(kInfinity));
         continue;
@@ -358,15 +358,15 @@ TEST(LidarChange, MakesADroneOneThatWasMadeSo) {
   batch.sense();
   for (std::size_t drone = 0; drone < 6; ++drone) {
     SCOPED_TRACE(drone);
-    EXPECT_EQ(batch.lidar_max_range_m()[drone], configs[drone].max_range_m);
+    EXPECT_EQ(batch.lidar_readings().max_range_m[drone], configs[drone].max_range_m);
     Batch made_so(lidar_batch(1, configs[drone]), worlds);
     made_so.set_pose(row(poses.position, drone, 3), row(poses.quat_wxyz, drone, 4));
     made_so.sense();
-    EXPECT_TRUE(same_bits(row(batch.lidar_ranges(), drone, 40), made_so.lidar_ranges()));
+    EXPECT_TRUE(same_bits(row(batch.lidar_readings().ranges, drone, 40), made_so.lidar_readings().ranges));
     EXPECT_EQ(directions_of(batch, drone), directions_of(made_so));
     expect_scan(batch, drone, configs[drone]);
     // Each change shows: else the comparison would prove nothing.
-    const bool is_changed = !same_bits(row(batch.lidar_ranges(), drone, 40), row(batch.lidar_ranges(), 0, 40));
+    const bool is_changed = !same_bits(row(batch.lidar_readings().ranges, drone, 40), row(batch.lidar_readings().ranges, 0, 40));
     EXPECT_EQ(is_changed, drone != 0);
   }
 }
@@ -396,7 +396,8 @@ TEST(LidarChange, NeedsALidar) {
   config.num_threads = 1;
   Batch batch(config, {make_world(a_few())});
   EXPECT_THROW(batch.set_lidar({.max_range_m = 1.0F}), std::logic_error);
-  EXPECT_THROW(batch.lidar_max_range_m(), std::logic_error);
+  EXPECT_THROW(batch.lidar_config(0), std::logic_error);
+  EXPECT_TRUE(batch.lidar_readings().max_range_m.empty());
 }
 
 // -- The same bits in any company.
@@ -417,7 +418,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch batch(config, worlds);
       batch.set_pose(poses.position, poses.quat_wxyz);
       batch.sense();
-      return batch.lidar_ranges();
+      return batch.lidar_readings().ranges;
     };
     const std::vector<float> ranges = scan(64, 1);
     EXPECT_TRUE(same_bits(ranges, scan(1, 1)));
@@ -427,7 +428,7 @@ TEST(LidarBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch alone(lidar_batch(1, lidar), {worlds[drone % 3]});
       alone.set_pose(row(poses.position, drone, 3), row(poses.quat_wxyz, drone, 4));
       alone.sense();
-      EXPECT_TRUE(same_bits(row(ranges, drone, rays), alone.lidar_ranges())) << drone;
+      EXPECT_TRUE(same_bits(row(ranges, drone, rays), alone.lidar_readings().ranges)) << drone;
     }
   }
 }
@@ -438,9 +439,9 @@ TEST(LidarBits, AMaskScansOnlyWhatItChooses) {
   const Poses poses = random_poses(random, 4);
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense(std::vector<std::uint8_t>{0, 1, 0, 1});
-  const std::vector<float> some = batch.lidar_ranges();
+  const std::vector<float> some = batch.lidar_readings().ranges;
   batch.sense();
-  const std::vector<float>& all = batch.lidar_ranges();
+  const std::vector<float>& all = batch.lidar_readings().ranges;
   for (std::size_t drone = 0; drone < 4; ++drone) {
     const auto ranges = row(some, drone, 35);
     if (drone % 2 == 1) {
@@ -461,13 +462,13 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
   Batch batch(lidar_batch(5, lidar), worlds);
   batch.set_pose(poses.position, poses.quat_wxyz);
   batch.sense();
-  const std::vector<float> before = batch.lidar_ranges();
+  const std::vector<float> before = batch.lidar_readings().ranges;
   const auto is_absent = [&](std::size_t drone) {
-    const auto ranges = row(batch.lidar_ranges(), drone, 120);
+    const auto ranges = row(batch.lidar_readings().ranges, drone, 120);
     return std::all_of(ranges.begin(), ranges.end(), [](float r) { return r == kInfinity; });
   };
   const auto reads_as_before = [&](std::size_t drone) {
-    return same_bits(row(batch.lidar_ranges(), drone, 120), row(before, drone, 120));
+    return same_bits(row(batch.lidar_readings().ranges, drone, 120), row(before, drone, 120));
   };
 
   batch.remove(std::vector<std::int64_t>{1, 3});
@@ -486,11 +487,11 @@ TEST(LidarSlots, ARemovedOneReadsInfAndASpawnedOneScans) {
   Batch other(lidar_batch(1, lidar), {worlds[0]});
   other.set_pose(row(poses.position, 1, 3), row(poses.quat_wxyz, 1, 4));
   other.sense();
-  EXPECT_TRUE(same_bits(row(batch.lidar_ranges(), 1, 120), other.lidar_ranges()));
+  EXPECT_TRUE(same_bits(row(batch.lidar_readings().ranges, 1, 120), other.lidar_readings().ranges));
   EXPECT_FALSE(reads_as_before(1));
-  const std::vector<float> spawned = batch.lidar_ranges();
+  const std::vector<float> spawned = batch.lidar_readings().ranges;
   batch.sense();
-  EXPECT_TRUE(same_bits(batch.lidar_ranges(), spawned));
+  EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, spawned));
 }
 
 }  // namespace

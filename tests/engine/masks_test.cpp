@@ -265,7 +265,7 @@ TEST(Masks, LidarsAndRaysMeetTheWhole) {
     Batch batch(config, {std::make_shared<const World>(grid_before_a_wall())});
     batch.set_pose(std::vector<float>{0, 0, 0}, {});
     batch.sense();
-    const std::vector<float>& ranges = batch.lidar_ranges();
+    const std::vector<float>& ranges = batch.lidar_readings().ranges;
     std::vector<float> beams(3 * ranges.size());
     batch.lidar_directions(beams);
     std::size_t met = 0;

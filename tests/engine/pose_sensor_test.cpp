@@ -38,11 +38,11 @@ std::array<std::vector<double>, 6> errors_of(const Batch& batch, const Quat& rot
   const State& state = batch.state();
   const double tilt_rad = static_cast<double>(batch.config().pose_sensor.orientation_noise_std_deg) * std::numbers::pi / 180.0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(batch.config().num_drones()); ++i) {
-    const float* const q = batch.sensed_quat_wxyz().data() + 4 * i;
+    const float* const q = batch.pose_readings().quat_wxyz.data() + 4 * i;
     const Eigen::AngleAxisd turn(rotation.conjugate().cast<double>() * Eigen::Quaterniond(q[0], q[1], q[2], q[3]));
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const double off =
-          static_cast<double>(batch.sensed_position()[3 * i + axis]) - static_cast<double>(state.position[3 * i + axis]);
+          static_cast<double>(batch.pose_readings().position[3 * i + axis]) - static_cast<double>(state.position[3 * i + axis]);
       errors[axis].push_back(off / static_cast<double>(batch.config().pose_sensor.position_noise_std_m));
       errors[3 + axis].push_back(turn.angle() * turn.axis()[static_cast<Eigen::Index>(axis)] / tilt_rad);
     }
@@ -54,8 +54,8 @@ TEST(PoseSensor, IsExactWithoutNoise) {
   Batch batch(noisy(3, 0.0F, 0.0F), hall());
   batch.set_pose(std::vector<float>{1, 2, 3, 4, 5, 6, 7, 8, 9}, {});
   batch.sense();
-  EXPECT_EQ(batch.sensed_position(), batch.state().position);
-  EXPECT_EQ(batch.sensed_quat_wxyz(), batch.state().quat_wxyz);
+  EXPECT_EQ(batch.pose_readings().position, batch.state().position);
+  EXPECT_EQ(batch.pose_readings().quat_wxyz, batch.state().quat_wxyz);
 }
 
 TEST(PoseSensor, NoiseIsNormalAndIndependentInEveryAxisAndScan) {

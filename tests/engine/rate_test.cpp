@@ -141,16 +141,16 @@ TEST(Rate, ALidarHoldsItsReadingsInBetween) {
   for (const int ticks : {1, 2, 3, 4, 8, 12, 7}) {
     SCOPED_TRACE("every " + std::to_string(ticks) + " ticks");
     NavigationBatch config = flying();
-    config.lidar->rate_hz = rate_of(ticks);
+    config.lidars[0].rate_hz = rate_of(ticks);
     Batch batch = config.make({hall()});
-    Batch by_hand(testing::lidar_batch(1, *flying().lidar), {hall()});
+    Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {hall()});
     const auto read = [&](std::int64_t tick) {
       by_hand.set_pose(place_after(tick), {});
       by_hand.sense();
-      return by_hand.lidar_ranges();
+      return by_hand.lidar_readings().ranges;
     };
     batch.reset({});
-    EXPECT_TRUE(same_bits(batch.lidar_ranges(), read(0))) << "the first moment of an episode is always read";
+    EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(0))) << "the first moment of an episode is always read";
     int held = 0;
     for (int steps = 1; steps <= 13; ++steps) {
       step(batch);
@@ -158,26 +158,26 @@ TEST(Rate, ALidarHoldsItsReadingsInBetween) {
       ASSERT_EQ(batch.state().tick[0], tick);
       ASSERT_EQ(batch.state().position, place_after(tick));
       const std::int64_t last = tick - tick % ticks;
-      EXPECT_TRUE(same_bits(batch.lidar_ranges(), read(last))) << "after step " << steps;
-      held += last < tick && !same_bits(batch.lidar_ranges(), read(tick));
+      EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(last))) << "after step " << steps;
+      held += last < tick && !same_bits(batch.lidar_readings().ranges, read(tick));
     }
     EXPECT_EQ(held > 0, kSubsteps % ticks != 0);
     // The next episode begins with a reading of its own.
     batch.reset({});
     EXPECT_EQ(batch.state().tick[0], 0);
-    EXPECT_TRUE(same_bits(batch.lidar_ranges(), read(0)));
+    EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, read(0)));
   }
 }
 
 TEST(Rate, ALidarWithoutOneReadsAfterEveryStep) {
   Batch batch = flying().make({hall()});
-  Batch by_hand(testing::lidar_batch(1, *flying().lidar), {hall()});
+  Batch by_hand(testing::lidar_batch(1, flying().lidars[0]), {hall()});
   batch.reset({});
   for (int steps = 1; steps <= 5; ++steps) {
     step(batch);
     by_hand.set_pose(place_after(kSubsteps * steps), {});
     by_hand.sense();
-    EXPECT_TRUE(same_bits(batch.lidar_ranges(), by_hand.lidar_ranges()));
+    EXPECT_TRUE(same_bits(batch.lidar_readings().ranges, by_hand.lidar_readings().ranges));
   }
 }
 
@@ -187,11 +187,11 @@ TEST(Rate, ThePoseSensorHoldsItsReadingsInBetween) {
     config.pose_sensor.rate_hz = rate_of(ticks);
     Batch batch = config.make({hall()});
     batch.reset({});
-    EXPECT_EQ(batch.sensed_position(), place_after(0));
+    EXPECT_EQ(batch.pose_readings().position, place_after(0));
     for (int steps = 1; steps <= 13; ++steps) {
       step(batch);
       const std::int64_t tick = kSubsteps * steps;
-      EXPECT_EQ(batch.sensed_position(), place_after(tick - tick % ticks));
+      EXPECT_EQ(batch.pose_readings().position, place_after(tick - tick % ticks));
     }
   }
 }
@@ -202,11 +202,11 @@ TEST(Rate, NoiseIsOfTheReading) {
   config.pose_sensor = {.position_noise_std_m = 0.1F, .rate_hz = rate_of(8)};
   Batch batch = config.make({hall()});
   batch.reset({});
-  std::vector<float> last = batch.sensed_position();
+  std::vector<float> last = batch.pose_readings().position;
   for (int steps = 1; steps <= 12; ++steps) {
     step(batch);
-    EXPECT_EQ(batch.sensed_position() == last, steps % 2 == 1);
-    last = batch.sensed_position();
+    EXPECT_EQ(batch.pose_readings().position == last, steps % 2 == 1);
+    last = batch.pose_readings().position;
   }
 }
 
@@ -236,8 +236,8 @@ TEST(Rate, ByHandASensorReadsAtOnce) {
   for (int i = 0; i < 5; ++i) {
     batch.move(place_after(i), {});
     batch.sense();
-    EXPECT_EQ(batch.sensed_position(), place_after(i));
-    EXPECT_FLOAT_EQ(batch.lidar_ranges()[0], 20.0F - place_after(i)[0]);
+    EXPECT_EQ(batch.pose_readings().position, place_after(i));
+    EXPECT_FLOAT_EQ(batch.lidar_readings().ranges[0], 20.0F - place_after(i)[0]);
   }
 }
 

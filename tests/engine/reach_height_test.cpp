@@ -62,7 +62,7 @@ TEST(ReachHeight, SaysWhatItIs) {
   EXPECT_EQ(task->spec().observation[0].name, "height");
   EXPECT_EQ(task->spec().reward_terms, (std::vector<std::string>{"closer", "arrived"}));
   EXPECT_EQ(task->defaults().worlds, "train");
-  EXPECT_FALSE(task->defaults().lidar.has_value());
+  EXPECT_TRUE(task->defaults().lidars.empty());
   EXPECT_TRUE(task->defaults().cameras.empty());
   EXPECT_EQ(task->defaults().max_episode_steps, 200);
 }

@@ -116,7 +116,8 @@ TEST(Snapshot, RestoredIsUninterrupted) {
       batch->restore(blob);
       EXPECT_TRUE(same_bytes(batch->snapshot(), blob));
       ASSERT_TRUE(same_drones(one, *batch));
-      EXPECT_TRUE(std::equal(one.lidar_max_range_m().begin(), one.lidar_max_range_m().end(), batch->lidar_max_range_m().begin()));
+      EXPECT_TRUE(std::equal(one.lidar_readings().max_range_m.begin(), one.lidar_readings().max_range_m.end(),
+                             batch->lidar_readings().max_range_m.begin()));
     }
     int ends = 0;
     for (int step = 0; step < 300; ++step) {
@@ -223,7 +224,7 @@ class SnapshotRefusal : public ::testing::Test {
   std::size_t offset_of(std::string_view array) const {
     std::vector<std::string> names;  // of the first, in their order
     testing::for_each_array(batch_.state(), [&](const std::string& name, const auto&) { names.push_back(name); });
-    names.insert(names.end(), {"sensed_position", "sensed_quat_wxyz", "lidar_ranges", "lidar_settings"});
+    names.insert(names.end(), {"lidar_ranges", "lidar_settings", "sensed_position", "sensed_quat_wxyz"});
     std::size_t at = sizeof(testing::SnapshotHeader);
     for (const std::string& name : names) {
       if (name == array) return at;
@@ -351,16 +352,16 @@ TEST_F(SnapshotRefusal, OneOfAnotherConfiguration) {
       [](NavigationBatch& c) { c.clock.policy_hz = 5.0F; },
       [](NavigationBatch& c) { c.clock.physics_hz = 20.0F; },
       [](NavigationBatch& c) { c.episode.frame_skip = 2; },
-      [](NavigationBatch& c) { c.lidar->name = "scanner"; },
-      [](NavigationBatch& c) { c.lidar->rate_hz = 5.0F; },
-      [](NavigationBatch& c) { c.lidar->beams = 34; },
-      [](NavigationBatch& c) { c.lidar->channels = 35, c.lidar->beams = 1; },
-      [](NavigationBatch& c) { c.lidar->hfov_deg = 180.0F; },
-      [](NavigationBatch& c) { c.lidar->vfov_deg = 10.0F; },
-      [](NavigationBatch& c) { c.lidar->max_range_m = std::nextafter(3.0F, 4.0F); },
-      [](NavigationBatch& c) { c.lidar->offset_m[2] = 0.1F; },
-      [](NavigationBatch& c) { c.lidar->quat_wxyz = {0, 1, 0, 0}; },
-      [](NavigationBatch& c) { c.lidar->azimuth_deg = c.lidar->elevation_deg = std::vector<float>(35, 1.0F); },
+      [](NavigationBatch& c) { c.lidars[0].name = "scanner"; },
+      [](NavigationBatch& c) { c.lidars[0].rate_hz = 5.0F; },
+      [](NavigationBatch& c) { c.lidars[0].beams = 34; },
+      [](NavigationBatch& c) { c.lidars[0].channels = 35, c.lidars[0].beams = 1; },
+      [](NavigationBatch& c) { c.lidars[0].hfov_deg = 180.0F; },
+      [](NavigationBatch& c) { c.lidars[0].vfov_deg = 10.0F; },
+      [](NavigationBatch& c) { c.lidars[0].max_range_m = std::nextafter(3.0F, 4.0F); },
+      [](NavigationBatch& c) { c.lidars[0].offset_m[2] = 0.1F; },
+      [](NavigationBatch& c) { c.lidars[0].quat_wxyz = {0, 1, 0, 0}; },
+      [](NavigationBatch& c) { c.lidars[0].azimuth_deg = c.lidars[0].elevation_deg = std::vector<float>(35, 1.0F); },
       [](NavigationBatch& c) { c.navigation.action = ActionKind::displacement; },
       [](NavigationBatch& c) { c.navigation.step_m = 0.2F; },
       [](NavigationBatch& c) { c.navigation.yaw_step_deg = 11.0F; },

@@ -109,7 +109,7 @@ std::unique_ptr<Batch> make_batch(const std::shared_ptr<const World>& world, Tra
   config.num_threads = threads;
   config.block_size = block_size;
   config.cameras = {camera()};
-  config.lidar = grid();
+  config.lidars = {grid()};
   config.tracer = tracer;
   auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
   const Poses poses;
@@ -152,7 +152,7 @@ struct Tally {
         hits += !std::isinf(hit.t);
         const double steep = oracle::steepness(world, hit, origin, direction, lidar.max_range_m);
         for (const Batch* const batch : batches) {
-          const float range = batch->lidar_ranges()[drone * per_drone + ray];
+          const float range = batch->lidar_readings().ranges[drone * per_drone + ray];
           ASSERT_EQ(std::isinf(range), std::isinf(hit.t)) << "drone " << drone << " ray " << ray;
           if (std::isinf(hit.t)) continue;
           ASSERT_NEAR(range, hit.t, 2e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << "drone " << drone << " ray " << ray;
@@ -251,7 +251,7 @@ TEST_P(TracerTiles, SameBitsWhateverIsBeside) {
   const auto batch = make_batch(world, TracerKind::tiles);
   for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
     const auto other = make_batch(world, TracerKind::tiles, threads, block_size);
-    EXPECT_TRUE(same_bits(batch->lidar_ranges(), other->lidar_ranges()));
+    EXPECT_TRUE(same_bits(batch->lidar_readings().ranges, other->lidar_readings().ranges));
     EXPECT_TRUE(same_bits(batch->images(0).rgb, other->images(0).rgb));
     EXPECT_TRUE(same_bits(batch->images(0).depth, other->images(0).depth));
     EXPECT_TRUE(same_bits(batch->images(0).normal, other->images(0).normal));
@@ -260,12 +260,12 @@ TEST_P(TracerTiles, SameBitsWhateverIsBeside) {
   config.num_envs = 1;
   Batch alone(config, {world});
   const Poses poses;
-  const std::size_t rays = batch->lidar_ranges().size() / kDrones, pixels = batch->images(0).depth.size() / kDrones;
+  const std::size_t rays = batch->lidar_readings().ranges.size() / kDrones, pixels = batch->images(0).depth.size() / kDrones;
   for (std::size_t drone = 0; drone < kDrones; ++drone) {
     alone.set_pose(std::span(poses.position).subspan(3 * drone, 3), std::span(poses.quat_wxyz).subspan(4 * drone, 4));
     alone.sense();
     alone.capture(0);
-    EXPECT_TRUE(same_bits(alone.lidar_ranges(), testing::row(batch->lidar_ranges(), drone, rays)));
+    EXPECT_TRUE(same_bits(alone.lidar_readings().ranges, testing::row(batch->lidar_readings().ranges, drone, rays)));
     EXPECT_TRUE(same_bits(alone.images(0).depth, testing::row(batch->images(0).depth, drone, pixels)));
   }
 }
@@ -279,7 +279,7 @@ TEST_P(TracerTiles, NoTriangleGoesThroughEmbree) {
 TEST_P(TracerTiles, AreTakenByThemselvesWhereTheyPay) {
   const auto world = hills_and_spheres(GetParam());
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
-  EXPECT_TRUE(same_bits(tiles->lidar_ranges(), by_itself->lidar_ranges()));
+  EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
   EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
   EXPECT_TRUE(same_bits(tiles->images(0).depth, by_itself->images(0).depth));
 }
@@ -320,8 +320,8 @@ TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
   const auto before = make_batch(only_spheres, TracerKind::automatic);
   const auto embree = make_batch(only_spheres, TracerKind::embree);
   const auto after = make_batch(only_spheres, TracerKind::automatic);
-  EXPECT_TRUE(same_bits(before->lidar_ranges(), after->lidar_ranges()));
-  const auto ranges = before->lidar_ranges(), by_embree = embree->lidar_ranges();
+  EXPECT_TRUE(same_bits(before->lidar_readings().ranges, after->lidar_readings().ranges));
+  const auto ranges = before->lidar_readings().ranges, by_embree = embree->lidar_readings().ranges;
   for (std::size_t i = 0; i < ranges.size(); ++i) {
     if (std::isinf(ranges[i]) != std::isinf(by_embree[i])) continue;  // an outline
     if (!std::isinf(ranges[i])) {
@@ -335,7 +335,7 @@ TEST(TracerTilesOf, WorldsWithoutTrianglesAreTracedAsEver) {
                                  primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
   const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
   EXPECT_EQ(compiled(*world).scene().tiles(), nullptr);
-  EXPECT_TRUE(same_bits(tiles->lidar_ranges(), by_itself->lidar_ranges()));
+  EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
   EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
 }
 
@@ -349,7 +349,7 @@ TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
     const testing::OnTarget on(target);
     // A world of its own: what its triangles show is computed once.
     const auto same = make_batch(hills_and_spheres(5), TracerKind::tiles);
-    EXPECT_TRUE(same_bits(first->lidar_ranges(), same->lidar_ranges()));
+    EXPECT_TRUE(same_bits(first->lidar_readings().ranges, same->lidar_readings().ranges));
     EXPECT_TRUE(same_bits(first->images(0).rgb, same->images(0).rgb));
     EXPECT_TRUE(same_bits(first->images(0).depth, same->images(0).depth));
     EXPECT_TRUE(same_bits(first->images(0).normal, same->images(0).normal));

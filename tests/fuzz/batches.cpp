@@ -69,7 +69,7 @@ std::unique_ptr<Batch> make(bool with_camera) {
   BatchConfig config;
   config.num_envs = kDrones;
   config.num_threads = 1;
-  config.lidar = LidarConfig{.beams = 5};
+  config.lidars = {LidarConfig{.beams = 5}};
   config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 1.0F};
   config.episode.max_episode_steps = 20;
   if (with_camera) config.cameras = {CameraConfig{.width_px = 8, .height_px = 6, .outputs = {.depth = true}}};
@@ -86,7 +86,7 @@ void require_sane(const Batch& batch) {
     const float* const q = state.quat_wxyz.data() + 4 * i;
     if (!(std::abs(std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])) - 1.0F) < 0.02F)) std::abort();
   }
-  for (const float range : batch.lidar_ranges()) {
+  for (const float range : batch.lidar_readings().ranges) {
     if (!(range >= 0.0F)) std::abort();
   }
 }

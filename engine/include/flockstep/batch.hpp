@@ -13,6 +13,7 @@
 #include "flockstep/buffer.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
+#include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
 #include "flockstep/world.hpp"
@@ -25,29 +26,51 @@ namespace flockstep {
 struct Outputs {
   std::vector<Buffer> observation;        // (R, ...) one for each field of TaskSpec::observation
   std::vector<Buffer> final_observation;  // (R, ...) same fields; valid where terminated or truncated
-  AlignedVector<float> reward;            // (R,)
-  AlignedVector<float> reward_terms;      // (R, number of terms); their sum is the reward
-  FlagArray terminated;                   // (R,)
-  FlagArray truncated;                    // (R,)
-  FlagArray success;                      // (R,) ended here, and the task calls it a success
-  FlagArray crashed;                      // (R,) ended here, in contact with something
-  // (R,) ended here (terminated), because a setpoint, a pose, a reward or an observation was not finite, or a pose was beyond the
-  // world. The drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of the
-  // observation's field contain counts as finite.
+  AlignedVector<float> reward;
+  AlignedVector<float> reward_terms;
+  FlagArray terminated;
+  FlagArray truncated;
+  FlagArray success;
+  FlagArray crashed;
+  // The episode ended because a setpoint, a pose, a reward or an observation was not finite, or a pose was beyond the world. The
+  // drone stayed where it was, the reward and the observation read 0 there. An infinity that the bounds of the observation's
+  // field contain counts as finite.
   FlagArray bad_state;
-  AlignedVector<std::uint8_t> episode_end;     // (R,) EpisodeEnd: why the episode ended here; none if it goes on
-  AlignedVector<double> episode_return;        // (R,) of the episode that ended here, else of the current one so far
-  AlignedVector<double> episode_terms;         // (R, number of terms) the sum of each reward term over the same episode
-  AlignedVector<std::int64_t> episode_length;  // (R,) of the same episode, in flown steps
+  AlignedVector<std::uint8_t> episode_end;  // EpisodeEnd
+  AlignedVector<double> episode_return;
+  AlignedVector<double> episode_terms;
+  AlignedVector<std::int64_t> episode_length;
 
   static constexpr auto fields() {
     using C = Outputs;
-    return field_list(field("observation", &C::observation), field("final_observation", &C::final_observation),
-                      field("reward", &C::reward), field("reward_terms", &C::reward_terms), field("terminated", &C::terminated),
-                      field("truncated", &C::truncated), field("success", &C::success), field("crashed", &C::crashed),
-                      field("bad_state", &C::bad_state), field("episode_end", &C::episode_end),
-                      field("episode_return", &C::episode_return), field("episode_terms", &C::episode_terms),
-                      field("episode_length", &C::episode_length));
+    constexpr auto flag = [](const char* about) {
+      return ArrayInfo{.rows = Rows::task, .values = Values::flag, .writer = "the step", .about = about};
+    };
+    constexpr auto number = [](const char* about, Per per = Per::row, Access access = Access::read) {
+      return ArrayInfo{
+          .rows = Rows::task, .per = per, .values = Values::any, .access = access, .writer = "the step", .about = about};
+    };
+    return field_list(
+        field("observation", &C::observation), field("final_observation", &C::final_observation),
+        array("reward", &C::reward, number("reward of the last step", Per::row, Access::write)),
+        array("reward_terms", &C::reward_terms,
+              number("terms of the reward, in the order of the spec; their sum is it", Per::term)),
+        array("terminated", &C::terminated, flag("the episode ended here, in a state that ends episodes")),
+        array("truncated", &C::truncated, flag("the episode ended here, for another reason")),
+        array("success", &C::success, flag("the episode ended here, and the task calls it a success")),
+        array("crashed", &C::crashed, flag("the episode ended here, in contact with something")),
+        array("bad_state", &C::bad_state,
+              flag("the episode ended here, because a number was not finite or a pose beyond the world")),
+        array("episode_end", &C::episode_end, number("why the episode ended here, an `EpisodeEnd`; 0 if it goes on")),
+        array("episode_return", &C::episode_return,
+              number("sum of the rewards of the episode that ended here, else of the current one")),
+        array("episode_terms", &C::episode_terms, number("the same sum for each term of the reward", Per::term)),
+        array("episode_length", &C::episode_length,
+              {.rows = Rows::task,
+               .unit = "steps",
+               .values = Values::count,
+               .writer = "the step",
+               .about = "steps flown in the same episode"}));
   }
 };
 
@@ -104,23 +127,21 @@ class Batch {
   void remove(std::span<const std::int64_t> indices);
   void set_world(std::span<const std::int32_t> world_index, EnvMask mask = {});  // (E,); refused with a pool
 
-  // --- the pose sensor
-  const std::vector<float>& sensed_position() const;   // (N, 3) m
-  const std::vector<float>& sensed_quat_wxyz() const;  // (N, 4)
+  // --- the readings of sensors; all arrays are empty for a sensor that the batch does not have
+  const PoseReadings& pose_readings() const;
+  const ImuReadings& imu_readings(std::size_t imu = 0) const;        // by the index in config().imus
+  const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // by the index in config().lidars
+  // The arrays that the sensor of this name publishes. std::invalid_argument if there is none.
+  std::vector<ArrayView> sensor_arrays(std::string_view name) const;
 
-  // --- the IMU; empty without one
-  std::span<const float> accelerometer() const;  // (N, 3) m/s^2, sensor frame
-  std::span<const float> gyroscope() const;      // (N, 3) rad/s, sensor frame
-
-  // --- the LiDAR; std::invalid_argument without one, or where it has another name
-  void require_lidar(std::string_view name) const;
-  void require_scan() const;  // std::logic_error before the first scan, when all ranges are inf
-  void set_lidar(const LidarChange& change, DroneMask mask = {});
-  const std::vector<float>& lidar_ranges() const;      // (N, channels, beams) m, inf on a miss; empty without a LiDAR
-  std::span<const float> lidar_max_range_m() const;    // (N,) m, of each drone
-  LidarConfig lidar_config(std::int64_t index) const;  // of one drone, as changed at run time
-  void lidar_directions(std::span<float> out) const;   // (N, channels, beams, 3) unit, body frame
-  void lidar_points(std::span<float> out) const;       // (N, channels, beams, 3) m, world frame, inf on a miss
+  // --- the LiDARs and IMUs; std::invalid_argument if there is no such sensor
+  std::size_t imu_index(std::string_view name) const;    // empty: the first
+  std::size_t lidar_index(std::string_view name) const;  // empty: the first
+  void require_scan(std::size_t lidar = 0) const;        // std::logic_error before the first scan, when all ranges are inf
+  void set_lidar(const LidarChange& change, DroneMask mask = {}, std::size_t lidar = 0);
+  LidarConfig lidar_config(std::int64_t index, std::size_t lidar = 0) const;  // of one drone, as changed at run time
+  void lidar_directions(std::span<float> out, std::size_t lidar = 0) const;   // (N, channels, beams, 3) unit, body frame
+  void lidar_points(std::span<float> out, std::size_t lidar = 0) const;  // (N, channels, beams, 3) m, world frame, inf on a miss
 
   // --- the cameras, by their index in config().cameras; std::invalid_argument where there is no such camera
   std::size_t camera_index(std::string_view name) const;        // empty: the only one

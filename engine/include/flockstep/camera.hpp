@@ -136,18 +136,4 @@ struct CameraChange {
   bool any() const { return hfov_deg || vfov_deg || offset_m || quat_wxyz; }
 };
 
-// The images of one camera, of all drones, H and W being image_height_px() and image_width_px(); what the camera does not write
-// is empty. Row 0 is the top. Written by sensors.
-struct CameraImages {
-  std::vector<std::uint8_t> rgb;        // (N, H, W, 3) or (N, 3, H, W)
-  std::vector<float> depth;             // (N, H, W) m; inf where nothing is seen: sky, or beyond far
-  std::vector<std::uint16_t> semantic;  // (N, H, W) Material::semantic, kSemanticStart ...; 0 where nothing is seen
-  std::vector<std::uint16_t> instance;  // (N, H, W) 1 + index into primitives(), then the meshes, then start, waypoints, goal;
-                                        // 0 where nothing is seen
-  std::vector<float> normal;            // (N, H, W, 3) or (N, 3, H, W) unit, world frame, towards the camera; 0 where nothing
-  std::vector<std::uint8_t> grey;       // (N, H, W) 0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded
-  std::vector<std::uint8_t> hsv;  // as rgb: hue / 2 in degrees, [0, 179], saturation and value in [0, 255], as OpenCV has it
-  std::vector<std::int64_t> frame_step;  // (N,) State::sensed of the reading that the frame shows; -1: stale
-};
-
 }  // namespace flockstep

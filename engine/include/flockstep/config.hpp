@@ -29,16 +29,16 @@ struct EnumNames<TracerKind> {
 };
 
 struct BatchConfig {
-  int num_envs = 1;        // E; E x M in [1, 1 << 20]
-  int drones_per_env = 1;  // M; the drones of an env are in one world and do not sense or touch each other
-  int num_threads = 0;     // 0: physical cores in the affinity mask
-  int block_size = 0;      // envs a thread takes at once; 0: a good number; no result depends on it
-  std::optional<LidarConfig> lidar;
+  int num_envs = 1;                   // E; E x M in [1, 1 << 20]
+  int drones_per_env = 1;             // M; the drones of an env are in one world and do not sense or touch each other
+  int num_threads = 0;                // 0: physical cores in the affinity mask
+  int block_size = 0;                 // envs a thread takes at once; 0: a good number; no result depends on it
+  std::vector<LidarConfig> lidars;    // of different names, as are the next two
   std::vector<CameraConfig> cameras;  // of different names; at most 2^32 pixels each, of all drones
   CameraBackend camera_backend = CameraBackend::raycast;
   TracerKind tracer = TracerKind::automatic;
   PoseSensorConfig pose_sensor;
-  std::optional<ImuConfig> imu;
+  std::vector<ImuConfig> imus;
   EpisodeConfig episode;
   ClockConfig clock;
   DynamicsConfig dynamics;
@@ -47,9 +47,9 @@ struct BatchConfig {
     using C = BatchConfig;
     return field_list(field("num_envs", &C::num_envs), field("drones_per_env", &C::drones_per_env),
                       field("num_threads", &C::num_threads, Decides::nothing),
-                      field("block_size", &C::block_size, Decides::nothing), field("lidar", &C::lidar),
+                      field("block_size", &C::block_size, Decides::nothing), field("lidars", &C::lidars),
                       field("cameras", &C::cameras), field("camera_backend", &C::camera_backend, Decides::nothing),
-                      field("tracer", &C::tracer), field("pose_sensor", &C::pose_sensor), field("imu", &C::imu),
+                      field("tracer", &C::tracer), field("pose_sensor", &C::pose_sensor), field("imus", &C::imus),
                       field("episode", &C::episode), field("clock", &C::clock), field("dynamics", &C::dynamics));
   }
 

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <optional>
+#include <string>
 
 #include "flockstep/fields.hpp"
 
@@ -10,6 +11,7 @@ namespace flockstep {
 
 // An accelerometer and a gyroscope. The noise is that of Kalibr's model: white noise by its density, and a bias that walks.
 struct ImuConfig {
+  std::string name = "imu";                  // unique among the IMUs: letters, digits, _ and -
   float accelerometer_noise_density = 0.0F;  // m/s^2/sqrt(Hz), >= 0
   float accelerometer_random_walk = 0.0F;    // m/s^3/sqrt(Hz), >= 0: of the bias, which begins an episode at 0
   float accelerometer_bias_time_s = 0.0F;    // in which the bias forgets; 0: never
@@ -22,7 +24,7 @@ struct ImuConfig {
 
   static constexpr auto fields() {
     using C = ImuConfig;
-    return field_list(field("accelerometer_noise_density", &C::accelerometer_noise_density),
+    return field_list(field("name", &C::name), field("accelerometer_noise_density", &C::accelerometer_noise_density),
                       field("accelerometer_random_walk", &C::accelerometer_random_walk),
                       field("accelerometer_bias_time_s", &C::accelerometer_bias_time_s),
                       field("gyroscope_noise_density", &C::gyroscope_noise_density),

@@ -1,4 +1,5 @@
 // State: the drones and envs of a batch, structure of arrays. E envs of M drones each are N = E M drones, env by env.
+// Shapes, units, frames and writers stand in the lists, fields().
 #pragma once
 
 #include <cstddef>
@@ -6,6 +7,7 @@
 #include <vector>
 
 #include "flockstep/aligned.hpp"
+#include "flockstep/arrays.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/index.hpp"
 #include "flockstep/pose.hpp"
@@ -14,63 +16,151 @@ namespace flockstep {
 
 using FlagArray = AlignedVector<std::uint8_t>;  // 0 or 1, viewed as bool
 
-struct ContactState {           // of the last motion; written by collision, cleared by a reset or teleport
-  FlagArray hit;                // (N,) something was touched
-  FlagArray inside;             // (N,) the motion began in penetration
-  std::vector<float> fraction;  // (N,) of the motion that was flown; with substeps, of the one that hit
-  std::vector<float> point;     // (N, 3) m, world frame, on the obstacle
-  std::vector<float> normal;    // (N, 3) unit, world frame, from the obstacle towards the drone
+struct ContactState {  // of the last motion
+  FlagArray hit;
+  FlagArray inside;
+  std::vector<float> fraction;
+  std::vector<float> point;
+  std::vector<float> normal;
 
   static constexpr auto fields() {
     using C = ContactState;
-    return field_list(field("hit", &C::hit), field("inside", &C::inside), field("fraction", &C::fraction),
-                      field("point", &C::point), field("normal", &C::normal));
+    constexpr const char* kWriter = "collision; cleared by a reset or a teleport";
+    return field_list(
+        array("hit", &C::hit, {.values = Values::flag, .writer = kWriter, .about = "something was touched"}),
+        array("inside", &C::inside, {.values = Values::flag, .writer = kWriter, .about = "the motion began in penetration"}),
+        array("fraction", &C::fraction,
+              {.values = Values::fraction,
+               .writer = kWriter,
+               .about = "part of the motion that was flown; with substeps, of the one that hit"}),
+        array(
+            "point", &C::point,
+            {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "where it touched, on the obstacle"}),
+        array("normal", &C::normal,
+              {.columns = 3,
+               .unit = "1",
+               .frame = Frame::world,
+               .writer = kWriter,
+               .about = "from the obstacle towards the drone"}));
   }
 };
 
-// Of drones that fly by their rotors; with kinematic motion all of these are empty. Written by flight, contacts and resets.
+// Drones that fly by their rotors. With kinematic motion all of these are empty.
 struct FlightState {
-  std::vector<float> velocity;              // (N, 3) m/s, world frame
-  std::vector<float> angular_velocity;      // (N, 3) rad/s, body frame
-  std::vector<float> acceleration;          // (N, 3) m/s^2, world frame: mean of the last tick, 0 where it ended in a contact
-  std::vector<float> angular_acceleration;  // (N, 3) rad/s^2, body frame: likewise
-  std::vector<float> rotor_speed;           // (N, 4) rad/s
-  std::vector<float> rotor_command;         // (N, 4) rad/s: what the rotors were last told
-  std::vector<float> error_integral;        // (N, 3) m: of the velocity, for the controller
-  std::vector<float> remainder;             // (N, 3) m: of the position, what float32 has rounded off
-  std::vector<float> wind;                  // (N, 3) m/s, world frame: in the last step; written before each, and by resets
-  std::vector<float> gust;                  // (N, 5) what it is made of; see dynamics::GustState
+  std::vector<float> velocity;
+  std::vector<float> angular_velocity;
+  std::vector<float> acceleration;
+  std::vector<float> angular_acceleration;
+  std::vector<float> rotor_speed;
+  std::vector<float> rotor_command;
+  std::vector<float> error_integral;
+  std::vector<float> remainder;
+  std::vector<float> wind;
+  std::vector<float> gust;  // see dynamics::GustState
 
   static constexpr auto fields() {
     using C = FlightState;
-    return field_list(field("velocity", &C::velocity), field("angular_velocity", &C::angular_velocity),
-                      field("acceleration", &C::acceleration), field("angular_acceleration", &C::angular_acceleration),
-                      field("rotor_speed", &C::rotor_speed), field("rotor_command", &C::rotor_command),
-                      field("error_integral", &C::error_integral), field("remainder", &C::remainder), field("wind", &C::wind),
-                      field("gust", &C::gust));
+    constexpr const char* kWriter = "flight, contacts, resets";
+    return field_list(
+        array("velocity", &C::velocity,
+              {.columns = 3, .unit = "m/s", .frame = Frame::world, .writer = kWriter, .about = "velocity"}),
+        array("angular_velocity", &C::angular_velocity,
+              {.columns = 3, .unit = "rad/s", .frame = Frame::body, .writer = kWriter, .about = "angular velocity"}),
+        array("acceleration", &C::acceleration,
+              {.columns = 3,
+               .unit = "m/s^2",
+               .frame = Frame::world,
+               .writer = kWriter,
+               .about = "mean of the last tick; 0 if it ended in a contact"}),
+        array("angular_acceleration", &C::angular_acceleration,
+              {.columns = 3,
+               .unit = "rad/s^2",
+               .frame = Frame::body,
+               .writer = kWriter,
+               .about = "mean of the last tick; 0 if it ended in a contact"}),
+        array("rotor_speed", &C::rotor_speed,
+              {.columns = 4, .unit = "rad/s", .writer = kWriter, .about = "speeds of the rotors, in the order of the airframe"}),
+        array("rotor_command", &C::rotor_command,
+              {.columns = 4, .unit = "rad/s", .access = Access::internal, .writer = kWriter, .about = "last commanded speeds"}),
+        array("error_integral", &C::error_integral,
+              {.columns = 3,
+               .unit = "m",
+               .frame = Frame::world,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "integral of the velocity error, for the controller"}),
+        array("remainder", &C::remainder,
+              {.columns = 3,
+               .unit = "m",
+               .frame = Frame::world,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "what float32 rounds off of the position"}),
+        array("wind", &C::wind,
+              {.columns = 3,
+               .unit = "m/s",
+               .frame = Frame::world,
+               .writer = "the step, before it flies; resets",
+               .about = "wind of the last step; before an episode's first step, the wind it begins with"}),
+        array("gust", &C::gust,
+              {.columns = 5,
+               .access = Access::internal,
+               .writer = "the step, before it flies; resets",
+               .about = "state of the gusts"}));
   }
 };
 
 struct State {
-  // of drones, hot: read and written every step
-  std::vector<float> position;   // (N, 3) m, world frame; written by dynamics, collision, resets
-  std::vector<float> quat_wxyz;  // (N, 4) unit, body to world; likewise
+  // Drones. Hot: read and written every step.
+  std::vector<float> position;
+  std::vector<float> quat_wxyz;
   ContactState contact;
   FlightState flight;
-  FlagArray active;  // (N,) 0: the slot is removed
-  // of envs
-  std::vector<std::int32_t> world_index;  // (E,) into the batch's worlds
-  std::vector<std::uint64_t> seed;        // (E,) key of the env's random numbers
-  std::vector<std::int64_t> episode;      // (E,) which episode of its seed, from 0
-  std::vector<std::int64_t> tick;         // (E,) substeps flown in this episode; written by the step and by move()
-  std::vector<std::int64_t> sensed;       // (E,) number of the latest reading in this episode: 0 at its first moment, -1 before
+  FlagArray active;
+  // Envs.
+  std::vector<std::int32_t> world_index;
+  std::vector<std::uint64_t> seed;
+  std::vector<std::int64_t> episode;
+  std::vector<std::int64_t> tick;
+  std::vector<std::int64_t> sensed;
 
   static constexpr auto fields() {
     using C = State;
-    return field_list(field("position", &C::position), field("quat_wxyz", &C::quat_wxyz), field("contact", &C::contact),
-                      field("flight", &C::flight), field("active", &C::active), field("world_index", &C::world_index),
-                      field("seed", &C::seed), field("episode", &C::episode), field("tick", &C::tick),
-                      field("sensed", &C::sensed));
+    constexpr const char* kWriter = "dynamics, collision, resets";
+    return field_list(
+        array("position", &C::position,
+              {.columns = 3, .unit = "m", .frame = Frame::world, .writer = kWriter, .about = "position"}),
+        array("quat_wxyz", &C::quat_wxyz,
+              {.columns = 4, .unit = "1", .frame = Frame::world, .writer = kWriter, .about = "orientation, body to world"}),
+        field("contact", &C::contact), field("flight", &C::flight),
+        array("active", &C::active,
+              {.values = Values::flag, .writer = "spawn() and remove()", .about = "False: the slot is removed"}),
+        array("world_index", &C::world_index,
+              {.rows = Rows::env,
+               .writer = "resets, set_world()",
+               .about = "index into `worlds`; with a `WorldPool`, the number of the env's world"}),
+        array("seed", &C::seed,
+              {.rows = Rows::env,
+               .access = Access::internal,
+               .writer = "reset(), seed()",
+               .about = "key of the env's random numbers"}),
+        array("episode", &C::episode,
+              {.rows = Rows::env,
+               .values = Values::count,
+               .writer = "resets, begin_episode()",
+               .about = "number of the episode under the env's seed, from 0"}),
+        array("tick", &C::tick,
+              {.rows = Rows::env,
+               .unit = "ticks",
+               .values = Values::count,
+               .writer = "the step, move(), fly()",
+               .about = "ticks flown in the env's episode"}),
+        array("sensed", &C::sensed,
+              {.rows = Rows::env,
+               .values = Values::last_count,
+               .access = Access::internal,
+               .writer = "the step, sense()",
+               .about = "number of the latest reading in the episode: 0 at its first moment, -1 before"}));
   }
 };
 
@@ -87,23 +177,76 @@ inline Pose pose_of(const State& state, DroneIndex drone) {
 // The episodes of a task, one after another in each env. Only batch/episodes.cpp writes them. R rows are N or E, as
 // TaskSpec::row says.
 struct EpisodeState {
-  std::vector<std::int64_t> steps;       // (E,) flown in this episode, the step under way included
-  std::vector<std::int64_t> time_limit;  // (E,) steps; 0: none
-  std::vector<double> episode_return;    // (R,) sum of the rewards so far
-  std::vector<double> episode_terms;     // (R, number of terms) sum of each reward term so far
-  FlagArray begun;                       // (E,) the first episode has begun
-  FlagArray done;                        // (E,) the episode ended and no reset has come since
-  FlagArray flying;                      // (E,) takes part in the present or last step; 0: its episode was over before
-  FlagArray bad;                         // (R,) a number is not finite: the episode ends in the present step
-  std::vector<std::int64_t> bad_states;  // (R,) episodes that ended so, since the batch was made; see Outputs::bad_state
-  FlagArray action_changed;              // (R,) the action differs from that of the step before; so does an episode's first
+  std::vector<std::int64_t> steps;
+  std::vector<std::int64_t> time_limit;
+  std::vector<double> episode_return;
+  std::vector<double> episode_terms;
+  FlagArray begun;
+  FlagArray done;
+  FlagArray flying;
+  FlagArray bad;
+  std::vector<std::int64_t> bad_states;
+  FlagArray action_changed;
 
   static constexpr auto fields() {
     using C = EpisodeState;
-    return field_list(field("steps", &C::steps), field("time_limit", &C::time_limit), field("episode_return", &C::episode_return),
-                      field("episode_terms", &C::episode_terms), field("begun", &C::begun), field("done", &C::done),
-                      field("flying", &C::flying), field("bad", &C::bad), field("bad_states", &C::bad_states),
-                      field("action_changed", &C::action_changed));
+    constexpr const char* kWriter = "the episode machine";
+    return field_list(
+        array("steps", &C::steps,
+              {.rows = Rows::env,
+               .unit = "steps",
+               .values = Values::count,
+               .writer = kWriter,
+               .about = "steps flown in this episode, the current step included"}),
+        array("time_limit", &C::time_limit,
+              {.rows = Rows::env,
+               .unit = "steps",
+               .values = Values::count,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "time limit; 0: none"}),
+        array("return_so_far", &C::episode_return,
+              {.rows = Rows::task, .access = Access::internal, .writer = kWriter, .about = "sum of the rewards so far"}),
+        array("terms_so_far", &C::episode_terms,
+              {.rows = Rows::task,
+               .per = Per::term,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "sum of each reward term so far"}),
+        array("begun", &C::begun,
+              {.rows = Rows::env,
+               .values = Values::flag,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "the first episode has begun"}),
+        array("done", &C::done,
+              {.rows = Rows::env,
+               .values = Values::flag,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "the episode ended and no reset has come since"}),
+        array("flying", &C::flying,
+              {.rows = Rows::env,
+               .values = Values::flag,
+               .writer = kWriter,
+               .about = "False: the episode was over before the last step, which skipped the env"}),
+        array("bad", &C::bad,
+              {.rows = Rows::task,
+               .values = Values::flag,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "a number is not finite: the episode ends in the current step"}),
+        array("bad_states", &C::bad_states,
+              {.rows = Rows::task,
+               .values = Values::count,
+               .writer = kWriter,
+               .about = "episodes that ended in a `bad_state` since the batch was made"}),
+        array("action_changed", &C::action_changed,
+              {.rows = Rows::task,
+               .values = Values::flag,
+               .access = Access::internal,
+               .writer = kWriter,
+               .about = "the action differs from that of the previous step; so does an episode's first"}));
   }
 };
 

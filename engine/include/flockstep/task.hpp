@@ -22,6 +22,7 @@
 #include "flockstep/index.hpp"
 #include "flockstep/lidar.hpp"
 #include "flockstep/pose.hpp"
+#include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/version.hpp"
 #include "flockstep/world.hpp"
@@ -45,11 +46,11 @@ struct TaskSpec {
 
 // Defaults for an environment with this task, where the caller gives no value.
 struct TaskDefaults {
-  std::string worlds = "train";       // a set of scenes, or one
-  std::optional<LidarConfig> lidar;   // none: no LiDAR
-  std::vector<CameraConfig> cameras;  // likewise
-  int max_episode_steps = 3000;       // 0: no limit
-  std::string drone;                  // a shipped frame; empty: DroneModel::quadrotor650()
+  std::string worlds = "train";  // a set of scenes, or one
+  std::vector<LidarConfig> lidars;
+  std::vector<CameraConfig> cameras;
+  int max_episode_steps = 3000;  // 0: no limit
+  std::string drone;             // a shipped frame; empty: DroneModel::quadrotor650()
   DynamicsConfig dynamics;
   ClockConfig clock;
 };
@@ -73,18 +74,19 @@ class TaskContext {
   virtual std::span<const std::shared_ptr<const World>> worlds() const = 0;  // by state().world_index; empty with a WorldPool
   virtual const World& world_of(EnvIndex env) const = 0;
 
-  // Sensors. Of all drones: the ranges (N, channels x beams) m, inf on a miss, and the maximum ranges (N,) m; empty without a
-  // LiDAR.
-  virtual const std::optional<LidarConfig>& lidar() const = 0;
-  virtual std::span<const float> lidar_ranges() const = 0;
-  virtual std::span<const float> lidar_max_range_m() const = 0;
+  // Sensors: their configurations, and what all drones read last. All arrays are empty for a sensor that the batch does not have.
+  virtual const std::vector<LidarConfig>& lidars() const = 0;
   virtual const std::vector<CameraConfig>& cameras() const = 0;
-  virtual const CameraImages& images(std::size_t camera) const = 0;  // of all drones
-  virtual Pose sensed_pose(DroneIndex drone) const = 0;              // by the pose sensor
-  virtual std::span<const float> sensed_position() const = 0;        // likewise, of all drones: (N, 3) m
-  virtual std::span<const float> sensed_quat_wxyz() const = 0;       // (N, 4)
-  virtual std::span<const float> accelerometer() const = 0;          // (N, 3) m/s^2, by the IMU; empty without one
-  virtual std::span<const float> gyroscope() const = 0;              // (N, 3) rad/s, likewise
+  virtual const PoseReadings& pose_readings() const = 0;
+  virtual const ImuReadings& imu_readings(std::size_t imu = 0) const = 0;
+  virtual const LidarReadings& lidar_readings(std::size_t lidar = 0) const = 0;
+  virtual const CameraImages& images(std::size_t camera) const = 0;
+  Pose sensed_pose(DroneIndex drone) const {
+    const PoseReadings& readings = pose_readings();
+    const float* const p = readings.position.data() + 3 * drone;
+    const float* const q = readings.quat_wxyz.data() + 4 * drone;
+    return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
+  }
 
   // A uniform number in [0, 1), keyed by the env's seed and episode, the stream (below 2^31, one for each purpose) and index; for
   // a drone also by its number in the env. The first drone of an env draws the same numbers as its env.

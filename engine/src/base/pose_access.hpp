@@ -1,4 +1,4 @@
-// Writes poses to arrays, where quaternions are (w, x, y, z). State has what reads them.
+// Poses in arrays, in which quaternions are (w, x, y, z).
 #pragma once
 
 #include <cstddef>
@@ -7,6 +7,10 @@
 #include "flockstep/state.hpp"
 
 namespace flockstep {
+
+inline Pose load_pose(const float* position, const float* quat_wxyz) {
+  return {Vec3(position[0], position[1], position[2]), Quat(quat_wxyz[0], quat_wxyz[1], quat_wxyz[2], quat_wxyz[3])};
+}
 
 inline void store_pose(float* position, float* quat_wxyz, const Pose& pose) {
   for (int axis = 0; axis < 3; ++axis) position[axis] = pose.position[axis];

@@ -43,8 +43,11 @@ struct RandomKey {
   }
 };
 
-inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index) {
-  return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream), index, key.member);
+// number: below 2^15, of an instrument that shares the stream with others of its kind.
+inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index,
+                                         std::uint32_t number = 0) {
+  return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream) | (number << 16U), index,
+              key.member);
 }
 
 // The index-th of the numbers of a user's stream, uniform in [0, 1).

@@ -42,7 +42,7 @@ Pose requested_pose(const Simulation& sim, DroneIndex drone, std::size_t row, st
 void mark_absent(Simulation& sim, DroneIndex drone) {
   sim.state.active[drone] = 0;
   clear_contact(sim.state, drone);
-  if (sim.lidar) sim.lidar->clear(drone);
+  for (const auto& sensor : sim.suite) sensor->clear(drone);
   sim.cameras.clear(drone);
   if (!sim.task_state) return;
   const std::size_t row = sim.row_of(drone);

@@ -1,5 +1,6 @@
 // The sensors' part of Batch.
 #include <algorithm>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -13,66 +14,86 @@
 
 namespace flockstep {
 
-const std::vector<float>& Batch::sensed_position() const { return sim_->pose_sensor.position(); }
-const std::vector<float>& Batch::sensed_quat_wxyz() const { return sim_->pose_sensor.quat_wxyz(); }
+namespace {
 
-std::span<const float> Batch::accelerometer() const {
-  return sim_->imu ? std::span<const float>(sim_->imu->accelerometer()) : std::span<const float>();
+// The index of a sensor of this name among configs; empty: the first.
+template <class Config>
+std::size_t index_of(const std::vector<Config>& configs, std::string_view name, const char* kind, const char* none) {
+  if (configs.empty()) throw std::invalid_argument(none);
+  if (name.empty()) return 0;
+  const auto found = std::ranges::find(configs, name, &Config::name);
+  if (found == configs.end()) {
+    std::string names;
+    for (const Config& config : configs) names += (names.empty() ? "\"" : ", \"") + config.name + '"';
+    refuse(kind, configs.size() == 1 ? names : "one of " + names, '"' + std::string(name) + '"');
+  }
+  return static_cast<std::size_t>(found - configs.begin());
 }
 
-std::span<const float> Batch::gyroscope() const {
-  return sim_->imu ? std::span<const float>(sim_->imu->gyroscope()) : std::span<const float>();
+const sensors::Lidar& lidar_of(const Simulation& sim, std::size_t lidar) {
+  checks::has_lidar(sim, lidar);
+  return *sim.suite.lidars()[lidar];
 }
 
-void Batch::require_lidar(std::string_view name) const {
-  checks::has_lidar(*sim_);
-  require(name.empty() || name == sim_->config.lidar->name, "lidar", '"' + sim_->config.lidar->name + '"',
-          '"' + std::string(name) + '"');
+}  // namespace
+
+const PoseReadings& Batch::pose_readings() const { return sim_->suite.pose().readings(); }
+const ImuReadings& Batch::imu_readings(std::size_t imu) const { return sim_->imu_readings(imu); }
+const LidarReadings& Batch::lidar_readings(std::size_t lidar) const { return sim_->lidar_readings(lidar); }
+
+std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
+  std::vector<ArrayView> arrays;
+  std::string names;
+  const auto look = [&](const sensors::Sensor& sensor) {
+    names += (names.empty() ? "\"" : ", \"") + sensor.name() + '"';
+    if (arrays.empty() && sensor.name() == name) {
+      sensor.list_arrays([&](const ArrayView& array) { arrays.push_back(array); });
+    }
+  };
+  for (const auto& sensor : sim_->suite) look(*sensor);
+  for (std::size_t camera = 0; camera < sim_->cameras.size(); ++camera) look(sim_->cameras[camera]);
+  if (arrays.empty()) refuse("sensor", "one of " + names, '"' + std::string(name) + '"');
+  return arrays;
 }
 
-void Batch::require_scan() const {
-  checks::has_lidar(*sim_);
-  checks::has_scanned(*sim_);
+std::size_t Batch::lidar_index(std::string_view name) const {
+  return index_of(sim_->config.lidars, name, "lidar", "this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
 }
 
-void Batch::set_lidar(const LidarChange& change, DroneMask mask) {
+std::size_t Batch::imu_index(std::string_view name) const {
+  return index_of(sim_->config.imus, name, "imu", "this Batch has no IMU: give it one (imu=...)");
+}
+
+void Batch::require_scan(std::size_t lidar) const { checks::has_scanned(lidar_of(*sim_, lidar)); }
+
+void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lidar) {
   const Use use(*sim_);
   checks::mask(*sim_, mask);
-  checks::has_lidar(*sim_);
+  checks::has_lidar(*sim_, lidar);
   std::vector<DroneIndex> drones;
   for_each_selected(*sim_, mask, [&](DroneIndex drone) { drones.push_back(drone); });
-  sim_->lidar->change(change, drones);
+  sim_->suite.lidars()[lidar]->change(change, drones);
 }
 
-const std::vector<float>& Batch::lidar_ranges() const {
-  static const std::vector<float> none;
-  return sim_->lidar ? sim_->lidar->ranges() : none;
-}
-
-std::span<const float> Batch::lidar_max_range_m() const {
-  checks::has_lidar(*sim_);
-  return sim_->lidar->max_range();
-}
-
-LidarConfig Batch::lidar_config(std::int64_t index) const {
+LidarConfig Batch::lidar_config(std::int64_t index, std::size_t lidar) const {
   const Use use(*sim_);
-  checks::has_lidar(*sim_);
+  const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::index(*sim_, index);
-  return sim_->lidar->config_of(DroneIndex(index));
+  return found.config_of(DroneIndex(index));
 }
 
-void Batch::lidar_directions(std::span<float> out) const {
+void Batch::lidar_directions(std::span<float> out, std::size_t lidar) const {
   const Use use(*sim_);
-  checks::has_lidar(*sim_);
-  checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
-  sim_->lidar->write_directions(out);
+  const sensors::Lidar& found = lidar_of(*sim_, lidar);
+  checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
+  found.write_directions(out);
 }
 
-void Batch::lidar_points(std::span<float> out) const {
+void Batch::lidar_points(std::span<float> out, std::size_t lidar) const {
   const Use use(*sim_);
-  checks::has_lidar(*sim_);
-  checks::size(out.size(), 3 * sim_->num_drones() * sim_->lidar->rays_per_drone(), "out");
-  sim_->lidar->write_points(sim_->state, out);
+  const sensors::Lidar& found = lidar_of(*sim_, lidar);
+  checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
+  found.write_points(sim_->state, out);
 }
 
 std::size_t Batch::camera_index(std::string_view name) const {

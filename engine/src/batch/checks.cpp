@@ -41,12 +41,14 @@ void not_stepping(const Simulation& sim, std::string_view call) {
   if (sim.is_stepping) throw std::logic_error(std::string(call) + "() was called by a task while its batch steps or resets");
 }
 
-void has_lidar(const Simulation& sim) {
-  if (!sim.lidar) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
+void has_lidar(const Simulation& sim, std::size_t lidar) {
+  const std::size_t count = sim.suite.lidars().size();
+  if (count == 0) throw std::invalid_argument("this Batch has no LiDAR: give it one (lidar=...; a Task declares lidar)");
+  if (lidar >= count) refuse("lidar", "an index below " + std::to_string(count), lidar);
 }
 
-void has_scanned(const Simulation& sim) {
-  if (sim.lidar->has_scanned()) return;
+void has_scanned(const sensors::Lidar& lidar) {
+  if (lidar.has_scanned()) return;
   throw std::logic_error("the LiDAR has not scanned yet: call sense(), or reset() a task, before its ranges are read");
 }
 

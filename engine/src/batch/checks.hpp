@@ -22,8 +22,8 @@ void memory(double bytes);
 
 void own_process(const Simulation& sim);
 void not_stepping(const Simulation& sim, std::string_view call);  // a task calls its own batch
-void has_lidar(const Simulation& sim);
-void has_scanned(const Simulation& sim);  // the LiDAR, once at least
+void has_lidar(const Simulation& sim, std::size_t lidar);
+void has_scanned(const sensors::Lidar& lidar);  // once at least
 void has_camera(const Simulation& sim, std::size_t camera);
 void capture_mode(const Simulation& sim, std::size_t camera, CaptureMode mode);
 void is_kinematic(const Simulation& sim, std::string_view call);

@@ -80,6 +80,38 @@ void DynamicsConfig::validate() const {
   require_positive(max_yaw_rate_dps, "max_yaw_rate_dps");
 }
 
+namespace {
+
+template <class T>
+concept SensorConfig = requires(const T& config) {
+  config.validate();
+  config.rate_hz;
+};
+
+template <SensorConfig Config>
+void check_sensor(const std::string& kind, const Config& config, const ClockConfig& clock) {
+  config.validate();
+  sensors::period_in_ticks(config.rate_hz, clock, kind + ".rate_hz");
+}
+
+// Checks the sensors of a field of BatchConfig, one or a list; other fields are none.
+template <class Value>
+void check_sensors(const std::string& field, const Value& value, const ClockConfig& clock) {
+  if constexpr (SensorConfig<Value>) {
+    check_sensor(field, value, clock);
+  } else if constexpr (requires { requires SensorConfig<typename Value::value_type>; }) {
+    const std::string kind = field.substr(0, field.size() - 1);  // "lidars" are each a lidar
+    for (auto config = value.begin(); config != value.end(); ++config) {
+      check_sensor(kind, *config, clock);
+      const auto same = [&](const auto& other) { return other.name == config->name; };
+      require(std::none_of(value.begin(), config, same), kind + ".name", "a name that no other " + kind + " has",
+              '"' + config->name + '"');
+    }
+  }
+}
+
+}  // namespace
+
 void BatchConfig::validate() const {
   constexpr int kMostDrones = 1 << 20;
   require(drones_per_env >= 1 && drones_per_env <= kMostDrones, "drones_per_env", "an integer in [1, 1048576]", drones_per_env);
@@ -94,28 +126,16 @@ void BatchConfig::validate() const {
           "None, where motion is kinematic (nothing is controlled)", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",
           "at least 50 Hz for motion by rotors (500 is usual)", clock.ticks_hz());
-  if (lidar) {
-    lidar->validate();
-    sensors::period_in_ticks(lidar->rate_hz, clock, "lidar.rate_hz");
-    const long long rays = static_cast<long long>(num_drones()) * lidar->rows() * lidar->columns();
+  require(imus.empty() || !dynamics.is_kinematic(), "imu", "None, where motion is kinematic (it has no accelerations)",
+          "an ImuConfig");
+  for_each_field(*this, [&](const auto& entry, const auto& value) { check_sensors(entry.name, value, clock); });
+  for (const LidarConfig& lidar : lidars) {
+    const long long rays = static_cast<long long>(num_drones()) * lidar.rows() * lidar.columns();
     require(rays <= (1LL << 31), "num_drones x lidar rays", "at most 2147483648 rays", rays);
   }
-  for (std::size_t i = 0; i < cameras.size(); ++i) {
-    const CameraConfig& camera = cameras[i];
-    camera.validate();
-    sensors::period_in_ticks(camera.rate_hz, clock, "camera.rate_hz");
-    const auto same = [&](const CameraConfig& other) { return other.name == camera.name; };
-    require(std::none_of(cameras.begin(), cameras.begin() + static_cast<std::ptrdiff_t>(i), same), "camera.name",
-            "a name that no other camera has", '"' + camera.name + '"');
+  for (const CameraConfig& camera : cameras) {
     const long long pixels = static_cast<long long>(num_drones()) * camera.width_px * camera.height_px;
     require(pixels <= (1LL << 32), "num_drones x camera pixels", "at most 4294967296 pixels", pixels);
-  }
-  pose_sensor.validate();
-  sensors::period_in_ticks(pose_sensor.rate_hz, clock, "pose_sensor.rate_hz");
-  if (imu) {
-    require(!dynamics.is_kinematic(), "imu", "None, where motion is kinematic (it has no accelerations)", "an ImuConfig");
-    imu->validate();
-    sensors::period_in_ticks(imu->rate_hz, clock, "imu.rate_hz");
   }
 }
 

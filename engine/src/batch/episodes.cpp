@@ -261,11 +261,9 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   const std::size_t n = sim.num_rows();
   checks::memory(bytes * static_cast<double>(n));
   EpisodeState& episodes = sim.episodes;
-  for (auto* counts : {&episodes.steps, &episodes.time_limit}) counts->resize(sim.num_envs());
-  for (auto* flags : {&episodes.begun, &episodes.done, &episodes.flying}) flags->resize(sim.num_envs());
-  for (auto* flags : {&episodes.bad, &episodes.action_changed}) flags->resize(n);
-  episodes.episode_return.resize(n);
-  episodes.bad_states.resize(n);
+  const ArraySizes sizes{
+      .num_envs = sim.num_envs(), .num_drones = sim.num_drones(), .num_task_rows = n, .num_terms = spec.reward_terms.size()};
+  allocate(episodes, sizes);
   task_state.actions = task_state.actions_before = Buffer(spec.action, n);
   const bool tells_poses = sim.config.dynamics.control == Control::pose;
   if (tells_poses) task_state.setpoints.target.resize(sim.num_drones());
@@ -273,7 +271,6 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   if (tells_poses && sim.config.clock.substeps() > 1) task_state.step_start.resize(sim.num_drones());
   task_state.score.num_terms = spec.reward_terms.size();
   task_state.score.terms.resize(n * task_state.score.num_terms);
-  sim.episodes.episode_terms.resize(n * task_state.score.num_terms);
   task_state.score.terminated.resize(n);
   task_state.score.truncated.resize(n);
   task_state.score.success.resize(n);
@@ -282,7 +279,7 @@ void begin_task(Simulation& sim, std::unique_ptr<Task> task) {
   task_state.max_episode_steps = sim.config.episode.max_episode_steps.value_or(task_state.task->defaults().max_episode_steps);
   require(!sim.config.episode.stagger_first_episode || task_state.max_episode_steps > 0, "stagger_first_episode",
           "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
-  sim.outputs.allocate(spec, n);
+  sim.outputs.allocate(spec, sizes);
 }
 
 void clear_contact(State& state, DroneIndex drone) {
@@ -299,7 +296,7 @@ void forget_readings(Simulation& sim, EnvIndex env) {
 }
 
 void forget_readings(Simulation& sim, DroneIndex drone) {
-  if (sim.imu) sim.imu->begin(drone, sim.state);
+  for (const auto& sensor : sim.suite) sensor->begin(drone, sim.state);
   sim.cameras.mark_stale(drone);
 }
 

@@ -22,7 +22,7 @@ namespace {
 // Of the arrays that sensors write.
 double sensor_bytes(const BatchConfig& config) {
   double bytes = 0.0;  // for one drone
-  if (config.lidar) bytes += 4.0 * config.lidar->rows() * config.lidar->columns();
+  for (const LidarConfig& lidar : config.lidars) bytes += 4.0 * lidar.rows() * lidar.columns();
   for (const CameraConfig& camera : config.cameras) {
     const CameraOutputs& o = camera.outputs;
     const int of_pixel = 3 * o.rgb + 4 * o.depth + 2 * o.semantic + 2 * o.instance + 12 * o.normal + 1 * o.grey + 3 * o.hsv;
@@ -84,30 +84,11 @@ std::vector<const World*> pointers(const Batch::Worlds& worlds) {
   return result;
 }
 
-void allocate(State& state, std::size_t num_envs, std::size_t num_drones) {
-  for (auto* floats : {&state.position, &state.contact.point, &state.contact.normal}) floats->resize(3 * num_drones);
-  state.quat_wxyz.resize(4 * num_drones);
-  state.contact.fraction.resize(num_drones);
-  for (auto* flags : {&state.contact.hit, &state.contact.inside, &state.active}) flags->resize(num_drones);
-  state.world_index.resize(num_envs);
-  state.seed.resize(num_envs);
-  for (auto* counts : {&state.episode, &state.tick, &state.sensed}) counts->resize(num_envs);
-}
-
 std::optional<dynamics::Fleet> fleet_of(const BatchConfig& config, const DroneModel& drone) {
   if (config.dynamics.is_kinematic()) return std::nullopt;
   require(drone.airframe().has_value(), "drone", "one with an airframe, to fly by its rotors", "a hull alone");
   return dynamics::Fleet(*drone.airframe(), config.dynamics, config.clock, static_cast<std::size_t>(config.drones_per_env),
                          static_cast<std::size_t>(config.num_drones()));
-}
-
-void allocate(FlightState& flight, std::size_t num_drones) {
-  for (auto* triples : {&flight.velocity, &flight.angular_velocity, &flight.acceleration, &flight.angular_acceleration,
-                        &flight.error_integral, &flight.remainder, &flight.wind}) {
-    triples->resize(3 * num_drones);
-  }
-  for (auto* speeds : {&flight.rotor_speed, &flight.rotor_command}) speeds->resize(kRotors * num_drones);
-  flight.gust.resize(dynamics::kGustStates * num_drones);
 }
 
 }  // namespace
@@ -121,7 +102,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
       drone_model(std::move(drone)),
       hull(drone_model),
       fleet(fleet_of(config, drone_model)),
-      pose_sensor(config.pose_sensor, config.clock, drones_per_env(), num_drones()),
+      suite(config),
       cameras(config.cameras, config.clock, world_pointers, pool ? pool->slots : state.world_index, state, drones_per_env(),
               num_drones(), config.tracer),
       workers(config.num_threads > 0 ? config.num_threads : physical_cores()),
@@ -148,11 +129,11 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     sorts_by_world |= world != nullptr && scenes.back()->may_need_embree();
   }
   checks::world_index(*this, world_index, num_envs());
-  if (config.lidar) lidar.emplace(*config.lidar, config.clock, num_drones(), config.tracer);
-  if (config.imu) imu.emplace(*config.imu, config.clock, drones_per_env(), num_drones());
 
-  allocate(state, num_envs(), num_drones());
-  if (fleet) allocate(state.flight, num_drones());
+  const ArraySizes sizes{.num_envs = num_envs(), .num_drones = num_drones()};
+  allocate(state, sizes);
+  allocate(state.contact, sizes);
+  if (fleet) allocate(state.flight, sizes);
   std::fill(state.active.begin(), state.active.end(), std::uint8_t{1});
   std::fill(state.sensed.begin(), state.sensed.end(), std::int64_t{-1});
   std::iota(state.seed.begin(), state.seed.end(), std::uint64_t{0});
@@ -166,7 +147,7 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
     clear_contact(state, drone);
     start_flight(*this, drone, {});
   }
-  pose_sensor.assume_truth(state);
+  suite.pose().assume_truth(state);
 
   rebuild_schedule();
   listed.reserve(num_envs());

@@ -10,14 +10,10 @@ namespace {
 
 void clear_row(Outputs& outputs, std::size_t row) {
   const std::size_t terms = outputs.reward_terms.size() / outputs.reward.size();
-  const auto first_term = static_cast<std::ptrdiff_t>(row * terms);
-  outputs.reward[row] = 0.0F;
-  std::fill_n(outputs.reward_terms.begin() + first_term, terms, 0.0F);
-  std::fill_n(outputs.episode_terms.begin() + first_term, terms, 0.0);
-  outputs.terminated[row] = outputs.truncated[row] = outputs.success[row] = outputs.crashed[row] = outputs.bad_state[row] = 0;
-  outputs.episode_end[row] = static_cast<std::uint8_t>(EpisodeEnd::none);
-  outputs.episode_return[row] = 0.0;
-  outputs.episode_length[row] = 0;
+  for_each_listed(outputs, [&](const auto& entry, auto& values) {
+    const std::size_t width = entry.info.per == Per::term ? terms : 1;
+    std::fill_n(values.data() + row * width, width, typename std::remove_reference_t<decltype(values)>::value_type{});
+  });
 }
 
 // Writes a value for each element of a row, given one for all or one for each.
@@ -42,21 +38,14 @@ void fill_row(Buffer& buffer, std::size_t row, const std::vector<double>& values
 
 }  // namespace
 
-void OutputSlots::allocate(const TaskSpec& spec, std::size_t num_rows) {
-  for (FlagArray& has_final : has_final_) has_final.resize(num_rows);
+void OutputSlots::allocate(const TaskSpec& spec, const ArraySizes& sizes) {
+  for (FlagArray& has_final : has_final_) has_final.resize(sizes.num_task_rows);
   for (Outputs& slot : slots_) {
     for (const Field& field : spec.observation) {
-      slot.observation.emplace_back(field, num_rows);
-      slot.final_observation.emplace_back(field, num_rows);
+      slot.observation.emplace_back(field, sizes.num_task_rows);
+      slot.final_observation.emplace_back(field, sizes.num_task_rows);
     }
-    for_each_field(slot, [&](const auto& field, auto& array) {
-      if constexpr (!std::is_same_v<std::remove_cvref_t<decltype(array)>, std::vector<Buffer>>) {
-        const void* const address = &array;
-        const bool is_of_terms = address == &slot.reward_terms || address == &slot.episode_terms;
-        array.resize(num_rows * (is_of_terms ? spec.reward_terms.size() : 1));
-      }
-      static_cast<void>(field);
-    });
+    flockstep::allocate(slot, sizes);
   }
 }
 
@@ -77,18 +66,13 @@ void OutputSlots::carry_over(std::size_t row) {
     to.final_observation[i].copy_row(row, from.final_observation[i]);
   }
   has_final_[current_][row] = has_final_[1 - current_][row];
-  clear_row(to, row);
-  to.terminated[row] = from.terminated[row];
-  to.truncated[row] = from.truncated[row];
-  to.success[row] = from.success[row];
-  to.crashed[row] = from.crashed[row];
-  to.bad_state[row] = from.bad_state[row];
-  to.episode_end[row] = from.episode_end[row];
-  to.episode_return[row] = from.episode_return[row];
-  const std::size_t terms = to.episode_terms.size() / to.reward.size();
-  std::copy_n(from.episode_terms.begin() + static_cast<std::ptrdiff_t>(row * terms), terms,
-              to.episode_terms.begin() + static_cast<std::ptrdiff_t>(row * terms));
-  to.episode_length[row] = from.episode_length[row];
+  const std::size_t terms = to.reward_terms.size() / to.reward.size();
+  for_each_listed(to, [&](const auto& entry, auto& values) {
+    const std::size_t width = entry.info.per == Per::term ? terms : 1;
+    std::copy_n((from.*entry.member).data() + row * width, width, values.data() + row * width);
+  });
+  to.reward[row] = 0.0F;
+  std::fill_n(to.reward_terms.data() + row * terms, terms, 0.0F);
 }
 
 void OutputSlots::keep_final(std::size_t row) {

@@ -11,7 +11,7 @@ namespace flockstep {
 
 class OutputSlots {
  public:
-  void allocate(const TaskSpec& spec, std::size_t num_rows);
+  void allocate(const TaskSpec& spec, const ArraySizes& sizes);
 
   Outputs& now() { return slots_[current_]; }
   const Outputs& now() const { return slots_[current_]; }

@@ -47,7 +47,7 @@ std::size_t most_in_tiles(const BatchConfig& config) {
     const std::size_t rays = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
     most = std::max(most, trace::ways_of(config.tracer, rays).most_in_tiles);
   };
-  if (config.lidar) count(config.lidar->rows(), config.lidar->columns());
+  for (const LidarConfig& lidar : config.lidars) count(lidar.rows(), lidar.columns());
   for (const CameraConfig& camera : config.cameras) count(camera.height_px, camera.width_px);
   return most;
 }

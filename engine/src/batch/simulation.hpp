@@ -26,9 +26,7 @@
 #include "dynamics/rotor_motion.hpp"
 #include "flockstep/batch.hpp"
 #include "sensors/camera_rig.hpp"
-#include "sensors/imu.hpp"
-#include "sensors/lidar.hpp"
-#include "sensors/pose_sensor.hpp"
+#include "sensors/sensor_suite.hpp"
 
 namespace flockstep {
 
@@ -113,6 +111,15 @@ struct Simulation {
     for (const auto& scratch : scratches) use += scratch->tracer.embree_use();
     return use;
   }
+  // Empty if there is no such sensor.
+  const ImuReadings& imu_readings(std::size_t imu) const {
+    static const ImuReadings none;
+    return imu < suite.imus().size() ? suite.imus()[imu]->readings() : none;
+  }
+  const LidarReadings& lidar_readings(std::size_t lidar) const {
+    static const LidarReadings none;
+    return lidar < suite.lidars().size() ? suite.lidars()[lidar]->readings() : none;
+  }
   void warn_of_lost_drones();
   void rebuild_schedule() {
     schedule.rebuild(sorts_by_world ? std::span<const std::int32_t>(slots()) : std::span<const std::int32_t>(), state.active);
@@ -130,9 +137,7 @@ struct Simulation {
   std::optional<dynamics::Fleet> fleet;  // if drones fly by their rotors
 
   State state;
-  std::optional<sensors::Lidar> lidar;
-  sensors::PoseSensor pose_sensor;
-  std::optional<sensors::Imu> imu;
+  sensors::SensorSuite suite;
   sensors::CameraRig cameras;
 
   EpisodeState episodes;                // sized where there is a task

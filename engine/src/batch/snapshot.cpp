@@ -1,7 +1,6 @@
 #include "batch/snapshot.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <functional>
 #include <optional>
@@ -17,7 +16,7 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x504554534b434f4cULL;  // "LOCKSTEP"
-constexpr std::uint64_t kFormat = 7;                     // of everything below; one more with each change
+constexpr std::uint64_t kFormat = 8;                     // of everything below; one more with each change
 
 struct Header {
   std::uint64_t magic, format, config, length, checksum;
@@ -31,15 +30,18 @@ std::uint64_t checksum_of(Header header, std::string_view body) {
   return hash.value();
 }
 
-// Everything that a snapshot holds but what the task keeps, in its order.
+template <class F>
+void for_each_sensor(Simulation& sim, const F& f) {
+  for (const auto& sensor : sim.suite) f(*sensor);
+  for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) f(sim.cameras[camera]);
+}
+
+// Everything that a snapshot holds except the arrays of the task, in its order.
 void visit_own(Simulation& sim, ArrayVisitor& visitor) {
   visitor.fields(sim.state);
   if (sim.fleet && sim.fleet->airframes.size() > 1) visitor.array("airframe_index", sim.fleet->airframe_index);
   if (sim.pool) visitor.array("world_content", sim.pool->contents);
-  sim.pose_sensor.visit(visitor);
-  if (sim.imu) sim.imu->visit(visitor);
-  if (sim.lidar) sim.lidar->visit(visitor);
-  for (std::size_t camera = 0; camera < sim.cameras.size(); ++camera) sim.cameras[camera].visit(visitor);
+  for_each_sensor(sim, [&](sensors::Sensor& sensor) { sensor.visit(visitor); });
   if (!sim.task_state) return;
   visitor.fields(sim.episodes);
   visitor.bytes("actions", sim.task_state->actions.bytes(), sim.task_state->actions.type());
@@ -166,81 +168,30 @@ void put(Simulation& sim, std::string_view body) {
   Reader reader(body);
   visit(sim, reader);
   reader.apply();
-  if (sim.lidar) sim.lidar->restored();
-  for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].restored();
+  for_each_sensor(sim, [](sensors::Sensor& sensor) { sensor.restored(); });
   sim.outputs.restored();
   if (sim.task_state) sim.task_state->task->restored();
 }
 
-template <class Values, class Holds>
-void require_all(const Values& values, const char* name, const char* expected, const Holds& holds) {
-  for (const auto& value : values) {
-    if (!holds(value)) refuse(std::string("snapshot: ") + name, expected, +value);
-  }
-}
-
 // Bytes whose checksum is right may still be no state that a batch can be in.
-void require_meaning(const Simulation& sim) {
-  const auto flags = [](const FlagArray& values, const char* name) {
-    require_all(values, name, "0 or 1", [](std::uint8_t value) { return value <= 1; });
-  };
-  const auto counts = [](const auto& values, const char* name, std::int64_t least = 0) {
-    constexpr std::int64_t kMost = std::int64_t{1} << 62;  // so that counting on cannot overflow
-    require_all(values, name, least == 0 ? "a number in [0, 2^62]" : "a number in [-1, 2^62]",
-                [least](std::int64_t value) { return value >= least && value <= kMost; });
-  };
-  const auto finite = [](const auto& values, const char* name) {
-    require_all(values, name, "finite numbers", [](auto value) { return std::isfinite(value); });
-  };
-  const State& state = sim.state;
-  checks::poses(state.position, state.quat_wxyz, sim.num_drones());
-  finite(sim.pose_sensor.position(), "sensed_position");
-  finite(sim.pose_sensor.quat_wxyz(), "sensed_quat_wxyz");
-  if (sim.imu) {
-    finite(sim.imu->accelerometer(), "accelerometer");
-    finite(sim.imu->gyroscope(), "gyroscope");
-  }
-  flags(state.active, "active");
-  flags(state.contact.hit, "hit");
-  flags(state.contact.inside, "inside");
-  finite(state.contact.point, "point");
-  finite(state.contact.normal, "normal");
-  require_all(state.contact.fraction, "fraction", "a number in [0, 1]",
-              [](float value) { return value >= 0.0F && value <= 1.0F; });
-  for_each_field(state.flight, [&](const auto& field, const auto& values) { finite(values, field.name); });
+void check_values_of(Simulation& sim) {
+  checks::poses(sim.state.position, sim.state.quat_wxyz, sim.num_drones());
+  check_arrays(sim.state);
+  check_arrays(sim.state.contact);
+  check_arrays(sim.state.flight);
   if (sim.fleet) {
-    require_all(sim.fleet->airframe_index, "airframe_index", "rows of the table of airframes",
-                [&](std::int32_t row) { return row >= 0 && static_cast<std::size_t>(row) < sim.fleet->airframes.size(); });
+    const std::size_t rows = sim.fleet->airframes.size();
+    for (const std::int32_t row : sim.fleet->airframe_index) {
+      require(row >= 0 && static_cast<std::size_t>(row) < rows, "snapshot: airframe_index", "rows of the table of airframes", row);
+    }
   }
-  counts(state.episode, "episode");
-  counts(state.tick, "tick");
-  counts(state.sensed, "sensed", -1);
-  if (sim.lidar) {
-    require_all(sim.lidar->ranges(), "lidar_ranges", "ranges >= 0", [](float range) { return range >= 0.0F; });
-  }
-  for (std::size_t i = 0; i < sim.cameras.size(); ++i) sim.cameras[i].check();
+  for_each_sensor(sim, [](const sensors::Sensor& sensor) { sensor.check(); });
   if (!sim.task_state) return;
-  counts(sim.episodes.steps, "steps");
-  counts(sim.episodes.time_limit, "time_limit");
-  finite(sim.episodes.episode_return, "episode_return");
-  finite(sim.episodes.episode_terms, "episode_terms");
-  flags(sim.episodes.begun, "begun");
-  flags(sim.episodes.done, "done");
-  flags(sim.episodes.flying, "flying");
-  flags(sim.episodes.action_changed, "action_changed");
-  flags(sim.episodes.bad, "bad");
-  counts(sim.episodes.bad_states, "bad_states");
-  const Outputs& outputs = sim.outputs.now();
-  for (const auto& [values, name] : {std::pair(&outputs.terminated, "terminated"),
-                                     {&outputs.truncated, "truncated"},
-                                     {&outputs.success, "success"},
-                                     {&outputs.crashed, "crashed"},
-                                     {&outputs.bad_state, "bad_state"}}) {
-    flags(*values, name);
+  check_arrays(sim.episodes);
+  check_arrays(sim.outputs.now());
+  for (const std::uint8_t end : sim.outputs.now().episode_end) {
+    require(end < EnumNames<EpisodeEnd>::kNames.size(), "snapshot: episode_end", "a member of EpisodeEnd", +end);
   }
-  require_all(outputs.episode_end, "episode_end", "a member of EpisodeEnd",
-              [](std::uint8_t value) { return value < EnumNames<EpisodeEnd>::kNames.size(); });
-  counts(outputs.episode_length, "episode_length");
   sim.task_state->task->check();
 }
 
@@ -303,15 +254,15 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
     reader.for_each("world_index", check_worlds);
     reader.for_each("taken_world", check_worlds);
   }
-  reader.for_each("lidar_settings", [&](std::span<const std::byte> bytes) { sim.lidar->check_restored(bytes); });
+  for_each_sensor(sim, [&](const sensors::Sensor& sensor) {
+    reader.for_each(sensor.label(), [&](std::span<const std::byte> bytes) { sensor.check_bytes(bytes); });
+  });
   std::size_t camera = 0;
   reader.for_each("camera_capture_mode", [&](std::span<const std::byte> bytes) {
     const auto mode = std::to_integer<int>(bytes[0]);
     require(mode <= static_cast<int>(CaptureMode::on_demand), "snapshot", "a capture mode below 3", mode);
     checks::capture_mode(sim, camera++, static_cast<CaptureMode>(mode));
   });
-  camera = 0;
-  reader.for_each("camera_settings", [&](std::span<const std::byte> bytes) { sim.cameras[camera++].check_restored(bytes); });
   std::optional<Reader> own;  // of a pool's batch
   if (sim.pool) own = reader;
   if (sim.task_state) sim.task_state->task->visit(reader);  // now, since its arrays may have the names of those above
@@ -327,7 +278,7 @@ void restore_snapshot(Simulation& sim, std::string_view blob) {
   try {
     if (sim.pool) move_envs(sim);
     put(sim, body);
-    require_meaning(sim);
+    check_values_of(sim);
   } catch (...) {
     const bool was_cut_short = std::exchange(sim.is_cut_short, true);  // where the memory is out, there is no way back
     if (sim.pool) {

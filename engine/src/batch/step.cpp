@@ -21,33 +21,36 @@ using List = EnvList Block::*;
 
 // ------------------------------------------------------------------------------------------------------------------ stages
 
-bool reads_between_ticks(const Simulation& sim) {
-  return (sim.lidar && sim.lidar->period() > 0) || sim.pose_sensor.period() > 0 || (sim.imu && sim.imu->period() > 0);
+sensors::Surroundings surroundings_of(Simulation& sim, Scratch& scratch) {
+  return {.state = sim.state,
+          .scenes = sim.scenes,
+          .slots = sim.slots(),
+          .drones_per_env = sim.drones_per_env(),
+          .tracer = scratch.tracer};
 }
 
 // Reads every kind of sensor except the cameras, which render for all blocks at once.
 void read_all(Simulation& sim, std::span<const DroneIndex> drones, Scratch& scratch) {
-  if (sim.lidar) sim.lidar->scan(drones, sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
-  sim.pose_sensor.read(drones, sim.state);
-  if (sim.imu) sim.imu->read(drones, sim.state);
+  const sensors::Surroundings surroundings = surroundings_of(sim, scratch);
+  for (const auto& sensor : sim.suite) sensor->read(drones, surroundings);
 }
 
 // Reads those of these sensors that are due, in the middle of a step or at its end. drones: those of the envs.
 void read_due(Simulation& sim, std::span<const EnvIndex> envs, std::span<const DroneIndex> drones, bool step_is_over,
               Scratch& scratch) {
-  const auto due = [&](std::int64_t period) -> std::span<const DroneIndex> {
-    if (period == 0) return step_is_over ? drones : std::span<const DroneIndex>();
+  const sensors::Surroundings surroundings = surroundings_of(sim, scratch);
+  for (const auto& sensor : sim.suite) {
+    const std::int64_t period = sensor->period();
+    if (period == 0) {
+      if (step_is_over) sensor->read(drones, surroundings);
+      continue;
+    }
     scratch.envs.clear();
     for (const EnvIndex env : envs) {
       if (sensors::is_due(period, sim.state.tick[env], step_is_over)) scratch.envs.push_back(env);
     }
-    return sim.drones_of(scratch.envs, scratch);
-  };
-  if (sim.lidar) {
-    sim.lidar->scan(due(sim.lidar->period()), sim.scenes, sim.slots(), sim.drones_per_env(), sim.state, scratch.tracer);
+    sensor->read(sim.drones_of(scratch.envs, scratch), surroundings);
   }
-  sim.pose_sensor.read(due(sim.pose_sensor.period()), sim.state);
-  if (sim.imu) sim.imu->read(due(sim.imu->period()), sim.state);
 }
 
 void count_step(Simulation& sim, Block& block, Scratch&) {
@@ -93,7 +96,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
     }
   });
   if (sim.fleet) sim.fleet->update_wind(sim.state, drones, 0);
-  const int leg = sim.fleet && !reads_between_ticks(sim) ? ticks : 1;  // kinematic drones move tick by tick
+  const int leg = sim.fleet && !sim.suite.reads_between_ticks() ? ticks : 1;  // kinematic drones move tick by tick
   const dynamics::Commands commands{sim.task_state->setpoints.command, sim.task_state->setpoints.target,
                                     sim.task_state->step_start};
   for (int flown = leg; flown <= ticks; flown += leg) {

@@ -23,24 +23,12 @@ class Context final : public TaskContext {
   }
   const World& world_of(EnvIndex env) const override { return *sim_.world_pointers[sim_.slot_of(env)]; }
 
-  const std::optional<LidarConfig>& lidar() const override { return sim_.config.lidar; }
-  std::span<const float> lidar_ranges() const override {
-    return sim_.lidar ? std::span<const float>(sim_.lidar->ranges()) : std::span<const float>();
-  }
-  std::span<const float> lidar_max_range_m() const override {
-    return sim_.lidar ? sim_.lidar->max_range() : std::span<const float>();
-  }
+  const std::vector<LidarConfig>& lidars() const override { return sim_.config.lidars; }
   const std::vector<CameraConfig>& cameras() const override { return sim_.config.cameras; }
   const CameraImages& images(std::size_t camera) const override { return sim_.cameras[camera].images(); }
-  Pose sensed_pose(DroneIndex drone) const override { return sim_.pose_sensor.pose(drone); }
-  std::span<const float> sensed_position() const override { return sim_.pose_sensor.position(); }
-  std::span<const float> sensed_quat_wxyz() const override { return sim_.pose_sensor.quat_wxyz(); }
-  std::span<const float> accelerometer() const override {
-    return sim_.imu ? std::span<const float>(sim_.imu->accelerometer()) : std::span<const float>();
-  }
-  std::span<const float> gyroscope() const override {
-    return sim_.imu ? std::span<const float>(sim_.imu->gyroscope()) : std::span<const float>();
-  }
+  const PoseReadings& pose_readings() const override { return sim_.suite.pose().readings(); }
+  const ImuReadings& imu_readings(std::size_t imu) const override { return sim_.imu_readings(imu); }
+  const LidarReadings& lidar_readings(std::size_t lidar) const override { return sim_.lidar_readings(lidar); }
 
   float random(EnvIndex env, std::uint32_t stream, std::uint32_t index) const override {
     return draw_uniform(sim_.state, RandomKey::of(env), stream, index);

@@ -3,33 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
-#include <limits>
+#include <string_view>
 
 #include "base/pose_access.hpp"
 #include "base/require.hpp"
 #include "compiled/compiled_world.hpp"
-#include "sensors/rate.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep::sensors {
 namespace {
 
 Mat3 matrix_of(const std::array<float, 4>& q) { return Quat(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix(); }
-
-Vec3 vector_of(const std::array<float, 3>& v) { return {v[0], v[1], v[2]}; }
-
-// f(array, values per pixel) for every image of the camera.
-template <class F>
-void for_each_image(CameraImages& images, const F& f) {
-  f(images.rgb, 3U);
-  f(images.depth, 1U);
-  f(images.semantic, 1U);
-  f(images.instance, 1U);
-  f(images.normal, 3U);
-  f(images.grey, 1U);
-  f(images.hsv, 3U);
-}
 
 std::size_t area(int width, int height) { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 
@@ -41,42 +25,40 @@ CameraConfig rendering_of(CameraConfig config) {
   return config;
 }
 
+// f(entry, image) for each image of some outputs.
+template <class F>
+void for_each_image(CameraImages& images, const CameraOutputs& outputs, const F& f) {
+  for_each_listed(images, [&](const auto& entry, auto& image) {
+    for_each_field(outputs, [&](const auto& output, bool is_written) {
+      if (is_written && std::string_view(output.name) == entry.name) f(entry, image);
+    });
+  });
+}
+
 // Room for the images of some outputs. Nothing is seen yet.
-void allocate(CameraImages& images, const CameraOutputs& outputs, std::size_t pixels) {
-  if (outputs.rgb) images.rgb.resize(3 * pixels);
-  if (outputs.depth) images.depth.resize(pixels, std::numeric_limits<float>::infinity());
-  if (outputs.semantic) images.semantic.resize(pixels);
-  if (outputs.instance) images.instance.resize(pixels);
-  if (outputs.normal) images.normal.resize(3 * pixels);
-  if (outputs.grey) images.grey.resize(pixels);
-  if (outputs.hsv) images.hsv.resize(3 * pixels);
+void allocate_images(CameraImages& images, const CameraOutputs& outputs, std::size_t num_drones, std::size_t pixels) {
+  const ArraySizes sizes{.num_drones = num_drones, .num_pixels = pixels};
+  for_each_image(images, outputs, [&](const auto& entry, auto& image) { flockstep::allocate(entry, image, sizes); });
 }
 
 }  // namespace
 
 Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
                TracerKind tracer)
-    : config_(config),
+    : Sensor("camera", config.name, config.rate_hz, clock),
+      config_(config),
       rendering_(rendering_of(config)),
       ways_(trace::ways_of(tracer, area(config.width_px, config.height_px))),
-      period_(period_in_ticks(config.rate_hz, clock, "camera.rate_hz")),
       drones_per_env_(drones_per_env),
       pixels_(area(config.image_width_px(), config.image_height_px())),
       rendered_pixels_(area(config.width_px, config.height_px)),
-      setting_(num_drones, 0U),
-      offset_(num_drones, vector_of(config.offset_m)),
-      mounting_(num_drones, matrix_of(config.quat_wxyz)),
-      quat_wxyz_(num_drones, config.quat_wxyz) {
-  settings_.push_back(
-      std::make_unique<Setting>(Setting{config.hfov_deg, config.vfov_deg, render::make_pinhole_camera(config), num_drones}));
-  taken_.position.resize(3 * num_drones);
-  taken_.quat_wxyz.resize(4 * num_drones);
-  taken_.world.resize(num_drones);
-  taken_.tick.resize(num_drones);
-  allocate(images_, config.outputs, num_drones * pixels_);
+      settings_(config, num_drones, false, &render::make_pinhole_camera),
+      mounting_(num_drones, matrix_of(config.quat_wxyz)) {
+  flockstep::allocate(taken_, {.num_drones = num_drones});
+  allocate_images(images_, config.outputs, num_drones, pixels_);
   if (config.resize) {
     resample_.emplace(config.width_px, config.height_px, (*config.resize)[0], (*config.resize)[1], config.pool);
-    allocate(frames_, rendering_.outputs, num_drones * rendered_pixels_);
+    allocate_images(frames_, rendering_.outputs, num_drones, rendered_pixels_);
   } else if (config.outputs.hsv && !config.outputs.rgb) {
     frames_.rgb.resize(3 * num_drones * rendered_pixels_);
   }
@@ -84,30 +66,14 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
 }
 
 CameraConfig Camera::config_of(DroneIndex drone) const {
-  CameraConfig config = config_;
-  config.hfov_deg = settings_[setting_[drone]]->hfov_deg;
-  config.vfov_deg = settings_[setting_[drone]]->vfov_deg;
-  config.offset_m = {offset_[drone].x(), offset_[drone].y(), offset_[drone].z()};
-  config.quat_wxyz = quat_wxyz_[drone];
+  CameraConfig config = settings_.config_of(drone);
+  config.capture_mode = config_.capture_mode;
   return config;
 }
 
 void Camera::set_config(DroneIndex drone, const CameraConfig& config) {
-  const auto find = [&](const auto& wanted) { return std::find_if(settings_.begin(), settings_.end(), wanted); };
-  auto setting =
-      find([&](const auto& other) { return other->hfov_deg == config.hfov_deg && other->vfov_deg == config.vfov_deg; });
-  if (setting == settings_.end()) {
-    Setting made{config.hfov_deg, config.vfov_deg, render::make_pinhole_camera(config), 0};
-    setting = find([](const auto& other) { return other->drones == 0; });
-    if (setting == settings_.end()) setting = settings_.insert(setting, std::make_unique<Setting>());
-    **setting = std::move(made);
-  }
-  ++(*setting)->drones;
-  --settings_[setting_[drone]]->drones;
-  setting_[drone] = static_cast<std::uint32_t>(setting - settings_.begin());
-  offset_[drone] = vector_of(config.offset_m);
+  settings_.set(drone, config);
   mounting_[drone] = matrix_of(config.quat_wxyz);
-  quat_wxyz_[drone] = config.quat_wxyz;
   mark_stale(drone);
 }
 
@@ -121,17 +87,15 @@ void Camera::change(const CameraChange& change, std::span<const DroneIndex> dron
     config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
     return config;
   };
-  changed(config_).validate();  // as with LiDARs: also where no drone is listed
+  changed(config_).validate();  // as with LiDARs, even if no drone is listed
   if (!change.any()) return;
   for (const DroneIndex drone : drones) set_config(drone, changed(config_of(drone)));
 }
 
 void Camera::clear(DroneIndex drone) {
-  for_each_image(images_, [&](auto& image, std::size_t values) {
-    using Value = typename std::remove_reference_t<decltype(image)>::value_type;
-    const bool is_depth = static_cast<const void*>(&image) == &images_.depth;
-    const Value nothing = is_depth ? static_cast<Value>(std::numeric_limits<float>::infinity()) : Value{};
-    if (!image.empty()) std::fill_n(image.data() + drone * pixels_ * values, pixels_ * values, nothing);
+  for_each_image(images_, config_.outputs, [&]<class Image>(const auto& entry, Image& image) {
+    const std::size_t width = ArraySizes{.num_pixels = pixels_}.width(entry.info);
+    std::fill_n(image.data() + drone * width, width, absent_value<typename Image::value_type>(entry.info));
   });
   mark_stale(drone);
 }
@@ -141,7 +105,7 @@ bool Camera::is_due(DroneIndex drone, const State& state) const {
   switch (config_.capture_mode) {
     case CaptureMode::every_step:
       // With a rate: where a multiple of the period has passed since the last frame.
-      return period_ == 0 || images_.frame_step[drone] < 0 || state.tick[env] / period_ != taken_.tick[drone] / period_;
+      return period() == 0 || images_.frame_step[drone] < 0 || state.tick[env] / period() != taken_.tick[drone] / period();
     case CaptureMode::on_movement:
       return images_.frame_step[drone] < 0 || taken_.world[drone] != state.world_index[env] ||
              !std::equal(&taken_.position[3 * drone], &taken_.position[3 * drone] + 3, &state.position[3 * drone]) ||
@@ -175,8 +139,8 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .scene = &compiled(world).scene(),
                                 .shading = &compiled(world).shading(config_.shadows),
                                 .camera = &rendering_,
-                                .pinhole = &settings_[setting_[drone]]->pinhole,
-                                .position = pose.position + trace::rotated(body, offset_[drone]),
+                                .pinhole = &settings_.optics(drone),
+                                .position = pose.position + trace::rotated(body, Vec3::Map(settings_[drone].offset_m.data())),
                                 .rotation = rotation,
                                 .frame = {},
                                 .ways = ways_};
@@ -221,47 +185,28 @@ void Camera::convert(DroneIndex drone, ConversionScratch& scratch) {
   }
 }
 
+void Camera::list_arrays(const std::function<void(const ArrayView&)>& list) const {
+  for_each_view(images_, items_of(config_), [&](const ArrayView& image) {
+    if (image.size > 0) list(image);
+  });
+}
+
 void Camera::visit(ArrayVisitor& visitor) {
-  saved_.clear();
-  for (std::size_t i = 0; i < setting_.size(); ++i) {
-    const DroneIndex drone(i);
-    const CameraConfig config = config_of(drone);
-    saved_.push_back({config.hfov_deg.value_or(0.0F), config.vfov_deg.value_or(0.0F), config.offset_m, config.quat_wxyz});
-  }
   mode_ = {config_.capture_mode};
   visitor.array("camera_capture_mode", mode_);
-  visitor.array("camera_settings", saved_);
+  settings_.visit(label(), visitor);
   visitor.fields(taken_);
   visitor.array("frame_step", images_.frame_step);
 }
 
-CameraConfig Camera::with(const Saved& saved) const {
-  CameraConfig config = config_;
-  config.hfov_deg = saved.hfov_deg > 0.0F ? std::optional(saved.hfov_deg) : std::nullopt;
-  config.vfov_deg = saved.vfov_deg > 0.0F ? std::optional(saved.vfov_deg) : std::nullopt;
-  config.offset_m = saved.offset_m;
-  config.quat_wxyz = saved.quat_wxyz;
-  return config;
-}
-
-void Camera::check_restored(std::span<const std::byte> settings) const {
-  for (std::size_t at = 0; at < settings.size(); at += sizeof(Saved)) {
-    Saved saved;
-    std::memcpy(&saved, settings.data() + at, sizeof(saved));
-    with(saved).validate();
-  }
-}
-
 void Camera::restored() {
   config_.capture_mode = mode_.at(0);
-  const std::vector<std::int64_t> frame_step = images_.frame_step;  // a change of the setting would make frames stale
-  for (std::size_t i = 0; i < saved_.size(); ++i) set_config(DroneIndex(i), with(saved_[i]));
-  std::copy(frame_step.begin(), frame_step.end(), images_.frame_step.begin());
-  saved_ = {};
+  settings_.restored();
+  for (std::size_t i = 0; i < settings_.size(); ++i) mounting_[i] = matrix_of(settings_[DroneIndex(i)].quat_wxyz);
 }
 
 void Camera::check() const {
-  for (std::size_t i = 0; i < setting_.size(); ++i) {
+  for (std::size_t i = 0; i < settings_.size(); ++i) {
     const DroneIndex drone(i);
     const std::int64_t step = images_.frame_step[drone];
     require(step >= -1 && step <= std::int64_t{1} << 62, "snapshot: frame_step", "a number in [-1, 2^62]", step);

@@ -4,20 +4,24 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "flockstep/array_visitor.hpp"
+#include "flockstep/arrays.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/episode.hpp"
 #include "flockstep/pose.hpp"
+#include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/world.hpp"
 #include "imaging/hsv.hpp"
 #include "imaging/resample.hpp"
 #include "render/render_request.hpp"
+#include "sensors/drone_settings.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep::sensors {
 
@@ -28,12 +32,10 @@ struct ConversionScratch {
   std::vector<std::uint8_t> rgb;  // a resized image that only hsv is made of
 };
 
-class Camera {
+class Camera final : public Sensor {
  public:
   Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
          TracerKind tracer = TracerKind::automatic);
-  Camera(const Camera&) = delete;  // requests point into it
-  Camera& operator=(const Camera&) = delete;
 
   const CameraConfig& config() const { return config_; }  // but for what a drone has of its own
   const CameraImages& images() const { return images_; }
@@ -50,7 +52,7 @@ class Camera {
   // The drone's frame shows nothing that counts any more, as after a reset.
   void mark_stale(DroneIndex drone) { images_.frame_step[drone] = -1; }
   // A removed drone sees nothing: black, depth inf, ids 0.
-  void clear(DroneIndex drone);
+  void clear(DroneIndex drone) override;
 
   // Whether a step or sense() is to render the drone's frame.
   bool is_due(DroneIndex drone, const State& state) const;
@@ -67,54 +69,44 @@ class Camera {
   // Which world the drone's frame shows; with visit() and retake(), all that a restored frame needs.
   std::int32_t taken_world(DroneIndex drone) const { return taken_.world[drone]; }
 
-  // Where frames were taken, and run-time settings; frames are taken again. To be followed by restored() after they were written.
-  void visit(ArrayVisitor& visitor);
-  void check_restored(std::span<const std::byte> settings) const;  // throws std::invalid_argument
-  void restored();
-  void check() const;  // throws std::invalid_argument where a frame was taken at no pose in the world
+  void list_arrays(const std::function<void(const ArrayView&)>& list) const override;
+  // Where frames were taken, and run-time settings: frames are taken again.
+  void visit(ArrayVisitor& visitor) override;
+  void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
+  void restored() override;
+  void check() const override;
 
  private:
-  // Where the frames were taken; with frame_step and the settings, all that they depend on. (N, ...)
+  // Where the frames were taken; with frame_step and the settings, all that they depend on.
   struct Taken {
-    std::vector<float> position;      // (N, 3) m
-    std::vector<float> quat_wxyz;     // (N, 4)
-    std::vector<std::int32_t> world;  // (N,)
-    std::vector<std::int64_t> tick;   // (N,)
+    std::vector<float> position;
+    std::vector<float> quat_wxyz;
+    std::vector<std::int32_t> world;
+    std::vector<std::int64_t> tick;
 
     static constexpr auto fields() {
-      return field_list(field("taken_position", &Taken::position), field("taken_quat_wxyz", &Taken::quat_wxyz),
-                        field("taken_world", &Taken::world), field("taken_tick", &Taken::tick));
+      using C = Taken;
+      constexpr auto info = [](int columns, const char* about) {
+        return ArrayInfo{.columns = columns, .access = Access::internal, .writer = "camera", .about = about};
+      };
+      return field_list(array("taken_position", &C::position, info(3, "position of the drone in its frame, m, world frame")),
+                        array("taken_quat_wxyz", &C::quat_wxyz, info(4, "its orientation, body to world")),
+                        array("taken_world", &C::world, info(0, "index of the world in the frame")),
+                        array("taken_tick", &C::tick, info(0, "tick of the episode")));
     }
   };
-  // The run-time setting of one drone, as it stands in a snapshot. A field of view that is not given is 0.
-  struct Saved {
-    float hfov_deg, vfov_deg;
-    std::array<float, 3> offset_m;
-    std::array<float, 4> quat_wxyz;
-  };
-  CameraConfig with(const Saved& saved) const;
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
 
   CameraConfig config_;
   CameraConfig rendering_;  // what the renderer does: no resize, and rgb instead of hsv
   trace::RayWays ways_;
-  std::int64_t period_;  // ticks, as period_in_ticks() has it
   std::size_t drones_per_env_;
-  std::size_t pixels_;           // of an image as written
-  std::size_t rendered_pixels_;  // of a frame
-  struct Setting {               // drones of equal FOV share one; one that no drone has any more makes room for the next
-    std::optional<float> hfov_deg, vfov_deg;
-    render::PinholeCamera pinhole;
-    std::size_t drones;
-  };
-  std::vector<std::unique_ptr<Setting>> settings_;  // requests point to them
-  std::vector<std::uint32_t> setting_;              // (N,) into settings_
-  std::vector<Vec3> offset_;                        // (N,) m, body frame
-  std::vector<Mat3> mounting_;                      // (N,) camera to body
-  std::vector<std::array<float, 4>> quat_wxyz_;     // (N,) the same, as given
+  std::size_t pixels_;                                           // of an image as written
+  std::size_t rendered_pixels_;                                  // of a frame
+  DroneSettings<CameraConfig, render::PinholeCamera> settings_;  // requests point to the optics
+  std::vector<Mat3> mounting_;                                   // (N,) camera to body
   Taken taken_;
-  std::vector<Saved> saved_;       // (N,) as the last snapshot has them, until restored()
-  std::vector<CaptureMode> mode_;  // (1,) likewise
+  std::vector<CaptureMode> mode_;  // (1,) as the last snapshot has it, until restored()
   CameraImages images_;
   std::optional<imaging::Resample> resample_;
   CameraImages frames_;  // as rendered, where that is not what is written

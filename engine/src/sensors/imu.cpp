@@ -7,7 +7,6 @@
 #include "base/random.hpp"
 #include "base/require.hpp"
 #include "flockstep/airframe.hpp"
-#include "sensors/rate.hpp"
 
 namespace flockstep {
 
@@ -54,73 +53,86 @@ Imu::Walk Imu::Noise::walk_over(double d) const {
   return {t > 0.0 ? static_cast<float>(std::exp(-d / t)) : 1.0F, static_cast<float>(random_walk * gain)};
 }
 
-Imu::Imu(const ImuConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones)
-    : period_(period_in_ticks(config.rate_hz, clock, "imu.rate_hz")),
-      interval_(period_ == 0 ? clock.substeps() : period_),
-      dt_s_(clock.dt_s()),
-      drones_per_env_(drones_per_env),
+Imu::Imu(const ImuConfig& config, const SensorSetup& setup)
+    : BlockSensor("imu", config.name, config.rate_hz, setup.clock),
+      number_(setup.number),
+      interval_(period() == 0 ? setup.clock.substeps() : period()),
+      dt_s_(setup.clock.dt_s()),
+      drones_per_env_(setup.drones_per_env),
       offset_(config.offset_m[0], config.offset_m[1], config.offset_m[2]),
       to_sensor_(Quat(config.quat_wxyz[0], config.quat_wxyz[1], config.quat_wxyz[2], config.quat_wxyz[3])
                      .normalized()
                      .toRotationMatrix()
                      .transpose()),
       accelerometer_(config.accelerometer_noise_density, config.accelerometer_random_walk, config.accelerometer_bias_time_s,
-                     seconds_between(period_, clock)),
+                     seconds_between(period(), setup.clock)),
       gyroscope_(config.gyroscope_noise_density, config.gyroscope_random_walk, config.gyroscope_bias_time_s,
-                 seconds_between(period_, clock)) {
-  for (auto* values :
-       {&readings_.accelerometer, &readings_.gyroscope, &readings_.accelerometer_bias, &readings_.gyroscope_bias}) {
-    values->resize(3 * num_drones);
-  }
-  readings_.tick.resize(num_drones);
+                 seconds_between(period(), setup.clock)) {
+  readings_.allocate({.num_drones = setup.num_drones}, has_errors());
+  allocate(bias_, {.num_drones = setup.num_drones});
+}
+
+std::unique_ptr<BlockSensor> make_sensor(const ImuConfig& config, const SensorSetup& setup) {
+  return std::make_unique<Imu>(config, setup);
 }
 
 void Imu::begin(DroneIndex drone, const State& state) {
-  put(Vec3::Zero(), readings_.accelerometer_bias, drone);
-  put(Vec3::Zero(), readings_.gyroscope_bias, drone);
-  readings_.tick[drone] = state.tick[RandomKey::of(drone, drones_per_env_).env];
+  put(Vec3::Zero(), bias_.accelerometer, drone);
+  put(Vec3::Zero(), bias_.gyroscope, drone);
+  bias_.tick[drone] = state.tick[RandomKey::of(drone, drones_per_env_).env];
 }
 
-void Imu::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
+void Imu::visit(ArrayVisitor& visitor) {
+  readings_.visit(visitor);
+  visitor.fields(bias_);
+}
 
 // The accelerometer feels all forces but gravity: R^T (dv/dt + g e3), and where it sits besides dw/dt x r + w x (w x r).
-void Imu::read(std::span<const DroneIndex> drones, const State& state) {
+void Imu::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
+  const State& state = surroundings.state;
+  ImuReadings& truth = readings_.truth();
   for (const DroneIndex drone : drones) {
     const Vec3 turn = of_row(state.flight.angular_velocity, drone);
     const Vec3 turning = of_row(state.flight.angular_acceleration, drone);
     const Vec3 felt = of_row(state.flight.acceleration, drone) + Vec3(0.0F, 0.0F, static_cast<float>(kGravity));
     const Vec3 at_sensor =
         pose_of(state, drone).rotation.conjugate() * felt + turning.cross(offset_) + turn.cross(turn.cross(offset_));
-    Vec3 acceleration = to_sensor_ * at_sensor;
-    Vec3 angular = to_sensor_ * turn;
-    if (!accelerometer_.is_none() || !gyroscope_.is_none()) {
-      const RandomKey key = RandomKey::of(drone, drones_per_env_);
-      const EnvIndex env = key.env;
-      const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[env] : state.tick[env]);
-      constexpr std::uint32_t kDraws = 6;  // of two numbers each
-      const std::uint32_t index = kDraws * reading;
-      std::array<float, 2 * kDraws> n;
-      for (std::uint32_t k = 0; k < kDraws; ++k) {
-        const auto [first, second] = normal_pair(draw(state, key, Stream::imu_noise, index + k));
-        n[2 * k] = first;
-        n[2 * k + 1] = second;
-      }
-      const std::int64_t elapsed = state.tick[env] - readings_.tick[drone];
-      const auto disturb = [&](const Noise& noise, const float* numbers, std::vector<float>& biases, Vec3& value) {
-        Vec3 bias = of_row(biases, drone);
-        if (elapsed > 0) {
-          const Walk walk = elapsed == interval_ ? noise.per_interval : noise.walk_over(static_cast<double>(elapsed) * dt_s_);
-          bias = walk.keep * bias + walk.gain * Vec3(numbers[3], numbers[4], numbers[5]);
-          put(bias, biases, drone);
-        }
-        value += bias + noise.white * Vec3(numbers[0], numbers[1], numbers[2]);
-      };
-      disturb(accelerometer_, n.data(), readings_.accelerometer_bias, acceleration);
-      disturb(gyroscope_, n.data() + 6, readings_.gyroscope_bias, angular);
-      readings_.tick[drone] = state.tick[env];
+    put(to_sensor_ * at_sensor, truth.accelerometer, drone);
+    put(to_sensor_ * turn, truth.gyroscope, drone);
+  }
+}
+
+void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
+  if (!has_errors()) return;
+  const ImuReadings& truth = readings_.truth();
+  ImuReadings& published = readings_.published();
+  for (const DroneIndex drone : drones) {
+    const RandomKey key = RandomKey::of(drone, drones_per_env_);
+    const EnvIndex env = key.env;
+    const auto reading = static_cast<std::uint32_t>(period() == 0 ? state.sensed[env] : state.tick[env]);
+    constexpr std::uint32_t kDraws = 6;  // of two numbers each
+    const std::uint32_t index = kDraws * reading;
+    std::array<float, 2 * kDraws> n;
+    for (std::uint32_t k = 0; k < kDraws; ++k) {
+      const auto [first, second] = normal_pair(draw(state, key, Stream::imu_noise, index + k, number_));
+      n[2 * k] = first;
+      n[2 * k + 1] = second;
     }
-    put(acceleration, readings_.accelerometer, drone);
-    put(angular, readings_.gyroscope, drone);
+    const std::int64_t elapsed = state.tick[env] - bias_.tick[drone];
+    const auto disturbed = [&](const Noise& noise, const float* numbers, std::vector<float>& biases, const Vec3& value) -> Vec3 {
+      Vec3 bias = of_row(biases, drone);
+      if (elapsed > 0) {
+        const Walk walk = elapsed == interval_ ? noise.per_interval : noise.walk_over(static_cast<double>(elapsed) * dt_s_);
+        bias = walk.keep * bias + walk.gain * Vec3(numbers[3], numbers[4], numbers[5]);
+        put(bias, biases, drone);
+      }
+      const Vec3 error = bias + noise.white * Vec3(numbers[0], numbers[1], numbers[2]);
+      return value + error;
+    };
+    put(disturbed(accelerometer_, n.data(), bias_.accelerometer, of_row(truth.accelerometer, drone)), published.accelerometer,
+        drone);
+    put(disturbed(gyroscope_, n.data() + 6, bias_.gyroscope, of_row(truth.gyroscope, drone)), published.gyroscope, drone);
+    bias_.tick[drone] = state.tick[env];
   }
 }
 

@@ -7,7 +7,6 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
-#include "sensors/rate.hpp"
 
 namespace flockstep {
 
@@ -19,40 +18,41 @@ void PoseSensorConfig::validate() const {
 
 namespace sensors {
 
-PoseSensor::PoseSensor(const PoseSensorConfig& config, const ClockConfig& clock, std::size_t drones_per_env,
-                       std::size_t num_drones)
-    : config_(config),
-      period_(period_in_ticks(config.rate_hz, clock, "pose_sensor.rate_hz")),
-      drones_per_env_(drones_per_env),
-      readings_{std::vector<float>(3 * num_drones), std::vector<float>(4 * num_drones)} {}
+PoseSensor::PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup)
+    : BlockSensor("pose_sensor", "pose", config.rate_hz, setup.clock), config_(config), drones_per_env_(setup.drones_per_env) {
+  readings_.allocate({.num_drones = setup.num_drones}, !config.is_exact());
+}
+
+std::unique_ptr<BlockSensor> make_sensor(const PoseSensorConfig& config, const SensorSetup& setup) {
+  return std::make_unique<PoseSensor>(config, setup);
+}
 
 void PoseSensor::assume_truth(const State& state) {
-  readings_.position = state.position;
-  readings_.quat_wxyz = state.quat_wxyz;
-}
-
-void PoseSensor::visit(ArrayVisitor& visitor) { visitor.fields(readings_); }
-
-Pose PoseSensor::pose(DroneIndex drone) const {
-  const float* const p = readings_.position.data() + 3 * drone;
-  const float* const q = readings_.quat_wxyz.data() + 4 * drone;
-  return {Vec3(p[0], p[1], p[2]), Quat(q[0], q[1], q[2], q[3])};
-}
-
-void PoseSensor::read(std::span<const DroneIndex> drones, const State& state) {
-  if (config_.is_exact()) {
-    for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
-      std::copy_n(state.position.data() + 3 * first, 3 * count, readings_.position.data() + 3 * first);
-      std::copy_n(state.quat_wxyz.data() + 4 * first, 4 * count, readings_.quat_wxyz.data() + 4 * first);
-    });
-    return;
+  for (PoseReadings* const readings : {&readings_.truth(), &readings_.published()}) {
+    readings->position = state.position;
+    readings->quat_wxyz = state.quat_wxyz;
   }
+}
+
+void PoseSensor::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
+  const State& state = surroundings.state;
+  PoseReadings& truth = readings_.truth();
+  for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
+    std::copy_n(state.position.data() + 3 * first, 3 * count, truth.position.data() + 3 * first);
+    std::copy_n(state.quat_wxyz.data() + 4 * first, 4 * count, truth.quat_wxyz.data() + 4 * first);
+  });
+}
+
+void PoseSensor::add_errors(std::span<const DroneIndex> drones, const State& state) {
+  if (config_.is_exact()) return;
   const float orientation_std_rad = config_.orientation_noise_std_deg * std::numbers::pi_v<float> / 180.0F;
+  const PoseReadings& truth = readings_.truth();
+  PoseReadings& published = readings_.published();
   for (const DroneIndex drone : drones) {
-    Pose pose = pose_of(state, drone);
+    Pose pose = load_pose(truth.position.data() + 3 * drone, truth.quat_wxyz.data() + 4 * drone);
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
-    // With a rate of its own the sensor may read several times between two readings of the env.
-    const auto reading = static_cast<std::uint32_t>(period_ == 0 ? state.sensed[key.env] : state.tick[key.env]);
+    // With its own rate the sensor may read several times between two readings of the env.
+    const auto reading = static_cast<std::uint32_t>(period() == 0 ? state.sensed[key.env] : state.tick[key.env]);
     const std::uint32_t index = 2 * reading;
     const auto [px, py] = normal_pair(draw(state, key, Stream::position_noise, index));
     const auto [pz, unused] = normal_pair(draw(state, key, Stream::position_noise, index + 1));
@@ -62,7 +62,7 @@ void PoseSensor::read(std::span<const DroneIndex> drones, const State& state) {
     const Vec3 rotation_vector = orientation_std_rad * Vec3(rx, ry, rz);
     const float angle = rotation_vector.norm();
     if (angle > 0.0F) pose.rotation = pose.rotation * Quat(Eigen::AngleAxisf(angle, rotation_vector / angle));
-    store_pose(readings_.position.data() + 3 * drone, readings_.quat_wxyz.data() + 4 * drone, pose);
+    store_pose(published.position.data() + 3 * drone, published.quat_wxyz.data() + 4 * drone, pose);
   }
 }
 

@@ -2,50 +2,40 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
+#include <functional>
+#include <memory>
 #include <span>
-#include <vector>
 
-#include "flockstep/array_visitor.hpp"
-#include "flockstep/episode.hpp"
-#include "flockstep/pose.hpp"
 #include "flockstep/pose_sensor.hpp"
+#include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
+#include "sensors/sensor.hpp"
 
 namespace flockstep::sensors {
 
-class PoseSensor {
+class PoseSensor final : public BlockSensor {
  public:
-  PoseSensor(const PoseSensorConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones);
+  PoseSensor(const PoseSensorConfig& config, const SensorSetup& setup);
 
-  // Reads the listed drones. The noise of a drone is a function of its env's seed and episode, its number in the env, and the
-  // number of the reading.
-  void read(std::span<const DroneIndex> drones, const State& state);
+  const PoseReadings& readings() const { return readings_.published(); }
 
-  std::int64_t period() const { return period_; }                              // ticks, as period_in_ticks() has it
-  const std::vector<float>& position() const { return readings_.position; }    // (N, 3) m
-  const std::vector<float>& quat_wxyz() const { return readings_.quat_wxyz; }  // (N, 4)
-  Pose pose(DroneIndex drone) const;                                           // as it was read last
-
-  // Of drones that nobody has read yet: the truth.
+  // Drones that have not been read yet: their readings are the truth.
   void assume_truth(const State& state);
 
-  void visit(ArrayVisitor& visitor);
+  void list_arrays(const std::function<void(const ArrayView&)>& list) const override { for_each_view(readings(), {}, list); }
+  void visit(ArrayVisitor& visitor) override { readings_.visit(visitor); }
+  void check() const override { readings_.check(); }
 
  private:
-  struct Readings {
-    std::vector<float> position;   // (N, 3) m
-    std::vector<float> quat_wxyz;  // (N, 4)
-
-    static constexpr auto fields() {
-      return field_list(field("sensed_position", &Readings::position), field("sensed_quat_wxyz", &Readings::quat_wxyz));
-    }
-  };
+  void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
+  // The noise of a drone is a function of its env's seed and episode, its number in the env, and the number of the reading.
+  void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
   PoseSensorConfig config_;
-  std::int64_t period_;
   std::size_t drones_per_env_;
-  Readings readings_;
+  Readings<PoseReadings> readings_;
 };
+
+std::unique_ptr<BlockSensor> make_sensor(const PoseSensorConfig& config, const SensorSetup& setup);
 
 }  // namespace flockstep::sensors

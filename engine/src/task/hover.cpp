@@ -120,8 +120,8 @@ class Hover final : public FlightTask {
     const State& state = block.context.state();
     for_each_lanes(block.drones, [&](GatheredRows& rows) {
       const HoverRows flown{.target = targets_of(block.context, rows),
-                            .position = rows.rows<3>(block.context.sensed_position()),
-                            .quat_wxyz = rows.rows<4>(block.context.sensed_quat_wxyz()),
+                            .position = rows.rows<3>(block.context.pose_readings().position),
+                            .quat_wxyz = rows.rows<4>(block.context.pose_readings().quat_wxyz),
                             .velocity = rows.rows<3>(state.flight.velocity),
                             .angular_velocity = rows.rows<3>(state.flight.angular_velocity),
                             .rotor_speed = rows.rows<4>(state.flight.rotor_speed)};

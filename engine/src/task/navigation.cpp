@@ -76,8 +76,8 @@ struct Surroundings {
   explicit Surroundings(const TaskContext& context)
       : state(context.state()),
         episodes(context.episodes()),
-        ranges(context.lidar_ranges()),
-        max_range_m(context.lidar_max_range_m()) {}
+        ranges(context.lidar_readings().ranges),
+        max_range_m(context.lidar_readings().max_range_m) {}
 
   const State& state;
   const EpisodeState& episodes;
@@ -96,11 +96,11 @@ class Navigation final : public Task {
   const TaskSpec& spec() const override { return spec_; }
 
   TaskDefaults defaults() const override {
-    if (config_.observation == ObservationKind::goal) return {.worlds = "train", .lidar = LidarConfig()};
+    if (config_.observation == ObservationKind::goal) return {.worlds = "train", .lidars = {LidarConfig()}};
     // Across the playground, at 10 m, the goal is 1.6 pixels wide: it never falls between the centres of four.
     CameraConfig camera{.width_px = 64, .height_px = 48};
     if (config_.observation == ObservationKind::pixels) camera.layout = ImageLayout::chw;
-    return {.worlds = "camera-train", .lidar = LidarConfig{.beams = 20, .hfov_deg = 180.0F}, .cameras = {camera}};
+    return {.worlds = "camera-train", .lidars = {LidarConfig{.beams = 20, .hfov_deg = 180.0F}}, .cameras = {camera}};
   }
 
   std::string identity() const override {
@@ -110,9 +110,9 @@ class Navigation final : public Task {
   }
 
   void setup(const TaskContext& context) override {
-    require(context.lidar().has_value(), "lidar", "a LidarConfig (the navigation task needs one)", "None");
+    require(!context.lidars().empty(), "lidar", "a LidarConfig (the navigation task needs one)", "None");
     if (config_.observation != ObservationKind::goal) require_camera(context);
-    rays_ = static_cast<std::size_t>(context.lidar()->rows()) * static_cast<std::size_t>(context.lidar()->columns());
+    rays_ = static_cast<std::size_t>(context.lidars()[0].rows()) * static_cast<std::size_t>(context.lidars()[0].columns());
     spec_.observation = observation_fields(context);
     context_ = &context;
     state_.goal_index.resize(context.num_drones());

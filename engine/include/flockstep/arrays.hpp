@@ -1,0 +1,186 @@
+// Arrays of a batch, each listed once: a struct of arrays lists its members in fields(), by array(). Allocation, snapshots and
+// their checks, NumPy views, the stub and the table in docs/conventions.md are made from these lists.
+//
+//   struct Battery {
+//     std::vector<float> charge;  // (N,)
+//     static constexpr auto fields() {
+//       return field_list(array("charge", &Battery::charge, {.unit = "C", .writer = "step", .about = "what is left"}));
+//     }
+//   };
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "flockstep/buffer.hpp"
+#include "flockstep/fields.hpp"
+
+namespace flockstep {
+
+// The rows of an array. EnumNames are their numbers: N drones, E envs; R is N or E, as TaskSpec::row says.
+enum class Rows : std::uint8_t { drone, env, task };
+template <>
+struct EnumNames<Rows> {
+  static constexpr std::array kNames{"N", "E", "R"};
+};
+
+// The frame of reference of vectors and quaternions.
+enum class Frame : std::uint8_t { none, world, body, sensor };
+template <>
+struct EnumNames<Frame> {
+  static constexpr std::array kNames{"", "world", "body", "sensor"};
+};
+
+// The values that an array can hold. A snapshot with others is refused.
+enum class Values : std::uint8_t {
+  finite,      // every finite number
+  any,         // every number
+  flag,        // 0 or 1, viewed as bool
+  count,       // 0 to 2^62
+  last_count,  // a count, or -1: none yet
+  fraction,    // 0 to 1
+  range,       // 0 to infinity
+};
+
+// Who may use an array by its name.
+enum class Access : std::uint8_t {
+  read,      // views are read-only
+  write,     // and those of the latest outputs may be written
+  internal,  // nobody: it has no view
+};
+
+// Items of a row, each of which has the array's columns. EnumNames are their part of a shape.
+enum class Per : std::uint8_t {
+  row,    // the row is one item
+  term,   // of the reward
+  ray,    // of a LiDAR
+  pixel,  // of a camera's image
+};
+template <>
+struct EnumNames<Per> {
+  static constexpr std::array kNames{"", "terms", "channels, beams", "height, width"};
+};
+
+struct ArrayInfo {
+  Rows rows = Rows::drone;
+  Per per = Per::row;
+  int columns = 0;  // values in an item; 0: an item is one number
+  const char* unit = "";
+  Frame frame = Frame::none;
+  Values values = Values::finite;
+  Access access = Access::read;
+  const char* writer = "";  // the code that writes it: a stage of the step, or a call
+  const char* about = "";   // what it is, in a few words
+};
+
+template <class Struct, class Array>
+struct ArrayPointer {
+  const char* name;  // of its view; unique in a batch
+  Array Struct::* member;
+  ArrayInfo info;
+};
+
+template <class Struct, class Array>
+constexpr ArrayPointer<Struct, Array> array(const char* name, Array Struct::* member, ArrayInfo info) {
+  return {name, member, info};
+}
+
+// The numbers of rows and columns of a batch.
+struct ArraySizes {
+  std::size_t num_envs = 0;
+  std::size_t num_drones = 0;
+  std::size_t num_task_rows = 0;
+  std::size_t num_terms = 0;
+  std::size_t num_rays = 0;
+  std::size_t num_pixels = 0;
+
+  std::size_t rows(Rows of) const { return of == Rows::drone ? num_drones : of == Rows::env ? num_envs : num_task_rows; }
+  // Values in a row.
+  std::size_t width(const ArrayInfo& info) const {
+    const std::size_t items = info.per == Per::term    ? num_terms
+                              : info.per == Per::ray   ? num_rays
+                              : info.per == Per::pixel ? num_pixels
+                                                       : 1;
+    return items * (info.columns == 0 ? 1 : static_cast<std::size_t>(info.columns));
+  }
+};
+
+// Calls f(entry, values) for each member of a struct that array() lists. Other members, such as nested structs, are left out.
+template <HasFields T, class F>
+void for_each_listed(T& arrays, const F& f) {
+  for_each_field(arrays, [&](const auto& entry, auto& values) {
+    if constexpr (requires { entry.info; }) f(entry, values);
+  });
+}
+
+// The value that says that there is nothing: infinity for ranges, otherwise 0.
+template <class T>
+constexpr T absent_value(const ArrayInfo& info) {
+  return info.values == Values::range ? std::numeric_limits<T>::infinity() : T{};
+}
+
+// Gives an array its size, filled with absent values.
+template <class Entry, class Array>
+void allocate(const Entry& entry, Array& values, const ArraySizes& sizes) {
+  values.assign(sizes.rows(entry.info.rows) * sizes.width(entry.info), absent_value<typename Array::value_type>(entry.info));
+}
+template <HasFields T>
+void allocate(T& arrays, const ArraySizes& sizes) {
+  for_each_listed(arrays, [&](const auto& entry, auto& values) { allocate(entry, values, sizes); });
+}
+
+// The shape of a row's items: terms, channels x beams, or height x width.
+struct ItemShape {
+  std::array<std::int64_t, 2> sizes{1, 1};
+  std::size_t dimensions = 0;
+  bool columns_first = false;  // columns come before items
+};
+
+// A listed array as it lies in memory.
+struct ArrayView {
+  const char* name;
+  ArrayInfo info;
+  char kind;               // of its numbers, as NumPy has it: b bool, i and u integer, f floating-point
+  std::size_t value_size;  // bytes
+  const void* data;
+  std::size_t size;  // values
+  ItemShape items;   // unless info.per is Per::row
+};
+
+template <class Entry, class Array>
+ArrayView view_of(const Entry& entry, const Array& values, const ItemShape& items) {
+  using Value = typename Array::value_type;
+  const char kind = entry.info.values == Values::flag ? 'b'
+                    : std::is_floating_point_v<Value> ? 'f'
+                    : std::is_signed_v<Value>         ? 'i'
+                                                      : 'u';
+  return {entry.name, entry.info, kind, sizeof(Value), values.data(), values.size(), items};
+}
+
+// f(view) for each listed array.
+template <HasFields T, class F>
+void for_each_view(const T& arrays, const ItemShape& items, const F& f) {
+  for_each_listed(arrays, [&](const auto& entry, const auto& values) { f(view_of(entry, values, items)); });
+}
+
+// Throws std::invalid_argument, naming the array, at a value that its list does not allow.
+void check_values(std::span<const std::uint8_t> values, const char* name, Values allowed);
+void check_values(std::span<const std::int32_t> values, const char* name, Values allowed);
+void check_values(std::span<const std::int64_t> values, const char* name, Values allowed);
+void check_values(std::span<const std::uint64_t> values, const char* name, Values allowed);
+void check_values(std::span<const float> values, const char* name, Values allowed);
+void check_values(std::span<const double> values, const char* name, Values allowed);
+
+template <HasFields T>
+void check_arrays(const T& arrays) {
+  for_each_listed(arrays,
+                  [](const auto& entry, const auto& values) { check_values(std::span(values), entry.name, entry.info.values); });
+}
+
+}  // namespace flockstep

@@ -1,0 +1,128 @@
+// Readings: the arrays that the sensors of a batch publish, which tasks and users read.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "flockstep/arrays.hpp"
+#include "flockstep/camera.hpp"
+#include "flockstep/fields.hpp"
+#include "flockstep/lidar.hpp"
+
+namespace flockstep {
+
+struct PoseReadings {
+  std::vector<float> position;
+  std::vector<float> quat_wxyz;
+
+  static constexpr auto fields() {
+    using C = PoseReadings;
+    return field_list(
+        array("sensed_position", &C::position,
+              {.columns = 3, .unit = "m", .frame = Frame::world, .writer = "pose sensor", .about = "position, as read last"}),
+        array("sensed_quat_wxyz", &C::quat_wxyz,
+              {.columns = 4,
+               .unit = "1",
+               .frame = Frame::world,
+               .writer = "pose sensor",
+               .about = "orientation, body to world, as read last"}));
+  }
+};
+
+struct ImuReadings {
+  std::vector<float> accelerometer;
+  std::vector<float> gyroscope;
+
+  static constexpr auto fields() {
+    using C = ImuReadings;
+    return field_list(
+        array("accelerometer", &C::accelerometer,
+              {.columns = 3, .unit = "m/s^2", .frame = Frame::sensor, .writer = "IMU", .about = "specific force, as read last"}),
+        array(
+            "gyroscope", &C::gyroscope,
+            {.columns = 3, .unit = "rad/s", .frame = Frame::sensor, .writer = "IMU", .about = "angular velocity, as read last"}));
+  }
+};
+
+struct LidarReadings {
+  std::vector<float> ranges;
+  std::vector<float> max_range_m;
+
+  static constexpr auto fields() {
+    using C = LidarReadings;
+    return field_list(
+        array("ranges", &C::ranges,
+              {.per = Per::ray,
+               .unit = "m",
+               .values = Values::range,
+               .writer = "LiDAR",
+               .about = "inf on a miss; `RuntimeError` before the first scan"}),
+        array("max_range_m", &C::max_range_m, {.unit = "m", .writer = "set_lidar()", .about = "maximum range of each drone"}));
+  }
+};
+
+// The images of one camera, written as CameraConfig says: what the camera does not write is empty. Row 0 is the top. With the
+// layout chw, channels come before rows.
+struct CameraImages {
+  std::vector<std::uint8_t> rgb;
+  std::vector<float> depth;
+  std::vector<std::uint16_t> semantic;
+  std::vector<std::uint16_t> instance;
+  std::vector<float> normal;
+  std::vector<std::uint8_t> grey;
+  std::vector<std::uint8_t> hsv;
+  std::vector<std::int64_t> frame_step;
+
+  static constexpr auto fields() {
+    using C = CameraImages;
+    constexpr const char* kWriter = "camera";
+    return field_list(
+        array("rgb", &C::rgb,
+              {.per = Per::pixel, .columns = 3, .values = Values::any, .writer = kWriter, .about = "sRGB colour"}),
+        array("depth", &C::depth,
+              {.per = Per::pixel,
+               .unit = "m",
+               .values = Values::range,
+               .writer = kWriter,
+               .about = "inf if nothing is seen: sky, or beyond far_m"}),
+        array("semantic", &C::semantic,
+              {.per = Per::pixel, .values = Values::any, .writer = kWriter, .about = "semantic id; 0 if nothing is seen"}),
+        array("instance", &C::instance,
+              {.per = Per::pixel,
+               .values = Values::any,
+               .writer = kWriter,
+               .about = "1 + index of the primitive, then the meshes, then start, waypoints, goal; 0 if nothing is seen"}),
+        array("normal", &C::normal,
+              {.per = Per::pixel,
+               .columns = 3,
+               .unit = "1",
+               .frame = Frame::world,
+               .writer = kWriter,
+               .about = "surface normal, towards the camera; 0 if nothing is seen"}),
+        array("grey", &C::grey,
+              {.per = Per::pixel,
+               .values = Values::any,
+               .writer = kWriter,
+               .about = "0.299 R + 0.587 G + 0.114 B of rgb (ITU-R BT.601), rounded"}),
+        array("hsv", &C::hsv,
+              {.per = Per::pixel,
+               .columns = 3,
+               .values = Values::any,
+               .writer = kWriter,
+               .about = "hue / 2 in degrees, [0, 179], saturation and value in [0, 255], as in OpenCV"}),
+        array("frame_step", &C::frame_step,
+              {.values = Values::last_count,
+               .writer = kWriter,
+               .about = "number of the reading that the frame shows, 0 at the reset; -1: stale"}));
+  }
+};
+
+// The shape of the scans of a LiDAR and of the images of a camera.
+inline ItemShape items_of(const LidarConfig& config) { return {.sizes = {config.rows(), config.columns()}, .dimensions = 2}; }
+inline ItemShape items_of(const CameraConfig& config) {
+  return {.sizes = {config.image_height_px(), config.image_width_px()},
+          .dimensions = 2,
+          .columns_first = config.layout == ImageLayout::chw};
+}
+
+}  // namespace flockstep

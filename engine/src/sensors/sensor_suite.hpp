@@ -1,0 +1,38 @@
+// SensorSuite: the sensors of a batch that are read block by block. Cameras are in the CameraRig.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "flockstep/config.hpp"
+#include "sensors/imu.hpp"
+#include "sensors/lidar.hpp"
+#include "sensors/pose_sensor.hpp"
+#include "sensors/sensor.hpp"
+
+namespace flockstep::sensors {
+
+class SensorSuite {
+ public:
+  // Makes a sensor for each config in BatchConfig for which there is a make_sensor().
+  explicit SensorSuite(const BatchConfig& config);
+
+  auto begin() const { return all_.begin(); }
+  auto end() const { return all_.end(); }
+  // A sensor has its own rate, and may be due in the middle of a flown step.
+  bool reads_between_ticks() const { return reads_between_ticks_; }
+
+  PoseSensor& pose() const { return *pose_; }
+  const std::vector<Lidar*>& lidars() const { return lidars_; }
+  const std::vector<Imu*>& imus() const { return imus_; }
+
+ private:
+  std::vector<std::unique_ptr<BlockSensor>> all_;  // in the order of BatchConfig
+  PoseSensor* pose_ = nullptr;
+  std::vector<Lidar*> lidars_;
+  std::vector<Imu*> imus_;
+  bool reads_between_ticks_ = false;
+};
+
+}  // namespace flockstep::sensors
