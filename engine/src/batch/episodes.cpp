@@ -61,8 +61,7 @@ void compare_actions(const TaskState& task_state, std::size_t first_env, std::si
       compare_rows<std::uint8_t>(task_state.actions, task_state.actions_before, first, count, changed);
   }
   for (std::size_t env = 0; env < num_envs; ++env) {
-    const std::uint8_t is_first = episodes.steps[first_env + env] == 0;
-    for (std::size_t k = env * rows; k < (env + 1) * rows; ++k) changed[k] |= is_first;
+    if (episodes.steps[first_env + env] == 0) std::fill_n(changed + env * rows, rows, std::uint8_t{1});
   }
 }
 
@@ -150,14 +149,15 @@ void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const st
   const std::uint8_t* const terminated_by_task = score.terminated.data() + first;
   const std::uint8_t* const truncated_by_task = score.truncated.data() + first;
   const std::uint8_t* const success = score.success.data() + first;
-  Flags terminated, truncated, succeeds, crashes;
+  Flags terminated, truncated, ended, succeeds, crashes;
   for (std::size_t i = 0; i < count; ++i) {
     terminated[i] = (bad[i] | terminated_by_task[i] | (hits[i] & ends_on_contact)) != 0;
     truncated[i] = (truncated_by_task[i] | is_late[i]) > terminated[i];
-    ends[i] = (terminated[i] | truncated[i]) != 0;
-    succeeds[i] = (ends[i] & success[i]) > bad[i];
-    crashes[i] = (ends[i] & hits[i]) != 0;
+    ended[i] = (terminated[i] | truncated[i]) != 0;
+    succeeds[i] = (ended[i] & success[i]) > bad[i];
+    crashes[i] = (ended[i] & hits[i]) != 0;
   }
+  std::copy_n(ended.data(), count, ends);
   std::copy_n(terminated.data(), count, out.terminated.data() + first);
   std::copy_n(truncated.data(), count, out.truncated.data() + first);
   std::copy_n(succeeds.data(), count, out.success.data() + first);
@@ -165,9 +165,9 @@ void decide_ends(Simulation& sim, std::size_t first, std::size_t count, const st
   std::copy_n(bad, count, out.bad_state.data() + first);
   std::uint8_t* const reasons = out.episode_end.data() + first;
   std::fill_n(reasons, count, static_cast<std::uint8_t>(EpisodeEnd::none));
-  if (is_any(ends, count)) {
+  if (is_any(ended.data(), count)) {
     for (std::size_t i = 0; i < count; ++i) {
-      if (ends[i]) reasons[i] = static_cast<std::uint8_t>(reason_of(sim, first + i, hits[i] != 0));
+      if (ended[i]) reasons[i] = static_cast<std::uint8_t>(reason_of(sim, first + i, hits[i] != 0));
     }
   }
   if (is_any(bad, count)) {
