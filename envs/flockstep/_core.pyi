@@ -1030,16 +1030,16 @@ class World:
 
     @property
     def materials(self) -> list[dict[str, Any]]:
-        """A dict for each: ``name``, ``base_color`` (3,) linear RGB in [0, 1], ``semantic`` (the class that cameras report, in
-        [1, 65532]; the place in this list, counted from 1, unless the scene says otherwise), ``emissive`` (3,) linear RGB in
-        [0, 100]: what is shown whatever the light, ``alpha_cutoff`` in [0, 1]: cameras see through meshes where the texture's
-        alpha is below it."""
+        """A dict for each: ``name``, ``base_color`` (3,) linear RGB, ``semantic`` (the class that cameras report; the place in
+        this list, counted from 1, unless the scene says otherwise), ``emissive`` (3,) linear RGB, shown in any light,
+        ``alpha_cutoff``: cameras see through meshes where the texture's alpha is below it. Limits are those of the keys of a
+        scene file."""
 
     @property
     def light(self) -> dict[str, Any]:
-        """What cameras see by, as a scene file says it: ``sun_direction`` (3,) unit, towards the sun; ``sun_color``,
-        ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``, each (3,) linear RGB in [0, 100]; ``gamma`` in
-        [1, 4]; ``sun_radius_deg`` of the sun's disc in the sky, 0 for none; ``sun_glow`` beside it, in [0, 1]."""
+        """Sun and sky, as cameras see them, with the keys and limits of a scene file: ``sun_direction`` (3,) unit, towards the
+        sun; ``sun_color``, ``sky_ambient``, ``ground_ambient``, ``zenith_color``, ``horizon_color``, each (3,) linear RGB;
+        ``gamma``; ``sun_radius_deg`` of the sun's disc in the sky, 0 for none; ``sun_glow`` beside it."""
 
     @property
     def primitives(self) -> list[dict[str, Any]]:
@@ -1318,10 +1318,11 @@ class WorldBuilder:
     ) -> int:
         """Add a material and return its number.
 
-        ``base_color`` is linear RGB in [0, 1]; a texture's colours are multiplied by it, on meshes and height fields.
-        ``semantic`` is the class that cameras report; 0: the material's number plus 1. ``emissive`` is linear RGB in
-        [0, 100], by default 0, and shown whatever the light. Cameras see through meshes and height fields, and the sun
-        shines through, where the texture's alpha, from 0 to 1, is below ``alpha_cutoff``; all else meets the whole of them.
+        Limits are those of the keys of a scene file. ``base_color`` is linear RGB; a texture's colours are multiplied by it,
+        on meshes and height fields. ``semantic`` is the class that cameras report; 0: the material's number plus 1.
+        ``emissive`` is linear RGB, by default 0, and shown in any light. Cameras see through meshes and height fields, and
+        the sun shines through, where the texture's alpha, from 0 to 1, is below ``alpha_cutoff``. LiDAR and collisions hit
+        the whole of them.
         """
 
     def room(self, min: Sequence[float], max: Sequence[float], material: int) -> None:
@@ -1408,7 +1409,7 @@ class WorldBuilder:
         """Add triangles (T, 3) of vertices (V, 3), an object of their own.
 
         ``uv`` (V, 2) says where in the texture: (0, 0) is its upper left corner, (1, 1) its lower right one. ``colors`` (V, 3),
-        linear RGB in [0, 1], are multiplied by what the material shows.
+        linear RGB, are multiplied by what the material shows.
         """
 
     def heightfield(

@@ -60,25 +60,27 @@ struct Texture {
   std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};  // across, down
 };
 
+// Its limits are those of the keys of a material in a scene file: docs/conventions.md, "Scene files".
 struct Material {
   std::string name;
-  std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB in [0, 1]
-  std::uint16_t semantic = 0;                         // class that cameras report, at most 65532; 0: the material's index plus 1
+  std::array<float, 3> base_color{0.8F, 0.8F, 0.8F};  // linear RGB
+  std::uint16_t semantic = 0;                         // class that cameras report; 0: the material's index plus 1
   // Index into World::textures(): its colours, as linear RGB, are multiplied by base_color. On triangles alone.
   std::optional<std::uint16_t> texture;
-  // Linear RGB in [0, 100], shown whatever the light; on triangles multiplied by the texture and the colours of vertices, too.
+  // Linear RGB, shown in any light; on triangles it is multiplied by the texture and the colours of vertices.
   std::array<float, 3> emissive{};
-  // In [0, 1]. Cameras see through triangles, and the sun shines through, where the alpha of the texture, from 0 to 1, is below
-  // this; 0: nowhere. Everything else meets whole triangles.
+  // Cameras see through triangles, and the sun shines through, where the alpha of the texture, from 0 to 1, is below this; 0:
+  // nowhere. Rays of LiDARs and collisions hit whole triangles.
   float alpha_cutoff = 0.0F;
 };
 
-// What cameras see things by. Colours are linear RGB in [0, 100]. A surface of unit normal n and base colour c shows
-// c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 + n.z) / 2)), and the sky in unit direction d
-// lerp(horizon_color, zenith_color, max(0, d.z)); what a surface emits is added; a value v is written as 255 * min(v, 1)^(1 /
-// gamma), rounded. The sun stands in the sky where sun_radius_deg or sun_glow is not 0: with q = |d - sun_direction|^2 and r = 2
-// sin(sun_radius_deg / 2), the sky there is lerp(sky, s, max(disc, sun_glow / (1 + 100 q))), where disc = clamp((r^2 - q) / (0.19
-// r^2), 0, 1), of which the outer tenth of the radius is the soft border, and s = sun_color over its largest channel.
+// Sun and sky, as cameras see them. Colours are linear RGB; limits are those of the keys of the light in a scene file. A surface
+// of unit normal n and base colour c shows c * (sun_color * max(0, n . sun_direction) + lerp(ground_ambient, sky_ambient, (1 +
+// n.z) / 2)), and the sky in unit direction d lerp(horizon_color, zenith_color, max(0, d.z)); what a surface emits is added; a
+// value v is written as 255 * min(v, 1)^(1 / gamma), rounded. The sun stands in the sky where sun_radius_deg or sun_glow is not
+// 0: with q = |d - sun_direction|^2 and r = 2 sin(sun_radius_deg / 2), the sky there is lerp(sky, s, max(disc, sun_glow / (1 +
+// 100 q))), where disc = clamp((r^2 - q) / (0.19 r^2), 0, 1), of which the outer tenth of the radius is the soft border, and s =
+// sun_color over its largest channel.
 struct Light {
   std::array<float, 3> sun_direction{0.4F, 0.3F, 0.8660254F};  // towards the sun; any length but 0, a World's is unit
   std::array<float, 3> sun_color{0.45F, 0.43F, 0.4F};
@@ -86,9 +88,9 @@ struct Light {
   std::array<float, 3> ground_ambient{0.48F, 0.47F, 0.46F};
   std::array<float, 3> zenith_color{0.16F, 0.36F, 0.72F};
   std::array<float, 3> horizon_color{0.68F, 0.78F, 0.88F};
-  float gamma = 2.2F;           // in [1, 4]
-  float sun_radius_deg = 0.0F;  // of its disc, as seen; 0 for none, or in [0.1, 45]
-  float sun_glow = 0.0F;        // in [0, 1], the sun's share of the colour beside it; it has halved 5.7 degrees away
+  float gamma = 2.2F;
+  float sun_radius_deg = 0.0F;  // of its disc in the sky; 0: no disc
+  float sun_glow = 0.0F;        // the sun's share of the sky's colour beside it; it has halved 5.7 degrees away
 };
 
 // What a world may look like otherwise, and still be the same to drones and rays.
@@ -105,7 +107,7 @@ struct TriangleMesh {
   std::vector<std::uint16_t> objects;                  // one per triangle, which mesh of the scene it is of; none: all 0
   // One per vertex, where in a texture: (0, 0) its upper left corner, (1, 1) its lower right one; none: all (0, 0).
   std::vector<std::array<float, 2>> uv;
-  // One per vertex, linear RGB in [0, 1], by which base colour and emission are multiplied; none: all white.
+  // One per vertex, linear RGB, by which base colour and emission are multiplied; none: all white.
   std::vector<std::array<float, 3>> colors;
   std::vector<Presence> presence;  // by the number of the object; those that are not listed are full
 

@@ -4,12 +4,14 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <sstream>
 #include <string>
 #include <utility>
 
 #include "base/interrupt.hpp"
 #include "world/scene_description.hpp"
 #include "world/scene_json.hpp"
+#include "world/scene_keys.hpp"
 #include "world/tessellate.hpp"
 
 namespace flockstep {
@@ -28,12 +30,16 @@ std::uint32_t integer(const JsonField& field, double most) {
   return static_cast<std::uint32_t>(value);
 }
 
-float half_size(const JsonField& field, double size_of_half) {
-  const double half = field.value.is_number() ? field.value.get<double>() / size_of_half : 0.0;
-  if (!(half >= static_cast<double>(static_cast<float>(kMinSize)) && half <= kMaxCoordinate)) {
-    refuse(field, "a number in [" + std::string(size_of_half > 1.0 ? "2e-06, 2e+06]" : "1e-06, 1e+06]"));
+// The float32 of a length or radius, times a factor. Files hold float32 values, which may be rounded below the least one.
+float size_of(const JsonField& field, const SceneKey& key, double factor) {
+  const double size = field.value.is_number() ? field.value.get<double>() : 0.0;
+  const double least = key.limits.least, greatest = key.limits.greatest;
+  if (!(size >= static_cast<double>(static_cast<float>(least)) && size <= greatest)) {
+    std::ostringstream expected;
+    expected << "a number in [" << least << ", " << greatest << ']';
+    refuse(field, expected.str());
   }
-  return static_cast<float>(half);
+  return static_cast<float>(size * factor);
 }
 
 Primitive read_primitive(const JsonField& field) {
@@ -43,9 +49,9 @@ Primitive read_primitive(const JsonField& field) {
   if (known == kKinds.end()) refuse(kind, "\"room\", \"box\", \"cylinder\", \"sphere\", \"capsule\", \"plane\" or \"disc\"");
   Primitive primitive{.kind = static_cast<PrimitiveKind>(known - kKinds.begin()), .half_extents = Vec3::Ones()};
   if (primitive.kind == PrimitiveKind::capsule) {
-    const float radius = half_size(json::require(field, "radius"), 1.0);
+    const float radius = size_of(json::require(field, "radius"), keys::kRadius, 1.0);
     const JsonField height = json::require(field, "height");
-    primitive.half_extents = {radius, radius, half_size(height, 2.0)};
+    primitive.half_extents = {radius, radius, size_of(height, keys::kHeight, 0.5)};
     if (primitive.half_extents.z() < radius) refuse(height, "a number >= twice the radius");
   } else {
     check_object(field, {"primitive"});
@@ -93,7 +99,7 @@ std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
   GltfSceneExtras read;
   if (const auto light = find(*ours, "light")) read.light = read_light(*light);
   if (const auto markers = find(*ours, "markers")) {
-    check_object(*markers, {"radius", "spawn_box"});
+    check_object(*markers, {keys::kMarkerRadius.name, keys::kSpawnBox.name});
     read.markers = read_markers(*markers);
   }
   return read;

@@ -174,7 +174,8 @@ class Checker {
     const std::optional<JsonField> extras = find(object, "extras");
     if (!extras || !extras->value.is_object()) return;  // they may be anything
     if (const auto field = find(*extras, kGltfSemantic)) {
-      kept["extras"][kGltfSemantic] = integer(*field, 1, kSemanticStart - 1);
+      kept["extras"][kGltfSemantic] = integer(*field, static_cast<std::uint64_t>(keys::kSemantic.limits.least),
+                                              static_cast<std::uint64_t>(keys::kSemantic.limits.greatest));
     }
   }
 

@@ -16,7 +16,7 @@
 namespace flockstep {
 
 // Fields of `extras` in GltfModel::model, which are put there where a file means the same.
-inline constexpr const char* kGltfSemantic = "semantic";  // of materials and nodes: an integer in [1, 65532]
+inline constexpr const char* kGltfSemantic = "semantic";  // of materials and nodes, as in a scene file
 inline constexpr const char* kGltfMarker = "marker";      // of nodes: a name that is_gltf_marker()
 inline constexpr const char* kGltfUnlit = "unlit";        // of materials: true where one is
 inline constexpr const char* kGltfSun = "sun";            // of nodes: true where one has a directional light
