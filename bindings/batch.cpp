@@ -68,7 +68,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
     constexpr std::array kKnown{"worlds",      "num_drones", "lidar",          "pose_sensor", "imu",           "task",
                                 "drone",       "cameras",    "camera_backend", "episode",     "clock",         "dynamics",
                                 "num_threads", "block_size", "world_index",    "tracer",      "drones_per_env"};
-    throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), py::cast(kKnown)));
+    throw py::type_error(unexpected_keyword("Batch.__init__", py::str(keyword), {kKnown.begin(), kKnown.end()}));
   }
   BatchConfig config;
   const int drones = from_python<int>(num_drones, "num_drones");

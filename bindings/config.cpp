@@ -19,6 +19,7 @@
 #include "flockstep/color.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
+#include "flockstep/scenario.hpp"
 #include "flockstep/track.hpp"
 
 namespace flockstep::bindings {
@@ -69,6 +70,7 @@ constexpr FieldType kFieldType{
 // A field of a configuration.
 struct ConfigField {
   const char* name;
+  const FieldInfo* info;
   std::ptrdiff_t offset;
   const FieldType* type;
 };
@@ -79,9 +81,37 @@ std::vector<ConfigField> fields_of() {
   std::vector<ConfigField> list;
   for_each_field(config, [&](const auto& field, const auto& value) {
     const std::ptrdiff_t offset = reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
-    list.push_back({field.name, offset, &kFieldType<std::remove_cvref_t<decltype(value)>>});
+    list.push_back({field.name, &field.info, offset, &kFieldType<std::remove_cvref_t<decltype(value)>>});
   });
   return list;
+}
+
+// The values that a field may have: ">= 0", "in [6, 200], in [1.5, 100]" of each element, or the rule of its form.
+std::string allowed_values(const FieldInfo& info) {
+  if (info.form == Form::plain_name) return "letters, digits, _ and -";
+  if (info.form == Form::unit_quaternion) return "a unit quaternion";
+  std::string text = info.limits.text();
+  for (const Limits& limits : info.each) text += (text.empty() ? "" : ", ") + limits.text();
+  return text;
+}
+
+// The fields, for stubs, docstrings and documents.
+template <class Config>
+py::list described_fields() {
+  const Config defaults;
+  py::list described;
+  for (const ConfigField& field : fields_of<Config>()) {
+    const FieldInfo& info = *field.info;
+    py::dict one;
+    one["name"] = info.alias == nullptr ? field.name : info.alias;
+    one["type"] = field.type->stub();
+    one["default"] = field.type->show(reinterpret_cast<const char*>(&defaults) + field.offset);
+    one["unit"] = info.unit;
+    one["values"] = allowed_values(info);
+    one["about"] = info.about;
+    described.append(one);
+  }
+  return described;
 }
 
 // The configuration that a Python object holds.
@@ -96,7 +126,8 @@ char* held_by(const py::object& self, const std::type_info& type) {
 void set_fields(const py::object& config, const py::kwargs& kwargs) {
   for (const auto& [key, value] : kwargs) {
     if (!py::hasattr(config, key)) {
-      throw py::type_error(unexpected_keyword(class_name(config) + ".__init__", py::str(key), config.attr("__match_args__")));
+      throw py::type_error(unexpected_keyword(class_name(config) + ".__init__", py::str(key),
+                                              config.attr("__match_args__").cast<std::vector<std::string>>()));
     }
     py::setattr(config, key, py::reinterpret_borrow<py::object>(value));
   }
@@ -124,7 +155,6 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   const py::is_method method(cls);
   const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
   py::list names;
-  py::dict types;  // for the stubs
   for (const ConfigField& field : fields) {
     const py::cpp_function get(
         [field, &type](const py::object& self) { return field.type->read(held_by(self, type) + field.offset); }, method);
@@ -135,10 +165,8 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
         method);
     cls.attr(field.name) = property(get, set);
     names.append(field.name);
-    types[field.name] = field.type->stub();
   }
   cls.attr("__match_args__") = py::tuple(names);
-  cls.attr("_field_types") = types;
   cls.attr("__hash__") = py::none();  // it can change
   const auto add = [&](const char* name, const auto& function) {
     cls.attr(name) = py::cpp_function(function, py::name(name), method);
@@ -161,6 +189,7 @@ template <class Config>
 py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc) {
   py::class_<Config> cls(module, name, doc);
   add_fields(cls, typeid(Config), fields_of<Config>());
+  cls.attr("_fields") = described_fields<Config>();
   cls.def(py::init(&from_keywords<Config>));
   cls.def(py::pickle(&state_of, [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   return cls;
@@ -195,6 +224,15 @@ void register_config(py::module_& module) {
           py::arg("observation"));
   register_fields<HoverConfig>(module, "HoverConfig", "Catch a drone that is thrown, and hold a point.");
   register_fields<TrackConfig>(module, "TrackConfig", "Follow a point that moves along a smooth path.");
+  py::dict others;  // which are no classes of Python
+  others["Airframe"] = described_fields<Airframe>();
+  others["BatchConfig"] = described_fields<BatchConfig>();
+  others["CityConfig"] = described_fields<CityConfig>();
+  others["ForestConfig"] = described_fields<ForestConfig>();
+  others["OfficeConfig"] = described_fields<OfficeConfig>();
+  others["PlaygroundConfig"] = described_fields<PlaygroundConfig>();
+  others["WarehouseConfig"] = described_fields<WarehouseConfig>();
+  module.attr("_other_fields") = others;
 }
 
 }  // namespace flockstep::bindings

@@ -10,9 +10,12 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
+#include "base/nearest_name.hpp"
 #include "flockstep/camera.hpp"
 #include "flockstep/fields.hpp"
 
@@ -71,6 +74,14 @@ py::object to_python(const T& value) {
   } else {
     return py::cast(value);
   }
+}
+
+template <class Enum, std::size_t kSize>
+  requires std::is_enum_v<Enum>
+py::list to_python(const std::array<Enum, kSize>& values) {
+  py::list names;
+  for (const Enum value : values) names.append(name_of(value));
+  return names;
 }
 
 template <class T>
@@ -248,11 +259,13 @@ inline std::string json_text(const py::handle& data, const std::string& name) {
   }
 }
 
-// What Python itself says of a keyword that does not exist, and the one that may be meant.
-inline std::string unexpected_keyword(const std::string& callee, const std::string& keyword, const py::object& known) {
-  const py::list close = py::module_::import("difflib").attr("get_close_matches")(keyword, known, 1);
+// The message of Python for a keyword that does not exist, and the keyword that may be meant.
+inline std::string unexpected_keyword(const std::string& callee, const std::string& keyword,
+                                      const std::vector<std::string>& known) {
+  const std::vector<std::string_view> names(known.begin(), known.end());
+  const std::string_view nearest = nearest_name(keyword, names);
   std::string text = callee + "() got an unexpected keyword argument '" + keyword + "'";
-  if (!close.empty()) text += ". Did you mean '" + std::string(py::str(close[0])) + "'?";
+  if (!nearest.empty()) text += ". Did you mean '" + std::string(nearest) + "'?";
   return text;
 }
 

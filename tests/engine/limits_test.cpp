@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 
 namespace flockstep {
@@ -19,6 +20,20 @@ TEST(Limits, ContainTheirEndsUnlessTheyExcludeThem) {
   EXPECT_TRUE(within(100).contain(-100));
 }
 
+TEST(Limits, HoldAFloatAgainstTheNearestFloat) {
+  EXPECT_LT(static_cast<double>(0.01F), 0.01);
+  EXPECT_TRUE(at_least(0.01).contain(0.01F));
+  EXPECT_FALSE(at_least(0.01).contain(static_cast<double>(0.01F)));
+  EXPECT_FALSE(above(0.01).contain(0.01F));
+  EXPECT_FALSE(at_least(0.01).contain(std::nextafter(0.01F, 0.0F)));
+}
+
+TEST(Limits, MayBeChoices) {
+  for (int value = -1; value < 20; ++value) {
+    EXPECT_EQ(one_of(1, 4, 9, 16).contain(value), value == 1 || value == 4 || value == 9 || value == 16) << value;
+  }
+}
+
 TEST(Limits, NeverContainWhatIsNotFinite) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   EXPECT_TRUE(Limits().contain(-1e308));
@@ -30,7 +45,10 @@ TEST(Limits, NeverContainWhatIsNotFinite) {
 
 TEST(Limits, ReadAsIntervalsAndComparisons) {
   EXPECT_EQ(above_up_to(0, 360).text(), "in (0, 360]");
-  EXPECT_EQ(within(1e6).text(), "in [-1000000, 1000000]");
+  EXPECT_EQ(between_excluding(0, 1).text(), "in (0, 1)");
+  EXPECT_EQ(between(-90, 100).text(), "in [-90, 100]");
+  EXPECT_EQ(within(1e6).text(), "within +-1e+06");
+  EXPECT_EQ(one_of(1, 4, 9, 16).text(), "1, 4, 9 or 16");
   EXPECT_EQ(at_least(0).text(), ">= 0");
   EXPECT_EQ(above(0.5).text(), "> 0.5");
   EXPECT_EQ((Limits{.greatest = 1, .excludes_greatest = true}.text()), "< 1");

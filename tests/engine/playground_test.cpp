@@ -275,13 +275,13 @@ TEST(GeneratedPlayground, BadConfigsAreRefused) {
   const std::vector<std::pair<PlaygroundConfig, std::string>> cases{
       {{.pillars = -1}, "pillars: expected an integer in [0, 200], got -1"},
       {{.pillars = 201}, "pillars: expected an integer in [0, 200], got 201"},
-      {{.size_m = {5, 14, 5}}, "size_m[0]: expected metres in [6, 200], got 5"},
-      {{.size_m = {14, nan, 5}}, "size_m[1]: expected metres in [6, 200], got nan"},
-      {{.size_m = {14, 14, 1}}, "size_m[2]: expected metres in [1.5, 100], got 1"},
-      {{.size_m = {14, 14, std::numeric_limits<float>::infinity()}}, "size_m[2]: expected metres in [1.5, 100], got inf"},
-      {{.pillar_radius_m = 0}, "pillar_radius_m: expected metres in [0.01, 1] (a fourteenth of the room), got 0"},
-      {{.pillar_radius_m = 1.5F}, "pillar_radius_m: expected metres in [0.01, 1] (a fourteenth of the room), got 1.5"},
-      {{.pillar_radius_m = nan}, "pillar_radius_m: expected metres in [0.01, 1] (a fourteenth of the room), got nan"},
+      {{.size_m = {5, 14, 5}}, "size_m[0]: expected a number in [6, 200], got 5"},
+      {{.size_m = {14, nan, 5}}, "size_m[1]: expected a number in [6, 200], got nan"},
+      {{.size_m = {14, 14, 1}}, "size_m[2]: expected a number in [1.5, 100], got 1"},
+      {{.size_m = {14, 14, std::numeric_limits<float>::infinity()}}, "size_m[2]: expected a number in [1.5, 100], got inf"},
+      {{.pillar_radius_m = 0}, "pillar_radius_m: expected a finite number >= 0.01, got 0"},
+      {{.pillar_radius_m = 1.5F}, "pillar_radius_m: expected at most 1 (a fourteenth of the room), got 1.5"},
+      {{.pillar_radius_m = nan}, "pillar_radius_m: expected a finite number >= 0.01, got nan"},
   };
   for (const auto& [config, message] : cases) {
     try {

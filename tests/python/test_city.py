@@ -95,7 +95,7 @@ def test_threads_and_company_change_no_bits():
     [
         ({"blocks": (0, 1)}, r"city: blocks\[0\]: expected an integer in \[1, 8\], got 0"),
         ({"blocks": (3, 9)}, r"city: blocks\[1\]"),
-        ({"height_m": 11}, r"city: height_m: expected metres in \[12, 200\], got 11"),
+        ({"height_m": 11}, r"city: height_m: expected a number in \[12, 200\], got 11"),
         ({"height_m": float("nan")}, "city: height_m"),
     ],
 )

@@ -71,7 +71,12 @@ def test_kinematic_motion_takes_poses_alone():
         *(({"policy_hz": bad}, r"policy_hz: expected a number in \[0.001, 100000\], got") for bad in (0, -1, NAN, INF)),
         *(
             ({"physics_hz": bad}, "physics_hz: expected a multiple of the policy's 50 Hz, 1 to 1000 times it, got")
-            for bad in (0, 25, 75, 1e6, NAN)
+            for bad in (25, 75, 1e6)
+        ),
+        *(
+            ({"physics_hz": 500} | {name: bad}, f"{name}: expected a finite number > 0, got")
+            for name in ("physics_hz", "controller_hz")
+            for bad in (0, -50, NAN)
         ),
         ({"policy_hz": 10, "physics_hz": 40}, "physics_hz: expected at least 50 Hz for motion by rotors.*got 40"),
         *(
@@ -79,7 +84,7 @@ def test_kinematic_motion_takes_poses_alone():
                 {"physics_hz": 500, "controller_hz": bad},
                 "controller_hz: expected a rate that divides the physics' 500 Hz",
             )
-            for bad in (0, -50, 75, 200, 1000, NAN)
+            for bad in (75, 200, 1000)
         ),
         ({"policy_hz": 0.1}, "policy_hz: expected at least 0.5 Hz for motion by rotors.*got 0.1"),
         (
@@ -261,13 +266,13 @@ LEFT_OUT = object()
 @pytest.mark.parametrize(
     ("place", "value", "match"),
     [
-        *(("mass_kg", bad, r"mass_kg: expected a mass in .* kg, got") for bad in (-1, 0, 1e5)),
+        *(("mass_kg", bad, r"mass_kg: expected a number in \[0.0001, 10000\], got") for bad in (-1, 0, 1e5)),
         ("mass_kg", "heavy", 'mass_kg: expected a number, got "heavy"'),
         ("mass_kg", None, "mass_kg: expected a number, got null"),
         ("mass_kg", NAN, "mass_kg"),
         ("mass_kg", 4.0, "rotors: expected a thrust-to-weight above 1, to hover, got 0.866"),
-        ("inertia_kgm2", [-1, 1, 1], r"inertia_kgm2\[0\]: expected a finite number > 0, got -1"),
-        ("inertia_kgm2", [1, 1, 0], r"inertia_kgm2\[2\]: expected a finite number > 0, got 0"),
+        ("inertia_kgm2", [-1, 1, 1], r"inertia_kgm2\[0\]: expected a number in \[1e-12, 1000000000\], got -1"),
+        ("inertia_kgm2", [1, 1, 0], r"inertia_kgm2\[2\]: expected a number in \[1e-12, 1000000000\], got 0"),
         (
             "inertia_kgm2",
             [1.43e-5, 1.43e-5, 2.89e-5],  # of a published table
@@ -284,29 +289,29 @@ LEFT_OUT = object()
         ("rotors/position_m", [[0, 0, 0]] * 4, "rotors: expected positions and spins that can turn the body"),
         ("rotors/position_m", [[0.1, 0.1, 0]] * 3, "position_m: expected four places"),
         ("rotors/position_m", [[0.1, 0.1]] * 4, "position_m/0: expected an array of 3 numbers"),
-        ("rotors/position_m", [[1000, 0.1, 0]] * 4, r"position_m\[0\]: expected coordinates within .*100 m, got 1000"),
+        ("rotors/position_m", [[1000, 0.1, 0]] * 4, r"position_m\[0\]\[0\]: expected a number within \+-100, got 1000"),
         ("rotors/thrust_n", [0, 0, 1e-7], "rotors: expected a thrust-to-weight above 1"),
         ("rotors/thrust_n", [0, 0, -1e-6], r"thrust_n\[2\]: expected a number >= 0"),
         ("rotors/thrust_n", [0, 0, 0], "thrust_n: expected a thrust at full speed"),
         ("rotors/thrust_n", [1.0, -0.001, 1.6e-6], "thrust_n: expected a thrust that grows with the speed"),
         ("rotors/thrust_n", [0, 0], "thrust_n: expected an array of 3 numbers"),
         ("rotors/max_thrust_n", 8.0, 'rotors: expected either "thrust_n" or "max_thrust_n", found both'),
-        ("rotors/max_speed_radps", 0, r"max_speed_radps: expected a speed in \(0, 100000\] rad/s, got 0"),
-        ("rotors/min_speed_radps", -1, "min_speed_radps: expected a number >= 0 and below max_speed_radps, got -1"),
-        ("rotors/min_speed_radps", 3000, "min_speed_radps: expected a number >= 0 and below max_speed_radps"),
+        ("rotors/max_speed_radps", 0, r"max_speed_radps: expected a number in \[0.001, 100000\], got 0"),
+        ("rotors/min_speed_radps", -1, "min_speed_radps: expected a finite number >= 0, got -1"),
+        ("rotors/min_speed_radps", 3000, "min_speed_radps: expected a number below max_speed_radps"),
         ("rotors/min_speed_radps", 2000, "min_speed_radps: expected a speed at which it sinks, got 2000"),
         ("rotors/torque_ratio_m", 0, "torque_ratio_m: expected a number in"),
-        ("rotors/lag_up_s", -0.1, r"lag_up_s: expected a time in \[0, 10\] s, got -0.1"),
-        ("rotors/lag_down_s", 11, r"lag_down_s: expected a time in \[0, 10\] s, got 11"),
+        ("rotors/lag_up_s", -0.1, r"lag_up_s: expected a number in \[0, 10\], got -0.1"),
+        ("rotors/lag_down_s", 11, r"lag_down_s: expected a number in \[0, 10\], got 11"),
         ("rotors/radius_m", -1, "radius_m: expected a number in"),
-        ("rotors/inertia_kgm2", -1, "rotors inertia_kgm2: expected a finite number >= 0, got -1"),
+        ("rotors/inertia_kgm2", -1, r"rotors inertia_kgm2: expected a number in \[0, 1000000\], got -1"),
         (
             "rotors/drag_n_per_radps_mps",
             [0, -1, 0],
-            r"drag_n_per_radps_mps\[1\]: expected a finite number >= 0, got -1",
+            r"drag_n_per_radps_mps\[1\]: expected a number in \[0, 1000000\], got -1",
         ),
-        ("rotors/lift_n_per_mps2", -1, "lift_n_per_mps2: expected a finite number >= 0, got -1"),
-        ("drag/linear_n_per_mps", [0, 0, -1], r"linear_n_per_mps\[2\]: expected a finite number >= 0, got -1"),
+        ("rotors/lift_n_per_mps2", -1, r"lift_n_per_mps2: expected a number in \[0, 1000000\], got -1"),
+        ("drag/linear_n_per_mps", [0, 0, -1], r"linear_n_per_mps\[2\]: expected a number in \[0, 1000000\], got -1"),
         ("drag/quadratic_n_per_mps2", [0, 0], "quadratic_n_per_mps2: expected an array of 3 numbers"),
         ("drag/cubic", [0, 0, 0], "drag/cubic: unknown field; expected one of linear_n_per_mps"),
         ("rotors/colour", "red", "rotors/colour: unknown field"),

@@ -75,9 +75,9 @@ def test_threads_and_company_change_no_bits():
     [
         ({"trees": -1}, r"forest: trees: expected an integer in \[0, 5000\], got -1"),
         ({"trees": 5001}, "forest: trees"),
-        ({"size_m": (11, 40)}, r"forest: size_m\[0\]: expected metres in \[12, 500\], got 11"),
+        ({"size_m": (11, 40)}, r"forest: size_m\[0\]: expected a number in \[12, 500\], got 11"),
         ({"size_m": (60, float("nan"))}, r"forest: size_m\[1\]"),
-        ({"relief_m": 51}, r"forest: relief_m: expected metres in \[0, 50\], got 51"),
+        ({"relief_m": 51}, r"forest: relief_m: expected a number in \[0, 50\], got 51"),
         ({"trees": 5000, "size_m": (12, 12)}, "forest: trees: expected few enough for a free path through 12 x 12 m"),
     ],
 )

@@ -412,7 +412,7 @@ class TestColors:
         ("fields", "error", "match"),
         [
             ({"space": "lab"}, ValueError, 'space: expected "rgb", "hsv" or "excess", got "lab"'),
-            ({"low": (0, -1, 0)}, ValueError, r"color.low: expected three integers in \[0, 255\], got \(0, -1, 0\)"),
+            ({"low": (0, -1, 0)}, ValueError, r"color.low\[1\]: expected an integer in \[0, 255\], got -1"),
             ({"high": (0, 20, 256)}, ValueError, r"color.high.*256"),
             ({"space": "rgb", "low": (9, 0, 0), "high": (8, 9, 9)}, ValueError, "color.low.*only a hue wraps"),
             ({"low": (1, 2)}, TypeError, "low: expected 3 numbers"),

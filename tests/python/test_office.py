@@ -79,8 +79,8 @@ def test_threads_and_company_change_no_bits():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"size_m": (19, 20)}, r"office: size_m\[0\]: expected metres in \[20, 200\], got 19"),
-        ({"size_m": (36, 13)}, r"office: size_m\[1\]: expected metres in \[14, 200\], got 13"),
+        ({"size_m": (19, 20)}, r"office: size_m\[0\]: expected a number in \[20, 200\], got 19"),
+        ({"size_m": (36, 13)}, r"office: size_m\[1\]: expected a number in \[14, 200\], got 13"),
         ({"size_m": (36, float("nan"))}, r"office: size_m\[1\]"),
         ({"furniture": 1.5}, r"office: furniture: expected a number in \[0, 1\], got 1.5"),
         ({"furniture": float("nan")}, "office: furniture"),

@@ -73,10 +73,10 @@ def test_threads_and_company_change_no_bits():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"size_m": (25, 30)}, r"warehouse: size_m\[0\]: expected metres in \[26, 200\], got 25"),
-        ({"size_m": (48, 15)}, r"warehouse: size_m\[1\]: expected metres in \[16, 200\], got 15"),
+        ({"size_m": (25, 30)}, r"warehouse: size_m\[0\]: expected a number in \[26, 200\], got 25"),
+        ({"size_m": (48, 15)}, r"warehouse: size_m\[1\]: expected a number in \[16, 200\], got 15"),
         ({"size_m": (48, float("nan"))}, r"warehouse: size_m\[1\]"),
-        ({"height_m": 4.5}, r"warehouse: height_m: expected metres in \[5, 20\], got 4.5"),
+        ({"height_m": 4.5}, r"warehouse: height_m: expected a number in \[5, 20\], got 4.5"),
         ({"height_m": float("nan")}, "warehouse: height_m"),
     ],
 )

@@ -11,7 +11,7 @@ namespace flockstep {
 
 inline constexpr std::size_t kRotors = 4;
 
-// Which way a rotor turns, seen from above. One that turns counter-clockwise yaws the body clockwise.
+// Direction in which a rotor turns, seen from above. One that turns counter-clockwise yaws the body clockwise.
 enum class Spin : std::uint8_t { ccw, cw };
 template <>
 struct EnumNames<Spin> {
@@ -23,35 +23,96 @@ struct Airframe {
   using Triple = std::array<double, 3>;  // x, y, z of the body frame
 
   double mass_kg = 0.0;
-  Triple inertia_kgm2{};  // about the axes of the body frame, which are principal
-
-  // Of the rotors. Shipped frames have them in the order front right, rear left, front left, rear right.
+  Triple inertia_kgm2{};
   std::array<Triple, kRotors> position_m{};
   std::array<Spin, kRotors> spin{};
-  Triple thrust_n{};             // c0, c1, c2: at speed w (rad/s) a rotor pushes with max(c0 + c1 w + c2 w^2, 0)
-  double torque_ratio_m = 0.0;   // its torque over its thrust
-  double min_speed_radps = 0.0;  // slowest and fastest speed it can be told
+  Triple thrust_n{};
+  double torque_ratio_m = 0.0;
+  double min_speed_radps = 0.0;
   double max_speed_radps = 0.0;
-  double lag_up_s = 0.0;    // time constant of its speed where it gains; 0: at once
-  double lag_down_s = 0.0;  // where it slows down
-  double radius_m = 0.0;    // of its disc; 0: no ground effect
+  double lag_up_s = 0.0;
+  double lag_down_s = 0.0;
+  double radius_m = 0.0;
   double rotor_inertia_kgm2 = 0.0;
-  Triple rotor_drag{};      // N / (rad/s) / (m/s): -w diag(.) v, v the air velocity at the hub
-  double rotor_lift = 0.0;  // N / (m/s)^2: added to the thrust, times vx^2 + vy^2
+  Triple rotor_drag{};
+  double rotor_lift = 0.0;
+  Triple linear_drag{};
+  Triple quadratic_drag{};
 
-  // Of the body, by the air velocity v at its centre: -diag(linear) v - |v| diag(quadratic) v.
-  Triple linear_drag{};     // N / (m/s)
-  Triple quadratic_drag{};  // N / (m/s)^2
-
+  // Aliases are the fields' places in a drone file.
   static constexpr auto fields() {
     using C = Airframe;
-    return field_list(field("mass_kg", &C::mass_kg), field("inertia_kgm2", &C::inertia_kgm2), field("position_m", &C::position_m),
-                      field("spin", &C::spin), field("thrust_n", &C::thrust_n), field("torque_ratio_m", &C::torque_ratio_m),
-                      field("min_speed_radps", &C::min_speed_radps), field("max_speed_radps", &C::max_speed_radps),
-                      field("lag_up_s", &C::lag_up_s), field("lag_down_s", &C::lag_down_s), field("radius_m", &C::radius_m),
-                      field("rotor_inertia_kgm2", &C::rotor_inertia_kgm2), field("rotor_drag", &C::rotor_drag),
-                      field("rotor_lift", &C::rotor_lift), field("linear_drag", &C::linear_drag),
-                      field("quadratic_drag", &C::quadratic_drag));
+    return field_list(
+        field("mass_kg", &C::mass_kg, {.about = "Mass of the drone.", .unit = "kg", .limits = between(1e-4, 1e4)}),
+        field("inertia_kgm2", &C::inertia_kgm2,
+              {.about = "Moments of inertia about the axes of the body frame, which are principal axes.",
+               .unit = "kg m^2",
+               .limits = between(1e-12, 1e9)}),
+        field("position_m", &C::position_m,
+              {.about = "Position of each hub in the body frame; shipped frames have the rotors in the order front right, rear "
+                        "left, front left, rear right.",
+               .unit = "m",
+               .limits = within(100),
+               .alias = "rotors position_m"}),
+        field("spin", &C::spin, {.about = "Direction in which each rotor turns, seen from above.", .alias = "rotors spin"}),
+        field("thrust_n", &C::thrust_n,
+              {.about = "c0, c1, c2: at speed w in rad/s a rotor pushes with max(c0 + c1 w + c2 w^2, 0) N.",
+               .alias = "rotors thrust_n"}),
+        field("torque_ratio_m", &C::torque_ratio_m,
+              {.about = "Torque of a rotor over its thrust.",
+               .unit = "m",
+               .limits = between(1e-6, 10),
+               .alias = "rotors torque_ratio_m"}),
+        field("min_speed_radps", &C::min_speed_radps,
+              {.about = "Slowest commanded speed of a rotor.",
+               .unit = "rad/s",
+               .limits = at_least(0),
+               .alias = "rotors min_speed_radps"}),
+        field("max_speed_radps", &C::max_speed_radps,
+              {.about = "Fastest commanded speed of a rotor.",
+               .unit = "rad/s",
+               .limits = between(1e-3, 1e5),
+               .alias = "rotors max_speed_radps"}),
+        field("lag_up_s", &C::lag_up_s,
+              {.about = "Time constant of a rotor's speed when it gains speed; 0: at once.",
+               .unit = "s",
+               .limits = between(0, 10),
+               .alias = "rotors lag_up_s"}),
+        field("lag_down_s", &C::lag_down_s,
+              {.about = "Time constant of a rotor's speed when it slows down; 0: at once.",
+               .unit = "s",
+               .limits = between(0, 10),
+               .alias = "rotors lag_down_s"}),
+        field("radius_m", &C::radius_m,
+              {.about = "Radius of a rotor's disc; 0: no ground effect.",
+               .unit = "m",
+               .limits = between(0, 100),
+               .alias = "rotors radius_m"}),
+        field("rotor_inertia_kgm2", &C::rotor_inertia_kgm2,
+              {.about = "Moment of inertia of one motor's turning part and its propeller about its axis.",
+               .unit = "kg m^2",
+               .limits = between(0, 1e6),
+               .alias = "rotors inertia_kgm2"}),
+        field("rotor_drag", &C::rotor_drag,
+              {.about = "Drag of a rotor: -w diag(rotor_drag) v, with v the air velocity at the hub.",
+               .unit = "N/(rad/s)/(m/s)",
+               .limits = between(0, 1e6),
+               .alias = "rotors drag_n_per_radps_mps"}),
+        field("rotor_lift", &C::rotor_lift,
+              {.about = "Lift of a rotor, added to its thrust, times vx^2 + vy^2.",
+               .unit = "N/(m/s)^2",
+               .limits = between(0, 1e6),
+               .alias = "rotors lift_n_per_mps2"}),
+        field("linear_drag", &C::linear_drag,
+              {.about = "Drag of the body: -diag(linear_drag) v, with v the air velocity at its centre.",
+               .unit = "N/(m/s)",
+               .limits = between(0, 1e6),
+               .alias = "drag linear_n_per_mps"}),
+        field("quadratic_drag", &C::quadratic_drag,
+              {.about = "Drag of the body: -|v| diag(quadratic_drag) v.",
+               .unit = "N/(m/s)^2",
+               .limits = between(0, 1e6),
+               .alias = "drag quadratic_n_per_mps2"}));
   }
 
   // Throws std::invalid_argument where it is no body that can hover: it names the field, what was expected, what came.

@@ -115,7 +115,7 @@ struct ArraySizes {
 template <HasFields T, class F>
 void for_each_listed(T& arrays, const F& f) {
   for_each_field(arrays, [&](const auto& entry, auto& values) {
-    if constexpr (requires { entry.info; }) f(entry, values);
+    if constexpr (requires { entry.info.writer; }) f(entry, values);
   });
 }
 

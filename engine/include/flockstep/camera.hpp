@@ -8,62 +8,43 @@
 #include <vector>
 
 #include "flockstep/fields.hpp"
+#include "flockstep/sensor_fields.hpp"
 
 namespace flockstep {
 
-enum class DepthKind : std::uint8_t {
-  planar,  // along the optical axis
-  range,   // from the camera
-};
+enum class DepthKind : std::uint8_t { planar, range };
 template <>
 struct EnumNames<DepthKind> {
   static constexpr std::array kNames{"planar", "range"};
 };
 
-enum class ImageLayout : std::uint8_t {
-  hwc,  // (N, H, W, 3)
-  chw,  // (N, 3, H, W)
-};
+enum class ImageLayout : std::uint8_t { hwc, chw };
 template <>
 struct EnumNames<ImageLayout> {
   static constexpr std::array kNames{"hwc", "chw"};
 };
 
-// When frames are rendered. A reset, and a change of the camera itself, is always a reason to render (on_demand: at the next
-// capture).
-enum class CaptureMode : std::uint8_t {
-  every_step,   // at every step or sense(), or as often as rate_hz says
-  on_movement,  // when the drone's pose or world differs from what its frame shows
-  on_demand,    // by capture() alone
-};
+enum class CaptureMode : std::uint8_t { every_step, on_movement, on_demand };
 template <>
 struct EnumNames<CaptureMode> {
   static constexpr std::array kNames{"every_step", "on_movement", "on_demand"};
 };
 
-// What a pixel of a resized image is of the rendered pixels that it covers.
-enum class Pool : std::uint8_t {
-  mean,  // weighted by the area that each covers, as OpenCV's INTER_AREA
-  min,   // the least, channel by channel
-  max,   // the greatest, channel by channel
-};
+// How the pixels of a resized image are computed from the rendered pixels that they cover.
+enum class Pool : std::uint8_t { mean, min, max };
 template <>
 struct EnumNames<Pool> {
   static constexpr std::array kNames{"mean", "min", "max"};
 };
 
-// Who renders cameras.
-enum class CameraBackend : std::uint8_t {
-  raycast,    // the engine's own tracing: needs nothing, and repeats to the bit
-  gl,         // OpenGL 4.5 by EGL, headless; without it, raycast with a warning
-  automatic,  // the faster of the two on the batch's worlds, timed when it is made; likewise
-};
+// Renders cameras.
+enum class CameraBackend : std::uint8_t { raycast, gl, automatic };
 template <>
 struct EnumNames<CameraBackend> {
   static constexpr std::array kNames{"raycast", "gl", "auto"};
 };
 
-// What a camera writes; see CameraImages.
+// Images that a camera writes; see CameraImages.
 struct CameraOutputs {
   bool rgb = true;
   bool depth = false;
@@ -85,37 +66,73 @@ struct CameraOutputs {
 
 // A pinhole camera. Its frame: x along the optical axis, y left, z up. The centre of the image is where the axis meets it.
 struct CameraConfig {
-  std::string name = "front";  // unique in the batch: letters, digits, _ and -
-  int width_px = 640;          // in [1, 8192]
-  int height_px = 480;         // in [1, 8192]
-  // Each in [0.1, 179]. One alone: pixels are square, and the other, which follows, is below 179, too. Neither: hfov_deg is 90.
+  std::string name = "front";
+  int width_px = 640;
+  int height_px = 480;
   std::optional<float> hfov_deg;
   std::optional<float> vfov_deg;
-  std::array<float, 3> offset_m{0, 0, 0};      // of the camera in the body frame, within +-100
-  std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // camera to body; normalised if close to unit
-  float near_m = 0.05F;                        // > 0; planar depth below which nothing is seen
-  float far_m = 100.0F;                        // > near_m, at most 1e6; planar depth beyond which the sky is seen
+  std::array<float, 3> offset_m{0, 0, 0};
+  std::array<float, 4> quat_wxyz{1, 0, 0, 0};
+  float near_m = 0.05F;
+  float far_m = 100.0F;
   CameraOutputs outputs;
   DepthKind depth_kind = DepthKind::planar;
-  ImageLayout layout = ImageLayout::hwc;  // of rgb, hsv and normal
+  ImageLayout layout = ImageLayout::hwc;
   CaptureMode capture_mode = CaptureMode::every_step;
-  int samples_per_pixel = 1;     // 1, 4, 9 or 16, a grid, averaged as written; colours only: the rest is of the pixel's centre
-  bool shadows = false;          // hard shadows of the sun, by all but markers; a room lets it in
-  std::optional<float> rate_hz;  // frames per second of simulated time, of capture mode every_step; none: one after every step
-  // Width and height in pixels of the images that are written; none: as rendered. In [1, width_px] and [1, height_px]. Not with
-  // semantic, instance or normal, which have no mean. hsv is computed from the resized rgb.
+  int samples_per_pixel = 1;
+  bool shadows = false;
+  std::optional<float> rate_hz;
   std::optional<std::array<int, 2>> resize;
-  Pool pool = Pool::mean;  // with resize; depth is inf where mean or max covers a miss, or min covers nothing else
+  Pool pool = Pool::mean;
+
+  static constexpr int kMaxSide = 8192;  // px, of an image
 
   static constexpr auto fields() {
     using C = CameraConfig;
-    return field_list(field("name", &C::name), field("width_px", &C::width_px), field("height_px", &C::height_px),
-                      field("hfov_deg", &C::hfov_deg), field("vfov_deg", &C::vfov_deg), field("offset_m", &C::offset_m),
-                      field("quat_wxyz", &C::quat_wxyz), field("near_m", &C::near_m), field("far_m", &C::far_m),
-                      field("outputs", &C::outputs), field("depth_kind", &C::depth_kind), field("layout", &C::layout),
-                      field("capture_mode", &C::capture_mode, Decides::nothing),  // a snapshot brings its own
-                      field("samples_per_pixel", &C::samples_per_pixel), field("shadows", &C::shadows),
-                      field("rate_hz", &C::rate_hz), field("resize", &C::resize), field("pool", &C::pool));
+    return field_list(
+        field("name", &C::name, {.about = "Name for `Batch.camera`, unique among the cameras.", .form = Form::plain_name}),
+        field("width_px", &C::width_px, {.about = "Width of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
+        field("height_px", &C::height_px,
+              {.about = "Height of the rendered image.", .unit = "px", .limits = between(1, kMaxSide)}),
+        field("hfov_deg", &C::hfov_deg,
+              {.about = "Horizontal field of view. If only one of the two is given, pixels are square and the other follows; it "
+                        "has to be below 179, too. If neither is given, this one is 90.",
+               .unit = "deg",
+               .limits = between(0.1, 179)}),
+        field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0.1, 179)}),
+        field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
+        field("near_m", &C::near_m,
+              {.about = "Planar depth below which nothing is seen; less than ``far_m``.", .unit = "m", .limits = above(0)}),
+        field("far_m", &C::far_m,
+              {.about = "Planar depth beyond which the sky is seen.", .unit = "m", .limits = above_up_to(0, 1e6)}),
+        field("outputs", &C::outputs,
+              {.about = "Images to write: names among ``\"rgb\"``, ``\"depth\"``, ``\"semantic\"``, ``\"instance\"``, "
+                        "``\"normal\"``, ``\"grey\"``, ``\"hsv\"``; at least one."}),
+        field("depth_kind", &C::depth_kind, {.about = "``\"planar\"``: along the optical axis. ``\"range\"``: from the camera."}),
+        field("layout", &C::layout,
+              {.about = "Shape of rgb, hsv and normal images. ``\"hwc\"``: (N, H, W, 3). ``\"chw\"``: (N, 3, H, W)."}),
+        field("capture_mode", &C::capture_mode,
+              {.about = "``\"every_step\"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``\"on_movement\"``: at "
+                        "those where the drone's pose or world differs from what its frame shows. ``\"on_demand\"``: by "
+                        "`Batch.capture` only. A reset and a change of the camera always render; on demand, the frame is stale "
+                        "until the next capture.",
+               .decides = Decides::nothing}),  // a snapshot brings its own
+        field("samples_per_pixel", &C::samples_per_pixel,
+              {.about = "Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre.",
+               .limits = one_of(1, 4, 9, 16)}),
+        field("shadows", &C::shadows,
+              {.about = "Hard shadows of the sun, cast by everything except markers. A room lets the sun in."}),
+        field("rate_hz", &C::rate_hz, kSensorRate),
+        field("resize", &C::resize,
+              {.about = "(width, height) of the written images, at most ``width_px`` and ``height_px``. None: as rendered. "
+                        "``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, "
+                        "instance and normal, which have no mean; hsv is computed from the resized rgb.",
+               .unit = "px"}),
+        field(
+            "pool", &C::pool,
+            {.about = "With ``resize``, a pixel of the rendered pixels that it covers. ``\"mean\"``: weighted by covered area, "
+                      "as OpenCV's INTER_AREA. ``\"min\"``, ``\"max\"``: the least or greatest of each channel. Depth: mean and "
+                      "max are inf if one covered pixel is a miss, min only if all are."}));
   }
 
   void validate() const;

@@ -8,13 +8,8 @@
 
 namespace flockstep {
 
-// What the three channels of a ColorRange are. All are 8 bits, computed from a pixel as it is written (gamma applied).
-enum class ColorSpace : std::uint8_t {
-  rgb,     // red, green, blue
-  hsv,     // hue in [0, 179] (degrees / 2; red 0, green 60, blue 120), saturation and value in [0, 255]: CameraImages::hsv
-  excess,  // by how much red, green and blue each exceed 1.25 times the larger of the other two, rounded up; 0 if they do not.
-           // Brighter light scales all channels alike, so this finds a hue in most light
-};
+// The three channels of a ColorRange, 8 bits each.
+enum class ColorSpace : std::uint8_t { rgb, hsv, excess };
 template <>
 struct EnumNames<ColorSpace> {
   static constexpr std::array kNames{"rgb", "hsv", "excess"};
@@ -23,12 +18,22 @@ struct EnumNames<ColorSpace> {
 // A pixel counts if each of its channels is in [low, high], both ends included. By default, green as the goal is.
 struct ColorRange {
   ColorSpace space = ColorSpace::excess;
-  std::array<int, 3> low{0, 17, 0};        // in [0, 255]
-  std::array<int, 3> high{255, 255, 255};  // in [0, 255], >= low; a hue whose low exceeds its high wraps around through red
+  std::array<int, 3> low{0, 17, 0};
+  std::array<int, 3> high{255, 255, 255};
 
   static constexpr auto fields() {
     using C = ColorRange;
-    return field_list(field("space", &C::space), field("low", &C::low), field("high", &C::high));
+    return field_list(
+        field("space", &C::space,
+              {.about = "The three channels, 8 bits each, of a pixel as written. ``\"rgb\"``: red, green, blue. ``\"hsv\"``: hue "
+                        "in [0, 179], half of the degrees (red 0, green 60, blue 120); saturation and value in [0, 255]. "
+                        "``\"excess\"``: by how much red, green and blue each exceed 1.25 times the larger of the other two, "
+                        "rounded up; 0 if they do not. Light scales the channels equally, so ``\"excess\"`` finds a hue in most "
+                        "light: ``low=(17, 0, 0)`` is red."}),
+        field("low", &C::low, {.about = "Least value of each channel.", .limits = between(0, 255)}),
+        field("high", &C::high,
+              {.about = "Greatest value of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red.",
+               .limits = between(0, 255)}));
   }
 
   bool operator==(const ColorRange&) const = default;

@@ -3,7 +3,6 @@
 // validate() throws std::invalid_argument naming the field, what was expected and what came.
 #pragma once
 
-#include <optional>
 #include <vector>
 
 #include "flockstep/camera.hpp"
@@ -16,25 +15,20 @@
 
 namespace flockstep {
 
-// How rays of cameras and LiDARs meet what is in a world. In tiles, rays that lie close go through a tree of triangles together.
-// Fans, sparse patterns, raycast() and rays of shadows always go through Embree in packets.
-enum class TracerKind : std::uint8_t {
-  automatic,  // tiles where they are faster, which the number of rays and that of the triangles decide; nothing is timed
-  tiles,      // tiles wherever they are possible
-  embree,     // all by Embree, primitives too: to compare with
-};
+// How rays of cameras and LiDARs find what is in a world.
+enum class TracerKind : std::uint8_t { automatic, tiles, embree };
 template <>
 struct EnumNames<TracerKind> {
   static constexpr std::array kNames{"auto", "tiles", "embree"};
 };
 
 struct BatchConfig {
-  int num_envs = 1;                   // E; E x M in [1, 1 << 20]
-  int drones_per_env = 1;             // M; the drones of an env are in one world and do not sense or touch each other
-  int num_threads = 0;                // 0: physical cores in the affinity mask
-  int block_size = 0;                 // envs a thread takes at once; 0: a good number; no result depends on it
-  std::vector<LidarConfig> lidars;    // of different names, as are the next two
-  std::vector<CameraConfig> cameras;  // of different names; at most 2^32 pixels each, of all drones
+  int num_envs = 1;
+  int drones_per_env = 1;
+  int num_threads = 0;
+  int block_size = 0;
+  std::vector<LidarConfig> lidars;
+  std::vector<CameraConfig> cameras;
   CameraBackend camera_backend = CameraBackend::raycast;
   TracerKind tracer = TracerKind::automatic;
   PoseSensorConfig pose_sensor;
@@ -43,14 +37,45 @@ struct BatchConfig {
   ClockConfig clock;
   DynamicsConfig dynamics;
 
+  static constexpr int kMaxDrones = 1 << 20;  // of all envs
+
   static constexpr auto fields() {
     using C = BatchConfig;
-    return field_list(field("num_envs", &C::num_envs), field("drones_per_env", &C::drones_per_env),
-                      field("num_threads", &C::num_threads, Decides::nothing),
-                      field("block_size", &C::block_size, Decides::nothing), field("lidars", &C::lidars),
-                      field("cameras", &C::cameras), field("camera_backend", &C::camera_backend, Decides::nothing),
-                      field("tracer", &C::tracer), field("pose_sensor", &C::pose_sensor), field("imus", &C::imus),
-                      field("episode", &C::episode), field("clock", &C::clock), field("dynamics", &C::dynamics));
+    return field_list(
+        field("num_envs", &C::num_envs,
+              {.about = "Number of envs, E. With M drones in each there are at most 1048576 drones.",
+               .limits = between(1, kMaxDrones)}),
+        field("drones_per_env", &C::drones_per_env,
+              {.about = "Number of drones in each env, M. They share a world, and neither sense nor touch each other.",
+               .limits = between(1, kMaxDrones)}),
+        field("num_threads", &C::num_threads,
+              {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
+               .limits = between(0, 4096),
+               .decides = Decides::nothing}),
+        field("block_size", &C::block_size,
+              {.about = "Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.",
+               .limits = at_least(0),
+               .decides = Decides::nothing}),
+        field("lidars", &C::lidars, {.about = "The LiDARs of each drone, with different names."}),
+        field("cameras", &C::cameras,
+              {.about = "The cameras of each drone, with different names; at most 2^32 pixels each, of all drones."}),
+        field("camera_backend", &C::camera_backend,
+              {.about =
+                   "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and repeats to the bit. "
+                   "``\"gl\"``: OpenGL 4.5 by EGL, headless; without it, raycast with a warning. ``\"auto\"``: the faster of the "
+                   "two on the batch's worlds, timed when the batch is made.",
+               .decides = Decides::nothing}),
+        field(
+            "tracer", &C::tracer,
+            {.about =
+                 "How rays find triangles. ``\"tiles\"``: rays that lie close go through a tree of triangles together, wherever "
+                 "that is possible. ``\"embree\"``: all rays by Embree, to compare with. ``\"auto\"``: tiles if the numbers of "
+                 "rays and triangles make them faster. Fans, sparse patterns and rays of shadows always use Embree."}),
+        field("pose_sensor", &C::pose_sensor, {.about = "The pose sensor of each drone."}),
+        field("imus", &C::imus, {.about = "The IMUs of each drone, with different names; the drone has to fly by its rotors."}),
+        field("episode", &C::episode, {.about = "When episodes begin and end."}),
+        field("clock", &C::clock, {.about = "Rates of policy, controller and physics."}),
+        field("dynamics", &C::dynamics, {.about = "How drones move."}));
   }
 
   int num_drones() const { return num_envs * drones_per_env; }  // N

@@ -10,10 +10,7 @@
 
 namespace flockstep {
 
-enum class Motion : std::uint8_t {
-  kinematic,  // straight to the setpoint, whatever it takes
-  rotors,     // by forces, as the drone's airframe has them
-};
+enum class Motion : std::uint8_t { kinematic, rotors };
 template <>
 struct EnumNames<Motion> {
   static constexpr std::array kNames{"kinematic", "rotors"};
@@ -38,23 +35,13 @@ struct EnumNames<Control> {
                                      "acceleration", "velocity",     "heading_velocity", "position"};
 };
 
-// How the equations of motion are solved in each tick.
-enum class Integrator : std::uint8_t {
-  automatic,  // rk4 for rotor speeds and thrusts, where ticks are not longer than twice the lag; else midpoint
-  midpoint,   // second order; rotor speeds and attitude by their closed forms
-  rk4,        // fourth order
-};
+enum class Integrator : std::uint8_t { automatic, midpoint, rk4 };
 template <>
 struct EnumNames<Integrator> {
   static constexpr std::array kNames{"automatic", "midpoint", "rk4"};
 };
 
-// What happens to a drone that flies by its rotors and hits something.
-enum class OnContact : std::uint8_t {
-  terminate,  // it stays where it hit, and its episode ends with the step
-  stop,       // the point that touches stops, and the drone flies on
-  bounce,     // it is thrown back, by restitution and friction, and flies on
-};
+enum class OnContact : std::uint8_t { terminate, stop, bounce };
 template <>
 struct EnumNames<OnContact> {
   static constexpr std::array kNames{"terminate", "stop", "bounce"};
@@ -62,34 +49,60 @@ struct EnumNames<OnContact> {
 
 struct DynamicsConfig {
   Motion motion = Motion::kinematic;
-  Control control = Control::pose;  // kinematic motion knows poses alone
+  Control control = Control::pose;
   Integrator integrator = Integrator::automatic;
   OnContact on_contact = OnContact::terminate;
-  float restitution = 0.3F;  // of a bounce: speed away from the surface over speed towards it, in [0, 1]
-  float friction = 0.5F;     // of a bounce: Coulomb's coefficient, in [0, 10]
-  // What the equations of motion have beside gravity, thrust and inertia, where the airframe has numbers for it.
-  bool rotor_lag = true;   // rotors take time to change their speed
-  bool rotor_drag = true;  // and lift, of rotors that move through the air
+  float restitution = 0.3F;
+  float friction = 0.5F;
+  bool rotor_lag = true;
+  bool rotor_drag = true;
   bool body_drag = true;
-  bool gyroscopic = true;      // what turning rotors do to a turning body
-  bool ground_effect = false;  // more thrust near what is below
+  bool gyroscopic = true;
+  bool ground_effect = false;
   WindConfig wind;
-  // What the controller keeps to, and what an action of 1 means.
   float max_speed_mps = 5.0F;
   float max_acceleration_mps2 = 8.0F;
-  float max_tilt_deg = 45.0F;   // in (0, 89]
-  float max_rate_dps = 600.0F;  // about x and y
+  float max_tilt_deg = 45.0F;
+  float max_rate_dps = 600.0F;
   float max_yaw_rate_dps = 200.0F;
 
+  // Each term of the equations of motion is off if the airframe has no coefficient for it. The controller keeps to the max_
+  // limits, and an action of 1 means them.
   static constexpr auto fields() {
     using C = DynamicsConfig;
-    return field_list(field("motion", &C::motion), field("control", &C::control), field("integrator", &C::integrator),
-                      field("on_contact", &C::on_contact), field("restitution", &C::restitution), field("friction", &C::friction),
-                      field("rotor_lag", &C::rotor_lag), field("rotor_drag", &C::rotor_drag), field("body_drag", &C::body_drag),
-                      field("gyroscopic", &C::gyroscopic), field("ground_effect", &C::ground_effect), field("wind", &C::wind),
-                      field("max_speed_mps", &C::max_speed_mps), field("max_acceleration_mps2", &C::max_acceleration_mps2),
-                      field("max_tilt_deg", &C::max_tilt_deg), field("max_rate_dps", &C::max_rate_dps),
-                      field("max_yaw_rate_dps", &C::max_yaw_rate_dps));
+    return field_list(
+        field("motion", &C::motion,
+              {.about = "``\"kinematic\"``: straight to the setpoint. ``\"rotors\"``: by forces, which needs a drone with an "
+                        "airframe."}),
+        field("control", &C::control, {.about = "Meaning of commands; kinematic motion takes only ``\"pose\"``."}),
+        field(
+            "integrator", &C::integrator,
+            {.about =
+                 "Method for the equations of motion. ``\"midpoint\"``: second order; rotor speeds and attitude by their closed "
+                 "forms. ``\"rk4\"``: fourth order. ``\"automatic\"``: rk4 for rotor speeds and thrusts if ticks are not longer "
+                 "than twice the rotors' lag, otherwise midpoint."}),
+        field("on_contact", &C::on_contact,
+              {.about =
+                   "``\"terminate\"``: the drone stays where it hit, and its episode ends with the step. ``\"stop\"``: the point "
+                   "that touches stops, and the drone flies on. ``\"bounce\"``: the drone is thrown back and flies on."}),
+        field("restitution", &C::restitution,
+              {.about = "Speed away from the surface over speed towards it, in a bounce.", .limits = between(0, 1)}),
+        field("friction", &C::friction, {.about = "Coulomb's coefficient of friction, in a bounce.", .limits = between(0, 10)}),
+        field("rotor_lag", &C::rotor_lag, {.about = "Rotors take time to change their speed."}),
+        field("rotor_drag", &C::rotor_drag, {.about = "Drag and lift of rotors that move through the air."}),
+        field("body_drag", &C::body_drag, {.about = "Drag of the body."}),
+        field("gyroscopic", &C::gyroscopic, {.about = "Torques of turning rotors on a turning body."}),
+        field("ground_effect", &C::ground_effect, {.about = "More thrust near surfaces below."}),
+        field("wind", &C::wind, {.about = "Wind; none by default."}),
+        field("max_speed_mps", &C::max_speed_mps, {.about = "Speed limit of the controller.", .unit = "m/s", .limits = above(0)}),
+        field("max_acceleration_mps2", &C::max_acceleration_mps2,
+              {.about = "Acceleration limit of the controller.", .unit = "m/s^2", .limits = above(0)}),
+        field("max_tilt_deg", &C::max_tilt_deg,
+              {.about = "Tilt limit of the controller.", .unit = "deg", .limits = above_up_to(0, 89)}),
+        field("max_rate_dps", &C::max_rate_dps,
+              {.about = "Limit of the controller's rates about x and y.", .unit = "deg/s", .limits = above(0)}),
+        field("max_yaw_rate_dps", &C::max_yaw_rate_dps,
+              {.about = "Limit of the controller's rate about z.", .unit = "deg/s", .limits = above(0)}));
   }
 
   void validate() const;

@@ -9,12 +9,8 @@
 
 namespace flockstep {
 
-// When an env whose episode ended is reset.
-enum class AutoresetMode : std::uint8_t {
-  next_step,  // the following step ignores the action and returns the reset observation, reward 0, flags false
-  same_step,  // the ending step returns the reset observation; the last one of the episode is final_observation
-  disabled,   // the caller resets with a mask; a finished env does not change until then
-};
+// When an env whose episode ended is reset; described at EpisodeConfig.
+enum class AutoresetMode : std::uint8_t { next_step, same_step, disabled };
 template <>
 struct EnumNames<AutoresetMode> {
   static constexpr std::array kNames{"next_step", "same_step", "disabled"};
@@ -40,18 +36,32 @@ struct EnumNames<EpisodeEnd> {
 
 struct EpisodeConfig {
   AutoresetMode autoreset_mode = AutoresetMode::next_step;
-  std::optional<int> max_episode_steps;  // truncation, in flown steps; 0: never; none: what the task says
-  int frame_skip = 1;                    // in [1, 1000]: step() repeats its action this many times, or until the episode
-                                         // ends, and returns the summed reward. All step counts are in flown steps. Cameras
-                                         // capture only after the last one.
-  bool stagger_first_episode = false;    // first time limits spread over [1, max_episode_steps], keyed by seed
-  bool random_world = false;             // each reset draws a world at random instead of keeping the env's own
+  std::optional<int> max_episode_steps;
+  int frame_skip = 1;
+  bool stagger_first_episode = false;
+  bool random_world = false;
 
   static constexpr auto fields() {
     using C = EpisodeConfig;
-    return field_list(field("autoreset_mode", &C::autoreset_mode), field("max_episode_steps", &C::max_episode_steps),
-                      field("frame_skip", &C::frame_skip), field("stagger_first_episode", &C::stagger_first_episode),
-                      field("random_world", &C::random_world));
+    return field_list(
+        field("autoreset_mode", &C::autoreset_mode,
+              {.about = "``\"next_step\"``: the step after the last one of an episode ignores the action and returns the reset "
+                        "observation, reward 0 and flags False. ``\"same_step\"``: the last step returns the reset observation, "
+                        "and its own is the final observation. ``\"disabled\"``: the caller resets with a mask; a finished env "
+                        "does not change until then. As `gymnasium.vector.AutoresetMode`."}),
+        field("max_episode_steps", &C::max_episode_steps,
+              {.about = "Time limit in flown steps, after which episodes are truncated. 0: no limit. None: the task's.",
+               .limits = at_least(0)}),
+        field("frame_skip", &C::frame_skip,
+              {.about = "`Batch.step` repeats its action this many times, or until the episode ends, and returns the summed "
+                        "reward. All step counts are in flown steps. Cameras capture only after the last one.",
+               .limits = between(1, 1000)}),
+        field(
+            "stagger_first_episode", &C::stagger_first_episode,
+            {.about = "Spread the first time limits over [1, max_episode_steps], by seed, so that the first episodes do not all "
+                      "end in the same step."}),
+        field("random_world", &C::random_world,
+              {.about = "Each reset draws one of the batch's worlds instead of keeping the env's own."}));
   }
 
   void validate() const;
@@ -60,14 +70,28 @@ struct EpisodeConfig {
 // The rates at which time passes, in steps per second of simulated time. A tick is one step of the motion; a flown step, for
 // which the policy decides once, is a whole number of ticks. Sensors with a rate are due every so many ticks.
 struct ClockConfig {
-  float policy_hz = 10.0F;             // flown steps, in [0.001, 100000]
-  std::optional<float> physics_hz;     // ticks: 1 to 1000 to a flown step; none: one, by rotors 500 Hz or a little more
-  std::optional<float> controller_hz;  // calls of the controller of drones that fly by rotors, between the two; none: every tick
+  float policy_hz = 10.0F;
+  std::optional<float> physics_hz;
+  std::optional<float> controller_hz;
 
   static constexpr auto fields() {
     using C = ClockConfig;
-    return field_list(field("policy_hz", &C::policy_hz), field("physics_hz", &C::physics_hz),
-                      field("controller_hz", &C::controller_hz));
+    return field_list(
+        field("policy_hz", &C::policy_hz,
+              {.about = "Flown steps per second, for each of which the policy decides once.",
+               .unit = "Hz",
+               .limits = between(0.001, 100000)}),
+        field("physics_hz", &C::physics_hz,
+              {.about = "Ticks per second, 1 to 1000 to a flown step. None: one to a flown step; for drones that fly by rotors, "
+                        "as many as make at least 500 Hz. Rotors need 50 Hz.",
+               .unit = "Hz",
+               .limits = above(0)}),
+        field(
+            "controller_hz", &C::controller_hz,
+            {.about = "Calls per second of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides "
+                      "``physics_hz``. None: one in every tick.",
+             .unit = "Hz",
+             .limits = above(0)}));
   }
 
   void validate() const;

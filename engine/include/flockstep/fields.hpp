@@ -2,37 +2,62 @@
 //
 //   struct Wind {
 //     float speed_mps = 0.0F;
-//     float gust_mps = 0.0F;
-//     static constexpr auto fields() { return field_list(field("speed_mps", &Wind::speed_mps), field("gust_mps",
-//     &Wind::gust_mps)); }
+//     static constexpr auto fields() {
+//       return field_list(field("speed_mps", &Wind::speed_mps, {.about = "Mean speed.", .unit = "m/s", .limits = at_least(0)}));
+//     }
 //   };
 //
+// Checks, JSON, docstrings and the documents' tables of configurations are made from the list, too.
 // for_each_field() does not compile for a struct that has more fields than its list.
 #pragma once
 
 #include <array>
 #include <concepts>
 #include <cstddef>
+#include <cstdint>
+#include <span>
 #include <string_view>
 #include <tuple>
 #include <type_traits>
 #include <utility>
+
+#include "flockstep/limits.hpp"
 
 namespace flockstep {
 
 // Whether a field enters the configuration hash: `nothing` if batches that differ only in it step alike.
 enum class Decides : bool { nothing, behaviour };
 
+// Rules for values that limits of single numbers do not express.
+enum class Form : std::uint8_t { any, plain_name, unit_quaternion };
+
+// Describes a field of a configuration. `about` is full sentences; names and values in them stand between two backquotes.
+struct FieldInfo {
+  const char* about = "";
+  const char* unit = "";
+  Limits limits;  // of each of its numbers, if it is a list
+  Form form = Form::any;
+  Decides decides = Decides::behaviour;
+  const char* alias = nullptr;   // the name in messages, if it is another
+  std::span<const Limits> each;  // instead of `limits`: those of each element of an array
+
+  constexpr FieldInfo of_element(std::size_t i) const {
+    FieldInfo info = *this;
+    if (!each.empty()) info.limits = each[i];
+    return info;
+  }
+};
+
 template <class Struct, class Value>
 struct FieldPointer {
   const char* name;
   Value Struct::* member;
-  Decides decides;
+  FieldInfo info;
 };
 
 template <class Struct, class Value>
-constexpr FieldPointer<Struct, Value> field(const char* name, Value Struct::* member, Decides decides = Decides::behaviour) {
-  return {name, member, decides};
+constexpr FieldPointer<Struct, Value> field(const char* name, Value Struct::* member, const FieldInfo& info = {}) {
+  return {name, member, info};
 }
 
 template <class... Fields>
@@ -85,12 +110,16 @@ consteval bool lists_every_field() {
   return std::tuple_size_v<decltype(T::fields())> == count_fields<T>();
 }
 
+// Made while the program is compiled.
+template <HasFields T>
+inline constexpr auto kFields = T::fields();
+
 // Calls f(field, value) for each field in order; `object` may be const.
 template <class T, class F>
 constexpr void for_each_field(T& object, F&& f) {
   using Struct = std::remove_const_t<T>;
   static_assert(lists_every_field<Struct>(), "fields() has to list every field of the struct");
-  std::apply([&](const auto&... fields) { (f(fields, object.*(fields.member)), ...); }, Struct::fields());
+  std::apply([&](const auto&... fields) { (f(fields, object.*(fields.member)), ...); }, kFields<Struct>);
 }
 
 }  // namespace flockstep

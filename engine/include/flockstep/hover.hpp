@@ -18,30 +18,50 @@ namespace flockstep {
 // d is the distance to the point, m. An episode ends as a crash on a contact, or where d > max_distance_m; it is a success if it
 // ends with d <= hold_m in each step of the last hold_s.
 struct HoverConfig {
-  // How it begins: drawn evenly up to these.
-  float start_offset_m = 0.5F;   // from the point, along each axis, in [0, 1000]
-  float start_tilt_deg = 90.0F;  // from level, in [0, 180]
-  float start_speed_mps = 2.0F;  // in any direction
-  float start_rate_dps = 0.0F;   // about each axis of the body
-  float max_distance_m = 6.0F;   // > 0
-  float hold_m = 0.05F;          // > 0
-  float hold_s = 1.0F;           // > 0
-  // The terms of the reward, each times its weight.
-  float near_weight = 1.0F;    // exp(-2 d)
-  float hold_weight = 2.0F;    // 1 / (1 + (d / 2 hold_m)^2)
-  float speed_weight = 0.1F;   // -speed, m/s
-  float spin_weight = 0.1F;    // -length of the angular velocity, 10 rad/s
-  float change_weight = 0.0F;  // -mean square of what the action changed by; the first action changes from 0
-  float crash_weight = 10.0F;  // -1 on a crash
+  float start_offset_m = 0.5F;
+  float start_tilt_deg = 90.0F;
+  float start_speed_mps = 2.0F;
+  float start_rate_dps = 0.0F;
+  float max_distance_m = 6.0F;
+  float hold_m = 0.05F;
+  float hold_s = 1.0F;
+  float near_weight = 1.0F;
+  float hold_weight = 2.0F;
+  float speed_weight = 0.1F;
+  float spin_weight = 0.1F;
+  float change_weight = 0.0F;
+  float crash_weight = 10.0F;
 
   static constexpr auto fields() {
     using C = HoverConfig;
-    return field_list(field("start_offset_m", &C::start_offset_m), field("start_tilt_deg", &C::start_tilt_deg),
-                      field("start_speed_mps", &C::start_speed_mps), field("start_rate_dps", &C::start_rate_dps),
-                      field("max_distance_m", &C::max_distance_m), field("hold_m", &C::hold_m), field("hold_s", &C::hold_s),
-                      field("near_weight", &C::near_weight), field("hold_weight", &C::hold_weight),
-                      field("speed_weight", &C::speed_weight), field("spin_weight", &C::spin_weight),
-                      field("change_weight", &C::change_weight), field("crash_weight", &C::crash_weight));
+    return field_list(
+        field("start_offset_m", &C::start_offset_m,
+              {.about =
+                   "Greatest offset of the start from the point along each axis. This and the next three are drawn uniformly up "
+                   "to the value.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("start_tilt_deg", &C::start_tilt_deg,
+              {.about = "Greatest tilt at the start.", .unit = "deg", .limits = between(0, 180)}),
+        field("start_speed_mps", &C::start_speed_mps,
+              {.about = "Greatest speed at the start, in any direction.", .unit = "m/s", .limits = between(0, 1000)}),
+        field(
+            "start_rate_dps", &C::start_rate_dps,
+            {.about = "Greatest rate at the start, about each axis of the body.", .unit = "deg/s", .limits = between(0, 100000)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from the point beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+        field("hold_m", &C::hold_m, {.about = "Distance within which the point is held.", .unit = "m", .limits = above(0)}),
+        field("hold_s", &C::hold_s,
+              {.about = "Time at the end of an episode for which the point has to be held.",
+               .unit = "s",
+               .limits = above_up_to(0, 1000000)}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
+        field("hold_weight", &C::hold_weight, {.about = "Weight of 1 / (1 + (d / 2 hold_m)^2)."}),
+        field("speed_weight", &C::speed_weight, {.about = "Weight of minus the speed, m/s."}),
+        field("spin_weight", &C::spin_weight, {.about = "Weight of minus the length of the angular velocity, 10 rad/s."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
+        field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
   }
 
   void validate() const;

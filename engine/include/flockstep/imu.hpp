@@ -6,31 +6,44 @@
 #include <string>
 
 #include "flockstep/fields.hpp"
+#include "flockstep/sensor_fields.hpp"
 
 namespace flockstep {
 
 // An accelerometer and a gyroscope. The noise is that of Kalibr's model: white noise by its density, and a bias that walks.
 struct ImuConfig {
-  std::string name = "imu";                  // unique among the IMUs: letters, digits, _ and -
-  float accelerometer_noise_density = 0.0F;  // m/s^2/sqrt(Hz), >= 0
-  float accelerometer_random_walk = 0.0F;    // m/s^3/sqrt(Hz), >= 0: of the bias, which begins an episode at 0
-  float accelerometer_bias_time_s = 0.0F;    // in which the bias forgets; 0: never
-  float gyroscope_noise_density = 0.0F;      // rad/s/sqrt(Hz), >= 0
-  float gyroscope_random_walk = 0.0F;        // rad/s^2/sqrt(Hz), >= 0
+  std::string name = "imu";
+  float accelerometer_noise_density = 0.0F;
+  float accelerometer_random_walk = 0.0F;
+  float accelerometer_bias_time_s = 0.0F;
+  float gyroscope_noise_density = 0.0F;
+  float gyroscope_random_walk = 0.0F;
   float gyroscope_bias_time_s = 0.0F;
-  std::array<float, 3> offset_m{0.0F, 0.0F, 0.0F};         // of the sensor, body frame
-  std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};  // sensor to body
-  std::optional<float> rate_hz;                            // readings per second; none: one after every step
+  std::array<float, 3> offset_m{0.0F, 0.0F, 0.0F};
+  std::array<float, 4> quat_wxyz{1.0F, 0.0F, 0.0F, 0.0F};
+  std::optional<float> rate_hz;
 
   static constexpr auto fields() {
     using C = ImuConfig;
-    return field_list(field("name", &C::name), field("accelerometer_noise_density", &C::accelerometer_noise_density),
-                      field("accelerometer_random_walk", &C::accelerometer_random_walk),
-                      field("accelerometer_bias_time_s", &C::accelerometer_bias_time_s),
-                      field("gyroscope_noise_density", &C::gyroscope_noise_density),
-                      field("gyroscope_random_walk", &C::gyroscope_random_walk),
-                      field("gyroscope_bias_time_s", &C::gyroscope_bias_time_s), field("offset_m", &C::offset_m),
-                      field("quat_wxyz", &C::quat_wxyz), field("rate_hz", &C::rate_hz));
+    constexpr FieldInfo kBiasTime{
+        .about = "Correlation time of the bias; 0 means a random walk.", .unit = "s", .limits = at_least(0)};
+    return field_list(
+        field("name", &C::name, {.about = "Name, unique among the IMUs.", .form = Form::plain_name}),
+        field("accelerometer_noise_density", &C::accelerometer_noise_density,
+              {.about = "Density of the accelerometer's white noise.", .unit = "m/s^2/sqrt(Hz)", .limits = at_least(0)}),
+        field("accelerometer_random_walk", &C::accelerometer_random_walk,
+              {.about = "Density of the noise that moves the accelerometer's bias, which is 0 when an episode begins.",
+               .unit = "m/s^3/sqrt(Hz)",
+               .limits = at_least(0)}),
+        field("accelerometer_bias_time_s", &C::accelerometer_bias_time_s, kBiasTime),
+        field("gyroscope_noise_density", &C::gyroscope_noise_density,
+              {.about = "Density of the gyroscope's white noise.", .unit = "rad/s/sqrt(Hz)", .limits = at_least(0)}),
+        field("gyroscope_random_walk", &C::gyroscope_random_walk,
+              {.about = "Density of the noise that moves the gyroscope's bias, which is 0 when an episode begins.",
+               .unit = "rad/s^2/sqrt(Hz)",
+               .limits = at_least(0)}),
+        field("gyroscope_bias_time_s", &C::gyroscope_bias_time_s, kBiasTime), field("offset_m", &C::offset_m, kMountOffset),
+        field("quat_wxyz", &C::quat_wxyz, kMountRotation), field("rate_hz", &C::rate_hz, kSensorRate));
   }
 
   void validate() const;

@@ -7,31 +7,53 @@
 #include <vector>
 
 #include "flockstep/fields.hpp"
+#include "flockstep/sensor_fields.hpp"
 
 namespace flockstep {
 
-// Either a grid of channels x beams, or (azimuth_deg, elevation_deg) lists of equal length. With lists, the fields of the grid
-// keep their defaults; beams may also be the length of the lists.
+// Either a grid of channels x beams, or (azimuth_deg, elevation_deg) lists of equal length.
 struct LidarConfig {
-  std::string name = "lidar";                  // letters, digits, _ and -
-  int channels = 1;                            // rows, spread over vfov_deg from -vfov/2 to +vfov/2, both ends included
-  int beams = 35;                              // per channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included
-                                               // (at 360 the end is left out)
-  float hfov_deg = 270.0F;                     // in (0, 360]
-  float vfov_deg = 0.0F;                       // in [0, 180]; one channel looks at elevation 0
-  float max_range_m = 3.0F;                    // > 0; farther is a miss: inf in metres, 1 when normalised
-  std::array<float, 3> offset_m{0, 0, 0};      // of the sensor in the body frame, within +-100
-  std::array<float, 4> quat_wxyz{1, 0, 0, 0};  // sensor to body; normalised if close to unit
-  std::vector<float> azimuth_deg;              // a pattern instead of the grid: shape (N, 1, len)
-  std::vector<float> elevation_deg;            // same length as azimuth_deg
-  std::optional<float> rate_hz;                // scans per second of simulated time; none: one after every step
+  std::string name = "lidar";
+  int channels = 1;
+  int beams = 35;
+  float hfov_deg = 270.0F;
+  float vfov_deg = 0.0F;
+  float max_range_m = 3.0F;
+  std::array<float, 3> offset_m{0, 0, 0};
+  std::array<float, 4> quat_wxyz{1, 0, 0, 0};
+  std::vector<float> azimuth_deg;
+  std::vector<float> elevation_deg;
+  std::optional<float> rate_hz;
+
+  static constexpr int kMaxRays = 1 << 18;  // per drone
 
   static constexpr auto fields() {
     using C = LidarConfig;
-    return field_list(field("name", &C::name), field("channels", &C::channels), field("beams", &C::beams),
-                      field("hfov_deg", &C::hfov_deg), field("vfov_deg", &C::vfov_deg), field("max_range_m", &C::max_range_m),
-                      field("offset_m", &C::offset_m), field("quat_wxyz", &C::quat_wxyz), field("azimuth_deg", &C::azimuth_deg),
-                      field("elevation_deg", &C::elevation_deg), field("rate_hz", &C::rate_hz));
+    return field_list(
+        field("name", &C::name, {.about = "Name for `Batch.lidar`, unique among the LiDARs.", .form = Form::plain_name}),
+        field(
+            "channels", &C::channels,
+            {.about = "Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single one has elevation 0.",
+             .limits = between(1, kMaxRays)}),
+        field("beams", &C::beams,
+              {.about = "Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is "
+                        "left out). A drone has at most 262144 beams in all channels.",
+               .limits = between(1, kMaxRays)}),
+        field("hfov_deg", &C::hfov_deg, {.about = "Horizontal field of view.", .unit = "deg", .limits = above_up_to(0, 360)}),
+        field("vfov_deg", &C::vfov_deg, {.about = "Vertical field of view.", .unit = "deg", .limits = between(0, 180)}),
+        field("max_range_m", &C::max_range_m,
+              {.about = "Maximum range. Anything farther is a miss: inf in metres, 1 when normalised.",
+               .unit = "m",
+               .limits = above(0)}),
+        field("offset_m", &C::offset_m, kMountOffset), field("quat_wxyz", &C::quat_wxyz, kMountRotation),
+        field("azimuth_deg", &C::azimuth_deg,
+              {.about = "Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, length). "
+                        "``channels``, ``hfov_deg`` and ``vfov_deg`` keep their defaults, ``beams`` may also be the length.",
+               .unit = "deg",
+               .limits = within(360)}),
+        field("elevation_deg", &C::elevation_deg,
+              {.about = "Elevations of the pattern, as many as azimuths.", .unit = "deg", .limits = within(90)}),
+        field("rate_hz", &C::rate_hz, kSensorRate));
   }
 
   void validate() const;

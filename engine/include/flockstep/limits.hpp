@@ -1,8 +1,11 @@
 // Limits: the values that a number may take, written once. Checks, schemas, docstrings and tables are made from them.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <limits>
 #include <string>
+#include <type_traits>
 
 namespace flockstep {
 
@@ -12,15 +15,29 @@ struct Limits {
   bool excludes_least = false;
   bool excludes_greatest = false;
 
-  // False for NaN and for infinities.
-  constexpr bool contain(double value) const {
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    const bool is_above = excludes_least ? value > least : value >= least;
-    const bool is_below = excludes_greatest ? value < greatest : value <= greatest;
-    return is_above && is_below && value > -kInfinity && value < kInfinity;
+  std::array<int, 4> choices{};  // instead of a range: the only values allowed
+  std::size_t num_choices = 0;
+
+  // False for NaN and for infinities. A float is compared with the float32 nearest to a limit: 0.1F is at least 0.1.
+  template <class Number>
+  constexpr bool contain(Number number) const {
+    using Real = std::conditional_t<std::is_same_v<Number, float>, float, double>;
+    constexpr Real kInfinity = std::numeric_limits<Real>::infinity();
+    const auto value = static_cast<Real>(number);
+    for (std::size_t i = 0; i < num_choices; ++i) {
+      if (value == static_cast<Real>(choices[i])) return true;
+    }
+    if (num_choices > 0) return false;
+    const auto low = static_cast<Real>(least), high = static_cast<Real>(greatest);
+    return (excludes_least ? value > low : value >= low) && (excludes_greatest ? value < high : value <= high) &&
+           value > -kInfinity && value < kInfinity;
   }
 
-  // As a message says it: "in (0, 360]", ">= 0", "> 0", "< 1"; empty if every finite number is allowed.
+  constexpr bool are_bounded() const {
+    return least > -std::numeric_limits<double>::infinity() && greatest < std::numeric_limits<double>::infinity();
+  }
+
+  // For messages: "in (0, 360]", "within +-100", ">= 0", "< 1", "1, 4 or 9"; empty if every finite number is allowed.
   std::string text() const;
 };
 
@@ -30,6 +47,10 @@ constexpr Limits between(double least, double greatest) { return {.least = least
 constexpr Limits above_up_to(double least, double greatest) {
   return {.least = least, .greatest = greatest, .excludes_least = true};
 }
+constexpr Limits between_excluding(double least, double greatest) {
+  return {.least = least, .greatest = greatest, .excludes_least = true, .excludes_greatest = true};
+}
+constexpr Limits one_of(int a, int b, int c, int d) { return {.choices = {a, b, c, d}, .num_choices = 4}; }
 constexpr Limits within(double magnitude) { return between(-magnitude, magnitude); }
 
 }  // namespace flockstep

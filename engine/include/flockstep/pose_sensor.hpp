@@ -4,19 +4,24 @@
 #include <optional>
 
 #include "flockstep/fields.hpp"
+#include "flockstep/sensor_fields.hpp"
 
 namespace flockstep {
 
 // The exact pose, with optional Gaussian noise.
 struct PoseSensorConfig {
-  float position_noise_std_m = 0.0F;       // per axis, >= 0
-  float orientation_noise_std_deg = 0.0F;  // of each component of the rotation vector, >= 0
-  std::optional<float> rate_hz;            // readings per second of simulated time; none: one after every step
+  float position_noise_std_m = 0.0F;
+  float orientation_noise_std_deg = 0.0F;
+  std::optional<float> rate_hz;
 
   static constexpr auto fields() {
     using C = PoseSensorConfig;
-    return field_list(field("position_noise_std_m", &C::position_noise_std_m),
-                      field("orientation_noise_std_deg", &C::orientation_noise_std_deg), field("rate_hz", &C::rate_hz));
+    return field_list(
+        field("position_noise_std_m", &C::position_noise_std_m,
+              {.about = "Standard deviation of the position along each axis.", .unit = "m", .limits = at_least(0)}),
+        field("orientation_noise_std_deg", &C::orientation_noise_std_deg,
+              {.about = "Standard deviation of each component of the rotation vector.", .unit = "deg", .limits = at_least(0)}),
+        field("rate_hz", &C::rate_hz, kSensorRate));
   }
 
   void validate() const;

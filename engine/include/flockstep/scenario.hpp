@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "flockstep/drone_model.hpp"
+#include "flockstep/fields.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
@@ -18,9 +19,24 @@ namespace flockstep {
 // A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
 struct PlaygroundConfig {
   std::uint64_t seed = 0;
-  int pillars = 12;                                  // how many, in [0, 200]
-  std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};  // m, room: x and y in [6, 200], z in [1.5, 100]
-  float pillar_radius_m = 0.25F;                     // at least 0.01, at most a fourteenth of the shorter side of the room
+  int pillars = 12;
+  std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};
+  float pillar_radius_m = 0.25F;
+
+  static constexpr std::array<Limits, 3> kSizes{between(6, 200), between(6, 200), between(1.5, 100)};
+
+  static constexpr auto fields() {
+    using C = PlaygroundConfig;
+    return field_list(field("seed", &C::seed, {.about = "Seed of the layout."}),
+                      field("pillars", &C::pillars, {.about = "Number of pillars.", .limits = between(0, 200)}),
+                      field("size_m", &C::size_m, {.about = "Size of the room (x, y, z).", .unit = "m", .each = kSizes}),
+                      field("pillar_radius_m", &C::pillar_radius_m,
+                            {.about = "Radius of the pillars, at most a fourteenth of the shorter side of the room.",
+                             .unit = "m",
+                             .limits = at_least(0.01)}));
+  }
+
+  void validate() const;
 };
 
 // A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
@@ -32,9 +48,22 @@ std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 // at opposite ends of it.
 struct ForestConfig {
   std::uint64_t seed = 0;
-  int trees = 150;                            // how many, in [0, 5000]
-  std::array<float, 2> size_m{60.0F, 40.0F};  // along x, from start to goal, and y; in [12, 500]
-  float relief_m = 4.0F;                      // from the lowest possible ground to the highest, in [0, 50]
+  int trees = 150;
+  std::array<float, 2> size_m{60.0F, 40.0F};
+  float relief_m = 4.0F;
+
+  static constexpr auto fields() {
+    using C = ForestConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("trees", &C::trees, {.about = "Number of trees.", .limits = between(0, 5000)}),
+        field("size_m", &C::size_m,
+              {.about = "Size along x, from start to goal, and along y.", .unit = "m", .limits = between(12, 500)}),
+        field("relief_m", &C::relief_m,
+              {.about = "Height of the highest possible ground above the lowest.", .unit = "m", .limits = between(0, 50)}));
+  }
+
+  void validate() const;
 };
 
 // A generated forest, the same on every machine. The default drone can fly from start to goal along a winding way below the
@@ -46,8 +75,20 @@ std::shared_ptr<const World> forest(const ForestConfig& config);
 // it all around; of textured meshes and primitives, from a seed.
 struct CityConfig {
   std::uint64_t seed = 0;
-  std::array<int, 2> blocks{3, 2};  // along x, from start to goal, and y; in [1, 8]; a block is 34 to 46 m, a street 10 m wide
-  float height_m = 34.0F;           // of the tallest roofs, in [12, 200]
+  std::array<int, 2> blocks{3, 2};
+  float height_m = 34.0F;
+
+  static constexpr auto fields() {
+    using C = CityConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("blocks", &C::blocks,
+              {.about = "Number of blocks along x, from start to goal, and along y. A block is 34 to 46 m, a street 10 m wide.",
+               .limits = between(1, 8)}),
+        field("height_m", &C::height_m, {.about = "Height of the tallest roofs.", .unit = "m", .limits = between(12, 200)}));
+  }
+
+  void validate() const;
 };
 
 // A generated city, the same on every machine. Start and goal are crossings on opposite sides of it. The default drone can fly
@@ -59,9 +100,22 @@ std::shared_ptr<const World> city(const CityConfig& config);
 // and a goal in rooms at opposite ends of it.
 struct OfficeConfig {
   std::uint64_t seed = 0;
-  std::array<float, 2> size_m{36.0F, 20.0F};  // along x, in [20, 200], and y, in [14, 200]; rounded down to half metres
-  float furniture = 0.8F;                     // how densely it is furnished, in [0, 1]
-  bool waypoints = false;                     // before and behind each door of the way
+  std::array<float, 2> size_m{36.0F, 20.0F};
+  float furniture = 0.8F;
+  bool waypoints = false;
+
+  static constexpr std::array<Limits, 2> kSizes{between(20, 200), between(14, 200)};
+
+  static constexpr auto fields() {
+    using C = OfficeConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("size_m", &C::size_m, {.about = "Size along x and y, rounded down to half metres.", .unit = "m", .each = kSizes}),
+        field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
+        field("waypoints", &C::waypoints, {.about = "Waypoints before and behind each door of the way."}));
+  }
+
+  void validate() const;
 };
 
 // A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through
@@ -73,9 +127,25 @@ std::shared_ptr<const World> office(const OfficeConfig& config);
 // start and a goal at opposite ends of it.
 struct WarehouseConfig {
   std::uint64_t seed = 0;
-  std::array<float, 2> size_m{48.0F, 30.0F};  // along x, across the rows of racks, in [26, 200], and y, in [16, 200]
-  float height_m = 8.0F;                      // of the eaves, in [5, 20]; up to five pallets stand above each other
-  bool waypoints = false;                     // where the way turns
+  std::array<float, 2> size_m{48.0F, 30.0F};
+  float height_m = 8.0F;
+  bool waypoints = false;
+
+  static constexpr std::array<Limits, 2> kSizes{between(26, 200), between(16, 200)};
+
+  static constexpr auto fields() {
+    using C = WarehouseConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("size_m", &C::size_m,
+              {.about = "Size along x, across the rows of racks, and along y.", .unit = "m", .each = kSizes}),
+        field(
+            "height_m", &C::height_m,
+            {.about = "Height of the eaves; up to five pallets stand above each other.", .unit = "m", .limits = between(5, 20)}),
+        field("waypoints", &C::waypoints, {.about = "Waypoints where the way turns."}));
+  }
+
+  void validate() const;
 };
 
 // A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around

@@ -10,19 +10,13 @@
 
 namespace flockstep {
 
-enum class TrackPath : std::uint8_t {
-  figure8,  // level: x = s cos(w t), y = s / 2 sin(2 w t), s = size_m
-  random,   // three waves along each axis of random phases, up to size_m in all, half of that in height
-};
+enum class TrackPath : std::uint8_t { figure8, random };
 template <>
 struct EnumNames<TrackPath> {
   static constexpr std::array kNames{"figure8", "random"};
 };
 
-enum class TrackYaw : std::uint8_t {
-  fixed,  // along the world's x axis
-  along,  // the way the path goes
-};
+enum class TrackYaw : std::uint8_t { fixed, along };
 template <>
 struct EnumNames<TrackYaw> {
   static constexpr std::array kNames{"fixed", "along"};
@@ -40,29 +34,49 @@ struct EnumNames<TrackYaw> {
 struct TrackConfig {
   TrackPath path = TrackPath::figure8;
   TrackYaw yaw = TrackYaw::fixed;
-  float size_m = 1.0F;          // in (0, 1000]
-  float speed_mps = 1.5F;       // > 0; of a figure-8 the mean of a lap, of random paths the root mean square
-  float start_offset_m = 0.1F;  // episodes begin off the path, evenly drawn up to this along each axis, in [0, 1000]
-  int points = 5;               // observed, in [1, 20]
-  float ahead_s = 0.1F;         // >= 0, from one to the next
-  float max_distance_m = 1.0F;  // > 0
-  float close_m = 0.05F;        // > 0
-  // The terms of the reward, each times its weight.
-  float near_weight = 1.0F;    // exp(-2 d)
-  float close_weight = 1.0F;   // 1 / (1 + (d / close_m)^2)
-  float yaw_weight = 0.2F;     // -|yaw that is missing|, rad
-  float spin_weight = 0.02F;   // -length of the angular velocity, 10 rad/s
-  float change_weight = 0.0F;  // -mean square of what the action changed by; the first action changes from 0
-  float crash_weight = 10.0F;  // -1 on a crash
+  float size_m = 1.0F;
+  float speed_mps = 1.5F;
+  float start_offset_m = 0.1F;
+  int points = 5;
+  float ahead_s = 0.1F;
+  float max_distance_m = 1.0F;
+  float close_m = 0.05F;
+  float near_weight = 1.0F;
+  float close_weight = 1.0F;
+  float yaw_weight = 0.2F;
+  float spin_weight = 0.02F;
+  float change_weight = 0.0F;
+  float crash_weight = 10.0F;
 
   static constexpr auto fields() {
     using C = TrackConfig;
-    return field_list(field("path", &C::path), field("yaw", &C::yaw), field("size_m", &C::size_m),
-                      field("speed_mps", &C::speed_mps), field("start_offset_m", &C::start_offset_m), field("points", &C::points),
-                      field("ahead_s", &C::ahead_s), field("max_distance_m", &C::max_distance_m), field("close_m", &C::close_m),
-                      field("near_weight", &C::near_weight), field("close_weight", &C::close_weight),
-                      field("yaw_weight", &C::yaw_weight), field("spin_weight", &C::spin_weight),
-                      field("change_weight", &C::change_weight), field("crash_weight", &C::crash_weight));
+    return field_list(
+        field("path", &C::path,
+              {.about = "``\"figure8\"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``\"random\"``: three "
+                        "waves of random phases along each axis, up to ``size_m`` in all and half of that in height."}),
+        field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the way the path goes."}),
+        field("size_m", &C::size_m, {.about = "Size of the path.", .unit = "m", .limits = above_up_to(0, 1000)}),
+        field("speed_mps", &C::speed_mps,
+              {.about = "Speed of the path: the mean of a lap of a figure-8, the root mean square of random paths.",
+               .unit = "m/s",
+               .limits = above_up_to(0, 1000)}),
+        field("start_offset_m", &C::start_offset_m,
+              {.about = "Episodes begin off the path, drawn uniformly up to this along each axis.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("points", &C::points, {.about = "Number of points of the path that are observed.", .limits = between(1, 20)}),
+        field("ahead_s", &C::ahead_s, {.about = "Time from one observed point to the next.", .unit = "s", .limits = at_least(0)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from the path beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+        field("close_m", &C::close_m,
+              {.about = "Greatest root mean square of d of an episode that is a success.", .unit = "m", .limits = above(0)}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
+        field("close_weight", &C::close_weight, {.about = "Weight of 1 / (1 + (d / close_m)^2)."}),
+        field("yaw_weight", &C::yaw_weight, {.about = "Weight of minus the yaw that is missing, rad."}),
+        field("spin_weight", &C::spin_weight, {.about = "Weight of minus the length of the angular velocity, 10 rad/s."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
+        field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
   }
 
   void validate() const;

@@ -8,11 +8,7 @@
 
 namespace flockstep {
 
-enum class Gusts : std::uint8_t {
-  none,
-  ornstein_uhlenbeck,  // each axis on its own, forgetting with gust_time_s
-  dryden,              // MIL-F-8785C's turbulence near the ground
-};
+enum class Gusts : std::uint8_t { none, ornstein_uhlenbeck, dryden };
 template <>
 struct EnumNames<Gusts> {
   static constexpr std::array kNames{"none", "ornstein_uhlenbeck", "dryden"};
@@ -20,18 +16,40 @@ struct EnumNames<Gusts> {
 
 // The wind is the same all over a world and constant for a flown step; each drone has its own gusts.
 struct WindConfig {
-  std::array<float, 3> mean_mps{0.0F, 0.0F, 0.0F};  // world frame
+  std::array<float, 3> mean_mps{0.0F, 0.0F, 0.0F};
   Gusts gusts = Gusts::none;
-  float gust_std_mps = 1.0F;    // Ornstein-Uhlenbeck: of each axis, >= 0
-  float gust_time_s = 2.0F;     // likewise: the time in which a gust falls to 1/e of itself
-  float wind_at_6m_mps = 5.0F;  // Dryden: the wind at 6.1 m above the ground, which gives the strength, >= 0
-  float height_m = 5.0F;        // Dryden: above the ground, in [3, 300]: it gives scale and strength
+  float gust_std_mps = 1.0F;
+  float gust_time_s = 2.0F;
+  float wind_at_6m_mps = 5.0F;
+  float height_m = 5.0F;
 
   static constexpr auto fields() {
     using C = WindConfig;
-    return field_list(field("mean_mps", &C::mean_mps), field("gusts", &C::gusts), field("gust_std_mps", &C::gust_std_mps),
-                      field("gust_time_s", &C::gust_time_s), field("wind_at_6m_mps", &C::wind_at_6m_mps),
-                      field("height_m", &C::height_m));
+    return field_list(
+        field("mean_mps", &C::mean_mps,
+              {.about = "Mean wind (x, y, z) in the world frame.", .unit = "m/s", .limits = within(1000)}),
+        field(
+            "gusts", &C::gusts,
+            {.about = "``\"ornstein_uhlenbeck\"``: correlated noise, the same along each axis. ``\"dryden\"``: the turbulence of "
+                      "MIL-F-8785C at low altitude, carried past by the mean wind, at 1 m/s if the mean is less."}),
+        field("gust_std_mps", &C::gust_std_mps,
+              {.about = "Standard deviation of gusts along each axis. Only with ``gusts=\"ornstein_uhlenbeck\"``.",
+               .unit = "m/s",
+               .limits = between(0, 1000)}),
+        field("gust_time_s", &C::gust_time_s,
+              {.about = "Time in which a gust falls to 1/e. Only with ``gusts=\"ornstein_uhlenbeck\"``.",
+               .unit = "s",
+               .limits = above(0)}),
+        field("wind_at_6m_mps", &C::wind_at_6m_mps,
+              {.about = "Wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation upwards. Only with "
+                        "``gusts=\"dryden\"``.",
+               .unit = "m/s",
+               .limits = between(0, 1000)}),
+        field("height_m", &C::height_m,
+              {.about = "Height above the ground, which gives the scale lengths, and the strength along and across. Only with "
+                        "``gusts=\"dryden\"``.",
+               .unit = "m",
+               .limits = between(3, 300)}));
   }
 
   void validate() const;

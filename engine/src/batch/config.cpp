@@ -5,6 +5,7 @@
 #include <sstream>
 #include <string>
 
+#include "base/check_fields.hpp"
 #include "base/require.hpp"
 #include "sensors/rate.hpp"
 
@@ -14,21 +15,16 @@ namespace {
 constexpr double kLeastPhysicsHz = 50.0;
 constexpr double kRateTolerance = 1e-4;  // of the ratio of two rates, which are float32
 
-void require_share(float value, float high, const char* field, const char* expected) {
-  require(value >= 0.0F && value <= high, field, expected, value);
-}
-
 }  // namespace
 
 void EpisodeConfig::validate() const {
-  require(!max_episode_steps || *max_episode_steps >= 0, "max_episode_steps", "an integer >= 0", max_episode_steps.value_or(0));
-  require(frame_skip >= 1 && frame_skip <= 1000, "frame_skip", "an integer in [1, 1000]", frame_skip);
+  check_fields(*this, "");
   require(!stagger_first_episode || max_episode_steps != 0, "stagger_first_episode",
           "False where max_episode_steps is 0 (there is no limit to stagger)", "True");
 }
 
 void ClockConfig::validate() const {
-  require(policy_hz >= 1e-3F && policy_hz <= 1e5F, "policy_hz", "a number in [0.001, 100000]", policy_hz);
+  check_fields(*this, "");
   const auto divides = [](double slow, double fast, double most) {
     const double ratio = fast / slow;
     return ratio >= 1.0 - kRateTolerance && ratio <= most && std::abs(ratio - std::round(ratio)) <= kRateTolerance * ratio;
@@ -43,17 +39,13 @@ void ClockConfig::validate() const {
           hz(ticks_hz()));
   if (!controller_hz) return;
   const double controller = static_cast<double>(*controller_hz);
-  require(!physics_hz || (controller > 0.0 && divides(controller, ticks_hz(), 1000.5)), "controller_hz",
+  require(!physics_hz || divides(controller, ticks_hz(), 1000.5), "controller_hz",
           "a rate that divides the physics' " + hz(ticks_hz()), hz(controller));
   require(divides(policy, controller, 1000.5), "controller_hz", "a multiple of the policy's " + hz(policy), hz(controller));
 }
 
 void WindConfig::validate() const {
-  for (const float value : mean_mps) require(std::abs(value) <= 1000.0F, "wind.mean_mps", "numbers within +-1000", value);
-  require_share(gust_std_mps, 1000.0F, "wind.gust_std_mps", "a number in [0, 1000]");
-  require_positive(gust_time_s, "wind.gust_time_s");
-  require_share(wind_at_6m_mps, 1000.0F, "wind.wind_at_6m_mps", "a number in [0, 1000]");
-  require(height_m >= 3.0F && height_m <= 300.0F, "wind.height_m", "a number in [3, 300]", height_m);
+  check_fields(*this, "wind.");
   const WindConfig unset;
   const auto require_read = [&](float WindConfig::* field, const char* name, Gusts by) {
     require(gusts == by || this->*field == unset.*field, name,
@@ -68,41 +60,25 @@ void WindConfig::validate() const {
 }
 
 void DynamicsConfig::validate() const {
+  check_fields(*this, "");
   require(!is_kinematic() || control == Control::pose, "control", "\"pose\" (motion is \"kinematic\": give motion=\"rotors\")",
           EnumNames<Control>::kNames[static_cast<std::size_t>(control)]);
-  require_share(restitution, 1.0F, "restitution", "a number in [0, 1]");
-  require_share(friction, 10.0F, "friction", "a number in [0, 10]");
-  wind.validate();
-  require_positive(max_speed_mps, "max_speed_mps");
-  require_positive(max_acceleration_mps2, "max_acceleration_mps2");
-  require(max_tilt_deg > 0.0F && max_tilt_deg <= 89.0F, "max_tilt_deg", "a number in (0, 89]", max_tilt_deg);
-  require_positive(max_rate_dps, "max_rate_dps");
-  require_positive(max_yaw_rate_dps, "max_yaw_rate_dps");
 }
 
 namespace {
 
 template <class T>
-concept SensorConfig = requires(const T& config) {
-  config.validate();
-  config.rate_hz;
-};
+concept SensorConfig = requires(const T& config) { config.rate_hz; };
 
-template <SensorConfig Config>
-void check_sensor(const std::string& kind, const Config& config, const ClockConfig& clock) {
-  config.validate();
-  sensors::period_in_ticks(config.rate_hz, clock, kind + ".rate_hz");
-}
-
-// Checks the sensors of a field of BatchConfig, one or a list; other fields are none.
+// Checks the rates and names of the sensors of a field of BatchConfig, one or a list; other fields are none.
 template <class Value>
 void check_sensors(const std::string& field, const Value& value, const ClockConfig& clock) {
   if constexpr (SensorConfig<Value>) {
-    check_sensor(field, value, clock);
+    sensors::period_in_ticks(value.rate_hz, clock, field + ".rate_hz");
   } else if constexpr (requires { requires SensorConfig<typename Value::value_type>; }) {
     const std::string kind = field.substr(0, field.size() - 1);  // "lidars" are each a lidar
     for (auto config = value.begin(); config != value.end(); ++config) {
-      check_sensor(kind, *config, clock);
+      sensors::period_in_ticks(config->rate_hz, clock, kind + ".rate_hz");
       const auto same = [&](const auto& other) { return other.name == config->name; };
       require(std::none_of(value.begin(), config, same), kind + ".name", "a name that no other " + kind + " has",
               '"' + config->name + '"');
@@ -113,15 +89,9 @@ void check_sensors(const std::string& field, const Value& value, const ClockConf
 }  // namespace
 
 void BatchConfig::validate() const {
-  constexpr int kMostDrones = 1 << 20;
-  require(drones_per_env >= 1 && drones_per_env <= kMostDrones, "drones_per_env", "an integer in [1, 1048576]", drones_per_env);
   const long long drones = static_cast<long long>(num_envs) * drones_per_env;
-  require(num_envs >= 1 && drones <= kMostDrones, "num_drones = num_envs x drones_per_env", "an integer in [1, 1048576]", drones);
-  require(num_threads >= 0 && num_threads <= 4096, "num_threads", "an integer in [0, 4096]", num_threads);
-  require(block_size >= 0, "block_size", "an integer >= 0", block_size);
-  episode.validate();
-  clock.validate();
-  dynamics.validate();
+  require(num_envs >= 1 && drones <= kMaxDrones, "num_drones = num_envs x drones_per_env", "an integer in [1, 1048576]", drones);
+  check_fields(*this, "");
   require(!dynamics.is_kinematic() || !clock.controller_hz, "controller_hz",
           "None, where motion is kinematic (nothing is controlled)", clock.controller_hz.value_or(0.0F));
   require(dynamics.is_kinematic() || clock.ticks_hz() >= kLeastPhysicsHz, "physics_hz",

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "flockstep/scenario.hpp"
@@ -570,23 +571,17 @@ class City {
   std::vector<Built> houses_;
 };
 
-void check(const CityConfig& config) {
-  for (std::size_t i = 0; i < 2; ++i) {
-    require(config.blocks[i] >= 1 && config.blocks[i] <= 8, "city: blocks[" + std::to_string(i) + ']', "an integer in [1, 8]",
-            config.blocks[i]);
-  }
-  require(config.height_m >= 12.0F && config.height_m <= 200.0F, "city: height_m", "metres in [12, 200]", config.height_m);
-}
-
 }  // namespace
 }  // namespace flockstep::streets
 
 namespace flockstep {
 
+void CityConfig::validate() const { check_fields(*this, "city: "); }
+
 std::shared_ptr<const World> city(const CityConfig& config) {
   using namespace streets;
   constexpr std::uint32_t kAttempts = 16;
-  check(config);
+  config.validate();
   const collision::Hull hull(DroneModel::quadrotor650());
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
     Interrupt::poll();

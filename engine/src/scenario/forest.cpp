@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "flockstep/scenario.hpp"
@@ -234,20 +235,13 @@ class Forest {
   std::vector<Vec2d> taken_;
 };
 
-void check(const ForestConfig& config) {
-  require(config.trees >= 0 && config.trees <= 5000, "forest: trees", "an integer in [0, 5000]", config.trees);
-  for (std::size_t i = 0; i < 2; ++i) {
-    require(config.size_m[i] >= 12.0F && config.size_m[i] <= 500.0F, "forest: size_m[" + std::to_string(i) + ']',
-            "metres in [12, 500]", config.size_m[i]);
-  }
-  require(config.relief_m >= 0.0F && config.relief_m <= 50.0F, "forest: relief_m", "metres in [0, 50]", config.relief_m);
-}
-
 }  // namespace
+
+void ForestConfig::validate() const { check_fields(*this, "forest: "); }
 
 std::shared_ptr<const World> forest(const ForestConfig& config) {
   constexpr std::uint32_t kAttempts = 16;
-  check(config);
+  config.validate();
   const collision::Hull hull(DroneModel::quadrotor650());
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
     Interrupt::poll();

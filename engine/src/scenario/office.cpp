@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "flockstep/scenario.hpp"
@@ -767,25 +768,17 @@ class Office {
   std::uint16_t shade_ = 0, ceiling_ = 0, lamp_ = 0, facade_ = 0;
 };
 
-void check(const OfficeConfig& config) {
-  constexpr std::array<float, 2> kLeast{20.0F, 14.0F};
-  for (std::size_t i = 0; i < 2; ++i) {
-    const std::string range = "metres in [" + std::to_string(static_cast<int>(kLeast[i])) + ", 200]";
-    require(config.size_m[i] >= kLeast[i] && config.size_m[i] <= 200.0F, "office: size_m[" + std::to_string(i) + ']', range,
-            config.size_m[i]);
-  }
-  require(config.furniture >= 0.0F && config.furniture <= 1.0F, "office: furniture", "a number in [0, 1]", config.furniture);
-}
-
 }  // namespace
 }  // namespace flockstep::indoors
 
 namespace flockstep {
 
+void OfficeConfig::validate() const { check_fields(*this, "office: "); }
+
 std::shared_ptr<const World> office(const OfficeConfig& config) {
   using namespace indoors;
   constexpr std::uint32_t kAttempts = 16;
-  check(config);
+  config.validate();
   const collision::Hull hull(DroneModel::quadrotor650());
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
     Interrupt::poll();

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "flockstep/scenario.hpp"
@@ -36,24 +37,6 @@ constexpr double kYStep = 3.2;  // most that y changes from marker to marker
 constexpr double kZRange[2] = {1.0, 4.0};
 
 double centimetres(double metres) { return std::floor(metres * 100.0 + 0.5) / 100.0; }
-
-void check(const PlaygroundConfig& config) {
-  require(config.pillars >= 0 && config.pillars <= 200, "playground: pillars", "an integer in [0, 200]", config.pillars);
-  constexpr std::array<float, 3> kLeast{6.0F, 6.0F, 1.5F};
-  constexpr std::array<float, 3> kMost{200.0F, 200.0F, 100.0F};
-  for (std::size_t i = 0; i < 3; ++i) {
-    if (config.size_m[i] >= kLeast[i] && config.size_m[i] <= kMost[i]) continue;
-    std::ostringstream range;
-    range << "metres in [" << kLeast[i] << ", " << kMost[i] << ']';
-    refuse("playground: size_m[" + std::to_string(i) + ']', range.str(), config.size_m[i]);
-  }
-  const float thickest = std::min(config.size_m[0], config.size_m[1]) / 14.0F;
-  if (!(config.pillar_radius_m >= 0.01F && config.pillar_radius_m <= thickest)) {
-    std::ostringstream range;
-    range << "metres in [0.01, " << thickest << "] (a fourteenth of the room)";
-    refuse("playground: pillar_radius_m", range.str(), config.pillar_radius_m);
-  }
-}
 
 // Start, waypoints and goal, from low to high x.
 struct Route {
@@ -215,11 +198,20 @@ SceneDescription describe(const PlaygroundConfig& config, const Route& route, co
 
 }  // namespace
 
+void PlaygroundConfig::validate() const {
+  check_fields(*this, "playground: ");
+  const float thickest = std::min(size_m[0], size_m[1]) / 14.0F;
+  if (pillar_radius_m <= thickest) return;
+  std::ostringstream range;
+  range << "at most " << thickest << " (a fourteenth of the room)";
+  refuse("playground: pillar_radius_m", range.str(), pillar_radius_m);
+}
+
 std::shared_ptr<const World> playground(const PlaygroundConfig& config) {
   constexpr std::uint32_t kAttempts = 256;
   constexpr std::uint32_t kFreeAttempts = 4;  // then a lane is kept
   constexpr float kCoarseCell = 0.2F;         // m; nearly always enough, and four times faster
-  check(config);
+  config.validate();
   const DroneModel drone = DroneModel::quadrotor650();
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
     Interrupt::poll();

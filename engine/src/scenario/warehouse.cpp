@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "flockstep/scenario.hpp"
@@ -566,25 +567,17 @@ class Warehouse {
   std::uint16_t floor_ = 0, shade_ = 0, roof_ = 0, shutter_ = 0, marking_ = 0, glow_ = 0;
 };
 
-void check(const WarehouseConfig& config) {
-  constexpr std::array<float, 2> kLeast{26.0F, 16.0F};
-  for (std::size_t i = 0; i < 2; ++i) {
-    const std::string range = "metres in [" + std::to_string(static_cast<int>(kLeast[i])) + ", 200]";
-    require(config.size_m[i] >= kLeast[i] && config.size_m[i] <= 200.0F, "warehouse: size_m[" + std::to_string(i) + ']', range,
-            config.size_m[i]);
-  }
-  require(config.height_m >= 5.0F && config.height_m <= 20.0F, "warehouse: height_m", "metres in [5, 20]", config.height_m);
-}
-
 }  // namespace
 }  // namespace flockstep::indoors
 
 namespace flockstep {
 
+void WarehouseConfig::validate() const { check_fields(*this, "warehouse: "); }
+
 std::shared_ptr<const World> warehouse(const WarehouseConfig& config) {
   using namespace indoors;
   constexpr std::uint32_t kAttempts = 16;
-  check(config);
+  config.validate();
   const collision::Hull hull(DroneModel::quadrotor650());
   for (std::uint32_t attempt = 0; attempt < kAttempts; ++attempt) {
     Interrupt::poll();

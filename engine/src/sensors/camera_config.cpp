@@ -3,13 +3,12 @@
 #include <string>
 #include <utility>
 
+#include "base/check_fields.hpp"
 #include "base/require.hpp"
 #include "flockstep/camera.hpp"
 
 namespace flockstep {
 namespace {
-
-constexpr int kMaxSide = 8192;  // px, of an image
 
 // Pixels per unit of slope, of an image that many pixels long.
 float focal_length(int pixels, float fov_deg) {
@@ -23,31 +22,16 @@ float CameraConfig::fx() const { return hfov_deg || !vfov_deg ? focal_length(wid
 float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov_deg) : fx(); }
 
 void CameraConfig::validate() const {
-  require_plain_name(name, "camera.name");
-  require(width_px >= 1 && width_px <= kMaxSide, "camera.width_px", "an integer in [1, 8192]", width_px);
-  require(height_px >= 1 && height_px <= kMaxSide, "camera.height_px", "an integer in [1, 8192]", height_px);
-  const auto require_fov = [](const std::optional<float>& fov_deg, const char* field) {
-    if (fov_deg) require(*fov_deg >= 0.1F && *fov_deg <= 179.0F, field, "a number in [0.1, 179]", *fov_deg);
-  };
-  require_fov(hfov_deg, "camera.hfov_deg");
-  require_fov(vfov_deg, "camera.vfov_deg");
+  check_fields(*this, "camera.");
   // What one field of view makes of the other.
   for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
     require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
             "one that leaves the other below 179 degrees (pixels are square)", hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));
   }
-  require_mount(offset_m, "camera.offset_m");
-  require_unit_quaternion(quat_wxyz, "camera.quat_wxyz");
-  require_positive(near_m, "camera.near_m");
-  require(std::isfinite(far_m) && far_m > near_m, "camera.far_m", "a finite number > near_m (" + std::to_string(near_m) + ")",
-          far_m);
-  require(far_m <= 1e6F, "camera.far_m", "at most 1e+06", far_m);
+  require(far_m > near_m, "camera.far_m", "a number > near_m (" + std::to_string(near_m) + ")", far_m);
   bool any = false;
   for_each_field(outputs, [&](const auto&, bool chosen) { any = any || chosen; });
   require(any, "camera.outputs", "at least one of rgb, depth, semantic, instance, normal, grey, hsv", "none");
-  require(samples_per_pixel == 1 || samples_per_pixel == 4 || samples_per_pixel == 9 || samples_per_pixel == 16,
-          "camera.samples_per_pixel", "1, 4, 9 or 16", samples_per_pixel);
-  if (rate_hz) require_positive(*rate_hz, "camera.rate_hz");
   if (!resize) {
     require(pool == Pool::mean, "camera.pool", "\"mean\" without resize (set resize=(width, height) of the images)",
             std::string("\"") + EnumNames<Pool>::kNames[static_cast<std::size_t>(pool)] + '"');

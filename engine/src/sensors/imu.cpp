@@ -4,23 +4,13 @@
 #include <array>
 #include <cmath>
 
+#include "base/check_fields.hpp"
 #include "base/random.hpp"
-#include "base/require.hpp"
 #include "flockstep/airframe.hpp"
 
 namespace flockstep {
 
-void ImuConfig::validate() const {
-  require_not_negative(accelerometer_noise_density, "imu.accelerometer_noise_density");
-  require_not_negative(accelerometer_random_walk, "imu.accelerometer_random_walk");
-  require_not_negative(accelerometer_bias_time_s, "imu.accelerometer_bias_time_s");
-  require_not_negative(gyroscope_noise_density, "imu.gyroscope_noise_density");
-  require_not_negative(gyroscope_random_walk, "imu.gyroscope_random_walk");
-  require_not_negative(gyroscope_bias_time_s, "imu.gyroscope_bias_time_s");
-  require_mount(offset_m, "imu.offset_m");
-  require_unit_quaternion(quat_wxyz, "imu.quat_wxyz");
-  if (rate_hz) require_positive(*rate_hz, "imu.rate_hz");
-}
+void ImuConfig::validate() const { check_fields(*this, "imu."); }
 
 namespace sensors {
 namespace {

@@ -3,18 +3,14 @@
 #include <algorithm>
 #include <numbers>
 
+#include "base/check_fields.hpp"
 #include "base/contiguous.hpp"
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
-#include "base/require.hpp"
 
 namespace flockstep {
 
-void PoseSensorConfig::validate() const {
-  require_not_negative(position_noise_std_m, "pose_sensor.position_noise_std_m");
-  require_not_negative(orientation_noise_std_deg, "pose_sensor.orientation_noise_std_deg");
-  if (rate_hz) require_positive(*rate_hz, "pose_sensor.rate_hz");
-}
+void PoseSensorConfig::validate() const { check_fields(*this, "pose_sensor."); }
 
 namespace sensors {
 

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
 #include "task/flight_task.hpp"
@@ -180,22 +181,7 @@ class Hover final : public FlightTask {
 }  // namespace
 }  // namespace task
 
-void HoverConfig::validate() const {
-  require(start_offset_m >= 0.0F && start_offset_m <= 1000.0F, "task.start_offset_m", "a number in [0, 1000]", start_offset_m);
-  require(start_tilt_deg >= 0.0F && start_tilt_deg <= 180.0F, "task.start_tilt_deg", "a number in [0, 180]", start_tilt_deg);
-  require(start_speed_mps >= 0.0F && start_speed_mps <= 1000.0F, "task.start_speed_mps", "a number in [0, 1000]",
-          start_speed_mps);
-  require(start_rate_dps >= 0.0F && start_rate_dps <= 1e5F, "task.start_rate_dps", "a number in [0, 100000]", start_rate_dps);
-  require_positive(max_distance_m, "task.max_distance_m");
-  require_positive(hold_m, "task.hold_m");
-  require(hold_s > 0.0F && hold_s <= 1e6F, "task.hold_s", "a number in (0, 1000000]", hold_s);
-  require_finite(near_weight, "task.near_weight");
-  require_finite(hold_weight, "task.hold_weight");
-  require_finite(speed_weight, "task.speed_weight");
-  require_finite(spin_weight, "task.spin_weight");
-  require_finite(change_weight, "task.change_weight");
-  require_finite(crash_weight, "task.crash_weight");
-}
+void HoverConfig::validate() const { check_fields(*this, "task."); }
 
 std::unique_ptr<Task> make_hover(const HoverConfig& config) { return std::make_unique<task::Hover>(config); }
 

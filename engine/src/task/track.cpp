@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
 #include "dynamics/setpoint.hpp"
@@ -258,21 +259,7 @@ class Track final : public FlightTask {
 }  // namespace
 }  // namespace task
 
-void TrackConfig::validate() const {
-  require(size_m > 0.0F && size_m <= 1000.0F, "task.size_m", "a number in (0, 1000]", size_m);
-  require(speed_mps > 0.0F && speed_mps <= 1000.0F, "task.speed_mps", "a number in (0, 1000]", speed_mps);
-  require(start_offset_m >= 0.0F && start_offset_m <= 1000.0F, "task.start_offset_m", "a number in [0, 1000]", start_offset_m);
-  require(points >= 1 && points <= 20, "task.points", "a number in [1, 20]", points);
-  require_not_negative(ahead_s, "task.ahead_s");
-  require_positive(max_distance_m, "task.max_distance_m");
-  require_positive(close_m, "task.close_m");
-  require_finite(near_weight, "task.near_weight");
-  require_finite(close_weight, "task.close_weight");
-  require_finite(yaw_weight, "task.yaw_weight");
-  require_finite(spin_weight, "task.spin_weight");
-  require_finite(change_weight, "task.change_weight");
-  require_finite(crash_weight, "task.crash_weight");
-}
+void TrackConfig::validate() const { check_fields(*this, "task."); }
 
 std::unique_ptr<Task> make_track(const TrackConfig& config) { return std::make_unique<task::Track>(config); }
 

@@ -6,16 +6,12 @@
 #include <sstream>
 #include <string>
 
+#include "base/check_fields.hpp"
 #include "base/require.hpp"
 
 namespace flockstep {
 namespace {
 
-constexpr double kMinMass = 1e-4;  // kg: a tenth of a gram
-constexpr double kMaxMass = 1e4;
-constexpr double kMaxArm = 100.0;     // m
-constexpr double kMaxLag = 10.0;      // s
-constexpr double kMaxSpeed = 1e5;     // rad/s
 constexpr double kLeastLever = 0.01;  // of a rotor's arm: how far the rotors must be from turning the body about no axis
 
 using Triple = Airframe::Triple;
@@ -26,14 +22,6 @@ std::string text_of(const Triple& values) {
   std::ostringstream text;
   text << values[0] << ", " << values[1] << ", " << values[2];
   return text.str();
-}
-
-void require_within(double value, double low, double high, std::string_view field, std::string_view expected) {
-  require(value >= low && value <= high, field, expected, value);
-}
-
-void require_drag(const Triple& drag, const char* field) {
-  for (std::size_t i = 0; i < 3; ++i) require_within(drag[i], 0.0, 1e6, numbered(field, i), "a finite number >= 0");
 }
 
 // How force and torque follow from the thrusts of the rotors: thrust, then torque about x, y, z.
@@ -68,10 +56,7 @@ double Airframe::thrust_to_weight() const { return static_cast<double>(kRotors) 
 double Airframe::hover_speed() const { return speed_for(mass_kg * kGravity / static_cast<double>(kRotors)); }
 
 void Airframe::validate() const {
-  require_within(mass_kg, kMinMass, kMaxMass, "mass_kg", "a mass in [0.0001, 10000] kg");
-  for (std::size_t i = 0; i < 3; ++i) {
-    require_within(inertia_kgm2[i], 1e-12, 1e9, numbered("inertia_kgm2", i), "a finite number > 0");
-  }
+  check_fields(*this, "");
   const std::size_t largest = static_cast<std::size_t>(std::ranges::max_element(inertia_kgm2) - inertia_kgm2.begin());
   const double others = inertia_kgm2[(largest + 1) % 3] + inertia_kgm2[(largest + 2) % 3];
   constexpr double kRounding = 1.0 + 1e-9;
@@ -81,32 +66,13 @@ void Airframe::validate() const {
         << ", or raise the others)";
     refuse("inertia_kgm2", "moments of a body, none larger than the sum of the other two", got.str());
   }
-  for (std::size_t i = 0; i < kRotors; ++i) {
-    for (const double x : position_m[i]) {
-      require_within(x, -kMaxArm, kMaxArm, numbered("rotors position_m", i), "coordinates within +-100 m");
-    }
-  }
-  require_within(torque_ratio_m, 1e-6, 10.0, "rotors torque_ratio_m", "a number in [1e-6, 10] m");
-  require_within(max_speed_radps, 1e-3, kMaxSpeed, "rotors max_speed_radps", "a speed in (0, 100000] rad/s");
-  require(min_speed_radps >= 0.0 && min_speed_radps < max_speed_radps, "rotors min_speed_radps",
-          "a number >= 0 and below max_speed_radps", min_speed_radps);
-  for (std::size_t i = 0; i < 3; ++i) {
-    require(std::isfinite(thrust_n[i]), numbered("rotors thrust_n", i), "a finite number", thrust_n[i]);
-  }
+  require(min_speed_radps < max_speed_radps, "rotors min_speed_radps", "a number below max_speed_radps", min_speed_radps);
   require(thrust_n[2] >= 0.0, "rotors thrust_n[2]", "a number >= 0", thrust_n[2]);
   require(max_thrust() > 0.0, "rotors thrust_n", "a thrust at full speed", max_thrust());
   const double vertex = thrust_n[2] > 0.0 ? -thrust_n[1] / (2.0 * thrust_n[2]) : -1.0;  // where the parabola turns
   require(vertex <= min_speed_radps || thrust_at(vertex) == 0.0, "rotors thrust_n", "a thrust that grows with the speed",
           "one that is least at " + std::to_string(vertex) + " rad/s");
   require(thrust_n[2] > 0.0 || thrust_n[1] > 0.0, "rotors thrust_n", "a thrust that grows with the speed", "one that does not");
-  require_within(lag_up_s, 0.0, kMaxLag, "rotors lag_up_s", "a time in [0, 10] s");
-  require_within(lag_down_s, 0.0, kMaxLag, "rotors lag_down_s", "a time in [0, 10] s");
-  require_within(radius_m, 0.0, kMaxArm, "rotors radius_m", "a number in [0, 100] m");
-  require_within(rotor_inertia_kgm2, 0.0, 1e6, "rotors inertia_kgm2", "a finite number >= 0");
-  require_drag(rotor_drag, "rotors drag_n_per_radps_mps");
-  require_within(rotor_lift, 0.0, 1e6, "rotors lift_n_per_mps2", "a finite number >= 0");
-  require_drag(linear_drag, "drag linear_n_per_mps");
-  require_drag(quadratic_drag, "drag quadratic_n_per_mps2");
 
   require(thrust_to_weight() > 1.0, "rotors", "a thrust-to-weight above 1, to hover", thrust_to_weight());
   require(static_cast<double>(kRotors) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",

@@ -26,7 +26,7 @@ std::string text(const Vec3& v) {
 
 std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
 
-std::string text_of_coordinates() { return "finite coordinates " + text_of_magnitude(keys::kCoordinates); }
+std::string text_of_coordinates() { return "finite coordinates " + keys::kCoordinates.text(); }
 
 // object: a function that returns its name.
 template <class Name>
@@ -58,8 +58,7 @@ void take_corners(const std::string& field, Primitive& room) {
   const Eigen::Vector3d center = room.center.cast<double>(), half = room.half_extents.cast<double>();
   const Eigen::Vector3d low = center - half, high = center + half;
   if (!(low.cwiseAbs().cwiseMax(high.cwiseAbs()).maxCoeff() <= keys::kCorners.greatest)) {
-    refuse(field, "corners " + text_of_magnitude(keys::kCorners) + " m",
-           text(low.cast<float>()) + " and " + text(high.cast<float>()));
+    refuse(field, "corners " + keys::kCorners.text() + " m", text(low.cast<float>()) + " and " + text(high.cast<float>()));
   }
   room.center = ((low + high) / 2.0).cast<float>();
   room.half_extents = ((high - low) / 2.0).cast<float>();
@@ -132,7 +131,7 @@ void check_uv(TriangleMesh& mesh, bool is_textured) {
   for (std::size_t i = 0; i < mesh.uv.size(); ++i) {
     for (const float value : mesh.uv[i]) {
       if (!allows(keys::kUv, value)) {
-        refuse("mesh." + element("uv", i), "finite numbers " + text_of_magnitude(keys::kUv.limits), std::to_string(value));
+        refuse("mesh." + element("uv", i), "finite numbers " + keys::kUv.limits.text(), std::to_string(value));
       }
     }
   }

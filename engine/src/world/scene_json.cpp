@@ -303,7 +303,7 @@ class SceneReader {
     for (const Vec3& vertex : part.vertices) {
       const Vec3 placed = is_placed ? Vec3(rotation * (vertex * scale) + origin) : vertex;
       if (!(placed.cwiseAbs().maxCoeff() <= static_cast<float>(kMaxCoordinate))) {
-        fail(field, "expected all vertices " + text_of_magnitude(keys::kCoordinates) + " m of the origin");
+        fail(field, "expected all vertices " + keys::kCoordinates.text() + " m of the origin");
       }
       mesh.vertices.push_back(placed);
     }

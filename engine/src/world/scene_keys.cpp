@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "world/json_document.hpp"
 
@@ -57,12 +56,6 @@ std::string as_json(const std::array<TextureWrap, 2>& wrap) {
 }
 
 std::string scene_keys_as_json() { return keys_as_json(keys::kSceneKeys).dump(); }
-
-std::string text_of_magnitude(const Limits& limits) {
-  std::ostringstream text;
-  text << "within +-" << limits.greatest;
-  return text.str();
-}
 
 std::string text_of_values(const SceneKey& key) {
   return (key.or_zero ? "0 or " : "") + std::string(key.size == 0 ? "a number " : "numbers ") + key.limits.text();

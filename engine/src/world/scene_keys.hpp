@@ -71,9 +71,6 @@ std::string as_json(const std::array<TextureWrap, 2>& wrap);
 // All keys, as a JSON array of objects.
 std::string scene_keys_as_json();
 
-// "within +-1e+06", of limits that are symmetric.
-std::string text_of_magnitude(const Limits& limits);
-
 // "a number in [1, 4]", "0 or a number in [0.1, 45]", or of an array "numbers in [0, 1]".
 std::string text_of_values(const SceneKey& key);
 

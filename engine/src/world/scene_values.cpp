@@ -28,7 +28,7 @@ void refuse_number(const JsonField& field, const SceneKey& key) {
   const bool is_size = key.limits.least > 0.0 && key.limits.greatest >= kMaxCoordinate;
   const bool is_coordinate = key.limits.least <= -kMaxCoordinate;
   if (!is_size && !is_coordinate) refuse(field, text_of_values(key));
-  if (!(std::abs(value) <= key.limits.greatest)) refuse(field, "a number " + text_of_magnitude(key.limits));
+  if (!(std::abs(value) <= key.limits.greatest)) refuse(field, "a number " + key.limits.text());
   refuse(field, value <= 0.0 ? "a number > 0" : "a number " + at_least(key.limits.least).text());
 }
 

@@ -1,0 +1,22 @@
+// The fields that sensors share: where a sensor is mounted, and how often it reads.
+#pragma once
+
+#include "flockstep/fields.hpp"
+
+namespace flockstep {
+
+inline constexpr FieldInfo kMountOffset{
+    .about = "Position of the sensor (x, y, z) in the body frame.", .unit = "m", .limits = within(100)};
+
+inline constexpr FieldInfo kMountRotation{
+    .about = "Rotation (w, x, y, z) from the sensor's frame to the body frame; normalised if it is close to a unit quaternion.",
+    .form = Form::unit_quaternion};
+
+inline constexpr FieldInfo kSensorRate{
+    .about =
+        "Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one "
+        "reading after every flown step.",
+    .unit = "Hz",
+    .limits = above(0)};
+
+}  // namespace flockstep

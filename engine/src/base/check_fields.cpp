@@ -1,0 +1,45 @@
+#include "base/check_fields.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/require.hpp"
+
+namespace flockstep {
+namespace {
+
+template <class Number>
+void check(Number value, const Limits& limits, const std::string& name) {
+  if (!limits.contain(value)) refuse(name, expected_number(limits, std::is_integral_v<Number>), value);
+}
+
+}  // namespace
+
+std::string expected_number(const Limits& limits, bool is_integer) {
+  const std::string text = limits.text();
+  if (limits.num_choices > 0) return text;
+  const std::string kind = is_integer ? "an integer" : limits.are_bounded() ? "a number" : "a finite number";
+  return text.empty() ? kind : kind + ' ' + text;
+}
+
+void check_number(float value, const Limits& limits, const std::string& name) { check(value, limits, name); }
+void check_number(double value, const Limits& limits, const std::string& name) { check(value, limits, name); }
+void check_number(int value, const Limits& limits, const std::string& name) { check(value, limits, name); }
+void check_number(std::uint64_t value, const Limits& limits, const std::string& name) { check(value, limits, name); }
+
+void check_text(const std::string& text, Form form, const std::string& name) {
+  const auto is_plain = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_' || c == '-';
+  };
+  if (form != Form::plain_name || (!text.empty() && std::all_of(text.begin(), text.end(), is_plain))) return;
+  refuse(name, "letters, digits, _ and -", '"' + text + '"');
+}
+
+void check_quaternion(const std::array<float, 4>& quat_wxyz, const std::string& name) {
+  float norm = 0.0F;
+  for (const float value : quat_wxyz) norm += value * value;
+  norm = std::sqrt(norm);
+  require(std::abs(norm - 1.0F) < 1e-2F, name, "a unit quaternion (w, x, y, z)", "one of norm " + std::to_string(norm));
+}
+
+}  // namespace flockstep

@@ -1,0 +1,73 @@
+// Checks a configuration against its list of fields.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "flockstep/fields.hpp"
+
+namespace flockstep {
+
+// Throw std::invalid_argument if the value is not allowed. `name` is the field's in the message.
+void check_number(float value, const Limits& limits, const std::string& name);
+void check_number(double value, const Limits& limits, const std::string& name);
+void check_number(int value, const Limits& limits, const std::string& name);
+void check_number(std::uint64_t value, const Limits& limits, const std::string& name);
+void check_text(const std::string& text, Form form, const std::string& name);
+void check_quaternion(const std::array<float, 4>& quat_wxyz, const std::string& name);
+
+// For messages: "an integer in [1, 8192]", "a finite number > 0", "a number within +-100".
+std::string expected_number(const Limits& limits, bool is_integer);
+
+// A field's value. Has a configuration within it validate itself.
+template <class Value>
+void check_value(const Value& value, const FieldInfo& info, const std::string& name) {
+  if constexpr (std::is_same_v<Value, std::string>) {
+    check_text(value, info.form, name);
+  } else if constexpr (requires { value.validate(); }) {
+    value.validate();
+  } else if constexpr (std::is_arithmetic_v<Value> && !std::is_same_v<Value, bool>) {
+    check_number(value, info.limits, name);
+  }
+}
+template <class Value>
+void check_value(const std::optional<Value>& value, const FieldInfo& info, const std::string& name) {
+  if (value) check_value(*value, info, name);
+}
+template <class Values>
+void check_each(const Values& values, const FieldInfo& info, const std::string& name) {
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const FieldInfo one = info.of_element(i);
+    if constexpr (std::is_arithmetic_v<typename Values::value_type>) {
+      if (one.limits.contain(values[i])) continue;  // a pattern has many beams: no name for each
+    }
+    check_value(values[i], one, name + '[' + std::to_string(i) + ']');
+  }
+}
+template <class Value>
+void check_value(const std::vector<Value>& values, const FieldInfo& info, const std::string& name) {
+  check_each(values, info, name);
+}
+template <class Value, std::size_t kSize>
+void check_value(const std::array<Value, kSize>& values, const FieldInfo& info, const std::string& name) {
+  if constexpr (std::is_same_v<Value, float> && kSize == 4) {
+    if (info.form == Form::unit_quaternion) return check_quaternion(values, name);
+  }
+  check_each(values, info, name);
+}
+
+// Throws std::invalid_argument naming the first field whose value is not allowed, what was expected and what came. The prefix
+// stands before each name: "lidar.". Rules that compare fields with each other are left to validate().
+template <HasFields Config>
+void check_fields(const Config& config, const std::string& prefix) {
+  for_each_field(config, [&](const auto& field, const auto& value) {
+    check_value(value, field.info, prefix + (field.info.alias == nullptr ? field.name : field.info.alias));
+  });
+}
+
+}  // namespace flockstep

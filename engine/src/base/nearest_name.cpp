@@ -1,0 +1,63 @@
+#include "base/nearest_name.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+namespace flockstep {
+namespace {
+
+struct Match {
+  std::size_t in_a, in_b, length;
+};
+
+// The longest common substring; of several, the one that is first in a, then in b.
+Match longest_match(std::string_view a, std::string_view b) {
+  Match best{0, 0, 0};
+  std::vector<std::size_t> lengths(b.size() + 1), next(b.size() + 1);  // of matches that end before b[j]
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t length = next[j + 1] = a[i] == b[j] ? lengths[j] + 1 : 0;
+      if (length > best.length) best = {i + 1 - length, j + 1 - length, length};
+    }
+    lengths.swap(next);
+  }
+  return best;
+}
+
+std::size_t matched(std::string_view a, std::string_view b) {
+  const Match match = longest_match(a, b);
+  if (match.length == 0) return 0;
+  return match.length + matched(a.substr(0, match.in_a), b.substr(0, match.in_b)) +
+         matched(a.substr(match.in_a + match.length), b.substr(match.in_b + match.length));
+}
+
+}  // namespace
+
+double name_similarity(std::string_view a, std::string_view b) {
+  const std::size_t both = a.size() + b.size();
+  return both == 0 ? 1.0 : 2.0 * static_cast<double>(matched(a, b)) / static_cast<double>(both);
+}
+
+std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known) {
+  constexpr std::size_t kLongest = 100;
+  constexpr double kSimilar = 0.6;
+  std::string_view nearest;
+  double most = kSimilar;
+  if (name.size() > kLongest) return nearest;
+  for (const std::string_view candidate : known) {
+    const double similarity = name_similarity(candidate, name);
+    if (similarity > most || (similarity == most && candidate > nearest)) {
+      most = similarity;
+      nearest = candidate;
+    }
+  }
+  return nearest;
+}
+
+std::string did_you_mean(std::string_view name, std::span<const std::string_view> known) {
+  const std::string_view nearest = nearest_name(name, known);
+  return nearest.empty() ? std::string() : " Did you mean " + std::string(nearest) + '?';
+}
+
+}  // namespace flockstep
