@@ -20,6 +20,7 @@ ALLOWED: dict[str, set[str]] = {
     "dynamics": {"base", "collision", "trace"},
     "compiled": {"base", "collision", "render", "trace", "world"},
     "scenario": {"base", "collision", "compiled", "world"},
+    "recipe": {"base", "scenario", "world"},
     "sensors": {"base", "compiled", "imaging", "render", "trace", "world"},
 }
 # These two may include all that is below them.
