@@ -2,14 +2,16 @@
 
 The parts stand between marks: "# fields of A, B" and "# end of fields" in envs/flockstep/_core.pyi (attributes and
 __init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`); "# arrays of A" and "# end of arrays" in
-_core.pyi; "<!-- arrays of A, B -->" and "<!-- end of arrays -->" in docs/conventions.md. Run it after a change of such
-a list, with the module built.
+_core.pyi; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
+fields -->". The section "Parameters" that ends the docstring above "# fields of A" in _core.pyi is made, too. Run it
+after a change of such a list, with the module built, and build again: the module's docstrings are those of the stub.
 """
 
 from __future__ import annotations
 
 import re
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,11 @@ from flockstep import _core
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "envs" / "flockstep"
+DOCUMENTS = sorted((ROOT / "docs").glob("*.md"))
 MARKED = re.compile(r"^( *)# fields of ([\w, ]+)\n.*?^ *# end of fields\n", re.MULTILINE | re.DOTALL)
 MARKED_ARRAYS = re.compile(r"^( *)# arrays of (\w+)\n.*?^ *# end of arrays\n", re.MULTILINE | re.DOTALL)
 MARKED_TABLE = re.compile(r"^<!-- arrays of ([\w, ]+) -->\n.*?^<!-- end of arrays -->\n", re.MULTILINE | re.DOTALL)
+MARKED_FIELDS = re.compile(r"^<!-- fields of (\w+) -->\n.*?^<!-- end of fields -->\n", re.MULTILINE | re.DOTALL)
 ARRAY_TYPES = {
     "bool": "_Bool",
     "uint8": "_U8",
@@ -29,6 +33,7 @@ ARRAY_TYPES = {
     "float32": "_F32",
     "float64": "_F64",
 }
+Field = dict[str, str]
 OWN_KEYWORDS = ("autoreset_mode", "max_episode_steps", "observation")  # of DroneVectorEnv, spelled out there
 
 
@@ -53,9 +58,53 @@ def folded(line: str) -> list[str]:
     return [indent + head, *(f"{indent}    {item}," for item in items.split(", ")), indent + tail]
 
 
+def types_of(config: type[Any]) -> dict[str, str]:
+    """Return the types of a configuration's fields."""
+    return {field["name"]: field["type"] for field in config._fields}
+
+
+def values_text(field: Field) -> str:
+    """Return the values that a field may have, with their unit: "(0, 360] deg"."""
+    return f"{re.sub('^in |(?<=, )in ', '', field['values'])} {field['unit']}".strip()
+
+
+def short_default(field: Field) -> str:
+    """Return the repr of a default; of a configuration only its class."""
+    return re.sub(r"^(\w+)\(.*\)$", r"\1()", field["default"])
+
+
+def parameters(indent: str, config: type[Any]) -> list[str]:
+    """Return the section "Parameters" of a docstring, and its end."""
+    lines = [f"{indent}Parameters", f"{indent}----------"]
+    for field in config._fields:
+        values = values_text(field)
+        facts = f"{'Values' if field['values'] else 'Unit'}: {values}. " if values else ""
+        text = f"{field['about']} {facts}Default: {short_default(field)}."
+        inner = f"{indent}    "
+        lines.append(f"{indent}{field['name']}")
+        lines += textwrap.wrap(text, 120, initial_indent=inner, subsequent_indent=inner, break_on_hyphens=False)
+    return [*lines, f'{indent}"""', ""]
+
+
+def field_table(fields: list[Field]) -> list[str]:
+    """Return a table of the fields of a configuration."""
+    lines = ["| field | type | values | default | description |", "|---|---|---|---|---|"]
+    for field in fields:
+        kind = re.sub(r"Literal\[(.*)\]", r"\1", field["type"]).replace(" | None", " or None")
+        cells = [
+            f"`{field['name']}`",
+            kind.replace("Sequence", "sequence").replace("[", " of ").replace("]", ""),
+            values_text(field),
+            f"`{short_default(field)}`",
+            field["about"].replace("``", "`"),
+        ]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return lines
+
+
 def class_body(indent: str, config: type[Any]) -> list[str]:
     """Return the attributes and the __init__ of a configuration."""
-    types: dict[str, str] = config._field_types
+    types = types_of(config)
     defaults = config()
     lines = [f"{indent}__match_args__: ClassVar[tuple[str, ...]]"]
     lines += [f"{indent}{name}: {text}" for name, text in types.items()]
@@ -67,7 +116,7 @@ def class_body(indent: str, config: type[Any]) -> list[str]:
 
 def keywords(indent: str, configs: list[type[Any]]) -> list[str]:
     """Return the fields of several configurations, for a TypedDict."""
-    types = {name: text for config in configs for name, text in config._field_types.items()}
+    types = {name: text for config in configs for name, text in types_of(config).items()}
     lines = [f"{indent}{name}: {text}" for name, text in types.items() if name not in OWN_KEYWORDS]
     return [part for line in lines for part in folded(line)]
 
@@ -105,14 +154,25 @@ def array_table(classes: list[type[Any]]) -> list[str]:
     return lines
 
 
-def renewed(path: Path) -> str:
-    """Return a file's text with its marked parts written again."""
-
-    def replace(match: re.Match[str]) -> str:
+def with_fields(path: Path) -> str:
+    """Return the text of a Python file with the fields of configurations, and what docstrings say of them."""
+    text = path.read_text(encoding="utf-8")
+    new, end = "", 0
+    for match in MARKED.finditer(text):
         indent, names = match.group(1), match.group(2)
         configs = [getattr(_core, name.strip()) for name in names.split(",")]
+        before = text[end : match.start()]
+        head, section, rest = before.rpartition(f"{indent}Parameters\n")
+        if section and rest.endswith('"""\n\n') and rest.count('"""') == 1:
+            before = head + "\n".join(parameters(indent, configs[0])) + "\n"
         lines = class_body(indent, configs[0]) if path.suffix == ".pyi" else keywords(indent, configs)
-        return "\n".join([f"{indent}# fields of {names}", *lines, f"{indent}# end of fields"]) + "\n"
+        new += before + "\n".join([f"{indent}# fields of {names}", *lines, f"{indent}# end of fields"]) + "\n"
+        end = match.end()
+    return new + text[end:]
+
+
+def renewed(path: Path) -> str:
+    """Return a file's text with its marked parts written again."""
 
     def replace_arrays(match: re.Match[str]) -> str:
         indent, name = match.group(1), match.group(2)
@@ -123,22 +183,27 @@ def renewed(path: Path) -> str:
         lines = array_table([getattr(_core, name.strip()) for name in match.group(1).split(",")])
         return "\n".join([f"<!-- arrays of {match.group(1)} -->", *lines, "<!-- end of arrays -->"]) + "\n"
 
-    text = MARKED.sub(replace, path.read_text())
+    def replace_fields(match: re.Match[str]) -> str:
+        name = match.group(1)
+        fields = _core._other_fields.get(name) or getattr(_core, name)._fields
+        return "\n".join([f"<!-- fields of {name} -->", *field_table(fields), "<!-- end of fields -->"]) + "\n"
+
+    text = MARKED_FIELDS.sub(replace_fields, with_fields(path))
     return MARKED_TABLE.sub(replace_table, MARKED_ARRAYS.sub(replace_arrays, text))
 
 
 def main() -> None:
     """Write or check."""
     stale = False
-    for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py", ROOT / "docs" / "conventions.md"):
+    for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py", *DOCUMENTS):
         text = renewed(path)
-        if text == path.read_text():
+        if text == path.read_text(encoding="utf-8"):
             continue
         stale = True
         if "--check" in sys.argv:
             print(f"{path.name}: it differs from the module; run bindings/stubs.py")
         else:
-            path.write_text(text)
+            path.write_text(text, encoding="utf-8")
     if stale and "--check" in sys.argv:
         sys.exit(1)
 

@@ -41,25 +41,33 @@ class LidarConfig:
     Parameters
     ----------
     name
-        For `Batch.lidar`: letters, digits, _ and -.
+        Name for `Batch.lidar`, unique among the LiDARs. Values: letters, digits, _ and -. Default: 'lidar'.
     channels
-        Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; one channel looks at elevation 0.
+        Rows, spread over ``vfov_deg`` from -vfov/2 to +vfov/2, both ends included; a single one has elevation 0.
+        Values: [1, 262144]. Default: 1.
     beams
-        Per channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is left out).
-    hfov_deg, vfov_deg
-        In (0, 360] and [0, 180].
+        Beams of a channel, counter-clockwise from -hfov/2 to +hfov/2, both ends included (at 360 the end is left out).
+        A drone has at most 262144 beams in all channels. Values: [1, 262144]. Default: 35.
+    hfov_deg
+        Horizontal field of view. Values: (0, 360] deg. Default: 270.0.
+    vfov_deg
+        Vertical field of view. Values: [0, 180] deg. Default: 0.0.
     max_range_m
-        Farther is a miss: inf.
+        Maximum range. Anything farther is a miss: inf in metres, 1 when normalised. Values: > 0 m. Default: 3.0.
     offset_m
-        (3,) of the sensor in the body frame, within +-100.
+        Position of the sensor (x, y, z) in the body frame. Values: within +-100 m. Default: [0.0, 0.0, 0.0].
     quat_wxyz
-        (4,) sensor to body; normalised if close to unit.
-    azimuth_deg, elevation_deg
-        Lists of equal length instead of the grid; a scan then has the shape (1, length). ``channels``, ``hfov_deg``,
-        ``vfov_deg`` and ``beams``, unless it is that length, are left out.
+        Rotation (w, x, y, z) from the sensor's frame to the body frame; normalised if it is close to a unit quaternion.
+        Values: a unit quaternion. Default: [1.0, 0.0, 0.0, 0.0].
+    azimuth_deg
+        Azimuths of a pattern of beams, which replaces the grid; a scan then has the shape (1, length). ``channels``,
+        ``hfov_deg`` and ``vfov_deg`` keep their defaults, ``beams`` may also be the length. Values: within +-360 deg.
+        Default: [].
+    elevation_deg
+        Elevations of the pattern, as many as azimuths. Values: within +-90 deg. Default: [].
     rate_hz
-        Scans per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one after every
-        flown step.
+        Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one
+        reading after every flown step. Values: > 0 Hz. Default: None.
     """
 
     # fields of LidarConfig
@@ -102,43 +110,53 @@ class CameraConfig:
     Parameters
     ----------
     name
-        Its own in the batch, for `Batch.camera`.
-    width_px, height_px
-        In [1, 8192].
-    hfov_deg, vfov_deg
-        In [0.1, 179]. One of them: pixels are square, and the other, which follows, is below 179, too. None: ``hfov_deg``
-        is 90. Both: each as it says.
+        Name for `Batch.camera`, unique among the cameras. Values: letters, digits, _ and -. Default: 'front'.
+    width_px
+        Width of the rendered image. Values: [1, 8192] px. Default: 640.
+    height_px
+        Height of the rendered image. Values: [1, 8192] px. Default: 480.
+    hfov_deg
+        Horizontal field of view. If only one of the two is given, pixels are square and the other follows; it has to be
+        below 179, too. If neither is given, this one is 90. Values: [0.1, 179] deg. Default: None.
+    vfov_deg
+        Vertical field of view. Values: [0.1, 179] deg. Default: None.
     offset_m
-        (3,) m, of the camera in the body frame, within +-100.
+        Position of the sensor (x, y, z) in the body frame. Values: within +-100 m. Default: [0.0, 0.0, 0.0].
     quat_wxyz
-        (4,) camera to body; normalised if close to unit.
-    near_m, far_m
-        Planar depths; nothing nearer is seen, and beyond there is sky. ``0 < near_m < far_m <= 1e6``.
+        Rotation (w, x, y, z) from the sensor's frame to the body frame; normalised if it is close to a unit quaternion.
+        Values: a unit quaternion. Default: [1.0, 0.0, 0.0, 0.0].
+    near_m
+        Planar depth below which nothing is seen; less than ``far_m``. Values: > 0 m. Default: 0.05.
+    far_m
+        Planar depth beyond which the sky is seen. Values: (0, 1000000] m. Default: 100.0.
     outputs
-        Names among ``"rgb"``, ``"depth"``, ``"semantic"``, ``"instance"``, ``"normal"``, ``"grey"``, ``"hsv"``.
+        Images to write: names among ``"rgb"``, ``"depth"``, ``"semantic"``, ``"instance"``, ``"normal"``, ``"grey"``,
+        ``"hsv"``; at least one. Default: ('rgb',).
     depth_kind
-        ``"planar"``, along the optical axis, or ``"range"``, from the camera.
+        ``"planar"``: along the optical axis. ``"range"``: from the camera. Default: 'planar'.
     layout
-        Of rgb, hsv and normal: ``"hwc"``, (N, H, W, 3), or ``"chw"``, (N, 3, H, W).
+        Shape of rgb, hsv and normal images. ``"hwc"``: (N, H, W, 3). ``"chw"``: (N, 3, H, W). Default: 'hwc'.
     capture_mode
-        ``"every_step"``: rendered at every step or `Batch.sense`. ``"on_movement"``: at those where the drone's pose or
-        world is another than its frame shows. ``"on_demand"``: by `Batch.capture` alone. A reset is always a reason to
-        render; on demand, the frame is stale until the next capture.
+        ``"every_step"``: rendered at every step or `Batch.sense`, or at ``rate_hz``. ``"on_movement"``: at those where
+        the drone's pose or world differs from what its frame shows. ``"on_demand"``: by `Batch.capture` only. A reset
+        and a change of the camera always render; on demand, the frame is stale until the next capture. Default:
+        'every_step'.
     samples_per_pixel
-        1, 4, 9 or 16, a grid, averaged. Colours only: the rest is of the pixel's centre.
+        Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre. Values: 1, 4,
+        9 or 16. Default: 1.
     shadows
-        Hard shadows of the sun, cast by everything but markers. A room lets the sun in.
+        Hard shadows of the sun, cast by everything except markers. A room lets the sun in. Default: False.
     rate_hz
-        Frames per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. With capture mode ``"every_step"``. None: one after every
-        flown step.
+        Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one
+        reading after every flown step. Values: > 0 Hz. Default: None.
     resize
-        (width, height) in pixels of the images that are written, from 1 to ``width_px`` and ``height_px``. None: as
-        rendered. ``fx``, ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Refused with the outputs semantic,
-        instance and normal, whose ids and directions have no mean.
+        (width, height) of the written images, at most ``width_px`` and ``height_px``. None: as rendered. ``fx``,
+        ``fy``, ``cx`` and ``cy`` stay those of the rendered image. Not with the outputs semantic, instance and normal,
+        which have no mean; hsv is computed from the resized rgb. Unit: px. Default: None.
     pool
-        With ``resize``, what a pixel is of the rendered pixels that it covers: ``"mean"``, weighted by covered area (as
-        OpenCV's ``INTER_AREA``), ``"min"`` or ``"max"``, channel by channel. Depth: ``"mean"`` and ``"max"`` are inf if one
-        covered pixel is a miss, ``"min"`` only if all are. hsv is computed from the resized rgb.
+        With ``resize``, a pixel of the rendered pixels that it covers. ``"mean"``: weighted by covered area, as
+        OpenCV's INTER_AREA. ``"min"``, ``"max"``: the least or greatest of each channel. Depth: mean and max are inf if
+        one covered pixel is a miss, min only if all are. Default: 'mean'.
     """
 
     # fields of CameraConfig
@@ -212,13 +230,16 @@ class ColorRange:
     Parameters
     ----------
     space
-        What the three channels are, 8 bits each, of a pixel as written. ``"rgb"``: red, green, blue. ``"hsv"``: hue in
-        [0, 179], half of the degrees, so that red is 0, green 60 and blue 120; saturation and value in [0, 255].
-        ``"excess"``: by how much red, green and blue each exceed 1.25 times the larger of the other two, rounded up; 0
-        where they do not. Light scales the channels alike, so ``"excess"`` finds red, green or blue things in most light:
-        ``low=(17, 0, 0)`` is red.
-    low, high
-        (3,) integers in [0, 255], both included. A hue whose low exceeds its high wraps around: from 170 to 10 is red.
+        The three channels, 8 bits each, of a pixel as written. ``"rgb"``: red, green, blue. ``"hsv"``: hue in [0, 179],
+        half of the degrees (red 0, green 60, blue 120); saturation and value in [0, 255]. ``"excess"``: by how much
+        red, green and blue each exceed 1.25 times the larger of the other two, rounded up; 0 if they do not. Light
+        scales the channels equally, so ``"excess"`` finds a hue in most light: ``low=(17, 0, 0)`` is red. Default:
+        'excess'.
+    low
+        Least value of each channel. Values: [0, 255]. Default: [0, 17, 0].
+    high
+        Greatest value of each channel, at least ``low``. A hue wraps around: from 170 to 10 is red. Values: [0, 255].
+        Default: [255, 255, 255].
     """
 
     # fields of ColorRange
@@ -242,12 +263,12 @@ class PoseSensorConfig:
     Parameters
     ----------
     position_noise_std_m
-        Standard deviation per axis.
+        Standard deviation of the position along each axis. Values: >= 0 m. Default: 0.0.
     orientation_noise_std_deg
-        Standard deviation of each component of the rotation vector.
+        Standard deviation of each component of the rotation vector. Values: >= 0 deg. Default: 0.0.
     rate_hz
-        Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one after every
-        flown step.
+        Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one
+        reading after every flown step. Values: > 0 Hz. Default: None.
     """
 
     # fields of PoseSensorConfig
@@ -270,16 +291,21 @@ class EpisodeConfig:
     Parameters
     ----------
     autoreset_mode
-        As in `gymnasium.vector.AutoresetMode`.
+        ``"next_step"``: the step after the last one of an episode ignores the action and returns the reset observation,
+        reward 0 and flags False. ``"same_step"``: the last step returns the reset observation, and its own is the final
+        observation. ``"disabled"``: the caller resets with a mask; a finished env does not change until then. As
+        `gymnasium.vector.AutoresetMode`. Default: 'next_step'.
     max_episode_steps
-        Truncate after so many flown steps; 0 means never, None what the task says.
+        Time limit in flown steps, after which episodes are truncated. 0: no limit. None: the task's. Values: >= 0.
+        Default: None.
     frame_skip
-        From 1 to 1000: `Batch.step` repeats its action this many times, or until the episode ends, and returns the summed
-        reward. All step counts are in flown steps. Cameras capture only after the last one.
+        `Batch.step` repeats its action this many times, or until the episode ends, and returns the summed reward. All
+        step counts are in flown steps. Cameras capture only after the last one. Values: [1, 1000]. Default: 1.
     stagger_first_episode
-        Spread the first time limits over [1, max_episode_steps], by seed, so that they do not all fall in one step.
+        Spread the first time limits over [1, max_episode_steps], by seed, so that the first episodes do not all end in
+        the same step. Default: False.
     random_world
-        Each reset draws one of the batch's worlds instead of keeping the env's own.
+        Each reset draws one of the batch's worlds instead of keeping the env's own. Default: False.
     """
 
     # fields of EpisodeConfig
@@ -306,13 +332,13 @@ class ClockConfig:
     Parameters
     ----------
     policy_hz
-        Flown steps, for each of which the policy decides once; from 0.001 to 100000.
+        Flown steps per second, for each of which the policy decides once. Values: [0.001, 100000] Hz. Default: 10.0.
     physics_hz
-        Ticks, in each of which the motion goes on; 1 to 1000 to a flown step. None: one; of drones that fly by rotors, as many
-        as make at least 500 a second. These need 50.
+        Ticks per second, 1 to 1000 to a flown step. None: one to a flown step; for drones that fly by rotors, as many
+        as make at least 500 Hz. Rotors need 50 Hz. Values: > 0 Hz. Default: None.
     controller_hz
-        Calls of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides ``physics_hz``. None:
-        one in every tick.
+        Calls per second of the controller of drones that fly by rotors: a multiple of ``policy_hz`` that divides
+        ``physics_hz``. None: one in every tick. Values: > 0 Hz. Default: None.
     """
 
     # fields of ClockConfig
@@ -339,24 +365,30 @@ class ImuConfig:
 
     Parameters
     ----------
+    name
+        Name, unique among the IMUs. Values: letters, digits, _ and -. Default: 'imu'.
     accelerometer_noise_density
-        m/s^2/sqrt(Hz).
+        Density of the accelerometer's white noise. Values: >= 0 m/s^2/sqrt(Hz). Default: 0.0.
     accelerometer_random_walk
-        Of the bias, m/s^3/sqrt(Hz).
+        Density of the noise that moves the accelerometer's bias, which is 0 when an episode begins. Values: >= 0
+        m/s^3/sqrt(Hz). Default: 0.0.
     accelerometer_bias_time_s
-        In which the bias forgets; 0: never.
+        Correlation time of the bias; 0 means a random walk. Values: >= 0 s. Default: 0.0.
     gyroscope_noise_density
-        rad/s/sqrt(Hz).
+        Density of the gyroscope's white noise. Values: >= 0 rad/s/sqrt(Hz). Default: 0.0.
     gyroscope_random_walk
-        Of the bias, rad/s^2/sqrt(Hz).
+        Density of the noise that moves the gyroscope's bias, which is 0 when an episode begins. Values: >= 0
+        rad/s^2/sqrt(Hz). Default: 0.0.
     gyroscope_bias_time_s
-        In which the bias forgets; 0: never.
+        Correlation time of the bias; 0 means a random walk. Values: >= 0 s. Default: 0.0.
     offset_m
-        Where the sensor sits, body frame.
+        Position of the sensor (x, y, z) in the body frame. Values: within +-100 m. Default: [0.0, 0.0, 0.0].
     quat_wxyz
-        How it is turned: sensor to body.
+        Rotation (w, x, y, z) from the sensor's frame to the body frame; normalised if it is close to a unit quaternion.
+        Values: a unit quaternion. Default: [1.0, 0.0, 0.0, 0.0].
     rate_hz
-        Readings per second of simulated time; None: one after every flown step.
+        Readings per second of simulated time; it has to divide the ticks per second of the `ClockConfig`. None: one
+        reading after every flown step. Values: > 0 Hz. Default: None.
     """
 
     # fields of ImuConfig
@@ -394,18 +426,21 @@ class WindConfig:
     Parameters
     ----------
     mean_mps
-        m/s, world frame.
+        Mean wind (x, y, z) in the world frame. Values: within +-1000 m/s. Default: [0.0, 0.0, 0.0].
     gusts
-        ``"ornstein_uhlenbeck"``: noise that forgets, alike along each axis. ``"dryden"``: the turbulence of MIL-F-8785C at low
-        altitude, carried past by the mean wind, at 1 m/s where there is less.
+        ``"ornstein_uhlenbeck"``: correlated noise, the same along each axis. ``"dryden"``: the turbulence of
+        MIL-F-8785C at low altitude, carried past by the mean wind, at 1 m/s if the mean is less. Default: 'none'.
     gust_std_mps
-        Refused, as the others below, without the ``gusts`` that use it. Ornstein-Uhlenbeck: standard deviation along each axis.
+        Standard deviation of gusts along each axis. Only with ``gusts="ornstein_uhlenbeck"``. Values: [0, 1000] m/s.
+        Default: 1.0.
     gust_time_s
-        Ornstein-Uhlenbeck: the time in which a gust falls to 1/e of itself.
+        Time in which a gust falls to 1/e. Only with ``gusts="ornstein_uhlenbeck"``. Values: > 0 s. Default: 2.0.
     wind_at_6m_mps
-        Dryden: the wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation upwards.
+        Wind at 6.1 m (20 ft) above the ground. A tenth of it is the standard deviation upwards. Only with
+        ``gusts="dryden"``. Values: [0, 1000] m/s. Default: 5.0.
     height_m
-        Dryden: above the ground, from 3 to 300: it gives the scale lengths, and the strength along and across.
+        Height above the ground, which gives the scale lengths, and the strength along and across. Only with
+        ``gusts="dryden"``. Values: [3, 300] m. Default: 5.0.
     """
 
     # fields of WindConfig
@@ -449,23 +484,44 @@ class DynamicsConfig:
     Parameters
     ----------
     motion
-        ``"kinematic"``: straight to the setpoint. ``"rotors"``: by forces; the drone needs an airframe.
+        ``"kinematic"``: straight to the setpoint. ``"rotors"``: by forces, which needs a drone with an airframe.
+        Default: 'kinematic'.
     control
-        What commands mean; see above. Kinematic motion takes ``"pose"`` alone.
+        Meaning of commands; kinematic motion takes only ``"pose"``. Default: 'pose'.
     integrator
-        ``"midpoint"``: second order. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts,
-        else midpoint. Ticks longer than twice the rotors' lag are for midpoint alone.
+        Method for the equations of motion. ``"midpoint"``: second order; rotor speeds and attitude by their closed
+        forms. ``"rk4"``: fourth order. ``"automatic"``: rk4 for rotor speeds and thrusts if ticks are not longer than
+        twice the rotors' lag, otherwise midpoint. Default: 'automatic'.
     on_contact
         ``"terminate"``: the drone stays where it hit, and its episode ends with the step. ``"stop"``: the point that
-        touches stops, and the drone flies on. ``"bounce"``: it is thrown back, and flies on.
-    restitution, friction
-        Of a bounce: speed away from the surface over speed towards it, in [0, 1]; Coulomb's coefficient, in [0, 10].
-    rotor_lag, rotor_drag, body_drag, gyroscopic, ground_effect
-        What the equations of motion have, where the airframe has numbers for it.
+        touches stops, and the drone flies on. ``"bounce"``: the drone is thrown back and flies on. Default:
+        'terminate'.
+    restitution
+        Speed away from the surface over speed towards it, in a bounce. Values: [0, 1]. Default: 0.3.
+    friction
+        Coulomb's coefficient of friction, in a bounce. Values: [0, 10]. Default: 0.5.
+    rotor_lag
+        Rotors take time to change their speed. Default: True.
+    rotor_drag
+        Drag and lift of rotors that move through the air. Default: True.
+    body_drag
+        Drag of the body. Default: True.
+    gyroscopic
+        Torques of turning rotors on a turning body. Default: True.
+    ground_effect
+        More thrust near surfaces below. Default: False.
     wind
-        What blows, by default nothing.
-    max_speed_mps, max_acceleration_mps2, max_tilt_deg, max_rate_dps, max_yaw_rate_dps
-        What the controller keeps to: speed, acceleration, tilt (at most 89), rates about x and y, rate about z.
+        Wind; none by default. Default: WindConfig().
+    max_speed_mps
+        Speed limit of the controller. Values: > 0 m/s. Default: 5.0.
+    max_acceleration_mps2
+        Acceleration limit of the controller. Values: > 0 m/s^2. Default: 8.0.
+    max_tilt_deg
+        Tilt limit of the controller. Values: (0, 89] deg. Default: 45.0.
+    max_rate_dps
+        Limit of the controller's rates about x and y. Values: > 0 deg/s. Default: 600.0.
+    max_yaw_rate_dps
+        Limit of the controller's rate about z. Values: > 0 deg/s. Default: 200.0.
     """
 
     # fields of DynamicsConfig
@@ -539,30 +595,31 @@ class NavigationReward:
     Parameters
     ----------
     distance_weight
-        R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; else the centimetres gained towards
-        the current goal.
+        Weight of R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise the
+        centimetres gained towards the current goal. Default: 1.0.
     crash_weight
-        -R on a collision; else min(l) - M where min(l) < M; else 0.
+        Weight of -R on a collision; otherwise min(l) - M if min(l) < M, else 0. Default: 1.0.
     free_space_weight
-        sum(l / M - 1) / (|L| / M - |L|): 1 in the open.
+        Weight of sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open. Default: 1.0.
     step_weight
-        -(step number) / ``step_scale``, the first step being number 0.
+        Weight of -(step number) / ``step_scale``; the first step has number 0. Default: 1.0.
     action_change_weight
-        -1 if the action differs from the last one; the first action counts as a change.
+        Weight of -1 if the action differs from the last one; the first action counts as a change. Default: 1.0.
     overshoot_weight
-        -R / 10 when x exceeds the goal's x + ``goal_radius_m``; if not 0, the episode ends there.
+        Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if it is not 0, the episode ends
+        there. Default: 0.0.
     goal_reward
-        R.
+        R. Default: 10000.0.
     waypoint_share
-        Of R, split among the waypoints.
+        Share of R that is split among the waypoints. Default: 0.1.
     goal_radius_m
-        The goal and the waypoints count as reached within it.
+        Distance within which the goal and the waypoints count as reached. Values: > 0 m. Default: 0.5.
     min_clearance
-        M, in (0, 1), in units of the maximum range.
+        M, in units of the LiDAR's maximum range. Values: (0, 1). Default: 0.2.
     step_scale
-        Steps.
+        Steps in which the step term reaches -1. Values: > 0. Default: 3000.0.
     carry_over_distance
-        Keep the last distance when the current goal changes, as the thesis's program did.
+        Keep the last distance when the current goal changes, as the thesis's program did. Default: False.
     """
 
     # fields of NavigationReward
@@ -615,27 +672,32 @@ class HoverConfig:
     Parameters
     ----------
     start_offset_m
-        From the point, along each axis, in [0, 1000]; like the next three drawn evenly up to this.
+        Greatest offset of the start from the point along each axis. This and the next three are drawn uniformly up to
+        the value. Values: [0, 1000] m. Default: 0.5.
     start_tilt_deg
-        From level, in [0, 180].
+        Greatest tilt at the start. Values: [0, 180] deg. Default: 90.0.
     start_speed_mps
-        In any direction.
+        Greatest speed at the start, in any direction. Values: [0, 1000] m/s. Default: 2.0.
     start_rate_dps
-        About each axis of the body.
-    max_distance_m, hold_m, hold_s
-        Metres, metres and seconds, above 0.
+        Greatest rate at the start, about each axis of the body. Values: [0, 100000] deg/s. Default: 0.0.
+    max_distance_m
+        Distance from the point beyond which an episode ends as a crash. Values: > 0 m. Default: 6.0.
+    hold_m
+        Distance within which the point is held. Values: > 0 m. Default: 0.05.
+    hold_s
+        Time at the end of an episode for which the point has to be held. Values: (0, 1000000] s. Default: 1.0.
     near_weight
-        Of the reward's term exp(-2 d).
+        Weight of the reward term exp(-2 d). Default: 1.0.
     hold_weight
-        Of 1 / (1 + (d / 2 hold_m)^2).
+        Weight of 1 / (1 + (d / 2 hold_m)^2). Default: 2.0.
     speed_weight
-        Of minus the speed, m/s.
+        Weight of minus the speed, m/s. Default: 0.1.
     spin_weight
-        Of minus the length of the angular velocity, 10 rad/s.
+        Weight of minus the length of the angular velocity, 10 rad/s. Default: 0.1.
     change_weight
-        Of minus the mean square of what the action changed by; an episode's first changes from 0.
+        Weight of minus the mean squared difference to the previous action, which is 0 before the first. Default: 0.0.
     crash_weight
-        Of -1 on a crash.
+        Weight of -1 on a crash. Default: 10.0.
     """
 
     # fields of HoverConfig
@@ -690,30 +752,37 @@ class TrackConfig:
     Parameters
     ----------
     path
-        ``"figure8"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``"random"``: three waves of random
-        phases along each axis, up to ``size_m`` in all and half of that in height.
+        ``"figure8"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``"random"``: three waves of
+        random phases along each axis, up to ``size_m`` in all and half of that in height. Default: 'figure8'.
     yaw
-        ``"fixed"``: along the world's x axis. ``"along"``: the way the path goes.
-    size_m, speed_mps
-        In (0, 1000]. Speed: of a figure-8 the mean of a lap, of random paths the root mean square.
+        ``"fixed"``: along the world's x axis. ``"along"``: the way the path goes. Default: 'fixed'.
+    size_m
+        Size of the path. Values: (0, 1000] m. Default: 1.0.
+    speed_mps
+        Speed of the path: the mean of a lap of a figure-8, the root mean square of random paths. Values: (0, 1000] m/s.
+        Default: 1.5.
     start_offset_m
-        Episodes begin off the path, evenly drawn up to this along each axis, in [0, 1000].
-    points, ahead_s
-        How many points of the path are observed, 1 to 20, and the seconds from one to the next.
-    max_distance_m, close_m
-        Metres, above 0.
+        Episodes begin off the path, drawn uniformly up to this along each axis. Values: [0, 1000] m. Default: 0.1.
+    points
+        Number of points of the path that are observed. Values: [1, 20]. Default: 5.
+    ahead_s
+        Time from one observed point to the next. Values: >= 0 s. Default: 0.1.
+    max_distance_m
+        Distance from the path beyond which an episode ends as a crash. Values: > 0 m. Default: 1.0.
+    close_m
+        Greatest root mean square of d of an episode that is a success. Values: > 0 m. Default: 0.05.
     near_weight
-        Of the reward's term exp(-2 d).
+        Weight of the reward term exp(-2 d). Default: 1.0.
     close_weight
-        Of 1 / (1 + (d / close_m)^2).
+        Weight of 1 / (1 + (d / close_m)^2). Default: 1.0.
     yaw_weight
-        Of minus the yaw that is missing, rad.
+        Weight of minus the yaw that is missing, rad. Default: 0.2.
     spin_weight
-        Of minus the length of the angular velocity, 10 rad/s.
+        Weight of minus the length of the angular velocity, 10 rad/s. Default: 0.02.
     change_weight
-        Of minus the mean square of what the action changed by; an episode's first changes from 0.
+        Weight of minus the mean squared difference to the previous action, which is 0 before the first. Default: 0.0.
     crash_weight
-        Of -1 on a crash.
+        Weight of -1 on a crash. Default: 10.0.
     """
 
     # fields of TrackConfig
@@ -761,24 +830,26 @@ class NavigationConfig:
     Parameters
     ----------
     action
-        ``"discrete"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. ``"displacement"``: (3,), clipped
-        to [-1, 1], times ``step_m``, body frame. ``"displacement_yaw"``: (4,), the same and a turn of up to
-        ``yaw_step_deg``, counter-clockwise positive. ``"discrete_forward"``: 0 to 2 for +x, +y, -y.
+        ``"discrete"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. ``"displacement"``: (3,),
+        clipped to [-1, 1], times ``step_m``, body frame. ``"displacement_yaw"``: (4,), the same and a turn of up to
+        ``yaw_step_deg``, counter-clockwise positive. ``"discrete_forward"``: 0 to 2 for +x, +y, -y by ``step_m``.
+        Default: 'discrete'.
     observation
-        What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``"goal"``: the unit direction (3,) to the
-        current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the `color_blob`
-        of ``color`` in the first camera's image. ``"pixels"``: nothing; the image of the first camera, whose layout is
-        ``"chw"``, is a separate field.
+        What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``"goal"``: the unit direction (3,) to
+        the current goal in the body frame, as the pose sensor has it. ``"blob"``: ``offset`` and ``area`` of the
+        `color_blob` of ``color`` in the first camera's image. ``"pixels"``: nothing; the image of the first camera,
+        whose layout is ``"chw"``, is a separate field. Default: 'goal'.
     step_m
-        Metres of a full action.
+        Distance of a full action. Values: > 0 m. Default: 0.1.
     yaw_step_deg
-        Degrees of a full turn action, in (0, 180].
+        Angle of a full turn action. Values: (0, 180] deg. Default: 10.0.
     reward
-        The terms of the reward.
+        The terms of the reward. Default: NavigationReward().
     random_start
-        Start anywhere in the world's spawn box instead of at its start marker.
+        Start anywhere in the world's spawn box instead of at its start marker. Default: False.
     color
-        Which colour ``"blob"`` looks for. By default the green of the goal. Refused with another observation.
+        Colour that ``observation="blob"`` looks for; by default the green of the goal. Refused with another
+        observation. Default: ColorRange().
     """
 
     # fields of NavigationConfig

@@ -1,6 +1,7 @@
 """help(), inspect and completion: what the stub says of the native module is there at run time."""
 
 import ast
+import importlib.util
 import inspect
 import pydoc
 from pathlib import Path
@@ -87,9 +88,39 @@ def test_docstrings_are_those_of_the_stub(path):
 def test_help_shows_what_a_newcomer_looks_for():
     text = pydoc.plain(pydoc.render_doc(flockstep.LidarConfig))
     assert "max_range_m=3.0" in text
-    assert "Farther is a miss: inf." in text
-    assert flockstep.LidarConfig.max_range_m.__doc__ == "Farther is a miss: inf."
+    assert "Anything farther is a miss: inf in metres" in text
+    assert flockstep.LidarConfig.max_range_m.__doc__.endswith("Values: > 0 m. Default: 3.0.")
     assert str(inspect.signature(flockstep.ClockConfig)).startswith("(*, policy_hz=")
+
+
+CONFIGURATIONS = [item for item in vars(_core).values() if hasattr(item, "_fields")]
+
+
+@pytest.mark.parametrize("config", CONFIGURATIONS)
+def test_fields_say_what_they_mean_and_their_defaults(config):
+    assert [field["name"] for field in config._fields] == list(config.__match_args__)
+    for field in config._fields:
+        text = " ".join(getattr(config, field["name"]).__doc__.split())
+        assert field["about"].endswith("."), field
+        assert text.startswith(field["about"]), field
+        default = getattr(config(), field["name"])
+        shown = f"{type(default).__name__}()" if hasattr(default, "_fields") else field["default"]
+        assert text.endswith(f"Default: {shown}."), field
+        assert f"\n{field['name']}\n    " in inspect.getdoc(config)
+
+
+def test_stub_and_documents_are_made_from_the_lists_of_the_engine():
+    path = Path(__file__).resolve().parents[2] / "bindings" / "stubs.py"
+    spec = importlib.util.spec_from_file_location("stubs", path)
+    stubs = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(stubs)
+    assert len(stubs.DOCUMENTS) > 10
+    for made in (STUB, *stubs.DOCUMENTS):
+        assert made.read_text(encoding="utf-8") == stubs.renewed(made), f"{made.name}: run bindings/stubs.py"
+    # Each configuration has its table.
+    text = (stubs.ROOT / "docs" / "configs.md").read_text(encoding="utf-8")
+    for name in [*(config.__name__ for config in CONFIGURATIONS), *_core._other_fields]:
+        assert f"<!-- fields of {name} -->\n| field |" in text, name
 
 
 def test_public_python_has_docstrings():
