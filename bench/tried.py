@@ -8,6 +8,7 @@ agreement     rays of LiDARs in worlds of primitives and triangles, in tiles, th
 watertight    rays at corners and edges of closed meshes, in tiles: none slips through
 independence  rays in tiles, and the same beside other rays and alone: no bit differs
 worlds   seeds of the generated worlds: each has a way that has been flown, of every fiftieth a planner finds one
+extensions   the patches of tests/extensions, applied to a copy, built and run; only if named
 scene, obj, ply, gltf, snapshot, calls   the fuzzers, with address and undefined sanitizers
 
 Each writes how often it tried to out/tried/NAME.json; bench/table.py --keep takes it from there. The first seven run in
@@ -21,8 +22,12 @@ import argparse
 import json
 import os
 import re
+import shutil
 import subprocess
+import sys
 import xml.etree.ElementTree
+
+import pybind11
 
 from run import ROOT, commit, machine
 
@@ -101,6 +106,42 @@ def run_worlds(seeds: int) -> int:
     return seeds * len(WORLDS)
 
 
+def run_extensions() -> None:
+    """Apply the patches of tests/extensions to a copy of the tracked files, build it and run their tests."""
+    copy = ROOT / "build" / "extensions"
+    shutil.rmtree(copy, ignore_errors=True)
+    files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    for name in files.rstrip("\0").split("\0"):
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, copy / name)
+    for patch in sorted((ROOT / "tests" / "extensions").glob("*.patch")):
+        subprocess.run(["git", "apply", "--directory", copy.relative_to(ROOT), patch], cwd=ROOT, check=True)
+    options = {
+        "CMAKE_BUILD_TYPE": "Release",
+        "FLOCKSTEP_TESTS": "ON",
+        "FLOCKSTEP_WERROR": "ON",
+        "FLOCKSTEP_PYTHON": "ON",
+    }
+    options |= {"pybind11_DIR": pybind11.get_cmake_dir(), "Python_EXECUTABLE": sys.executable}
+    build = copy / "build"
+    subprocess.run(
+        ["cmake", "-S", copy, "-B", build, "-G", "Ninja", *(f"-D{k}={v}" for k, v in options.items())], check=True
+    )
+    subprocess.run(["cmake", "--build", build, "--target", "flockstep_tests", "_core"], check=True)
+    subprocess.run([build / "flockstep_tests", "--gtest_filter=Altimeter.*:Charge.*"], check=True)
+    for module in build.glob("_core.*"):
+        shutil.copy2(module, copy / "envs" / "flockstep")
+    program = """
+import flockstep
+recipe = flockstep.Recipe.from_json('{"worlds": ["playground/train-1"], "num_envs": 2, "altimeters": [{}]}')
+batch = flockstep.Batch.from_recipe(recipe)
+batch.sense()
+print(flockstep.__file__, batch.sensor("altimeter"), batch.charge)
+assert batch.sensor("altimeter")["height"].shape == batch.charge.shape == (2,)
+"""
+    subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONPATH": str(copy / "envs")}, check=True)
+
+
 def source() -> dict[str, str]:
     return {"commit": commit(), "cpu": machine()["cpu"]}
 
@@ -114,7 +155,7 @@ def write(name: str, result: dict[str, object]) -> None:
 
 
 def main() -> None:
-    names = [*TESTS, "worlds", *FUZZERS]
+    names = [*TESTS, "worlds", "extensions", *FUZZERS]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all without one")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each generator of worlds")
@@ -124,8 +165,10 @@ def main() -> None:
         if name not in names:
             parser.error(f"nothing to try is called {name!r}: there are {', '.join(names)}")
     OUT.mkdir(parents=True, exist_ok=True)
-    for name in args.names or names:
-        if name in TESTS:
+    for name in args.names or [name for name in names if name != "extensions"]:
+        if name == "extensions":
+            run_extensions()
+        elif name in TESTS:
             run_tests(name)
         elif name == "worlds":
             write(name, {**source(), "count": run_worlds(args.seeds), "unit": name})

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <string_view>
 
 #include "base/philox.hpp"
 #include "flockstep/state.hpp"
@@ -21,6 +22,13 @@ enum class Stream : std::uint32_t {
   gust,
   imu_noise,
 };
+
+// The stream of an instrument that is not listed above: a hash of the name (FNV-1a), with the top bit set.
+constexpr Stream stream_named(std::string_view name) {
+  std::uint32_t hash = 2166136261U;
+  for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619U;
+  return static_cast<Stream>(hash | 0x80000000U);
+}
 
 // member: the number of the drone in its env, below 2^20. It takes the upper bits of the episode, which no env reaches: the
 // numbers of the first drone are those of its env.
@@ -46,7 +54,7 @@ struct RandomKey {
 // number: below 2^15, of an instrument that shares the stream with others of its kind.
 inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index,
                                          std::uint32_t number = 0) {
-  return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream) | (number << 16U), index,
+  return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream) ^ (number << 16U), index,
               key.member);
 }
 
