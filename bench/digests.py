@@ -1,8 +1,8 @@
 """Prints digests of what the built-in tasks return: two commits that print the same behave the same, to the last bit.
 
 For each environment and autoreset mode: 2,000 steps under random actions. Every observation (final ones included),
-reward, reward term, flag, position and IMU reading goes into a SHA-256. Digests hold on one machine: mathematical
-libraries differ.
+reward, reward term, flag, position and IMU reading goes into a SHA-256. The kept policies fly Hover and Track for 300
+steps; their actions and rewards go into another. Digests hold on one machine: mathematical libraries differ.
 
 python bench/digests.py > before.txt, and again after a change; then compare the two.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -47,6 +48,7 @@ ENVS = {
         "max_episode_steps": 200,
     },
 }
+POLICIES = {"flockstep/Hover-v0": "hover.zip", "flockstep/Track-v0": "track.zip"}
 MODES = ("next_step", "same_step", "disabled")
 STEPS = 2000
 
@@ -92,6 +94,25 @@ def digest_of(name: str, keywords: dict[str, Any], mode: str, num_envs: int, ste
     return digest.hexdigest()
 
 
+def policy_digest(env_id: str, name: str, num_envs: int) -> str:
+    """Return the digest of the actions and rewards of a kept policy."""
+    import torch
+    from stable_baselines3 import PPO
+
+    torch.set_num_threads(1)
+    model = PPO.load(Path(__file__).resolve().parents[1] / "policies" / name, device="cpu")
+    envs = gym.make_vec(env_id, num_envs=num_envs)
+    digest = hashlib.sha256()
+    observation, _ = envs.reset(seed=11)
+    for _ in range(300):
+        actions, _ = model.predict(observation, deterministic=True)
+        observation, reward, *_ = envs.step(actions)
+        update(digest, actions)
+        update(digest, reward)
+    envs.close()
+    return digest.hexdigest()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--num-envs", type=int, default=24)
@@ -101,6 +122,8 @@ def main() -> None:
         for mode in MODES:
             print(f"{digest_of(name, keywords, mode, arguments.num_envs, arguments.steps)}  {name}, {mode}")
             sys.stdout.flush()
+    for env_id, name in POLICIES.items():
+        print(f"{policy_digest(env_id, name, arguments.num_envs)}  policies/{name}, {env_id}")
     print(f"simd {flockstep._core.simd_target}")
 
 

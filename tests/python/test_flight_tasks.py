@@ -536,7 +536,7 @@ class TestBadInput:
         ],
     )
     def test_out_of_range(self, kind, field, bad):
-        with pytest.raises(ValueError, match=rf"task\.{field}: expected a .*number.*, got {bad}"):
+        with pytest.raises(ValueError, match=rf"task\.{field}: expected an? .*(number|integer).*, got {bad}"):
             flockstep.DroneVectorEnv(1, task=kind(**{field: bad}))
 
     @pytest.mark.parametrize(("field", "known"), [("path", "figure8.*random"), ("yaw", "fixed.*along")])

@@ -57,8 +57,11 @@ ID = "flockstep/LidarNavigation-v0"
             lambda: flockstep.Batch([flockstep.World.playground(0)], "4"),
             "num_drones: expected an integer, got '4'",
         ),
-        (lambda: DroneVectorEnv(lidar={}), "lidar: expected a flockstep.LidarConfig or None, got {}"),
-        (lambda: DroneVectorEnv(lidar={1: 2}), "lidar: expected a flockstep.LidarConfig or None, got {1: 2}"),
+        (lambda: DroneVectorEnv(lidar={}), "lidar: expected a flockstep.LidarConfig or a sequence of them, got {}"),
+        (
+            lambda: DroneVectorEnv(lidar={1: 2}),
+            "lidar: expected a flockstep.LidarConfig or a sequence of them, got {1: 2}",
+        ),
         (
             lambda: DroneVectorEnv(drone=4),
             "drone: expected a flockstep.DroneModel, the name or path of one, or None, got 4",
