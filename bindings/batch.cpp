@@ -16,6 +16,7 @@
 #include "base/require.hpp"
 #include "camera.hpp"
 #include "convert.hpp"
+#include "flockstep/recipe.hpp"
 #include "lidar.hpp"
 #include "named.hpp"
 #include "released.hpp"
@@ -32,7 +33,7 @@ py::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones();
 py::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
 Shape n_by(const Batch& batch, py::ssize_t columns) { return {num_drones(batch), columns}; }
 
-// Letting go of a batch waits for its threads.
+// Deleting a batch waits for its threads.
 struct Released {
   void operator()(Batch* batch) const {
     const py::gil_scoped_release release;
@@ -100,6 +101,31 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
              : std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task), model, index);
     return std::unique_ptr<Batch, Released>(made.release());
   });
+  warn(*batch);
+  return batch;
+}
+
+// A batch from a recipe; worlds and task, unless None, instead of those that it names.
+std::unique_ptr<Batch, Released> batch_from_recipe(const Recipe& recipe, const py::object& given_worlds, const py::object& task,
+                                                   bool allow_files) {
+  const RecipeAccess access{.scenes = py::module_::import("flockstep.scenes").attr("directory")().cast<std::filesystem::path>(),
+                            .allows_files = allow_files};
+  std::unique_ptr<Batch> made;
+  if (given_worlds.is_none() && task.is_none()) {
+    released([&] { made = make_batch(recipe, access); });
+  } else {
+    check_access(recipe, access);
+    std::optional<WorldPool> pool = given_worlds.is_none() ? std::nullopt : world_pool(given_worlds, recipe.batch);
+    const Worlds worlds = pool ? Worlds() : worlds_argument(given_worlds.is_none() ? py::cast(recipe.worlds) : given_worlds);
+    std::unique_ptr<Task> own_task = task.is_none() ? make_task(recipe.task) : make_task(task);
+    DroneModel drone = load_drone(recipe.drone);
+    released([&] {
+      made = pool ? std::make_unique<Batch>(recipe.batch, std::move(*pool), std::move(own_task), std::move(drone))
+                  : std::make_unique<Batch>(recipe.batch, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task),
+                                            std::move(drone));
+    });
+  }
+  std::unique_ptr<Batch, Released> batch(made.release());
   warn(*batch);
   return batch;
 }
@@ -275,6 +301,8 @@ void register_batch(py::module_& module) {
           py::arg("clock") = none, py::arg("dynamics") = none, py::arg("num_threads") = 0,
           py::arg("block_size") = BatchConfig().block_size, py::arg("world_index") = none, py::arg("tracer") = "auto",
           py::arg("drones_per_env") = 1)
+      .def_static("from_recipe", &batch_from_recipe, py::arg("recipe"), py::arg("worlds") = none, py::arg("task") = none,
+                  py::kw_only(), py::arg("allow_files") = false)
       .def_property_readonly("num_envs", [](const Batch& batch) { return batch.config().num_envs; })
       .def_property_readonly("drones_per_env", [](const Batch& batch) { return batch.config().drones_per_env; })
       .def_property_readonly("num_drones", [](const Batch& batch) { return batch.config().num_drones(); })

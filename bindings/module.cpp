@@ -20,6 +20,7 @@ void register_camera(pybind11::module_& module);
 void register_task(pybind11::module_& module);
 void register_terms(pybind11::module_& module);
 void register_batch(pybind11::module_& module);
+void register_recipe(pybind11::module_& module);
 namespace {
 
 // An object that `cls.__new__(cls)` made has no value yet. pybind11 would give it memory that nobody has written.
@@ -54,6 +55,7 @@ PYBIND11_MODULE(_core, module) {
   flockstep::bindings::register_camera(module);
   flockstep::bindings::register_task(module);
   flockstep::bindings::register_terms(module);
+  flockstep::bindings::register_recipe(module);
   flockstep::bindings::register_batch(module);
   module.def("_unexpected_keyword", &flockstep::bindings::unexpected_keyword, pybind11::arg("callee"), pybind11::arg("keyword"),
              pybind11::arg("known"));

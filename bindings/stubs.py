@@ -60,7 +60,8 @@ def folded(line: str) -> list[str]:
 
 def types_of(config: type[Any]) -> dict[str, str]:
     """Return the types of a configuration's fields."""
-    return {field["name"]: field["type"] for field in config._fields}
+    fields = config._fields if hasattr(config, "_fields") else config._attributes
+    return {field["name"]: field["type"] for field in fields}
 
 
 def values_text(field: Field) -> str:
@@ -105,9 +106,11 @@ def field_table(fields: list[Field]) -> list[str]:
 def class_body(indent: str, config: type[Any]) -> list[str]:
     """Return the attributes and the __init__ of a configuration."""
     types = types_of(config)
+    attributes = [f"{indent}{name}: {text}" for name, text in types.items()]
+    if not hasattr(config, "__match_args__"):  # not made from keywords
+        return [part for line in attributes for part in folded(line)]
     defaults = config()
-    lines = [f"{indent}__match_args__: ClassVar[tuple[str, ...]]"]
-    lines += [f"{indent}{name}: {text}" for name, text in types.items()]
+    lines = [f"{indent}__match_args__: ClassVar[tuple[str, ...]]", *attributes]
     lines += [f"{indent}def __init__(", f"{indent}    self,", f"{indent}    *,"]
     for name, text in types.items():
         lines.append(f"{indent}    {name}: {text} = {default_text(getattr(defaults, name))},")

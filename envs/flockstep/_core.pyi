@@ -985,6 +985,18 @@ class PythonTask:
 
 def _scene_keys() -> str: ...
 def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
+def scene_sets() -> dict[str, tuple[str, ...]]:
+    """Return the names that stand for several scenes, and their scenes."""
+
+def generated_scenes() -> list[str]:
+    """Return the names of scenes that are generated instead of loaded."""
+
+def scene_generators() -> list[str]:
+    """Return the words that may stand before ``/seed-7`` in the name of a scene."""
+
+def load_scene(name: str, folder: str | PathLike[str]) -> World:
+    """Return the world of a name or path; shipped scenes are in the folder."""
+
 def task_defaults(task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
 
@@ -1770,6 +1782,56 @@ class Terms:
     def action_changed(self) -> _Bool:
         """(N,): the action differs from that of the step before, as an episode's first does; in `Task.step`. A view."""
 
+@final
+class Recipe:
+    """Everything that a batch is built from, as one value that goes to JSON and back: the same in Python and C++.
+
+    Its JSON is an object with the members ``"task"`` (null, or an object with the task's ``"name"`` and the fields of its
+    configuration), ``"worlds"``, ``"drone"``, and the fields of the batch. Members that are missing have the defaults of
+    the task. `DroneVectorEnv.recipe` returns the recipe of an env, `DroneVectorEnv.from_recipe` makes an env from one.
+
+    Parameters
+    ----------
+    task
+        A configuration of the engine's tasks, whose defaults the recipe begins with; the id of a task of your own; or
+        None for a batch without a task.
+    """
+
+    task: NavigationConfig | HoverConfig | TrackConfig | str | None
+    worlds: list[str]
+    drone: str | DroneModel
+    # fields of Recipe
+    num_envs: int
+    drones_per_env: int
+    num_threads: int
+    block_size: int
+    lidars: Sequence[LidarConfig]
+    cameras: Sequence[CameraConfig]
+    camera_backend: Literal["raycast", "gl", "auto"]
+    tracer: Literal["auto", "tiles", "embree"]
+    pose_sensor: PoseSensorConfig
+    imus: Sequence[ImuConfig]
+    episode: EpisodeConfig
+    clock: ClockConfig
+    dynamics: DynamicsConfig
+    # end of fields
+    def __init__(self, task: NavigationConfig | HoverConfig | TrackConfig | str | None = None) -> None: ...
+    @staticmethod
+    def from_json(text: str) -> Recipe:
+        """Return the recipe of a JSON text; no file is opened.
+
+        Raises
+        ------
+        ValueError
+            A member that is not known, misspelt or of a wrong type or value: the message names its place.
+        """
+
+    def to_json(self) -> str:
+        """Return the JSON text that `from_json` makes an equal recipe of."""
+
+    def check_access(self, scenes: str | PathLike[str]) -> None:
+        """Raise `ValueError` if a world or the drone is the path of a file outside of the folder of shipped scenes."""
+
 class Batch:
     """E envs of M drones each over W worlds, N = E M drone slots in all, stepped together.
 
@@ -1842,6 +1904,26 @@ class Batch:
         tracer: str = "auto",
         drones_per_env: int = 1,
     ) -> None: ...
+    @staticmethod
+    def from_recipe(
+        recipe: Recipe,
+        worlds: WorldsLike | WorldPool | None = None,
+        task: NativeTask | PythonTask | None = None,
+        *,
+        allow_files: bool = False,
+    ) -> Batch:
+        """Make a batch from a recipe.
+
+        Parameters
+        ----------
+        recipe
+            What to build.
+        worlds, task
+            Objects that take the place of the worlds and the task that the recipe names.
+        allow_files
+            Whether worlds and drone may be files outside of the folder of shipped scenes.
+        """
+
     @property
     def num_envs(self) -> int:
         """E."""

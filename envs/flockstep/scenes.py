@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from flockstep import bench_scenes
+from flockstep import _core, bench_scenes
 from flockstep._core import World
 
 #: One world: itself, or its name or path.
@@ -17,33 +18,17 @@ WorldLike: TypeAlias = World | str | PathLike[str]
 WorldsLike: TypeAlias = WorldLike | Sequence[WorldLike]
 
 #: Names that stand for several scenes.
-SETS: dict[str, tuple[str, ...]] = {
-    "train": tuple(f"playground/train-{i}" for i in range(1, 6)),
-    "validation": ("playground/validation-1", "playground/validation-2"),
-    "camera-train": ("playground/camera-train-1", "playground/camera-train-2"),
-    "camera-validation": ("playground/camera-validation-1", "playground/camera-validation-2"),
-}
+SETS: dict[str, tuple[str, ...]] = _core.scene_sets()
 
 #: Scenes that are no files: what makes them.
 GENERATED: dict[str, Callable[[], World]] = {
     "bench/complex": bench_scenes.complex_,
     "bench/simple": bench_scenes.simple,
-    "indoor/office": lambda: World.office(seed=1),
-    "indoor/warehouse": lambda: World.warehouse(seed=1),
-    "outdoor/city": lambda: World.city(seed=6),
-    "outdoor/forest": lambda: World.forest(seed=1),
+    **{name: partial(_core.load_scene, name, "") for name in _core.generated_scenes()},
 }
 
-#: What makes the scenes named ``"forest/seed-7"`` and the like, by the word before the seed.
-GENERATORS: dict[str, Callable[[int], World]] = {
-    "playground": World.playground,
-    "forest": World.forest,
-    "city": World.city,
-    "office": World.office,
-    "warehouse": World.warehouse,
-    "guided_office": lambda seed: World.office(seed, waypoints=True),
-    "guided_warehouse": lambda seed: World.warehouse(seed, waypoints=True),
-}
+#: The generators of scenes named ``"forest/seed-7"``: the word before the seed.
+GENERATORS: tuple[str, ...] = tuple(_core.scene_generators())
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
 _MOST_SEEDS = 100_000  # of a range
@@ -83,7 +68,7 @@ def find(source: str | PathLike[str]) -> Path | World:
     if isinstance(source, str) and source in GENERATED:
         return GENERATED[source]()
     if isinstance(source, str) and (seeded := _SEEDED.fullmatch(source)) and seeded[1] in GENERATORS and not seeded[3]:
-        return GENERATORS[seeded[1]](int(seeded[2]))
+        return _core.load_scene(source, "")
     path = Path(source)
     if path.suffix.lower() in _SUFFIXES:
         if not path.is_file():

@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 from copy import copy as copied
 from copy import deepcopy
 from numbers import Real
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
+import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
@@ -20,6 +22,7 @@ from flockstep._core import (
     Batch,
     CameraConfig,
     ClockConfig,
+    DroneModel,
     DynamicsConfig,
     EpisodeConfig,
     HoverConfig,
@@ -28,6 +31,8 @@ from flockstep._core import (
     NativeTask,
     NavigationConfig,
     PoseSensorConfig,
+    PythonTask,
+    Recipe,
     TrackConfig,
     _unexpected_keyword,
     task_defaults,
@@ -117,6 +122,7 @@ if TYPE_CHECKING:
 
 
 _Sensor = TypeVar("_Sensor")
+_Config = TypeVar("_Config")
 
 Array: TypeAlias = npt.NDArray[Any]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -356,68 +362,26 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if isinstance(task, Task):
             _refuse_keywords_on(task)
 
-        chosen = _by_config(own_fields, task)
         mode = next(name for name, member in _MODES.items() if member is self.autoreset_mode)
-        episodes = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps}
-        if isinstance(task, Task):
-            episodes |= {"frame_skip": task.frame_skip, "random_world": task.random_world}
-        episode = EpisodeConfig(**episodes | chosen.pop(EpisodeConfig, {}))
-        description: Any
-        calls: TaskCalls | None = None
-        if task is None:
-            description = NavigationConfig.observing(observation)
-            for name, value in chosen.pop(NavigationConfig, {}).items():
-                setattr(description, name, value)
-        else:
-            if observation != "goal":
-                raise TypeError("observation: of the navigation task, but another task is given")
-            if isinstance(task, Task):
-                if max_episode_steps is not None:
-                    task.max_episode_steps = max_episode_steps
-                description, calls = native_task(task)
-            elif isinstance(task, (HoverConfig, TrackConfig)):
-                kind: Any = type(task)
-                given_fields = {name: getattr(task, name) for name in kind.__match_args__}
-                self.task = description = kind(**{**given_fields, **chosen.pop(kind, {})})
-            elif isinstance(task, NativeTask):
-                description = task
-            else:
-                expected = "a flockstep.Task, NativeTask, HoverConfig or TrackConfig"
-                raise TypeError(f"task: expected {expected}, got {task!r}")
-        defaults = task_defaults(description)
-        if isinstance(task, Task):
-            said = {name: getattr(task, name) for name in ("worlds", "drone", "dynamics", "clock")}
-            defaults |= {name: value for name, value in said.items() if value is not None}
-            defaults |= {"lidars": task.lidar, "cameras": task.camera}
-        clock, dynamics = copied(defaults["clock"]), copied(defaults["dynamics"])
-        for config in (clock, dynamics):
-            for name, value in chosen.get(type(config), {}).items():
-                setattr(config, name, value)
-        drone = defaults["drone"] if drone is None else drone
-        self.lidars = _listed(defaults["lidars"] if lidar is None else lidar, LidarConfig, "lidar")
+        episode = {"autoreset_mode": mode, "max_episode_steps": max_episode_steps}
+        recipe, self.task, own_task, calls = _recipe_for(task, observation, episode, _by_config(own_fields, task))
+        _set_given(recipe, num_envs=self.num_groups, drones_per_env=self.drones_per_env, num_threads=num_threads)
+        _set_given(recipe, camera_backend=camera_backend, tracer=tracer, pose_sensor=pose_sensor, drone=_drone(drone))
+        if lidar is not None:
+            recipe.lidars = _listed(lidar, LidarConfig, "lidar")
+        if camera is not None:
+            recipe.cameras = _listed(camera, CameraConfig, "camera")
+        recipe.imus = _listed(imu, ImuConfig, "imu")
+        if worlds is None:
+            worlds = self.task.worlds if isinstance(self.task, Task) else recipe.worlds
+        recipe.worlds = _names(worlds)
+        self._recipe = recipe
+        self.lidars, self.cameras = recipe.lidars, recipe.cameras
         self.lidar = self.lidars[0] if self.lidars else None
-        self.cameras = _listed(defaults["cameras"] if camera is None else camera, CameraConfig, "camera")
-
-        self.batch = Batch(
-            defaults["worlds"] if worlds is None else worlds,
-            self.num_groups * self.drones_per_env,
-            drones_per_env=self.drones_per_env,
-            lidar=self.lidars,
-            cameras=self.cameras,
-            camera_backend=camera_backend,
-            tracer=tracer,
-            pose_sensor=pose_sensor,
-            imu=imu,
-            task=description,
-            drone=drone,
-            episode=episode,
-            clock=clock,
-            dynamics=dynamics,
-            num_threads=num_threads,
-        )
+        self.batch = Batch.from_recipe(recipe, worlds, own_task, allow_files=True)
         self._rows_per_env = self.drones_per_env if self.batch.spec.row == "drone" else 1
         self.num_envs = self.num_groups * self._rows_per_env
-        flown_hz = self.batch.clock.policy_hz / episode.frame_skip
+        flown_hz = self.batch.clock.policy_hz / recipe.episode.frame_skip
         self.metadata["render_fps"] = max(1, round(flown_hz))  # a picture of each step, as fast as it is flown
         self._task_calls = calls
         self._reward_terms = self.batch.spec.reward_terms
@@ -439,6 +403,63 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             flight = FlightOverlay(height=shown.view != "top") if is_flight else None
             overlay = task if isinstance(task, Task) else flight
             self._view, self.trail = views.make(shown, self.batch, self.cameras, overlay, drone_mesh)
+
+    @classmethod
+    def from_recipe(cls, recipe: Recipe | str, *, allow_files: bool = False, **keywords: Any) -> DroneVectorEnv:
+        """Make an env from a recipe, such as one that another program wrote as JSON.
+
+        Parameters
+        ----------
+        recipe
+            A `Recipe`, or its JSON text. A task of your own stands in it as the id under which `register_task`
+            registered it in this process.
+        allow_files
+            Whether worlds and drone may be files outside of the folder of shipped scenes.
+        **keywords
+            Keywords of the env that are no part of a recipe, such as ``copy`` and ``render_mode``; others replace the
+            values of the recipe.
+
+        Raises
+        ------
+        ValueError
+            An invalid recipe, a path that is not allowed, or an id that is not registered.
+        """
+        recipe = Recipe.from_json(recipe) if isinstance(recipe, str) else recipe
+        if not allow_files:
+            recipe.check_access(scenes.directory())
+        task = recipe.task
+        given: dict[str, Any] = {"task": task} if isinstance(task, (HoverConfig, TrackConfig)) else {}
+        if isinstance(task, NavigationConfig):
+            given = {name: getattr(task, name) for name in NavigationConfig.__match_args__}
+        elif isinstance(task, str):
+            given = {"task": _registered(task)}
+        for config in (recipe.episode, recipe.clock, recipe.dynamics):
+            given |= {name: getattr(config, name) for name in config.__match_args__}
+        given |= {
+            name: getattr(recipe, name)
+            for name in (
+                "num_envs",
+                "drones_per_env",
+                "num_threads",
+                "worlds",
+                "drone",
+                "pose_sensor",
+                "camera_backend",
+            )
+        }
+        given |= {"lidar": recipe.lidars, "camera": recipe.cameras, "imu": recipe.imus, "tracer": recipe.tracer}
+        return cls(**{**given, **keywords})
+
+    @property
+    def recipe(self) -> Recipe:
+        """Everything that the batch is built from, a copy. Its worlds are empty if they were given as objects.
+
+        A task of your own stands in it as the id that Gymnasium made the env by, otherwise as the name of its class.
+        """
+        recipe = Recipe.from_json(self._recipe.to_json())
+        if isinstance(recipe.task, str) and self.spec is not None:
+            recipe.task = self.spec.id
+        return recipe
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the arguments and a snapshot: a copy goes on as this one does. Its pictures begin a new trail."""
@@ -739,6 +760,88 @@ def _masked(arrays: Mapping[str, Any], mask: BoolArray) -> dict[str, Any]:
     for key, value in arrays.items():
         infos[key], infos[f"_{key}"] = value, mask
     return infos
+
+
+def _recipe_for(
+    task: Any, observation: str, episode: dict[str, Any], chosen: dict[type, dict[str, Any]]
+) -> tuple[Recipe, Any, NativeTask | PythonTask | None, TaskCalls | None]:
+    """Return the recipe of a task with its defaults and the chosen fields, the task, and what `Batch` runs for it.
+
+    The last two are None for tasks of the engine, which a recipe describes whole.
+    """
+    own_task: NativeTask | PythonTask | None = None
+    calls: TaskCalls | None = None
+    if task is not None and observation != "goal":
+        raise TypeError("observation: of the navigation task, but another task is given")
+    if task is None:
+        recipe = Recipe(_changed(NavigationConfig.observing(observation), chosen.get(NavigationConfig)))
+    elif isinstance(task, (HoverConfig, TrackConfig)):
+        task = _changed(task, chosen.get(type(task)))
+        recipe = Recipe(task)
+    elif isinstance(task, Task):
+        if episode["max_episode_steps"] is not None:
+            task.max_episode_steps = episode["max_episode_steps"]
+        own_task, calls = native_task(task)
+        episode = {**episode, "frame_skip": task.frame_skip, "random_world": task.random_world}
+        recipe = Recipe(f"{type(task).__module__}/{type(task).__qualname__}")
+        _set_given(recipe, drone=_drone(task.drone), dynamics=task.dynamics, clock=task.clock)
+        recipe.lidars = _listed(task.lidar, LidarConfig, "lidar")
+        recipe.cameras = _listed(task.camera, CameraConfig, "camera")
+    elif isinstance(task, NativeTask):
+        own_task = task
+        recipe = Recipe(f"library/{task.path}")
+        defaults = task_defaults(task)
+        recipe.worlds = [defaults["worlds"]]
+        _set_given(recipe, **{name: defaults[name] for name in ("drone", "lidars", "cameras", "dynamics", "clock")})
+    else:
+        raise TypeError(f"task: expected a flockstep.Task, NativeTask, HoverConfig or TrackConfig, got {task!r}")
+    recipe.episode = EpisodeConfig(**episode | chosen.get(EpisodeConfig, {}))
+    recipe.clock = _changed(recipe.clock, chosen.get(ClockConfig))
+    recipe.dynamics = _changed(recipe.dynamics, chosen.get(DynamicsConfig))
+    return recipe, task, own_task, calls
+
+
+def _registered(env_id: str) -> Any:
+    """Return the task that is registered with Gymnasium under an id."""
+    spec = gymnasium.registry.get(env_id)
+    if spec is None or "task" not in spec.kwargs:
+        raise ValueError(
+            f"task.name: expected the id of a task that flockstep.register_task registered, got {env_id!r}"
+        )
+    return plain.from_plain(spec.kwargs["task"])
+
+
+def _set_given(recipe: Recipe, **values: Any) -> None:
+    """Set the fields of a recipe whose values are not None."""
+    for name, value in values.items():
+        if value is not None:
+            setattr(recipe, name, value)
+
+
+def _drone(drone: Any) -> DroneModel | str | None:
+    """Return a drone as a recipe takes it."""
+    if drone is None or isinstance(drone, DroneModel):
+        return drone
+    if isinstance(drone, (str, PathLike)):
+        return fspath(drone)
+    raise TypeError(f"drone: expected a flockstep.DroneModel, the name or path of one, or None, got {drone!r}")
+
+
+def _names(worlds: Any) -> list[str]:
+    """Return the names or paths of worlds; nothing for worlds that are given as objects, which a recipe cannot name."""
+    listed = [worlds] if isinstance(worlds, (str, PathLike)) else worlds
+    are_names = isinstance(listed, Sequence) and all(isinstance(name, (str, PathLike)) for name in listed)
+    return [fspath(name) for name in listed] if are_names else []
+
+
+def _changed(config: _Config, fields: Mapping[str, Any] | None) -> _Config:
+    """Return a copy of a configuration with other values of some fields."""
+    kind: Any = type(config)
+    return (
+        kind(**{name: getattr(config, name) for name in kind.__match_args__} | dict(fields or {}))
+        if fields
+        else copied(config)
+    )
 
 
 def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:

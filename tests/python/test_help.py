@@ -162,5 +162,7 @@ def test_the_env_documents_every_public_member(kind):
         if name.startswith("_"):
             continue
         item = inspect.getattr_static(kind, name, None)
-        documented = (callable(item) or isinstance(item, property)) and inspect.getdoc(getattr(kind, name))
+        documented = (callable(item) or isinstance(item, (property, classmethod))) and inspect.getdoc(
+            getattr(kind, name)
+        )
         assert documented or name in heads, name

@@ -182,7 +182,8 @@ void check_values_of(Simulation& sim) {
   if (sim.fleet) {
     const std::size_t rows = sim.fleet->airframes.size();
     for (const std::int32_t row : sim.fleet->airframe_index) {
-      require(row >= 0 && static_cast<std::size_t>(row) < rows, "snapshot: airframe_index", "rows of the table of airframes", row);
+      require(row >= 0 && static_cast<std::size_t>(row) < rows, "snapshot: airframe_index", "rows of the table of airframes",
+              row);
     }
   }
   for_each_sensor(sim, [](const sensors::Sensor& sensor) { sensor.check(); });

@@ -1,0 +1,116 @@
+// Recipes, and the names of scenes that may stand in them.
+#include "flockstep/recipe.hpp"
+
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <memory>
+#include <string>
+#include <type_traits>
+#include <utility>
+
+#include "convert.hpp"
+#include "flockstep/scenes.hpp"
+#include "released.hpp"
+
+namespace flockstep::bindings {
+namespace {
+
+// The task as an argument: a configuration, the id of a registered task, or None.
+TaskConfig task_of(const py::object& task) {
+  if (task.is_none()) return {};
+  if (py::isinstance<NavigationConfig>(task)) return task.cast<NavigationConfig>();
+  if (py::isinstance<HoverConfig>(task)) return task.cast<HoverConfig>();
+  if (py::isinstance<TrackConfig>(task)) return task.cast<TrackConfig>();
+  if (py::isinstance<py::str>(task)) return RegisteredTask{task.cast<std::string>()};
+  throw py::type_error(
+      "task: expected a NavigationConfig, HoverConfig or TrackConfig, the id of a registered task or None, got " +
+      std::string(py::repr(task)));
+}
+
+py::object task_to_python(const Recipe& recipe) {
+  return std::visit(
+      []<class Config>(const Config& config) -> py::object {
+        if constexpr (std::is_same_v<Config, std::monostate>) {
+          return py::none();
+        } else if constexpr (std::is_same_v<Config, RegisteredTask>) {
+          return py::str(config.id);
+        } else {
+          return py::cast(config);
+        }
+      },
+      recipe.task);
+}
+
+// A property for each field of BatchConfig.
+void add_batch_fields(py::class_<Recipe>& cls) {
+  std::apply(
+      [&]<class... Values>(const FieldPointer<BatchConfig, Values>&... fields) {
+        (cls.def_property(
+             fields.name, [member = fields.member](const Recipe& recipe) { return to_python(recipe.batch.*member); },
+             [member = fields.member, name = fields.name](Recipe& recipe, const py::object& value) {
+               recipe.batch.*member = from_python<Values>(value, name);
+             },
+             fields.info.about),
+         ...);
+      },
+      BatchConfig::fields());
+}
+
+std::shared_ptr<World> mutable_world(const std::shared_ptr<const World>& world) { return std::const_pointer_cast<World>(world); }
+
+}  // namespace
+
+void register_recipe(py::module_& module) {
+  py::class_<Recipe> cls(module, "Recipe", "Everything that a batch is built from, as one value that goes to JSON and back.");
+  cls.def(py::init([](const py::object& task) { return Recipe::for_task(task_of(task)); }), py::arg("task") = py::none())
+      .def_static("from_json", &Recipe::from_json, py::arg("text"))
+      .def("to_json", &Recipe::to_json)
+      .def_property("task", &task_to_python, [](Recipe& recipe, const py::object& task) { recipe.task = task_of(task); })
+      .def_readwrite("worlds", &Recipe::worlds, "Names of sets or scenes, or paths of files; see `flockstep.scenes`.")
+      .def_readwrite("drone", &Recipe::drone, "The name of a shipped frame, the path of a file, or a `DroneModel`.")
+      .def(
+          "check_access",
+          [](const Recipe& recipe, const std::filesystem::path& scenes) { check_access(recipe, {.scenes = scenes}); },
+          py::arg("scenes"))
+      .def(
+          "__eq__", [](const Recipe& a, const Recipe& b) { return a.to_json() == b.to_json(); }, py::is_operator())
+      .def("__repr__",
+           [](const Recipe& recipe) { return "Recipe.from_json(" + std::string(py::repr(py::str(recipe.to_json()))) + ")"; })
+      .def(py::pickle([](const Recipe& recipe) { return py::str(recipe.to_json()); },
+                      [](const py::str& text) { return Recipe::from_json(text); }));
+  cls.attr("__hash__") = py::none();  // it can change
+  add_batch_fields(cls);
+  cls.attr("_attributes") = module.attr("_other_fields")["BatchConfig"];  // for the stub
+
+  module.def("scene_sets", [] {
+    py::dict sets;
+    for (const SceneSet& set : scene_sets()) {
+      py::tuple names(set.scenes.size());
+      for (std::size_t i = 0; i < set.scenes.size(); ++i) names[i] = py::str(std::string(set.scenes[i]));
+      sets[py::str(std::string(set.name))] = names;
+    }
+    return sets;
+  });
+  module.def("generated_scenes", [] {
+    py::list names;
+    for (const GeneratedScene& scene : generated_scenes()) names.append(py::str(std::string(scene.name)));
+    return names;
+  });
+  module.def("scene_generators", [] {
+    py::list names;
+    for (const SceneGenerator& generator : scene_generators()) names.append(py::str(std::string(generator.name)));
+    return names;
+  });
+  module.def(
+      "load_scene",
+      [](const std::string& name, const std::filesystem::path& folder) {
+        std::shared_ptr<const World> world;
+        released([&] { world = load_scene(name, folder); });
+        return mutable_world(world);
+      },
+      py::arg("name"), py::arg("folder"));
+}
+
+}  // namespace flockstep::bindings

@@ -1,0 +1,218 @@
+#include "flockstep/recipe.hpp"
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+
+#include "base/excerpt.hpp"
+#include "base/nearest_name.hpp"
+#include "base/require.hpp"
+#include "flockstep/scenes.hpp"
+#include "recipe/config_json.hpp"
+#include "world/json_document.hpp"
+
+namespace flockstep {
+namespace {
+
+using Json = nlohmann::json;
+using OrderedJson = nlohmann::ordered_json;
+
+// The engine's tasks: a name for each alternative of TaskConfig that has one.
+template <class Config>
+constexpr const char* kTaskName = nullptr;
+template <>
+constexpr const char* kTaskName<NavigationConfig> = "navigation";
+template <>
+constexpr const char* kTaskName<HoverConfig> = "hover";
+template <>
+constexpr const char* kTaskName<TrackConfig> = "track";
+
+std::string quoted(const std::string& text) { return '"' + excerpt(text) + '"'; }
+
+std::unique_ptr<Task> made(const std::monostate&) { return nullptr; }
+std::unique_ptr<Task> made(const NavigationConfig& config) { return make_navigation(config); }
+std::unique_ptr<Task> made(const HoverConfig& config) { return make_hover(config); }
+std::unique_ptr<Task> made(const TrackConfig& config) { return make_track(config); }
+std::unique_ptr<Task> made(const RegisteredTask& task) {
+  refuse("task.name", "\"navigation\", \"hover\" or \"track\"",
+         quoted(task.id) + ": only the program that registered a task under this id can make it");
+}
+
+std::vector<std::string_view> names_of_members() {
+  std::vector<std::string_view> names{"task", "worlds", "drone"};
+  std::apply([&](const auto&... fields) { (names.emplace_back(fields.name), ...); }, BatchConfig::fields());
+  return names;
+}
+
+// The members of an object but some.
+Json without(const Json& object, std::initializer_list<const char*> names) {
+  Json rest = object;
+  for (const char* const name : names) rest.erase(name);
+  return rest;
+}
+
+TaskConfig read_task(const Json& json) {
+  if (json.is_null()) return {};
+  if (!json.is_object() || !json.contains("name") || !json["name"].is_string()) {
+    refuse("task", "null or an object with a \"name\"", json::excerpt_of(json));
+  }
+  const auto& name = json["name"].get_ref<const std::string&>();
+  const Json fields = without(json, {"name"});
+  if (name == kTaskName<NavigationConfig>) {
+    NavigationConfig config;
+    if (fields.contains("observation")) {  // the defaults of the other fields follow it
+      read_config(Json{{"observation", fields["observation"]}}, "task", config);
+      config = NavigationConfig::observing(config.observation);
+    }
+    read_config(fields, "task", config);
+    return config;
+  }
+  if (name == kTaskName<HoverConfig>) {
+    HoverConfig config;
+    read_config(fields, "task", config);
+    return config;
+  }
+  if (name == kTaskName<TrackConfig>) {
+    TrackConfig config;
+    read_config(fields, "task", config);
+    return config;
+  }
+  // Ids have a namespace, as Gymnasium's do: "mine/ReachHeight-v0". Anything else is a misspelt name.
+  constexpr std::array<std::string_view, 3> kNames{kTaskName<NavigationConfig>, kTaskName<HoverConfig>, kTaskName<TrackConfig>};
+  require(name.find('/') != std::string::npos, "task.name",
+          "\"navigation\", \"hover\", \"track\" or the id of a registered task, such as \"mine/ReachHeight-v0\"",
+          quoted(name) + '.' + did_you_mean(name, kNames));
+  require(fields.empty(), "task", "no fields beside the name of a registered task", json::excerpt_of(fields));
+  return RegisteredTask{name};
+}
+
+std::vector<std::string> read_worlds(const Json& json) {
+  constexpr const char* kExpected = "an array of names";
+  if (!json.is_array()) refuse("worlds", kExpected, json::excerpt_of(json));
+  std::vector<std::string> worlds;
+  for (const Json& world : json) {
+    if (!world.is_string()) refuse("worlds", kExpected, json::excerpt_of(json));
+    worlds.push_back(world.get<std::string>());
+  }
+  return worlds;
+}
+
+// Throws if a path is not allowed. The folder of the shipped scenes always is.
+void check_path(const char* field, const std::string& path, const RecipeAccess& access) {
+  if (access.allows_files) return;
+  const auto resolved = [](const std::filesystem::path& of) { return std::filesystem::weakly_canonical(of); };
+  const std::filesystem::path folder = resolved(access.scenes), file = resolved(path);
+  const bool is_inside = !access.scenes.empty() && std::ranges::mismatch(folder, file).in1 == folder.end();
+  require(is_inside, field, "the name of a shipped scene or drone (paths of files are not allowed here)", quoted(path));
+}
+
+Batch::Worlds load_worlds(const Recipe& recipe, const std::filesystem::path& folder) {
+  Batch::Worlds worlds;
+  std::map<std::string, std::shared_ptr<const World>> loaded;
+  for (const std::string& name : recipe.worlds) {
+    for (const std::string& scene : expand_scene_name(name)) {
+      std::shared_ptr<const World>& world = loaded[scene];
+      if (!world) world = load_scene(scene, folder);
+      worlds.push_back(world);
+    }
+  }
+  return worlds;
+}
+
+}  // namespace
+
+DroneModel load_drone(const DroneChoice& drone) {
+  if (const auto* const model = std::get_if<DroneModel>(&drone)) return *model;
+  const auto& name = std::get<std::string>(drone);
+  return name.empty() ? DroneModel::quadrotor650() : DroneModel::load(name);
+}
+
+std::unique_ptr<Task> make_task(const TaskConfig& task) {
+  return std::visit([](const auto& config) { return made(config); }, task);
+}
+
+Recipe Recipe::for_task(TaskConfig task) {
+  Recipe recipe;
+  recipe.task = std::move(task);
+  const bool has_defaults = !std::holds_alternative<RegisteredTask>(recipe.task);
+  const std::unique_ptr<Task> made = has_defaults ? make_task(recipe.task) : nullptr;
+  if (!made) return recipe;
+  const TaskDefaults defaults = made->defaults();
+  recipe.worlds = {defaults.worlds};
+  recipe.drone = defaults.drone;
+  recipe.batch.lidars = defaults.lidars;
+  recipe.batch.cameras = defaults.cameras;
+  recipe.batch.dynamics = defaults.dynamics;
+  recipe.batch.clock = defaults.clock;
+  return recipe;
+}
+
+std::string Recipe::to_json() const {
+  OrderedJson json;
+  json["task"] = std::visit(
+      []<class Config>(const Config& config) -> OrderedJson {
+        if constexpr (std::is_same_v<Config, std::monostate>) {
+          return nullptr;
+        } else if constexpr (std::is_same_v<Config, RegisteredTask>) {
+          return {{"name", config.id}};
+        } else {
+          OrderedJson object{{"name", kTaskName<Config>}};
+          object.update(json_of(config));
+          return object;
+        }
+      },
+      task);
+  json["worlds"] = worlds;
+  const auto* const model = std::get_if<DroneModel>(&drone);
+  json["drone"] = model != nullptr ? OrderedJson::parse(model->to_json()) : OrderedJson(std::get<std::string>(drone));
+  json.update(json_of(batch));
+  return json.dump(1) + '\n';
+}
+
+Recipe Recipe::from_json(const std::string& text) {
+  const auto document = json::Document::parse(text, "recipe");
+  const Json& json = document->root().value;
+  if (!json.is_object()) refuse("recipe", "an object", json::excerpt_of(json));
+  const std::vector<std::string_view> known = names_of_members();
+  for (const auto& [name, value] : json.items()) {
+    if (std::ranges::find(known, name) != known.end()) continue;
+    std::string expected;
+    for (const std::string_view one : known) expected += (expected.empty() ? "one of " : ", ") + std::string(one);
+    refuse("recipe", expected, quoted(name) + (nearest_name(name, known).empty() ? "" : "." + did_you_mean(name, known)));
+  }
+  Recipe recipe = for_task(json.contains("task") ? read_task(json["task"]) : TaskConfig());
+  if (json.contains("worlds")) recipe.worlds = read_worlds(json["worlds"]);
+  if (json.contains("drone")) {
+    const Json& drone = json["drone"];
+    if (!drone.is_string() && !drone.is_object()) refuse("drone", "a name or an object", json::excerpt_of(drone));
+    if (drone.is_string()) {
+      recipe.drone = drone.get<std::string>();
+    } else {
+      recipe.drone = DroneModel::from_json(drone.dump());
+    }
+  }
+  read_config(without(json, {"task", "worlds", "drone"}), "", recipe.batch);
+  return recipe;
+}
+
+void check_access(const Recipe& recipe, const RecipeAccess& access) {
+  for (const std::string& world : recipe.worlds) {
+    if (is_scene_path(world)) check_path("worlds", world, access);
+  }
+  const auto* const drone = std::get_if<std::string>(&recipe.drone);
+  if (drone != nullptr && drone->ends_with(".json")) check_path("drone", *drone, access);
+}
+
+std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access) {
+  std::unique_ptr<Task> task = make_task(recipe.task);
+  require(!recipe.worlds.empty(), "worlds", "at least one name", "none");
+  check_access(recipe, access);
+  DroneModel drone = load_drone(recipe.drone);
+  return std::make_unique<Batch>(recipe.batch, load_worlds(recipe, access.scenes), std::move(task), std::move(drone));
+}
+
+}  // namespace flockstep

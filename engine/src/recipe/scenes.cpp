@@ -1,0 +1,146 @@
+#include "flockstep/scenes.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <optional>
+#include <utility>
+
+#include "base/nearest_name.hpp"
+#include "base/require.hpp"
+#include "flockstep/scenario.hpp"
+
+namespace flockstep {
+namespace {
+
+constexpr std::array<std::string_view, 5> kTrain{"playground/train-1", "playground/train-2", "playground/train-3",
+                                                 "playground/train-4", "playground/train-5"};
+constexpr std::array<std::string_view, 2> kValidation{"playground/validation-1", "playground/validation-2"};
+constexpr std::array<std::string_view, 2> kCameraTrain{"playground/camera-train-1", "playground/camera-train-2"};
+constexpr std::array<std::string_view, 2> kCameraValidation{"playground/camera-validation-1", "playground/camera-validation-2"};
+constexpr std::array<SceneSet, 4> kSets{SceneSet{"train", kTrain}, SceneSet{"validation", kValidation},
+                                        SceneSet{"camera-train", kCameraTrain}, SceneSet{"camera-validation", kCameraValidation}};
+
+constexpr std::array<GeneratedScene, 4> kGenerated{
+    GeneratedScene{"indoor/office", [] { return office({.seed = 1}); }},
+    GeneratedScene{"indoor/warehouse", [] { return warehouse({.seed = 1}); }},
+    GeneratedScene{"outdoor/city", [] { return city({.seed = 6}); }},
+    GeneratedScene{"outdoor/forest", [] { return forest({.seed = 1}); }},
+};
+
+constexpr std::array<SceneGenerator, 7> kGenerators{
+    SceneGenerator{"playground", [](std::uint64_t seed) { return playground({.seed = seed}); }},
+    SceneGenerator{"forest", [](std::uint64_t seed) { return forest({.seed = seed}); }},
+    SceneGenerator{"city", [](std::uint64_t seed) { return city({.seed = seed}); }},
+    SceneGenerator{"office", [](std::uint64_t seed) { return office({.seed = seed}); }},
+    SceneGenerator{"warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed}); }},
+    SceneGenerator{"guided_office", [](std::uint64_t seed) { return office({.seed = seed, .waypoints = true}); }},
+    SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }},
+};
+
+constexpr std::array<std::string_view, 5> kSuffixes{".json", ".gltf", ".glb", ".obj", ".ply"};
+constexpr std::uint64_t kMostSeeds = 100'000;  // of a range
+
+// A number of 1 to 18 digits.
+std::optional<std::uint64_t> number_of(std::string_view text) {
+  std::uint64_t number = 0;
+  const bool has_digits =
+      !text.empty() && text.size() <= 18 && std::ranges::all_of(text, [](char c) { return c >= '0' && c <= '9'; });
+  if (!has_digits) return std::nullopt;
+  std::from_chars(text.data(), text.data() + text.size(), number);
+  return number;
+}
+
+// "forest/seed-7" or "forest/seed-0..99".
+struct Seeded {
+  const SceneGenerator* generator;
+  std::uint64_t first, last;
+};
+
+std::optional<Seeded> seeded(std::string_view name) {
+  constexpr std::string_view kSeed = "/seed-", kRange = "..";
+  const std::size_t slash = name.find(kSeed);
+  if (slash == std::string_view::npos) return std::nullopt;
+  const auto generator = std::ranges::find(kGenerators, name.substr(0, slash), &SceneGenerator::name);
+  if (generator == kGenerators.end()) return std::nullopt;
+  const std::string_view seeds = name.substr(slash + kSeed.size());
+  const std::size_t dots = seeds.find(kRange);
+  const auto first = number_of(seeds.substr(0, dots));
+  const auto last = dots == std::string_view::npos ? first : number_of(seeds.substr(dots + kRange.size()));
+  if (!first || !last) return std::nullopt;
+  return Seeded{&*generator, *first, *last};
+}
+
+template <class Names>
+std::string listed(const Names& names) {
+  std::string text;
+  for (const auto& name : names) text += (text.empty() ? "" : ", ") + std::string(name);
+  return text;
+}
+
+template <class Items>
+std::vector<std::string_view> names_of(const Items& items) {
+  std::vector<std::string_view> names;
+  for (const auto& item : items) names.push_back(item.name);
+  return names;
+}
+
+}  // namespace
+
+std::span<const SceneSet> scene_sets() { return kSets; }
+std::span<const GeneratedScene> generated_scenes() { return kGenerated; }
+std::span<const SceneGenerator> scene_generators() { return kGenerators; }
+
+std::vector<std::string> scene_names(const std::filesystem::path& folder) {
+  std::vector<std::string> names;
+  for (const GeneratedScene& scene : kGenerated) names.emplace_back(scene.name);
+  std::error_code ignored;  // of a folder that is missing or cannot be read: it has no scenes
+  for (const auto& group : std::filesystem::directory_iterator(folder, ignored)) {
+    if (!group.is_directory(ignored)) continue;
+    for (const auto& file : std::filesystem::directory_iterator(group.path(), ignored)) {
+      if (file.path().extension() != ".json") continue;
+      names.push_back(group.path().filename().string() + '/' + file.path().stem().string());
+    }
+  }
+  std::ranges::sort(names);
+  return names;
+}
+
+std::vector<std::string> expand_scene_name(std::string_view name) {
+  if (const auto set = std::ranges::find(kSets, name, &SceneSet::name); set != kSets.end()) {
+    return {set->scenes.begin(), set->scenes.end()};
+  }
+  const auto range = seeded(name);
+  if (!range) return {std::string(name)};
+  require(range->first <= range->last && range->last - range->first < kMostSeeds, "worlds",
+          "a range of 1 to " + std::to_string(kMostSeeds) + " seeds", '"' + std::string(name) + '"');
+  std::vector<std::string> names;
+  for (std::uint64_t seed = range->first; seed <= range->last; ++seed) {
+    names.push_back(std::string(range->generator->name) + "/seed-" + std::to_string(seed));
+  }
+  return names;
+}
+
+bool is_scene_path(std::string_view name) {
+  std::string suffix = std::filesystem::path(name).extension().string();
+  std::ranges::transform(suffix, suffix.begin(),
+                         [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
+  return std::ranges::find(kSuffixes, suffix) != kSuffixes.end();
+}
+
+std::shared_ptr<const World> load_scene(const std::string& name, const std::filesystem::path& folder) {
+  if (const auto scene = std::ranges::find(kGenerated, name, &GeneratedScene::name); scene != kGenerated.end())
+    return scene->make();
+  if (const auto one = seeded(name); one && one->first == one->last) return one->generator->make(one->first);
+  if (is_scene_path(name)) return World::load(name);
+  const std::vector<std::string> names = scene_names(folder);
+  if (std::ranges::find(names, name) != names.end()) return World::load(folder / (name + ".json"));
+  std::vector<std::string_view> known(names.begin(), names.end());
+  for (const SceneSet& set : kSets) known.push_back(set.name);
+  refuse("worlds",
+         "the path of a .json, .gltf, .glb, .obj or .ply file, a generator and its seed such as \"forest/seed-7\" (of " +
+             listed(names_of(kGenerators)) + "), one of the sets " + listed(names_of(kSets)) + ", or one of " + listed(names),
+         '"' + name + '"' + (nearest_name(name, known).empty() ? "" : "." + did_you_mean(name, known)));
+}
+
+}  // namespace flockstep

@@ -1,0 +1,150 @@
+"""Recipes: one value that builds the same batch in C++, in Python, and from its JSON."""
+
+import hashlib
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep import scenes
+
+ENVS: dict[str, dict[str, Any]] = {
+    "navigation": {
+        "frame_skip": 2,
+        "step_m": 0.2,
+        "pose_sensor": flockstep.PoseSensorConfig(position_noise_std_m=0.02),
+    },
+    "blob": {"observation": "blob", "autoreset_mode": "same_step"},
+    "hover": {"task": flockstep.HoverConfig(hold_s=0.5), "imu": flockstep.ImuConfig(gyroscope_noise_density=0.01)},
+    "track": {"task": flockstep.TrackConfig(), "drones_per_env": 2, "max_tilt_deg": 30.0, "on_contact": "bounce"},
+}
+
+
+class Rise(flockstep.Task):
+    """Fly upwards."""
+
+    observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)
+    worlds = "validation"
+    max_episode_steps = 9
+
+    def observe(self, batch: flockstep.Batch) -> Any:
+        return batch.position[:, 2:]
+
+    def step(self, batch: flockstep.Batch) -> Any:
+        return batch.position[:, 2], batch.contact.hit
+
+
+def digest(batch: flockstep.Batch, steps: int = 30) -> str:
+    """Hash what a batch returns for some actions that depend on nothing else."""
+    rng = np.random.default_rng(3)
+    batch.reset(np.arange(batch.num_envs, dtype=np.uint64))
+    hashed = hashlib.sha256()
+    action = batch.spec.action
+    for _ in range(steps):
+        if action.dtype == "int64":
+            actions: Any = rng.integers(0, int(action.high) + 1, batch.num_drones)
+        else:
+            actions = rng.uniform(-1, 1, (batch.num_drones, *action.shape)).astype(np.float32)
+        batch.step(actions)
+        observation = batch.observation
+        parts = observation.values() if isinstance(observation, dict) else [observation]
+        for array in (*parts, batch.reward, batch.episode_end, batch.position):
+            hashed.update(np.ascontiguousarray(array).tobytes())
+    return hashed.hexdigest()
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_python_and_cpp_build_the_same_batch(name: str) -> None:
+    envs = flockstep.DroneVectorEnv(3, **ENVS[name])
+    text = envs.recipe.to_json()
+    by_engine = flockstep.Batch.from_recipe(flockstep.Recipe.from_json(text))
+    again = flockstep.DroneVectorEnv.from_recipe(text)
+    expected = digest(envs.batch)
+    assert digest(by_engine) == expected
+    assert digest(again.batch) == expected
+    assert again.recipe == envs.recipe
+    assert (again.num_envs, again.num_groups) == (envs.num_envs, envs.num_groups)
+
+
+def test_a_recipe_has_the_defaults_of_its_task() -> None:
+    recipe = flockstep.Recipe.from_json('{"task": {"name": "hover"}}')
+    assert recipe == flockstep.Recipe(flockstep.HoverConfig())
+    assert recipe.dynamics.motion == "rotors"
+    assert recipe != flockstep.Recipe(flockstep.HoverConfig(hold_m=0.2))
+    assert pickle.loads(pickle.dumps(recipe)) == recipe
+    assert json.loads(recipe.to_json())["task"]["name"] == "hover"
+
+
+def test_a_task_of_your_own_stands_in_it_as_its_registered_id() -> None:
+    flockstep.register_task("recipes/Rise-v0", Rise)
+    envs = gymnasium.make_vec("recipes/Rise-v0", num_envs=2)
+    assert isinstance(envs, flockstep.DroneVectorEnv)
+    text = envs.recipe.to_json()
+    assert json.loads(text)["task"] == {"name": "recipes/Rise-v0"}
+    again = flockstep.DroneVectorEnv.from_recipe(text)
+    assert isinstance(again.task, Rise)
+    assert digest(again.batch) == digest(envs.batch)
+    with pytest.raises(
+        ValueError, match=r"task\.name: expected .*\"recipes/Rise-v0\": only the program that registered"
+    ):
+        flockstep.Batch.from_recipe(flockstep.Recipe.from_json(text))
+    with pytest.raises(
+        ValueError, match=r"task\.name: expected the id of a task that flockstep\.register_task registered"
+    ):
+        flockstep.DroneVectorEnv.from_recipe('{"task": {"name": "recipes/Other-v0"}, "worlds": ["train"]}')
+
+
+@pytest.mark.parametrize("field", ["worlds", "drone"])
+def test_files_are_opened_only_if_the_caller_allows_it(field: str, tmp_path: Path) -> None:
+    if field == "worlds":
+        path = tmp_path / "own.json"
+        path.write_text((scenes.directory() / "playground" / "train-1.json").read_text())
+    else:
+        path = tmp_path / "drone.json"
+        path.write_text(json.dumps(flockstep.DroneModel.load("kingfisher").to_dict()))
+    value = [str(path)] if field == "worlds" else str(path)
+    text = json.dumps({"task": {"name": "hover"}, field: value})
+    recipe = flockstep.Recipe.from_json(text)
+    with pytest.raises(ValueError, match=f"{field}: expected the name of a shipped"):
+        flockstep.Batch.from_recipe(recipe)
+    with pytest.raises(ValueError, match=f"{field}: expected the name of a shipped"):
+        flockstep.DroneVectorEnv.from_recipe(text)
+    assert flockstep.DroneVectorEnv.from_recipe(text, allow_files=True).num_envs == 1
+    assert flockstep.Batch.from_recipe(recipe, allow_files=True).num_drones == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"taks": null}', "Did you mean task?"),
+        ('{"clock": {"policy_hx": 5}}', r"clock\..*Did you mean policy_hz?"),
+        ('{"num_envs": 1.5}', "num_envs"),
+        ('{"task": {"name": "hover"}', "recipe"),
+        ("", "recipe"),
+    ],
+)
+def test_mistakes_are_refused_by_their_place(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message.replace("?", r"\?")):
+        flockstep.Recipe.from_json(text)
+
+
+def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
+    world = scenes.load_one("playground/train-1")
+    envs = flockstep.DroneVectorEnv(2, worlds=world)
+    assert envs.recipe.worlds == []
+    with pytest.raises(ValueError, match="worlds: expected at least one"):
+        flockstep.Batch.from_recipe(envs.recipe)
+
+
+def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
+    shipped = [name for members in scenes.SETS.values() for name in members]
+    assert set(shipped) <= set(scenes.names())
+    for name in ("playground/seed-3", "playground/train-1"):
+        envs = flockstep.DroneVectorEnv(1, worlds=name)
+        batch = flockstep.Batch.from_recipe(envs.recipe)
+        assert batch.worlds[0].to_dict() == envs.batch.worlds[0].to_dict()
