@@ -776,7 +776,8 @@ def _recipe_for(
     if task is None:
         recipe = Recipe(_changed(NavigationConfig.observing(observation), chosen.get(NavigationConfig)))
     elif isinstance(task, (HoverConfig, TrackConfig)):
-        task = _changed(task, chosen.get(type(task)))
+        kind: Any = type(task)
+        task = kind(**{name: getattr(task, name) for name in kind.__match_args__} | chosen.get(kind, {}))
         recipe = Recipe(task)
     elif isinstance(task, Task):
         if episode["max_episode_steps"] is not None:
@@ -835,13 +836,11 @@ def _names(worlds: Any) -> list[str]:
 
 
 def _changed(config: _Config, fields: Mapping[str, Any] | None) -> _Config:
-    """Return a copy of a configuration with other values of some fields."""
-    kind: Any = type(config)
-    return (
-        kind(**{name: getattr(config, name) for name in kind.__match_args__} | dict(fields or {}))
-        if fields
-        else copied(config)
-    )
+    """Return a copy of a configuration with other values of some fields, which the engine checks together."""
+    copy = copied(config)
+    for name, value in (fields or {}).items():
+        setattr(copy, name, value)
+    return copy
 
 
 def _by_config(fields: dict[str, Any], task: Any) -> dict[type, dict[str, Any]]:
