@@ -5,9 +5,12 @@
 #include <pybind11/pybind11.h>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <span>
 #include <string>
+#include <tuple>
+#include <type_traits>
 #include <utility>
 
 #include "arrays.hpp"
@@ -24,16 +27,25 @@ struct Viewed {
   ItemShape items = {};
 };
 
-inline Shape shape_of(const ArrayView& array) {
+// The shape of a view, without an allocation: every step makes some views.
+struct ViewShape {
+  std::array<py::ssize_t, 4> sizes{};
+  std::size_t dimensions = 1;
+
+  void add(py::ssize_t size) { sizes[dimensions++] = size; }
+  std::span<const py::ssize_t> span() const { return std::span(sizes).first(dimensions); }
+};
+
+inline ViewShape shape_of(const ArrayView& array) {
   const int columns = array.info.columns;
   const ItemShape& items = array.items;
-  Shape shape{0};
-  if (columns > 0 && items.columns_first) shape.push_back(columns);
-  if (array.info.per != Per::row) shape.insert(shape.end(), items.sizes.begin(), items.sizes.begin() + items.dimensions);
-  if (columns > 0 && !items.columns_first) shape.push_back(columns);
+  ViewShape shape;
+  if (columns > 0 && items.columns_first) shape.add(columns);
+  for (std::size_t i = 0; array.info.per != Per::row && i < items.dimensions; ++i) shape.add(items.sizes[i]);
+  if (columns > 0 && !items.columns_first) shape.add(columns);
   py::ssize_t width = 1;
-  for (std::size_t i = 1; i < shape.size(); ++i) width *= shape[i];
-  shape[0] = static_cast<py::ssize_t>(array.size) / std::max<py::ssize_t>(width, 1);
+  for (std::size_t i = 1; i < shape.dimensions; ++i) width *= shape.sizes[i];
+  shape.sizes[0] = static_cast<py::ssize_t>(array.size) / std::max<py::ssize_t>(width, 1);
   return shape;
 }
 
@@ -63,6 +75,13 @@ inline py::dict description_of(const ArrayView& array) {
   return entry;
 }
 
+// The array at an index of the list.
+template <HasFields Arrays, std::size_t kIndex>
+ArrayView view_at(const Arrays& arrays, const ItemShape& items) {
+  constexpr auto kEntry = std::get<kIndex>(Arrays::fields());
+  return view_of(kEntry, arrays.*kEntry.member, items);
+}
+
 // Adds a property for each array of the list that is not internal. get(self, name) returns a Viewed; it throws if the object has
 // no such array. Descriptions of the arrays are added to the list cls._arrays.
 template <HasFields Arrays, class Class, class Get>
@@ -71,23 +90,23 @@ void add_arrays(Class& cls, const Get& get) {
   const py::is_method method(cls);
   if (!cls.attr("__dict__").contains("_arrays")) cls.attr("_arrays") = py::list();
   py::list descriptions = cls.attr("_arrays");
-  std::size_t index = 0;
-  for_each_view(Arrays{}, {}, [&](const ArrayView& listed) {
-    const std::size_t wanted = index++;
+  const auto add = [&](ArrayView (*view_now)(const Arrays&, const ItemShape&)) {
+    const ArrayView listed = view_now({}, {});
     if (listed.info.access == Access::internal) return;
-    const auto read = [get, wanted, name = listed.name, dtype = dtype_of(listed)](const py::object& self) {
+    const auto read = [get, view_now, name = listed.name, dtype = dtype_of(listed)](const py::object& self) {
       const Viewed<Arrays> viewed = get(self, name);
-      py::object array;
-      std::size_t at = 0;
-      for_each_view(viewed.arrays, viewed.items, [&](const ArrayView& found) {
-        if (at++ != wanted) return;
-        array = view(viewed.owner, dtype, found.data, shape_of(found), found.info.access == Access::write);
-      });
-      return array;
+      const ArrayView now = view_now(viewed.arrays, viewed.items);
+      return view(viewed.owner, dtype, now.data, shape_of(now).span(), now.info.access == Access::write);
     };
     cls.attr(listed.name) = property(py::cpp_function(read, method));
     descriptions.append(description_of(listed));
-  });
+  };
+  [&]<std::size_t... kIndex>(std::index_sequence<kIndex...>) {
+    const auto add_if_listed = [&]<std::size_t kAt>(std::integral_constant<std::size_t, kAt>) {
+      if constexpr (requires { std::get<kAt>(Arrays::fields()).info.writer; }) add(&view_at<Arrays, kAt>);
+    };
+    (add_if_listed(std::integral_constant<std::size_t, kIndex>()), ...);
+  }(std::make_index_sequence<std::tuple_size_v<decltype(Arrays::fields())>>());
 }
 
 }  // namespace flockstep::bindings

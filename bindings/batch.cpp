@@ -427,7 +427,7 @@ void register_batch(py::module_& module) {
           [](const py::object& self, const std::string& name) {
             py::dict arrays;
             for (const ArrayView& array : self.cast<const Batch&>().sensor_arrays(name)) {
-              arrays[array.name] = view(self, dtype_of(array), array.data, shape_of(array));
+              arrays[array.name] = view(self, dtype_of(array), array.data, shape_of(array).span());
             }
             return arrays;
           },
