@@ -207,7 +207,7 @@ def tables_text(keys: Sequence[Key]) -> str:
 
 
 def document_text(text: str, keys: Sequence[Key]) -> str:
-    """Return a document with its tables made anew."""
+    """Return a document with its tables written again."""
     before, rest = text.split(BEGIN)
     _, after = rest.split(END)
     return before + BEGIN + tables_text(keys) + END + after

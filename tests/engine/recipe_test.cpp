@@ -164,6 +164,8 @@ TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
     if (path.ends_with(".json")) expect_has(refusal_of(recipe), "drone: expected the name of a shipped scene");
     recipe.drone = std::string();
   }
+  recipe.worlds = {std::string(100'000, 'x') + ".json"};
+  expect_has(refusal_of(recipe), "worlds: expected the name of a shipped scene");
   recipe.worlds = {shipped};
   EXPECT_EQ(refusal_of(recipe), "nothing was refused");
   EXPECT_NE(refusal_of(recipe, {}), "nothing was refused") << "no folder is known";

@@ -143,6 +143,8 @@ TEST(SensorSuite, ListsTheArraysOfASensorByItsName) {
   EXPECT_EQ(lidar[0].items.sizes, (std::array<std::int64_t, 2>{2, 5}));
   EXPECT_EQ(batch.sensor_arrays("pose")[0].data, batch.pose_readings().position.data());
   EXPECT_THROW(batch.sensor_arrays("sonar"), std::invalid_argument);
+  const Batch twins(flying({named(kNoisy, "same")}, {{.name = "same"}}), {testing::closet()});
+  EXPECT_THROW(twins.sensor_arrays("same"), std::invalid_argument) << "of the LiDAR or of the IMU";
 }
 
 }  // namespace

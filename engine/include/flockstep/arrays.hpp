@@ -4,7 +4,7 @@
 //   struct Battery {
 //     std::vector<float> charge;  // (N,)
 //     static constexpr auto fields() {
-//       return field_list(array("charge", &Battery::charge, {.unit = "C", .writer = "step", .about = "what is left"}));
+//       return field_list(array("charge", &Battery::charge, {.unit = "C", .writer = "step", .about = "charge left"}));
 //     }
 //   };
 #pragma once

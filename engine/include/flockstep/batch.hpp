@@ -131,7 +131,8 @@ class Batch {
   const PoseReadings& pose_readings() const;
   const ImuReadings& imu_readings(std::size_t imu = 0) const;        // by the index in config().imus
   const LidarReadings& lidar_readings(std::size_t lidar = 0) const;  // by the index in config().lidars
-  // The arrays that the sensor of this name publishes. std::invalid_argument if there is none.
+  // The arrays that the sensor of this name publishes. std::invalid_argument if there is none, or two of
+  // different kinds have it.
   std::vector<ArrayView> sensor_arrays(std::string_view name) const;
 
   // --- the LiDARs and IMUs; std::invalid_argument if there is no such sensor

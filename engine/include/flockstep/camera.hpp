@@ -30,7 +30,7 @@ struct EnumNames<CaptureMode> {
   static constexpr std::array kNames{"every_step", "on_movement", "on_demand"};
 };
 
-// How the pixels of a resized image are computed from the rendered pixels that they cover.
+// The rule by which a pixel of a resized image is computed from the rendered pixels that it covers.
 enum class Pool : std::uint8_t { mean, min, max };
 template <>
 struct EnumNames<Pool> {

@@ -15,7 +15,7 @@
 
 namespace flockstep {
 
-// How rays of cameras and LiDARs find what is in a world.
+// The way in which rays of cameras and LiDARs find the objects of a world.
 enum class TracerKind : std::uint8_t { automatic, tiles, embree };
 template <>
 struct EnumNames<TracerKind> {

@@ -46,9 +46,10 @@ std::vector<ArrayView> Batch::sensor_arrays(std::string_view name) const {
   std::string names;
   const auto look = [&](const sensors::Sensor& sensor) {
     names += (names.empty() ? "\"" : ", \"") + sensor.name() + '"';
-    if (arrays.empty() && sensor.name() == name) {
-      sensor.list_arrays([&](const ArrayView& array) { arrays.push_back(array); });
-    }
+    if (sensor.name() != name) return;
+    if (!arrays.empty())
+      refuse("sensor", "a name that one sensor has", '"' + std::string(name) + "\", which two of different kinds have");
+    sensor.list_arrays([&](const ArrayView& array) { arrays.push_back(array); });
   };
   for (const auto& sensor : sim_->suite) look(*sensor);
   for (std::size_t camera = 0; camera < sim_->cameras.size(); ++camera) look(sim_->cameras[camera]);

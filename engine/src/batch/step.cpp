@@ -87,7 +87,7 @@ void fly(Simulation& sim, Block& block, Scratch& scratch) {
   }
   for_each_contiguous(drones, [&](std::size_t first, std::size_t count) {
     if (sim.fleet) {
-      if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // as mostly
+      if (!is_any(sim.state.contact.hit.data() + first, count)) return;  // the usual case
       for (std::size_t i = first; i < first + count; ++i) {
         if (sim.state.contact.hit[i]) clear_contact(sim.state, DroneIndex(i));
       }

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string_view>
+#include <system_error>
 #include <type_traits>
 #include <utility>
 
@@ -48,7 +49,7 @@ std::vector<std::string_view> names_of_members() {
   return names;
 }
 
-// The members of an object but some.
+// The members of an object except some.
 Json without(const Json& object, std::initializer_list<const char*> names) {
   Json rest = object;
   for (const char* const name : names) rest.erase(name);
@@ -104,9 +105,13 @@ std::vector<std::string> read_worlds(const Json& json) {
 // Throws if a path is not allowed. The folder of the shipped scenes always is.
 void check_path(const char* field, const std::string& path, const RecipeAccess& access) {
   if (access.allows_files) return;
-  const auto resolved = [](const std::filesystem::path& of) { return std::filesystem::weakly_canonical(of); };
-  const std::filesystem::path folder = resolved(access.scenes), file = resolved(path);
-  const bool is_inside = !access.scenes.empty() && std::ranges::mismatch(folder, file).in1 == folder.end();
+  std::error_code failed;  // of a name too long, or a loop of links
+  const std::filesystem::path folder = std::filesystem::weakly_canonical(access.scenes, failed);
+  bool is_inside = !access.scenes.empty() && !failed;
+  if (is_inside) {
+    const std::filesystem::path file = std::filesystem::weakly_canonical(path, failed);
+    is_inside = !failed && std::ranges::mismatch(folder, file).in1 == folder.end();
+  }
   require(is_inside, field, "the name of a shipped scene or drone (paths of files are not allowed here)", quoted(path));
 }
 

@@ -70,14 +70,14 @@ class Camera final : public Sensor {
   std::int32_t taken_world(DroneIndex drone) const { return taken_.world[drone]; }
 
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override;
-  // Where frames were taken, and run-time settings: frames are taken again.
+  // A snapshot holds the poses at which frames were taken, and run-time settings: frames are rendered again.
   void visit(ArrayVisitor& visitor) override;
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
   void restored() override;
   void check() const override;
 
  private:
-  // Where the frames were taken; with frame_step and the settings, all that they depend on.
+  // The poses at which frames were taken. Frames depend on these, on frame_step and on the settings.
   struct Taken {
     std::vector<float> position;
     std::vector<float> quat_wxyz;

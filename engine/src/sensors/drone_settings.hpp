@@ -32,7 +32,7 @@ Setting setting_of(const CameraConfig& config);
 LidarConfig with(LidarConfig config, const Setting& setting);
 CameraConfig with(CameraConfig config, const Setting& setting);
 
-// Optics: what is computed from fields of view and takes time, such as a table of rays.
+// Optics: costly data computed from fields of view, such as a table of rays.
 template <class Config, class Optics>
 class DroneSettings {
  public:

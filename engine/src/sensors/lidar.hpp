@@ -46,7 +46,7 @@ class Lidar final : public BlockSensor {
   void check() const override { readings_.check(); }
 
  private:
-  // Where rays go through Embree, consecutive drones in the same world share packets.
+  // Consecutive drones in the same world share the packets of rays that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }

@@ -59,7 +59,7 @@ class Sensor {
   std::int64_t period_;
 };
 
-// What a sensor is made for.
+// The batch that a sensor is made for.
 struct SensorSetup {
   const ClockConfig& clock;
   TracerKind tracer = TracerKind::automatic;
@@ -68,7 +68,7 @@ struct SensorSetup {
   std::uint32_t number = 0;  // among the sensors of its kind on a drone
 };
 
-// What sensors measure, and the working memory of a thread.
+// The drones and worlds that sensors measure, and the working memory of a thread.
 struct Surroundings {
   const State& state;
   std::span<const trace::Scene* const> scenes;  // by slot
@@ -91,7 +91,7 @@ class BlockSensor : public Sensor {
   void read(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
     measure(drones, surroundings);
     add_errors(drones, surroundings.state);
-    // No sensor has a delay: what is measured is published at once.
+    // No sensor has a delay: readings are published at once.
   }
 
  private:
@@ -104,7 +104,7 @@ class BlockSensor : public Sensor {
   }
 };
 
-// The readings of a sensor: the truth, and what is published. Without errors they are the same memory.
+// The readings of a sensor: the truth and the published arrays. Without errors they are the same memory.
 template <HasFields Arrays>
 class Readings {
  public:

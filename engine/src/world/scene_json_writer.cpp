@@ -133,7 +133,7 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
       uv.push_back(OrderedJson::array({json::shortest(mesh.uv[i][0]), json::shortest(mesh.uv[i][1])}));
     }
   }
-  // Of a mesh of its own colours; those that are white have none.
+  // Vertex colours of a mesh; white ones are left out.
   const auto is_white = [](const std::array<float, 3>& color) { return color == std::array{1.0F, 1.0F, 1.0F}; };
   const auto colors = std::span(mesh.colors)
                           .subspan(mesh.colors.empty() ? 0 : first_vertex, mesh.colors.empty() ? 0 : last_vertex - first_vertex);

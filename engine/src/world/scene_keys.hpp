@@ -28,7 +28,7 @@ enum class ValueKind : std::uint8_t {
   index,          // an integer >= 0
   direction,      // numbers, not all of them 0
   choice,         // one of a few texts
-  object,         // with keys of its own
+  object,         // with its own keys
 };
 template <>
 struct EnumNames<ValueKind> {
@@ -36,7 +36,7 @@ struct EnumNames<ValueKind> {
                                      "integer",  "index",   "direction", "choice",        "object"};
 };
 
-// How many values a key holds.
+// The number of values that a key holds.
 enum class ValueCount : std::uint8_t { one, list, by_name };
 template <>
 struct EnumNames<ValueCount> {
@@ -49,7 +49,7 @@ struct SceneKey {
   ValueKind kind = ValueKind::number;
   Limits limits;                         // of each number
   bool or_zero = false;                  // 0 is allowed besides
-  std::size_t size = 0;                  // a value is an array of so many; 0: it is not an array
+  std::size_t size = 0;                  // length of the array that a value is; 0: a value is not an array
   ValueCount count = ValueCount::one;    //
   std::size_t most = 0;                  // values of a list or a map; 0: any number
   std::string_view unit;                 //

@@ -53,10 +53,10 @@ std::array<TextureWrap, 2> wrap_of(const json::JsonField& field);
 struct Box3d {
   Vec3d min, max;
 };
-// Of an object with these two keys; each side is at least so long.
+// Reads an object with these two keys; each side has at least the given length.
 Box3d box_of(const json::JsonField& object, const SceneKey& min, const SceneKey& max, double least_side);
 
-// What a mesh has by vertices, triangles, uv and colors.
+// The geometry that a mesh lists by vertices, triangles, uv and colors.
 TriangleMesh inline_mesh_of(const json::JsonField& mesh);
 
 }  // namespace flockstep
