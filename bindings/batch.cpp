@@ -255,31 +255,31 @@ py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   return numbers;
 }
 
-template <class Class>
-void add_batch_arrays(Class& cls) {
-  add_arrays<State>(cls,
-                    [](const py::object& self, const char*) { return Viewed<State>{self.cast<const Batch&>().state(), self}; });
-  add_arrays<FlightState>(cls, [](const py::object& self, const char*) {
-    const auto& batch = self.cast<const Batch&>();
-    if (batch.config().dynamics.is_kinematic()) {
-      throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
-    }
-    return Viewed<FlightState>{batch.state().flight, self};
-  });
-  add_arrays<PoseReadings>(cls, [](const py::object& self, const char*) {
-    return Viewed<PoseReadings>{self.cast<const Batch&>().pose_readings(), self};
-  });
-  add_arrays<ImuReadings>(cls, [](const py::object& self, const char*) {
-    const auto& batch = self.cast<const Batch&>();
-    if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
-    return Viewed<ImuReadings>{batch.imu_readings(), self};
-  });
-  add_arrays<EpisodeState>(
-      cls, [](const py::object& self, const char*) { return Viewed<EpisodeState>{self.cast<const Batch&>().episodes(), self}; });
-  add_arrays<Outputs>(cls, [](const py::object& self, const char*) {
-    const auto& batch = self.cast<const Batch&>();
-    return Viewed<Outputs>{batch.outputs(), self, {.sizes = {std::ssize(spec_of(batch).reward_terms), 1}, .dimensions = 1}};
-  });
+// What the arrays' properties read.
+Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), self}; }
+Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
+  const auto& batch = self.cast<const Batch&>();
+  if (batch.config().dynamics.is_kinematic()) {
+    throw py::attribute_error("kinematic motion has no velocities or rotors: make this Batch with motion=\"rotors\"");
+  }
+  return {batch.state().flight, self};
+}
+Viewed<PoseReadings> poses_arrays(const py::object& self, const char*) {
+  return {self.cast<const Batch&>().pose_readings(), self};
+}
+Viewed<ImuReadings> imu_arrays(const py::object& self, const char*) {
+  const auto& batch = self.cast<const Batch&>();
+  if (batch.config().imus.empty()) throw py::attribute_error("this Batch has no IMU: give it one (imu=...)");
+  return {batch.imu_readings(), self};
+}
+Viewed<EpisodeState> episodes_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().episodes(), self}; }
+Viewed<Outputs> outputs_arrays(const py::object& self, const char*) {
+  const auto& batch = self.cast<const Batch&>();
+  return {batch.outputs(), self, {.sizes = {std::ssize(spec_of(batch).reward_terms), 1}, .dimensions = 1}};
+}
+Viewed<ContactState> contacts_arrays(const py::object& self, const char*) {
+  const auto& view = self.cast<const ContactView&>();
+  return {view.state(), view.owner};
 }
 
 }  // namespace
@@ -287,14 +287,16 @@ void add_batch_arrays(Class& cls) {
 void register_batch(py::module_& module) {
   py::class_<ContactView> contact(module, "Contact", "Where the last motion of each drone ended.");
   contact.def("__repr__", &describe_contact);
-  add_arrays<ContactState>(contact, [](const py::object& self, const char*) {
-    const auto& view = self.cast<const ContactView&>();
-    return Viewed<ContactState>{view.state(), view.owner};
-  });
+  add_arrays<ContactState, &contacts_arrays>(contact);
 
   const auto none = py::none();
   py::class_<Batch, std::unique_ptr<Batch, Released>> cls(module, "Batch", "N drone slots over W worlds, stepped together.");
-  add_batch_arrays(cls);
+  add_arrays<State, &state_arrays>(cls);
+  add_arrays<FlightState, &flight_arrays>(cls);
+  add_arrays<PoseReadings, &poses_arrays>(cls);
+  add_arrays<ImuReadings, &imu_arrays>(cls);
+  add_arrays<EpisodeState, &episodes_arrays>(cls);
+  add_arrays<Outputs, &outputs_arrays>(cls);
   cls.def(py::init(&make_batch), py::arg("worlds"), py::arg("num_drones") = 1, py::kw_only(), py::arg("lidar") = none,
           py::arg("pose_sensor") = none, py::arg("imu") = none, py::arg("task") = none, py::arg("drone") = none,
           py::arg("cameras") = py::tuple(), py::arg("camera_backend") = "raycast", py::arg("episode") = none,

@@ -40,7 +40,7 @@ py::object camera_view(const py::object& batch, const std::optional<std::string>
 
 void register_camera(py::module_& module) {
   py::class_<CameraView> cls(module, "Camera", "One camera of every drone of a batch.");
-  add_arrays<CameraImages>(cls, &images_of);
+  add_arrays<CameraImages, &images_of>(cls);
   cls.def_property_readonly("config", [](const CameraView& camera) { return camera.config(); })
       .def(
           "config_of",

@@ -1,5 +1,5 @@
 // The configurations, made from their lists of fields.
-#include "flockstep/config.hpp"
+#include "config.hpp"
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -17,6 +17,7 @@
 
 #include "convert.hpp"
 #include "flockstep/color.hpp"
+#include "flockstep/config.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
 #include "flockstep/scenario.hpp"
@@ -54,36 +55,47 @@ py::str shown(const std::array<float, kSize>& values) {
   return shown_list(values);
 }
 
-// How Python reads and writes a field of some type.
+// How Python sees a field of some type. Nothing reads or writes fields that are only described.
 struct FieldType {
-  py::object (*read)(const void* field);
-  void (*write)(void* field, const py::object& value, const char* name);  // as from_python()
   std::string (*stub)();
   py::str (*show)(const void* field);  // as repr() prints it
+  py::object (*read)(const void* field) = nullptr;
+  void (*write)(void* field, const py::object& value, const char* name) = nullptr;  // as from_python()
 };
-template <class Value>
-constexpr FieldType kFieldType{
-    [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); },
-    [](void* field, const py::object& value, const char* name) { *static_cast<Value*>(field) = from_python<Value>(value, name); },
-    [] { return StubType<Value>::of(); }, [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
+template <class Value, bool kIsDescribedOnly>
+constexpr FieldType field_type() {
+  FieldType type{[] { return StubType<Value>::of(); },
+                 [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
+  if constexpr (!kIsDescribedOnly) {  // what reads and writes takes the compiler longest
+    type.read = [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); };
+    type.write = [](void* field, const py::object& value, const char* name) {
+      *static_cast<Value*>(field) = from_python<Value>(value, name);
+    };
+  }
+  return type;
+}
 
 // A field of a configuration.
 struct ConfigField {
   const char* name;
   const FieldInfo* info;
   std::ptrdiff_t offset;
-  const FieldType* type;
+  FieldType type;
 };
 
-template <class Config>
+template <class Config, bool kIsDescribedOnly = false>
 std::vector<ConfigField> fields_of() {
+  static_assert(lists_every_field<Config>());
   const Config config;
-  std::vector<ConfigField> list;
-  for_each_field(config, [&](const auto& field, const auto& value) {
-    const std::ptrdiff_t offset = reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
-    list.push_back({field.name, &field.info, offset, &kFieldType<std::remove_cvref_t<decltype(value)>>});
-  });
-  return list;
+  const auto offset_of = [&](const auto& value) {
+    return reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
+  };
+  return std::apply(
+      [&]<class... Values>(const FieldPointer<Config, Values>&... fields) {
+        return std::vector<ConfigField>{
+            {fields.name, &fields.info, offset_of(config.*(fields.member)), field_type<Values, kIsDescribedOnly>()}...};
+      },
+      kFields<Config>);
 }
 
 // The values that a field may have: ">= 0", "in [6, 200], in [1.5, 100]" of each element, or the rule of its form.
@@ -96,24 +108,21 @@ std::string allowed_values(const FieldInfo& info) {
 }
 
 // The fields, for stubs, docstrings and documents.
-template <class Config>
-py::list described_fields() {
-  const Config defaults;
-  py::list described;
-  for (const ConfigField& field : fields_of<Config>()) {
+py::list described(const std::vector<ConfigField>& fields, const void* defaults) {
+  py::list all;
+  for (const ConfigField& field : fields) {
     const FieldInfo& info = *field.info;
     py::dict one;
     one["name"] = info.alias == nullptr ? field.name : info.alias;
-    one["type"] = field.type->stub();
-    one["default"] = field.type->show(reinterpret_cast<const char*>(&defaults) + field.offset);
+    one["type"] = field.type.stub();
+    one["default"] = field.type.show(static_cast<const char*>(defaults) + field.offset);
     one["unit"] = info.unit;
     one["values"] = allowed_values(info);
     one["about"] = info.about;
-    described.append(one);
+    all.append(one);
   }
-  return described;
+  return all;
 }
-
 // The configuration that a Python object holds.
 char* held_by(const py::object& self, const std::type_info& type) {
   py::detail::type_caster_generic caster(type);
@@ -149,32 +158,37 @@ py::dict state_of(const py::object& self) {
   return state;
 }
 
-// What every config has but its constructor: its fields, repr, equality by value. Not a template, since each function that is
-// bound by one costs the compiler a tenth of a second, and there are hundreds of fields.
-void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
+// Adds a property for each field. Not a template, since each function that is bound by one costs the compiler a tenth of a
+// second, and there are hundreds of fields.
+void add_properties(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
   const py::is_method method(cls);
   const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
-  py::list names;
   for (const ConfigField& field : fields) {
     const py::cpp_function get(
-        [field, &type](const py::object& self) { return field.type->read(held_by(self, type) + field.offset); }, method);
+        [field, &type](const py::object& self) { return field.type.read(held_by(self, type) + field.offset); }, method);
     const py::cpp_function set(
         [field, &type](const py::object& self, const py::object& value) {
-          field.type->write(held_by(self, type) + field.offset, value, field.name);
+          field.type.write(held_by(self, type) + field.offset, value, field.name);
         },
         method);
     cls.attr(field.name) = property(get, set);
-    names.append(field.name);
   }
+}
+
+// What every config has but its constructor: its fields, repr, equality by value.
+void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
+  add_properties(cls, type, fields);
+  py::list names;
+  for (const ConfigField& field : fields) names.append(field.name);
   cls.attr("__match_args__") = py::tuple(names);
   cls.attr("__hash__") = py::none();  // it can change
   const auto add = [&](const char* name, const auto& function) {
-    cls.attr(name) = py::cpp_function(function, py::name(name), method);
+    cls.attr(name) = py::cpp_function(function, py::name(name), py::is_method(cls));
   };
   add("__repr__", [fields, &type](const py::object& self) {
     py::list parts;
     for (const ConfigField& field : fields) {
-      parts.append(py::str("{}={}").format(field.name, field.type->show(held_by(self, type) + field.offset)));
+      parts.append(py::str("{}={}").format(field.name, field.type.show(held_by(self, type) + field.offset)));
     }
     return py::str("{}({})").format(class_name(self), py::str(", ").attr("join")(parts));
   });
@@ -188,14 +202,22 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
 template <class Config>
 py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc) {
   py::class_<Config> cls(module, name, doc);
-  add_fields(cls, typeid(Config), fields_of<Config>());
-  cls.attr("_fields") = described_fields<Config>();
+  const std::vector<ConfigField> fields = fields_of<Config>();
+  const Config defaults;
+  add_fields(cls, typeid(Config), fields);
+  cls.attr("_fields") = described(fields, &defaults);
   cls.def(py::init(&from_keywords<Config>));
   cls.def(py::pickle(&state_of, [](const py::dict& state) { return from_keywords<Config>(py::kwargs(state)); }));
   return cls;
 }
 
 }  // namespace
+
+void add_batch_fields(const py::object& cls, const std::type_info& type, std::ptrdiff_t offset) {
+  std::vector<ConfigField> fields = fields_of<BatchConfig>();
+  for (ConfigField& field : fields) field.offset += offset;
+  add_properties(cls, type, fields);
+}
 
 void register_config(py::module_& module) {
   register_fields<LidarConfig>(module, "LidarConfig", "A scanning LiDAR: a grid of channels x beams, or a beam pattern.")
@@ -225,13 +247,16 @@ void register_config(py::module_& module) {
   register_fields<HoverConfig>(module, "HoverConfig", "Catch a drone that is thrown, and hold a point.");
   register_fields<TrackConfig>(module, "TrackConfig", "Follow a point that moves along a smooth path.");
   py::dict others;  // which are no classes of Python
-  others["Airframe"] = described_fields<Airframe>();
-  others["BatchConfig"] = described_fields<BatchConfig>();
-  others["CityConfig"] = described_fields<CityConfig>();
-  others["ForestConfig"] = described_fields<ForestConfig>();
-  others["OfficeConfig"] = described_fields<OfficeConfig>();
-  others["PlaygroundConfig"] = described_fields<PlaygroundConfig>();
-  others["WarehouseConfig"] = described_fields<WarehouseConfig>();
+  const auto add = [&]<class Config>(const char* name, const Config& defaults) {
+    others[name] = described(fields_of<Config, true>(), &defaults);
+  };
+  add("Airframe", Airframe());
+  add("BatchConfig", BatchConfig());
+  add("CityConfig", CityConfig());
+  add("ForestConfig", ForestConfig());
+  add("OfficeConfig", OfficeConfig());
+  add("PlaygroundConfig", PlaygroundConfig());
+  add("WarehouseConfig", WarehouseConfig());
   module.attr("_other_fields") = others;
 }
 

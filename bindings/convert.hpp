@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -23,16 +24,20 @@ namespace flockstep::bindings {
 
 namespace py = pybind11;
 
-// The member of an enumeration whose name is given. Throws ValueError naming the field, what was expected and what came.
-template <class Enum>
-Enum enum_of(const std::string& text, const std::string& field) {
-  constexpr const auto& kNames = EnumNames<Enum>::kNames;
+using Names = std::span<const char* const>;
+
+// The place of a name among those of an enumeration. Throws ValueError naming the field, what was expected and what came.
+inline std::size_t index_of(const std::string& text, Names names, const std::string& field) {
   std::string expected;
-  for (std::size_t i = 0; i < kNames.size(); ++i) {
-    if (text == kNames[i]) return static_cast<Enum>(i);
-    expected += (i == 0 ? "\"" : i + 1 == kNames.size() ? " or \"" : ", \"") + std::string(kNames[i]) + '"';
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (text == names[i]) return i;
+    expected += (i == 0 ? "\"" : i + 1 == names.size() ? " or \"" : ", \"") + std::string(names[i]) + '"';
   }
   throw py::value_error(field + ": expected " + expected + ", got \"" + text + '"');
+}
+template <class Enum>
+Enum enum_of(const std::string& text, const std::string& field) {
+  return static_cast<Enum>(index_of(text, EnumNames<Enum>::kNames, field));
 }
 
 template <class Enum>
@@ -107,14 +112,18 @@ struct PythonName<std::array<T, kSize>> {
   static std::string of() { return std::to_string(kSize) + " numbers"; }
 };
 
+inline std::string literal(Names names) {
+  std::string text;
+  for (const char* const name : names) text += (text.empty() ? "\"" : ", \"") + std::string(name) + '"';
+  return "Literal[" + text + "]";
+}
+
 // The type as a stub has it.
 template <class T>
 struct StubType {
   static std::string of() {
     if constexpr (std::is_enum_v<T>) {
-      std::string names;
-      for (const char* name : EnumNames<T>::kNames) names += (names.empty() ? "\"" : ", \"") + std::string(name) + '"';
-      return "Literal[" + names + "]";
+      return literal(EnumNames<T>::kNames);
     } else if constexpr (std::is_same_v<T, bool>) {
       return "bool";
     } else if constexpr (std::is_integral_v<T>) {
@@ -176,6 +185,15 @@ struct IntegerRange {
 template <class T>
 struct IntegerRange<std::optional<T>> : IntegerRange<T> {};
 
+[[noreturn]] inline void refuse_value(const py::handle& value, const std::string& field, const std::string& expected,
+                                      const std::string& integers) {
+  const std::string got = ", got " + std::string(py::repr(value));
+  if (!integers.empty() && PyLong_Check(value.ptr()) && !is_bool(value)) {
+    throw py::value_error(field + ": expected an integer from " + integers + got);
+  }
+  throw py::type_error(field + ": expected " + expected + got);
+}
+
 // Throws TypeError or ValueError naming the field.
 template <class T>
 T from_python(const py::handle& value, const std::string& field) {
@@ -199,11 +217,7 @@ T from_python(const py::handle& value, const std::string& field) {
         return converted;
       }
     } catch (const py::cast_error&) {
-      if (const std::string range = IntegerRange<T>::of(); !range.empty() && PyLong_Check(value.ptr()) && !is_bool(value)) {
-        throw py::value_error(field + ": expected an integer from " + range + ", got " + std::string(py::repr(value)));
-      }
-      const std::string expected = config_name<T>(PythonName<T>::of());
-      throw py::type_error(field + ": expected " + expected + ", got " + std::string(py::repr(value)));
+      refuse_value(value, field, config_name<T>(PythonName<T>::of()), IntegerRange<T>::of());
     }
   }
 }

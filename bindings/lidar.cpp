@@ -25,6 +25,12 @@ struct LidarView {
   Shape shape() const { return {batch().config().num_drones(), config().rows(), config().columns()}; }
 };
 
+Viewed<LidarReadings> readings_of(const py::object& self, const char* name) {
+  const auto& lidar = self.cast<const LidarView&>();
+  const Batch& batch = name == std::string_view("ranges") ? lidar.scanned() : lidar.batch();
+  return {batch.lidar_readings(lidar.index), lidar.owner, items_of(lidar.config())};
+}
+
 py::array_t<float> per_ray(const LidarView& lidar, void (Batch::*fill)(std::span<float>, std::size_t) const) {
   Shape shape = lidar.shape();
   shape.push_back(3);
@@ -41,11 +47,7 @@ py::object lidar_view(const py::object& batch, const std::optional<std::string>&
 
 void register_lidar(py::module_& module) {
   py::class_<LidarView> cls(module, "Lidar", "One LiDAR of every drone of a batch.");
-  add_arrays<LidarReadings>(cls, [](const py::object& self, const char* name) {
-    const auto& lidar = self.cast<const LidarView&>();
-    const Batch& batch = name == std::string_view("ranges") ? lidar.scanned() : lidar.batch();
-    return Viewed<LidarReadings>{batch.lidar_readings(lidar.index), lidar.owner, items_of(lidar.config())};
-  });
+  add_arrays<LidarReadings, &readings_of>(cls);
   cls.def_property_readonly("config", [](const LidarView& lidar) { return lidar.config(); })
       .def(
           "config_of", [](const LidarView& lidar, std::int64_t index) { return lidar.batch().lidar_config(index, lidar.index); },

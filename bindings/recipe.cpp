@@ -6,10 +6,13 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <memory>
+#include <span>
 #include <string>
 #include <type_traits>
+#include <typeinfo>
 #include <utility>
 
+#include "config.hpp"
 #include "convert.hpp"
 #include "flockstep/scenes.hpp"
 #include "released.hpp"
@@ -43,22 +46,14 @@ py::object task_to_python(const Recipe& recipe) {
       recipe.task);
 }
 
-// A property for each field of BatchConfig.
-void add_batch_fields(py::class_<Recipe>& cls) {
-  std::apply(
-      [&]<class... Values>(const FieldPointer<BatchConfig, Values>&... fields) {
-        (cls.def_property(
-             fields.name, [member = fields.member](const Recipe& recipe) { return to_python(recipe.batch.*member); },
-             [member = fields.member, name = fields.name](Recipe& recipe, const py::object& value) {
-               recipe.batch.*member = from_python<Values>(value, name);
-             },
-             fields.info.about),
-         ...);
-      },
-      BatchConfig::fields());
-}
-
 std::shared_ptr<World> mutable_world(const std::shared_ptr<const World>& world) { return std::const_pointer_cast<World>(world); }
+
+template <class Named>
+py::tuple names_of(std::span<const Named> all) {
+  py::list names;
+  for (const Named& one : all) names.append(std::string(one.name));
+  return names;
+}
 
 }  // namespace
 
@@ -81,28 +76,19 @@ void register_recipe(py::module_& module) {
       .def(py::pickle([](const Recipe& recipe) { return py::str(recipe.to_json()); },
                       [](const py::str& text) { return Recipe::from_json(text); }));
   cls.attr("__hash__") = py::none();  // it can change
-  add_batch_fields(cls);
+  const Recipe recipe;
+  add_batch_fields(cls, typeid(Recipe), reinterpret_cast<const char*>(&recipe.batch) - reinterpret_cast<const char*>(&recipe));
   cls.attr("_attributes") = module.attr("_other_fields")["BatchConfig"];  // for the stub
 
-  module.def("scene_sets", [] {
-    py::dict sets;
-    for (const SceneSet& set : scene_sets()) {
-      py::tuple names(set.scenes.size());
-      for (std::size_t i = 0; i < set.scenes.size(); ++i) names[i] = py::str(std::string(set.scenes[i]));
-      sets[py::str(std::string(set.name))] = names;
-    }
-    return sets;
-  });
-  module.def("generated_scenes", [] {
-    py::list names;
-    for (const GeneratedScene& scene : generated_scenes()) names.append(py::str(std::string(scene.name)));
-    return names;
-  });
-  module.def("scene_generators", [] {
-    py::list names;
-    for (const SceneGenerator& generator : scene_generators()) names.append(py::str(std::string(generator.name)));
-    return names;
-  });
+  py::dict sets;
+  for (const SceneSet& set : scene_sets()) {
+    py::list scenes;
+    for (const std::string_view scene : set.scenes) scenes.append(std::string(scene));
+    sets[py::str(std::string(set.name))] = py::tuple(scenes);
+  }
+  module.attr("scene_sets") = sets;
+  module.attr("generated_scenes") = names_of(generated_scenes());
+  module.attr("scene_generators") = names_of(scene_generators());
   module.def(
       "load_scene",
       [](const std::string& name, const std::filesystem::path& folder) {

@@ -32,6 +32,12 @@ __version__: str
 embree_version: str
 """Of the Embree library this module was built with, such as ``"4.3.0"``."""
 simd_target: str
+scene_sets: dict[str, tuple[str, ...]]
+"""The names that stand for several scenes, and their scenes."""
+generated_scenes: tuple[str, ...]
+"""The names of scenes that are generated instead of loaded."""
+scene_generators: tuple[str, ...]
+"""The words that may stand before ``/seed-7`` in the name of a scene."""
 """The instruction set that tracing runs on here, such as ``"AVX2"``."""
 
 @final
@@ -985,15 +991,6 @@ class PythonTask:
 
 def _scene_keys() -> str: ...
 def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
-def scene_sets() -> dict[str, tuple[str, ...]]:
-    """Return the names that stand for several scenes, and their scenes."""
-
-def generated_scenes() -> list[str]:
-    """Return the names of scenes that are generated instead of loaded."""
-
-def scene_generators() -> list[str]:
-    """Return the words that may stand before ``/seed-7`` in the name of a scene."""
-
 def load_scene(name: str, folder: str | PathLike[str]) -> World:
     """Return the world of a name or path; shipped scenes are in the folder."""
 

@@ -18,17 +18,17 @@ WorldLike: TypeAlias = World | str | PathLike[str]
 WorldsLike: TypeAlias = WorldLike | Sequence[WorldLike]
 
 #: Names that stand for several scenes.
-SETS: dict[str, tuple[str, ...]] = _core.scene_sets()
+SETS: dict[str, tuple[str, ...]] = _core.scene_sets
 
 #: Scenes that are no files: what makes them.
 GENERATED: dict[str, Callable[[], World]] = {
     "bench/complex": bench_scenes.complex_,
     "bench/simple": bench_scenes.simple,
-    **{name: partial(_core.load_scene, name, "") for name in _core.generated_scenes()},
+    **{name: partial(_core.load_scene, name, "") for name in _core.generated_scenes},
 }
 
 #: The generators of scenes named ``"forest/seed-7"``: the word before the seed.
-GENERATORS: tuple[str, ...] = tuple(_core.scene_generators())
+GENERATORS: tuple[str, ...] = _core.scene_generators
 
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
 _MOST_SEEDS = 100_000  # of a range

@@ -24,6 +24,19 @@ namespace flockstep {
 namespace {
 
 template <class Config>
+std::string config_to_json(const Config& config) {
+  return json_of(config).dump();
+}
+
+template <class Config>
+Config config_from_json(const std::string& text, const std::string& source) {
+  Config config;
+  read_config(json::Document::parse(text, source)->root().value, "", config);
+  config.validate();
+  return config;
+}
+
+template <class Config>
 std::string message_of(const std::string& text) {
   try {
     (void)config_from_json<Config>(text, "recipe.json");

@@ -19,7 +19,7 @@ TEST(NearestName, IsTheOneMeant) {
   EXPECT_EQ(nearest_name("random_worlds", kNames), "random_world");
   EXPECT_EQ(nearest_name("", kNames), "");
   EXPECT_EQ(nearest_name("frame_skip", {}), "");
-  EXPECT_EQ(did_you_mean("frame_skp", kNames), " Did you mean frame_skip?");
+  EXPECT_EQ(did_you_mean("frame_skp", kNames), ". Did you mean frame_skip?");
   EXPECT_EQ(did_you_mean("speed", kNames), "");
 }
 

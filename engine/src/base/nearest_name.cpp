@@ -57,7 +57,7 @@ std::string_view nearest_name(std::string_view name, std::span<const std::string
 
 std::string did_you_mean(std::string_view name, std::span<const std::string_view> known) {
   const std::string_view nearest = nearest_name(name, known);
-  return nearest.empty() ? std::string() : " Did you mean " + std::string(nearest) + '?';
+  return nearest.empty() ? std::string() : ". Did you mean " + std::string(nearest) + '?';
 }
 
 }  // namespace flockstep

@@ -15,7 +15,7 @@ double name_similarity(std::string_view a, std::string_view b);
 // The known name that is most similar; empty if none has a similarity of 0.6 or more, or if the name is longer than any name is.
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known);
 
-// For the end of a message: " Did you mean frame_skip?", or nothing.
+// For the end of a message: ". Did you mean frame_skip?", or nothing.
 std::string did_you_mean(std::string_view name, std::span<const std::string_view> known);
 
 }  // namespace flockstep

@@ -43,28 +43,46 @@ std::string element(const std::string& path, std::size_t index) { return path + 
 [[noreturn]] void refuse_name(const std::string& path, const std::string& name, std::span<const std::string_view> known) {
   std::string expected;
   for (const std::string_view one : known) expected += (expected.empty() ? "one of " : ", ") + std::string(one);
-  const std::string shown = excerpt(name);
-  refuse(path, expected, shown + (nearest_name(name, known).empty() ? "" : "." + did_you_mean(name, known)));
+  refuse(path, expected, excerpt(name) + did_you_mean(name, known));
 }
 
+// How values of one type are written and read.
+struct ValueType {
+  OrderedJson (*write)(const void* value, const std::string& path);
+  void (*read)(const Json& json, const FieldInfo& info, const std::string& path, void* value);
+};
+
+// A field of a configuration. Only what depends on its type is a template: each takes the compiler some time.
+struct Member {
+  std::string_view name;
+  const FieldInfo* info;
+  std::ptrdiff_t offset;
+  const ValueType* type;
+};
+using Members = std::vector<Member>;
+
 template <class Config>
-auto names_of() {
-  return std::apply([](const auto&... fields) { return std::array<std::string_view, sizeof...(fields)>{fields.name...}; },
-                    kFields<Config>);
-}
+const Members& members_of();
 
 // True for a struct of bools.
 template <class Config>
 consteval bool are_all_bools() {
-  return std::apply(
-      [](const auto&... fields) {
-        return (std::is_same_v<std::remove_cvref_t<decltype(std::declval<Config>().*(fields.member))>, bool> && ...);
-      },
-      kFields<Config>);
+  return std::apply([]<class... Values>(const FieldPointer<Config, Values>&...) { return (std::is_same_v<Values, bool> && ...); },
+                    kFields<Config>);
+}
+
+std::vector<std::string_view> names_of(const Members& members) {
+  std::vector<std::string_view> names;
+  for (const Member& one : members) names.push_back(one.name);
+  return names;
 }
 
 // -- Writing
 
+OrderedJson written(bool value, const std::string&) { return value; }
+OrderedJson written(int value, const std::string&) { return value; }
+OrderedJson written(std::uint64_t value, const std::string&) { return value; }
+OrderedJson written(const std::string& value, const std::string&) { return value; }
 OrderedJson written(float value, const std::string& path) {
   require(std::isfinite(value), path, "a finite number", value);
   return json::shortest(static_cast<double>(value));
@@ -73,58 +91,64 @@ OrderedJson written(double value, const std::string& path) {
   require(std::isfinite(value), path, "a finite number", value);
   return value;
 }
+OrderedJson written_object(const Members& members, const void* config, const std::string& path) {
+  OrderedJson json = OrderedJson::object();
+  for (const Member& one : members) {
+    const std::string name(one.name);
+    json[name] = one.type->write(static_cast<const char*>(config) + one.offset, member(path, name));
+  }
+  return json;
+}
+OrderedJson written_flags(const Members& members, const void* flags) {
+  OrderedJson json = OrderedJson::array();
+  for (const Member& one : members) {
+    if (*reinterpret_cast<const bool*>(static_cast<const char*>(flags) + one.offset)) json.push_back(one.name);
+  }
+  return json;
+}
 
 template <class Value>
-OrderedJson written(const Value& value, const std::string& path);
-template <class Value>
-OrderedJson written(const std::vector<Value>& values, const std::string& path);
-template <class Value, std::size_t kSize>
-OrderedJson written(const std::array<Value, kSize>& values, const std::string& path);
+OrderedJson written(const std::optional<Value>& value, const std::string& path);
+template <class Values>
+  requires requires(Values values) {
+    values.size();
+    values[0];
+  }
+OrderedJson written(const Values& values, const std::string& path);
+
+template <class Enum>
+  requires std::is_enum_v<Enum>
+OrderedJson written(Enum value, const std::string&) {
+  return EnumNames<Enum>::kNames.at(static_cast<std::size_t>(value));
+}
+template <HasFields Config>
+OrderedJson written(const Config& config, const std::string& path) {
+  if constexpr (are_all_bools<Config>()) return written_flags(members_of<Config>(), &config);
+  return written_object(members_of<Config>(), &config, path);
+}
 template <class Value>
 OrderedJson written(const std::optional<Value>& value, const std::string& path) {
   return value ? written(*value, path) : OrderedJson();
 }
 template <class Values>
-OrderedJson written_list(const Values& values, const std::string& path) {
+  requires requires(Values values) {
+    values.size();
+    values[0];
+  }
+OrderedJson written(const Values& values, const std::string& path) {
   OrderedJson list = OrderedJson::array();
   for (std::size_t i = 0; i < values.size(); ++i) list.push_back(written(values[i], element(path, i)));
   return list;
 }
-template <class Value>
-OrderedJson written(const std::vector<Value>& values, const std::string& path) {
-  return written_list(values, path);
-}
-template <class Value, std::size_t kSize>
-OrderedJson written(const std::array<Value, kSize>& values, const std::string& path) {
-  return written_list(values, path);
-}
-template <class Value>
-OrderedJson written(const Value& value, const std::string& path) {
-  if constexpr (std::is_enum_v<Value>) {
-    return EnumNames<Value>::kNames.at(static_cast<std::size_t>(value));
-  } else if constexpr (HasFields<Value>) {
-    OrderedJson json = are_all_bools<Value>() ? OrderedJson::array() : OrderedJson::object();
-    for_each_field(value, [&](const auto& field, const auto& part) {
-      if constexpr (!are_all_bools<Value>()) {
-        json[field.name] = written(part, member(path, field.name));
-      } else if (part) {
-        json.push_back(field.name);
-      }
-    });
-    return json;
-  } else {
-    return value;
-  }
-}
 
 // -- Reading
 
-void read(const Json& json, const FieldInfo&, const std::string& path, bool& value) {
+void read_value(const Json& json, const FieldInfo&, const std::string& path, bool& value) {
   if (!json.is_boolean()) refuse_json(path, "true or false", json);
   value = json.get<bool>();
 }
 
-void read(const Json& json, const FieldInfo& info, const std::string& path, std::string& value) {
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::string& value) {
   if (!json.is_string()) refuse_json(path, "a string", json);
   value = json.get<std::string>();
   check_text(excerpt(value), info.form, path);
@@ -152,89 +176,127 @@ void read_real(const Json& json, const FieldInfo& info, const std::string& path,
   check_number(value, info.limits, path);
 }
 
-template <class Value>
-void read(const Json& json, const FieldInfo& info, const std::string& path, Value& value);
-template <class Value>
-void read(const Json& json, const FieldInfo& info, const std::string& path, std::vector<Value>& values);
-template <class Value, std::size_t kSize>
-void read(const Json& json, const FieldInfo& info, const std::string& path, std::array<Value, kSize>& values);
-template <class Value>
-void read(const Json& json, const FieldInfo& info, const std::string& path, std::optional<Value>& value) {
-  if (json.is_null()) {
-    value.reset();
-  } else {
-    read(json, info, path, value.emplace());
+void read_flags(const Json& json, const std::string& path, const Members& members, void* flags) {
+  if (!json.is_array()) refuse_json(path, "an array of names", json);
+  const auto flag = [&](const Member& one) -> bool& { return *reinterpret_cast<bool*>(static_cast<char*>(flags) + one.offset); };
+  for (const Member& one : members) flag(one) = false;
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    if (!json[i].is_string()) refuse_json(element(path, i), "a name", json[i]);
+    const auto& name = json[i].get_ref<const std::string&>();
+    const auto found = std::ranges::find(members, name, &Member::name);
+    if (found == members.end()) refuse_name(element(path, i), name, names_of(members));
+    flag(*found) = true;
   }
 }
-template <class Value>
-void read(const Json& json, const FieldInfo& info, const std::string& path, std::vector<Value>& values) {
+
+std::size_t read_name(const Json& json, const std::string& path, std::span<const char* const> names) {
+  if (!json.is_string()) refuse_json(path, "a name", json);
+  const auto& name = json.get_ref<const std::string&>();
+  const auto found = std::ranges::find(names, name);
+  if (found == names.end()) refuse_name(path, name, std::vector<std::string_view>(names.begin(), names.end()));
+  return static_cast<std::size_t>(found - names.begin());
+}
+
+void read_object(const Json& json, const std::string& path, const Members& members, void* config) {
+  if (!json.is_object()) refuse_json(path, "an object", json);
+  for (const auto& [key, value] : json.items()) {
+    if (std::ranges::find(members, key, &Member::name) == members.end()) {
+      refuse_name(member(path, excerpt(key)), key, names_of(members));
+    }
+  }
+  for (const Member& one : members) {
+    const std::string name(one.name);
+    const auto given = json.find(name);
+    if (given != json.end()) one.type->read(*given, *one.info, member(path, name), static_cast<char*>(config) + one.offset);
+  }
+}
+
+void require_array(const Json& json, const std::string& path) {
   constexpr std::size_t kMost = LidarConfig::kMaxRays;
   if (!json.is_array()) refuse_json(path, "an array", json);
   require(json.size() <= kMost, path, "at most " + std::to_string(kMost) + " values", json.size());
+}
+
+void require_array_of(std::size_t size, const Json& json, const std::string& path) {
+  if (!json.is_array() || json.size() != size) refuse_json(path, "an array of " + std::to_string(size), json);
+}
+
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, int& value) {
+  read_integer(json, info, path, value);
+}
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::uint64_t& value) {
+  read_integer(json, info, path, value);
+}
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, float& value) {
+  read_real(json, info, path, value);
+}
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, double& value) {
+  read_real(json, info, path, value);
+}
+template <class Value>
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::vector<Value>& values);
+template <class Value, std::size_t kSize>
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::array<Value, kSize>& values);
+
+template <class Enum>
+  requires std::is_enum_v<Enum>
+void read_value(const Json& json, const FieldInfo&, const std::string& path, Enum& value) {
+  value = static_cast<Enum>(read_name(json, path, EnumNames<Enum>::kNames));
+}
+template <HasFields Config>
+void read_value(const Json& json, const FieldInfo&, const std::string& path, Config& config) {
+  if constexpr (are_all_bools<Config>()) {
+    read_flags(json, path, members_of<Config>(), &config);
+  } else {
+    read_object(json, path, members_of<Config>(), &config);
+  }
+}
+template <class Value>
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::optional<Value>& value) {
+  if (json.is_null()) {
+    value.reset();
+  } else {
+    read_value(json, info, path, value.emplace());
+  }
+}
+template <class Value>
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::vector<Value>& values) {
+  require_array(json, path);
   values = std::vector<Value>(json.size());
-  for (std::size_t i = 0; i < values.size(); ++i) read(json[i], info, element(path, i), values[i]);
+  for (std::size_t i = 0; i < values.size(); ++i) read_value(json[i], info, element(path, i), values[i]);
 }
 template <class Value, std::size_t kSize>
-void read(const Json& json, const FieldInfo& info, const std::string& path, std::array<Value, kSize>& values) {
-  if (!json.is_array() || json.size() != kSize) refuse_json(path, "an array of " + std::to_string(kSize), json);
-  for (std::size_t i = 0; i < kSize; ++i) read(json[i], info.of_element(i), element(path, i), values[i]);
+void read_value(const Json& json, const FieldInfo& info, const std::string& path, std::array<Value, kSize>& values) {
+  require_array_of(kSize, json, path);
+  for (std::size_t i = 0; i < kSize; ++i) read_value(json[i], info.of_element(i), element(path, i), values[i]);
   check_value(values, info, path);
 }
 
-template <class Flags>
-void read_flags(const Json& json, const std::string& path, Flags& flags) {
-  if (!json.is_array()) refuse_json(path, "an array of names", json);
-  for_each_field(flags, [](const auto&, bool& flag) { flag = false; });
-  for (std::size_t i = 0; i < json.size(); ++i) {
-    if (!json[i].is_string()) refuse_json(element(path, i), "a name", json[i]);
-    const auto& name = json[i].template get_ref<const std::string&>();
-    bool is_known = false;
-    for_each_field(flags, [&](const auto& field, bool& flag) {
-      if (name == field.name) flag = is_known = true;
-    });
-    if (!is_known) refuse_name(element(path, i), name, names_of<Flags>());
-  }
-}
+template <class Value>
+constexpr ValueType kValueType{
+    [](const void* value, const std::string& path) { return written(*static_cast<const Value*>(value), path); },
+    [](const Json& json, const FieldInfo& info, const std::string& path, void* value) {
+      read_value(json, info, path, *static_cast<Value*>(value));
+    }};
 
-template <class Enum>
-void read_enum(const Json& json, const std::string& path, Enum& value) {
-  constexpr const auto& kNames = EnumNames<Enum>::kNames;
-  if (!json.is_string()) refuse_json(path, "a name", json);
-  const auto& name = json.get_ref<const std::string&>();
-  for (std::size_t i = 0; i < kNames.size(); ++i) {
-    if (name != kNames[i]) continue;
-    value = static_cast<Enum>(i);
-    return;
-  }
-  refuse_name(path, name, std::vector<std::string_view>(kNames.begin(), kNames.end()));
+template <class Config>
+Members listed_members() {
+  static_assert(lists_every_field<Config>());
+  const Config config;
+  const auto offset_of = [&](const auto& value) {
+    return reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
+  };
+  return std::apply(
+      [&]<class... Values>(const FieldPointer<Config, Values>&... fields) {
+        return Members{{fields.name, &fields.info, offset_of(config.*(fields.member)), &kValueType<Values>}...};
+      },
+      kFields<Config>);
 }
 
 template <class Config>
-void read_object(const Json& json, const std::string& path, Config& config) {
-  if (!json.is_object()) refuse_json(path, "an object", json);
-  const auto names = names_of<Config>();
-  for (const auto& [key, value] : json.items()) {
-    if (std::find(names.begin(), names.end(), key) == names.end()) refuse_name(member(path, excerpt(key)), key, names);
-  }
-  for_each_field(config, [&](const auto& field, auto& value) {
-    const auto given = json.find(field.name);
-    if (given != json.end()) read(*given, field.info, member(path, field.name), value);
-  });
-}
-
-template <class Value>
-void read(const Json& json, const FieldInfo& info, const std::string& path, Value& value) {
-  if constexpr (std::is_enum_v<Value>) {
-    read_enum(json, path, value);
-  } else if constexpr (std::is_integral_v<Value>) {
-    read_integer(json, info, path, value);
-  } else if constexpr (std::is_floating_point_v<Value>) {
-    read_real(json, info, path, value);
-  } else if constexpr (are_all_bools<Value>()) {
-    read_flags(json, path, value);
-  } else {
-    read_object(json, path, value);
-  }
+const Members& members_of() {
+  static const Members members = listed_members<Config>();
+  return members;
 }
 
 }  // namespace
@@ -246,27 +308,12 @@ OrderedJson json_of(const Config& config) {
 
 template <HasFields Config>
 void read_config(const Json& json, const std::string& path, Config& config) {
-  read_object(json, path, config);
+  read_value(json, {}, path, config);
 }
 
-template <HasFields Config>
-std::string config_to_json(const Config& config) {
-  return json_of(config).dump(1) + '\n';
-}
-
-template <HasFields Config>
-Config config_from_json(const std::string& text, const std::string& source) {
-  Config config;
-  read_config(json::Document::parse(text, source)->root().value, "", config);
-  config.validate();
-  return config;
-}
-
-#define FLOCKSTEP_CONFIG_JSON(Config)                                  \
-  template OrderedJson json_of(const Config&);                         \
-  template void read_config(const Json&, const std::string&, Config&); \
-  template std::string config_to_json(const Config&);                  \
-  template Config config_from_json<Config>(const std::string&, const std::string&)
+#define FLOCKSTEP_CONFIG_JSON(Config)          \
+  template OrderedJson json_of(const Config&); \
+  template void read_config(const Json&, const std::string&, Config&)
 FLOCKSTEP_CONFIG_JSON(Airframe);
 FLOCKSTEP_CONFIG_JSON(BatchConfig);
 FLOCKSTEP_CONFIG_JSON(CameraConfig);

@@ -22,10 +22,4 @@ nlohmann::ordered_json json_of(const Config& config);
 template <HasFields Config>
 void read_config(const nlohmann::json& json, const std::string& path, Config& config);
 
-// The same from and to a text; `source` names it in messages about the text itself. The result is valid.
-template <HasFields Config>
-std::string config_to_json(const Config& config);
-template <HasFields Config>
-Config config_from_json(const std::string& text, const std::string& source);
-
 }  // namespace flockstep

@@ -86,7 +86,7 @@ TaskConfig read_task(const Json& json) {
   constexpr std::array<std::string_view, 3> kNames{kTaskName<NavigationConfig>, kTaskName<HoverConfig>, kTaskName<TrackConfig>};
   require(name.find('/') != std::string::npos, "task.name",
           "\"navigation\", \"hover\", \"track\" or the id of a registered task, such as \"mine/ReachHeight-v0\"",
-          quoted(name) + '.' + did_you_mean(name, kNames));
+          quoted(name) + did_you_mean(name, kNames));
   require(fields.empty(), "task", "no fields beside the name of a registered task", json::excerpt_of(fields));
   return RegisteredTask{name};
 }
@@ -187,7 +187,7 @@ Recipe Recipe::from_json(const std::string& text) {
     if (std::ranges::find(known, name) != known.end()) continue;
     std::string expected;
     for (const std::string_view one : known) expected += (expected.empty() ? "one of " : ", ") + std::string(one);
-    refuse("recipe", expected, quoted(name) + (nearest_name(name, known).empty() ? "" : "." + did_you_mean(name, known)));
+    refuse("recipe", expected, quoted(name) + did_you_mean(name, known));
   }
   Recipe recipe = for_task(json.contains("task") ? read_task(json["task"]) : TaskConfig());
   if (json.contains("worlds")) recipe.worlds = read_worlds(json["worlds"]);

@@ -140,7 +140,7 @@ std::shared_ptr<const World> load_scene(const std::string& name, const std::file
   refuse("worlds",
          "the path of a .json, .gltf, .glb, .obj or .ply file, a generator and its seed such as \"forest/seed-7\" (of " +
              listed(names_of(kGenerators)) + "), one of the sets " + listed(names_of(kSets)) + ", or one of " + listed(names),
-         '"' + name + '"' + (nearest_name(name, known).empty() ? "" : "." + did_you_mean(name, known)));
+         '"' + name + '"' + did_you_mean(name, known));
 }
 
 }  // namespace flockstep

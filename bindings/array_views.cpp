@@ -1,0 +1,67 @@
+#include "array_views.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "arrays.hpp"
+#include "convert.hpp"
+
+namespace flockstep::bindings {
+
+ViewShape shape_of(const ArrayView& array) {
+  const int columns = array.info.columns;
+  const ItemShape& items = array.items;
+  ViewShape shape;
+  if (columns > 0 && items.columns_first) shape.add(columns);
+  for (std::size_t i = 0; array.info.per != Per::row && i < items.dimensions; ++i) shape.add(items.sizes[i]);
+  if (columns > 0 && !items.columns_first) shape.add(columns);
+  py::ssize_t width = 1;
+  for (std::size_t i = 1; i < shape.dimensions; ++i) width *= shape.sizes[i];
+  shape.sizes[0] = static_cast<py::ssize_t>(array.size) / std::max<py::ssize_t>(width, 1);
+  return shape;
+}
+
+py::dtype dtype_of(const ArrayView& array) {
+  return py::dtype(array.kind == 'b' ? "?" : array.kind + std::to_string(array.value_size));
+}
+
+namespace {
+
+// The array as a document has it: "(N, 3)".
+std::string shape_text(const ArrayInfo& info) {
+  std::string text = std::string("(") + name_of(info.rows);
+  if (info.per != Per::row) text += std::string(", ") + name_of(info.per);
+  if (info.columns > 0) text += ", " + std::to_string(info.columns);
+  return text + (text.find(',') == std::string::npos ? ",)" : ")");
+}
+
+// For the stub and the documents' table.
+py::dict description_of(const ArrayView& array) {
+  py::dict entry;
+  entry["name"] = array.name;
+  entry["dtype"] = dtype_of(array).attr("name");
+  entry["shape"] = shape_text(array.info);
+  entry["unit"] = array.info.unit;
+  entry["frame"] = name_of(array.info.frame);
+  entry["writer"] = array.info.writer;
+  entry["about"] = array.info.about;
+  entry["writable"] = array.info.access == Access::write;
+  return entry;
+}
+
+}  // namespace
+
+void add_array(const py::object& cls, const ArrayView& listed, ViewArray view_now, GetArrays get) {
+  if (listed.info.access == Access::internal) return;
+  const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
+  const auto read = [get, view_now, name = listed.name, dtype = dtype_of(listed)](const py::object& self) {
+    const AnyViewed viewed = get(self, name);
+    const ArrayView now = view_now(viewed.arrays, viewed.items);
+    return view(viewed.owner, dtype, now.data, shape_of(now).span(), now.info.access == Access::write);
+  };
+  if (!cls.attr("__dict__").contains("_arrays")) cls.attr("_arrays") = py::list();
+  cls.attr(listed.name) = property(py::cpp_function(read, py::is_method(cls)));
+  cls.attr("_arrays").attr("append")(description_of(listed));
+}
+
+}  // namespace flockstep::bindings
