@@ -183,9 +183,9 @@ TEST(Ply, BadFilesAreRefused) {
             "x: element face: expected a list vertex_indices, got none");
   EXPECT_EQ(with(kVertices + kFaces, "0 0 0 1 0 zero 1 1 0 0 1 0 3 0 1 2"), "x: element vertex: expected a number, got \"zero\"");
   EXPECT_EQ(with(kVertices + kFaces, "0 0 0 1 0 nan 1 1 0 0 1 0 3 0 1 2"),
-            "x: vertex 1: expected finite coordinates within +-1e+06, got nan");
+            "x: vertex 1: expected finite coordinates within +-1e+06 m, got nan");
   EXPECT_EQ(with(kVertices + kFaces, "0 0 0 1 0 0 1 1 0 0 1 2e6 3 0 1 2"),
-            "x: vertex 3: expected finite coordinates within +-1e+06, got 2e+06");
+            "x: vertex 3: expected finite coordinates within +-1e+06 m, got 2e+06");
   EXPECT_EQ(with(kVertices + kFaces, kPoints + "2 0 1"), "x: face 0: expected 3 to 1000 corners, got 2");
   EXPECT_EQ(with(kVertices + kFaces, kPoints + "1.5 0 1 2"), "x: element face: expected a length within the file, got 1.5");
   EXPECT_EQ(with(kVertices + kFaces, kPoints + "-3 0 1 2"), "x: element face: expected a length within the file, got -3");

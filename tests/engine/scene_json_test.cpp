@@ -247,9 +247,10 @@ TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
        "scene"},
       {"unknown field at the top", scene(R"("rooms": {})"),
        "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
-       "cylinders, boxes, spheres, capsules, planes, discs, meshes, markers, light"},
+       "cylinders, boxes, spheres, capsules, planes, discs, meshes, markers, light. Did you mean room?"},
       {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
-       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid"},
+       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid. Did you mean "
+       "radius?"},
       {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),
        "x.json: /markers/a~1b~0c: unknown field; expected one of radius, start, waypoints, goal, spawn_box"},
       {"field given twice", scene(kRoom + ", " + kRoom), "x.json: expected each field once, got \"room\" twice in one object"},

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "base/finite.hpp"
+#include "base/in_world.hpp"
 #include "base/platform.hpp"
 
 namespace flockstep::checks {
@@ -231,7 +232,7 @@ void poses(std::span<const float> position, std::span<const float> quat_wxyz, st
   if (!position.empty()) size(position.size(), 3 * rows, "position");
   if (!quat_wxyz.empty()) size(quat_wxyz.size(), 4 * rows, "quat_wxyz");
   for (std::size_t i = 0; i < position.size(); ++i) {
-    if (!is_in_world(position[i])) refuse(row_of("position", i / 3), "finite coordinates within +-1e+06 m", position[i]);
+    if (!is_in_world(position[i])) refuse(row_of("position", i / 3), in_world("finite coordinates"), position[i]);
   }
   for (std::size_t row = 0; row < quat_wxyz.size() / 4; ++row) {
     const float* const q = quat_wxyz.data() + 4 * row;

@@ -3,6 +3,7 @@
 #include <sstream>
 #include <string>
 
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
@@ -19,7 +20,7 @@ constexpr double kUncovered = 1e-4;  // of a cell: a box this little longer than
 CellGrid grid_over(const World& world, float cell_m, const std::optional<Aabb>& given) {
   require(cell_m >= 1e-3F && cell_m <= 100.0F, "cell_m", "a number in [0.001, 100]", cell_m);
   const Aabb box = given.value_or(world.bounds());
-  require(is_in_world(box.min) && is_in_world(box.max), "box", "finite coordinates within +-1e+06 m", "one that is not");
+  require(is_in_world(box.min) && is_in_world(box.max), "box", in_world("finite coordinates"), "one that is not");
   require((box.min.array() <= box.max.array()).all(), "box", "its least corner first", "one with min > max");
   const double cell = static_cast<double>(cell_m);
   const Eigen::Array3d cells = ((box.max.cast<double>() - box.min.cast<double>()).array() / cell - kUncovered).ceil().max(1.0);

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "base/flush_denormals.hpp"
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "compiled/compiled_world.hpp"
@@ -49,7 +50,7 @@ Vec3d triangle_normal(const TriangleMesh& mesh, std::size_t triangle) {
 }
 
 template <class Holds>
-void require_rows(std::span<const float> values, const char* field, const char* expected, const Holds& holds) {
+void require_rows(std::span<const float> values, const char* field, const std::string& expected, const Holds& holds) {
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (!holds(values[i])) refuse(field, expected, std::to_string(values[i]) + " in row " + std::to_string(i / 3));
   }
@@ -62,7 +63,7 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
     refuse("directions", "as many rows of 3 as origins (" + std::to_string(origins.size()) + " numbers)", directions.size());
   }
   require(max_range_m > 0.0F, "max_range_m", "a number > 0", max_range_m);
-  require_rows(origins, "origins", "finite coordinates within +-1e+06 m", [](float value) { return is_in_world(value); });
+  require_rows(origins, "origins", in_world("finite coordinates"), [](float value) { return is_in_world(value); });
   require_rows(directions, "directions", "finite numbers", [](float value) { return std::isfinite(value); });
   const std::size_t count = origins.size() / 3;
   std::vector<Vec3> unit(count);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "collision/sweep.hpp"
@@ -36,8 +37,7 @@ void check(const FreePlacesConfig& config) {
   require_positive(config.max_height_m, "max_height_m");
   require_positive(config.cell_m, "cell_m");
   if (!config.box) return;
-  require(is_in_world(config.box->min) && is_in_world(config.box->max), "box", "finite coordinates within +-1e+06 m",
-          "one that is not");
+  require(is_in_world(config.box->min) && is_in_world(config.box->max), "box", in_world("finite coordinates"), "one that is not");
   require((config.box->min.array() <= config.box->max.array()).all(), "box", "its least corner first", "one with min > max");
 }
 
@@ -160,7 +160,7 @@ class Places {
 };
 
 void require_place(const World& world, const DroneModel& drone, const Vec3& place) {
-  require(is_in_world(place), "reachable_from", "finite coordinates within +-1e+06 m", "one that is not");
+  require(is_in_world(place), "reachable_from", in_world("finite coordinates"), "one that is not");
   require(!collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), Pose{.position = place}), "reachable_from",
           "room for the drone", "a place where it touches an obstacle");
 }

@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "base/excerpt.hpp"
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "world/gltf_extras.hpp"
@@ -270,7 +271,7 @@ class GltfReader {
     const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
     const bool fits = center.cwiseAbs().maxCoeff() <= kMaxCoordinate && half.maxCoeff() <= static_cast<float>(kMaxCoordinate) &&
                       half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize);
-    if (!fits) refuse(field("nodes", index), "a primitive within +-1e+06 m, of sizes >= 1e-06 m", written(center));
+    if (!fits) refuse(field("nodes", index), in_world("a primitive") + ", of sizes >= 1e-06 m", written(center));
     primitive.center = center.cast<float>();
     primitive.material = material_of(model_.meshes[mesh].primitives[0].material, semantic);
     // A room is what it is.
@@ -349,7 +350,7 @@ class GltfReader {
 
   std::uint16_t push_material(Material material, const std::string& wanted_name) {
     require(scene().materials.size() < kMaxMaterials, source_,
-            "fewer than 65533 materials, those of nodes with a semantic included", "more");
+            "fewer than " + std::to_string(kMaxMaterials) + " materials, those of nodes with a semantic included", "more");
     material.name = material_names_.take(wanted_name);
     scene().materials.push_back(std::move(material));
     return static_cast<std::uint16_t>(scene().materials.size() - 1);
@@ -532,7 +533,7 @@ class GltfReader {
   void read_marker(std::string_view name, std::size_t index, const Vec3d& place) {
     const auto point = [&] {
       const bool is_near = place.cwiseAbs().maxCoeff() <= kMaxCoordinate;
-      if (!is_near) refuse(field("nodes", index), "a marker within +-1e+06 m", written(place));
+      if (!is_near) refuse(field("nodes", index), in_world("a marker"), written(place));
       return Vec3(place.cast<float>());
     };
     Markers& markers = scene().markers;
@@ -757,7 +758,7 @@ class GltfReader {
       const Vec3d given(positions.number(vertex, 0), positions.number(vertex, 1), positions.number(vertex, 2));
       const Vec3d point = applied(place, given);
       if (!(point.cwiseAbs().maxCoeff() <= kMaxCoordinate) || !point.allFinite()) {
-        refuse(field("accessors", static_cast<std::size_t>(position)), "finite positions that come to lie within +-1e+06 m",
+        refuse(field("accessors", static_cast<std::size_t>(position)), in_world("finite positions that come to lie"),
                written(point));
       }
       mesh.vertices.push_back(point.cast<float>());

@@ -13,6 +13,7 @@
 #include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
+#include "flockstep/limits.hpp"
 #include "world/base64.hpp"
 #include "world/json_document.hpp"
 #include "world/scene_description.hpp"
@@ -48,7 +49,7 @@ std::uint64_t integer(const JsonField& field, std::uint64_t least, std::uint64_t
   return static_cast<std::uint64_t>(value);
 }
 
-double number(const JsonField& field, double least, double most, const char* expected) {
+double number(const JsonField& field, double least, double most, const std::string& expected) {
   const double value = field.value.is_number() ? field.value.get<double>() : NAN;
   if (!(value >= least && value <= most)) refuse(field, expected);
   return value;
@@ -156,7 +157,7 @@ class Checker {
   }
 
   static void keep_numbers(const JsonField& object, const char* key, std::size_t count, double least, double most,
-                           const char* expected, Json& kept) {
+                           const std::string& expected, Json& kept) {
     const std::optional<JsonField> field = find(object, key);
     if (!field) return;
     if (!field->value.is_array() || field->value.size() != count) {
@@ -328,11 +329,11 @@ class Checker {
     const auto transform = extensions ? find_object(*extensions, "KHR_texture_transform") : std::nullopt;
     if (!transform) return;
     Json& kept_transform = kept_texture["extensions"]["KHR_texture_transform"] = Json::object();
-    constexpr const char* kExpected = "a number within +-1e+06";
-    keep_numbers(*transform, "offset", 2, -kMaxCoordinate, kMaxCoordinate, kExpected, kept_transform);
-    keep_numbers(*transform, "scale", 2, -kMaxCoordinate, kMaxCoordinate, kExpected, kept_transform);
+    const std::string expected = "a number " + within(kMaxCoordinate).text();
+    keep_numbers(*transform, "offset", 2, -kMaxCoordinate, kMaxCoordinate, expected, kept_transform);
+    keep_numbers(*transform, "scale", 2, -kMaxCoordinate, kMaxCoordinate, expected, kept_transform);
     if (const auto angle = find(*transform, "rotation")) {
-      kept_transform["rotation"] = number(*angle, -kMaxCoordinate, kMaxCoordinate, kExpected);
+      kept_transform["rotation"] = number(*angle, -kMaxCoordinate, kMaxCoordinate, expected);
     }
     if (transform->value.contains("texCoord")) keep_integer(*transform, "texCoord", 0, 0, kMaxTexCoord, kept_texture);
   }

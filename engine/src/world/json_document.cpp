@@ -10,6 +10,7 @@
 
 #include "base/excerpt.hpp"
 #include "base/interrupt.hpp"
+#include "base/nearest_name.hpp"
 
 namespace flockstep::json {
 namespace {
@@ -147,17 +148,17 @@ JsonField require(const JsonField& object, std::string_view key) {
   return *field;
 }
 
-void refuse_unknown(const JsonField& field, std::span<const std::string_view> known) {
+void refuse_unknown(const JsonField& object, std::string_view key, std::span<const std::string_view> known) {
   std::string names;
   for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
-  fail(field, "unknown field; expected one of " + names);
+  fail(child(object, key, object.value), "unknown field; expected one of " + names + did_you_mean(key, known));
 }
 
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known) {
   if (!field.value.is_object()) refuse(field, "an object");
   for (const auto& [key, value] : field.value.items()) {
     if (std::find(known.begin(), known.end(), key) != known.end()) continue;
-    refuse_unknown(child(field, key, value), {known.begin(), known.size()});
+    refuse_unknown(field, key, {known.begin(), known.size()});
   }
 }
 

@@ -72,7 +72,8 @@ JsonField child(const JsonField& parent, std::string_view key, const Json& value
 std::optional<JsonField> find(const JsonField& object, std::string_view key);
 JsonField require(const JsonField& object, std::string_view key);
 
-[[noreturn]] void refuse_unknown(const JsonField& field, std::span<const std::string_view> known);
+// Says of a field that the object may not have it, and which may be meant.
+[[noreturn]] void refuse_unknown(const JsonField& object, std::string_view key, std::span<const std::string_view> known);
 
 // Refuse what is no object, and fields that are not known.
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "base/in_world.hpp"
 #include "base/require.hpp"
 #include "world/scene_description.hpp"
 
@@ -18,7 +19,7 @@ void check_placement(const LoadOptions& options) {
   constexpr double kMaxScale = 1e6;
   require(options.scale >= 1.0 / kMaxScale && options.scale <= kMaxScale, "scale", "a number in [1e-06, 1e+06]", options.scale);
   for (const float value : options.origin) {
-    require(std::abs(value) <= static_cast<float>(kMaxCoordinate), "origin", "finite coordinates within +-1e+06 m", value);
+    require(std::abs(value) <= static_cast<float>(kMaxCoordinate), "origin", in_world("finite coordinates"), value);
   }
 }
 

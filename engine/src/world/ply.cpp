@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "base/excerpt.hpp"
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "base/srgb.hpp"
@@ -292,7 +293,7 @@ class PlyReader {
       }
       for (std::size_t axis = 0; axis < 3; ++axis) {
         if (!(std::abs(values[axis]) <= kMaxCoordinate)) {
-          refuse(source_ + ": vertex " + std::to_string(i), "finite coordinates within +-1e+06", values[axis]);
+          refuse(source_ + ": vertex " + std::to_string(i), in_world("finite coordinates"), values[axis]);
         }
       }
       const auto as_float = [&](std::size_t k) { return static_cast<float>(values[k]); };

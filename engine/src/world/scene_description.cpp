@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/excerpt.hpp"
+#include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "world/scene_keys.hpp"
@@ -26,8 +27,6 @@ std::string text(const Vec3& v) {
 
 std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
 
-std::string text_of_coordinates() { return "finite coordinates " + keys::kCoordinates.text(); }
-
 // object: a function that returns its name.
 template <class Name>
 void check_values(const Name& object, const SceneKey& key, std::span<const float> values) {
@@ -38,7 +37,7 @@ void check_values(const Name& object, const SceneKey& key, std::span<const float
 
 void check_point(const std::string& field, const Vec3& point) {
   if (!is_in_world(point)) {
-    refuse(field, text_of_coordinates() + " m", text(point));
+    refuse(field, in_world("finite coordinates"), text(point));
   }
 }
 
@@ -308,7 +307,7 @@ Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vecto
 void check_light(Light& light) {
   const auto& sun = light.sun_direction;
   const Vec3 direction(sun[0], sun[1], sun[2]);
-  if (!is_in_world(direction)) refuse("light.sun_direction", text_of_coordinates(), text(direction));
+  if (!is_in_world(direction)) refuse("light.sun_direction", "finite coordinates " + keys::kCoordinates.text(), text(direction));
   if (direction.isZero(0.0F)) refuse("light.sun_direction", "a direction that is not 0", text(direction));
   const Vec3 unit = unit_direction(direction.cast<double>());
   light.sun_direction = {unit.x(), unit.y(), unit.z()};

@@ -18,7 +18,7 @@ void check_keys(const JsonField& field, std::span<const SceneKey> keys) {
     if (std::any_of(keys.begin(), keys.end(), is_this)) continue;
     std::vector<std::string_view> known;
     for (const SceneKey& key : keys) known.push_back(key.name);
-    json::refuse_unknown(child(field, name, value), known);
+    json::refuse_unknown(field, name, known);
   }
 }
 
