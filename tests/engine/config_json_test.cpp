@@ -19,6 +19,7 @@
 #include "flockstep/navigation.hpp"
 #include "flockstep/scenario.hpp"
 #include "flockstep/track.hpp"
+#include "world/json_document.hpp"
 
 namespace flockstep {
 namespace {
