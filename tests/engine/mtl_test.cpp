@@ -174,7 +174,7 @@ TEST_F(Mtl, BadFilesAreRefusedWithTheLine) {
   EXPECT_EQ(message_of(begin + "d -halo 0.5\nKd +1 0 0\nmap_Kd\nmap_d -s\nKe 1e2 0 0\nunknown \xFF\n"), "accepted");
   std::string many;
   for (int i = 0; i < 65533; ++i) many += begin;
-  EXPECT_EQ(message_of(many), ":65533: expected fewer than 65533 materials in all, got more");
+  EXPECT_EQ(message_of(many), ":65533: expected at most 65532 materials in all, got more");
   write("bad.png", "no image");
   try {
     load("newmtl a\nmap_Kd bad.png\n", {"a"});

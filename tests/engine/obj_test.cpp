@@ -124,7 +124,7 @@ TEST_F(Obj, ObjectsAndMaterialsAreOfBoundedNumber) {
   EXPECT_EQ(parse_obj(objects, "x").mesh.objects.back(), 65535);
   EXPECT_EQ(message_of(objects + "o more\nf 1 2 3\n"), ":131078: expected at most 65536 objects, got \"more\"");
   EXPECT_EQ(parse_obj(materials, "x").mesh.materials.back(), 65531);
-  EXPECT_EQ(message_of(materials + "usemtl more\nf 1 2 3\n"), ":131070: expected fewer than 65533 materials, got \"more\"");
+  EXPECT_EQ(message_of(materials + "usemtl more\nf 1 2 3\n"), ":131070: expected at most 65532 materials, got \"more\"");
 }
 
 // A file is cut into parts where tinyobjloader would have much to do at once: its objects go on.

@@ -350,7 +350,7 @@ class GltfReader {
 
   std::uint16_t push_material(Material material, const std::string& wanted_name) {
     require(scene().materials.size() < kMaxMaterials, source_,
-            "fewer than " + std::to_string(kMaxMaterials) + " materials, those of nodes with a semantic included", "more");
+            "at most " + std::to_string(kMaxMaterials) + " materials, those of nodes with a semantic included", "more");
     material.name = material_names_.take(wanted_name);
     scene().materials.push_back(std::move(material));
     return static_cast<std::uint16_t>(scene().materials.size() - 1);

@@ -92,7 +92,7 @@ class MtlChecker {
       const std::string_view keyword = next_word(rest);
       const MtlLine kind = mtl_line_of(keyword);
       if (kind == MtlLine::begin) {
-        require(materials.size() < most_, place(), "fewer than " + std::to_string(kMaxMaterials) + " materials in all", "more");
+        require(materials.size() < most_, place(), "at most " + std::to_string(kMaxMaterials) + " materials in all", "more");
         materials.push_back({std::string(trimmed(rest))});
         kept += "newmtl " + std::to_string(materials.size()) + '\n';
       }
@@ -288,7 +288,7 @@ std::vector<std::uint16_t> ObjMaterials::numbers(const ObjNames& names, const st
 }
 
 std::uint16_t ObjMaterials::add(Material material, const std::string& source) {
-  require(scene_.materials.size() < kMaxMaterials, source, "fewer than " + std::to_string(kMaxMaterials) + " materials", "more");
+  require(scene_.materials.size() < kMaxMaterials, source, "at most " + std::to_string(kMaxMaterials) + " materials", "more");
   material.name = material_names_.take(shown_name(material.name));
   scene_.materials.push_back(std::move(material));
   return static_cast<std::uint16_t>(scene_.materials.size() - 1);

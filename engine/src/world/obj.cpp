@@ -180,7 +180,7 @@ class ObjChecker {
       shown_object_ = object;
     }
     if (const std::size_t material = number(materials_, material_); material != shown_material_) {
-      if (material >= kMaxMaterials) refuse("fewer than " + std::to_string(kMaxMaterials) + " materials", material_);
+      if (material >= kMaxMaterials) refuse("at most " + std::to_string(kMaxMaterials) + " materials", material_);
       if (material == out_.names.materials.size()) out_.names.materials.emplace_back(material_);
       kept_ += "usemtl " + std::to_string(material) + '\n';
       shown_material_ = material;
