@@ -32,13 +32,13 @@ __version__: str
 embree_version: str
 """Of the Embree library this module was built with, such as ``"4.3.0"``."""
 simd_target: str
+"""The instruction set that tracing runs on here, such as ``"AVX2"``."""
 scene_sets: dict[str, tuple[str, ...]]
 """The names that stand for several scenes, and their scenes."""
 generated_scenes: tuple[str, ...]
 """The names of scenes that are generated instead of loaded."""
 scene_generators: tuple[str, ...]
 """The words that may stand before ``/seed-7`` in the name of a scene."""
-"""The instruction set that tracing runs on here, such as ``"AVX2"``."""
 
 @final
 class LidarConfig:
