@@ -215,7 +215,7 @@ void Camera::check() const {
     if (step < 0) continue;  // stale: it is not rendered again
     const float* const p = &taken_.position[3 * drone];
     const float* const q = &taken_.quat_wxyz[4 * drone];
-    require(is_in_world(Vec3(p[0], p[1], p[2])), "snapshot: taken_position", in_world("finite coordinates"), p[0]);
+    if (!is_in_world(Vec3(p[0], p[1], p[2]))) refuse("snapshot: taken_position", in_world("finite coordinates"), p[0]);
     const float norm = Quat(q[0], q[1], q[2], q[3]).norm();
     require(std::abs(norm - 1.0F) < 1e-2F, "snapshot: taken_quat_wxyz", "unit quaternions", norm);
   }
