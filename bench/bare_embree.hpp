@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "collision/sweep.hpp"
-#include "compiled/compiled_world.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/world.hpp"
+#include "prepared/prepared_world.hpp"
 #include "trace/embree.hpp"
 #include "trace/shape.hpp"
 
@@ -98,7 +98,7 @@ inline void trace_packet(RTCScene scene, const int* valid, RTCRayHit16& packet, 
 inline std::vector<flockstep::Vec3> free_positions(const flockstep::World& world, int count, std::uint32_t seed) {
   std::mt19937 random(seed);
   const flockstep::collision::Hull hull(flockstep::DroneModel::quadrotor650());
-  const flockstep::collision::Obstacles& obstacles = flockstep::compiled(world).obstacles();
+  const flockstep::collision::Obstacles& obstacles = flockstep::prepared(world).obstacles();
   std::vector<flockstep::Vec3> positions;
   while (static_cast<int>(positions.size()) < count) {
     flockstep::Vec3 position;

@@ -17,7 +17,7 @@
 
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
-#include "render/egl_context.hpp"
+#include "render/gl/egl_context.hpp"
 
 namespace bench {
 

@@ -14,10 +14,10 @@
 #include "bare_embree.hpp"
 #include "base/flush_denormals.hpp"
 #include "bench.hpp"
-#include "compiled/compiled_world.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/world.hpp"
 #include "mesh_world.hpp"
+#include "prepared/prepared_world.hpp"
 #include "sensors/beams.hpp"
 #include "trace/scene.hpp"
 #include "trace/shape.hpp"
@@ -65,7 +65,7 @@ double bundle_advantage(int within) {
   lidar.hfov_deg = 360.0F;
   std::mt19937 random(1);
   const auto world = cloud(count_for(within), kExtent, random);
-  const trace::Scene& scene = compiled(*world).scene();
+  const trace::Scene& scene = prepared(*world).scene();
   const sensors::BeamPattern pattern = sensors::make_pattern(lidar, false);
   std::uniform_real_distribution<float> place(-kExtent / 3, kExtent / 3);
   std::vector<Vec3> origins(kOrigins);

@@ -14,9 +14,9 @@
 #include "batch/snapshot.hpp"
 #include "bench.hpp"
 #include "collision/sweep.hpp"
-#include "compiled/compiled_world.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/navigation.hpp"
+#include "prepared/prepared_world.hpp"
 
 namespace {
 
@@ -169,7 +169,7 @@ void open_space(bench::Figures& figures) {
     ns.push_back(1e9 / kDrones * bench::seconds([&] {
                    for (const Pose& pose : from) {
                      const Pose to{pose.position + Vec3(0.1F, 0.0F, 0.0F), pose.rotation};
-                     sink += collision::sweep(compiled(world).obstacles(), hull, pose, to).fraction;
+                     sink += collision::sweep(prepared(world).obstacles(), hull, pose, to).fraction;
                    }
                  }));
   }

@@ -20,7 +20,7 @@
 #include "bare_embree.hpp"
 #include "base/flush_denormals.hpp"
 #include "bench.hpp"
-#include "flockstep/scenario.hpp"
+#include "flockstep/generators.hpp"
 #include "mesh_world.hpp"
 #include "render/pinhole_camera.hpp"
 #include "sensors/beams.hpp"
@@ -131,7 +131,7 @@ void trace_bare(const bench::BareScene& scene, const Pattern& pattern, const Pos
 class Engine {
  public:
   Engine(const flockstep::World& world, const flockstep::CameraConfig* camera, const flockstep::LidarConfig* lidar)
-      : scene_(flockstep::compiled(world).scene()), ones_(flockstep::trace::kMaxRays + flockstep::trace::kRayPadding, 1.0F) {
+      : scene_(flockstep::prepared(world).scene()), ones_(flockstep::trace::kMaxRays + flockstep::trace::kRayPadding, 1.0F) {
     scene_.prepare_tiles(world.triangles());
     if (camera != nullptr) pinhole_ = flockstep::render::make_pinhole_camera(*camera);
     if (lidar != nullptr) beams_ = flockstep::sensors::make_pattern(*lidar, true);

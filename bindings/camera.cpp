@@ -57,7 +57,7 @@ void register_camera(py::module_& module) {
       .def(
           "save_frames",
           [](const py::object& camera, const py::object& folder, const py::object& indices, const py::object& outputs) {
-            return py::module_::import("flockstep.viewer.frames").attr("save_frames")(camera, folder, indices, outputs);
+            return py::module_::import("flockstep.pictures.frames").attr("save_frames")(camera, folder, indices, outputs);
           },
           py::arg("folder"), py::arg("indices") = py::none(), py::arg("outputs") = py::none());
 }

@@ -1,4 +1,4 @@
-#include "task/color_blob.hpp"
+#include "tasks/color_blob.hpp"
 
 #include <algorithm>
 

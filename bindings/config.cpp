@@ -18,9 +18,9 @@
 #include "convert.hpp"
 #include "flockstep/color.hpp"
 #include "flockstep/config.hpp"
+#include "flockstep/generators.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
-#include "flockstep/scenario.hpp"
 #include "flockstep/track.hpp"
 
 namespace flockstep::bindings {

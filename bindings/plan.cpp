@@ -1,7 +1,7 @@
 #include <chrono>
 
 #include "arrays.hpp"
-#include "flockstep/scenario.hpp"
+#include "flockstep/planning.hpp"
 #include "named.hpp"
 #include "released.hpp"
 

@@ -4,7 +4,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.hpp"
-#include "flockstep/scenario.hpp"
+#include "flockstep/planning.hpp"
 #include "flockstep/world_report.hpp"
 #include "named.hpp"
 #include "released.hpp"

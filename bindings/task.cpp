@@ -22,7 +22,7 @@
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
 #include "flockstep/track.hpp"
-#include "scenario/navigable.hpp"
+#include "planning/navigable.hpp"
 
 namespace flockstep {
 

@@ -3,7 +3,7 @@
 
 #include "arrays.hpp"
 #include "flockstep/batch.hpp"
-#include "task/terms.hpp"
+#include "tasks/terms.hpp"
 
 namespace flockstep::bindings {
 namespace {

@@ -5,8 +5,8 @@
 
 #include "arrays.hpp"
 #include "convert.hpp"
+#include "flockstep/generators.hpp"
 #include "flockstep/raycast.hpp"
-#include "flockstep/scenario.hpp"
 #include "named.hpp"
 #include "released.hpp"
 #include "world/scene_keys.hpp"

@@ -19,10 +19,10 @@ import numpy.typing as npt
 import tyro
 
 import flockstep
-from flockstep.viewer.frames import normal_rgb
-from flockstep.viewer.picture import facing
-from flockstep.viewer.third_person_view import ThirdPersonView
-from flockstep.viewer.trail import Trail
+from flockstep.pictures.frames import normal_rgb
+from flockstep.pictures.picture import facing
+from flockstep.pictures.third_person_view import ThirdPersonView
+from flockstep.pictures.trail import Trail
 
 WORLD = "playground/camera-train-1"
 #: From where, and what to look at (m).

@@ -24,9 +24,9 @@ import train_flight
 from film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
 from flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
 from flockstep.rotations import rotate
-from flockstep.viewer.body import Body
-from flockstep.viewer.drawing import Drawing
-from flockstep.viewer.stage import Stage, with_markers
+from flockstep.pictures.body import Body
+from flockstep.pictures.drawing import Drawing
+from flockstep.pictures.stage import Stage, with_markers
 from tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]

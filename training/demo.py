@@ -15,8 +15,8 @@ import catch_film
 import flockstep
 from camera_pictures import draw_sheet
 from evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
-from flockstep.viewer.third_person_view import ThirdPersonView
-from flockstep.viewer.trail import Trail
+from flockstep.pictures.third_person_view import ThirdPersonView
+from flockstep.pictures.trail import Trail
 from plot_paths import picture_name, plot_flight, plot_overview
 from tasks import UNSEEN_SEEDS, Setup
 from train_ppo import Args as TrainingArgs

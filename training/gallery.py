@@ -18,7 +18,7 @@ import tyro
 from tqdm import tqdm
 
 import flockstep
-from flockstep.viewer.picture import facing
+from flockstep.pictures.picture import facing
 
 #: Scenes by name; those of a strip for the README come first.
 SCENES = (

@@ -21,7 +21,7 @@ from PIL import Image
 import flockstep
 from evaluate import Flight, Policy, fly, greedy
 from flockstep.task import MARKERS
-from flockstep.viewer.relief import SOLID, VIEWS, Relief
+from flockstep.pictures.relief import SOLID, VIEWS, Relief
 from tasks import Setup, env_keywords, load_policy, setup_of
 
 OUTCOME_COLOR = {

@@ -20,9 +20,9 @@ from tqdm import tqdm
 import flockstep
 from film import ALARM, FINER, FPS, INK, PATH, POINT, Flight, flown, tiled, write_captions, write_film
 from flight import LASTS_S, POLICY_HZ, Pilot, fly, greedy, make, velocity_control
-from flockstep.viewer.body import Body
-from flockstep.viewer.drawing import Drawing
-from flockstep.viewer.stage import Stage, with_markers
+from flockstep.pictures.body import Body
+from flockstep.pictures.drawing import Drawing
+from flockstep.pictures.stage import Stage, with_markers
 from tasks import UNSEEN_SEEDS, load_policy
 
 Array = npt.NDArray[Any]

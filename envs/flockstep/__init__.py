@@ -57,7 +57,7 @@ from flockstep.planning import plan
 from flockstep.recording import record
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
-from flockstep.viewer.picture import render
+from flockstep.pictures.picture import render
 from flockstep.world_pool import WorldPool
 
 __all__ = [

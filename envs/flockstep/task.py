@@ -37,7 +37,7 @@ from flockstep.rotations import Array, rotate
 
 if TYPE_CHECKING:
     from flockstep.scenes import WorldsLike
-    from flockstep.viewer.drawing import Drawing
+    from flockstep.pictures.drawing import Drawing
     from flockstep.world_pool import WorldPool
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

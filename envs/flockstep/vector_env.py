@@ -40,9 +40,9 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
 from flockstep.task_spaces import action_space, observation_space
-from flockstep.viewer import views
-from flockstep.viewer.flight_overlay import FlightOverlay
-from flockstep.viewer.frames import selected
+from flockstep.pictures import views
+from flockstep.pictures.flight_overlay import FlightOverlay
+from flockstep.pictures.frames import selected
 from flockstep.world_pool import WorldPool
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
     from flockstep._core import ColorRange, NavigationReward, WindConfig
-    from flockstep.viewer.trail import Trail
+    from flockstep.pictures.trail import Trail
 
     class Fields(TypedDict, total=False):
         """Fields of the configurations that are keywords of the env."""

@@ -2,16 +2,16 @@
 #pragma once
 
 #include "collision/sweep.hpp"
-#include "compiled/compiled_world.hpp"
+#include "prepared/prepared_world.hpp"
 
 namespace flockstep::testing {
 
 inline collision::Contact sweep(const World& world, const DroneModel& drone, const Pose& from, const Pose& to) {
-  return collision::sweep(compiled(world).obstacles(), collision::Hull(drone), from, to);
+  return collision::sweep(prepared(world).obstacles(), collision::Hull(drone), from, to);
 }
 
 inline bool overlaps(const World& world, const DroneModel& drone, const Pose& pose) {
-  return collision::overlaps(compiled(world).obstacles(), collision::Hull(drone), pose);
+  return collision::overlaps(prepared(world).obstacles(), collision::Hull(drone), pose);
 }
 
 }  // namespace flockstep::testing

@@ -13,9 +13,9 @@
 
 #include "batch_helpers.hpp"
 #include "collision/hull.hpp"
-#include "compiled/compiled_world.hpp"
 #include "dynamics/rotor_motion.hpp"
 #include "flight_state.hpp"
+#include "prepared/prepared_world.hpp"
 #include "random.hpp"
 
 namespace flockstep::testing {
@@ -81,8 +81,8 @@ class FlightRoom {
 
  private:
   std::vector<std::int32_t> slots_;
-  std::vector<const trace::Scene*> scenes_{&compiled(*world_).scene()};
-  std::vector<const collision::Obstacles*> obstacles_{&compiled(*world_).obstacles()};
+  std::vector<const trace::Scene*> scenes_{&prepared(*world_).scene()};
+  std::vector<const collision::Obstacles*> obstacles_{&prepared(*world_).obstacles()};
   std::unique_ptr<trace::Tracer> tracer_ = std::make_unique<trace::Tracer>();
   std::unique_ptr<dynamics::FlightScratch> scratch_ = std::make_unique<dynamics::FlightScratch>();
 };

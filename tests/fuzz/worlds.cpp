@@ -10,13 +10,13 @@
 
 #include "base/platform.hpp"
 #include "flockstep/world.hpp"
+#include "formats/gltf.hpp"
+#include "formats/gltf_writer.hpp"
+#include "formats/mesh_scene.hpp"
+#include "formats/ply.hpp"
+#include "formats/scene_json.hpp"
 #include "fuzz/targets.hpp"
-#include "world/gltf.hpp"
-#include "world/gltf_writer.hpp"
-#include "world/mesh_scene.hpp"
-#include "world/ply.hpp"
 #include "world/scene_description.hpp"
-#include "world/scene_json.hpp"
 
 namespace flockstep::fuzz {
 namespace {

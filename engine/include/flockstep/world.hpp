@@ -215,14 +215,13 @@ class World {
   // Every byte of the canonical content counts. Computed on first need, thread-safe.
   std::uint64_t content_hash() const;
 
-  // What the stages that trace, collide and render keep of this world; see compiled/compiled_world.hpp.
+  // What the stages that trace, collide and render keep of this world; see prepared/prepared_world.hpp.
   const Attachment& attachment() const { return attachment_; }
 
  private:
   const SceneDescription& shape() const { return original_ ? original_->description_ : description_; }
-  // f(description of the whole world)
-  template <class F>
-  auto described(const F& f) const;
+  // The description of the whole world; made in `copy` where this one shares the geometry of another.
+  const SceneDescription& description(SceneDescription& copy) const;
 
   SceneDescription description_;  // without textures, primitives and triangles where the original has them
   std::shared_ptr<const World> original_;

@@ -14,7 +14,7 @@
 #include "batch/flying.hpp"
 #include "batch/simulation.hpp"
 #include "batch/task_context.hpp"
-#include "compiled/compiled_world.hpp"
+#include "prepared/prepared_world.hpp"
 
 namespace flockstep {
 namespace {
@@ -124,8 +124,8 @@ Simulation::Simulation(BatchConfig config_in, Batch::Worlds worlds_in, std::uniq
   // Built here, not by whichever thread first needs them in the middle of a step.
   for (const World* const world : world_pointers) {
     if (world != nullptr) build_ahead(*world, config);
-    scenes.push_back(world != nullptr ? &compiled(*world).scene() : nullptr);
-    obstacles.push_back(world != nullptr ? &compiled(*world).obstacles() : nullptr);
+    scenes.push_back(world != nullptr ? &prepared(*world).scene() : nullptr);
+    obstacles.push_back(world != nullptr ? &prepared(*world).obstacles() : nullptr);
     sorts_by_world |= world != nullptr && scenes.back()->may_need_embree();
   }
   checks::world_index(*this, world_index, num_envs());

@@ -12,7 +12,7 @@
 #include "base/require.hpp"
 #include "batch/episodes.hpp"
 #include "batch/simulation.hpp"
-#include "compiled/compiled_world.hpp"
+#include "prepared/prepared_world.hpp"
 #include "trace/scene.hpp"
 #include "trace/tracer.hpp"
 
@@ -25,8 +25,8 @@ constexpr std::int32_t kMostWorlds = 1 << 24;  // as many as uniform01() can tel
 void set_slot(Simulation& sim, std::int32_t slot, std::shared_ptr<const World> world) {
   const auto at = static_cast<std::size_t>(slot);
   sim.world_pointers[at] = world.get();
-  sim.scenes[at] = world ? &compiled(*world).scene() : nullptr;
-  sim.obstacles[at] = world ? &compiled(*world).obstacles() : nullptr;
+  sim.scenes[at] = world ? &prepared(*world).scene() : nullptr;
+  sim.obstacles[at] = world ? &prepared(*world).obstacles() : nullptr;
   sim.sorts_by_world |= world && sim.scenes[at]->may_need_embree();
   sim.worlds[at] = std::move(world);
 }
@@ -68,11 +68,11 @@ std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) cons
 }
 
 void build_ahead(const World& world, const BatchConfig& config) {
-  const trace::Scene& scene = compiled(world).scene();
+  const trace::Scene& scene = prepared(world).scene();
   if (scene.num_triangles() > 0 && scene.num_triangles() <= most_in_tiles(config)) scene.prepare_tiles(world.triangles());
   if (config.tracer == TracerKind::embree) scene.prepare_crowd();
-  compiled(world).obstacles();
-  for (const CameraConfig& camera : config.cameras) compiled(world).shading(camera.shadows);
+  prepared(world).obstacles();
+  for (const CameraConfig& camera : config.cameras) prepared(world).shading(camera.shadows);
 }
 
 PoolState::PoolState(WorldPool pool_in, std::size_t num_envs)

@@ -18,14 +18,14 @@
 
 #include "base/check_fields.hpp"
 #include "base/excerpt.hpp"
+#include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "flockstep/config.hpp"
+#include "flockstep/generators.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
-#include "flockstep/scenario.hpp"
 #include "flockstep/track.hpp"
-#include "world/json_document.hpp"
 
 namespace flockstep {
 namespace {

@@ -10,11 +10,11 @@
 #include <utility>
 
 #include "base/excerpt.hpp"
+#include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
 #include "flockstep/scenes.hpp"
 #include "recipe/config_json.hpp"
-#include "world/json_document.hpp"
 
 namespace flockstep {
 namespace {

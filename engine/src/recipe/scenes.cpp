@@ -8,7 +8,7 @@
 
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
-#include "flockstep/scenario.hpp"
+#include "flockstep/generators.hpp"
 
 namespace flockstep {
 namespace {

@@ -10,8 +10,8 @@
 
 #include "base/workers.hpp"
 #include "flockstep/config.hpp"
-#include "render/gl_renderer.hpp"
-#include "render/raycast_renderer.hpp"
+#include "render/gl/renderer.hpp"
+#include "render/raycast/raycast_renderer.hpp"
 #include "render/render_request.hpp"
 
 namespace flockstep::render {

@@ -8,7 +8,7 @@
 #include "base/in_world.hpp"
 #include "base/pose_access.hpp"
 #include "base/require.hpp"
-#include "compiled/compiled_world.hpp"
+#include "prepared/prepared_world.hpp"
 #include "trace/ray_block.hpp"
 
 namespace flockstep::sensors {
@@ -137,8 +137,8 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
   Mat3 rotation;
   for (int axis = 0; axis < 3; ++axis) rotation.col(axis) = trace::rotated(body, mounting_[drone].col(axis));
   render::RenderRequest request{.world = &world,
-                                .scene = &compiled(world).scene(),
-                                .shading = &compiled(world).shading(config_.shadows),
+                                .scene = &prepared(world).scene(),
+                                .shading = &prepared(world).shading(config_.shadows),
                                 .camera = &rendering_,
                                 .pinhole = &settings_.optics(drone),
                                 .position = pose.position + trace::rotated(body, Vec3::Map(settings_[drone].offset_m.data())),

@@ -4,7 +4,7 @@
 #include <new>
 
 #include "base/require.hpp"
-#include "compiled/compiled_world.hpp"
+#include "prepared/prepared_world.hpp"
 #include "render/jpeg.hpp"
 
 namespace flockstep::sensors {
@@ -58,7 +58,7 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex
   if (empty()) return;
   for (const World* const world : worlds_) {  // built here, not by whichever thread first needs it
     if (world == nullptr) continue;
-    for (const auto& camera : cameras_) compiled(*world).shading(camera->config().shadows);
+    for (const auto& camera : cameras_) prepared(*world).shading(camera->config().shadows);
   }
   clear_requests();
   for (const auto& camera : cameras_) {

@@ -4,13 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <string>
-#include <string_view>
 #include <utility>
 
-#include "base/excerpt.hpp"
 #include "base/require.hpp"
-#include "world/drone_json.hpp"
-#include "world/text_file.hpp"
 
 namespace flockstep {
 
@@ -18,14 +14,6 @@ namespace {
 
 // Corners of a hull flatter than this (m, in any direction) are refused: its volume would drown in rounding.
 constexpr double kMinThickness = 1e-4;
-
-// The frames that ship with flockstep: name and text of each file of drones/, in the order of their names.
-struct Shipped {
-  std::string_view name, text;
-};
-constexpr Shipped kShipped[] = {
-#include "drones.inc"
-};
 
 constexpr float kMaxHullReach = 100.0F;  // m; float32 resolves 10 um at this distance
 
@@ -80,28 +68,6 @@ DroneModel::DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe,
     radius_ = std::max(radius_, distance);
   }
 }
-
-DroneModel DroneModel::quadrotor650() { return load("t650"); }
-
-DroneModel DroneModel::load(const std::string& name_or_path) {
-  if (name_or_path.ends_with(".json")) return read_drone(read_text_file(name_or_path, "a drone file"), name_or_path);
-  std::string names;
-  for (const auto& [name, text] : kShipped) {
-    if (name == name_or_path) return read_drone(std::string(text), "drone " + name_or_path);
-    names += (names.empty() ? "" : ", ") + std::string(name);
-  }
-  refuse("drone", "one of " + names + ", or the path of a file ending in .json", '"' + excerpt(name_or_path) + '"');
-}
-
-DroneModel DroneModel::from_json(const std::string& text) { return read_drone(text, "drone"); }
-
-std::vector<std::string> DroneModel::names() {
-  std::vector<std::string> names;
-  for (const auto& [name, text] : kShipped) names.emplace_back(name);
-  return names;
-}
-
-std::string DroneModel::to_json() const { return write_drone(*this); }
 
 DroneModel DroneModel::scaled(double size, double mass) const {
   require(airframe_.has_value(), "drone", "one with an airframe, to be scaled", "a hull alone");

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "world/json_document.hpp"
+#include "base/json_document.hpp"
 
 namespace flockstep {
 namespace {

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from flockstep.task import Task
 from flockstep.testing.runs import Actions, AnyVectorEnv, Setup, rows_per_env
-from flockstep.viewer.top_view import TopView
+from flockstep.pictures.top_view import TopView
 
 
 def check_spaces(setup: Setup) -> None:

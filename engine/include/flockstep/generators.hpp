@@ -1,0 +1,150 @@
+// Generators: worlds made from a seed.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+
+#include "flockstep/fields.hpp"
+#include "flockstep/world.hpp"
+
+namespace flockstep {
+
+// A room with full-height pillars and a start, waypoints and a goal in it, made from a seed.
+struct PlaygroundConfig {
+  std::uint64_t seed = 0;
+  int pillars = 12;
+  std::array<float, 3> size_m{14.0F, 14.0F, 5.25F};
+  float pillar_radius_m = 0.25F;
+
+  static constexpr std::array<Limits, 3> kSizes{between(6, 200), between(6, 200), between(1.5, 100)};
+
+  static constexpr auto fields() {
+    using C = PlaygroundConfig;
+    return field_list(field("seed", &C::seed, {.about = "Seed of the layout."}),
+                      field("pillars", &C::pillars, {.about = "Number of pillars.", .limits = between(0, 200)}),
+                      field("size_m", &C::size_m, {.about = "Size of the room (x, y, z).", .unit = "m", .each = kSizes}),
+                      field("pillar_radius_m", &C::pillar_radius_m,
+                            {.about = "Radius of the pillars, at most a fourteenth of the shorter side of the room.",
+                             .unit = "m",
+                             .limits = at_least(0.01)}));
+  }
+
+  void validate() const;
+};
+
+// A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
+// the goal crashes (if there are pillars), and a free path exists. Throws std::invalid_argument on a bad config, or where no path
+// is found in many layouts because of too many pillars.
+std::shared_ptr<const World> playground(const PlaygroundConfig& config);
+
+// A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, and a start and a goal
+// at opposite ends of it.
+struct ForestConfig {
+  std::uint64_t seed = 0;
+  int trees = 150;
+  std::array<float, 2> size_m{60.0F, 40.0F};
+  float relief_m = 4.0F;
+
+  static constexpr auto fields() {
+    using C = ForestConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("trees", &C::trees, {.about = "Number of trees.", .limits = between(0, 5000)}),
+        field("size_m", &C::size_m,
+              {.about = "Size along x, from start to goal, and along y.", .unit = "m", .limits = between(12, 500)}),
+        field("relief_m", &C::relief_m,
+              {.about = "Height of the highest possible ground above the lowest.", .unit = "m", .limits = between(0, 50)}));
+  }
+
+  void validate() const;
+};
+
+// A generated forest, the same on every machine. The default drone can fly from start to goal along a winding way below the
+// branches, which is tried in the world itself. Throws std::invalid_argument on a bad config, or where no such way is found in
+// many layouts because of too many trees.
+std::shared_ptr<const World> forest(const ForestConfig& config);
+
+// A city: blocks of houses, streets between and around them with cars, lamps, trees and cables, and a row of houses that closes
+// it all around; of textured meshes and primitives, from a seed.
+struct CityConfig {
+  std::uint64_t seed = 0;
+  std::array<int, 2> blocks{3, 2};
+  float height_m = 34.0F;
+
+  static constexpr auto fields() {
+    using C = CityConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("blocks", &C::blocks,
+              {.about = "Number of blocks along x, from start to goal, and along y. A block is 34 to 46 m, a street 10 m wide.",
+               .limits = between(1, 8)}),
+        field("height_m", &C::height_m, {.about = "Height of the tallest roofs.", .unit = "m", .limits = between(12, 200)}));
+  }
+
+  void validate() const;
+};
+
+// A generated city, the same on every machine. Start and goal are crossings on opposite sides of it. The default drone can fly
+// from one to the other along streets, 2 to 6 m above them, which is tried in the world itself. Throws std::invalid_argument on a
+// bad config.
+std::shared_ptr<const World> city(const CityConfig& config);
+
+// A floor of an office building, made from a seed: rooms, corridors and lounges with their furniture behind windows, and a start
+// and a goal in rooms at opposite ends of it.
+struct OfficeConfig {
+  std::uint64_t seed = 0;
+  std::array<float, 2> size_m{36.0F, 20.0F};
+  float furniture = 0.8F;
+  bool waypoints = false;
+
+  static constexpr std::array<Limits, 2> kSizes{between(20, 200), between(14, 200)};
+
+  static constexpr auto fields() {
+    using C = OfficeConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("size_m", &C::size_m, {.about = "Size along x and y, rounded down to half metres.", .unit = "m", .each = kSizes}),
+        field("furniture", &C::furniture, {.about = "Density of the furniture.", .limits = between(0, 1)}),
+        field("waypoints", &C::waypoints, {.about = "Waypoints before and behind each door of the way."}));
+  }
+
+  void validate() const;
+};
+
+// A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through
+// open doors it can fly there, 1.35 m above the floor, which is tried in the world itself. Throws std::invalid_argument on a bad
+// config, or where no such way is found in many layouts.
+std::shared_ptr<const World> office(const OfficeConfig& config);
+
+// A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a
+// start and a goal at opposite ends of it.
+struct WarehouseConfig {
+  std::uint64_t seed = 0;
+  std::array<float, 2> size_m{48.0F, 30.0F};
+  float height_m = 8.0F;
+  bool waypoints = false;
+
+  static constexpr std::array<Limits, 2> kSizes{between(26, 200), between(16, 200)};
+
+  static constexpr auto fields() {
+    using C = WarehouseConfig;
+    return field_list(
+        field("seed", &C::seed, {.about = "Seed of the layout."}),
+        field("size_m", &C::size_m,
+              {.about = "Size along x, across the rows of racks, and along y.", .unit = "m", .each = kSizes}),
+        field(
+            "height_m", &C::height_m,
+            {.about = "Height of the eaves; up to five pallets stand above each other.", .unit = "m", .limits = between(5, 20)}),
+        field("waypoints", &C::waypoints, {.about = "Waypoints where the way turns."}));
+  }
+
+  void validate() const;
+};
+
+// A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around
+// racks and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad
+// config, or where no such way is found in many layouts.
+std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
+
+}  // namespace flockstep

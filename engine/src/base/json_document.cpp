@@ -1,0 +1,263 @@
+#include "base/json_document.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdint>
+#include <iterator>
+#include <stdexcept>
+#include <utility>
+
+#include "base/excerpt.hpp"
+#include "base/interrupt.hpp"
+#include "base/nearest_name.hpp"
+
+namespace flockstep::json {
+namespace {
+
+constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; a scene has 5
+
+std::string escaped(std::string_view key) {
+  std::string token;
+  for (const char c : key) {
+    if (c == '~') {
+      token += "~0";
+    } else if (c == '/') {
+      token += "~1";
+    } else {
+      token += c;
+    }
+  }
+  return token;
+}
+
+// Writes a value as JSON until the text is long enough for a message.
+void append(const Json& value, std::string& text) {
+  constexpr std::size_t kEnough = 200;
+  const auto list = [&](char open, char close, const auto& append_item) {
+    text += open;
+    for (auto item = value.begin(); item != value.end() && text.size() < kEnough; ++item) {
+      if (item != value.begin()) text += ',';
+      append_item(item);
+    }
+    text += close;
+  };
+  if (value.is_array()) {
+    list('[', ']', [&](const auto& item) { append(*item, text); });
+  } else if (value.is_object()) {
+    list('{', '}', [&](const auto& item) {
+      append(Json(excerpt(item.key(), kEnough)), text);
+      text += ':';
+      append(*item, text);
+    });
+  } else if (value.is_string()) {
+    text += Json(excerpt(value.get_ref<const std::string&>(), kEnough)).dump();
+  } else {
+    text += value.dump();
+  }
+}
+
+[[noreturn]] void refuse_json(const std::string& source, const std::string& what) {
+  constexpr std::size_t kMaxReason = 300;
+  const std::size_t prefix_end = what.find("] ");  // "[json.exception.parse_error.101] parse error at line 3, column 7: ..."
+  throw std::invalid_argument(
+      source + ": not valid JSON: " + excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
+}
+
+// The characters of a text, for a parser that may take long over them.
+class Characters {
+ public:
+  using iterator_category = std::input_iterator_tag;
+  using value_type = char;
+  using difference_type = std::ptrdiff_t;
+  using pointer = const char*;
+  using reference = const char&;
+
+  explicit Characters(const char* at) : at_(at) {}
+  reference operator*() const { return *at_; }
+  Characters& operator++() {
+    constexpr std::uintptr_t kBetweenPolls = 1U << 16U;
+    if (reinterpret_cast<std::uintptr_t>(++at_) % kBetweenPolls == 0) Interrupt::poll();
+    return *this;
+  }
+  Characters operator++(int) {
+    const Characters before = *this;
+    ++*this;
+    return before;
+  }
+  bool operator==(const Characters&) const = default;
+
+ private:
+  const char* at_;
+};
+
+// Frees a value, the innermost first: Json's own destructor takes memory to do so, and ends the process where there is none.
+void take_apart(Json& value) noexcept {
+  if (auto* const array = value.get_ptr<Json::array_t*>()) {
+    for (Json& item : *array) take_apart(item);
+    array->clear();
+  } else if (auto* const object = value.get_ptr<Json::object_t*>()) {
+    for (auto& [key, item] : *object) take_apart(item);
+    object->clear();
+  }
+}
+
+}  // namespace
+
+std::string Path::pointer() const {
+  std::string text;
+  for (std::size_t i = 0; i < depth_; ++i) {
+    text += '/';
+    text += steps_[i].key.data() == nullptr ? std::to_string(steps_[i].index) : escaped(steps_[i].key);
+  }
+  return text;
+}
+
+std::string excerpt_of(const Json& value) {
+  std::string text;
+  append(value, text);
+  return excerpt(text);
+}
+
+std::string name_of(const JsonField& field) {
+  constexpr std::size_t kMaxPointer = 200;
+  const std::string pointer = field.path.pointer();
+  return field.source + (pointer.empty() ? "" : ": " + excerpt(pointer, kMaxPointer));
+}
+
+void fail(const JsonField& field, const std::string& what) { throw std::invalid_argument(name_of(field) + ": " + what); }
+
+void refuse(const JsonField& field, const std::string& expected) { refuse(field, expected, excerpt_of(field.value)); }
+
+JsonField child(const JsonField& parent, std::string_view key, const Json& value) {
+  return JsonField{value, parent.path / key, parent.source};
+}
+
+JsonField child(const JsonField& parent, std::size_t index) {
+  return JsonField{parent.value.at(index), parent.path / index, parent.source};
+}
+
+std::optional<JsonField> find(const JsonField& object, std::string_view key) {
+  const auto found = object.value.find(key);
+  return found != object.value.end() ? std::optional<JsonField>(child(object, key, *found)) : std::nullopt;
+}
+
+JsonField require(const JsonField& object, std::string_view key) {
+  const std::optional<JsonField> field = find(object, key);
+  if (!field) fail(object, "expected a field \"" + std::string(key) + "\", found none");
+  return *field;
+}
+
+void refuse_unknown(const JsonField& object, std::string_view key, std::span<const std::string_view> known) {
+  std::string names;
+  for (const std::string_view name : known) names += (names.empty() ? "" : ", ") + std::string(name);
+  fail(child(object, key, object.value), "unknown field; expected one of " + names + did_you_mean(key, known));
+}
+
+void check_object(const JsonField& field, std::initializer_list<std::string_view> known) {
+  if (!field.value.is_object()) refuse(field, "an object");
+  for (const auto& [key, value] : field.value.items()) {
+    if (std::find(known.begin(), known.end(), key) != known.end()) continue;
+    refuse_unknown(field, key, {known.begin(), known.size()});
+  }
+}
+
+const Json& require_array(const JsonField& field, const char* expected) {
+  if (!field.value.is_array()) refuse(field, expected);
+  return field.value;
+}
+
+// Makes a document of what the parser reads. Unlike Json's own: no field is repeated, which JSON leaves open and is a mistake
+// here, and nothing is nested deeper than recursion can follow.
+class DocumentBuilder final : public nlohmann::json_sax<Json> {
+ public:
+  DocumentBuilder(Document& document, std::initializer_list<std::string_view> ordered) : document_(document) {
+    for (const std::string_view key : ordered) document_.ordered_keys_[std::string(key)];
+  }
+
+  bool null() override { return add(nullptr); }
+  bool boolean(bool value) override { return add(value); }
+  bool number_integer(number_integer_t value) override { return add(value); }
+  bool number_unsigned(number_unsigned_t value) override { return add(value); }
+  bool number_float(number_float_t value, const string_t&) override { return add(value); }
+  bool string(string_t& value) override { return add(std::move(value)); }
+  bool binary(binary_t& value) override { return add(std::move(value)); }
+  bool start_object(std::size_t) override { return open(Json::value_t::object); }
+  bool end_object() override { return close(); }
+  bool start_array(std::size_t) override { return open(Json::value_t::array); }
+  bool end_array() override { return close(); }
+  bool key(string_t& name) override {
+    if (open_.size() == 1) {
+      const auto found = document_.ordered_keys_.find(name);
+      ordered_ = found == document_.ordered_keys_.end() ? nullptr : &found->second;
+    }
+    if (open_.size() == 2 && ordered_ != nullptr) ordered_->push_back(name);
+    const auto [field, is_new] = open_.back()->get_ref<Json::object_t&>().try_emplace(std::move(name));
+    if (!is_new) flockstep::refuse(document_.source_, "each field once", excerpt_of(Json(field->first)) + " twice in one object");
+    field_ = &field->second;
+    return true;
+  }
+  bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
+    refuse_json(document_.source_, error.what());
+  }
+
+ private:
+  // Puts a value where the parser stands: at the end of an array, in a field of an object, or as the whole document.
+  template <class Value>
+  Json& place(Value&& value) {
+    if (open_.empty()) return document_.root_ = std::forward<Value>(value);
+    if (auto* const array = open_.back()->get_ptr<Json::array_t*>()) return array->emplace_back(std::forward<Value>(value));
+    return *field_ = std::forward<Value>(value);
+  }
+
+  template <class Value>
+  bool add(Value&& value) {
+    place(std::forward<Value>(value));
+    return true;
+  }
+
+  bool open(Json::value_t kind) {
+    if (open_.size() == kMaxDepth) {
+      flockstep::refuse(document_.source_, "at most " + std::to_string(kMaxDepth) + " arrays and objects in one another", "more");
+    }
+    open_.push_back(&place(kind));
+    return true;
+  }
+
+  bool close() {
+    open_.pop_back();
+    return true;
+  }
+
+  Document& document_;
+  std::vector<Json*> open_;                      // the arrays and objects that the parser is in
+  Json* field_ = nullptr;                        // of the innermost object, whose key has been read
+  std::vector<std::string>* ordered_ = nullptr;  // where the keys of the outermost field's object are kept, if they are
+};
+
+std::unique_ptr<const Document> Document::parse(const std::string& text, std::string source,
+                                                std::initializer_list<std::string_view> ordered) {
+  auto document = std::make_unique<Document>(std::move(source));
+  DocumentBuilder builder(*document, ordered);
+  Json::sax_parse(Characters(text.data()), Characters(text.data() + text.size()), &builder);
+  return document;
+}
+
+double shortest(double value) {
+  const auto single = static_cast<float>(value);
+  if (static_cast<double>(single) != value) return value;
+  std::array<char, 32> digits{};
+  const auto written = std::to_chars(digits.data(), digits.data() + digits.size(), single);
+  double read = value;
+  std::from_chars(digits.data(), written.ptr, read);
+  return static_cast<float>(read) == single ? read : value;
+}
+
+std::span<const std::string> Document::ordered_keys(std::string_view of) const {
+  const auto found = ordered_keys_.find(of);
+  return found == ordered_keys_.end() ? std::span<const std::string>() : std::span<const std::string>(found->second);
+}
+
+Document::~Document() { take_apart(root_); }
+
+}  // namespace flockstep::json

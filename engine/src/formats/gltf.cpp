@@ -1,0 +1,833 @@
+#include "formats/gltf.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <span>
+#include <string_view>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+
+#include "base/excerpt.hpp"
+#include "base/in_world.hpp"
+#include "base/interrupt.hpp"
+#include "base/require.hpp"
+#include "base/text_file.hpp"
+#include "formats/gltf_extras.hpp"
+#include "formats/gltf_model.hpp"
+#include "formats/image.hpp"
+#include "formats/placement.hpp"
+#include "formats/unused_names.hpp"
+#include "world/scene_description.hpp"
+
+namespace flockstep {
+namespace {
+
+using Vec3d = Eigen::Vector3d;
+using Vec2d = Eigen::Vector2d;
+
+std::string written(const Vec3d& v) {
+  std::ostringstream out;
+  out << '(' << v.x() << ", " << v.y() << ", " << v.z() << ')';
+  return out.str();
+}
+
+// An accessor's elements, which the model has within its buffers.
+class Elements {
+ public:
+  Elements(const tinygltf::Model& model, std::size_t accessor)
+      : accessor_(model.accessors[accessor]),
+        size_(static_cast<std::size_t>(tinygltf::GetComponentSizeInBytes(static_cast<std::uint32_t>(accessor_.componentType)))) {
+    const tinygltf::BufferView& view = model.bufferViews[static_cast<std::size_t>(accessor_.bufferView)];
+    const std::size_t components =
+        static_cast<std::size_t>(tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(accessor_.type)));
+    stride_ = view.byteStride != 0 ? view.byteStride : size_ * components;
+    first_ = model.buffers[static_cast<std::size_t>(view.buffer)].data.data() + view.byteOffset + accessor_.byteOffset;
+  }
+
+  std::size_t size() const { return accessor_.count; }
+
+  std::uint32_t index(std::size_t element) const {
+    const unsigned char* const at = first_ + element * stride_;
+    if (size_ == 1) return *at;
+    return size_ == 2 ? as<std::uint16_t>(at) : as<std::uint32_t>(at);
+  }
+
+  double number(std::size_t element, std::size_t component) const {
+    const unsigned char* const at = first_ + element * stride_ + component * size_;
+    switch (accessor_.componentType) {
+      case TINYGLTF_COMPONENT_TYPE_BYTE:
+        return whole<std::int8_t>(at);
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+        return whole<std::uint8_t>(at);
+      case TINYGLTF_COMPONENT_TYPE_SHORT:
+        return whole<std::int16_t>(at);
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+        return whole<std::uint16_t>(at);
+      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+        return whole<std::uint32_t>(at);
+      default:
+        return as<float>(at);
+    }
+  }
+
+ private:
+  template <class T>
+  static T as(const unsigned char* at) {  // which may lie anywhere
+    T value;
+    std::memcpy(&value, at, sizeof value);
+    return value;
+  }
+  template <class T>
+  double whole(const unsigned char* at) const {
+    const double value = as<T>(at);
+    return accessor_.normalized ? std::max(value / std::numeric_limits<T>::max(), -1.0) : value;
+  }
+
+  const tinygltf::Accessor& accessor_;
+  std::size_t size_;  // of a component, in bytes
+  std::size_t stride_ = 0;
+  const unsigned char* first_ = nullptr;
+};
+
+// KHR_texture_transform: scaled, then turned counter-clockwise as the image is seen, then moved.
+struct UvTransform {
+  Eigen::Matrix2d turn = Eigen::Matrix2d::Identity();
+  Vec2d offset = Vec2d::Zero();
+
+  static bool is_in(const tinygltf::TextureInfo& texture) { return texture.extensions.count(kName) > 0; }
+
+  explicit UvTransform(const tinygltf::TextureInfo& texture) {
+    if (!is_in(texture)) return;
+    const tinygltf::Value& given = texture.extensions.at(kName);
+    const auto pair = [&](const char* key, const Vec2d& usual) -> Vec2d {
+      if (!given.Has(key)) return usual;
+      return {given.Get(key).Get(0).GetNumberAsDouble(), given.Get(key).Get(1).GetNumberAsDouble()};
+    };
+    const double angle = given.Has("rotation") ? given.Get("rotation").GetNumberAsDouble() : 0.0;
+    const Vec2d scale = pair("scale", Vec2d::Ones());
+    turn << std::cos(angle) * scale.x(), std::sin(angle) * scale.y(), -std::sin(angle) * scale.x(), std::cos(angle) * scale.y();
+    offset = pair("offset", Vec2d::Zero());
+  }
+
+ private:
+  static constexpr const char* kName = "KHR_texture_transform";
+};
+
+// From the file's axes to the world's, and nothing more.
+const Eigen::Affine3d& upright() {
+  static const Eigen::Affine3d kUpright = placement({}, UpAxis::y);
+  return kUpright;
+}
+
+// A point where a transform takes it. Turned upright alone it keeps all its bits, a -0 included.
+Vec3d applied(const Eigen::Affine3d& place, const Vec3d& point) {
+  if (place.matrix() == upright().matrix()) return {point.x(), -point.z(), point.y()};
+  return place * point;
+}
+
+// What of a surface stays the same however it is cut into triangles and these are listed.
+struct Extent {
+  Vec3d min = Vec3d::Constant(std::numeric_limits<double>::infinity());
+  Vec3d max = -min;
+  double area = 0.0;
+
+  void add(const std::array<Vec3d, 3>& triangle) {
+    for (const Vec3d& corner : triangle) {
+      min = min.cwiseMin(corner);
+      max = max.cwiseMax(corner);
+    }
+    area += 0.5 * (triangle[1] - triangle[0]).cross(triangle[2] - triangle[0]).norm();
+  }
+
+  bool is_about(const Extent& other) const {
+    constexpr double kTolerance = 1e-3;  // more than quantization rounds
+    const Vec3d size = other.max - other.min;
+    const Vec3d most = kTolerance * (size + Vec3d::Constant(kTolerance * size.maxCoeff()));
+    return ((min - other.min).cwiseAbs().array() <= most.array()).all() &&
+           ((max - other.max).cwiseAbs().array() <= most.array()).all() && std::abs(area - other.area) <= kTolerance * other.area;
+  }
+};
+
+class GltfReader {
+ public:
+  GltfReader(const GltfModel& gltf, const std::string& source, GltfFiles& files, const LoadOptions& options)
+      : gltf_(gltf),
+        model_(gltf.model),
+        source_(source),
+        files_(files),
+        options_(options),
+        place_(placement(options, UpAxis::y)) {
+    file_.ignored = gltf.ignored;
+    file_.scene.materials.clear();
+  }
+
+  GltfFile read() {
+    read_scene_extras();
+    for (std::size_t i = 0; i < model_.materials.size(); ++i) add_material(i, 0);
+    read_nodes();
+    for (const Shown& shown : shown_) read_mesh(shown);
+    order_waypoints();
+    if (scene().materials.empty()) material_of(-1, 0);
+    if (dropped_ > 0) {
+      file_.ignored.push_back(words_of_flat(dropped_));
+    }
+    if (reshaped_ > 0) {
+      file_.ignored.push_back(std::to_string(reshaped_) + (reshaped_ == 1 ? " primitive" : " primitives") +
+                              " in extras of another shape than the mesh, which is read instead");
+    }
+    if (suns_ > 1) file_.ignored.push_back("all but the first of " + std::to_string(suns_) + " directional lights");
+    if (scene().mesh.triangles.empty() && scene().primitives.empty()) {
+      std::string others;
+      for (const std::string& what : file_.ignored) others += (others.empty() ? ", but " : ", ") + what;
+      refuse(source_, "at least one triangle with an area", "none" + others);
+    }
+    file_.has_name = is_ours_;
+    return std::move(file_);
+  }
+
+ private:
+  SceneDescription& scene() { return file_.scene; }
+
+  std::string field(const char* list, std::size_t index) const { return source_ + ": /" + list + '/' + std::to_string(index); }
+
+  static int semantic_of(const tinygltf::Value& extras) {
+    return extras.Has(kGltfSemantic) ? extras.Get(kGltfSemantic).GetNumberAsInt() : 0;
+  }
+
+  // A node's own word comes before that of those above it.
+  static Presence presence_of(const tinygltf::Value& extras, Presence inherited) {
+    const auto is = [&](const char* key, bool value) { return extras.Has(key) && extras.Get(key).Get<bool>() == value; };
+    if (is(kGltfVisual, true)) return Presence::visual;
+    if (is(kGltfSolid, true)) return Presence::solid;
+    const bool is_off =
+        (inherited == Presence::visual && is(kGltfVisual, false)) || (inherited == Presence::solid && is(kGltfSolid, false));
+    return is_off ? Presence::full : inherited;
+  }
+
+  // -------------------------------------------------------------------------------------- what flockstep itself has written
+
+  const std::optional<GltfSceneExtras>& scene_extras() const {
+    static const std::optional<GltfSceneExtras> kNone;
+    return model_.defaultScene >= 0 ? gltf_.scene_extras[static_cast<std::size_t>(model_.defaultScene)] : kNone;
+  }
+
+  // They are in the world's frame: from there to the file's, and where the options put that.
+  void read_scene_extras() {
+    if (!scene_extras()) return;
+    is_ours_ = true;
+    const auto& [light, markers] = *scene_extras();
+    scene().name = model_.scenes[static_cast<std::size_t>(model_.defaultScene)].name;
+    scene().light = light;
+    scene().markers = markers;
+    for (std::size_t i = 0; i < model_.textures.size(); ++i) texture_of(i);  // those that no material has, too
+    if (place_.matrix() == upright().matrix()) return;
+    const Eigen::Affine3d place = place_ * upright().inverse();
+    scene().markers.radius = static_cast<float>(markers.radius * options_.scale);
+    if (markers.spawn_box) {
+      const Vec3 a = (place * markers.spawn_box->min.cast<double>()).cast<float>();
+      const Vec3 b = (place * markers.spawn_box->max.cast<double>()).cast<float>();
+      scene().markers.spawn_box = Aabb{a.cwiseMin(b), a.cwiseMax(b)};
+    }
+    auto& sun = scene().light.sun_direction;
+    const Vec3 direction = unit_direction(place.linear() / options_.scale * Vec3d(sun[0], sun[1], sun[2]));
+    sun = {direction.x(), direction.y(), direction.z()};
+  }
+
+  // Of a node whose extras call its mesh a primitive; false where the mesh is another one, or the node makes another of it.
+  bool read_primitive_of(const tinygltf::Node& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
+                         Presence presence) {
+    const auto mesh = static_cast<std::size_t>(node.mesh);
+    Primitive primitive = *gltf_.node_extras[index].primitive;
+    if (model_.meshes[mesh].primitives.size() != 1 || !is_tessellation(mesh, primitive)) return false;
+
+    Vec3d scale;
+    if (is_root && options_.up != UpAxis::z && node.matrix.empty()) {  // bit by bit
+      const auto& [q, s] = std::tie(node.rotation, node.scale);
+      if (!q.empty()) primitive.rotation = unit_quaternion({q[3], q[0], -q[2], q[1]});
+      scale = s.empty() ? Vec3d::Ones() : Vec3d(Vec3d(s[0], s[2], s[1]).cwiseAbs());
+      scale *= options_.scale;
+    } else {
+      Eigen::Matrix3d axes = place.linear() * upright().linear().inverse();
+      scale = axes.colwise().norm();
+      if (!(scale.minCoeff() > 0.0)) return false;
+      axes.array().rowwise() /= scale.transpose().array();
+      if (!(axes.transpose() * axes).isIdentity(kRounding)) return false;
+      if (axes.determinant() < 0.0) axes.col(0) *= -1.0;  // all of them are symmetric
+      const Eigen::Quaterniond q = Eigen::Quaterniond(axes).normalized();
+      primitive.rotation = unit_quaternion({q.w(), q.x(), q.y(), q.z()});
+    }
+    if (!take_size(primitive, scale)) return false;
+
+    const Vec3d center = place.translation();
+    const Vec3& half = primitive.half_extents;
+    const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
+    const bool fits = center.cwiseAbs().maxCoeff() <= kMaxCoordinate && half.maxCoeff() <= static_cast<float>(kMaxCoordinate) &&
+                      half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize);
+    if (!fits) refuse(field("nodes", index), in_world("a primitive") + ", of sizes >= 1e-06 m", written(center));
+    primitive.center = center.cast<float>();
+    primitive.material = material_of(model_.meshes[mesh].primitives[0].material, semantic);
+    // A room is what it is.
+    primitive.presence = primitive.kind == PrimitiveKind::room ? Presence::full : presence;
+    scene().primitives.push_back(primitive);
+    return true;
+  }
+
+  // False where a scale makes an egg of a ball, or the rotation is none that a room can have.
+  static bool take_size(Primitive& primitive, Vec3d scale) {
+    const auto is_even = [&](int a, int b) { return std::abs(scale[a] - scale[b]) <= kRounding * scale[a]; };
+    switch (primitive.kind) {
+      case PrimitiveKind::room: {
+        const Eigen::Matrix3d axes = primitive.rotation.toRotationMatrix().cast<double>().cwiseAbs();
+        if (!(axes.cwiseProduct(axes) - axes).isZero(kRounding)) return false;  // each is 0 or 1
+        if (!primitive.rotation.coeffs().isApprox(Quat::Identity().coeffs(), 0.0F)) {
+          scale = axes * scale;
+          primitive.rotation = Quat::Identity();
+        }
+        break;
+      }
+      case PrimitiveKind::sphere:
+      case PrimitiveKind::capsule:
+        if (!is_even(0, 1) || !is_even(0, 2)) return false;
+        scale = Vec3d::Constant(scale[0]);
+        if (primitive.kind == PrimitiveKind::sphere) primitive.rotation = Quat::Identity();
+        break;
+      case PrimitiveKind::cylinder:
+      case PrimitiveKind::disc:
+        if (!is_even(0, 1)) return false;
+        scale[1] = scale[0];
+        break;
+      default:
+        break;
+    }
+    primitive.half_extents = primitive.half_extents.cast<double>().cwiseProduct(scale).cwiseMin(1e30).cast<float>();
+    return true;
+  }
+
+  // Whether a mesh is still what has been written for a primitive.
+  bool is_tessellation(std::size_t mesh, const Primitive& primitive) {
+    const auto& half = primitive.half_extents;
+    const auto [known, is_new] = tessellations_.try_emplace({primitive.kind, half.x(), half.z()});
+    if (is_new) {
+      const TriangleMesh triangles = gltf_tessellation(primitive);
+      for (const auto& corners : triangles.triangles) {
+        std::array<Vec3d, 3> triangle;
+        for (std::size_t k = 0; k < 3; ++k) triangle[k] = triangles.vertices[static_cast<std::size_t>(corners[k])].cast<double>();
+        known->second.add(triangle);
+      }
+    }
+    const auto [extent, is_unknown] = extents_.try_emplace(mesh);
+    if (is_unknown) extent->second = extent_of(mesh);
+    return extent->second.is_about(known->second);
+  }
+
+  Extent extent_of(std::size_t mesh) {
+    count_triangles(mesh);
+    const tinygltf::Primitive& primitive = model_.meshes[mesh].primitives[0];
+    const Elements positions = elements_of(primitive.attributes.at("POSITION"), {TINYGLTF_TYPE_VEC3}, "VEC3 positions");
+    const std::vector<std::uint32_t> corners = corners_of(primitive, positions.size());
+    Extent extent;
+    for (std::size_t i = 0; i < corners.size(); i += 3) {
+      if (i % 4096 == 0) Interrupt::poll();
+      std::array<Vec3d, 3> triangle;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t vertex = corners[i + k];
+        triangle[k] = applied(upright(), {positions.number(vertex, 0), positions.number(vertex, 1), positions.number(vertex, 2)});
+      }
+      extent.add(triangle);
+    }
+    return extent;
+  }
+
+  // ----------------------------------------------------------------------------------------------------- materials
+
+  std::uint16_t push_material(Material material, const std::string& wanted_name) {
+    require(scene().materials.size() < kMaxMaterials, source_,
+            "at most " + std::to_string(kMaxMaterials) + " materials, those of nodes with a semantic included", "more");
+    material.name = material_names_.take(wanted_name);
+    scene().materials.push_back(std::move(material));
+    return static_cast<std::uint16_t>(scene().materials.size() - 1);
+  }
+
+  // Material i of the file, with the class of a node where that has one.
+  std::uint16_t add_material(std::size_t i, int semantic) {
+    const tinygltf::Material& given = model_.materials[i];
+    Material material;
+    const auto& factor = given.pbrMetallicRoughness.baseColorFactor;
+    for (std::size_t c = 0; c < 3; ++c) {
+      material.base_color[c] = static_cast<float>(factor[c]);
+      material.emissive[c] = static_cast<float>(given.emissiveFactor[c]);
+    }
+    if (given.alphaMode == "MASK") material.alpha_cutoff = static_cast<float>(given.alphaCutoff);
+    if (given.extras.Has(kGltfUnlit)) material.emissive = std::exchange(material.base_color, {});
+    material.semantic = static_cast<std::uint16_t>(semantic != 0 ? semantic : semantic_of(given.extras));
+    const int texture = given.pbrMetallicRoughness.baseColorTexture.index;
+    if (texture >= 0) material.texture = texture_of(static_cast<std::size_t>(texture));
+    const std::string name = given.name.empty() && !is_ours_ ? "material " + std::to_string(i) : given.name;
+    const std::uint16_t index = push_material(std::move(material), name);
+    materials_.emplace(std::pair(static_cast<int>(i), semantic), index);
+    return index;
+  }
+
+  std::uint16_t material_of(int material, int semantic) {
+    const auto found = materials_.find({material, semantic});
+    if (found != materials_.end()) return found->second;
+    if (material >= 0) return add_material(static_cast<std::size_t>(material), semantic);
+    const std::uint16_t index =
+        push_material(Material{"", {1.0F, 1.0F, 1.0F}, static_cast<std::uint16_t>(semantic)}, "default");  // glTF's own
+    materials_.emplace(std::pair(material, semantic), index);
+    return index;
+  }
+
+  static TextureWrap wrap_of(int value) {
+    if (value == TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE) return TextureWrap::clamp;
+    return value == TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT ? TextureWrap::mirror : TextureWrap::repeat;
+  }
+
+  std::optional<std::uint16_t> texture_of(std::size_t index) {
+    const tinygltf::Texture& given = model_.textures[index];
+    if (given.source < 0) return std::nullopt;
+    std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};
+    if (given.sampler >= 0) {
+      const tinygltf::Sampler& sampler = model_.samplers[static_cast<std::size_t>(given.sampler)];
+      wrap = {wrap_of(sampler.wrapS), wrap_of(sampler.wrapT)};
+    }
+    const auto image = static_cast<std::size_t>(given.source);
+    const auto [found, is_new] = textures_.try_emplace({image, wrap}, static_cast<std::uint16_t>(scene().textures.size()));
+    if (!is_new) return found->second;
+    require(scene().textures.size() < kMaxTextures, source_, "at most 65536 textures", "more");
+    Texture texture = image_of(image);
+    texture.wrap = wrap;
+    scene().textures.push_back(std::move(texture));
+    return found->second;
+  }
+
+  // An image with other borders is a texture of its own.
+  Texture image_of(std::size_t index) {
+    const GltfImage& given = gltf_.images[index];
+    Texture texture;
+    texture.name = texture_names_.take(given.name.empty() && !is_ours_ ? "image " + std::to_string(index) : given.name);
+    const std::string name = field("images", index);
+    Image image;
+    if (given.buffer_view) {
+      const tinygltf::BufferView& view = model_.bufferViews[*given.buffer_view];
+      const auto& bytes = model_.buffers[static_cast<std::size_t>(view.buffer)].data;
+      image = decode_image(std::span(bytes).subspan(view.byteOffset, view.byteLength), name, pixels_left_);
+    } else {
+      const std::string bytes = files_.read(given.uri, name + "/uri", "an image");
+      image = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, name, pixels_left_);
+    }
+    pixels_left_ -= image.rgba.size() / 4;
+    texture.width_px = image.width_px;
+    texture.height_px = image.height_px;
+    texture.rgba = std::move(image.rgba);
+    return texture;
+  }
+
+  // --------------------------------------------------------------------------------------------------------- nodes
+
+  struct Placed {
+    std::size_t node;
+    Eigen::Affine3d place;  // of its parent
+    int semantic;           // that it inherits, 0 for none
+    Presence presence;      // likewise, full for none
+    bool is_root;
+  };
+
+  void read_nodes() {
+    std::vector<int> roots;
+    if (model_.defaultScene >= 0) {
+      roots = model_.scenes[static_cast<std::size_t>(model_.defaultScene)].nodes;
+    } else {
+      std::vector<bool> is_child(model_.nodes.size(), false);
+      for (const tinygltf::Node& node : model_.nodes) {
+        for (const int child : node.children) is_child[static_cast<std::size_t>(child)] = true;
+      }
+      for (std::size_t i = 0; i < is_child.size(); ++i) {
+        if (!is_child[i]) roots.push_back(static_cast<int>(i));
+      }
+    }
+    // Each node is met once, so that the tree is one, and neither its depth nor a circle in it matters.
+    std::vector<bool> is_met(model_.nodes.size(), false);
+    std::vector<Placed> open;
+    const auto push = [&](const std::vector<int>& nodes, const Eigen::Affine3d& place, int semantic, Presence presence,
+                          bool are_roots) {
+      for (auto i = nodes.rbegin(); i != nodes.rend(); ++i) {
+        open.push_back({static_cast<std::size_t>(*i), place, semantic, presence, are_roots});
+      }
+      for (const int i : nodes) {
+        const auto node = static_cast<std::size_t>(i);
+        if (is_met[node]) refuse(field("nodes", node), "a node in one place of the scene", "one that is in two, or in itself");
+        is_met[node] = true;
+      }
+    };
+    push(roots, place_, 0, Presence::full, true);
+    while (!open.empty()) {
+      Interrupt::poll();
+      const Placed at = open.back();
+      open.pop_back();
+      const tinygltf::Node& node = model_.nodes[at.node];
+      const Eigen::Affine3d own_place = transform_of(node, at.node);
+      Eigen::Affine3d place = at.place * own_place;
+      place.translation() = applied(at.place, own_place.translation());
+      if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one that overflows");
+      const int own = semantic_of(node.extras);
+      const int semantic = own != 0 ? own : at.semantic;
+      const Presence presence = presence_of(node.extras, at.presence);
+      read_node(node, at, place, semantic, presence);
+      push(node.children, place, semantic, presence, false);
+    }
+  }
+
+  Eigen::Affine3d transform_of(const tinygltf::Node& node, std::size_t index) const {
+    if (!node.matrix.empty()) {
+      const Eigen::Matrix4d matrix = Eigen::Map<const Eigen::Matrix4d>(node.matrix.data());  // column by column
+      if (!matrix.row(3).isApprox(Eigen::RowVector4d(0, 0, 0, 1), 1e-6)) {
+        refuse(field("nodes", index) + "/matrix", "0, 0, 0, 1 as the last row", "another");
+      }
+      return Eigen::Affine3d(Eigen::AffineCompact3d(matrix.topRows<3>()));
+    }
+    Eigen::Affine3d place = Eigen::Affine3d::Identity();
+    if (!node.translation.empty()) place.translation() = Vec3d(node.translation[0], node.translation[1], node.translation[2]);
+    if (!node.rotation.empty()) {
+      const Eigen::Quaterniond q(node.rotation[3], node.rotation[0], node.rotation[1], node.rotation[2]);
+      constexpr double kTolerance = 0.01;  // exporters round, and it is made unit
+      require(std::abs(q.norm() - 1.0) <= kTolerance, field("nodes", index) + "/rotation", "a quaternion of norm 1", q.norm());
+      place.rotate(q.normalized());
+    }
+    if (!node.scale.empty()) place.scale(Vec3d(node.scale[0], node.scale[1], node.scale[2]));
+    return place;
+  }
+
+  void read_node(const tinygltf::Node& node, const Placed& at, const Eigen::Affine3d& place, int semantic, Presence presence) {
+    const std::size_t index = at.node;
+    if (node.extras.Has(kGltfMarker)) read_marker(node.extras.Get(kGltfMarker).Get<std::string>(), index, place.translation());
+    if (node.extras.Has(kGltfSun)) {
+      const Vec3d towards = place.linear() * Vec3d::UnitZ();  // a light shines along its -z
+      if (!(towards.norm() > 0.0)) refuse(field("nodes", index), "a light with a direction", "one scaled to nothing");
+      const Vec3d unit = towards.normalized();
+      // Extras have every bit of it, but a node that has been turned since has the last word.
+      const auto& known = scene().light.sun_direction;
+      const bool is_known = is_ours_ && (unit - Vec3d(known[0], known[1], known[2])).norm() <= 1e-4;
+      if (++suns_ == 1 && !is_known)
+        scene().light.sun_direction = {static_cast<float>(unit.x()), static_cast<float>(unit.y()), static_cast<float>(unit.z())};
+    }
+    if (node.mesh < 0) return;
+    if (gltf_.node_extras[index].primitive) {
+      if (read_primitive_of(node, index, at.is_root, place, semantic, presence)) return;
+      ++reshaped_;
+    }
+    require(shown_.size() < kMaxObjects, field("nodes", index), "at most 65536 nodes with a mesh", "more");
+    const auto mesh = static_cast<std::size_t>(node.mesh);
+    count_triangles(mesh);
+    shown_.push_back({mesh, index, place, semantic, presence});
+  }
+
+  void read_marker(std::string_view name, std::size_t index, const Vec3d& place) {
+    const auto point = [&] {
+      const bool is_near = place.cwiseAbs().maxCoeff() <= kMaxCoordinate;
+      if (!is_near) refuse(field("nodes", index), in_world("a marker"), written(place));
+      return Vec3(place.cast<float>());
+    };
+    Markers& markers = scene().markers;
+    if (name == "start" || name == "goal") {
+      std::optional<Vec3>& marker = name == "start" ? markers.start : markers.goal;
+      if (marker) refuse(field("nodes", index), "one " + std::string(name), "a second");
+      marker = point();
+      return;
+    }
+    std::uint32_t number = 0;
+    const std::size_t dot = name.find('.');
+    if (dot != name.npos) std::from_chars(name.data() + dot + 1, name.data() + name.size(), number);
+    waypoints_.push_back({number, point()});
+  }
+
+  // By their numbers, and as the nodes come where these are equal.
+  void order_waypoints() {
+    std::stable_sort(waypoints_.begin(), waypoints_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (const auto& [number, point] : waypoints_) scene().markers.waypoints.push_back(point);
+  }
+
+  // -------------------------------------------------------------------------------------------------------- meshes
+
+  // A mesh of a node, an object.
+  struct Shown {
+    std::size_t mesh, node;
+    Eigen::Affine3d place;
+    int semantic;
+    Presence presence;
+  };
+
+  static std::size_t num_triangles(const tinygltf::Primitive& primitive, std::size_t num_corners) {
+    return primitive.mode == TINYGLTF_MODE_TRIANGLES ? num_corners / 3 : std::max<std::size_t>(num_corners, 2) - 2;
+  }
+
+  // Of each mesh, one for a primitive that has none: its part in what many nodes that show it cost.
+  void count_triangles(std::size_t mesh) {
+    if (triangles_of_.empty()) count_all_triangles();
+    num_triangles_ += triangles_of_[mesh];
+    require(num_triangles_ <= kMaxGltfTriangles, source_, "at most " + std::to_string(kMaxGltfTriangles) + " triangles", "more");
+  }
+
+  void count_all_triangles() {
+    for (const tinygltf::Mesh& mesh : model_.meshes) {
+      std::size_t& sum = triangles_of_.emplace_back(1);
+      for (const tinygltf::Primitive& primitive : mesh.primitives) {
+        const int corners = primitive.indices >= 0 ? primitive.indices : primitive.attributes.at("POSITION");
+        const std::size_t count = num_triangles(primitive, model_.accessors[static_cast<std::size_t>(corners)].count);
+        sum = std::min(sum + std::max<std::size_t>(count, 1), kMaxGltfTriangles + 1);
+      }
+    }
+  }
+
+  // A primitive of a mesh, of glTF's primitives.
+  struct Part {
+    const tinygltf::Primitive* primitive;
+    std::vector<std::uint32_t> corners;
+    std::uint16_t material;
+    int uv, colors;  // accessors, -1 for none
+  };
+
+  // Many primitives may share their accessors: of these, the vertices that are used, and the number of the first in the world.
+  struct Vertices {
+    std::vector<std::uint32_t> used;
+    std::int32_t first = -1;
+  };
+
+  void read_mesh(const Shown& shown) {
+    const GltfNodeExtras& extras = gltf_.node_extras[shown.node];
+    objects_ = std::max<std::size_t>(objects_, extras.object.value_or(0));
+    require(objects_ < kMaxObjects, field("nodes", shown.node), "at most 65536 objects", "a number beyond");
+    const auto object = static_cast<std::uint16_t>(objects_++);
+
+    // Of what flockstep has written, primitives of the same accessors have the same vertices, and so they were.
+    std::vector<Part> parts;
+    std::map<std::array<int, 4>, Vertices> vertices;
+    const auto vertices_of = [&](const Part& part) -> Vertices& {
+      const bool is_shared = extras.object && !UvTransform::is_in(texture_info(*part.primitive));
+      const int owner = is_shared ? -1 : static_cast<int>(&part - parts.data());
+      return vertices[{part.primitive->attributes.at("POSITION"), part.uv, part.colors, owner}];
+    };
+    const auto& primitives = model_.meshes[shown.mesh].primitives;
+    parts.reserve(primitives.size());
+    for (const tinygltf::Primitive& primitive : primitives) {
+      const Elements positions = elements_of(primitive.attributes.at("POSITION"), {TINYGLTF_TYPE_VEC3}, "VEC3 positions");
+      std::vector<std::uint32_t> corners = corners_of(primitive, positions.size());
+      const std::uint16_t material = material_of(primitive.material, shown.semantic);
+      const bool has_uv = extras.object || scene().materials[material].texture;
+      parts.push_back({&primitive, std::move(corners), material, has_uv ? uv_of(primitive, positions.size()) : -1,
+                       colors_of(primitive, positions.size())});
+      std::vector<std::uint32_t>& used = vertices_of(parts.back()).used;
+      used.insert(used.end(), parts.back().corners.begin(), parts.back().corners.end());
+    }
+
+    const std::size_t first = scene().mesh.triangles.size();
+    std::vector<std::size_t> begins;
+    for (const Part& part : parts) {
+      Vertices& own = vertices_of(part);
+      if (own.first < 0) read_vertices(part, shown.place, own);
+      begins.push_back(scene().mesh.triangles.size());
+      read_triangles(part, shown.place, own);
+    }
+    TriangleMesh& mesh = scene().mesh;
+    mesh.objects.resize(mesh.triangles.size(), object);
+    mesh.presence.resize(object, Presence::full);
+    mesh.presence.push_back(shown.presence);
+    if (!extras.order.empty()) put_in_order(extras.order, first, begins);
+  }
+
+  // The triangles from the first on, which begin part by part. An order that is of other parts, since somebody has edited the
+  // mesh, means nothing.
+  void put_in_order(const std::vector<std::uint32_t>& order, std::size_t first, std::vector<std::size_t> begins) {
+    TriangleMesh& mesh = scene().mesh;
+    std::vector<std::size_t> ends(begins.begin() + (begins.empty() ? 0 : 1), begins.end());
+    ends.push_back(mesh.triangles.size());
+    std::vector<std::array<std::int32_t, 3>> triangles;
+    std::vector<std::uint16_t> materials;
+    for (std::size_t i = 0; i < order.size(); i += 2) {
+      const std::size_t part = order[i], count = order[i + 1];
+      if (part >= begins.size() || count > ends[part] - begins[part]) return;
+      for (std::size_t k = 0; k < count; ++k, ++begins[part]) {
+        triangles.push_back(mesh.triangles[begins[part]]);
+        materials.push_back(mesh.materials[begins[part]]);
+      }
+    }
+    if (triangles.size() != mesh.triangles.size() - first) return;
+    std::copy(triangles.begin(), triangles.end(), mesh.triangles.begin() + static_cast<std::ptrdiff_t>(first));
+    std::copy(materials.begin(), materials.end(), mesh.materials.begin() + static_cast<std::ptrdiff_t>(first));
+  }
+
+  Elements elements_of(int index, std::initializer_list<int> types, const char* expected) const {
+    const auto accessor = static_cast<std::size_t>(index);
+    const tinygltf::Accessor& given = model_.accessors[accessor];
+    if (std::find(types.begin(), types.end(), given.type) == types.end())
+      refuse(field("accessors", accessor), expected, "others");
+    if (given.bufferView < 0) {
+      refuse(field("accessors", accessor), "an accessor with a bufferView, and not sparse", "another");
+    }
+    return Elements(model_, accessor);
+  }
+
+  // Of each triangle, its three corners as numbers of vertices.
+  std::vector<std::uint32_t> corners_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) {
+    std::optional<Elements> indices;
+    if (primitive.indices >= 0) {
+      const auto accessor = static_cast<std::size_t>(primitive.indices);
+      const int type = model_.accessors[accessor].componentType;
+      const bool is_unsigned = type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE || type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
+                               type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
+      if (!is_unsigned) refuse(field("accessors", accessor), "unsigned integers as indices", "others");
+      indices.emplace(elements_of(primitive.indices, {TINYGLTF_TYPE_SCALAR}, "SCALAR indices"));
+    }
+    const std::size_t count = indices ? indices->size() : num_vertices;
+    if (primitive.mode == TINYGLTF_MODE_TRIANGLES && count % 3 != 0) {
+      const int accessor = primitive.indices >= 0 ? primitive.indices : primitive.attributes.at("POSITION");
+      refuse(field("accessors", static_cast<std::size_t>(accessor)), "three corners for each triangle", count);
+    }
+
+    const std::size_t triangles = num_triangles(primitive, count);
+    std::vector<std::uint32_t> corners;
+    corners.reserve(3 * triangles);
+    const auto push = [&](std::size_t i) {
+      const std::uint32_t vertex = indices ? indices->index(i) : static_cast<std::uint32_t>(i);
+      if (vertex >= num_vertices) {
+        refuse(field("accessors", static_cast<std::size_t>(primitive.indices)),
+               "indices of " + std::to_string(num_vertices) + " vertices", vertex);
+      }
+      corners.push_back(vertex);
+    };
+    for (std::size_t i = 0; i < triangles; ++i) {
+      if (i % 4096 == 0) Interrupt::poll();
+      std::array<std::size_t, 3> triangle{3 * i, 3 * i + 1, 3 * i + 2};
+      if (primitive.mode == TINYGLTF_MODE_TRIANGLE_STRIP) triangle = {i, i + 1 + i % 2, i + 2 - i % 2};
+      if (primitive.mode == TINYGLTF_MODE_TRIANGLE_FAN) triangle = {i + 1, i + 2, 0};
+      for (const std::size_t corner : triangle) push(corner);
+    }
+    return corners;
+  }
+
+  const tinygltf::TextureInfo& texture_info(const tinygltf::Primitive& primitive) const {
+    static const tinygltf::TextureInfo kNone;
+    if (primitive.material < 0) return kNone;
+    return model_.materials[static_cast<std::size_t>(primitive.material)].pbrMetallicRoughness.baseColorTexture;
+  }
+
+  // Where in its texture each vertex of a primitive is: the accessor, -1 for none.
+  int uv_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) const {
+    const auto found = primitive.attributes.find("TEXCOORD_" + std::to_string(texture_info(primitive).texCoord));
+    if (found == primitive.attributes.end()) return -1;
+    const Elements uv = elements_of(found->second, {TINYGLTF_TYPE_VEC2}, "VEC2 texture coordinates");
+    require(uv.size() == num_vertices, field("accessors", static_cast<std::size_t>(found->second)),
+            "as many texture coordinates as positions (" + std::to_string(num_vertices) + ')', uv.size());
+    return found->second;
+  }
+
+  // The colour of each vertex of a primitive: the accessor, -1 for none. Alpha is not read.
+  int colors_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) const {
+    const auto found = primitive.attributes.find("COLOR_0");
+    if (found == primitive.attributes.end()) return -1;
+    const Elements colors = elements_of(found->second, {TINYGLTF_TYPE_VEC3, TINYGLTF_TYPE_VEC4}, "VEC3 or VEC4 colours");
+    require(colors.size() == num_vertices, field("accessors", static_cast<std::size_t>(found->second)),
+            "as many colours as positions (" + std::to_string(num_vertices) + ')', colors.size());
+    return found->second;
+  }
+
+  void read_vertices(const Part& part, const Eigen::Affine3d& place, Vertices& own) {
+    std::sort(own.used.begin(), own.used.end());
+    own.used.erase(std::unique(own.used.begin(), own.used.end()), own.used.end());
+    const int position = part.primitive->attributes.at("POSITION");
+    const Elements positions(model_, static_cast<std::size_t>(position));
+    std::optional<Elements> uv;
+    if (part.uv >= 0) uv.emplace(model_, static_cast<std::size_t>(part.uv));
+    std::optional<Elements> colors;
+    if (part.colors >= 0) colors.emplace(model_, static_cast<std::size_t>(part.colors));
+    std::vector<std::array<float, 3>> shown_colors;
+    const bool is_moved = UvTransform::is_in(texture_info(*part.primitive));
+    const UvTransform to_image(texture_info(*part.primitive));
+    TriangleMesh& mesh = scene().mesh;
+    own.first = static_cast<std::int32_t>(mesh.vertices.size());
+    for (const std::uint32_t vertex : own.used) {
+      if (vertex % 4096 == 0) Interrupt::poll();
+      const Vec3d given(positions.number(vertex, 0), positions.number(vertex, 1), positions.number(vertex, 2));
+      const Vec3d point = applied(place, given);
+      if (!(point.cwiseAbs().maxCoeff() <= kMaxCoordinate) || !point.allFinite()) {
+        refuse(field("accessors", static_cast<std::size_t>(position)), in_world("finite positions that come to lie"),
+               written(point));
+      }
+      mesh.vertices.push_back(point.cast<float>());
+      Vec2d where = Vec2d::Zero();
+      if (uv) where = {uv->number(vertex, 0), uv->number(vertex, 1)};
+      if (uv && is_moved) where = to_image.turn * where + to_image.offset;
+      mesh.uv.push_back({static_cast<float>(where.x()), static_cast<float>(where.y())});
+      if (!colors) continue;
+      std::array<float, 3>& shown = shown_colors.emplace_back();
+      for (std::size_t c = 0; c < 3; ++c) shown[c] = static_cast<float>(std::clamp(colors->number(vertex, c), 0.0, 1.0));
+    }
+    append_colors(shown_colors, own.used.size(), mesh);
+  }
+
+  void read_triangles(const Part& part, const Eigen::Affine3d& place, const Vertices& own) {
+    TriangleMesh& mesh = scene().mesh;
+    const bool is_mirrored = place.linear().determinant() < 0.0;
+    for (std::size_t i = 0; i < part.corners.size(); i += 3) {
+      if (i % 4096 == 0) Interrupt::poll();
+      std::array<std::int32_t, 3> triangle{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto at = std::lower_bound(own.used.begin(), own.used.end(), part.corners[i + k]) - own.used.begin();
+        triangle[k] = own.first + static_cast<std::int32_t>(at);
+      }
+      if (is_mirrored) std::swap(triangle[1], triangle[2]);
+      const auto corner = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
+      if (is_degenerate(corner(0), corner(1), corner(2))) {
+        ++dropped_;
+        continue;
+      }
+      mesh.triangles.push_back(triangle);
+      mesh.materials.push_back(part.material);
+    }
+  }
+
+  const GltfModel& gltf_;
+  const tinygltf::Model& model_;
+  const std::string& source_;
+  GltfFiles& files_;
+  const LoadOptions& options_;
+  Eigen::Affine3d place_;
+  bool is_ours_ = false;  // the default scene has extras of flockstep's
+  GltfFile file_;
+  UnusedNames material_names_, texture_names_;
+  std::map<std::pair<int, int>, std::uint16_t> materials_;  // by the file's, -1 for none, and the class of a node, 0 for none
+  std::map<std::pair<std::size_t, std::array<TextureWrap, 2>>, std::uint16_t> textures_;
+  std::vector<std::pair<std::uint32_t, Vec3>> waypoints_;
+  std::vector<std::size_t> triangles_of_;  // by mesh
+  std::map<std::size_t, Extent> extents_;  // of meshes
+  std::map<std::tuple<PrimitiveKind, float, float>, Extent> tessellations_;
+  std::vector<Shown> shown_;
+  std::size_t pixels_left_ = kMaxScenePixels;
+  std::size_t objects_ = 0, num_triangles_ = 0, dropped_ = 0, suns_ = 0, reshaped_ = 0;
+  static constexpr double kRounding = 1e-5;  // of transforms and what other programs make of them
+};
+
+}  // namespace
+
+GltfFile parse_gltf(const std::string& bytes, const std::string& source, const std::filesystem::path& folder,
+                    const LoadOptions& options) {
+  GltfFiles files(source, folder, options.files);
+  const GltfModel model = read_gltf_model(bytes, source, files);
+  return GltfReader(model, source, files, options).read();
+}
+
+GltfFile load_gltf(const std::filesystem::path& path, const LoadOptions& options) {
+  GltfFile file = parse_gltf(read_text_file(path, "a glTF file"), path.string(), path.parent_path(), options);
+  if (!file.has_name) file.scene.name = path.stem().string();
+  return file;
+}
+
+}  // namespace flockstep

@@ -1,0 +1,143 @@
+#include "formats/gltf_extras.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <string>
+#include <utility>
+
+#include "base/interrupt.hpp"
+#include "formats/scene_json.hpp"
+#include "world/scene_description.hpp"
+#include "world/scene_keys.hpp"
+#include "world/tessellate.hpp"
+
+namespace flockstep {
+namespace {
+
+using json::JsonField;
+using OrderedJson = nlohmann::ordered_json;
+
+constexpr const auto& kKinds = EnumNames<PrimitiveKind>::kNames;
+
+std::uint32_t integer(const JsonField& field, double most) {
+  const double value = field.value.is_number() ? field.value.get<double>() : -1.0;
+  if (!(value >= 0.0 && value <= most && value == std::floor(value))) {
+    refuse(field, "an integer in [0, " + std::to_string(static_cast<std::uint64_t>(most)) + ']');
+  }
+  return static_cast<std::uint32_t>(value);
+}
+
+// The float32 of a length or radius, times a factor. Files hold float32 values, which may be rounded below the least one.
+float size_of(const JsonField& field, const SceneKey& key, double factor) {
+  const double size = field.value.is_number() ? field.value.get<double>() : 0.0;
+  const double least = key.limits.least, greatest = key.limits.greatest;
+  if (!(size >= static_cast<double>(static_cast<float>(least)) && size <= greatest)) {
+    std::ostringstream expected;
+    expected << "a number in [" << least << ", " << greatest << ']';
+    refuse(field, expected.str());
+  }
+  return static_cast<float>(size * factor);
+}
+
+Primitive read_primitive(const JsonField& field) {
+  check_object(field, {"primitive", "radius", "height"});
+  const JsonField kind = json::require(field, "primitive");
+  const auto known = std::find_if(kKinds.begin(), kKinds.end(), [&](const char* name) { return kind.value == name; });
+  if (known == kKinds.end()) refuse(kind, "\"room\", \"box\", \"cylinder\", \"sphere\", \"capsule\", \"plane\" or \"disc\"");
+  Primitive primitive{.kind = static_cast<PrimitiveKind>(known - kKinds.begin()), .half_extents = Vec3::Ones()};
+  if (primitive.kind == PrimitiveKind::capsule) {
+    const float radius = size_of(json::require(field, "radius"), keys::kRadius, 1.0);
+    const JsonField height = json::require(field, "height");
+    primitive.half_extents = {radius, radius, size_of(height, keys::kHeight, 0.5)};
+    if (primitive.half_extents.z() < radius) refuse(height, "a number >= twice the radius");
+  } else {
+    check_object(field, {"primitive"});
+  }
+  if (primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc) primitive.half_extents.z() = 0.0F;
+  return primitive;
+}
+
+std::vector<std::uint32_t> read_order(const JsonField& field) {
+  std::vector<std::uint32_t> order;
+  const std::size_t count = require_array(field, "an array of integers").size();
+  if (count % 2 != 0) refuse(field, "two integers for each run of triangles", count);
+  for (std::size_t i = 0; i < count; ++i) {
+    Interrupt::poll();
+    order.push_back(integer(json::child(field, i), std::numeric_limits<std::uint32_t>::max()));
+  }
+  return order;
+}
+
+std::optional<JsonField> find_ours(const JsonField& extras) {
+  return extras.value.is_object() ? find(extras, kGltfExtras) : std::nullopt;
+}
+
+}  // namespace
+
+GltfNodeExtras read_gltf_node_extras(const JsonField& extras) {
+  GltfNodeExtras read;
+  const std::optional<JsonField> ours = find_ours(extras);
+  if (!ours) return read;
+  check_object(*ours, {"primitive", "radius", "height", "object", "order"});
+  if (ours->value.contains("primitive")) {
+    read.primitive = read_primitive(*ours);
+    return read;
+  }
+  check_object(*ours, {"object", "order"});
+  read.object = static_cast<std::uint16_t>(integer(json::require(*ours, "object"), kMaxObjects - 1));
+  if (const auto order = find(*ours, "order")) read.order = read_order(*order);
+  return read;
+}
+
+std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
+  const std::optional<JsonField> ours = find_ours(extras);
+  if (!ours) return std::nullopt;
+  check_object(*ours, {"light", "markers"});
+  GltfSceneExtras read;
+  if (const auto light = find(*ours, "light")) read.light = read_light(*light);
+  if (const auto markers = find(*ours, "markers")) {
+    check_object(*markers, {keys::kMarkerRadius.name, keys::kSpawnBox.name});
+    read.markers = read_markers(*markers);
+  }
+  return read;
+}
+
+OrderedJson write_gltf_extras(const GltfNodeExtras& extras) {
+  OrderedJson ours = OrderedJson::object();
+  if (extras.primitive) {
+    const auto& [kind, center, rotation, half, material, presence] = *extras.primitive;
+    ours["primitive"] = kKinds[static_cast<std::size_t>(kind)];
+    if (kind == PrimitiveKind::capsule) {
+      ours["radius"] = json::shortest(half.x());
+      ours["height"] = json::shortest(2.0 * static_cast<double>(half.z()));
+    }
+  }
+  if (extras.object) ours["object"] = *extras.object;
+  if (!extras.order.empty()) ours["order"] = extras.order;
+  return {{kGltfExtras, std::move(ours)}};
+}
+
+OrderedJson write_gltf_extras(const GltfSceneExtras& extras) {
+  Markers rest;
+  rest.radius = extras.markers.radius;
+  rest.spawn_box = extras.markers.spawn_box;
+  return {{kGltfExtras, {{"light", write_light(extras.light)}, {"markers", write_markers(rest)}}}};
+}
+
+TriangleMesh gltf_tessellation(const Primitive& primitive) {
+  constexpr float kChordError = 0.01F;  // of the radius: balls of 32 by 16 cells
+  // Of radius 1, and then scaled: a chord error has a least length.
+  Primitive unit = primitive;
+  const float radius = primitive.half_extents.x();
+  unit.half_extents /= radius;
+  SceneDescription description;
+  description.primitives = {unit};
+  TriangleMesh mesh = tessellate(description, kChordError);
+  for (Vec3& vertex : mesh.vertices) vertex *= radius;
+  return mesh;
+}
+
+}  // namespace flockstep

@@ -1,0 +1,73 @@
+#include "formats/placement.hpp"
+
+#include <cmath>
+
+#include "base/in_world.hpp"
+#include "base/require.hpp"
+#include "world/scene_description.hpp"
+
+namespace flockstep {
+namespace {
+
+bool is_y_up(const LoadOptions& options, UpAxis usual) {
+  return (options.up == UpAxis::of_format ? usual : options.up) == UpAxis::y;
+}
+
+}  // namespace
+
+void check_placement(const LoadOptions& options) {
+  constexpr double kMaxScale = 1e6;
+  require(options.scale >= 1.0 / kMaxScale && options.scale <= kMaxScale, "scale", "a number in [1e-06, 1e+06]", options.scale);
+  for (const float value : options.origin) {
+    require(std::abs(value) <= static_cast<float>(kMaxCoordinate), "origin", in_world("finite coordinates"), value);
+  }
+}
+
+Eigen::Affine3d placement(const LoadOptions& options, UpAxis usual) {
+  Eigen::Affine3d place = Eigen::Affine3d::Identity();
+  if (is_y_up(options, usual)) place.linear() << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  place.linear() *= options.scale;
+  place.translation() = options.origin.cast<double>();
+  return place;
+}
+
+bool moves(const LoadOptions& options) {
+  return options.scale != 1.0 || !options.origin.isZero(0.0F) || is_y_up(options, UpAxis::z);
+}
+
+SceneDescription placed(SceneDescription description, const LoadOptions& options) {
+  const Eigen::Affine3d place = placement(options, UpAxis::z);
+  const bool is_turned = is_y_up(options, UpAxis::z);
+  const auto point = [&](const Vec3& p) -> Vec3 { return (place * p.cast<double>()).cast<float>(); };
+  const auto size = [&](float value) { return static_cast<float>(value * options.scale); };
+  const Eigen::Quaterniond upright(Eigen::Matrix3d(place.linear() / options.scale));
+  for (Primitive& primitive : description.primitives) {
+    primitive.center = point(primitive.center);
+    for (float& half : primitive.half_extents) half = size(half);
+    if (!is_turned || primitive.kind == PrimitiveKind::sphere) continue;
+    if (primitive.kind == PrimitiveKind::room) {  // stays parallel to the axes
+      std::swap(primitive.half_extents.y(), primitive.half_extents.z());
+    } else {
+      const Eigen::Quaterniond rotation = upright * primitive.rotation.cast<double>();
+      primitive.rotation = unit_quaternion({rotation.w(), rotation.x(), rotation.y(), rotation.z()});
+    }
+  }
+  for (Vec3& vertex : description.mesh.vertices) vertex = point(vertex);
+  Markers& markers = description.markers;
+  markers.radius = size(markers.radius);
+  for (std::optional<Vec3>* const marker : {&markers.start, &markers.goal}) {
+    if (*marker) *marker = point(**marker);
+  }
+  for (Vec3& waypoint : markers.waypoints) waypoint = point(waypoint);
+  if (markers.spawn_box) {
+    const Vec3 a = point(markers.spawn_box->min), b = point(markers.spawn_box->max);
+    markers.spawn_box = Aabb{a.cwiseMin(b), a.cwiseMax(b)};
+  }
+  if (is_turned) {
+    auto& sun = description.light.sun_direction;
+    sun = {sun[0], -sun[2], sun[1]};
+  }
+  return description;
+}
+
+}  // namespace flockstep

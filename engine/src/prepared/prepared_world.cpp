@@ -1,0 +1,59 @@
+#include "prepared/prepared_world.hpp"
+
+#include <algorithm>
+
+#include "base/platform.hpp"
+#include "collision/obstacles.hpp"
+#include "render/raycast/shading.hpp"
+#include "trace/scene.hpp"
+#include "world/scene_description.hpp"
+
+namespace flockstep {
+
+PreparedWorld::PreparedWorld(const World& world) : world_(world) {}
+
+PreparedWorld::~PreparedWorld() = default;
+
+template <class T, class Pointer, class Build>
+const T& PreparedWorld::once(Part<T, Pointer>& part, const Build& build) const {
+  const std::lock_guard lock(part.mutex);  // not std::call_once; see Attachment
+  if (!part.value) {
+    part.value = build();
+    if (world_.triangles().triangles.size() >= kManyTriangles) give_back_freed_memory();
+  }
+  return *part.value;
+}
+
+const trace::Scene& PreparedWorld::scene() const {
+  if (world_.original() != nullptr) return prepared(*world_.original()).scene();
+  return once(scene_, [this] { return make_near<trace::Scene>(memory_, world_); });
+}
+
+const collision::Obstacles& PreparedWorld::obstacles() const {
+  if (world_.original() != nullptr) return prepared(*world_.original()).obstacles();
+  const trace::Scene& visible = scene();  // first, in any case: see memory_
+  return once(obstacles_, [&] {
+    const auto is_full = [](const auto& thing) { return thing.presence == Presence::full; };
+    const bool is_same =
+        std::all_of(world_.primitives().begin(), world_.primitives().end(), is_full) && world_.triangles().presence.empty();
+    if (is_same) return make_near<collision::Obstacles>(memory_, world_, visible);
+    const World& solids = once(solids_, [this] { return std::make_unique<const World>(solids_of(world_)); });
+    const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });
+    return make_near<collision::Obstacles>(memory_, solids, solid_scene);
+  });
+}
+
+const render::Shading& PreparedWorld::shading(bool shadows) const {
+  const render::Shading& shading = once(shading_, [this] {
+    const World* original = world_.original();
+    return std::make_unique<const render::Shading>(world_, scene(), original ? &prepared(*original).shading() : nullptr);
+  });
+  if (shadows) shading.prepare_shadows();
+  return shading;
+}
+
+const PreparedWorld& prepared(const World& world) {
+  return world.attachment().get<PreparedWorld>([&world] { return std::make_shared<const PreparedWorld>(world); });
+}
+
+}  // namespace flockstep

@@ -1,0 +1,122 @@
+#include "render/gl/atlas.hpp"
+
+#include <array>
+
+#include "render/gl/egl_context.hpp"
+
+namespace flockstep::render {
+namespace {
+
+struct Format {
+  GLenum internal, format, type;
+  std::size_t bytes;  // a pixel
+};
+// What can be read: attachments as they are numbered, then the depth buffer.
+constexpr std::size_t kNumColors = 3;
+constexpr std::array<Format, kNumColors + 1> kFormats{
+    Format{GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4}, Format{GL_RG16UI, GL_RG_INTEGER, GL_UNSIGNED_SHORT, 4},
+    Format{GL_RGBA32F, GL_RGBA, GL_FLOAT, 16}, Format{GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT, 4}};
+
+std::array<bool, kFormats.size()> present(const Attachments& attachments) {
+  return {attachments.color, attachments.ids, attachments.normal, attachments.depth};
+}
+
+}  // namespace
+
+GlAtlas::GlAtlas(const AtlasSize& size, const Attachments& attachments) : size_(size), attachments_(attachments) {
+  framebuffer_ = GlFramebuffer::make();
+  const auto attach = [&](GLenum point, GLenum format) {
+    GlTexture texture = GlTexture::make();
+    glTextureStorage2D(texture.name(), 1, format, size_.width, size_.height * size_.tiles);
+    glTextureParameteri(texture.name(), GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTextureParameteri(texture.name(), GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    glNamedFramebufferTexture(framebuffer_.name(), point, texture.name(), 0);
+    return texture;
+  };
+  std::array<GLenum, kNumColors> draws{};
+  for (std::size_t i = 0; i < kNumColors; ++i) {
+    const auto point = static_cast<GLenum>(GL_COLOR_ATTACHMENT0 + i);
+    draws[i] = present(attachments_)[i] ? point : GLenum{GL_NONE};
+    if (present(attachments_)[i]) textures_[i] = attach(point, kFormats[i].internal);
+  }
+  glNamedFramebufferDrawBuffers(framebuffer_.name(), static_cast<GLsizei>(draws.size()), draws.data());
+  depth_ = attach(GL_DEPTH_ATTACHMENT, kFormats[kNumColors].internal);
+  if (glCheckNamedFramebufferStatus(framebuffer_.name(), GL_DRAW_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
+    throw GlUnavailable("the device has no memory for pictures, or not of their kind");
+  }
+}
+
+void GlAtlas::clear(const Attachments& which) const {
+  constexpr std::array<float, 4> kZero{};
+  constexpr std::array<GLuint, 4> kNothing{};
+  const GLuint name = framebuffer_.name();
+  if (attachments_.color && which.color) glClearNamedFramebufferfv(name, GL_COLOR, 0, kZero.data());
+  if (attachments_.ids && which.ids) glClearNamedFramebufferuiv(name, GL_COLOR, 1, kNothing.data());
+  if (attachments_.normal && which.normal) glClearNamedFramebufferfv(name, GL_COLOR, 2, kZero.data());
+  glClearNamedFramebufferfv(name, GL_DEPTH, 0, kZero.data());
+}
+
+GlReadback::~GlReadback() {
+  if (fence_ != nullptr) glDeleteSync(fence_);
+}
+
+void GlReadback::reserve(std::size_t bytes) {
+  if (bytes <= capacity_) return;
+  capacity_ = bytes;
+  if (is_software_) {
+    memory_.resize(bytes);
+    return;
+  }
+  constexpr GLbitfield kAccess = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT | GL_MAP_COHERENT_BIT;
+  buffer_ = GlBuffer::make();
+  glNamedBufferStorage(buffer_.name(), static_cast<GLsizeiptr>(bytes), nullptr, kAccess | GL_CLIENT_STORAGE_BIT);
+  mapped_ = static_cast<std::byte*>(glMapNamedBufferRange(buffer_.name(), 0, static_cast<GLsizeiptr>(bytes), kAccess));
+  if (mapped_ == nullptr) throw GlUnavailable("the device maps no memory to read pictures from");
+}
+
+void GlReadback::start(const GlAtlas& atlas, int tiles) {
+  const AtlasSize& size = atlas.size();
+  const std::size_t pixels = AtlasSize{size.width, size.height, tiles}.pixels();
+  const auto is_present = present(atlas.attachments());
+  std::size_t bytes = 0;
+  for (std::size_t i = 0; i < kFormats.size(); ++i) bytes += is_present[i] ? pixels * kFormats[i].bytes : 0;
+  reserve(bytes);
+
+  std::byte* const base = is_software_ ? memory_.data() : mapped_;
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, atlas.framebuffer());
+  glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  if (!is_software_) glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer_.name());
+  std::array<const std::byte*, kFormats.size()> at{};
+  std::size_t offset = 0;
+  for (std::size_t i = 0; i < kFormats.size(); ++i) {
+    if (!is_present[i]) continue;
+    at[i] = base + offset;
+    void* const target = is_software_ ? base + offset : reinterpret_cast<void*>(offset);
+    if (i < kNumColors) glReadBuffer(static_cast<GLenum>(GL_COLOR_ATTACHMENT0 + i));
+    glReadPixels(0, 0, size.width, size.height * tiles, kFormats[i].format, kFormats[i].type, target);
+    offset += pixels * kFormats[i].bytes;
+  }
+  pixels_ = {reinterpret_cast<const std::uint8_t*>(at[0]), reinterpret_cast<const float*>(at[3]),
+             reinterpret_cast<const std::uint16_t*>(at[1]), reinterpret_cast<const float*>(at[2])};
+  if (!is_software_) {
+    glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
+    fence_ = glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);
+    glFlush();
+  }
+}
+
+void GlReadback::finish() {
+  if (fence_ != nullptr) {
+    GLenum status = GL_TIMEOUT_EXPIRED;
+    // No limit is needed here: whoever waits for the frames has one; see GlWorker::wait.
+    while (status == GL_TIMEOUT_EXPIRED) status = glClientWaitSync(fence_, GL_SYNC_FLUSH_COMMANDS_BIT, 1'000'000'000);
+    glDeleteSync(fence_);
+    fence_ = nullptr;
+    if (status == GL_WAIT_FAILED) throw GlUnavailable("the device lost the pictures on their way");
+  }
+  if (const GLenum error = glGetError(); error != GL_NO_ERROR) {
+    throw GlUnavailable("OpenGL failed with error " + std::to_string(error));
+  }
+}
+
+}  // namespace flockstep::render

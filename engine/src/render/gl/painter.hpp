@@ -1,0 +1,118 @@
+// GlPainter: draws worlds as seen by many cameras into an atlas, in a few calls for all of them together.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "render/appearance.hpp"
+#include "render/gl/atlas.hpp"
+#include "render/gl/model.hpp"
+#include "render/gl/objects.hpp"
+#include "render/gl/shaders.hpp"
+#include "render/gl/store.hpp"
+#include "render/gl/sun_grid.hpp"
+
+namespace flockstep::render {
+
+// What one tile of an atlas shows: the picture of a camera, or a part of it.
+struct TileCamera {
+  std::uint32_t model = 0;  // as add() numbered it
+  Vec3 position;            // m, world frame
+  Mat3 rotation;            // camera to world
+  float fx = 1, fy = 1;     // px
+  float cx = 0, cy = 0;     // px, from the tile's upper left
+};
+
+struct GlPass {
+  float near_m = 0, far_m = 0;  // planar depths
+  ShaderTraits traits;
+  int samples = 1;  // a side of the grid within a pixel: a tile of the atlas is this many times wider and higher than its picture
+};
+
+class GlPainter {
+ public:
+  GlPainter();
+
+  // Copies a model to the device. They are numbered from 0.
+  void add(const GlModel& model);
+  // Copies a model's grid of the sun, before the first pass with shadows that shows the model.
+  void add(std::uint32_t model, const GlSunGrid& grid);
+
+  // Clears the atlas and draws the cameras as its tiles.
+  void paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlPass& pass);
+  // Averages grids of samples.
+  void resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles);
+
+ private:
+  // What the painter keeps of a model, and where the rest begins in the buffers.
+  struct UploadedModel {
+    GLint first_vertex = 0;
+    std::vector<FlatChunk> chunks;  // their indices counted in indices_
+    std::array<std::uint32_t, kNumRoundKinds> first_shape{};
+    std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
+    std::vector<Aabb> rooms;
+    Light light;
+    SunDisc sun_disc{Light()};
+    std::uint32_t grid = 0;  // into grids_
+    bool is_painted = false, is_masked = false;
+  };
+  // A TileCamera as the shaders read it; each row is a vec4.
+  struct CameraRecord {
+    std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith_glow, sun_edge,
+        disc_steepness;
+  };
+  // A grid of the sun as the shaders read it; each row is a vec4.
+  struct GridRecord {
+    std::array<std::array<float, 4>, 3> to_sun;  // columns
+    std::array<float, 4> left_low_cell;
+    std::array<std::uint32_t, 4> size;
+  };
+  struct DrawCommand {  // as OpenGL reads it
+    GLuint count, instance_count, first_index;
+    GLint base_vertex;
+    GLuint base_instance;
+  };
+  struct VisibleShape {  // as the shaders read it
+    std::uint32_t camera, shape;
+  };
+  struct Plane {
+    Vec3 normal;   // unit, inwards
+    float offset;  // m
+  };
+  using Frustum = std::array<Plane, 6>;
+
+  void add_paints(const GlModel& model, std::size_t first_vertex);
+  void cull(const TileCamera& camera, std::uint32_t number, const GlAtlas& atlas, const GlPass& pass);
+  void cull_flat(const UploadedModel& model, const Frustum& frustum, std::uint32_t number);
+  void cull_round(const UploadedModel& model, const Frustum& frustum, const TileCamera& camera, const GlPass& pass,
+                  std::uint32_t number);
+  void draw_flat(bool painted);
+  void draw_round(std::size_t kind, bool boxes);
+  void draw_sky();
+
+  GlShaders shaders_;
+  std::vector<UploadedModel> models_;
+  GlStore<FlatVertex> vertices_;
+  GlStore<PaintedVertex> painted_;  // of the same; those of the models added last may be missing
+  GlStore<Paint> paints_;
+  GlStore<std::uint32_t> texels_;
+  GlStore<std::array<std::uint32_t, 4>> textures_;
+  GlStore<std::uint32_t> indices_;
+  std::array<GlStore<RoundShape>, kNumRoundKinds> shapes_;
+  GlStore<GridRecord> grids_;
+  GlStore<std::uint32_t> starts_, entries_;
+  GlStore<SunCaster> casters_;
+  GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
+  GlBuffer boxes_, quads_;                        // indices of many boxes and quads
+  GlBuffer cameras_, commands_, visible_buffer_;  // of one paint()
+
+  std::vector<CameraRecord> records_;
+  std::vector<DrawCommand> flat_commands_;
+  // Shapes that are drawn as rectangles, and those drawn as boxes; see gl_shaders.cpp.
+  std::array<std::array<std::vector<VisibleShape>, 2>, kNumRoundKinds> visible_;
+  std::vector<std::uint32_t> sky_cameras_;
+};
+
+}  // namespace flockstep::render

@@ -1,0 +1,139 @@
+#include "render/raycast/raycast_renderer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "render/raycast/tile_writer.hpp"
+#include "trace/packets.hpp"
+
+namespace flockstep::render {
+namespace {
+
+static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == trace::kMaxRays);
+
+// How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
+constexpr float kLift = 1e-4F;
+
+// Whether the way from a point to the sun leads through a room that the point is outside of.
+bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
+  float enter = -std::numeric_limits<float>::max();
+  float leave = std::numeric_limits<float>::max();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    if (sun[axis] == 0.0F) {
+      if (point[axis] < room.min[axis] || point[axis] > room.max[axis]) return false;
+      continue;
+    }
+    const float low = (room.min[axis] - point[axis]) / sun[axis];
+    const float high = (room.max[axis] - point[axis]) / sun[axis];
+    enter = std::max(enter, std::min(low, high));
+    leave = std::min(leave, std::max(low, high));
+  }
+  return enter > 0.0F && enter <= leave;
+}
+
+// Which of the rays' hits lie in the shadow of something: traces from each towards the sun.
+void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
+  trace::RayBlock& block = scratch.tracer.block();
+  const auto& to_sun = request.world->light().sun_direction;
+  const Vec3 sun(to_sun[0], to_sun[1], to_sun[2]);
+  block.count = rays.count;
+  block.near = 0.0F;
+  for (std::size_t i = 0; i < rays.count; ++i) {
+    const bool hit = rays.element[i] >= 0;
+    const Vec3 direction = rays.direction(i);
+    Vec3 point = hit ? Vec3(rays.origin + rays.t_hit[i] * direction) : rays.origin;
+    // Away from the surface: back along the ray, and towards the sun.
+    const float lift = kLift * (1.0F + point.cwiseAbs().maxCoeff());
+    point += lift * (sun - direction.normalized());
+    block.org_x[i] = point.x();
+    block.org_y[i] = point.y();
+    block.org_z[i] = point.z();
+    block.dir_x[i] = sun.x();
+    block.dir_y[i] = sun.y();
+    block.dir_z[i] = sun.z();
+    block.range[i] = hit ? std::numeric_limits<float>::max() : 0.0F;
+  }
+  scratch.tracer.trace_shadows(*request.scene);
+  for (std::size_t i = 0; i < rays.count; ++i) scratch.shaded[i] = std::isfinite(block.t_hit[i]);
+  const std::optional<Aabb>& room = request.shading->room();
+  for (std::size_t i = 0; room && i < rays.count; ++i) {
+    const Vec3 point(block.org_x[i], block.org_y[i], block.org_z[i]);
+    if (rays.element[i] >= 0 && is_behind(*room, point, sun)) scratch.shaded[i] = 1;
+  }
+}
+
+// Traces and shades one sample of each pixel of the tile.
+void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const PixelTile& tile, const CameraOutputs& wanted,
+            RaycastScratch& scratch) {
+  const trace::RayBundle& rays = scratch.tracer.trace({.x = scratch.ones,
+                                                       .y = grid.left.data() + tile.column * PixelTile::kSide,
+                                                       .z = grid.up.data() + tile.row * PixelTile::kSide,
+                                                       .rows = tile.height,
+                                                       .width = PixelTile::kSide,
+                                                       .frustum = &tile.frustum,
+                                                       .u = &grid.columns[tile.column / PixelTile::kSide],
+                                                       .v = &grid.rows[tile.row / PixelTile::kSide]});
+  const bool shadows = request.camera->shadows && wanted.any_color();
+  if (shadows) find_shadows(request, rays, scratch);
+  const auto shaded = shadows ? std::span<const std::uint8_t>(scratch.shaded) : std::span<const std::uint8_t>();
+  const PinholeCamera& pinhole = *request.pinhole;
+  const auto samples = static_cast<float>(std::max(pinhole.grids.size() - 1, std::size_t{1}));
+  request.shading->shade(rays, scratch.tracer.details(), shaded, 1.0F / (pinhole.fx * pinhole.fy * samples), wanted,
+                         request.camera->depth_kind, scratch.pixels);
+}
+
+// The mean of all samples' colours.
+void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch& scratch) {
+  TilePixels& pixels = scratch.pixels;
+  std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};
+  CameraOutputs colors = request.camera->outputs;
+  colors.depth = colors.semantic = colors.instance = colors.normal = false;
+  const std::size_t pixels_of_tile = tile.height * PixelTile::kSide;
+  for (auto& sums : scratch.sums) std::fill_n(sums, pixels_of_tile, std::uint16_t{0});
+  const auto grids = std::span(request.pinhole->grids).subspan(1);
+  for (const PinholeCamera::Grid& grid : grids) {
+    sample(request, grid, tile, colors, scratch);
+    for (std::size_t c = 0; c < 3; ++c) {
+      for (std::size_t i = 0; i < pixels_of_tile; ++i) {
+        scratch.sums[c][i] = static_cast<std::uint16_t>(scratch.sums[c][i] + channels[c][i]);
+      }
+    }
+  }
+  const auto count = static_cast<unsigned int>(grids.size());
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < pixels_of_tile; ++i) {
+      channels[c][i] = static_cast<std::uint8_t>((scratch.sums[c][i] + count / 2) / count);
+    }
+  }
+}
+
+}  // namespace
+
+RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1.0F); }
+
+void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
+  const CameraConfig& camera = *request.camera;
+  const PinholeCamera& pinhole = *request.pinhole;
+  scratch.tracer.settle(*request.scene, {.origin = request.position,
+                                         .rotation = request.rotation,
+                                         .near = camera.near_m,
+                                         .range = camera.far_m,
+                                         .longest = pinhole.corner,
+                                         .sees_markers = true,
+                                         .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
+                                         .ways = request.ways});
+  CameraOutputs wanted = camera.outputs;
+  const bool samples = pinhole.grids.size() > 1;
+  if (samples) wanted.rgb = wanted.grey = false;
+  const bool centre = wanted.any_color() || wanted.depth || wanted.semantic || wanted.instance || wanted.normal;
+  for (std::size_t i = first; i < last; ++i) {
+    const PixelTile& tile = pinhole.tiles[i];
+    if (centre) sample(request, pinhole.grids[0], tile, wanted, scratch);
+    if (samples && camera.outputs.any_color()) average(request, tile, scratch);
+    write_tile(scratch.pixels, tile, camera, request.frame);
+  }
+}
+
+}  // namespace flockstep::render

@@ -1,0 +1,196 @@
+#include "tasks/color_blob.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "tasks/color_blob.cpp"
+#include <hwy/foreach_target.h>
+// Highway's own headers come after foreach_target.
+#include <hwy/highway.h>
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <span>
+
+#include "render/appearance.hpp"
+
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::task::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// Green is told by the ratio of the channels, which light scales alike. The goal, render::kGoalColor, is written with G about
+// three times the larger of R and B, from (26, 120, 38) in full shade to (44, 207, 67) in full sun. White walls, the sky,
+// blue-grey, red and yellow have a G no larger than R or B, the tint of the ambient light included, and no mixture of two of them
+// at an edge has a ratio above 1.13 (yellow before a blue sky). With a threshold of 1.25, a pixel that shows the goal and
+// something else counts if at least 43 % of it is goal before a white wall, or 47 % before a blue-grey pillar; either share
+// changes by 15 % if one of the two is lit and the other in shade. So the box is the goal's to about half a pixel.
+//
+// Where it is almost dark, the ratio would be decided by rounding, so G has to be 16 more. In whole numbers, G > 1.25 m + 16 is
+// G > m + floor(m / 4) + 16: of m = 4 q + r, 1.25 m is 5 q + r and a fraction.
+constexpr int kRatioShift = 2;
+constexpr std::uint8_t kLeast = 16;
+
+// Calls mark with the channels of as many pixels as a vector holds and the index of the first, or mark_one with those of one
+// pixel of an image that is smaller, until each pixel was marked.
+template <class Mark, class MarkOne>
+void mark_image(std::span<const std::uint8_t> image, ImageLayout layout, std::size_t pixels, const Mark& mark,
+                const MarkOne& mark_one) {
+  const hn::ScalableTag<std::uint8_t> d;
+  const bool apart = layout == ImageLayout::chw;
+  const auto mark_at = [&](std::size_t first) {
+    if (apart) {
+      const auto plane = [&](std::size_t channel) { return hn::LoadU(d, image.data() + channel * pixels + first); };
+      mark(plane(0), plane(1), plane(2), first);
+    } else {
+      auto a = hn::Zero(d);
+      auto b = a;
+      auto c = a;
+      hn::LoadInterleaved3(d, image.data() + 3 * first, a, b, c);
+      mark(a, b, c, first);
+    }
+  };
+  std::size_t first = 0;
+  for (; first + hn::Lanes(d) <= pixels; first += hn::Lanes(d)) mark_at(first);
+  if (first > 0 && first < pixels) return mark_at(pixels - hn::Lanes(d));  // some of them once more
+  for (; first < pixels; ++first) {
+    const auto value = [&](std::size_t channel) -> int { return image[apart ? channel * pixels + first : 3 * first + channel]; };
+    mark_one(value(0), value(1), value(2), first);
+  }
+}
+
+// (pixels,): 255 where a pixel is green, else 0.
+void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span<std::uint8_t> mask) {
+  const hn::ScalableTag<std::uint8_t> d;
+  mark_image(
+      rgb, layout, mask.size(),
+      [&](auto red, auto green, auto blue, std::size_t first) {
+        const auto larger = hn::Max(red, blue);
+        const auto least = hn::SaturatedAdd(hn::SaturatedAdd(larger, hn::ShiftRight<kRatioShift>(larger)), hn::Set(d, kLeast));
+        hn::StoreU(hn::VecFromMask(d, hn::Gt(green, least)), d, mask.data() + first);
+      },
+      [&](int red, int green, int blue, std::size_t at) {
+        const int larger = std::max(red, blue);
+        mask[at] = green > larger + (larger >> kRatioShift) + kLeast ? 255 : 0;
+      });
+}
+
+// (pixels,): 255 where each channel is in its range, else 0. An image for the space hsv is in hsv, any other in rgb.
+void mark_range(std::span<const std::uint8_t> image, ImageLayout layout, const ColorRange& range, std::span<std::uint8_t> mask) {
+  const hn::ScalableTag<std::uint8_t> d;
+  const bool excess = range.space == ColorSpace::excess;
+  // A hue that wraps around is outside of what lies between.
+  const bool wraps = range.space == ColorSpace::hsv && range.low[0] > range.high[0];
+  const auto bound = [](int value) { return static_cast<std::uint8_t>(value); };
+  const std::array<std::uint8_t, 3> low{bound(wraps ? range.high[0] + 1 : range.low[0]), bound(range.low[1]),
+                                        bound(range.low[2])};
+  const std::array<std::uint8_t, 3> high{bound(wraps ? range.low[0] - 1 : range.high[0]), bound(range.high[1]),
+                                         bound(range.high[2])};
+  mark_image(
+      image, layout, mask.size(),
+      [&](auto a, auto b, auto c, std::size_t first) {
+        if (excess) {
+          const auto over = [](auto value, auto x, auto y) {
+            const auto larger = hn::Max(x, y);
+            return hn::SaturatedSub(value, hn::SaturatedAdd(larger, hn::ShiftRight<kRatioShift>(larger)));
+          };
+          const auto red = over(a, b, c), green = over(b, a, c), blue = over(c, a, b);
+          a = red;
+          b = green;
+          c = blue;
+        }
+        const auto is_in = [&](auto value, std::size_t k) {
+          return hn::Not(hn::Or(hn::Gt(hn::Set(d, low[k]), value), hn::Gt(value, hn::Set(d, high[k]))));
+        };
+        auto hue = is_in(a, 0);
+        if (wraps) hue = hn::Not(hue);
+        hn::StoreU(hn::VecFromMask(d, hn::And(hue, hn::And(is_in(b, 1), is_in(c, 2)))), d, mask.data() + first);
+      },
+      [&](int a, int b, int c, std::size_t at) {
+        if (excess) {
+          const auto over = [](int value, int x, int y) {
+            const int larger = std::max(x, y);
+            return std::max(value - larger - (larger >> kRatioShift), 0);
+          };
+          const int red = over(a, b, c), green = over(b, a, c), blue = over(c, a, b);
+          a = red;
+          b = green;
+          c = blue;
+        }
+        const auto is_in = [&](int value, std::size_t k) { return value >= low[k] && value <= high[k]; };
+        mask[at] = (is_in(a, 0) != wraps) && is_in(b, 1) && is_in(c, 2) ? 255 : 0;
+      });
+}
+
+}  // namespace flockstep::task::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace flockstep::task {
+namespace {
+
+// These figures hold as long as the colours of markers are what they were derived from: with a gamma of 2.2, a ratio of 3 as
+// written is one of 3^2.2 = 11.2 in linear light.
+constexpr float green_ratio(const std::array<float, 3>& color) { return color[1] / std::max(color[0], color[2]); }
+static_assert(green_ratio(render::kGoalColor) > 11.2F, "the goal is clearly green");
+static_assert(green_ratio(render::kStartColor) < 1.0F && green_ratio(render::kWaypointColor) < 1.0F, "no other marker is");
+
+bool any(std::span<const std::uint8_t> marks) {
+  std::uint8_t found = 0;
+  for (const std::uint8_t mark : marks) found |= mark;
+  return found != 0;
+}
+
+}  // namespace
+
+HWY_EXPORT(mark_green);
+HWY_EXPORT(mark_range);
+
+ColorBlob find_color(std::span<const std::uint8_t> rgb, int width_px, int height_px, ImageLayout layout, const ColorRange& range,
+                     ColorBlobScratch& scratch) {
+  const auto width = static_cast<std::size_t>(width_px);
+  const auto height = static_cast<std::size_t>(height_px);
+  assert(rgb.size() == 3 * width * height);
+  scratch.mask.resize(width * height);
+  if (range == ColorRange()) {
+    HWY_DYNAMIC_DISPATCH(mark_green)(rgb, layout, scratch.mask);
+  } else {
+    std::span<const std::uint8_t> image = rgb;
+    if (range.space == ColorSpace::hsv) {
+      scratch.hsv.resize(rgb.size());
+      imaging::rgb_to_hsv(rgb.data(), width_px, height_px, layout, scratch.hsv.data(), scratch.conversion);
+      image = scratch.hsv;
+    }
+    HWY_DYNAMIC_DISPATCH(mark_range)(image, layout, range, scratch.mask);
+  }
+
+  const auto row = [&](std::size_t y) { return std::span<const std::uint8_t>(scratch.mask).subspan(y * width, width); };
+  std::size_t top = 0;
+  std::size_t bottom = height;  // past the last row
+  while (top < height && !any(row(top))) ++top;
+  if (top == height) return {};
+  while (!any(row(bottom - 1))) --bottom;
+  scratch.columns.assign(width, 0);
+  for (std::size_t y = top; y < bottom; ++y) {
+    std::ranges::transform(row(y), scratch.columns, scratch.columns.begin(), std::bit_or<std::uint8_t>());
+  }
+  const auto is_marked = [](std::uint8_t mark) { return mark != 0; };
+  const auto left = std::ranges::find_if(scratch.columns, is_marked) - scratch.columns.begin();
+  const auto right = scratch.columns.rend() - std::find_if(scratch.columns.rbegin(), scratch.columns.rend(), is_marked);
+
+  ColorBlob blob;
+  blob.found = true;
+  blob.x = static_cast<int>(left);
+  blob.y = static_cast<int>(top);
+  blob.width = static_cast<int>(right - left);
+  blob.height = static_cast<int>(bottom - top);
+  // Twice the centre is a whole number, so a box in the middle gives 0.
+  blob.offset = static_cast<float>(2 * blob.x + blob.width - width_px) / static_cast<float>(width_px);
+  blob.area = static_cast<float>(static_cast<std::size_t>(blob.width) * static_cast<std::size_t>(blob.height)) /
+              static_cast<float>(width * height);
+  return blob;
+}
+
+}  // namespace flockstep::task
+#endif

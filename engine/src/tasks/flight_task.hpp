@@ -1,0 +1,200 @@
+// FlightTask: what the tasks of drones that fly by their rotors share: actions, and what a drone knows of its own flight.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numbers>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "base/require.hpp"
+#include "dynamics/flight.hpp"
+#include "flockstep/task.hpp"
+#include "planning/navigable.hpp"
+#include "tasks/flight_action.hpp"
+
+namespace flockstep::task {
+
+inline constexpr std::size_t kActions = 4;
+inline constexpr std::size_t kOwnFlight = 13;
+inline constexpr float kSpinUnit = 10.0F;  // rad/s: what angular velocities are observed and scored in
+inline constexpr std::uint32_t kStartStream = 0;
+
+inline Vec3 velocity_of(const State& state, DroneIndex drone) {
+  const float* const v = state.flight.velocity.data() + 3 * drone;
+  return {v[0], v[1], v[2]};
+}
+inline Vec3 angular_velocity_of(const State& state, DroneIndex drone) {
+  const float* const w = state.flight.angular_velocity.data() + 3 * drone;
+  return {w[0], w[1], w[2]};
+}
+
+inline Field flight_field(std::size_t size) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  return {.name = "observation", .shape = {static_cast<std::int64_t>(size)}, .low = {-kInfinity}, .high = {kInfinity}};
+}
+
+// Array rows of up to kLanes drones: read in place if the drones are consecutive, otherwise gathered.
+class GatheredRows {
+ public:
+  static constexpr std::size_t kCount = dynamics::kLanes;
+
+  // At least one drone, at most kCount; lanes beyond the last repeat it.
+  explicit GatheredRows(std::span<const DroneIndex> drones) : drones_(drones) {
+    is_contiguous_ = drones.size() == kCount;
+    for (std::size_t i = 1; i < drones.size(); ++i) is_contiguous_ &= drones[i] == drones[0] + i;
+  }
+
+  std::span<const DroneIndex> drones() const { return drones_; }
+  bool is_contiguous() const { return is_contiguous_; }
+
+  // Rows of an array (N, kColumns); valid as long as this object.
+  template <std::size_t kColumns>
+  const float* rows(std::span<const float> array) {
+    if (is_contiguous_) return array.data() + kColumns * drones_[0];
+    float* const out = gathered_.at(count_++).data();
+    for (std::size_t i = 0; i < kCount; ++i) {
+      std::copy_n(array.data() + kColumns * drones_[std::min(i, drones_.size() - 1)], kColumns, out + kColumns * i);
+    }
+    return out;
+  }
+
+ private:
+  std::span<const DroneIndex> drones_;
+  bool is_contiguous_ = false;
+  std::size_t count_ = 0;
+  std::array<std::array<float, 4 * kCount>, 6> gathered_;
+};
+
+// Calls f(rows) for each kLanes drones of the list.
+template <class F>
+void for_each_lanes(std::span<const DroneIndex> drones, const F& f) {
+  for (std::size_t first = 0; first < drones.size(); first += GatheredRows::kCount) {
+    GatheredRows rows(drones.subspan(first, std::min(GatheredRows::kCount, drones.size() - first)));
+    f(rows);
+  }
+}
+
+class FlightTask : public Task {
+ public:
+  const TaskSpec& spec() const override { return spec_; }
+  bool takes(Control control) const override { return control != Control::pose; }
+
+  void setup(const TaskContext& context) override {
+    action_ = FlightAction(context.dynamics(), *context.drone_model().airframe());
+    rotor_ = rotor_speed_ranges(*context.drone_model().airframe());
+    step_s_ = context.clock().step_s();
+    targets_.resize(3 * context.num_drones());
+    target_world_.assign(context.num_drones(), -1);
+    action_before_.resize(kActions * context.num_drones());
+    action_now_.resize(kActions * context.num_drones());
+  }
+
+  void require_world(const World& world, const DroneModel& drone) const override {
+    const bool is_marked = world.markers().goal.has_value();
+    require_free(world, drone, is_marked ? "markers.goal" : "the middle (markers.goal sets another point)", target_of(world));
+  }
+
+  void begin(const TaskBlock& block) override {
+    for (const DroneIndex drone : block.drones) {
+      std::fill_n(action_before_.data() + kActions * drone, kActions, 0.0F);
+      std::fill_n(action_now_.data() + kActions * drone, kActions, 0.0F);
+    }
+  }
+
+  void command(const TaskBlock& block, const Buffer& actions, Setpoints& setpoints) override {
+    const State& state = block.context.state();
+    for (const DroneIndex drone : block.drones) {
+      const Four action = Four(actions.row<float>(drone).data()).max(-1.0F).min(1.0F);
+      Eigen::Map<Four>(setpoints.command.data() + kActions * drone) = action_.command(action, state, drone);
+      Eigen::Map<Four> now(action_now_.data() + kActions * drone);
+      Eigen::Map<Four>(action_before_.data() + kActions * drone) = now;
+      now = action;
+    }
+  }
+
+  void visit(ArrayVisitor& visitor) override {
+    visitor.array("action_before", action_before_);
+    visitor.array("action_now", action_now_);
+  }
+
+  void check() const override {
+    for (const auto* actions : {&action_before_, &action_now_}) {
+      for (const float action : *actions) require(std::abs(action) <= 1.0F, "snapshot: action", "numbers in [-1, 1]", action);
+    }
+  }
+
+ protected:
+  explicit FlightTask(std::vector<std::string> reward_terms) {
+    spec_.action = {.name = "action", .shape = {kActions}};
+    spec_.reward_terms = std::move(reward_terms);
+  }
+
+  // The goal marker of a world, or its centre.
+  static Vec3 target_of(const World& world) {
+    return world.markers().goal.value_or((world.bounds().min + world.bounds().max) / 2.0F);
+  }
+  Vec3 target_of(const TaskContext& context, DroneIndex drone) {
+    const EnvIndex env = context.env_of(drone);
+    const std::int32_t world_index = context.state().world_index[env];
+    Eigen::Map<Vec3> target(targets_.data() + 3 * drone);
+    if (target_world_[drone] != world_index) {
+      target = target_of(context.world_of(env));
+      target_world_[drone] = world_index;
+    }
+    return target;
+  }
+  const float* targets_of(const TaskContext& context, GatheredRows& rows) {
+    const std::int32_t* const world_index = context.state().world_index.data();
+    for (const DroneIndex drone : rows.drones()) {
+      if (target_world_[drone] != world_index[context.env_of(drone)]) target_of(context, drone);
+    }
+    return rows.rows<3>(targets_);
+  }
+
+  // Velocity, up, angular velocity, rotor speeds.
+  void observe_flight(const State& state, DroneIndex drone, const Mat3& to_body, std::span<float> row) const {
+    const Vec3 velocity = to_body * velocity_of(state, drone);
+    const Vec3 up = to_body.col(2);
+    const Vec3 spin = angular_velocity_of(state, drone) * (1.0F / kSpinUnit);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto axis = static_cast<Eigen::Index>(k);
+      row[k] = velocity[axis];
+      row[3 + k] = up[axis];
+      row[6 + k] = spin[axis];
+    }
+    Eigen::Map<Four>(row.data() + 9) = rotor_.action_for(Four(state.flight.rotor_speed.data() + kRotors * drone));
+  }
+
+  // Mean square of the change of the action.
+  float change(DroneIndex drone) const {
+    const Four change = Four(action_now_.data() + kActions * drone) - Four(action_before_.data() + kActions * drone);
+    return change.square().mean();
+  }
+
+  static double spin(const State& state, DroneIndex drone) {
+    return static_cast<double>(angular_velocity_of(state, drone).norm() / kSpinUnit);
+  }
+
+  double step_s() const { return step_s_; }
+  const std::vector<float>& action_now() const { return action_now_; }
+  const std::vector<float>& action_before() const { return action_before_; }
+
+  TaskSpec spec_;
+
+ private:
+  FlightAction action_;
+  ActionRanges rotor_;
+  double step_s_ = 0.0;
+  std::vector<float> targets_;              // (N, 3) m
+  std::vector<std::int32_t> target_world_;  // (N,) world_index of each target; -1: none yet
+  std::vector<float> action_before_;        // (N, 4) in [-1, 1], of the step before; 0 in the first
+  std::vector<float> action_now_;           // (N, 4) in [-1, 1], of the present or last step
+};
+
+}  // namespace flockstep::task

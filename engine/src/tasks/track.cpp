@@ -1,0 +1,266 @@
+#include "flockstep/track.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "base/check_fields.hpp"
+#include "base/hash.hpp"
+#include "base/require.hpp"
+#include "dynamics/setpoint.hpp"
+#include "tasks/flight_task.hpp"
+#include "tasks/terms.hpp"
+
+namespace flockstep {
+namespace task {
+namespace {
+
+constexpr double kTurn = 2.0 * std::numbers::pi;
+constexpr std::size_t kPhases = 9;  // of an episode, in turns: three waves along three axes; a figure-8 has one
+constexpr std::uint32_t kPhaseStream = 1;
+
+// Where a wave is, as a turning pointer.
+struct Wave {
+  float cosine, sine;
+
+  // Exact to float32 after any time: whole turns are taken off in double precision.
+  static Wave at(double turns) {
+    const auto angle = static_cast<float>(kTurn * (turns - std::floor(turns)));
+    return {std::cos(angle), std::sin(angle)};
+  }
+  Wave turned(const Wave& by) const { return {cosine * by.cosine - sine * by.sine, sine * by.cosine + cosine * by.sine}; }
+};
+
+// Paths of one size and speed: sums of waves, whose phases are an episode's own.
+class Path {
+ public:
+  using Waves = std::array<Wave, kPhases>;
+
+  explicit Path(const TrackConfig& config) : kind_(config.path), size_(config.size_m) {
+    const auto speed = static_cast<double>(config.speed_mps) / static_cast<double>(config.size_m);
+    if (kind_ == TrackPath::figure8) {
+      // The length of a lap of size 1, by the midpoint rule, which is exact to rounding on smooth laps.
+      constexpr int kPieces = 1000;
+      double length = 0.0;
+      for (int i = 0; i < kPieces; ++i) {
+        const double angle = kTurn * (i + 0.5) / kPieces;
+        length += std::hypot(std::sin(angle), std::cos(2.0 * angle)) * kTurn / kPieces;
+      }
+      hz_[0] = speed / length;
+    } else {
+      double square = 0.0;
+      for (std::size_t k = 0; k < kPhases; ++k) {
+        const double fastest = kShares[k / 3] * kSizes[k % 3] * kRates[k % 3];
+        square += 0.5 * fastest * fastest;
+      }
+      for (std::size_t k = 0; k < kPhases; ++k) hz_[k] = kRates[k % 3] * speed / std::sqrt(square) / kTurn;
+    }
+  }
+
+  // phases: in turns.
+  Waves waves_at(double time, const float* phases) const {
+    Waves waves{};
+    for (std::size_t k = 0; k < count(); ++k) waves[k] = Wave::at(hz_[k] * time + static_cast<double>(phases[k]));
+    return waves;
+  }
+  void turn(Waves& waves, const Waves& by) const {
+    for (std::size_t k = 0; k < count(); ++k) waves[k] = waves[k].turned(by[k]);
+  }
+
+  Vec3 position(const Waves& waves) const {
+    if (kind_ == TrackPath::figure8) return size_ * Vec3(waves[0].cosine, waves[0].sine * waves[0].cosine, 0.0F);
+    Vec3 p = Vec3::Zero();
+    for (std::size_t k = 0; k < kPhases; ++k) p[axis_of(k)] += size_of(k) * waves[k].sine;
+    return p;
+  }
+
+  Vec3 velocity(const Waves& waves) const {
+    if (kind_ == TrackPath::figure8) {
+      const float sine = waves[0].sine;
+      return size_ * rate_of(0) * Vec3(-sine, 1.0F - 2.0F * sine * sine, 0.0F);
+    }
+    Vec3 v = Vec3::Zero();
+    for (std::size_t k = 0; k < kPhases; ++k) v[axis_of(k)] += size_of(k) * rate_of(k) * waves[k].cosine;
+    return v;
+  }
+
+ private:
+  static constexpr std::array kShares{1.0, 1.0, 0.5};           // of size_m, by axis
+  static constexpr std::array kSizes{0.6, 0.25, 0.15};          // of which, by wave
+  static constexpr std::array kRates{1.0, 1.618034, 2.414214};  // that never come round together
+
+  std::size_t count() const { return kind_ == TrackPath::figure8 ? 1 : kPhases; }
+  static Eigen::Index axis_of(std::size_t k) { return static_cast<Eigen::Index>(k / 3); }
+  float size_of(std::size_t k) const { return size_ * static_cast<float>(kShares[k / 3] * kSizes[k % 3]); }
+  float rate_of(std::size_t k) const { return static_cast<float>(kTurn * hz_[k]); }
+
+  TrackPath kind_;
+  float size_;  // m
+  std::array<double, kPhases> hz_{};
+};
+
+class Track final : public FlightTask {
+ public:
+  explicit Track(const TrackConfig& config)
+      : FlightTask({"near", "close", "yaw", "spin", "change", "crash"}), config_(config), path_(config) {
+    config.validate();
+    ahead_ = path_.waves_at(static_cast<double>(config.ahead_s), std::array<float, kPhases>{}.data());
+    spec_.observation = {flight_field(3 * static_cast<std::size_t>(config.points) + kOwnFlight + 2)};
+  }
+
+  TaskDefaults defaults() const override {
+    return {.worlds = "arena/hall",
+            .max_episode_steps = 1000,
+            .drone = "crazyflie",
+            .dynamics = {.motion = Motion::rotors, .control = Control::body_rates},
+            .clock = {.policy_hz = 100.0F}};
+  }
+
+  std::string identity() const override {
+    Hash hash;
+    hash.add(config_);
+    return "track " + std::to_string(hash.value());
+  }
+
+  void setup(const TaskContext& context) override {
+    FlightTask::setup(context);
+    phase_.resize(kPhases * context.num_drones());
+    squares_.resize(context.num_drones());
+  }
+
+  // A figure-8 is the same in every episode; of random paths the middle is looked at, and how far they reach.
+  void require_world(const World& world, const DroneModel& drone) const override {
+    FlightTask::require_world(world, drone);
+    const Vec3 middle = target_of(world);
+    if (config_.path == TrackPath::figure8) {
+      constexpr int kPlaces = 32;
+      for (int i = 0; i < kPlaces; ++i) {
+        std::array<float, kPhases> phases{};
+        phases[0] = static_cast<float>(i) / kPlaces;
+        const Path::Waves waves = path_.waves_at(0.0, phases.data());
+        require_free(world, drone, "the path about its middle (task.size_m sets its size)", middle + path_.position(waves));
+      }
+      return;
+    }
+    const Aabb space = open_space(world);
+    for (const float side : {-1.0F, 1.0F}) {
+      const Vec3 reach = middle + side * config_.size_m * Vec3(1.0F, 1.0F, 0.5F);
+      require((reach.array() >= space.min.array()).all() && (reach.array() <= space.max.array()).all(), "task.size_m",
+              "paths that stay within the room of world \"" + world.name() + '"', config_.size_m);
+    }
+  }
+
+  void place(const TaskBlock& block) override {
+    for (const DroneIndex drone : block.drones) {
+      float* const phases = phase_.data() + kPhases * drone;
+      for (std::uint32_t k = 0; k < kPhases; ++k) phases[k] = block.context.random(drone, kPhaseStream, k);
+      const Path::Waves waves = path_.waves_at(0.0, phases);
+      const float yaw = yaw_at(waves);
+      Pose pose{target_of(block.context, drone) + path_.position(waves), Quat(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2))};
+      for (std::uint32_t axis = 0; axis < 3; ++axis) {
+        pose.position[static_cast<Eigen::Index>(axis)] +=
+            config_.start_offset_m * (2.0F * block.context.random(drone, kStartStream, axis) - 1.0F);
+      }
+      block.context.place(drone, pose, {path_.velocity(waves), Vec3::Zero()});
+    }
+  }
+
+  void begin(const TaskBlock& block) override {
+    FlightTask::begin(block);
+    for (const DroneIndex drone : block.drones) squares_[drone] = 0.0;
+  }
+
+  void score(const TaskBlock& block, Score& score) override {
+    const State& state = block.context.state();
+    const EpisodeState& episodes = block.context.episodes();
+    for (const DroneIndex drone : block.drones) {
+      const Path::Waves waves = waves_of(episodes, block.context.env_of(drone), drone);
+      const Pose pose = pose_of(state, drone);
+      const double distance = distance_m(target_of(block.context, drone) + path_.position(waves), pose.position);
+      const auto close = static_cast<double>(config_.close_m);
+      const bool is_far = distance > static_cast<double>(config_.max_distance_m);
+      const bool crashed = state.contact.hit[drone] != 0 || is_far;
+      squares_[drone] += distance * distance;
+      const std::span<double> terms = score.terms_of(drone);
+      terms[kNear] = static_cast<double>(config_.near_weight * std::exp(-2.0F * static_cast<float>(distance)));
+      terms[kClose] = static_cast<double>(config_.close_weight) / (1.0 + distance * distance / (close * close));
+      terms[kYaw] = -static_cast<double>(config_.yaw_weight * std::abs(missing_yaw(waves, pose.rotation)));
+      terms[kSpin] = -static_cast<double>(config_.spin_weight) * spin(state, drone);
+      terms[kChange] = -static_cast<double>(config_.change_weight * change(drone));
+      terms[kCrash] = crashed ? -static_cast<double>(config_.crash_weight) : 0.0;
+      score.terminated[drone] = crashed;
+      score.left_area[drone] = is_far;
+      score.success[drone] =
+          !crashed && squares_[drone] <= close * close * static_cast<double>(episodes.steps[block.context.env_of(drone)]);
+    }
+  }
+
+  void observe(const TaskBlock& block, std::span<Buffer> observation) override {
+    const State& state = block.context.state();
+    for (const DroneIndex drone : block.drones) {
+      const Pose pose = block.context.sensed_pose(drone);
+      const Mat3 to_body = pose.rotation.toRotationMatrix().transpose();
+      const std::span<float> row = observation[0].row<float>(drone);
+      const auto points = static_cast<std::size_t>(config_.points);
+      Path::Waves waves = waves_of(block.context.episodes(), block.context.env_of(drone), drone);
+      const float missing = missing_yaw(waves, pose.rotation);
+      const Vec3 from_middle = pose.position - target_of(block.context, drone);
+      for (std::size_t i = 0; i < points; ++i) {
+        if (i > 0) path_.turn(waves, ahead_);
+        const Vec3 way = to_body * (path_.position(waves) - from_middle);
+        std::copy_n(way.data(), 3, row.data() + 3 * i);
+      }
+      observe_flight(state, drone, to_body, row.subspan(3 * points));
+      row[3 * points + kOwnFlight] = std::sin(missing);
+      row[3 * points + kOwnFlight + 1] = std::cos(missing);
+    }
+  }
+
+  void visit(ArrayVisitor& visitor) override {
+    FlightTask::visit(visitor);
+    visitor.array("phase", phase_);
+    visitor.array("squares", squares_);
+  }
+
+  void check() const override {
+    FlightTask::check();
+    for (const float phase : phase_) require(phase >= 0.0F && phase < 1.0F, "snapshot: phase", "numbers in [0, 1)", phase);
+    for (const double sum : squares_) require(std::isfinite(sum) && sum >= 0.0, "snapshot: squares", "numbers >= 0", sum);
+  }
+
+ private:
+  enum Term : std::size_t { kNear, kClose, kYaw, kSpin, kChange, kCrash };
+
+  Path::Waves waves_of(const EpisodeState& episodes, EnvIndex env, DroneIndex drone) const {
+    return path_.waves_at(static_cast<double>(episodes.steps[env]) * step_s(), phase_.data() + kPhases * drone);
+  }
+
+  float yaw_at(const Path::Waves& waves) const {
+    if (config_.yaw == TrackYaw::fixed) return 0.0F;
+    const Vec3 velocity = path_.velocity(waves);
+    return std::atan2(velocity.y(), velocity.x());
+  }
+
+  float missing_yaw(const Path::Waves& waves, const Quat& rotation) const {
+    return std::remainder(yaw_at(waves) - dynamics::yaw_of(rotation), static_cast<float>(kTurn));
+  }
+
+  TrackConfig config_;
+  Path path_;
+  Path::Waves ahead_{};          // by which waves turn in ahead_s
+  std::vector<float> phase_;     // (N, 9) turns
+  std::vector<double> squares_;  // (N,) m^2: sum of the squared distances of all steps
+};
+
+}  // namespace
+}  // namespace task
+
+void TrackConfig::validate() const { check_fields(*this, "task."); }
+
+std::unique_ptr<Task> make_track(const TrackConfig& config) { return std::make_unique<task::Track>(config); }
+
+}  // namespace flockstep

@@ -1,0 +1,51 @@
+"""What pictures of the flight tasks show beside the drone."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+
+from flockstep._core import Batch
+from flockstep.rotations import rotate
+from flockstep.pictures.drawing import Drawing
+from flockstep.pictures.picture import FARTHEST_M
+
+_DOWN = np.array([[0.0, 0.0, -1.0]])
+
+
+class FlightOverlay:
+    """Draws where a drone of `HoverConfig` or `TrackConfig` has to be, the way there, and its height.
+
+    Parameters
+    ----------
+    height
+        Whether to draw a line down to what lies below the drone, with its length in metres if Pillow is installed.
+        Seen from above it would only hide the drone.
+    """
+
+    markers: tuple[str, ...] = ()  # drones do not begin at the start, and the point is drawn where the task has it
+
+    def __init__(self, *, height: bool = True) -> None:
+        self._height = height
+
+    def draw(self, batch: Batch, env: int, drawing: Drawing) -> None:
+        """Add to the picture of one env, as `Task.draw`."""
+        position = np.asarray(batch.position[env], float)
+        way = np.asarray(batch.observation[env, :3], float)  # in the body frame
+        point = position + rotate(np.asarray(batch.quat_wxyz[env], float), way)
+        world = batch.world_of(env)
+        drawing.lines(position, point, "green", 1.5)
+        drawing.points(point, "green", 8)
+        drawing.spheres(point, world.marker_radius_m, "green")
+        if not self._height:
+            return
+        height_m = float(world.raycast(position[None], _DOWN, FARTHEST_M)["t_hit"][0])
+        if not np.isfinite(height_m):
+            return
+        ground = position - [0, 0, height_m]
+        drawing.lines(position, ground, "grey", 1.5)
+        drawing.points(ground, "grey", 6)
+        if find_spec("PIL") is not None:
+            below = 1.1 * float(np.ptp(np.asarray(batch.drone.hull, float), axis=0).max())
+            drawing.text(position - [0, 0, below], f"{height_m:.1f} m", "black", 16)

@@ -1,0 +1,211 @@
+"""The world behind a drone: from behind and above it, where obstacles before the drone dissolve, or from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flockstep._core import CameraConfig, World
+from flockstep.rotations import rotate
+from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
+from flockstep.pictures.picture import FARTHEST_M, facing, render
+
+# In lengths of the drone:
+_BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,
+_UP = np.array([0.0, 0.0, 2.3])  # above it,
+_FREE = 0.3  # so far from a wall,
+_AHEAD = 0.5  # and looks at what is before the drone
+
+_HFOV_DEG = 75.0
+_NEAR_M = 0.05
+_NUMBERED = 1 << 15  # in a world of more primitives nothing dissolves: cameras may have no numbers for them
+_DISSOLVED = 0.3  # opacity of an obstacle nearer than the drone,
+_FADE = 0.5  # and how much nearer, in lengths of the drone, until it has faded to that
+
+
+@dataclass
+class Obstacles:
+    """What dissolves, pixel by pixel."""
+
+    at: Ints  # (K,) into the frame's pixels
+    rgb: Image  # (K, 3)
+    depth: npt.NDArray[np.float32]  # (K,) m
+    opacity: npt.NDArray[np.float32]  # (K,)
+
+    def draw(self, canvas: DepthCanvas) -> None:
+        """Draw them before what they hide."""
+        rgb = canvas.rgb.reshape(-1, 3)
+        opacity = np.where(canvas.depth.reshape(-1)[self.at] < self.depth, np.float32(0), self.opacity)
+        behind = rgb[self.at].astype(np.float32)
+        rgb[self.at] = behind + opacity[:, None] * (self.rgb - behind) + np.float32(0.5)
+
+
+class Stage:
+    """Takes pictures of one world.
+
+    Parameters
+    ----------
+    length
+        Metres, of the drone: the viewer keeps some lengths from it.
+    size_px
+        Width and height of the pictures.
+    """
+
+    def __init__(self, world: World, length: float, size_px: tuple[int, int]) -> None:
+        self.world = world
+        self._length = length
+        self._size_px = size_px
+        primitives = world.primitives
+        self._solid = np.array([primitive["kind"] != "room" for primitive in primitives], bool)
+        self._top = np.array([top_of(primitive) for primitive in primitives])
+        # By instance. Meshes stay: the floor may be one.
+        self._dissolves = np.zeros(1 << 16, bool)
+        self._outputs = ["rgb", "depth"]
+        if len(primitives) <= _NUMBERED:
+            self._dissolves[1 : 1 + len(primitives)] = self._solid
+            self._outputs += ["instance"]
+        self._emptied = _emptied(world)
+
+    def seen_from(self, viewer: Floats, target: Floats) -> DepthCanvas:
+        """Return a canvas of the world as it is seen from a place (3,) m that looks at another."""
+        turn = facing(viewer, target).astype(float)
+        picture = self._take(self.world, viewer, turn, "rgb", "depth")
+        return DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
+
+    def set(self, position: Floats, quat_wxyz: Floats, anchor: Floats | None = None) -> tuple[DepthCanvas, Obstacles]:
+        """Return a canvas for a drone at a pose to be drawn on, without the obstacles, which are to be drawn last.
+
+        The viewer keeps its distance from the anchor (3,) m near the drone; by default from the drone itself.
+        """
+        anchor = position if anchor is None else anchor
+        viewer, turn = _viewpoint(self.world, self._solid, position, quat_wxyz, self._length, anchor)
+        picture = self._take(self.world, viewer, turn, *self._outputs)
+        rgb, depth = picture["rgb"].reshape(-1, 3), picture["depth"].reshape(-1)
+        canvas = DepthCanvas(picture["rgb"], picture["depth"], self._camera(), viewer, turn, self.world.light)
+
+        cut = max(float(rotate(turn, position - viewer, inverse=True)[0]), 2 * _NEAR_M)
+        at = np.flatnonzero(depth < cut)
+        if "instance" in picture:
+            # What is below the drone hides it from nobody above it: the ground stays whole.
+            dissolves = self._dissolves.copy()
+            dissolves[1 : 1 + len(self._top)] &= self._top > position[2]
+            at = at[dissolves[picture["instance"].reshape(-1)[at]]]
+        else:
+            at = at[:0]
+        if len(at):  # what is behind: all that is farther than the drone, and walls and markers that are nearer
+            behind = self._take(self.world, viewer, turn, "rgb", "depth", near_m=cut)
+            behind_rgb, behind_depth = behind["rgb"].reshape(-1, 3)[at], behind["depth"].reshape(-1)[at]
+            if self._emptied is not None:
+                walls = self._take(self._emptied, viewer, turn, "rgb", "depth")
+                walls_depth = walls["depth"].reshape(-1)[at]
+                nearer = walls_depth < behind_depth
+                behind_rgb[nearer] = walls["rgb"].reshape(-1, 3)[at[nearer]]
+                behind_depth = np.minimum(behind_depth, walls_depth)
+            opacity = np.maximum(1 - (cut - depth[at]) / (self._length * _FADE) * (1 - _DISSOLVED), _DISSOLVED)
+            obstacles = Obstacles(at, rgb[at], depth[at], opacity.astype(np.float32))
+            rgb[at], depth[at] = behind_rgb, behind_depth
+        else:
+            obstacles = Obstacles(at, rgb[at], depth[at], np.zeros(0, np.float32))
+        return canvas, obstacles
+
+    def _camera(self, near_m: float = _NEAR_M, outputs: tuple[str, ...] = ("rgb",)) -> CameraConfig:
+        width, height = self._size_px
+        return CameraConfig(
+            width_px=width,
+            height_px=height,
+            hfov_deg=_HFOV_DEG,
+            near_m=near_m,
+            far_m=FARTHEST_M,
+            outputs=outputs,
+            shadows=True,
+        )
+
+    def _take(
+        self, world: World, viewer: Floats, turn: Floats, *outputs: str, near_m: float = _NEAR_M
+    ) -> dict[str, npt.NDArray[Any]]:
+        return render(world, viewer, turn, camera=self._camera(near_m, outputs))
+
+
+def with_markers(world: World, markers: Sequence[str]) -> World:
+    """Return a world with these of its markers alone; the same object where there are no others."""
+    found = {"start": world.start is not None, "waypoints": len(world.waypoints) > 0, "goal": world.goal is not None}
+    dropped = [name for name in found if found[name] and name not in markers]
+    if not dropped:
+        return world
+    scene = world.to_dict()
+    scene["markers"] = {name: value for name, value in scene["markers"].items() if name not in dropped}
+    return World.from_dict(scene)
+
+
+def top_of(primitive: dict[str, Any]) -> float:
+    """Return how high a primitive reaches at most, in metres: that of the box around it."""
+    half = np.asarray(primitive["half_extents"], float)
+    axes = [rotate(np.asarray(primitive["quat_wxyz"], float), axis) for axis in np.eye(3)]
+    return float(primitive["center"][2] + sum(abs(axis[2]) * size for axis, size in zip(axes, half, strict=True)))
+
+
+def _emptied(world: World) -> World | None:
+    """Return the room with its markers and nothing in it, or None if there is no room."""
+    rooms = [primitive for primitive in world.primitives if primitive["kind"] == "room"]
+    if not rooms:
+        return None
+    center, half = np.asarray(rooms[0]["center"], float), np.asarray(rooms[0]["half_extents"], float)
+    markers: dict[str, Any] = {"radius": world.marker_radius_m, "waypoints": world.waypoints.tolist()}
+    for name in ("start", "goal"):
+        place = getattr(world, name)
+        if place is not None:
+            markers[name] = place.tolist()
+    return World.from_dict(
+        {
+            "flockstep_scene": 1,
+            "name": world.name,
+            "materials": {m["name"]: {k: m[k] for k in ("base_color", "emissive")} for m in world.materials},
+            "room": {
+                "min": (center - half).tolist(),
+                "max": (center + half).tolist(),
+                "material": rooms[0]["material"],
+            },
+            "markers": markers,
+            "light": world.light,
+        }
+    )
+
+
+def _viewpoint(
+    world: World,
+    solid: npt.NDArray[np.bool_],
+    position: Floats,
+    quat_wxyz: Floats,
+    length: float,
+    anchor: Floats,
+) -> tuple[Floats, Floats]:
+    """Return from where to look at a drone, and how turned."""
+    forward = rotate(quat_wxyz, np.array([1.0, 0.0, 0.0]))
+    heading = np.arctan2(forward[1], forward[0])  # level, whatever the drone's tilt
+    level = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
+    # Up to the ceiling, then back to the wall: near a wall the view comes from above.
+    viewer = _pushed(world, solid, anchor, length * _UP, length * _FREE)
+    viewer = _pushed(world, solid, viewer, length * rotate(level, _BACK), length * _FREE)
+    viewer = _pushed(world, solid, position, viewer - position, 0.0)
+    ahead = anchor + length * rotate(level, np.array([_AHEAD, 0.0, 0.0]))
+    return viewer, facing(viewer, ahead).astype(float)
+
+
+def _pushed(world: World, solid: npt.NDArray[np.bool_], origin: Floats, way: Floats, free: float) -> Floats:
+    """Return where one gets from a point (3,) along a way (3,) m: through what dissolves, to before a wall."""
+    length = float(np.linalg.norm(way))
+    if length == 0:
+        return origin
+    gone = 0.0
+    for _ in range(2 * len(solid) + 1):
+        hit = world.raycast((origin + gone * way / length)[None], way[None], length + free - gone)
+        gone += float(hit["t_hit"][0])
+        if not 0 <= hit["primitive"][0] < len(solid) or not solid[hit["primitive"][0]]:
+            break
+        gone += 1e-3  # into it, or out of it
+    reach = min(length, max(gone - free, gone / 2))
+    return origin + way / length * reach

@@ -1,0 +1,178 @@
+"""Pictures of a drone from behind and above it, or from a fixed place: with beams, its cameras' views, its trail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flockstep._core import Batch, CameraConfig
+from flockstep.drone_mesh import DroneMesh
+from flockstep.rotations import rotate
+from flockstep.task import MARKERS
+from flockstep.pictures.beams import beams_of
+from flockstep.pictures.body import Body
+from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image
+from flockstep.pictures.drawing import Drawing, Overlay, line_px
+from flockstep.pictures.stage import Obstacles, Stage, with_markers
+from flockstep.pictures.trail import Trail
+
+_TRAIL: Color = (35, 90, 210)
+_BEAM: Color = (250, 130, 70)
+_HIT: Color = (200, 50, 20)
+_FRUSTUM: Color = (130, 40, 170)
+
+_FRUSTUM_LENGTH = 1.1  # of the drone's: cameras' views as they are drawn
+_MAX_BEAMS = 256  # more would hide the world
+_FINER = 2  # drawn so many times larger, then averaged: smooth edges
+_WORLDS = 64  # so many are kept to be drawn again
+_FOLLOWED, _LAG = 12, 0.5  # the viewer follows the mean of so many steps, so many lengths behind at most
+
+
+class ThirdPersonView:
+    """Draws the envs of a batch, each from behind and above its drone, within the same room, or from a fixed place.
+
+    Parameters
+    ----------
+    batch
+        Whose drones to draw.
+    cameras
+        Names of cameras of the batch whose views are drawn.
+    trail
+        Where the drones have been. None draws no trails. With a trail the viewer follows a drone smoothly.
+    beams
+        Whether to draw the LiDAR's beams. One that hits nothing is as long as the drone's range.
+    others
+        Whether the other drones of the same world are drawn, too, paler. They neither see nor touch each other.
+    size_px
+        Width and height of the picture. None: 640 x 480.
+    place
+        Two points (3,) m, world frame: from where to look, and at what. None: from behind and above the drone.
+    markers
+        Which of the world's markers are drawn.
+    overlay
+        Its `draw` adds to the pictures: a `Task`, or a `FlightOverlay`. None: nothing does.
+    mesh
+        How the drones look. None: as their model says.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        cameras: Sequence[str] = (),
+        trail: Trail | None = None,
+        *,
+        beams: bool = True,
+        others: bool = False,
+        size_px: tuple[int, int] | None = None,
+        place: tuple[Floats, Floats] | None = None,
+        markers: Sequence[str] = MARKERS,
+        overlay: Overlay | None = None,
+        mesh: DroneMesh | None = None,
+    ) -> None:
+        self._batch = batch
+        self._cameras = [batch.camera(name) for name in cameras]
+        self._trail = trail
+        self._beams = beams
+        self._others = others
+        self._body = Body(batch.drone, mesh)
+        corners = [np.asarray(batch.drone.hull, float)] + ([] if mesh is None else [mesh.vertices])
+        self._length = float(max(np.ptp(points, axis=0).max() for points in corners))
+        width, height = size_px or (640, 480)
+        self._size_px = (width * _FINER, height * _FINER)
+        self._line_px = _FINER * line_px(width)
+        self._place = place
+        self._markers = tuple(markers)
+        self._overlay = overlay
+        self._stages: dict[int, Stage] = {}
+        self._still: dict[int, DepthCanvas] = {}  # of worlds, from a fixed place
+
+    def frame(self, env: int) -> Image:
+        """Return the picture of one env, (height, width, 3) uint8, a new array."""
+        world_index = np.repeat(self._batch.world_index, self._batch.drones_per_env)
+        index = int(world_index[env])
+        if index not in self._stages:
+            if len(self._stages) >= _WORLDS:
+                self._stages.clear()
+                self._still.clear()
+            world = with_markers(self._batch.world_of(env), self._markers)
+            self._stages[index] = Stage(world, self._length, self._size_px)
+        position = np.asarray(self._batch.position[env], float)
+        quat_wxyz = np.asarray(self._batch.quat_wxyz[env], float)
+        canvas, obstacles = self._canvas(index, env, position, quat_wxyz)
+        if self._batch.active[env]:
+            self._body.draw(canvas, position, quat_wxyz, line_px=self._line_px)
+            self._draw_trail(canvas, env)
+            self._draw_cameras(canvas, env, position, quat_wxyz)
+            if self._overlay is not None:
+                self._overlay.draw(self._batch, env, Drawing(canvas, self._line_px))
+            self._draw_beams(canvas, env)  # last: they are glass
+        if self._others:
+            for other in np.flatnonzero(self._batch.active & (world_index == index)):
+                if other != env:
+                    pose = self._batch.position[other].astype(float), self._batch.quat_wxyz[other].astype(float)
+                    self._body.draw(canvas, *pose, pale=True, line_px=self._line_px)
+        if obstacles is not None:
+            obstacles.draw(canvas)
+        return _averaged(canvas.rgb)
+
+    def _canvas(
+        self, index: int, env: int, position: Floats, quat_wxyz: Floats
+    ) -> tuple[DepthCanvas, Obstacles | None]:
+        """Return the world to draw into, and what is to be drawn last."""
+        stage = self._stages[index]
+        if self._place is None:
+            return stage.set(position, quat_wxyz, self._anchor(env, position))
+        if index not in self._still:
+            self._still[index] = stage.seen_from(*self._place)
+        return self._still[index].copy(), None
+
+    def _anchor(self, env: int, position: Floats) -> Floats:
+        """Return what the viewer follows: where the drone was on the average, lately."""
+        if self._trail is None or len(path := self._trail.of(env)[-_FOLLOWED:]) == 0:
+            return position
+        lag: Floats = path.mean(axis=0, dtype=float) - position
+        return position + lag * min(1.0, _LAG * self._length / max(float(np.linalg.norm(lag)), 1e-9))
+
+    def _draw_trail(self, canvas: DepthCanvas, env: int) -> None:
+        if self._trail is None:
+            return
+        path = self._trail.of(env)
+        canvas.lines(path[:-1], path[1:], _TRAIL, width_px=2 * self._line_px)
+
+    def _draw_cameras(self, canvas: DepthCanvas, env: int, position: Floats, quat_wxyz: Floats) -> None:
+        for camera in self._cameras:
+            apex, *corners = position + rotate(
+                quat_wxyz, frustum(camera.config_of(env), _FRUSTUM_LENGTH * self._length)
+            )
+            for corner, following in zip(corners, corners[1:] + corners[:1], strict=True):
+                canvas.lines(np.array([apex, corner]), np.array([corner, following]), _FRUSTUM, width_px=self._line_px)
+
+    def _draw_beams(self, canvas: DepthCanvas, env: int) -> None:
+        if not self._beams:
+            return
+        origin, ends, hit = beams_of(self._batch, env)
+        some = np.arange(0, len(ends), max(-(-len(ends) // _MAX_BEAMS), 1))
+        canvas.lines(np.broadcast_to(origin, ends[some].shape), ends[some], _BEAM, width_px=self._line_px, opacity=0.6)
+        canvas.dots(ends[hit], _HIT, size_px=3 * self._line_px)
+
+
+def frustum(camera: CameraConfig, length_m: float) -> Floats:
+    """Return where a camera is and the four corners of what it sees at a depth, (5, 3) m, body frame.
+
+    The corners are those of the image: upper left, upper right, lower right, lower left.
+    """
+    left, right = camera.cx / camera.fx, (camera.cx - camera.width_px) / camera.fx
+    top, bottom = camera.cy / camera.fy, (camera.cy - camera.height_px) / camera.fy
+    local = np.array([[0, 0, 0], [1, left, top], [1, right, top], [1, right, bottom], [1, left, bottom]]) * length_m
+    return np.asarray(camera.offset_m, float) + rotate(np.asarray(camera.quat_wxyz, float), local)
+
+
+def _averaged(fine: Image) -> Image:
+    rows = fine[::_FINER].astype(np.uint16)
+    for i in range(1, _FINER):
+        rows += fine[i::_FINER]
+    total = rows[:, ::_FINER].copy()
+    for j in range(1, _FINER):
+        total += rows[:, j::_FINER]
+    return ((total + _FINER * _FINER // 2) // (_FINER * _FINER)).astype(np.uint8)

@@ -1,0 +1,19 @@
+// Cars of a generated city.
+#pragma once
+
+#include "generators/city_parts.hpp"
+#include "planning/draws.hpp"
+
+namespace flockstep::streets {
+
+enum class CarKind : std::uint8_t { hatchback, sedan, estate, taxi, van, bus };
+
+struct CarSize {
+  double length, width, height;  // m
+};
+CarSize size_of(CarKind kind);
+
+// On the road at the frame's origin, its middle there, facing along x.
+void add_car(WorldBuilder& builder, std::uint16_t material, const Frame& frame, CarKind kind, Draws& draws);
+
+}  // namespace flockstep::streets

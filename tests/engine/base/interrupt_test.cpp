@@ -1,0 +1,140 @@
+#include "base/interrupt.hpp"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "flockstep/generators.hpp"
+#include "flockstep/planning.hpp"
+#include "flockstep/raycast.hpp"
+#include "formats/obj.hpp"
+#include "formats/scene_json.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::closet;
+using testing::lidar_batch;
+using testing::make_world;
+
+struct Stopped {};
+
+// As Ctrl-C would, at the first poll.
+struct Stop {
+  Interrupt interrupt{[] { throw Stopped(); }};
+  Stop() {
+    Interrupt::poll();
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));  // longer than the pause between looks
+  }
+};
+
+int polls = 0;
+
+TEST(Interrupt, LooksNowAndThen) {
+  polls = 0;
+  {
+    const Interrupt outer([] { ++polls; });
+    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(400);
+    while (std::chrono::steady_clock::now() < end) Interrupt::poll();
+    EXPECT_GE(polls, 1);
+    EXPECT_LE(polls, 8);
+    {
+      const Interrupt inner([] { throw Stopped(); });
+      Interrupt::poll();
+      std::this_thread::sleep_for(std::chrono::milliseconds(60));
+      EXPECT_THROW(Interrupt::poll(), Stopped);
+      std::thread([] { Interrupt::poll(); }).join();
+    }
+    Interrupt::poll();
+  }
+  const int before = polls;
+  std::this_thread::sleep_for(std::chrono::milliseconds(60));
+  Interrupt::poll();
+  EXPECT_EQ(polls, before);
+}
+
+TEST(Interrupt, EndsLoading) {
+  std::string spheres;
+  for (int i = 0; i < 2000; ++i) spheres += (i == 0 ? "" : ",") + std::string(R"({"center": [0, 0, 0], "radius": 1})");
+  const std::string scene = R"({"flockstep_scene": 1, "spheres": [)" + spheres + "]}";
+  std::string obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+  for (int i = 0; i < 20'000; ++i) obj += "f 1 2 3\n";
+  EXPECT_EQ(parse_scene(scene, "x", {}).primitives.size(), 2000U);
+  EXPECT_EQ(parse_obj(obj, "x").mesh.triangles.size(), 20'000U);
+  const Stop stop;
+  EXPECT_THROW(parse_scene(scene, "x", {}), Stopped);
+  EXPECT_THROW(parse_obj(obj, "x"), Stopped);
+}
+
+TEST(Interrupt, EndsWhatIsMadeOfAWorldAndTheWorldCanBeUsedAfterwards) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 400; ++i) {
+    for (int j = 0; j < 400; ++j) {
+      const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+      const auto x = static_cast<float>(i), y = static_cast<float>(j);
+      for (const Vec3& corner : {Vec3(x, y, 0), Vec3(x + 1, y, 0), Vec3(x, y + 1, 1)}) mesh.vertices.push_back(corner);
+      mesh.triangles.push_back({first, first + 1, first + 2});
+    }
+  }
+  const auto world = make_world({}, {}, mesh);
+  const std::vector<float> origin{0.25F, 0.25F, 5}, down{0, 0, -1};
+  {
+    const Stop stop;
+    EXPECT_THROW(raycast(*world, origin, down, 10), Stopped);
+    EXPECT_THROW(closet()->mesh(1e-5F), Stopped);
+  }
+  EXPECT_EQ(raycast(*world, origin, down, 10).primitive[0], 0);
+}
+
+TEST(Interrupt, EndsTheWorkOfABatch) {
+  for (const int threads : {1, 3}) {
+    BatchConfig config = lidar_batch(64, {.channels = 32, .beams = 64});
+    config.num_threads = threads;
+    config.block_size = 1;
+    config.episode.max_episode_steps = 100;
+    Batch batch(config, {closet()}, make_navigation({}));
+    batch.reset(std::vector<std::uint64_t>(64, 7));
+    const std::string before = batch.snapshot();
+    const std::vector<std::int64_t> actions(64, 1);
+    {
+      const Stop stop;
+      EXPECT_THROW(batch.step(actions), Stopped);
+      EXPECT_THROW(batch.sense(), Stopped);
+    }
+    // Some envs have been stepped and some not, so it is of no use until it is whole again.
+    const auto refusal = [](const auto& call) { return testing::message_of(call); };
+    for (const std::string& message : {refusal([&] { batch.step(actions); }), refusal([&] { batch.snapshot(); }),
+                                       refusal([&] { batch.reset({}, std::vector<std::uint8_t>(64, 0)); }),
+                                       refusal([&] { batch.spawn(std::vector<std::int64_t>{3}, {}, {}, {}); })}) {
+      EXPECT_NE(message.find("cut"), std::string::npos) << message;
+    }
+    batch.restore(before);
+    batch.step(actions);
+    const std::string after = batch.snapshot();
+    {
+      const Stop stop;
+      EXPECT_THROW(batch.reset({}), Stopped);
+      EXPECT_THROW(batch.step(actions), std::runtime_error);
+    }
+    batch.reset(std::vector<std::uint64_t>(64, 7));
+    batch.step(actions);
+    EXPECT_EQ(batch.snapshot(), after);
+  }
+}
+
+TEST(Interrupt, EndsPlanning) {
+  const auto world = testing::playground("train-1");
+  const auto goals = std::vector<Vec3>{*world->markers().goal};
+  EXPECT_TRUE(plan(*world, DroneModel::quadrotor650(), *world->markers().start, goals, 0.2F));
+  const Stop stop;
+  EXPECT_THROW(plan(*world, DroneModel::quadrotor650(), *world->markers().start, goals, 0.2F), Stopped);
+  EXPECT_THROW(flockstep::playground({.seed = 1}), Stopped);
+}
+
+}  // namespace
+}  // namespace flockstep

@@ -1,0 +1,216 @@
+// A hull at rest against something: however often it is pushed and turned, it comes no nearer, and it can always leave.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "collision/sweep.hpp"
+#include "convex_oracle.hpp"
+#include "prepared/prepared_world.hpp"
+#include "random.hpp"
+#include "tried.hpp"
+
+namespace flockstep::collision {
+namespace {
+
+using oracle::Vec3d;
+using testing::Random;
+
+const DroneModel& drone() {
+  static const DroneModel model = DroneModel::quadrotor650();
+  return model;
+}
+
+// Something to rest against, to the +x of a point.
+struct Obstacle {
+  std::string name;
+  SceneDescription scene;
+  std::function<double(const oracle::Support& hull)> distance;  // m, from below
+};
+
+Obstacle solid(const std::string& name, PrimitiveKind kind, const Vec3& center, const Vec3& half_extents, const Quat& rotation) {
+  const Primitive primitive{.kind = kind, .center = center, .rotation = rotation, .half_extents = half_extents};
+  SceneDescription scene;
+  scene.primitives = {primitive};
+  return {name, scene,
+          [shape = oracle::solid(primitive)](const oracle::Support& hull) { return oracle::distance(hull, shape).lower; }};
+}
+
+std::vector<Obstacle> obstacles_at(const Vec3& point) {
+  using enum PrimitiveKind;
+  const Quat turned(Eigen::AngleAxisf(0.7F, Vec3(1, 2, 3).normalized()));
+  const Vec3 center = point + Vec3(4, 0, 0);
+  std::vector<Obstacle> all{
+      solid("box", box, center, {1, 2, 2}, turned), solid("upright box", box, center, {1, 2, 2}, Quat::Identity()),
+      solid("sphere", sphere, center, {2, 2, 2}, Quat::Identity()), solid("cylinder", cylinder, center, {1, 1, 3}, turned),
+      solid("capsule", capsule, center, {1, 1, 3}, turned)};
+
+  SceneDescription in_room;
+  in_room.primitives = {{.kind = room, .center = point, .half_extents = Vec3(3, 40, 40)}};
+  const double wall = static_cast<double>(point.x()) + 3.0;
+  all.push_back({"wall of a room", in_room, [wall](const oracle::Support& hull) { return wall - hull(Vec3d::UnitX()).x(); }});
+
+  SceneDescription of_triangles;  // a wavy wall
+  constexpr int kCells = 6;
+  for (int i = 0; i <= kCells; ++i) {
+    for (int j = 0; j <= kCells; ++j) {
+      const Vec3 across(0.3F * std::sin(static_cast<float>(3 * i + j)), static_cast<float>(i) - 3.0F,
+                        static_cast<float>(j) - 3.0F);
+      of_triangles.mesh.vertices.push_back(center + across);
+    }
+  }
+  for (std::int32_t i = 0; i < kCells; ++i) {
+    for (std::int32_t j = 0; j < kCells; ++j) {
+      const std::int32_t corner = i * (kCells + 1) + j;
+      of_triangles.mesh.triangles.push_back({corner, corner + 1, corner + kCells + 2});
+      of_triangles.mesh.triangles.push_back({corner, corner + kCells + 2, corner + kCells + 1});
+    }
+  }
+  std::vector<oracle::Support> triangles;
+  for (const auto& triangle : of_triangles.mesh.triangles) {
+    std::vector<Vec3d> corners;
+    for (const std::int32_t index : triangle)
+      corners.push_back(of_triangles.mesh.vertices[static_cast<std::size_t>(index)].cast<double>());
+    triangles.push_back(oracle::polytope(corners));
+  }
+  all.push_back({"triangles", of_triangles, [triangles](const oracle::Support& hull) {
+                   double least = std::numeric_limits<double>::infinity();
+                   for (const auto& triangle : triangles) least = std::min(least, oracle::distance(hull, triangle).lower);
+                   return least;
+                 }});
+  return all;
+}
+
+Quat small_turn(Random& random, float least_rad, float most_rad) {
+  const float angle = least_rad * std::pow(most_rad / least_rad, random.within(0, 1));
+  return Quat(Eigen::AngleAxisf(angle, random.direction().normalized()));
+}
+
+oracle::Support hull_of(const Pose& pose) {
+  return oracle::hull_at(drone(), pose.position.cast<double>(), pose.rotation.cast<double>());
+}
+
+// As Batch::move() does.
+Pose moved(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to, Contact& contact) {
+  contact = sweep(obstacles, hull, from, to);
+  return contact.hit ? interpolate(from, to, contact.fraction) : to;
+}
+
+class Creep : public ::testing::TestWithParam<float> {};
+
+// Mostly towards what it rests against, by steps of all sizes, some of them aside, with turns of all sizes.
+TEST_P(Creep, NoPushesAndTurnsEatTheGap) {
+  const Vec3 point = GetParam() * Vec3(0.6F, -0.48F, 0.64F);
+  const Hull hull(drone());
+  const std::vector<Obstacle> all = obstacles_at(point);
+#if defined(NDEBUG)
+  constexpr long kMoves = 100'000;
+#else  // sanitizers and debug builds are slow
+  constexpr long kMoves = 10'000;
+#endif
+  const long moves = testing::times_tried(kMoves) / 6 / static_cast<long>(all.size());  // six places
+  Random random(static_cast<unsigned>(GetParam()) + 1U + 100'000U * testing::part_tried());
+  for (const Obstacle& obstacle : all) {
+    SCOPED_TRACE(obstacle.name);
+    const World world(obstacle.scene);
+    const Obstacles& obstacles = prepared(world).obstacles();
+    Contact contact;
+    Pose pose{point, random.rotation()};
+    long stuck = 0;
+    for (long i = 0; i < moves; ++i) {
+      if (i % 2000 == 0)
+        pose = moved(obstacles, hull, {point, random.rotation()}, {point + Vec3(6, 0, 0), pose.rotation}, contact);
+      const float size = std::pow(10.0F, random.within(-8, -2.5F));
+      const Vec3 way = random.within(0, 1) < 0.7F ? Vec3(Vec3(1, 0, 0) + 0.3F * random.direction()) : random.direction();
+      Pose target{pose.position + size * way, pose.rotation};
+      if (i % 3 != 0) target.rotation = (pose.rotation * small_turn(random, 1e-8F, 1e-3F)).normalized();
+      pose = moved(obstacles, hull, pose, target, contact);
+      ASSERT_FALSE(contact.inside) << i;
+      if (i % 1000 == 999) {
+        ASSERT_GE(obstacle.distance(hull_of(pose)), 0.4 * kStandoff) << i;
+        Contact leaving;
+        moved(obstacles, hull, pose, {pose.position - Vec3(0.1F, 0, 0), pose.rotation}, leaving);
+        stuck += leaving.hit;
+      }
+    }
+    EXPECT_EQ(stuck, 0) << "of motions straight away";
+  }
+  testing::tried("moves", moves * static_cast<long>(all.size()));
+}
+
+INSTANTIATE_TEST_SUITE_P(FromTheOrigin, Creep, ::testing::Values(0.0F, 8.0F, 30.0F, 100.0F, 1000.0F, 10000.0F));
+
+// Found by some ten million moves: from no start does Bullet's search for the distance from one of these triangles end well.
+TEST(Creep, AHullBesideATriangleThatIsHardToMeasureIsNotInside) {
+  const std::vector<Obstacle> all = obstacles_at(30.0F * Vec3(0.6F, -0.48F, 0.64F));
+  const Obstacle& triangles = all.back();
+  ASSERT_EQ(triangles.name, "triangles");
+  const World world(triangles.scene);
+  const Pose from{{0x1.562df2p+4F, -0x1.cccccp+3F, 0x1.333338p+4F},
+                  {-0x1.f1cd68p-8F, 0x1.5196fp-2F, 0x1.d8238ap-1F, -0x1.9e30cp-3F}};
+  const Pose to{{0x1.562dfcp+4F, -0x1.cccc92p+3F, 0x1.33334ep+4F},
+                {-0x1.fc6122p-8F, 0x1.517424p-2F, 0x1.d82658p-1F, -0x1.9e6bdap-3F}};
+  EXPECT_NEAR(triangles.distance(hull_of(from)), 9.11e-5, 1e-6);
+  EXPECT_FALSE(sweep(prepared(world).obstacles(), Hull(drone()), from, to).inside);
+}
+
+// How far the hull reaches into what it is in.
+double depth_in_wall(const Pose& pose) { return hull_of(pose)(Vec3d::UnitX()).x() - 3.0; }
+double depth_in_sphere(const Pose& pose) {
+  const oracle::Support center = [](const Vec3d&) { return Vec3d(4, 0, 0); };
+  return 2.0 - oracle::distance(hull_of(pose), center).upper;
+}
+
+TEST(Inside, MayMoveOutNeverDeeper) {
+#if defined(NDEBUG)
+  constexpr int kRounds = 200;
+#else
+  constexpr int kRounds = 16;
+#endif
+  const Hull hull(drone());
+  for (const bool in_room : {true, false}) {
+    SCOPED_TRACE(in_room);
+    const auto all = obstacles_at(Vec3::Zero());
+    const auto found = std::find_if(all.begin(), all.end(),
+                                    [&](const Obstacle& o) { return o.name == (in_room ? "wall of a room" : "sphere"); });
+    const World world(found->scene);
+    const Obstacles& obstacles = prepared(world).obstacles();
+    Random random(7);
+    int came_out = 0;
+    for (int round = 0; round < kRounds; ++round) {
+      Pose pose{Vec3(random.within(2.2F, 2.9F), random.within(-0.2F, 0.2F), random.within(-0.2F, 0.2F)), random.rotation()};
+      const auto depth = [&] { return in_room ? depth_in_wall(pose) : depth_in_sphere(pose); };
+      if (depth() < 1e-3) continue;
+      bool inside = true;
+      for (int i = 0; i < 400 && inside; ++i) {
+        const double before = depth();
+        const float size = std::pow(10.0F, random.within(-6, -1));
+        Pose target{pose.position + size * random.direction(), pose.rotation};
+        if (i % 2 != 0) target.rotation = (pose.rotation * small_turn(random, 1e-6F, 0.1F)).normalized();
+        Contact contact;
+        pose = moved(obstacles, hull, pose, target, contact);
+        inside = contact.inside;
+        if (inside) {
+          ASSERT_LE(depth(), before + 2e-6) << i;
+        }
+        ASSERT_TRUE(contact.fraction == 0.0F || contact.fraction == 1.0F || !inside);
+      }
+      came_out += !inside;
+      if (inside) {  // by the way that the contact tells
+        Contact contact;
+        pose = moved(obstacles, hull, pose, pose, contact);
+        moved(obstacles, hull, pose, {pose.position + 2.0F * contact.normal, pose.rotation}, contact);
+        EXPECT_EQ(contact.fraction, 1.0F);
+      }
+    }
+    EXPECT_GT(came_out, kRounds / 4);
+  }
+}
+
+}  // namespace
+}  // namespace flockstep::collision

@@ -1,0 +1,438 @@
+#include "formats/gltf_writer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "flockstep/generators.hpp"
+#include "formats/gltf.hpp"
+#include "world/scene_description.hpp"
+
+namespace flockstep {
+namespace {
+
+using Json = nlohmann::json;
+
+GltfFile read_back(const std::string& bytes, const LoadOptions& options = {}) {
+  return parse_gltf(bytes, "x.glb", "/nowhere", options);
+}
+
+std::string written(const World& world, GltfForm form = GltfForm::binary) {
+  SceneDescription description{world.name(),
+                               {world.materials().begin(), world.materials().end()},
+                               {world.textures().begin(), world.textures().end()},
+                               {world.primitives().begin(), world.primitives().end()},
+                               world.triangles(),
+                               world.markers(),
+                               world.light()};
+  return write_gltf(canonical(std::move(description)), form, "x.glb");
+}
+
+void expect_equal_world(const World& world, GltfForm form) {
+  GltfFile file = read_back(written(world, form));
+  EXPECT_TRUE(file.ignored.empty()) << file.ignored[0];
+  const World again(std::move(file.scene));
+  EXPECT_EQ(again.content_hash(), world.content_hash());
+  EXPECT_EQ(again.name(), world.name());
+}
+
+// ---------------------------------------------------------------------------------------------------- every world there is
+
+class AnyWorld {
+ public:
+  explicit AnyWorld(unsigned seed) : random_(seed) {}
+
+  World make() {
+    SceneDescription scene;
+    scene.name = name();
+    scene.materials.clear();
+    for (int i = below(4); i > 0; --i) add_texture(scene.textures);
+    for (int i = 1 + below(4); i > 0; --i) {
+      Material material{name(), {share(), share(), share()}, static_cast<std::uint16_t>(below(2) * below(65533))};
+      if (!scene.textures.empty() && below(2) == 0) {
+        material.texture = static_cast<std::uint16_t>(below(static_cast<int>(scene.textures.size())));
+      }
+      if (below(2) == 0) material.emissive = {share(), below(2) == 0 ? 100.0F * share() : 0.0F, 0.1F};
+      if (below(2) == 0) material.alpha_cutoff = share();
+      scene.materials.push_back(material);
+    }
+    for (int kind = 0; kind < 7; ++kind) {
+      for (int i = kind == 0 ? below(2) : below(4); i > 0; --i) add_primitive(scene, static_cast<PrimitiveKind>(kind));
+    }
+    add_triangles(scene);
+    Markers& markers = scene.markers;
+    markers.radius = size();
+    if (below(2) == 0) markers.start = point();
+    if (below(2) == 0) markers.goal = point();
+    for (int i = below(13); i > 0; --i) markers.waypoints.push_back(point());
+    if (below(2) == 0) {
+      const Vec3 a = point(), b = point();
+      markers.spawn_box = Aabb{a.cwiseMin(b), a.cwiseMax(b)};
+    }
+    if (below(2) == 0) {
+      const auto color = [&] { return std::array<float, 3>{100 * share(), share(), 0.0F}; };
+      scene.light = {
+          {coordinate(), coordinate(), size()},          color(), color(), color(), color(), color(), 1.0F + 3 * share(),
+          below(2) == 0 ? 0.0F : 0.1F + 44.0F * share(), share()};
+    }
+    return World(std::move(scene));
+  }
+
+ private:
+  int below(int n) { return std::uniform_int_distribution<int>(0, n - 1)(random_); }
+  float share() { return std::uniform_real_distribution<float>(0.0F, 1.0F)(random_); }
+  float size() { return std::pow(10.0F, 8.0F * share() - 5.0F) * (0.5F + share()); }
+
+  // Ordinary ones, and those whose last bit, or sign, may be lost.
+  float coordinate() {
+    const float ordinary = 200.0F * share() - 100.0F;
+    constexpr float kTiny = std::numeric_limits<float>::denorm_min();
+    const std::array<float, 8> special{0.0F, -0.0F, kTiny, -1e-30F, 1e6F, -999999.9F, 1.0F / 3.0F, -1.0F};
+    return below(4) == 0 ? special[static_cast<std::size_t>(below(8))] : ordinary;
+  }
+  Vec3 point() { return {coordinate(), coordinate(), coordinate()}; }
+
+  std::string name() {
+    const std::array<std::string, 5> stems{"", "wood ", "\"quoted\\", "Stra\xc3\x9f\x65 ", "waypoint."};
+    const bool is_empty = names_++ % 50 == 3;  // at most one of each kind of thing
+    return is_empty ? "" : stems[static_cast<std::size_t>(below(5))] + std::to_string(names_);
+  }
+
+  Quat rotation() {
+    if (below(4) == 0) return Quat::Identity();
+    if (below(4) == 0) return Quat(0.0F, -0.0F, below(2) == 0 ? 1.0F : -1.0F, 0.0F);
+    return Quat(share() - 0.5F, share() - 0.5F, share() - 0.5F, share() - 0.5F).normalized();
+  }
+
+  void add_texture(std::vector<Texture>& textures) {
+    Texture texture{.name = name(), .width_px = 1 + below(9), .height_px = 1 + below(9)};
+    for (int i = 4 * texture.width_px * texture.height_px; i > 0; --i) {
+      texture.rgba.push_back(static_cast<std::uint8_t>(below(256)));
+    }
+    texture.wrap = {static_cast<TextureWrap>(below(3)), static_cast<TextureWrap>(below(3))};
+    textures.push_back(std::move(texture));
+  }
+
+  void add_primitive(SceneDescription& scene, PrimitiveKind kind) {
+    Primitive primitive{.kind = kind, .center = point(), .rotation = rotation(), .half_extents = {size(), size(), size()}};
+    Vec3& half = primitive.half_extents;
+    if (kind == PrimitiveKind::room || kind == PrimitiveKind::sphere) primitive.rotation = Quat::Identity();
+    if (kind == PrimitiveKind::room) primitive.center = primitive.center.cwiseMin(1e5F).cwiseMax(-1e5F);
+    if (kind != PrimitiveKind::room && kind != PrimitiveKind::box && kind != PrimitiveKind::plane) half.y() = half.x();
+    if (kind == PrimitiveKind::sphere) half.z() = half.x();
+    if (kind == PrimitiveKind::capsule) half.z() = std::max(half.z(), half.x());
+    if (kind == PrimitiveKind::plane || kind == PrimitiveKind::disc) half.z() = -0.0F;
+    primitive.material = static_cast<std::uint16_t>(below(static_cast<int>(scene.materials.size())));
+    scene.primitives.push_back(primitive);
+  }
+
+  // At least one, of objects with gaps between their numbers and materials that come again.
+  void add_triangles(SceneDescription& scene) {
+    TriangleMesh& mesh = scene.mesh;
+    const bool is_colored = below(2) == 0;
+    for (int i = 3 + below(30); i > 0; --i) {
+      mesh.vertices.push_back(point());
+      mesh.uv.push_back({coordinate(), coordinate()});
+      if (is_colored) mesh.colors.push_back({share(), share(), 1.0F});
+    }
+    const auto corner = [&] { return below(static_cast<int>(mesh.vertices.size())); };
+    for (int tries = 1 + below(60); tries > 0 || mesh.triangles.empty(); --tries) {
+      if (mesh.triangles.empty()) mesh.vertices[0] = {1.0F, 2.0F, static_cast<float>(tries)};
+      const std::array<std::int32_t, 3> triangle{corner(), corner(), corner()};
+      const auto at = [&](std::size_t k) { return mesh.vertices[static_cast<std::size_t>(triangle[k])]; };
+      if (is_degenerate(at(0), at(1), at(2))) continue;
+      mesh.triangles.push_back(triangle);
+      mesh.materials.push_back(static_cast<std::uint16_t>(below(static_cast<int>(scene.materials.size()))));
+      mesh.objects.push_back(static_cast<std::uint16_t>(3 * below(4) + 65526 * (below(20) / 19)));
+    }
+  }
+
+  std::mt19937 random_;
+  int names_ = 0;
+};
+
+TEST(GltfWriter, AnyWorldComesBackEqual) {
+  for (unsigned seed = 0; seed < 300; ++seed) {
+    SCOPED_TRACE(seed);
+    expect_equal_world(AnyWorld(seed).make(), seed % 2 == 0 ? GltfForm::binary : GltfForm::text);
+    if (HasFailure()) break;
+  }
+}
+
+TEST(GltfWriter, ShippedAndGeneratedWorldsComeBackEqual) {
+  std::size_t count = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(FLOCKSTEP_SCENES)) {
+    if (entry.path().extension() != ".json" || entry.path().stem() == "schema") continue;
+    SCOPED_TRACE(entry.path());
+    expect_equal_world(*World::load(entry.path()), GltfForm::binary);
+    ++count;
+  }
+  EXPECT_GE(count, 10U);
+  for (std::uint64_t seed = 0; seed < 5; ++seed) expect_equal_world(*playground({.seed = seed}), GltfForm::binary);
+  expect_equal_world(*forest({.seed = 1, .trees = 10, .size_m = {20.0F, 20.0F}}), GltfForm::binary);
+}
+
+TEST(GltfWriter, VerticesBeyond16BitsAreKept) {
+  SceneDescription scene;
+  for (std::int32_t i = 0; i < 70000; ++i) {
+    scene.mesh.vertices.emplace_back(static_cast<float>(i), static_cast<float>(i % 2), 0.0F);
+    if (i >= 2) scene.mesh.triangles.push_back({i - 2, i - 1, i});
+  }
+  expect_equal_world(World(std::move(scene)), GltfForm::binary);
+}
+
+// The tessellation is part of the format: files of before are read as they were.
+TEST(GltfWriter, FilesOfBeforeKeepTheirPrimitives) {
+  const std::filesystem::path folder = std::filesystem::path(FLOCKSTEP_CORPUS) / "gltf";
+  for (const auto& [name, count] : std::map<std::string, std::size_t>{{"ours_flat.glb", 3}, {"ours_round.glb", 4}}) {
+    const auto world = World::load(folder / name);
+    EXPECT_EQ(world->primitives().size(), count) << name;
+    EXPECT_TRUE(world->ignored().empty()) << name;
+  }
+}
+
+// ------------------------------------------------------------------------------------------------------ placed and edited
+
+// A box, a cylinder and a capsule that lie askew, and a triangle.
+World small_world() {
+  const Quat askew = Quat(0.5F, 0.1F, -0.7F, 0.3F).normalized();
+  SceneDescription scene;
+  scene.name = "small";
+  scene.primitives = {{PrimitiveKind::room, {0, 0, 5}, Quat::Identity(), {20, 15, 5}, 0},
+                      {PrimitiveKind::box, {1, 2, 3}, askew, {1, 2, 3}, 0},
+                      {PrimitiveKind::cylinder, {-4, 5, 2}, askew, {0.5F, 0.5F, 2}, 0},
+                      {PrimitiveKind::sphere, {7, 5, 2}, Quat::Identity(), {2, 2, 2}, 0},
+                      {PrimitiveKind::capsule, {4, -5, 2}, askew, {0.5F, 0.5F, 2}, 0}};
+  scene.mesh.vertices = {{0, 0, 1}, {1, 0, 1}, {0, 1, 2}};
+  scene.mesh.triangles = {{0, 1, 2}};
+  scene.markers = {.radius = 0.5F, .start = Vec3(1, 2, 3), .spawn_box = Aabb{{0, 1, 2}, {3, 5, 7}}};
+  scene.light.sun_direction = {0.0F, 0.6F, 0.8F};
+  return World(std::move(scene));
+}
+
+using Edit = std::function<void(Json&)>;
+
+std::string edited(const Edit& edit) {
+  Json json = Json::parse(written(small_world(), GltfForm::text));
+  edit(json);
+  return json.dump();
+}
+
+GltfFile read_edited(const Edit& edit, const LoadOptions& options = {}) { return read_back(edited(edit), options); }
+
+std::string message_of(const Edit& edit) {
+  try {
+    read_edited(edit);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+void expect_near(const Vec3& a, const Vec3& b) { EXPECT_LT((a - b).norm(), 2e-5F) << a.transpose() << " and " << b.transpose(); }
+
+// The same solid: a point of its surface in its own frame lies in the same place, whichever way its frame is turned.
+void expect_same_solid(const Primitive& a, const Primitive& b, const Eigen::Affine3f& moved) {
+  EXPECT_EQ(a.kind, b.kind);
+  expect_near(b.center, moved * a.center);
+  const Mat3 of_a = moved.linear() * a.rotation * Mat3(a.half_extents.asDiagonal());
+  const Mat3 of_b = b.rotation * Mat3(b.half_extents.asDiagonal());
+  if (a.kind == PrimitiveKind::sphere) return expect_near(b.half_extents, Vec3::Constant(of_a.col(0).norm()));
+  for (int i = 0; i < 3; ++i) {
+    int best = 0;  // a room's axes may change places
+    for (int k = 1; k < 3; ++k)
+      best = std::abs(of_b.col(k).dot(of_a.col(i))) > std::abs(of_b.col(best).dot(of_a.col(i))) ? k : best;
+    const int k = a.kind == PrimitiveKind::room ? best : i;
+    expect_near(of_b.col(k) * (of_b.col(k).dot(of_a.col(i)) < 0 ? -1.0F : 1.0F), of_a.col(i));
+  }
+}
+
+TEST(GltfWriter, ItIsPlacedAsAWhole) {
+  const World world = small_world();
+  for (const UpAxis up : {UpAxis::of_format, UpAxis::y, UpAxis::z}) {
+    const LoadOptions options{.scale = 2.0, .origin = {10, 20, 30}, .up = up};
+    const GltfFile file = read_back(written(world), options);
+    EXPECT_TRUE(file.ignored.empty());
+    Eigen::Affine3f moved = Eigen::Translation3f(options.origin) * Eigen::Scaling(2.0F);
+    if (up == UpAxis::z) moved = moved * Eigen::AngleAxisf(static_cast<float>(-std::acos(0.0)), Vec3::UnitX());
+    const World read(file.scene);
+    ASSERT_EQ(read.primitives().size(), 5U);
+    for (std::size_t i = 0; i < 5; ++i) expect_same_solid(world.primitives()[i], read.primitives()[i], moved);
+    for (std::size_t i = 0; i < 3; ++i) expect_near(read.triangles().vertices[i], moved * world.triangles().vertices[i]);
+    expect_near(*read.markers().start, moved * *world.markers().start);
+    EXPECT_EQ(read.markers().radius, 1.0F);
+    const Vec3 a = moved * world.markers().spawn_box->min, b = moved * world.markers().spawn_box->max;
+    expect_near(read.markers().spawn_box->min, a.cwiseMin(b));
+    expect_near(read.markers().spawn_box->max, a.cwiseMax(b));
+    expect_near(Vec3(read.light().sun_direction.data()), moved.linear() * Vec3(world.light().sun_direction.data()) / 2.0F);
+  }
+}
+
+// Nodes 0 to 4 are the primitives, 5 the mesh, 6 the start, 7 the sun.
+TEST(GltfWriter, WhatIsMovedInAnotherProgramMoves) {
+  const World world = small_world();
+  const double half = std::sqrt(0.5);  // a quarter turn about the file's y axis, which is z
+  const GltfFile file = read_edited([&](Json& json) {
+    json["scenes"][0]["nodes"] = {8};
+    json["nodes"].push_back(
+        {{"children", {1, 2, 3, 4, 5}}, {"rotation", {0, half, 0, half}}, {"scale", {3, 3, -3}}, {"translation", {5, 6, 7}}});
+  });
+  EXPECT_TRUE(file.ignored.empty());
+  Eigen::Affine3f moved = Eigen::Translation3f(5, -7, 6) * Eigen::AngleAxisf(static_cast<float>(std::acos(0.0)), Vec3::UnitZ()) *
+                          Eigen::Scaling(Vec3(3, -3, 3));
+  ASSERT_EQ(file.scene.primitives.size(), 4U);
+  for (std::size_t i = 0; i < 4; ++i) expect_same_solid(world.primitives()[i + 1], file.scene.primitives[i], moved);
+
+  const GltfFile stretched = read_edited([](Json& json) { json["nodes"][1]["scale"] = {1, 7, 2}; });
+  EXPECT_EQ(stretched.scene.primitives[1].half_extents, Vec3(1, 2, 7));
+  const GltfFile turned = read_edited([](Json& json) { json["nodes"][7]["rotation"] = {0, 0, 0, 1}; });
+  expect_near(Vec3(turned.scene.light.sun_direction.data()), Vec3(0, -1, 0));
+  const GltfFile twice = read_edited([](Json& json) {
+    json["scenes"][0]["nodes"].push_back(8);
+    json["nodes"].push_back(json["nodes"][5]);
+  });
+  EXPECT_EQ(twice.scene.mesh.objects, (std::vector<std::uint16_t>{0, 1}));
+}
+
+TEST(GltfWriter, WhatIsAPrimitiveNoLongerIsAMesh) {
+  const std::string one = "1 primitive in extras of another shape than the mesh, which is read instead";
+  const std::vector<Edit> edits{
+      [](Json& json) { json["nodes"][3]["scale"] = {2, 3, 2}; },                  // an ellipsoid
+      [](Json& json) { json["nodes"][2]["scale"] = {1, 2, 3}; },                  // an oval cylinder
+      [](Json& json) { json["nodes"][0]["rotation"] = {0.6, 0, 0, 0.8}; },        // a room askew
+      [](Json& json) { json["nodes"][3]["mesh"] = json["nodes"][1]["mesh"]; },    // a box for a ball
+      [](Json& json) { json["nodes"][4]["extras"]["flockstep"]["height"] = 5; },  // other numbers than the mesh
+      [](Json& json) { json["accessors"][1]["count"] = 30; },                     // the room without a side
+      [](Json& json) { json["meshes"][1]["primitives"].push_back(json["meshes"][0]["primitives"][0]); },
+      [](Json& json) {  // sheared
+        json["nodes"][1].erase("rotation");
+        json["nodes"][1].erase("scale");
+        json["nodes"][1].erase("translation");
+        json["nodes"][1]["matrix"] = {1, 1, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+      }};
+  for (std::size_t i = 0; i < edits.size(); ++i) {
+    SCOPED_TRACE(i);
+    const GltfFile file = read_edited(edits[i]);
+    EXPECT_EQ(file.ignored, std::vector<std::string>{one});
+    EXPECT_EQ(file.scene.primitives.size(), 4U);
+    EXPECT_NO_THROW(World{file.scene});
+  }
+}
+
+TEST(GltfWriter, WithoutExtrasAllIsMeshes) {
+  const World world = small_world();
+  const GltfFile file = read_edited([](Json& json) {
+    json["scenes"][0].erase("extras");
+    for (Json& node : json["nodes"]) node.erase("extras");
+  });
+  EXPECT_TRUE(file.scene.primitives.empty());
+  EXPECT_FALSE(file.has_name);
+  const World read(file.scene);
+  EXPECT_EQ(read.triangles().objects.back(), 5);
+  EXPECT_EQ(read.markers().start, world.markers().start);
+  expect_near(Vec3(read.light().sun_direction.data()), Vec3(world.light().sun_direction.data()));
+  expect_near(read.bounds().min, world.bounds().min);
+  expect_near(read.bounds().max, world.bounds().max);
+}
+
+TEST(GltfWriter, BadExtrasAreRefused) {
+  const auto of_node = [](std::size_t node, const Json& ours) {
+    return message_of([&](Json& json) { json["nodes"][node]["extras"]["flockstep"] = ours; });
+  };
+  const std::string at_1 = "x.glb: /nodes/1/extras/flockstep", at_4 = "x.glb: /nodes/4/extras/flockstep";
+  EXPECT_EQ(of_node(1, 3), at_1 + ": expected an object, got 3");
+  EXPECT_EQ(of_node(1, {{"primitive", "cube"}}),
+            at_1 + R"(/primitive: expected "room", "box", "cylinder", "sphere", "capsule", "plane" or "disc", got "cube")");
+  EXPECT_EQ(of_node(1, {{"primitive", "box"}, {"radius", 1}}), at_1 + "/radius: unknown field; expected one of primitive");
+  EXPECT_EQ(of_node(1, {{"shape", "box"}}),
+            at_1 + "/shape: unknown field; expected one of primitive, radius, height, object, order");
+  EXPECT_EQ(of_node(1, Json::object()), at_1 + ": expected a field \"object\", found none");
+  EXPECT_EQ(of_node(4, {{"primitive", "capsule"}, {"radius", 1}}), at_4 + ": expected a field \"height\", found none");
+  EXPECT_EQ(of_node(4, {{"primitive", "capsule"}, {"radius", 0}, {"height", 3}}),
+            at_4 + "/radius: expected a number in [1e-06, 1e+06], got 0");
+  EXPECT_EQ(of_node(4, {{"primitive", "capsule"}, {"radius", 2}, {"height", 3}}),
+            at_4 + "/height: expected a number >= twice the radius, got 3");
+  EXPECT_EQ(of_node(5, {{"object", 65536}}),
+            "x.glb: /nodes/5/extras/flockstep/object: expected an integer in [0, 65535], got 65536");
+  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0}}}),
+            "x.glb: /nodes/5/extras/flockstep/order: expected two integers for each run of triangles, got 1");
+  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, -1}}}),
+            "x.glb: /nodes/5/extras/flockstep/order/1: expected an integer in [0, 4294967295], got -1");
+  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {7, 1}}}), "accepted");  // of another mesh: means nothing
+  EXPECT_EQ(of_node(5, {{"object", 0}, {"order", {0, 4294967295U}}}), "accepted");
+  EXPECT_EQ(of_node(6, {{"primitive", "box"}}),
+            "x.glb: /nodes/6/extras: expected a mesh of the node, which \"flockstep\" tells more about, found none");
+  EXPECT_EQ(message_of([](Json& json) { json["nodes"][1]["scale"] = {1e7, 1, 1}; }),
+            "x.glb: /nodes/1: expected a primitive within +-1e+06 m, of sizes >= 1e-06 m, got (1, 2, 3)");
+  EXPECT_EQ(message_of([](Json& json) { json["nodes"][1]["extras"] = "anything"; }), "accepted");
+
+  const auto of_scene = [](const Json& ours) {
+    return message_of([&](Json& json) { json["scenes"][0]["extras"]["flockstep"] = ours; });
+  };
+  const std::string scene = "x.glb: /scenes/0/extras/flockstep";
+  EXPECT_EQ(of_scene({{"boxes", 1}}), scene + "/boxes: unknown field; expected one of light, markers");
+  EXPECT_EQ(of_scene({{"light", {{"gamma", 9}}}}), scene + "/light/gamma: expected a number in [1, 4], got 9");
+  EXPECT_EQ(of_scene({{"markers", {{"start", {0, 0, 0}}}}}),
+            scene + "/markers/start: unknown field; expected one of radius, spawn_box");
+  EXPECT_EQ(of_scene({{"markers", {{"spawn_box", {{"min", {0, 0, "x"}}, {"max", {1, 1, 1}}}}}}}),
+            scene + "/markers/spawn_box/min/2: expected a number, got \"x\"");
+}
+
+// ---------------------------------------------------------------------------------------------------------------- files
+
+TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_gltf_writer";
+  std::filesystem::create_directories(folder);
+  const World world = small_world();
+  for (const char* const name : {"a.glb", "a.gltf", "a.json", "B.GLB"}) {
+    world.save(folder / name);
+    const auto read = World::load(folder / name);
+    EXPECT_EQ(read->content_hash(), world.content_hash()) << name;
+    EXPECT_EQ(read->name(), "small");
+  }
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), 4);  // nothing is left beside them
+  const auto message = [&](const std::filesystem::path& path) -> std::string {
+    try {
+      world.save(path);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "saved";
+  };
+  EXPECT_EQ(message("/nowhere/a.glb"), "/nowhere/a.glb: cannot write a glTF file: No such file or directory");
+  EXPECT_EQ(message("/nowhere/a.obj"), "/nowhere/a.obj: expected a file ending in .json, .glb or .gltf, got \".obj\"");
+  std::filesystem::remove_all(folder);
+}
+
+TEST(GltfWriter, WhatIsTooLargeIsRefused) {
+  SceneDescription scene;
+  scene.primitives = {{PrimitiveKind::sphere, Vec3::Zero(), Quat::Identity(), Vec3::Ones(), 0}};
+  scene = canonical(std::move(scene));
+  for (const GltfForm form : {GltfForm::text, GltfForm::binary}) {
+    const std::size_t size = write_gltf(scene, form, "x").size();
+    EXPECT_EQ(write_gltf(scene, form, "x", size).size(), size);
+    for (const std::size_t less : {size - 1, size / 2, std::size_t{0}}) {
+      try {
+        write_gltf(scene, form, "x", less);
+        ADD_FAILURE() << less;
+      } catch (const std::invalid_argument& error) {
+        EXPECT_EQ(error.what(),
+                  "x: expected a world that glTF holds in " + std::to_string(less) + " bytes, got one that needs more");
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace flockstep

@@ -1,0 +1,612 @@
+#include "formats/scene_json.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "world/scene_description.hpp"
+
+namespace flockstep {
+namespace {
+
+std::string scene(const std::string& fields) { return R"({"flockstep_scene": 1, )" + fields + "}"; }
+
+const std::string kRoom = R"("room": {"min": [0, 0, 0], "max": [4, 6, 2]})";
+
+std::string message_of(const std::string& text) {
+  try {
+    parse_scene(text, "x.json", {});
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+template <class T>
+void expect_same_bits(const T& a, const T& b, const std::string& what) {
+  EXPECT_EQ(std::memcmp(&a, &b, sizeof(T)), 0) << what;
+}
+
+void expect_same(const World& a, const World& b) {
+  EXPECT_EQ(a.name(), b.name());
+  ASSERT_EQ(a.materials().size(), b.materials().size());
+  for (std::size_t i = 0; i < a.materials().size(); ++i) {
+    EXPECT_EQ(a.materials()[i].name, b.materials()[i].name);
+    EXPECT_EQ(a.materials()[i].base_color, b.materials()[i].base_color);
+    EXPECT_EQ(a.materials()[i].semantic, b.materials()[i].semantic);
+    EXPECT_EQ(a.materials()[i].emissive, b.materials()[i].emissive);
+    EXPECT_EQ(a.materials()[i].alpha_cutoff, b.materials()[i].alpha_cutoff);
+  }
+  ASSERT_EQ(a.primitives().size(), b.primitives().size());
+  for (std::size_t i = 0; i < a.primitives().size(); ++i) {
+    const std::string what = "primitive " + std::to_string(i);
+    const Primitive& p = a.primitives()[i];
+    const Primitive& q = b.primitives()[i];
+    EXPECT_EQ(p.kind, q.kind) << what;
+    EXPECT_EQ(p.material, q.material) << what;
+    expect_same_bits(p.center, q.center, what);
+    expect_same_bits(p.rotation.coeffs(), q.rotation.coeffs(), what);
+    expect_same_bits(p.half_extents, q.half_extents, what);
+  }
+  EXPECT_EQ(a.triangles().triangles, b.triangles().triangles);
+  EXPECT_EQ(a.triangles().materials, b.triangles().materials);
+  EXPECT_EQ(a.triangles().objects, b.triangles().objects);
+  EXPECT_EQ(a.triangles().colors, b.triangles().colors);
+  ASSERT_EQ(a.triangles().vertices.size(), b.triangles().vertices.size());
+  for (std::size_t i = 0; i < a.triangles().vertices.size(); ++i) {
+    expect_same_bits(a.triangles().vertices[i], b.triangles().vertices[i], "vertex " + std::to_string(i));
+  }
+  const Markers& m = a.markers();
+  const Markers& n = b.markers();
+  EXPECT_EQ(m.radius, n.radius);
+  EXPECT_EQ(m.start, n.start);
+  EXPECT_EQ(m.waypoints, n.waypoints);
+  EXPECT_EQ(m.goal, n.goal);
+  ASSERT_EQ(m.spawn_box.has_value(), n.spawn_box.has_value());
+  if (m.spawn_box) {
+    EXPECT_EQ(m.spawn_box->min, n.spawn_box->min);
+    EXPECT_EQ(m.spawn_box->max, n.spawn_box->max);
+  }
+  static_assert(sizeof(Light) == 21 * sizeof(float), "padding would be compared as well");
+  expect_same_bits(a.light(), b.light(), "light");
+}
+
+TEST(SceneJson, ReadsEveryKindOfThing) {
+  const SceneDescription read = parse_scene(scene(R"(
+      "name": "all of it",
+      "materials": {"red": {"base_color": [1, 0, 0.5]}},
+      "room": {"min": [0, -1, 0], "max": [4, 5, 2], "material": "red"},
+      "pillars": [{"center": [1, 2], "radius": 0.25}, {"center": [1, 3], "radius": 0.5, "z": [0.5, 1.5]}],
+      "cylinders": [{"center": [2, 2, 1], "radius": 0.1, "height": 0.6, "quat_wxyz": [0, 1, 0, 0]}],
+      "boxes": [{"center": [3, 3, 1], "size": [0.2, 0.4, 0.6], "material": "red"}],
+      "spheres": [{"center": [1, 1, 1], "radius": 0.3}],
+      "capsules": [{"center": [2, 1, 1], "radius": 0.1, "height": 0.6, "quat_wxyz": [0, 0, 1, 0]},
+                   {"center": [2, 1, 1], "radius": 0.25, "height": 0.5, "material": "red"}],
+      "planes": [{"center": [2, 3, 1], "size": [0.2, 0.4], "quat_wxyz": [0, 1, 0, 0], "material": "red"}],
+      "discs": [{"center": [3, 2, 1], "radius": 0.2, "quat_wxyz": [0, 0, 0, 1]}],
+      "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]],
+                  "scale": 2, "quat_wxyz": [0.70710678, 0, 0, 0.70710678], "position": [1, 1, 1]}],
+      "markers": {"radius": 0.2, "start": [1, 0, 1], "waypoints": [[2, 0, 1]], "goal": [3, 0, 1],
+                  "spawn_box": {"min": [0.5, -0.5, 0.5], "max": [1.5, 0.5, 1.5]}})"),
+                                            "x.json", {});
+  EXPECT_EQ(read.name, "all of it");
+  ASSERT_EQ(read.materials.size(), 2U);
+  EXPECT_EQ(read.materials[0].name, "red");
+  EXPECT_EQ(read.materials[0].base_color, (std::array<float, 3>{1.0F, 0.0F, 0.5F}));
+  EXPECT_EQ(read.materials[1].name, "default");
+
+  ASSERT_EQ(read.primitives.size(), 10U);
+  const auto expect = [&](std::size_t i, PrimitiveKind kind, const Vec3& center, const Vec3& half, int material) {
+    EXPECT_EQ(read.primitives[i].kind, kind) << i;
+    EXPECT_TRUE(read.primitives[i].center.isApprox(center)) << i << ": " << read.primitives[i].center.transpose();
+    EXPECT_TRUE(read.primitives[i].half_extents.isApprox(half)) << i << ": " << read.primitives[i].half_extents.transpose();
+    EXPECT_EQ(read.primitives[i].material, material) << i;
+  };
+  expect(0, PrimitiveKind::room, {2, 2, 1}, {2, 3, 1}, 0);
+  expect(1, PrimitiveKind::cylinder, {1, 2, 1}, {0.25F, 0.25F, 1}, 1);
+  expect(2, PrimitiveKind::cylinder, {1, 3, 1}, {0.5F, 0.5F, 0.5F}, 1);
+  expect(3, PrimitiveKind::cylinder, {2, 2, 1}, {0.1F, 0.1F, 0.3F}, 1);
+  expect(4, PrimitiveKind::box, {3, 3, 1}, {0.1F, 0.2F, 0.3F}, 0);
+  expect(5, PrimitiveKind::sphere, {1, 1, 1}, {0.3F, 0.3F, 0.3F}, 1);
+  expect(6, PrimitiveKind::capsule, {2, 1, 1}, {0.1F, 0.1F, 0.3F}, 1);
+  expect(7, PrimitiveKind::capsule, {2, 1, 1}, {0.25F, 0.25F, 0.25F}, 0);
+  expect(8, PrimitiveKind::plane, {2, 3, 1}, {0.1F, 0.2F, 0}, 0);
+  expect(9, PrimitiveKind::disc, {3, 2, 1}, {0.2F, 0.2F, 0}, 1);
+  EXPECT_EQ(read.primitives[3].rotation.x(), 1.0F);
+  EXPECT_EQ(read.primitives[6].rotation.y(), 1.0F);
+  EXPECT_EQ(read.primitives[8].rotation.x(), 1.0F);
+  EXPECT_EQ(read.primitives[9].rotation.z(), 1.0F);
+
+  // A quarter turn about z takes (2, 0, 0) to (0, 2, 0).
+  ASSERT_EQ(read.mesh.vertices.size(), 3U);
+  EXPECT_TRUE(read.mesh.vertices[1].isApprox(Vec3(1, 3, 1), 1e-6F)) << read.mesh.vertices[1].transpose();
+  EXPECT_TRUE(read.mesh.vertices[2].isApprox(Vec3(-1, 1, 1), 1e-6F)) << read.mesh.vertices[2].transpose();
+  EXPECT_EQ(read.mesh.materials, std::vector<std::uint16_t>{1});
+
+  EXPECT_EQ(read.markers.radius, 0.2F);
+  EXPECT_EQ(read.markers.start, Vec3(1, 0, 1));
+  EXPECT_EQ(read.markers.waypoints, std::vector<Vec3>{Vec3(2, 0, 1)});
+  EXPECT_EQ(read.markers.goal, Vec3(3, 0, 1));
+  ASSERT_TRUE(read.markers.spawn_box);
+  EXPECT_EQ(read.markers.spawn_box->max, Vec3(1.5F, 0.5F, 1.5F));
+}
+
+TEST(SceneJson, ReadsWhatCamerasSeeThingsBy) {
+  const SceneDescription read = parse_scene(scene(kRoom + R"(,
+      "materials": {"first": {"base_color": [1, 0, 0], "semantic": 7}, "second": {"base_color": [0, 1, 0]},
+                    "third": {"base_color": [0, 0, 1], "semantic": 65532}, "fourth": {"base_color": [0, 0, 1], "semantic": 1.0}},
+      "light": {"sun_direction": [0, 3, -4], "sun_color": [0, 1, 100], "sky_ambient": [1, 2, 3], "ground_ambient": [4, 5, 6],
+                "zenith_color": [7, 8, 9], "horizon_color": [0.5, 0.25, 0.125], "gamma": 1})"),
+                                            "x.json", {});
+  ASSERT_EQ(read.materials.size(), 5U);
+  EXPECT_EQ(read.materials[0].semantic, 7);
+  EXPECT_EQ(read.materials[1].semantic, 0);
+  EXPECT_EQ(read.materials[2].semantic, 65532);
+  EXPECT_EQ(read.materials[3].semantic, 1);
+  using Color = std::array<float, 3>;
+  EXPECT_EQ(read.light.sun_direction, (Color{0.0F, 0.6F, -0.8F}));
+  EXPECT_EQ(read.light.sun_color, (Color{0, 1, 100}));
+  EXPECT_EQ(read.light.sky_ambient, (Color{1, 2, 3}));
+  EXPECT_EQ(read.light.ground_ambient, (Color{4, 5, 6}));
+  EXPECT_EQ(read.light.zenith_color, (Color{7, 8, 9}));
+  EXPECT_EQ(read.light.horizon_color, (Color{0.5F, 0.25F, 0.125F}));
+  EXPECT_EQ(read.light.gamma, 1.0F);
+}
+
+TEST(SceneJson, WhatTheLightDoesNotSayIsTheDefault) {
+  const Light usual;
+  expect_same_bits(parse_scene(scene(kRoom), "x.json", {}).light, usual, "no light");
+  expect_same_bits(parse_scene(scene(kRoom + R"(, "light": {})"), "x.json", {}).light, usual, "an empty light");
+  Light brighter;
+  brighter.gamma = 3.5F;
+  expect_same_bits(parse_scene(scene(kRoom + R"(, "light": {"gamma": 3.5})"), "x.json", {}).light, brighter, "one field");
+}
+
+// However short or long it is.
+TEST(SceneJson, TheDirectionOfTheSunIsNormalised) {
+  for (const char* direction : {"[0, 0, 5e-324]", "[0, 0, 1e-300]", "[0, 0, 1e-42]", "[0, 0, 1]", "[0, 0, 1e6]"}) {
+    const Light light = parse_scene(scene(kRoom + R"(, "light": {"sun_direction": )" + direction + "}"), "x.json", {}).light;
+    EXPECT_EQ(light.sun_direction, (std::array<float, 3>{0, 0, 1})) << direction;
+  }
+}
+
+TEST(SceneJson, WhatIsDefaultIsNotWritten) {
+  const auto world =
+      World::from_json(scene(kRoom + R"(, "materials": {"a": {"base_color": [0, 0, 0]}}, "light": {"gamma": 2.2})"));
+  EXPECT_EQ(world->to_json().find("light"), std::string::npos);
+  EXPECT_EQ(world->to_json().find("semantic"), std::string::npos);
+
+  const auto other = World::from_json(scene(
+      kRoom +
+      R"(, "materials": {"a": {"base_color": [0, 0, 0], "semantic": 9}}, "light": {"gamma": 1.8, "sun_color": [0, 1, 2]})"));
+  EXPECT_NE(other->to_json().find(R"("a":{"base_color":[0.0,0.0,0.0],"semantic":9})"), std::string::npos) << other->to_json();
+  EXPECT_NE(other->to_json().find(R"("light": {"sun_color":[0.0,1.0,2.0],"gamma":1.8})"), std::string::npos) << other->to_json();
+}
+
+TEST(SceneJson, EachMeshIsAnObjectAndStaysOne) {
+  const auto world = World::from_json(scene(R"(
+      "materials": {"a": {"base_color": [0, 0, 0]}, "b": {"base_color": [1, 1, 1]}},
+      "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "triangles": [[0, 1, 2], [1, 3, 2]], "material": "b"},
+                 {"vertices": [], "triangles": [], "material": "a"},
+                 {"vertices": [[9, 9, 9], [0, 0, 1], [1, 0, 1], [0, 1, 1]], "triangles": [[3, 1, 2], [1, 2, 3]],
+                  "material": ["a", "b"]}])"));
+  EXPECT_EQ(world->triangles().objects, (std::vector<std::uint16_t>{0, 0, 2, 2}));
+  const auto written = world->to_json();
+  EXPECT_NE(written.find(R"("meshes": [
+    {"vertices":[[0.0,0.0,0.0],[1.0,0.0,0.0],[0.0,1.0,0.0],[1.0,1.0,0.0]],"triangles":[[0,1,2],[1,3,2]],"material":"b"},
+    {"vertices":[],"triangles":[],"material":[]},
+    {"vertices":[[0.0,0.0,1.0],[1.0,0.0,1.0],[0.0,1.0,1.0]],"triangles":[[2,0,1],[0,1,2]],"material":["a","b"]}
+  ])"),
+            std::string::npos)
+      << written;
+  expect_same(*world, *World::from_json(written));
+}
+
+TEST(SceneJson, NothingButAVersionAndASolidIsNeeded) {
+  const SceneDescription read = parse_scene(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1}])"), "x.json", {});
+  EXPECT_EQ(read.name, "unnamed");
+  EXPECT_FALSE(read.markers.start);
+  EXPECT_FALSE(read.markers.goal);
+}
+
+TEST(SceneJson, QuaternionsNearUnitAreNormalised) {
+  const auto rotation = [](const std::string& wxyz) {
+    return parse_scene(scene(R"("boxes": [{"center": [0, 0, 0], "size": [1, 1, 1], "quat_wxyz": )" + wxyz + "}]"), "x.json", {})
+        .primitives[0]
+        .rotation;
+  };
+  EXPECT_EQ(rotation("[1.0009, 0, 0, 0]").w(), 1.0F);
+  EXPECT_NEAR(rotation("[0.6, 0.8004, 0, 0]").norm(), 1.0F, 1e-7F);
+}
+
+struct BadScene {
+  const char* what;
+  std::string text;
+  std::string message;
+};
+
+TEST(SceneJson, BadScenesAreRefusedWithTheFieldWhatWasExpectedAndWhatCame) {
+  const std::vector<BadScene> cases{
+      {"not an object", "[]", "x.json: expected an object, got []"},
+      {"no version", "{" + kRoom + "}", "x.json: expected a field \"flockstep_scene\", found none"},
+      {"the key of another name of this format", R"({"other_scene": 1, )" + kRoom + "}",
+       "x.json: /other_scene: expected the key \"flockstep_scene\" instead (the format's name has changed, and nothing else: "
+       "rename the key)"},
+      {"another version", R"({"flockstep_scene": 2})", "x.json: /flockstep_scene: expected version 1, got 2"},
+      {"a version that is no number", R"({"flockstep_scene": "1"})", "x.json: /flockstep_scene: expected version 1, got \"1\""},
+      {"empty scene", R"({"flockstep_scene": 1})",
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+       "scene"},
+      {"empty lists", scene(R"("boxes": [])"),
+       "x.json: expected at least one of room, pillars, cylinders, boxes, spheres, capsules, planes, discs, meshes, got an empty "
+       "scene"},
+      {"unknown field at the top", scene(R"("rooms": {})"),
+       "x.json: /rooms: unknown field; expected one of flockstep_scene, $schema, name, textures, materials, room, pillars, "
+       "cylinders, boxes, spheres, capsules, planes, discs, meshes, markers, light. Did you mean room?"},
+      {"unknown field inside", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "raduis": 1}])"),
+       "x.json: /pillars/0/raduis: unknown field; expected one of center, radius, z, material, visible, solid. Did you mean "
+       "radius?"},
+      {"unknown field that needs escaping", scene(kRoom + R"(, "markers": {"a/b~c": 1})"),
+       "x.json: /markers/a~1b~0c: unknown field; expected one of radius, start, waypoints, goal, spawn_box"},
+      {"field given twice", scene(kRoom + ", " + kRoom), "x.json: expected each field once, got \"room\" twice in one object"},
+      {"name that is no string", scene(R"("name": 3)"), "x.json: /name: expected a string, got 3"},
+      {"field missing", scene(kRoom + R"(, "pillars": [{"center": [1, 1]}])"),
+       "x.json: /pillars/0: expected a field \"radius\", found none"},
+      {"negative radius", scene(kRoom + R"(, "pillars": [{"center": [1, 1], "radius": 1}, {"center": [1, 1], "radius": -1}])"),
+       "x.json: /pillars/1/radius: expected a number > 0, got -1"},
+      {"zero radius", scene(R"("spheres": [{"center": [1, 1, 1], "radius": 0}])"),
+       "x.json: /spheres/0/radius: expected a number > 0, got 0"},
+      {"vanishing radius", scene(R"("spheres": [{"center": [1, 1, 1], "radius": 1e-30}])"),
+       "x.json: /spheres/0/radius: expected a number >= 1e-06, got 1e-30"},
+      {"text for a number", scene(R"("spheres": [{"center": [1, 1, 1], "radius": "1"}])"),
+       "x.json: /spheres/0/radius: expected a number, got \"1\""},
+      {"true for a number", scene(R"("spheres": [{"center": [1, true, 1], "radius": 1}])"),
+       "x.json: /spheres/0/center/1: expected a number, got true"},
+      {"beyond float32", scene(R"("spheres": [{"center": [1, 1, 1e39], "radius": 1}])"),
+       "x.json: /spheres/0/center/2: expected a number within +-1e+06, got 1e+39"},
+      {"two coordinates", scene(R"("spheres": [{"center": [1, 1], "radius": 1}])"),
+       "x.json: /spheres/0/center: expected an array of 3 numbers, got [1,1]"},
+      {"three coordinates of a pillar", scene(kRoom + R"(, "pillars": [{"center": [1, 1, 1], "radius": 1}])"),
+       "x.json: /pillars/0/center: expected an array of 2 numbers (x, y), got [1,1,1]"},
+      {"list that is none", scene(R"("boxes": {"center": [1, 1, 1], "size": [1, 1, 1]})"),
+       "x.json: /boxes: expected an array, got {\"center\":[1,1,1],\"size\":[1,1,1]}"},
+      {"element that is no object", scene(R"("boxes": [3])"), "x.json: /boxes/0: expected an object, got 3"},
+      {"flat box", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 0, 1]}])"),
+       "x.json: /boxes/0/size/1: expected a number > 0, got 0"},
+      {"negative height", scene(R"("cylinders": [{"center": [1, 1, 1], "radius": 1, "height": -2}])"),
+       "x.json: /cylinders/0/height: expected a number > 0, got -2"},
+      {"capsule shorter than its caps", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1, "height": 1.9}])"),
+       "x.json: /capsules/0/height: expected a number >= twice the radius, got 1.9"},
+      {"capsule without a height", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 1}])"),
+       "x.json: /capsules/0: expected a field \"height\", found none"},
+      {"zero radius of a capsule", scene(R"("capsules": [{"center": [1, 1, 1], "radius": 0, "height": 1}])"),
+       "x.json: /capsules/0/radius: expected a number > 0, got 0"},
+      {"plane of three sizes", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1, 1]}])"),
+       "x.json: /planes/0/size: expected an array of 2 numbers (along local x, y), got [1,1,1]"},
+      {"plane of one size", scene(R"("planes": [{"center": [1, 1, 1], "size": 2}])"),
+       "x.json: /planes/0/size: expected an array of 2 numbers (along local x, y), got 2"},
+      {"plane of no width", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 0]}])"),
+       "x.json: /planes/0/size/1: expected a number > 0, got 0"},
+      {"plane with a thickness", scene(R"("planes": [{"center": [1, 1, 1], "size": [1, 1], "thickness": 0.1}])"),
+       "x.json: /planes/0/thickness: unknown field; expected one of center, size, quat_wxyz, material, visible, solid"},
+      {"zero radius of a disc", scene(R"("discs": [{"center": [1, 1, 1], "radius": 0}])"),
+       "x.json: /discs/0/radius: expected a number > 0, got 0"},
+      {"disc with a height", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "height": 1}])"),
+       "x.json: /discs/0/height: unknown field; expected one of center, radius, quat_wxyz, material, visible, solid"},
+      {"disc turned by no rotation", scene(R"("discs": [{"center": [1, 1, 1], "radius": 1, "quat_wxyz": [0, 0, 0, 0]}])"),
+       "x.json: /discs/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
+      {"room inside out", scene(R"("room": {"min": [0, 0, 0], "max": [1, -1, 1]})"),
+       "x.json: /room: expected min < max, got {\"max\":[1,-1,1],\"min\":[0,0,0]}"},
+      {"pillar without a height", scene(R"("pillars": [{"center": [1, 1], "radius": 1}])"),
+       "x.json: /pillars/0: expected a field \"z\" (the scene has no room to take the height from), found none"},
+      {"pillar upside down", scene(R"("pillars": [{"center": [1, 1], "radius": 1, "z": [2, 1]}])"),
+       "x.json: /pillars/0/z: expected low < high, got [2,1]"},
+      {"zero quaternion", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [0, 0, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [0,0,0,0]"},
+      {"quaternion far from unit", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1.01, 0, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: expected a quaternion (w, x, y, z) of norm 1, got [1.01,0,0,0]"},
+      {"short quaternion", scene(R"("boxes": [{"center": [1, 1, 1], "size": [1, 1, 1], "quat_wxyz": [1, 0, 0]}])"),
+       "x.json: /boxes/0/quat_wxyz: expected an array of 4 numbers (w, x, y, z), got [1,0,0]"},
+      {"unlisted material", scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": "red"})"),
+       "x.json: /room/material: expected a name listed in /materials, got \"red\""},
+      {"material that is no name", scene(R"("room": {"min": [0, 0, 0], "max": [1, 1, 1], "material": 0})"),
+       "x.json: /room/material: expected the name of a material, got 0"},
+      {"colour out of range", scene(R"("materials": {"a/b": {"base_color": [0, 2, 0]}})"),
+       "x.json: /materials/a~1b/base_color: expected 3 numbers in [0, 1], got [0,2,0]"},
+      {"unknown field of a material", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "class": 1}})"),
+       "x.json: /materials/a/class: unknown field; expected one of base_color, semantic, texture, emissive, alpha_cutoff"},
+      {"cutoff out of range", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": 1.5}})"),
+       "x.json: /materials/a/alpha_cutoff: expected a number in [0, 1], got 1.5"},
+      {"cutoff that is no number", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "alpha_cutoff": "MASK"}})"),
+       "x.json: /materials/a/alpha_cutoff: expected a number, got \"MASK\""},
+      {"semantic below the least", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 0}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 0"},
+      {"negative semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": -1}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got -1"},
+      {"semantic of a marker", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 65533}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 65533"},
+      {"fractional semantic", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": 1.5}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got 1.5"},
+      {"semantic that is no number", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": "wall"}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got \"wall\""},
+      {"semantic that is true", scene(R"("materials": {"a": {"base_color": [0, 0, 0], "semantic": true}})"),
+       "x.json: /materials/a/semantic: expected an integer in [1, 65532], got true"},
+      {"materials as a list", scene(R"("materials": [])"), "x.json: /materials: expected an object, got []"},
+      {"index out of range", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,3]]}])"),
+       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 3"},
+      {"negative index", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,-1]]}])"),
+       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got -1"},
+      {"fractional index", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,1.5]]}])"),
+       "x.json: /meshes/0/triangles/0/2: expected a vertex index in [0, 3), got 1.5"},
+      {"quad", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2,0]]}])"),
+       "x.json: /meshes/0/triangles/0: expected an array of 3 vertex indices, got [0,1,2,0]"},
+      {"corner used twice", scene(R"("meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2],[0,1,1]]}])"),
+       "x.json: /meshes/0/triangles/1: expected a triangle with an area, got a degenerate one"},
+      {"corners on a line", scene(R"("meshes": [{"vertices": [[0,0,0],[0.1,0.1,0.1],[0.3,0.3,0.3]], "triangles": [[0,1,2]]}])"),
+       "x.json: /meshes/0/triangles/0: expected a triangle with an area, got a degenerate one"},
+      {"neither file nor vertices", scene(R"("meshes": [{"scale": 1}])"),
+       "x.json: /meshes/0: expected either \"file\" or \"vertices\" and \"triangles\""},
+      {"file and vertices", scene(R"("meshes": [{"file": "a.obj", "vertices": []}])"),
+       "x.json: /meshes/0: expected either \"file\" or \"vertices\" and \"triangles\""},
+      {"missing mesh file", scene(R"("meshes": [{"file": "no-such.obj"}])"),
+       "x.json: /meshes/0/file: no-such.obj: cannot read an OBJ file: No such file or directory"},
+      {"mesh moved out of range",
+       scene(R"("meshes": [{"vertices": [[0,0,0],[1e6,0,0],[0,1,0]], "triangles": [[0,1,2]], "scale": 2}])"),
+       "x.json: /meshes/0: expected all vertices within +-1e+06 m of the origin"},
+      {"materials of too few triangles", scene(R"("materials": {"a": {"base_color": [0,0,0]}},
+                "meshes": [{"vertices": [[0,0,0],[1,0,0],[0,1,0]], "triangles": [[0,1,2]], "material": ["a", "a"]}])"),
+       "x.json: /meshes/0/material: expected one name, or one per triangle (1), got 2"},
+      {"light that is none", scene(kRoom + R"(, "light": [1, 1, 1])"), "x.json: /light: expected an object, got [1,1,1]"},
+      {"unknown field of the light", scene(kRoom + R"(, "light": {"sun": [1, 1, 1]})"),
+       "x.json: /light/sun: unknown field; expected one of sun_direction, sun_color, sky_ambient, ground_ambient, zenith_color, "
+       "horizon_color, gamma, sun_radius_deg, sun_glow"},
+      {"no direction", scene(kRoom + R"(, "light": {"sun_direction": [0, -0.0, 0.0]})"),
+       "x.json: /light/sun_direction: expected a direction that is not 0, got [0,-0.0,0.0]"},
+      {"two coordinates of a direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 1]})"),
+       "x.json: /light/sun_direction: expected an array of 3 numbers, got [0,1]"},
+      {"long direction", scene(kRoom + R"(, "light": {"sun_direction": [0, 0, 2e6]})"),
+       "x.json: /light/sun_direction/2: expected a number within +-1e+06, got 2000000.0"},
+      {"sun below black", scene(kRoom + R"(, "light": {"sun_color": [1, -0.1, 1]})"),
+       "x.json: /light/sun_color: expected 3 numbers in [0, 100], got [1,-0.1,1]"},
+      {"sky too bright", scene(kRoom + R"(, "light": {"sky_ambient": [1, 1, 100.1]})"),
+       "x.json: /light/sky_ambient: expected 3 numbers in [0, 100], got [1,1,100.1]"},
+      {"ground of text", scene(kRoom + R"(, "light": {"ground_ambient": [1, 1, "1"]})"),
+       "x.json: /light/ground_ambient/2: expected a number, got \"1\""},
+      {"one number for a colour", scene(kRoom + R"(, "light": {"zenith_color": 1})"),
+       "x.json: /light/zenith_color: expected an array of 3 numbers, got 1"},
+      {"colour with an alpha", scene(kRoom + R"(, "light": {"horizon_color": [1, 1, 1, 1]})"),
+       "x.json: /light/horizon_color: expected an array of 3 numbers, got [1,1,1,1]"},
+      {"gamma too small", scene(kRoom + R"(, "light": {"gamma": 0.99})"),
+       "x.json: /light/gamma: expected a number in [1, 4], got 0.99"},
+      {"gamma too large", scene(kRoom + R"(, "light": {"gamma": 4.01})"),
+       "x.json: /light/gamma: expected a number in [1, 4], got 4.01"},
+      {"gamma that is no number", scene(kRoom + R"(, "light": {"gamma": null})"),
+       "x.json: /light/gamma: expected a number, got null"},
+      {"start that is no point", scene(kRoom + R"(, "markers": {"start": [1, 2, null]})"),
+       "x.json: /markers/start/2: expected a number, got null"},
+      {"waypoints that are no list", scene(kRoom + R"(, "markers": {"waypoints": 3})"),
+       "x.json: /markers/waypoints: expected an array of (x, y, z), got 3"},
+      {"spawn box inside out", scene(kRoom + R"(, "markers": {"spawn_box": {"min": [1, 1, 1], "max": [2, 2, 0]}})"),
+       "x.json: /markers/spawn_box: expected min <= max, got {\"max\":[2,2,0],\"min\":[1,1,1]}"},
+      {"long values are shortened", scene(R"("name": [)" + std::string(200, '1') + "]"),
+       "x.json: /name: expected a string, got [" /* and so on */},
+  };
+  for (const BadScene& bad : cases) {
+    const std::string message = message_of(bad.text);
+    if (bad.what == std::string("long values are shortened")) {
+      EXPECT_EQ(message.rfind("x.json: ", 0), 0U) << message;
+      EXPECT_LT(message.size(), 150U) << message;
+    } else {
+      EXPECT_EQ(message, bad.message) << bad.what;
+    }
+  }
+}
+
+TEST(SceneJson, MoreMeshesThanNumbersAreRefused) {
+  std::string meshes = "0";
+  for (int i = 1; i < 65536; ++i) meshes += ",0";
+  EXPECT_EQ(message_of(scene(R"("meshes": [)" + meshes + ",0]")), "x.json: /meshes: expected at most 65536 meshes, got 65537");
+  EXPECT_EQ(message_of(scene(R"("meshes": [)" + meshes + "]")), "x.json: /meshes/0: expected an object, got 0");
+}
+
+TEST(SceneJson, WhatIsNotJsonIsRefusedWithThePlace) {
+  const auto expect_starts = [](const std::string& text, const std::string& start) {
+    EXPECT_EQ(message_of(text).rfind(start, 0), 0U) << message_of(text);
+  };
+  expect_starts("", "x.json: not valid JSON: parse error at line 1, column 1");
+  expect_starts("{\"flockstep_scene\": 1,\n \"room\": {\"min\": [0, 0",
+                "x.json: not valid JSON: parse error at line 2, column 23");
+  expect_starts("{\"flockstep_scene\": NaN}", "x.json: not valid JSON: parse error at line 1, column 21");
+  expect_starts("{\"flockstep_scene\": Infinity}", "x.json: not valid JSON: parse error at line 1, column 21");
+  expect_starts("{\"flockstep_scene\": 1e999}", "x.json: not valid JSON: number overflow");
+}
+
+// Every prefix of a scene is an error, none a crash or a world.
+TEST(SceneJson, TruncatedAnywhereIsRefused) {
+  const std::string whole = scene(kRoom + R"(, "pillars": [{"center": [1.5, 1], "radius": 0.25}])");
+  for (std::size_t length = 0; length < whole.size(); ++length) {
+    EXPECT_EQ(message_of(whole.substr(0, length)).rfind("x.json: not valid JSON: parse error at line 1", 0), 0U) << length;
+  }
+  EXPECT_EQ(message_of(whole), "accepted");
+}
+
+TEST(SceneJson, NestingIsBounded) {
+  for (const std::size_t depth : {33U, 100000U}) {
+    const std::string open(depth, '[');
+    EXPECT_EQ(message_of(open), "x.json: expected at most 32 arrays and objects in one another, got more");
+    EXPECT_EQ(message_of(scene(R"("name": )" + open + std::string(depth, ']'))),
+              "x.json: expected at most 32 arrays and objects in one another, got more");
+  }
+  EXPECT_EQ(message_of(scene(R"("name": )" + std::string(31, '[') + std::string(31, ']'))),
+            "x.json: /name: expected a string, got " + std::string(31, '[') + std::string(29, ']') + "...");
+}
+
+TEST(SceneJson, MessagesAreShortHoweverMuchCame) {
+  const std::string euros = [] {
+    std::string text;
+    for (int i = 0; i < 100000; ++i) text += "\u20ac";
+    return text;
+  }();
+  EXPECT_EQ(message_of(scene(R"("room": ")" + euros + '"')),
+            "x.json: /room: expected an object, got \"" + euros.substr(0, 57) + "...");
+  std::string list = "[1";
+  for (int i = 0; i < 100000; ++i) list += ",{\"a\":[]}";
+  EXPECT_LT(message_of(scene(R"("room": )" + list + ']')).size(), 200U);
+  EXPECT_LT(message_of(scene('"' + euros + R"(": 1)")).size(), 500U);
+  EXPECT_LT(message_of('"' + euros).size(), 500U);
+}
+
+TEST(SceneJson, ManyThingsAndManyNames) {
+  constexpr int kCount = 65000;  // a second; searched through one by one, half a minute
+  std::string materials;
+  std::string spheres;
+  std::string unknown;
+  for (int i = 0; i < kCount; ++i) {
+    const std::string name = "\"material " + std::to_string(kCount - i) + '"';
+    materials += (i == 0 ? "" : ",") + name + R"(:{"base_color":[0,0,1]})";
+    spheres += (i == 0 ? "" : ",") + (R"({"center":[0,0,0],"radius":1,"material":)" + name) + '}';
+    unknown += (i == 0 ? "\"" : ",\"") + std::to_string(i) + "\":0";
+  }
+  const std::string text = scene(R"("materials":{)" + materials + R"(},"spheres":[)" + spheres + ']');
+  const World world(parse_scene(text, "x.json", {}));
+  ASSERT_EQ(world.materials().size(), std::size_t{kCount});
+  EXPECT_EQ(world.materials().front().name, "material 65000");
+  EXPECT_EQ(world.primitives().back().material, kCount - 1);
+  expect_same(world, *World::from_json(world.to_json()));
+  EXPECT_NE(message_of(scene(unknown)).find("unknown field; expected one of"), std::string::npos);
+}
+
+TEST(SceneJson, TheLargestAndTheSmallestComeBack) {
+  const char* const scenes[] = {
+      R"("pillars": [{"center": [0, 0], "radius": 1, "z": [-1e6, 1e6]}])",
+      R"("boxes": [{"center": [1e6, 1e6, 1e6], "size": [2e6, 2e6, 2e-6]}])",
+      R"("planes": [{"center": [1e6, 1e6, 1e6], "size": [2e6, 2e-6]}])",
+      R"("capsules": [{"center": [-1e6, 0, 0], "radius": 1e6, "height": 2e6}])",
+      R"("cylinders": [{"center": [-1e6, 0, 0], "radius": 1e-6, "height": 2e-6}])",
+      R"("spheres": [{"center": [-1e6, 0, 0], "radius": 1e6}])",
+      R"("room": {"min": [-999999.97, -1e6, -1e6], "max": [1e6, 999999.9375, 1e6]})",
+  };
+  for (const char* const fields : scenes) {
+    const auto world = World::from_json(scene(fields));
+    const auto again = World::from_json(world->to_json());
+    expect_same(*world, *again);
+    EXPECT_EQ(world->to_json(), again->to_json());
+  }
+}
+
+TEST(SceneJson, RoundTripKeepsEveryBit) {
+  std::mt19937 random(1);
+  const auto draw = [&random](float low, float high) { return std::uniform_real_distribution<float>(low, high)(random); };
+  for (int round = 0; round < 50; ++round) {
+    SceneDescription description;
+    description.name = "round \"" + std::to_string(round) + "\" / \\ \n ü";
+    description.materials = {
+        {"a", {draw(0, 1), draw(0, 1), draw(0, 1)}}, {"b/~", {0.1F, 0.2F, 0.3F}, 65532}, {"unused", {1, 1, 1}, 1}};
+    const float magnitude = std::pow(10.0F, draw(-3, 5));
+    const auto point = [&] {
+      return Vec3(draw(-magnitude, magnitude), draw(-magnitude, magnitude), draw(-magnitude, magnitude));
+    };
+    const auto size = [&] { return draw(1e-5F, 1.0F) * std::pow(10.0F, draw(-1, 3)); };
+    using enum PrimitiveKind;
+    for (const PrimitiveKind kind : {sphere, box, cylinder, disc, capsule, room, plane, box, capsule, cylinder, disc, plane}) {
+      Primitive primitive{.kind = kind, .center = point(), .half_extents = Vec3(size(), size(), size())};
+      Vec3& half = primitive.half_extents;
+      if (kind != room && kind != sphere) primitive.rotation = Quat::UnitRandom();
+      if (kind != room && kind != box && kind != plane) half.y() = half.x();
+      if (kind == sphere) half.z() = half.x();
+      if (kind == capsule) half.z() = round % 2 == 0 ? half.x() : half.x() + half.z();
+      if (kind == plane || kind == disc) half.z() = 0.0F;
+      primitive.material = static_cast<std::uint16_t>(random() % 2);
+      description.primitives.push_back(primitive);
+    }
+    for (std::int32_t i = 0; i < 9; ++i) description.mesh.vertices.push_back(point());
+    description.mesh.triangles = {{0, 1, 2}, {3, 4, 5}, {0, 4, 7}};  // vertices 6 and 8 are not used
+    description.mesh.materials = {0, static_cast<std::uint16_t>(round % 2), 0};
+    if (round % 5 != 0) {
+      for (int i = 0; i < 3; ++i) description.mesh.objects.push_back(static_cast<std::uint16_t>(random() % 4));
+    }
+    if (round % 4 != 0) {
+      const float length = std::pow(10.0F, draw(-30, 5));
+      Light& light = description.light;
+      light.sun_direction = {draw(-length, length), draw(-length, length), draw(-length, length)};
+      for (auto* color :
+           {&light.sun_color, &light.sky_ambient, &light.ground_ambient, &light.zenith_color, &light.horizon_color}) {
+        *color = {draw(0, 100), draw(0, 1), draw(0, 1)};
+      }
+      light.gamma = draw(1, 4);
+    }
+    if (round % 3 != 0) {
+      description.markers =
+          Markers{size(), point(), {point(), point()}, point(), Aabb{Vec3::Constant(-1.1F), Vec3::Constant(0.7F)}};
+    }
+    const World world(description);
+    const auto again = World::from_json(world.to_json());
+    expect_same(world, *again);
+    EXPECT_TRUE(world.to_json() == again->to_json());
+  }
+}
+
+TEST(SceneJson, ShippedScenesRoundTrip) {
+  int count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::path(FLOCKSTEP_SCENES) / "playground")) {
+    const auto world = World::load(entry.path());
+    expect_same(*world, *World::from_json(world->to_json()));
+    EXPECT_EQ(world->name(), "playground/" + entry.path().stem().string());
+    ++count;
+  }
+  EXPECT_EQ(count, 11);
+}
+
+TEST(SceneJson, SolidsAreVisibleOrSolidOrBoth) {
+  const auto read = [](const std::string& flags) {
+    const std::string ball = R"("center": [0, 0, 0], "radius": 1)";
+    return parse_scene(scene(R"("spheres": [{)" + ball + flags + R"(}], "boxes": [{"center": [0, 0, 0], "size": [1, 1, 1]}],
+      "meshes": [{"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": [[0, 1, 2]])" +
+                             flags + "}]"),
+                       "x.json", {});
+  };
+  const auto expect = [&](const std::string& flags, Presence presence) {
+    const SceneDescription description = read(flags);
+    EXPECT_EQ(description.primitives[0].presence, Presence::full) << flags;
+    EXPECT_EQ(description.primitives[1].presence, presence) << flags;
+    EXPECT_EQ(description.mesh.presence, std::vector<Presence>{presence}) << flags;
+    const World world(description);
+    EXPECT_EQ(World::from_json(world.to_json())->content_hash(), world.content_hash()) << flags;
+  };
+  expect("", Presence::full);
+  expect(R"(, "visible": true, "solid": true)", Presence::full);
+  expect(R"(, "visible": false)", Presence::solid);
+  expect(R"(, "solid": false)", Presence::visual);
+  EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
+            "x.json: /spheres/0/solid: expected true or false, got 0");
+  EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),
+            "x.json: /spheres/0: expected one of \"visible\" and \"solid\" to be true, got neither");
+}
+
+TEST(SceneJson, MeshFilesAreFoundBesideTheScene) {
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "flockstep_scene_json_test";
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "a.obj") << "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  std::ofstream(folder / "flat.obj") << "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n";
+  std::ofstream(folder / "a.json") << scene(R"("meshes": [{"file": "a.obj", "position": [0, 0, 5]}])");
+  EXPECT_EQ(World::load(folder / "a.json")->bounds().max, Vec3(1, 1, 5));
+
+  std::ofstream(folder / "b.json") << scene(R"("meshes": [{"file": "flat.obj"}])");
+  try {
+    World::load(folder / "b.json");
+    FAIL() << "accepted";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_EQ(std::string(error.what()), (folder / "b.json").string() +
+                                             ": /meshes/0/file: expected a triangle with an area, got a degenerate one "
+                                             "(triangle 0 of the file)");
+  }
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace flockstep

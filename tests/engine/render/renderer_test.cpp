@@ -1,0 +1,104 @@
+#include "render/renderer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "faulty_driver.hpp"
+#include "prepared/prepared_world.hpp"
+#include "random.hpp"
+
+namespace flockstep::render {
+namespace {
+
+using flockstep::testing::FaultyDriver;
+
+// Some pictures of a playground, and where they are written.
+struct Album {
+  static constexpr std::size_t kBytes = 32 * 24 * 3;
+
+  std::shared_ptr<const World> world = flockstep::testing::playground("camera-train-1");
+  CameraConfig camera = [] {
+    CameraConfig config;
+    config.width_px = 32;
+    config.height_px = 24;
+    return config;
+  }();
+  PinholeCamera pinhole = make_pinhole_camera(camera);
+  std::vector<std::uint8_t> rgb = std::vector<std::uint8_t>(4 * kBytes);
+  std::vector<RenderRequest> requests;
+
+  Album() {
+    flockstep::testing::Random random(3);
+    for (std::size_t i = 0; i < 4; ++i) {
+      requests.push_back({.world = world.get(),
+                          .scene = &prepared(*world).scene(),
+                          .shading = &prepared(*world).shading(),
+                          .camera = &camera,
+                          .pinhole = &pinhole,
+                          .position = Vec3(7, 7, 2) + random.point(1.5F),
+                          .rotation = random.rotation().toRotationMatrix(),
+                          .frame = Frame{.rgb = rgb.data() + i * kBytes}});
+    }
+  }
+  Album(const Album&) = delete;
+  Album& operator=(const Album&) = delete;
+
+  std::vector<std::uint8_t> take(Renderer& renderer, Workers& workers) {
+    std::fill(rgb.begin(), rgb.end(), std::uint8_t{0});
+    renderer.start(requests);
+    renderer.finish(requests, workers);
+    return rgb;
+  }
+};
+
+enum class Trouble { none_there, error, hang };
+
+class RendererInTrouble : public ::testing::TestWithParam<std::tuple<CameraBackend, Trouble>> {};
+
+TEST_P(RendererInTrouble, RaycastRendersInsteadAndOneWarningSaysWhy) {
+  const auto [backend, trouble] = GetParam();
+  try {
+    const GlRenderer good;
+  } catch (const GlUnavailable& error) {
+    ASSERT_NE(std::string(error.what()).find("not installed"), std::string::npos) << error.what();
+    GTEST_SKIP() << error.what();
+  }
+  Workers workers(2);
+  Album album;
+  Renderer reference(CameraBackend::raycast, album.requests, workers);
+  const std::vector<std::uint8_t> expected = album.take(reference, workers);
+  EXPECT_TRUE(std::any_of(expected.begin(), expected.end(), [](std::uint8_t value) { return value != 0; }));
+
+  std::optional<FaultyDriver> driver;
+  if (trouble == Trouble::none_there) setenv("FLOCKSTEP_EGL", "none", 1);
+  if (trouble == Trouble::error) driver.emplace(FaultyDriver::Fault::error);
+  if (trouble == Trouble::hang) driver.emplace(FaultyDriver::Fault::hang);
+  {
+    const auto patience = trouble == Trouble::hang ? std::chrono::milliseconds(200) : GlRenderer::kPatience;
+    Renderer renderer(backend, album.requests, workers, patience);
+    unsetenv("FLOCKSTEP_EGL");
+    EXPECT_EQ(album.take(renderer, workers), expected);
+    const std::string why = trouble == Trouble::none_there ? "EGL is switched off by FLOCKSTEP_EGL=none"
+                            : trouble == Trouble::error    ? "OpenGL failed with error 1285"
+                                                           : "the OpenGL driver did not answer within 200 ms";
+    EXPECT_EQ(renderer.take_warning(), "cameras: gl is not available, raycast renders instead: " + why);
+    EXPECT_EQ(renderer.report(), "raycast: gl is not available (" + why + ")");
+    EXPECT_EQ(album.take(renderer, workers), expected);
+    EXPECT_EQ(renderer.take_warning(), "");
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(All, RendererInTrouble,
+                         ::testing::Combine(::testing::Values(CameraBackend::gl, CameraBackend::automatic),
+                                            ::testing::Values(Trouble::none_there, Trouble::error, Trouble::hang)));
+
+}  // namespace
+}  // namespace flockstep::render

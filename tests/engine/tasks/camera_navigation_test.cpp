@@ -1,0 +1,580 @@
+// The navigation tasks that observe a camera, and frame skip.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <numeric>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "allocation_counter.hpp"
+#include "batch_helpers.hpp"
+#include "flockstep/batch.hpp"
+#include "random.hpp"
+#include "tasks/color_blob.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::make_world;
+using testing::navigation_batch;
+using testing::NavigationBatch;
+using testing::primitive;
+using testing::Random;
+using testing::row;
+using testing::same_bits;
+using testing::same_drone;
+using testing::same_drones;
+
+constexpr std::size_t kRays = 20;
+
+// White and large enough that the goal is seen over some steps, small enough that flights end soon in every way.
+std::shared_ptr<const World> parlour(float pillar_y) {
+  SceneDescription description;
+  description.materials = {{"white", {0.9F, 0.9F, 0.9F}}, {"pillar", {0.35F, 0.45F, 0.6F}}};
+  description.primitives = {primitive(PrimitiveKind::room, {2.5F, 2, 1}, {2.5F, 2, 1}),
+                            primitive(PrimitiveKind::cylinder, {2.5F, pillar_y, 1}, {0.125F, 0.125F, 1})};
+  description.primitives[1].material = 1;
+  description.markers = {.start = Vec3(1, 2, 1),
+                         .goal = Vec3(3.5F, 2.25F, 1),
+                         .spawn_box = Aabb{.min = Vec3(0.75F, 1.75F, 0.875F), .max = Vec3(1.25F, 2.25F, 1.125F)}};
+  return std::make_shared<const World>(std::move(description));
+}
+
+Batch::Worlds parlours() {
+  static const Batch::Worlds worlds{parlour(0.75F), parlour(3.25F), testing::playground("camera-train-1")};
+  return worlds;
+}
+
+NavigationBatch camera_batch(int num_envs, ObservationKind observation, AutoresetMode mode = AutoresetMode::same_step) {
+  NavigationBatch config = navigation_batch(num_envs, {.beams = kRays, .hfov_deg = 180.0F});
+  CameraConfig camera;
+  camera.width_px = 32;
+  camera.height_px = 24;
+  camera.layout = ImageLayout::chw;
+  config.cameras = {camera};
+  config.navigation.action = ActionKind::discrete_forward;
+  config.navigation.observation = observation;
+  config.episode.max_episode_steps = 40;
+  config.navigation.random_start = true;
+  config.episode.stagger_first_episode = true;
+  config.navigation.reward.overshoot_weight = 1.0F;
+  config.episode.autoreset_mode = mode;
+  return config;
+}
+
+constexpr std::size_t kImage = 3 * 32 * 24;
+constexpr ObservationKind kKinds[] = {ObservationKind::blob, ObservationKind::pixels};
+constexpr AutoresetMode kModes[] = {AutoresetMode::next_step, AutoresetMode::same_step, AutoresetMode::disabled};
+
+// Mostly forward, and more to the left: so that goals are reached and overshoot, and walls hit.
+std::int64_t action_of(Random& random) {
+  const auto number = random.generator()() % 10;
+  return number < 5 ? 0 : number < 8 ? 1 : 2;
+}
+
+std::vector<std::uint64_t> seeds_from(std::uint64_t first, std::size_t count) {
+  std::vector<std::uint64_t> seeds(count);
+  std::iota(seeds.begin(), seeds.end(), first);
+  return seeds;
+}
+
+// A row of an observation, of all its fields.
+std::vector<std::byte> row_of(const std::vector<Buffer>& observation, std::size_t env) {
+  std::vector<std::byte> bytes;
+  for (const Buffer& field : observation) {
+    const auto its = row(field.bytes(), env, field.row_bytes());
+    bytes.insert(bytes.end(), its.begin(), its.end());
+  }
+  return bytes;
+}
+
+bool same_observations(const Batch& a, const Batch& b) {
+  const auto same = [](const Buffer& x, const Buffer& y) { return x.bytes() == y.bytes(); };
+  const auto& x = a.outputs().observation;
+  const auto& y = b.outputs().observation;
+  return std::equal(x.begin(), x.end(), y.begin(), y.end(), same);
+}
+
+// -- Actions and observations.
+
+TEST(CameraNavigation, ForwardActionsAreThree) {
+  NavigationBatch config = camera_batch(1, ObservationKind::blob);
+  config.navigation.random_start = false;
+  Batch batch = config.make({testing::playground("camera-train-1")});
+  batch.reset({});
+  const Vec3 start(batch.state().position.data());
+  const Vec3 along[] = {{0.1F, 0, 0}, {0, 0.1F, 0}, {0, -0.1F, 0}};
+  for (std::int64_t action = 0; action < 3; ++action) {
+    batch.reset({});
+    batch.step(std::span<const std::int64_t>(&action, 1));
+    EXPECT_LT((Vec3(batch.state().position.data()) - start - along[action]).norm(), 1e-6F) << action;
+  }
+  for (const std::int64_t action : {std::int64_t{3}, std::int64_t{-1}}) {
+    EXPECT_REFUSED(batch.step(std::span<const std::int64_t>(&action, 1)), "[0, 3)");
+  }
+  EXPECT_REFUSED(batch.step(std::vector<float>{0.0F}), "actions");
+}
+
+TEST(CameraNavigation, BlobAndRangesAreObserved) {
+  for (const ImageLayout layout : {ImageLayout::hwc, ImageLayout::chw}) {
+    NavigationBatch config = camera_batch(6, ObservationKind::blob);
+    config.cameras[0].layout = layout;
+    Batch batch = config.make(parlours());
+    ASSERT_EQ(batch.outputs().observation.size(), 1U);
+    EXPECT_EQ(batch.outputs().observation[0].columns(), 22U);
+    batch.reset({});
+    Random random(1);
+    std::vector<std::int64_t> actions(6);
+    int seen = 0;
+    task::ColorBlobScratch scratch;
+    for (int step = 0; step < 60; ++step) {
+      for (auto& action : actions) action = action_of(random);
+      batch.step(std::span<const std::int64_t>(actions));
+      for (std::size_t i = 0; i < 6; ++i) {
+        const auto observation = batch.outputs().observation[0].row<float>(i);
+        const auto blob = task::find_color(row(batch.images(0).rgb, i, kImage), 32, 24, layout, ColorRange(), scratch);
+        EXPECT_EQ(observation[0], blob.offset);
+        EXPECT_EQ(observation[1], blob.area);
+        seen += blob.found;
+        for (std::size_t k = 0; k < kRays; ++k) {
+          EXPECT_FLOAT_EQ(observation[2 + k], std::min(batch.lidar_readings().ranges[i * kRays + k] / 3.0F, 1.0F));
+        }
+      }
+    }
+    EXPECT_GT(seen, 100);
+  }
+}
+
+TEST(CameraNavigation, TheBlobIsWhereTheGoalIs) {
+  NavigationBatch config = camera_batch(1, ObservationKind::blob);
+  config.cameras[0].width_px = 640;
+  config.cameras[0].height_px = 480;
+  config.navigation.random_start = false;
+  for (const float aside : {-4.0F, -1.5F, 0.0F, 2.0F, 4.0F}) {
+    const Vec3 offset(8, aside, 0);
+    const Vec3 start(2, 5, 2);
+    Batch batch = config.make(
+        {make_world({primitive(PrimitiveKind::room, {6, 5, 2}, {6, 5, 2})}, {.start = start, .goal = Vec3(start + offset)})});
+    batch.reset({});
+    // Left is positive y, and to the left is negative in the image, which is 90 degrees wide.
+    EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[0], -offset.y() / offset.x(), 0.005) << aside;
+    // A sphere aside is drawn longer, away from the centre.
+    const float height = 2.0F * 0.25F / offset.x() * 320.0F;  // px
+    const float width = height * offset.norm() / offset.x();
+    EXPECT_NEAR(batch.outputs().observation[0].row<float>(0)[1] * 640.0F * 480.0F, width * height, 2.0F * (width + height))
+        << aside;
+  }
+}
+
+TEST(CameraNavigation, PixelsAreTheCamerasImage) {
+  Batch batch = camera_batch(6, ObservationKind::pixels).make(parlours());
+  const auto& fields = batch.task()->spec().observation;
+  ASSERT_EQ(fields.size(), 2U);
+  EXPECT_EQ(fields[0].name, "image");
+  EXPECT_EQ(fields[0].type, DType::uint8);
+  EXPECT_EQ(fields[0].shape, (std::vector<std::int64_t>{3, 24, 32}));
+  EXPECT_EQ(fields[1].name, "ranges");
+  EXPECT_EQ(fields[1].shape, (std::vector<std::int64_t>{kRays}));
+  const auto image = [&]() -> const AlignedVector<std::byte>& { return batch.outputs().observation[0].bytes(); };
+  const auto rgb = [&] { return std::as_bytes(std::span(batch.images(0).rgb)); };
+  batch.reset({});
+  EXPECT_TRUE(same_bits(image(), rgb()));
+  Random random(1);
+  std::vector<std::int64_t> actions(6);
+  for (int step = 0; step < 60; ++step) {
+    const AlignedVector<std::byte> previous = image();
+    const std::byte* const there = image().data();
+    for (auto& action : actions) action = action_of(random);
+    batch.step(std::span<const std::int64_t>(actions));
+    EXPECT_TRUE(same_bits(image(), rgb()));
+    EXPECT_TRUE(same_bits(previous, std::span(there, previous.size()))) << "the previous images were written";
+    const std::vector<float> ranges = testing::values_of(batch.outputs().observation[1]);
+    for (std::size_t k = 0; k < 6 * kRays; ++k)
+      EXPECT_FLOAT_EQ(ranges[k], std::min(batch.lidar_readings().ranges[k] / 3.0F, 1.0F));
+  }
+}
+
+TEST(CameraNavigation, TheLastImageOfAnEpisodeIsKeptBesideTheResetsOne) {
+  // In the mode `disabled` nothing is reset, so what is there after the end is what the episode ended with.
+  for (const ObservationKind kind : kKinds) {
+    constexpr std::size_t kDrones = 12;
+    Batch kept = camera_batch(kDrones, kind, AutoresetMode::disabled).make(parlours());
+    Batch batch = camera_batch(kDrones, kind).make(parlours());
+    Batch next = camera_batch(kDrones, kind).make(parlours());
+    for (Batch* each : {&kept, &batch, &next}) each->reset(seeds_from(3, kDrones));
+    next.reset({});  // the second episodes
+    Random random(2);
+    std::vector<std::int64_t> actions(kDrones);
+    std::size_t ended = 0;
+    std::vector<std::uint8_t> over(kDrones, 0);
+    for (int step = 0; step < 60; ++step) {
+      for (auto& action : actions) action = action_of(random);
+      kept.step(std::span<const std::int64_t>(actions));
+      batch.step(std::span<const std::int64_t>(actions));
+      for (std::size_t i = 0; i < kDrones; ++i) {
+        if (over[i] || !(batch.outputs().terminated[i] || batch.outputs().truncated[i])) continue;
+        over[i] = 1;
+        ++ended;
+        EXPECT_TRUE(row_of(batch.outputs().final_observation, i) == row_of(kept.outputs().observation, i));
+        EXPECT_TRUE(row_of(batch.outputs().observation, i) == row_of(next.outputs().observation, i));
+      }
+    }
+    EXPECT_EQ(ended, kDrones);
+  }
+}
+
+// -- The same bits.
+
+TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
+  constexpr std::size_t kDrones = 11;
+  for (const ObservationKind kind : kKinds) {
+    for (const AutoresetMode mode : kModes) {
+      for (const int frame_skip : {1, 3}) {
+        SCOPED_TRACE("observation " + std::to_string(static_cast<int>(kind)) + ", mode " +
+                     std::to_string(static_cast<int>(mode)) + ", frame skip " + std::to_string(frame_skip));
+        NavigationBatch config = camera_batch(kDrones, kind, mode);
+        config.episode.random_world = true;
+        config.episode.frame_skip = frame_skip;
+        config.block_size = 4;
+        config.num_threads = 2;
+        Batch many = config.make(parlours());
+        const auto seeds = seeds_from(77, kDrones);
+        many.reset(seeds);
+        config.num_envs = config.num_threads = 1;
+        config.block_size = 64;
+        std::vector<std::unique_ptr<Batch>> alone;
+        for (std::size_t i = 0; i < kDrones; ++i) {
+          alone.push_back(std::make_unique<Batch>(config, parlours(), make_navigation(config.navigation)));
+          alone[i]->reset(std::span(seeds).subspan(i, 1));
+        }
+        Random random(2);
+        std::vector<std::int64_t> actions(kDrones);
+        std::map<std::string, int> ends;
+        for (int step = 0; step < 80; ++step) {
+          for (auto& action : actions) action = action_of(random);
+          many.step(std::span<const std::int64_t>(actions));
+          std::vector<std::uint8_t> mask(kDrones, 0);
+          for (std::size_t i = 0; i < kDrones; ++i) {
+            alone[i]->step(std::span<const std::int64_t>(actions).subspan(i, 1));
+            ASSERT_TRUE(same_drone(many, i, *alone[i], 0)) << "step " << step;
+            ends["crashed"] += many.outputs().crashed[i];
+            ends["success"] += many.outputs().success[i];
+            ends["truncated"] += many.outputs().truncated[i];
+            mask[i] = step % 7 == 6 && (many.outputs().terminated[i] || many.outputs().truncated[i]);
+          }
+          if (mode != AutoresetMode::disabled || std::find(mask.begin(), mask.end(), 1) == mask.end()) continue;
+          many.reset({}, mask);
+          for (std::size_t i = 0; i < kDrones; ++i) {
+            if (mask[i]) alone[i]->reset({});
+            ASSERT_TRUE(same_drone(many, i, *alone[i], 0)) << "reset in step " << step;
+          }
+        }
+        for (const char* end : {"crashed", "success", "truncated"}) EXPECT_GT(ends[end], 0) << end;
+      }
+    }
+  }
+}
+
+TEST(CameraNavigation, ModesAgreeButForTheResetRows) {
+  constexpr std::size_t kDrones = 8;
+  struct Row {
+    std::vector<std::byte> observation;
+    float reward;
+    std::uint8_t terminated, truncated;
+    bool operator==(const Row&) const = default;
+  };
+  for (const ObservationKind kind : kKinds) {
+    const auto live = [kind](AutoresetMode mode) {
+      NavigationBatch config = camera_batch(kDrones, kind, mode);
+      config.episode.frame_skip = 2;
+      Batch batch = config.make(parlours());
+      batch.reset(seeds_from(5, kDrones));
+      std::vector<std::vector<Row>> rows(kDrones);
+      std::vector<std::uint64_t> episode(kDrones, 0);
+      std::vector<std::uint64_t> step(kDrones, 0);
+      std::vector<std::uint8_t> ended(kDrones, 0);
+      std::vector<std::int64_t> actions(kDrones);
+      const auto add = [&](std::size_t i, bool final, float reward, std::uint8_t terminated, std::uint8_t truncated) {
+        const Outputs& out = batch.outputs();
+        rows[i].push_back({row_of(final ? out.final_observation : out.observation, i), reward, terminated, truncated});
+      };
+      for (std::size_t i = 0; i < kDrones; ++i) add(i, false, 0, 0, 0);
+      for (int time = 0; time < 80; ++time) {
+        for (std::size_t i = 0; i < kDrones; ++i) {
+          const std::uint64_t number = i * 31 + episode[i] * 17 + step[i] * step[i] * 7 + step[i] / 3;
+          actions[i] = number % 5 < 3 ? 0 : number % 5 == 3 ? 1 : 2;
+        }
+        batch.step(std::span<const std::int64_t>(actions));
+        const Outputs& out = batch.outputs();
+        for (std::size_t i = 0; i < kDrones; ++i) {
+          if (mode == AutoresetMode::next_step && ended[i]) {  // the reset row
+            add(i, false, 0, 0, 0);
+            ended[i] = 0;
+            continue;
+          }
+          ended[i] = out.terminated[i] || out.truncated[i];
+          const bool was_reset = ended[i] && mode == AutoresetMode::same_step;
+          add(i, was_reset, out.reward[i], out.terminated[i], out.truncated[i]);
+          ++step[i];
+          if (!ended[i]) continue;
+          ++episode[i];
+          step[i] = 0;
+          if (was_reset) add(i, false, 0, 0, 0);
+        }
+        if (mode != AutoresetMode::disabled || std::find(ended.begin(), ended.end(), 1) == ended.end()) continue;
+        batch.reset({}, ended);
+        for (std::size_t i = 0; i < kDrones; ++i) {
+          if (ended[i]) add(i, false, 0, 0, 0);
+        }
+      }
+      return rows;
+    };
+    const auto next_step = live(AutoresetMode::next_step);
+    for (const AutoresetMode mode : {AutoresetMode::same_step, AutoresetMode::disabled}) {
+      const auto other = live(mode);
+      for (std::size_t i = 0; i < kDrones; ++i) {
+        const std::size_t count = std::min(next_step[i].size(), other[i].size());
+        ASSERT_GT(count, 75U);
+        for (std::size_t k = 0; k < count; ++k) ASSERT_EQ(next_step[i][k], other[i][k]) << "env " << i << ", row " << k;
+      }
+    }
+  }
+}
+
+TEST(CameraNavigation, ASnapshotBringsTheImagesBack) {
+  for (const ObservationKind kind : kKinds) {
+    Batch batch = camera_batch(6, kind).make(parlours());
+    batch.reset({});
+    Random random(3);
+    std::vector<std::int64_t> actions(6, 0);
+    for (int step = 0; step < 5; ++step) batch.step(std::span<const std::int64_t>(actions));
+    const std::string blob = batch.snapshot();
+    Batch other = camera_batch(6, kind).make(parlours());
+    other.restore(blob);
+    EXPECT_TRUE(same_drones(batch, other));
+    for (int step = 0; step < 30; ++step) {
+      for (auto& action : actions) action = action_of(random);
+      batch.step(std::span<const std::int64_t>(actions));
+      other.step(std::span<const std::int64_t>(actions));
+      ASSERT_TRUE(same_drones(batch, other)) << step;
+    }
+  }
+}
+
+// -- Frame skip.
+
+TEST(FrameSkip, IsThatManyStepsOfTheSameAction) {
+  constexpr std::size_t kDrones = 24;
+  for (const ObservationKind kind : {ObservationKind::goal, ObservationKind::blob, ObservationKind::pixels}) {
+    SCOPED_TRACE(static_cast<int>(kind));
+    NavigationBatch config = camera_batch(kDrones, kind, AutoresetMode::disabled);
+    config.pose_sensor = {.position_noise_std_m = 0.01F, .orientation_noise_std_deg = 0.5F};
+    Batch single = config.make(parlours());
+    config.episode.frame_skip = 3;
+    Batch skipping = config.make(parlours());
+    for (Batch* each : {&single, &skipping}) each->reset(seeds_from(9, kDrones));
+    Random random(4);
+    std::vector<std::int64_t> actions(kDrones);
+    int cut_short = 0;
+    for (int step = 0; step < 30; ++step) {
+      for (auto& action : actions) action = action_of(random);
+      std::vector<double> reward(kDrones, 0.0);
+      std::vector<double> terms(single.outputs().reward_terms.size(), 0.0);
+      for (int k = 0; k < 3; ++k) {
+        const AlignedVector<std::int64_t> before = single.outputs().episode_length;
+        single.step(std::span<const std::int64_t>(actions));
+        for (std::size_t i = 0; i < kDrones; ++i) {
+          reward[i] += static_cast<double>(single.outputs().reward[i]);
+          const bool over = single.outputs().terminated[i] || single.outputs().truncated[i];
+          cut_short += k < 2 && over && single.outputs().episode_length[i] > before[i];
+        }
+        for (std::size_t j = 0; j < terms.size(); ++j) terms[j] += static_cast<double>(single.outputs().reward_terms[j]);
+      }
+      skipping.step(std::span<const std::int64_t>(actions));
+      const Outputs& a = skipping.outputs();
+      const Outputs& b = single.outputs();
+      EXPECT_TRUE(same_observations(skipping, single)) << step;
+      EXPECT_EQ(a.terminated, b.terminated);
+      EXPECT_EQ(a.truncated, b.truncated);
+      EXPECT_EQ(a.success, b.success);
+      EXPECT_EQ(a.crashed, b.crashed);
+      EXPECT_EQ(a.episode_length, b.episode_length);
+      EXPECT_EQ(a.episode_return, b.episode_return);
+      EXPECT_EQ(skipping.state().position, single.state().position);
+      EXPECT_EQ(skipping.state().sensed, single.state().sensed);
+      EXPECT_EQ(skipping.images(0).frame_step, single.images(0).frame_step);
+      for (std::size_t i = 0; i < kDrones; ++i) EXPECT_NEAR(a.reward[i], reward[i], 1e-6 * std::max(1.0, std::abs(reward[i])));
+      for (std::size_t j = 0; j < terms.size(); ++j) {
+        EXPECT_NEAR(a.reward_terms[j], terms[j], 1e-6 * std::max(1.0, std::abs(terms[j])));
+      }
+    }
+    EXPECT_GT(cut_short, 3);
+  }
+}
+
+TEST(FrameSkip, CountsFlownStepsTowardsTheLimit) {
+  NavigationBatch config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
+  config.navigation.random_start = config.episode.stagger_first_episode = false;
+  config.episode.frame_skip = 4;
+  config.episode.max_episode_steps = 10;
+  Batch batch = config.make({testing::playground("camera-train-1")});
+  batch.reset({});
+  const std::int64_t action = 1;
+  for (const std::int64_t length : {4, 8, 10}) {
+    EXPECT_FALSE(batch.outputs().truncated[0]);
+    batch.step(std::span<const std::int64_t>(&action, 1));
+    EXPECT_EQ(batch.outputs().episode_length[0], length);
+  }
+  EXPECT_TRUE(batch.outputs().truncated[0]);
+}
+
+TEST(FrameSkip, OnlyTheFirstOfAnActionIsAChange) {
+  NavigationBatch config = camera_batch(1, ObservationKind::goal, AutoresetMode::disabled);
+  config.navigation.random_start = false;
+  config.episode.frame_skip = 4;
+  Batch batch = config.make({testing::playground("camera-train-1")});
+  batch.reset({});
+  const std::pair<std::int64_t, float> flights[] = {{1, -1.0F}, {1, 0.0F}, {2, -1.0F}};
+  for (const auto& [action, change] : flights) {
+    batch.step(std::span<const std::int64_t>(&action, 1));
+    EXPECT_EQ(batch.outputs().reward_terms[4], change);
+  }
+}
+
+// -- Memory.
+
+TEST(CameraNavigation, AStepAllocatesNothing) {
+  for (const ObservationKind kind : kKinds) {
+    for (const AutoresetMode mode : kModes) {
+      NavigationBatch config = camera_batch(24, kind, mode);
+      config.episode.frame_skip = 2;
+      Batch batch = config.make(parlours());
+      batch.reset({});
+      Random random(5);
+      std::vector<std::int64_t> actions(24);
+      const auto fly = [&](int steps) {
+        for (int step = 0; step < steps; ++step) {
+          for (auto& action : actions) action = action_of(random);
+          batch.step(std::span<const std::int64_t>(actions));
+        }
+      };
+      fly(40);
+      const std::uint64_t before = testing::allocations();
+      fly(40);
+      EXPECT_EQ(testing::allocations() - before, 0U);
+    }
+  }
+}
+
+TEST(CameraNavigation, AStepWithConvertedImagesAllocatesNothingAndHasTheSameBitsOnAnyThreads) {
+  for (const ImageLayout layout : {ImageLayout::hwc, ImageLayout::chw}) {
+    std::vector<std::vector<float>> observed;
+    std::vector<CameraImages> images;
+    for (const int threads : {1, 3}) {
+      NavigationBatch config = camera_batch(24, ObservationKind::blob);
+      CameraConfig& camera = config.cameras[0];
+      camera.layout = layout;
+      camera.outputs = {.rgb = true, .depth = true, .grey = true, .hsv = true};
+      camera.resize = {20, 18};
+      camera.pool = Pool::max;
+      config.cameras.push_back({.name = "belly", .width_px = 16, .height_px = 12, .outputs = {.rgb = false, .hsv = true}});
+      config.navigation.color = {ColorSpace::hsv, {50, 60, 20}, {70, 255, 255}};
+      config.num_threads = threads;
+      Batch batch = config.make(parlours());
+      batch.reset({});
+      Random random(5);
+      std::vector<std::int64_t> actions(24);
+      std::vector<float> seen;
+      const auto fly = [&](int steps, bool look) {
+        for (int step = 0; step < steps; ++step) {
+          for (auto& action : actions) action = action_of(random);
+          batch.step(std::span<const std::int64_t>(actions));
+          if (!look) continue;
+          const auto row = batch.outputs().observation[0].row<float>(7);
+          seen.insert(seen.end(), row.begin(), row.end());
+        }
+      };
+      fly(40, false);
+      const std::uint64_t before = testing::allocations();
+      fly(40, false);
+      EXPECT_EQ(testing::allocations() - before, 0U) << threads;
+      fly(40, true);
+      observed.push_back(seen);
+      images.push_back(batch.images(0));
+      EXPECT_EQ(images.back().hsv.size(), std::size_t{24 * 3 * 20 * 18});
+      EXPECT_EQ(batch.images(1).hsv.size(), std::size_t{24 * 3 * 16 * 12});
+      EXPECT_TRUE(batch.images(1).rgb.empty());
+    }
+    EXPECT_EQ(observed[0], observed[1]);
+    EXPECT_EQ(images[0].hsv, images[1].hsv);
+    EXPECT_EQ(images[0].rgb, images[1].rgb);
+    EXPECT_TRUE(same_bits(images[0].depth, images[1].depth));
+  }
+}
+
+// -- What cannot be.
+
+TEST(CameraNavigation, RefusesABatchItCannotObserve) {
+  const Batch::Worlds worlds{parlour(1)};
+  for (const ObservationKind kind : kKinds) {
+    const auto with = [kind](auto change) {
+      NavigationBatch config = camera_batch(1, kind);
+      change(config);
+      return config;
+    };
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras.clear(); }).make(worlds), "cameras");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras[0].outputs = {.rgb = false, .depth = true}; }).make(worlds),
+                   "camera.outputs");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.cameras[0].capture_mode = CaptureMode::on_demand; }).make(worlds),
+                   "camera.capture_mode");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.lidars.clear(); }).make(worlds), "lidar");
+    EXPECT_REFUSED(with([](NavigationBatch& c) { c.episode.frame_skip = 0; }).make(worlds), "frame_skip");
+    Batch batch = camera_batch(1, kind).make(worlds);
+    EXPECT_REFUSED(batch.set_capture_mode(0, CaptureMode::on_demand), "capture_mode");
+    EXPECT_EQ(batch.camera_config(0).capture_mode, CaptureMode::every_step);
+    batch.set_capture_mode(0, CaptureMode::on_movement);
+  }
+  NavigationBatch config = camera_batch(1, ObservationKind::pixels);
+  config.cameras[0].layout = ImageLayout::hwc;
+  EXPECT_REFUSED(config.make(worlds), "camera.layout");
+}
+
+TEST(CameraNavigation, OnMovementIsEveryStepToTheBit) {
+  for (const ObservationKind kind : kKinds) {
+    NavigationBatch config = camera_batch(8, kind);
+    Batch every = config.make(parlours());
+    config.cameras[0].capture_mode = CaptureMode::on_movement;
+    Batch moving = config.make(parlours());
+    for (Batch* each : {&every, &moving}) each->reset({});
+    Random random(6);
+    std::vector<std::int64_t> actions(8);
+    for (int step = 0; step < 60; ++step) {
+      for (auto& action : actions) action = action_of(random);
+      every.step(std::span<const std::int64_t>(actions));
+      moving.step(std::span<const std::int64_t>(actions));
+      EXPECT_TRUE(same_observations(every, moving));
+    }
+  }
+}
+
+TEST(CameraNavigation, ASnapshotWithAModeTheTaskRefusesChangesNothing) {
+  Batch batch = camera_batch(2, ObservationKind::blob).make(parlours());
+  batch.reset({});
+  std::string damaged = batch.snapshot();
+  batch.set_capture_mode(0, CaptureMode::on_movement);
+  const std::string blob = batch.snapshot();
+  const auto body = static_cast<std::ptrdiff_t>(sizeof(testing::SnapshotHeader));
+  const auto [mode, other] = std::mismatch(damaged.begin() + body, damaged.end(), blob.begin() + body);
+  ASSERT_TRUE(mode != damaged.end());
+  ASSERT_EQ(*mode, static_cast<char>(CaptureMode::every_step));
+  *mode = static_cast<char>(CaptureMode::on_demand);
+  EXPECT_REFUSED(batch.restore(testing::mended(damaged)), "capture_mode");
+  EXPECT_TRUE(batch.snapshot() == blob);
+}
+
+}  // namespace
+}  // namespace flockstep

@@ -1,0 +1,407 @@
+// What the tracer of a batch decides: its cameras and LiDARs by tiles against closed forms in double precision and against
+// Embree.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <initializer_list>
+#include <limits>
+#include <memory>
+#include <numbers>
+#include <utility>
+#include <vector>
+
+#include "batch_helpers.hpp"
+#include "on_target.hpp"
+#include "prepared/prepared_world.hpp"
+#include "random.hpp"
+#include "ray_oracle.hpp"
+#include "sensors/beams.hpp"
+#include "trace/scene.hpp"
+#include "tried.hpp"
+
+namespace flockstep {
+namespace {
+
+using testing::make_world;
+using testing::primitive;
+using testing::Random;
+using testing::same_bits;
+
+// Hills of cells x cells squares of 1 m, from -cells / 2 on, and a wall over them that nobody sees.
+TriangleMesh hills(int cells) {
+  TriangleMesh mesh;
+  const float from = -0.5F * static_cast<float>(cells);
+  for (int row = 0; row <= cells; ++row) {
+    for (int column = 0; column <= cells; ++column) {
+      const float x = from + static_cast<float>(column), y = from + static_cast<float>(row);
+      mesh.vertices.emplace_back(x, y, std::sin(0.7F * x) * std::cos(0.5F * y));
+    }
+  }
+  for (int row = 0; row < cells; ++row) {
+    for (int column = 0; column < cells; ++column) {
+      const int at = row * (cells + 1) + column;
+      mesh.triangles.push_back({at, at + 1, at + cells + 2});
+      mesh.triangles.push_back({at, at + cells + 2, at + cells + 1});
+    }
+  }
+  mesh.presence.assign(mesh.triangles.size(), Presence::full);
+  const auto wall = static_cast<std::int32_t>(mesh.vertices.size());
+  for (const Vec3& corner : {Vec3(-9, 0, 0), Vec3(9, 0, 0), Vec3(0, 0, 9)}) mesh.vertices.push_back(corner);
+  mesh.triangles.push_back({wall, wall + 1, wall + 2});
+  mesh.presence.push_back(Presence::solid);
+  mesh.materials.assign(mesh.triangles.size(), 0);
+  return mesh;
+}
+
+// As many spheres over hills: few are traced directly, many through Embree.
+std::shared_ptr<const World> hills_and_spheres(int spheres) {
+  Random random(3);
+  std::vector<Primitive> primitives;
+  for (int i = 0; i < spheres; ++i) {
+    primitives.push_back(primitive(
+        PrimitiveKind::sphere, {random.within(-11, 11), random.within(-11, 11), random.within(0.5F, 4)}, Vec3::Constant(0.2F)));
+  }
+  return make_world(std::move(primitives), {.start = Vec3(0, 0, 3), .goal = Vec3(8, 8, 3)}, hills(24));
+}
+
+constexpr int kDrones = 8;
+
+struct Poses {
+  std::vector<float> position, quat_wxyz;
+
+  explicit Poses(unsigned seed = 7) {
+    Random random(seed);
+    for (int i = 0; i < kDrones; ++i) {
+      position.insert(position.end(), {random.within(-9, 9), random.within(-9, 9), random.within(1.5F, 5)});
+      const Quat q = random.rotation();
+      quat_wxyz.insert(quat_wxyz.end(), {q.w(), q.x(), q.y(), q.z()});
+    }
+  }
+};
+
+CameraConfig camera() {
+  CameraConfig config;
+  config.width_px = 72;  // its last tiles are narrower and lower than others
+  config.height_px = 42;
+  config.far_m = 30.0F;
+  config.outputs = {.rgb = true, .depth = true, .semantic = true, .instance = true, .normal = true};
+  return config;
+}
+
+LidarConfig grid(int channels = 14, int beams = 200) {
+  LidarConfig config;
+  config.channels = channels;
+  config.beams = beams;
+  config.hfov_deg = 360.0F;
+  config.vfov_deg = 40.0F;
+  config.max_range_m = 20.0F;
+  config.offset_m = {0.1F, -0.05F, 0.02F};
+  return config;
+}
+
+std::unique_ptr<Batch> make_batch(const std::shared_ptr<const World>& world, TracerKind tracer, int threads = 1,
+                                  int block_size = 64) {
+  BatchConfig config;
+  config.num_envs = kDrones;
+  config.num_threads = threads;
+  config.block_size = block_size;
+  config.cameras = {camera()};
+  config.lidars = {grid()};
+  config.tracer = tracer;
+  auto batch = std::make_unique<Batch>(config, Batch::Worlds{world});
+  const Poses poses;
+  batch->set_pose(poses.position, poses.quat_wxyz);
+  batch->sense();
+  batch->capture(0);
+  return batch;
+}
+
+#if defined(NDEBUG)
+constexpr std::size_t kEvery = 3;  // one ray of so many is held against the oracle
+#else                              // sanitizers and debug builds are slow
+constexpr std::size_t kEvery = 41;
+#endif
+
+class TracerTiles : public ::testing::TestWithParam<int> {};  // spheres
+
+// Holds every so-many-th ray of batches that differ in their tracer alone against the oracle.
+struct Tally {
+  std::size_t rays = 0, compared = 0, hits = 0;
+
+  void compare(const World& world, std::initializer_list<const Batch*> batches, std::size_t every) {
+    const Batch& first = **batches.begin();
+    const LidarConfig lidar = grid();
+    const std::size_t per_drone = static_cast<std::size_t>(lidar.channels) * static_cast<std::size_t>(lidar.beams);
+    std::vector<float> directions(3 * per_drone * kDrones);
+    first.lidar_directions(directions);
+    for (std::size_t drone = 0; drone < kDrones; ++drone) {
+      const Pose pose = pose_of(first.state(), DroneIndex(drone));
+      const Eigen::Quaterniond rotation = pose.rotation.cast<double>().normalized();
+      const Eigen::Vector3d origin =
+          pose.position.cast<double>() + rotation * Eigen::Vector3d(lidar.offset_m[0], lidar.offset_m[1], lidar.offset_m[2]);
+      for (std::size_t ray = drone % every; ray < per_drone; ray += every) {
+        ++rays;
+        const float* const d = &directions[3 * (drone * per_drone + ray)];
+        const Eigen::Vector3d direction = rotation * Eigen::Vector3d(d[0], d[1], d[2]);
+        const oracle::Hit hit = oracle::nearest(world, origin, direction, lidar.max_range_m);
+        if (!oracle::is_clear_cut(world, hit, origin, direction, lidar.max_range_m)) continue;
+        ++compared;
+        hits += !std::isinf(hit.t);
+        const double steep = oracle::steepness(world, hit, origin, direction, lidar.max_range_m);
+        for (const Batch* const batch : batches) {
+          const float range = batch->lidar_readings().ranges[drone * per_drone + ray];
+          ASSERT_EQ(std::isinf(range), std::isinf(hit.t)) << "drone " << drone << " ray " << ray;
+          if (std::isinf(hit.t)) continue;
+          ASSERT_NEAR(range, hit.t, 2e-6 * (20.0 + hit.t) * std::max(steep, 1.0)) << "drone " << drone << " ray " << ray;
+        }
+      }
+    }
+  }
+};
+
+TEST_P(TracerTiles, LidarsMeasureWhatAnOracleDoes) {
+  const auto world = hills_and_spheres(GetParam());
+  Tally tally;
+  tally.compare(*world, {make_batch(world, TracerKind::tiles).get()}, kEvery);
+  EXPECT_GT(tally.compared, 3 * tally.rays / 4);
+  EXPECT_GT(tally.hits, tally.compared / 4);
+}
+
+// Triangles anywhere: some large, some small, some needles.
+TriangleMesh loose_triangles(int count, Random& random) {
+  TriangleMesh mesh;
+  for (int i = 0; i < count; ++i) {
+    const Vec3 center = random.point(9.0F);
+    const float size = std::array{0.2F, 1.0F, 4.0F}[static_cast<std::size_t>(i) % 3];
+    const auto first = static_cast<std::int32_t>(mesh.vertices.size());
+    const Vec3 a = center + size * random.point(1.0F), b = center + size * random.point(1.0F);
+    const Vec3 c = i % 5 == 0 ? Vec3(b + 1e-3F * random.point(1.0F)) : Vec3(center + size * random.point(1.0F));
+    mesh.vertices.insert(mesh.vertices.end(), {a, b, c});
+    mesh.triangles.push_back({first, first + 1, first + 2});
+  }
+  mesh.materials.assign(mesh.triangles.size(), 0);
+  return mesh;
+}
+
+TEST(TracerAgreement, OfTilesPacketsAndClosedForms) {
+  using enum PrimitiveKind;
+  const long wanted = testing::times_tried(20'000 / static_cast<long>(kEvery));
+  Tally tally;
+  for (unsigned seed = testing::part_tried() << 24U; static_cast<long>(tally.rays) < wanted; ++seed) {
+    SCOPED_TRACE(seed);
+    Random random(seed);
+    std::vector<Primitive> primitives;
+    if (seed % 3 == 0) primitives.push_back(primitive(room, random.point(0.5F), {12.0F, 11.0F, 8.0F}));
+    const int count = std::array{0, 6, 30}[seed % 3];
+    for (int i = 0; i < count; ++i) {
+      const PrimitiveKind kind = std::array{box, cylinder, capsule, sphere, plane, disc}[static_cast<std::size_t>(i) % 6];
+      const float size = random.within(0.1F, 1.0F);
+      const Vec3 half(size, size, kind == plane || kind == disc ? 0.0F : kind == capsule ? 1.5F * size : size);
+      primitives.push_back(primitive(kind, random.point(8.0F), half, kind == sphere ? Quat::Identity() : random.rotation()));
+    }
+    const auto world = make_world(std::move(primitives), {},
+                                  seed % 2 == 0 ? hills(6 + static_cast<int>(seed % 7)) : loose_triangles(70, random));
+    const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
+    Poses poses(seed);
+    for (Batch* const batch : {tiles.get(), embree.get()}) {
+      batch->set_pose(poses.position, poses.quat_wxyz);
+      batch->sense();
+    }
+    tally.compare(*world, {tiles.get(), embree.get()}, kEvery);
+    ASSERT_FALSE(HasFailure());
+  }
+  EXPECT_GT(tally.compared, tally.rays / 2);
+  EXPECT_GT(tally.hits, tally.compared / 4);
+  testing::tried("agreement", static_cast<long>(tally.compared));
+}
+
+TEST_P(TracerTiles, CamerasSeeWhatTheyDoThroughEmbree) {
+  const auto world = hills_and_spheres(GetParam());
+  const auto tiles = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
+  const CameraImages &a = tiles->images(0), &b = embree->images(0);
+  const std::size_t pixels = a.depth.size();
+  std::size_t hits = 0, other_depth = 0, other_ids = 0, other_color = 0, other_normal = 0;
+  for (std::size_t i = 0; i < pixels; ++i) {
+    hits += std::isfinite(a.depth[i]);
+    if (std::isfinite(a.depth[i]) != std::isfinite(b.depth[i])) {
+      ++other_depth;
+      continue;
+    }
+    if (std::isfinite(a.depth[i])) other_depth += std::abs(a.depth[i] - b.depth[i]) > 1e-4F * (1.0F + b.depth[i]);
+    other_ids += a.semantic[i] != b.semantic[i] || a.instance[i] != b.instance[i];
+    for (std::size_t k = 3 * i; k < 3 * i + 3; ++k) {
+      other_color += std::abs(a.rgb[k] - b.rgb[k]) > 1;
+      other_normal += std::abs(a.normal[k] - b.normal[k]) > 1e-3F;
+    }
+  }
+  EXPECT_GT(hits, pixels / 3);
+  // Where triangles meet, roundings of another kind see another one of them.
+  const std::size_t few = pixels / 1000;
+  EXPECT_LE(other_depth, few);
+  EXPECT_LE(other_ids, few);
+  EXPECT_LE(other_color, 3 * few);
+  EXPECT_LE(other_normal, 3 * few);
+}
+
+TEST_P(TracerTiles, SameBitsWhateverIsBeside) {
+  const auto world = hills_and_spheres(GetParam());
+  const auto batch = make_batch(world, TracerKind::tiles);
+  for (const auto& [threads, block_size] : {std::pair{2, 1}, std::pair{1, 3}}) {
+    const auto other = make_batch(world, TracerKind::tiles, threads, block_size);
+    EXPECT_TRUE(same_bits(batch->lidar_readings().ranges, other->lidar_readings().ranges));
+    EXPECT_TRUE(same_bits(batch->images(0).rgb, other->images(0).rgb));
+    EXPECT_TRUE(same_bits(batch->images(0).depth, other->images(0).depth));
+    EXPECT_TRUE(same_bits(batch->images(0).normal, other->images(0).normal));
+  }
+  BatchConfig config = batch->config();
+  config.num_envs = 1;
+  Batch alone(config, {world});
+  const Poses poses;
+  const std::size_t rays = batch->lidar_readings().ranges.size() / kDrones, pixels = batch->images(0).depth.size() / kDrones;
+  for (std::size_t drone = 0; drone < kDrones; ++drone) {
+    alone.set_pose(std::span(poses.position).subspan(3 * drone, 3), std::span(poses.quat_wxyz).subspan(4 * drone, 4));
+    alone.sense();
+    alone.capture(0);
+    EXPECT_TRUE(same_bits(alone.lidar_readings().ranges, testing::row(batch->lidar_readings().ranges, drone, rays)));
+    EXPECT_TRUE(same_bits(alone.images(0).depth, testing::row(batch->images(0).depth, drone, pixels)));
+  }
+}
+
+TEST_P(TracerTiles, NoTriangleGoesThroughEmbree) {
+  const auto world = hills_and_spheres(GetParam());
+  EXPECT_EQ(make_batch(world, TracerKind::tiles)->embree_rays(), 0);
+  EXPECT_GT(make_batch(world, TracerKind::embree)->embree_rays(), 0);
+}
+
+TEST_P(TracerTiles, AreTakenByThemselvesWhereTheyPay) {
+  const auto world = hills_and_spheres(GetParam());
+  const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
+  EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
+  EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
+  EXPECT_TRUE(same_bits(tiles->images(0).depth, by_itself->images(0).depth));
+}
+
+INSTANTIATE_TEST_SUITE_P(FewAndMany, TracerTiles, ::testing::Values(0, 5, 700));
+
+// A handful of rays goes through Embree, whatever other batches of the world have prepared.
+TEST(TracerTilesOf, SmallCamerasAreNotThere) {
+  const auto world = hills_and_spheres(5);
+  BatchConfig config;
+  config.num_threads = 1;
+  config.cameras = {camera()};
+  config.cameras[0].width_px = config.cameras[0].height_px = 15;
+  const auto rays_through_embree = [&](TracerKind tracer) {
+    config.tracer = tracer;
+    Batch batch(config, {world});
+    batch.capture(0);
+    return batch.embree_rays();
+  };
+  EXPECT_EQ(rays_through_embree(TracerKind::tiles), 0);
+  EXPECT_GT(rays_through_embree(TracerKind::automatic), 0);
+  config.cameras[0].width_px = config.cameras[0].height_px = 16;
+  EXPECT_EQ(rays_through_embree(TracerKind::automatic), 0);
+}
+
+// Primitives go through Embree, too, where they are asked to; few would be traced directly.
+TEST(TracerTilesOf, EmbreeTracesPrimitivesAlike) {
+  for (const int spheres : {5, 700}) {
+    const auto world = hills_and_spheres(spheres);
+    const auto direct = make_batch(world, TracerKind::tiles), embree = make_batch(world, TracerKind::embree);
+    const auto &a = direct->images(0).depth, &b = embree->images(0).depth;
+    std::size_t differ = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) differ += !(a[i] == b[i] || std::abs(a[i] - b[i]) < 1e-4F * a[i]);
+    EXPECT_LT(differ, a.size() / 1000);
+  }
+  const auto only_spheres = make_world({primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F)),
+                                        primitive(PrimitiveKind::box, {-3, 1, 2}, Vec3::Constant(0.5F))});
+  const auto before = make_batch(only_spheres, TracerKind::automatic);
+  const auto embree = make_batch(only_spheres, TracerKind::embree);
+  const auto after = make_batch(only_spheres, TracerKind::automatic);
+  EXPECT_TRUE(same_bits(before->lidar_readings().ranges, after->lidar_readings().ranges));
+  const auto ranges = before->lidar_readings().ranges, by_embree = embree->lidar_readings().ranges;
+  for (std::size_t i = 0; i < ranges.size(); ++i) {
+    if (std::isinf(ranges[i]) != std::isinf(by_embree[i])) continue;  // an outline
+    if (!std::isinf(ranges[i])) {
+      EXPECT_NEAR(ranges[i], by_embree[i], 1e-4F * ranges[i]);
+    }
+  }
+}
+
+TEST(TracerTilesOf, WorldsWithoutTrianglesAreTracedAsEver) {
+  const auto world = make_world({primitive(PrimitiveKind::room, {0, 0, 3}, {12, 12, 4}),
+                                 primitive(PrimitiveKind::sphere, {3, 1, 2}, Vec3::Constant(0.5F))});
+  const auto tiles = make_batch(world, TracerKind::tiles), by_itself = make_batch(world, TracerKind::automatic);
+  EXPECT_EQ(prepared(*world).scene().tiles(), nullptr);
+  EXPECT_TRUE(same_bits(tiles->lidar_readings().ranges, by_itself->lidar_readings().ranges));
+  EXPECT_TRUE(same_bits(tiles->images(0).rgb, by_itself->images(0).rgb));
+}
+
+TEST(TracerTilesOf, HaveTheSameBitsOnEverySimdTarget) {
+  const auto world = hills_and_spheres(5);
+  const auto first = make_batch(world, TracerKind::tiles);
+  const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();
+  ASSERT_GT(targets.size(), 1U);
+  for (const std::int64_t target : targets) {
+    SCOPED_TRACE(hwy::TargetName(target));
+    const testing::OnTarget on(target);
+    // A world of its own: what its triangles show is computed once.
+    const auto same = make_batch(hills_and_spheres(5), TracerKind::tiles);
+    EXPECT_TRUE(same_bits(first->lidar_readings().ranges, same->lidar_readings().ranges));
+    EXPECT_TRUE(same_bits(first->images(0).rgb, same->images(0).rgb));
+    EXPECT_TRUE(same_bits(first->images(0).depth, same->images(0).depth));
+    EXPECT_TRUE(same_bits(first->images(0).normal, same->images(0).normal));
+    EXPECT_TRUE(same_bits(first->images(0).instance, same->images(0).instance));
+  }
+}
+
+TEST(TracerTilesOf, SeveralBatchesShareATree) {
+  const auto world = hills_and_spheres(5);
+  const auto first = make_batch(world, TracerKind::tiles);
+  const auto* const tree = prepared(*world).scene().tiles();
+  ASSERT_NE(tree, nullptr);
+  const auto second = make_batch(world, TracerKind::tiles);
+  EXPECT_EQ(prepared(*world).scene().tiles(), tree);
+}
+
+// A pattern's tiles that are seen as pictures: all of dense ones, none of sparse ones.
+TEST(TracerTilesOf, PatternsThatAreDenseHaveViews) {
+  const auto views = [](int channels, int beams, float hfov_deg) {
+    LidarConfig config = grid(channels, beams);
+    config.hfov_deg = hfov_deg;
+    const sensors::BeamPattern pattern = sensors::make_pattern(config, true);
+    std::size_t with_view = 0;
+    for (const sensors::BeamTile& tile : pattern.tiles) with_view += tile.view >= 0;
+    EXPECT_EQ(with_view, pattern.views.size());
+    return std::pair{pattern.views.size(), pattern.tiles.size()};
+  };
+  EXPECT_EQ(views(16, 360, 360.0F), std::pair(std::size_t{23}, std::size_t{23}));
+  EXPECT_EQ(views(64, 1024, 360.0F), std::pair(std::size_t{256}, std::size_t{256}));
+  EXPECT_EQ(views(1, 35, 270.0F).first, 0U);   // a fan
+  EXPECT_EQ(views(3, 360, 360.0F).first, 0U);  // too few rows
+  EXPECT_EQ(views(8, 60, 360.0F).first, 0U);   // sixteen beams span 90 degrees
+}
+
+// Each beam of a view is the beam of its pattern.
+TEST(TracerTilesOf, ViewsPointWhereBeamsDo) {
+  LidarConfig config = grid(6, 200);
+  config.quat_wxyz = {0.5F, -0.5F, 0.5F, 0.5F};
+  const sensors::BeamPattern pattern = sensors::make_pattern(config, true);
+  ASSERT_FALSE(pattern.views.empty());
+  for (const sensors::BeamTile& tile : pattern.tiles) {
+    if (tile.view < 0) continue;
+    const trace::TileView& view = pattern.views[static_cast<std::size_t>(tile.view)];
+    for (std::size_t i = 0; i < tile.rows * tile.width; ++i) {
+      const std::size_t row = i / tile.width, column = i % tile.width, at = trace::TileAxis::place(row, column);
+      const Vec3 along(1.0F, view.u.of_ray[at], view.v.of_ray[at]);
+      const Vec3 seen = view.ahead[16 * row + column] * (view.to_sensor * along);
+      const Vec3 beam(pattern.x[tile.first + i], pattern.y[tile.first + i], pattern.z[tile.first + i]);
+      EXPECT_LT((seen - beam).norm(), 2e-7F);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace flockstep

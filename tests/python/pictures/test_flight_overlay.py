@@ -1,0 +1,122 @@
+"""Pictures of Hover and Track, and which envs are drawn."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep.pictures.flight_overlay import FlightOverlay
+
+TASKS = pytest.mark.parametrize("config", [flockstep.HoverConfig, flockstep.TrackConfig])
+
+
+class Notes:
+    """A drawing that keeps what is drawn."""
+
+    def __init__(self):
+        self.drawn = {}
+
+    def lines(self, starts, ends, color, width):
+        self.drawn[color, "line"] = np.array([starts, ends])
+
+    def points(self, positions, color, size):
+        self.drawn[color, "point"] = np.array(positions)
+
+    def spheres(self, centers, radius_m, color):
+        self.drawn[color, "sphere"] = np.array(centers)
+
+    def text(self, position, string, color, size):
+        self.drawn["text"] = string
+
+
+def noted(envs, **arguments):
+    notes = Notes()
+    FlightOverlay(**arguments).draw(envs.batch, 0, notes)
+    return notes.drawn
+
+
+def flown(config, steps=10, num_envs=1, **keywords):
+    envs = flockstep.DroneVectorEnv(num_envs, task=config, render_mode="rgb_array", **keywords)
+    envs.reset(seed=3)
+    envs.action_space.seed(3)
+    for _ in range(steps):
+        envs.step(envs.action_space.sample())
+    return envs
+
+
+@TASKS
+def test_flights_are_seen_from_behind_unless_a_view_is_chosen(config):
+    envs = flown(config())
+    (picture,) = envs.render()
+    assert picture.shape == (480, 640, 3)
+    explicit = flown(config(), render_view="third_person").render()[0]
+    assert (picture == explicit).all()
+    assert flown(config(), render_view="top").render()[0].shape == (256, 256, 3)
+    assert flockstep.DroneVectorEnv(1, render_mode="rgb_array").render()[0].shape == (256, 256, 3)
+
+
+def test_the_single_env_shows_flights_from_behind():
+    env = gymnasium.make("flockstep/Hover-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    assert env.render().shape == (480, 640, 3)
+    env.close()
+
+
+@TASKS
+@pytest.mark.parametrize("view", ["top", "third_person", ((-5, -2, 7), (-3, 0, 6))])
+def test_the_start_marker_that_no_flight_uses_is_not_drawn(config, view):
+    hall = flockstep.World.load("arena/hall")
+    bare = hall.to_dict()
+    del bare["markers"]["start"]
+    pictures = [
+        flown(config(), 1, worlds=world, render_view=view).render()[0]
+        for world in (hall, flockstep.World.from_dict(bare))
+    ]
+    assert hall.start is not None
+    assert (pictures[0] == pictures[1]).all()
+
+
+def test_hover_shows_its_point_and_the_height():
+    envs = flown(flockstep.HoverConfig())
+    position, drawn = envs.batch.position[0], noted(envs)
+    np.testing.assert_allclose(drawn["green", "point"], envs.batch.world_of(0).goal, atol=1e-5)
+    np.testing.assert_allclose(drawn["green", "sphere"], envs.batch.world_of(0).goal, atol=1e-5)
+    np.testing.assert_allclose(drawn["green", "line"][0], position)
+    np.testing.assert_allclose(
+        drawn["grey", "line"], [position, [*position[:2], 0]], atol=0.01
+    )  # there are lines on it
+    assert drawn["text"] == f"{position[2]:.1f} m"
+    assert not any("grey" in key for key in noted(envs, height=False))
+
+
+def test_track_shows_where_its_path_is():
+    envs = flown(flockstep.TrackConfig(start_offset_m=0), steps=0)
+    np.testing.assert_allclose(noted(envs)["green", "point"], envs.batch.position[0], atol=1e-5)
+    before = noted(envs)["green", "point"]
+    envs.step(np.zeros((1, 4), np.float32))
+    assert 0 < np.linalg.norm(noted(envs)["green", "point"] - before) < 0.1
+
+
+def test_some_envs_are_drawn(closet):
+    envs = flockstep.DroneVectorEnv(5, worlds=closet, render_mode="rgb_array", random_start=True)
+    envs.reset(seed=1)
+    envs.step(np.arange(5))
+    every = envs.render()
+    assert len(every) == 5
+    assert any((picture != every[0]).any() for picture in every)
+    for indices in ([3, 1], np.array([4]), (), range(2)):
+        some = envs.render(indices=indices)
+        assert len(some) == len(indices)
+        assert all((picture == every[i]).all() for picture, i in zip(some, indices, strict=True))
+    assert len(envs.render(2)) == 1
+    for wrong in (5, -1, [0, 5], [0.5], [True], ["a"]):
+        with pytest.raises(ValueError, match=r"^indices: expected integers from 0 to 4, got "):
+            envs.render(wrong)
+    assert flockstep.DroneVectorEnv(5, worlds=closet).render([0]) is None
+
+
+def test_without_pillow_the_height_has_no_label(monkeypatch):
+    monkeypatch.setattr("flockstep.pictures.flight_overlay.find_spec", lambda name: None)
+    drawn = noted(flown(flockstep.HoverConfig()))
+    assert ("grey", "line") in drawn
+    assert "text" not in drawn

@@ -1,0 +1,535 @@
+"""Pictures from behind a drone, and what `render_view` chooses."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import flockstep
+from flockstep.rotations import rotate
+from flockstep.pictures.stage import Stage
+from flockstep.pictures.third_person_view import ThirdPersonView, frustum
+from flockstep.pictures.trail import Trail
+
+LENGTH = 0.93  # of the default drone
+HULL = flockstep.DroneModel(flockstep.DroneModel().hull)  # as large, and drawn in one colour
+DRONES = pytest.mark.parametrize("drone", [flockstep.DroneModel(), HULL], ids=["rotors", "hull"])
+
+
+def mask_of(image, kind):
+    """Pixels of a kind of thing; walls and pillars here are grey or bluish grey."""
+    r, g, b = image.astype(int).transpose(2, 0, 1)
+    return {
+        "hull": (b > 100) & (b > 1.6 * r) & (b > 1.5 * g),
+        "beam": (r > 200) & (r - b > 40) & (g > 100) & (g < r - 15),
+        "frustum": (r > g + 40) & (b > g + 40) & (b > r),
+        "hit": (r > 150) & (g < 110) & (b < 110),
+    }[kind]
+
+
+def viewed(world, position, quat_wxyz=(1, 0, 0, 0)):
+    """The canvas of the stage for a pose, of the picture's size."""
+    return Stage(world, LENGTH, (640, 480)).set(np.array(position, float), np.array(quat_wxyz, float))[0]
+
+
+def changed(after, before):
+    return (after != before).any(axis=-1)
+
+
+@DRONES
+def test_the_drone_is_where_it_projects_to(room, drone):
+    for position in [(2, 2.5, 2), (5, 6, 1), (7.4, 7.5, 3.7), (0.6, 0.5, 0.3)]:
+        batch = flockstep.Batch([room], drone=drone)
+        view = ThirdPersonView(batch)
+        batch.set_pose(np.float32([position]))
+        image = view.frame(0)
+        assert (image.shape, image.dtype) == ((480, 640, 3), np.uint8)
+        batch.remove([0])
+        seen = changed(image, view.frame(0))
+        if drone is HULL:
+            assert mask_of(image, "hull")[seen].mean() > 0.9  # the rest are edges that are averaged
+        rows, columns = np.nonzero(seen)
+        ((x, y, _),) = viewed(room, position).project(np.array([position], float))
+        assert len(rows) > 500
+        assert (rows == int(y))[columns == int(x)].any()
+        assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.2 * np.ptp(columns)
+
+
+def tips(drone):
+    """Points around the rotors, at their height: a third of their radius above the hubs."""
+    rotors = drone.to_dict()["rotors"]
+    angle = np.linspace(0, 2 * np.pi, 72)
+    circle = rotors["radius_m"] * np.stack([np.cos(angle), np.sin(angle), np.full(72, 1 / 3)], axis=1)
+    return (np.array(rotors["position_m"])[:, None] + circle).reshape(-1, 3)
+
+
+@DRONES
+def test_it_is_as_large_as_its_rotors_or_its_hull(room, drone):
+    """Every pixel of the drone is inside the rectangle around its projected corners, which it fills to its borders."""
+    batch = flockstep.Batch([room], drone=drone)
+    quat_wxyz = np.float32([0.9, 0.1, -0.2, 0.37])
+    quat_wxyz /= np.linalg.norm(quat_wxyz)
+    batch.set_pose(np.float32([[5, 6, 2]]), quat_wxyz[None])
+    view = ThirdPersonView(batch)
+    with_drone = view.frame(0)
+    batch.remove([0])
+    rows, columns = np.nonzero(changed(with_drone, view.frame(0)))
+    outermost = np.asarray(drone.hull, float) if drone is HULL else tips(drone)
+    corners = viewed(room, (5, 6, 2), quat_wxyz).project(np.array([5, 6, 2]) + rotate(quat_wxyz, outermost))[:, :2]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    np.testing.assert_allclose([columns.min(), rows.min()], low, atol=2)
+    np.testing.assert_allclose([columns.max(), rows.max()], high, atol=2)
+
+
+def test_a_mesh_is_what_is_seen_and_how_far_off_the_viewer_is(room):
+    """A slab twice as long as the drone fills the same rectangle of the picture as its corners; in the fleet, too."""
+    slab = np.array([[x, y, z] for x in (-0.9, 0.9) for y in (-0.3, 0.3) for z in (-0.1, 0.1)])
+    faces = [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+    ]
+    mesh = flockstep.DroneMesh(slab, [*faces, [1, 5, 7], [1, 7, 3]], (0.02, 0.08, 0.5))
+    batch = flockstep.Batch([room], 2, drone=flockstep.DroneModel())
+    batch.set_pose(np.float32([[5, 6, 2], [6.5, 2, 2]]))
+    view = ThirdPersonView(batch, mesh=mesh, beams=False)
+    fleet = ThirdPersonView(batch, mesh=mesh, beams=False, others=True)
+    seen, both = view.frame(0), fleet.frame(0)
+    batch.remove([0])
+    empty = view.frame(0)
+    drawn = changed(seen, empty)
+    assert mask_of(seen, "hull")[drawn].mean() > 0.9
+    canvas, _ = Stage(room, 1.8, (640, 480)).set(np.array([5.0, 6, 2]), np.array([1.0, 0, 0, 0]))
+    corners = canvas.project(np.array([5.0, 6, 2]) + slab)[:, :2]
+    rows, columns = np.nonzero(drawn)
+    np.testing.assert_allclose([columns.min(), rows.min()], corners.min(axis=0), atol=2)
+    np.testing.assert_allclose([columns.max(), rows.max()], corners.max(axis=0), atol=2)
+    other = changed(both, seen)
+    assert other.sum() > 300
+    ((x, y, _),) = canvas.project(np.array([[6.5, 2, 2.1]]))
+    assert other[int(y), int(x)]
+    assert both[int(y), int(x)].min() > seen[drawn].min()  # pale
+
+
+def test_the_viewer_stays_in_the_room_and_off_the_walls(room):
+    rng = np.random.default_rng(0)
+    bare = flockstep.World.from_dict({k: v for k, v in room.to_dict().items() if k != "markers"})
+    stage = Stage(bare, LENGTH, (64, 48))
+    low, high = np.asarray(room.bounds, float)
+    for _ in range(50):
+        position = rng.uniform(low + 0.5, high - 0.5)
+        if np.hypot(position[0] - 4, position[1] - 4.5) < 0.7:
+            continue  # within the pillar
+        yaw = rng.uniform(-np.pi, np.pi)
+        canvas, _ = stage.set(position, np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]))
+        assert np.isfinite(canvas.depth).all()  # walls all around
+        x, y, depth = canvas.project(position[None])[0]
+        assert 0 < x < 64
+        assert 0 < y < 48
+        assert depth > 0.3
+        assert canvas.depth[int(y), int(x)] > depth - 1e-3  # nothing before it, or it has dissolved
+
+
+def test_a_pillar_between_viewer_and_drone_dissolves(room):
+    """The drone is seen through it; the pillar stays to be seen, too."""
+    batch = flockstep.Batch([room], drone=HULL)
+    view = ThirdPersonView(batch)
+    # The viewer is 3.2 m behind the drone, 1.3 m to its left and 1.7 m above it: the pillar at (4, 4.5) is half way.
+    batch.set_pose(np.float32([[5.2, 3.9, 2]]))
+    image = view.frame(0)
+    r, g, b = image.astype(int).transpose(2, 0, 1)
+    assert ((b > r + 20) & (b > g + 10)).sum() > 2000
+    _, obstacles = Stage(room, LENGTH, (640, 480)).set(np.array([5.2, 3.9, 2.0]), np.array([1.0, 0, 0, 0]))
+    assert len(obstacles.at) > 5000
+    assert obstacles.opacity.min() == pytest.approx(0.3)
+
+
+def test_a_wall_of_triangles_does_not_dissolve_and_the_viewer_comes_before_it():
+    wall = [[3, -20, -20], [3, 20, -20], [3, 20, 20], [3, -20, 20]]
+    scene = {
+        "flockstep_scene": 1,
+        "name": "wall",
+        "meshes": [{"vertices": wall, "triangles": [[0, 1, 2], [0, 2, 3]]}],
+    }
+    world = flockstep.World.from_dict(scene)
+    batch = flockstep.Batch([world], drone=HULL)
+    batch.set_pose(np.float32([[4.5, 0, 0]]))
+    assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 2000
+    canvas = viewed(world, (4.5, 0, 0))
+    assert canvas.project(np.array([[4.5, 0, 0.0]]))[0, 2] < 2.5
+
+
+def test_beams_and_hits(room):
+    lidar = flockstep.LidarConfig(azimuth_deg=[0], elevation_deg=[0], max_range_m=10)
+    batch = flockstep.Batch([room], lidar=lidar)
+    batch.set_pose(np.float32([[2, 6, 2]]))
+    batch.sense()
+    plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
+    assert batch.lidar().ranges[0, 0, 0] == pytest.approx(6)
+    canvas = viewed(room, (2, 6, 2))
+    (begin, end) = canvas.project(np.array([[2, 6, 2], [8, 6, 2.0]]))[:, :2]
+    difference = changed(drawn, plain)
+    rows, columns = np.nonzero(difference)
+    # On the way from the drone to the wall, and nowhere else.
+    along = np.clip(((np.stack([columns, rows], 1) + 0.5 - begin) @ (end - begin)) / ((end - begin) ** 2).sum(), 0, 1)
+    distance = np.linalg.norm(np.stack([columns, rows], 1) + 0.5 - begin - along[:, None] * (end - begin), axis=1)
+    assert distance.max() < 4
+    column, row = end.astype(int)
+    assert (mask_of(drawn, "hit") & difference)[row - 2 : row + 3, column - 2 : column + 3].any()
+    assert (mask_of(drawn, "beam") & difference).sum() > 50
+
+
+def test_a_beam_that_misses_ends_without_a_dot(room):
+    lidar = flockstep.LidarConfig(beams=9, hfov_deg=90, max_range_m=0.8)
+    batch = flockstep.Batch([room], lidar=lidar)
+    batch.set_pose(np.float32([[2, 6, 2]]))
+    batch.sense()
+    assert np.isinf(batch.lidar().ranges).all()
+    plain, drawn = ThirdPersonView(batch, beams=False).frame(0), ThirdPersonView(batch).frame(0)
+    assert (mask_of(drawn, "beam") & changed(drawn, plain)).sum() > 50
+    assert not (mask_of(drawn, "hit") & changed(drawn, plain)).any()
+
+
+def test_a_frustums_corners_are_the_images_corners():
+    camera = flockstep.CameraConfig(
+        width_px=60, height_px=50, hfov_deg=70, vfov_deg=90, offset_m=(0.1, -0.2, 0.3), quat_wxyz=(0.6, 0, 0.8, 0)
+    )
+    from flockstep.pictures.depth_canvas import DepthCanvas
+
+    points = frustum(camera, 1.5)
+    np.testing.assert_allclose(points[0], camera.offset_m, atol=1e-7)
+    own = DepthCanvas(
+        np.zeros((50, 60, 3), np.uint8),
+        np.zeros((50, 60), np.float32),
+        camera,
+        np.array(camera.offset_m),
+        np.array(camera.quat_wxyz),
+        flockstep.World.playground(0).light,
+    )
+    expected = [[0, 0, 1.5], [60, 0, 1.5], [60, 50, 1.5], [0, 50, 1.5]]
+    np.testing.assert_allclose(own.project(points[1:]), expected, atol=1e-4)
+
+
+def test_each_drones_own_camera_is_drawn(room):
+    camera = flockstep.CameraConfig(name="belly", width_px=8, height_px=6)
+    batch = flockstep.Batch([room], 2, cameras=[camera])
+    batch.set_pose(np.float32([[2, 6, 2], [2, 6, 2]]))
+    batch.set_camera(np.array([False, True]), "belly", quat_wxyz=[0.70710678, 0, 0.70710678, 0])
+    view = ThirdPersonView(batch, cameras=["belly"])
+    ahead, down = view.frame(0), view.frame(1)
+    canvas = viewed(room, (2, 6, 2))
+    for image, direction in ((ahead, [1, 0, 0]), (down, [0, 0, -1])):
+        rows, columns = np.nonzero(mask_of(image, "frustum"))
+        ((x, y, _),) = canvas.project(np.array([2, 6, 2]) + 0.8 * np.array([direction], float))
+        assert len(rows) > 100
+        assert np.hypot(columns.mean() - x, rows.mean() - y) < 40
+    with pytest.raises(ValueError, match="front"):
+        ThirdPersonView(batch, cameras=["front"])
+
+
+@DRONES
+def test_the_other_drones_of_the_world_are_drawn_if_asked_for(room, closet, drone):
+    batch = flockstep.Batch([room, closet], 4, world_index=[0, 0, 1, 0], drone=drone)
+    batch.set_pose(
+        np.float32([[2, 6, 2], [3.5, 6.9, 2], [3.5, 6.9, 2], [2, 6, 2]])
+    )  # the last one is where the first is
+    alone, fleet = ThirdPersonView(batch), ThirdPersonView(batch, others=True)
+    own, all_of_them = alone.frame(0), fleet.frame(0)
+    rows, columns = np.nonzero(changed(all_of_them, own))
+    ((x, y, _),) = viewed(room, (2, 6, 2)).project(np.array([[3.5, 6.9, 2]]))
+    assert len(rows) > 200
+    assert np.hypot(columns.mean() - x, rows.mean() - y) < 0.3 * np.ptp(columns)
+    batch.remove([1, 3])
+    np.testing.assert_array_equal(fleet.frame(0), own)
+    batch.remove([0])
+    assert not changed(all_of_them, own)[changed(own, alone.frame(0))].any()  # it stays as it is where it is
+
+
+def test_the_trail_is_where_the_drone_was(room):
+    batch = flockstep.Batch([room])
+    trail = Trail(batch)
+    for x in np.arange(2, 4.01, 0.25):
+        batch.set_pose(np.float32([[x, 6.5, 2]]))
+        trail.record()
+    path = trail.of(0)
+    np.testing.assert_allclose(path, [[x, 6.5, 2] for x in np.arange(2, 4.01, 0.25)], atol=1e-6)
+    plain, drawn = ThirdPersonView(batch).frame(0), ThirdPersonView(batch, trail=trail).frame(0)
+    difference = changed(drawn, plain)
+    inside = 0
+    for x, y, _ in viewed(room, (4, 6.5, 2)).project(path[4:7].astype(float)):
+        if 2 < x < 637 and 2 < y < 477:
+            inside += 1
+            assert difference[int(y) - 1 : int(y) + 2, int(x) - 1 : int(x) + 2].any()
+    assert inside >= 2
+
+
+def test_a_trail_begins_with_its_episode():
+    envs = flockstep.DroneVectorEnv(
+        3, worlds="train", render_mode="rgb_array", render_view="third_person", max_episode_steps=4
+    )
+    envs.reset(seed=0)
+    start = envs.batch.position.copy()
+    for _ in range(4):
+        envs.step([0, 1, 2])
+    assert envs.trail is not None
+    for drone in range(3):
+        path = envs.trail.of(drone)
+        assert path.shape == (5, 3)
+        np.testing.assert_array_equal(path[0], start[drone])
+        np.testing.assert_array_equal(path[-1], envs.batch.position[drone])
+    envs.step([0, 0, 0])  # all begin anew
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
+    envs.step([0, 0, 0])
+    envs.reset(options={"reset_mask": np.array([False, True, False])})
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [3, 1, 3]
+    blob = envs.snapshot()
+    envs.step([0, 0, 0])
+    envs.restore(blob)
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
+    envs.reset(seed=0)  # the same episode number again
+    assert [len(envs.trail.of(drone)) for drone in range(3)] == [1, 1, 1]
+    envs.close()
+
+
+def test_a_trail_forgets_what_is_long_ago(room):
+    batch = flockstep.Batch([room], 2)
+    trail = Trail(batch, max_steps=10)
+    for step in range(25):
+        batch.set_pose(np.float32([[step * 0.1, 1, 1], [step * 0.1, 2, 1]]))
+        trail.record(np.array([False, step == 20]))
+    np.testing.assert_allclose(trail.of(0)[:, 0], np.arange(15, 25) * 0.1, atol=1e-6)
+    np.testing.assert_allclose(trail.of(1)[:, 0], np.arange(20, 25) * 0.1, atol=1e-6)
+
+
+def test_a_removed_drone_is_not_drawn(room):
+    batch = flockstep.Batch([room], lidar=flockstep.LidarConfig())
+    batch.sense()
+    batch.remove([0])
+    canvas = Stage(room, LENGTH, (1280, 960)).set(batch.position[0].astype(float), batch.quat_wxyz[0].astype(float))[0]
+    bare = canvas.rgb.reshape(480, 2, 640, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(ThirdPersonView(batch).frame(0), bare, atol=0.5)
+
+
+def test_a_picture_depends_on_its_env_alone(room, closet):
+    batch = flockstep.Batch([room, closet], 3)
+    view = ThirdPersonView(batch, size_px=(96, 64))
+    frames = [view.frame(i) for i in (0, 1, 2, 0)]
+    assert frames[0].shape == (64, 96, 3)
+    np.testing.assert_array_equal(frames[0], frames[3])
+    np.testing.assert_array_equal(frames[0], frames[2])
+    assert changed(frames[0], frames[1]).any()
+    before = batch.position.copy()
+    np.testing.assert_array_equal(batch.position, before)
+
+
+@pytest.mark.parametrize("hull", [[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]])
+def test_any_hull_is_drawn_at_a_size_to_be_seen(room, hull):
+    drone = flockstep.DroneModel(np.float32(hull))
+    batch = flockstep.Batch([room], drone=drone)
+    batch.set_pose(np.float32([[5, 6, 2]]))
+    assert mask_of(ThirdPersonView(batch).frame(0), "hull").sum() > 500
+
+
+def test_render_view_chooses(room):
+    shapes = {}
+    for name in ("top", "third_person"):
+        envs = flockstep.DroneVectorEnv(2, worlds=room, render_mode="rgb_array", render_view=name)
+        envs.reset(seed=0)
+        shapes[name] = [frame.shape for frame in envs.render()]
+        envs.close()
+    assert shapes == {"top": [(256, 256, 3)] * 2, "third_person": [(480, 640, 3)] * 2}
+    with pytest.raises(
+        ValueError, match="render_view: expected one of 'top', 'camera', 'third_person', 'fleet' or two points, got 's"
+    ):
+        flockstep.DroneVectorEnv(1, worlds=room, render_view="side")
+    with pytest.raises(ValueError, match="render_view: 'camera' needs a camera, and this env has none"):
+        flockstep.DroneVectorEnv(1, worlds=room, render_mode="rgb_array", render_view="camera")
+    assert flockstep.DroneVectorEnv(1, worlds=room, render_view="third_person").render() is None
+
+
+def test_from_a_fixed_place_the_world_stays_and_all_drones_of_it_are_seen(room, closet):
+    place = ((0.5, 7.5, 3.5), (5, 3, 1.5))
+    batch = flockstep.Batch([room, closet], 3, world_index=[0, 0, 1])
+    batch.set_pose(np.float32([[3, 6, 2], [5.5, 5, 1], [1, 1, 0.6]]))
+    view = ThirdPersonView(batch, others=True, place=tuple(np.array(point) for point in place))
+    image = view.frame(0)
+    bare = flockstep.render(
+        room, place[0], look_at=place[1], camera=flockstep.CameraConfig(hfov_deg=75, samples_per_pixel=4, shadows=True)
+    )["rgb"]
+    canvas = Stage(room, LENGTH, (640, 480)).seen_from(*(np.array(point) for point in place))
+    rows, columns = np.nonzero(np.abs(image.astype(int) - bare).max(axis=-1) > 24)
+    near = np.zeros(len(rows), bool)
+    for x, y, depth in canvas.project(np.array([[3, 6, 2], [5.5, 5, 1.0]])):
+        around = np.hypot(columns - x, rows - y) < 0.6 * 417 / depth
+        assert around.sum() > 300
+        near |= around
+    assert near.mean() > 0.99  # silhouettes are averaged otherwise
+    batch.set_pose(np.float32([[3, 6.5, 2], [5.5, 5, 1], [1, 1, 0.6]]))
+    moved = view.frame(0)
+    assert changed(moved, image).any()
+    np.testing.assert_array_equal(view.frame(0), moved)  # what was drawn is not in the next picture
+    batch.remove([0, 1])
+    np.testing.assert_allclose(view.frame(0).astype(int)[::7, ::7], bare[::7, ::7], atol=80)
+    with pytest.raises(ValueError, match=r"render_view: expected one of 'top', .* or two points"):
+        flockstep.DroneVectorEnv(1, worlds=room, render_view=((0, 0, 0), (0, 0, 0)))
+
+
+def test_a_viewer_follows_smoothly_and_keeps_the_drone_in_view(room):
+    """Steps to and fro: the viewer goes half as far as the drone, and never out of reach."""
+    batch = flockstep.Batch([room])
+    trail = Trail(batch)
+    view = ThirdPersonView(batch, trail=trail)
+    anchors = []
+    for step in range(30):
+        batch.set_pose(np.float32([[2 + 0.05 * step, 6.0 + 0.1 * (step % 2), 2]]))
+        trail.record()
+        anchors.append(view._anchor(0, batch.position[0].astype(float)))
+    steps = np.abs(np.diff(np.array(anchors), axis=0))
+    assert steps[12:, 1].max() < 0.02
+    assert steps[12:, 0].max() == pytest.approx(0.05, abs=1e-5)
+    batch.set_pose(np.float32([[7, 2, 2]]))
+    trail.record()
+    np.testing.assert_allclose(
+        np.linalg.norm(view._anchor(0, np.array([7.0, 2, 2])) - [7, 2, 2]), 0.5 * LENGTH, atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("view", ["top", "third_person", "camera", ((1, 1, 2), (4, 4, 2))])
+def test_the_size_is_chosen(room, view):
+    camera = flockstep.CameraConfig(width_px=32, height_px=24)
+    keywords = {"worlds": room, "camera": camera, "render_mode": "rgb_array", "render_view": view}
+    envs = gymnasium.make_vec("flockstep/LidarNavigation-v0", 1, **keywords, render_size=(120, 60))
+    single = gymnasium.make("flockstep/LidarNavigation-v0", **keywords, render_size=(120, 60))
+    envs.reset(seed=0)
+    single.reset(seed=0)
+    image = single.render()
+    assert [frame.shape for frame in envs.render()] == [(60, 120, 3)]
+    np.testing.assert_array_equal(envs.render()[0], image)
+    if view == "camera":  # every pixel two and a half times, between black
+        down, right = np.arange(1, 120, 2) // 5, np.arange(1, 160, 2) // 5
+        np.testing.assert_array_equal(image[:, 20:100], envs.batch.camera().rgb[0][np.ix_(down, right)])
+        assert not image[:, :20].any()
+        assert not image[:, 100:].any()
+    envs.close()
+    single.close()
+
+
+def test_the_camera_is_chosen(room):
+    cameras = [flockstep.CameraConfig(name=name, width_px=16, height_px=12) for name in ("ahead", "below")]
+    cameras[1].quat_wxyz = (0.70710678, 0, 0.70710678, 0)
+    keywords = {"worlds": room, "camera": cameras, "render_mode": "rgb_array"}
+    for name, index in ((None, 0), ("below", 1), ("ahead", 0)):
+        envs = flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera=name)
+        envs.reset(seed=0)
+        np.testing.assert_array_equal(envs.render()[0], envs.batch.camera(cameras[index].name).rgb[0])
+    with pytest.raises(ValueError, match="render_camera: expected one of the cameras 'ahead', 'below', got 'behind'"):
+        flockstep.DroneVectorEnv(1, **keywords, render_view="camera", render_camera="behind")
+
+
+@pytest.mark.parametrize(
+    ("keywords", "said"),
+    [
+        ({"render_size": 100}, r"render_size: expected \(width, height\) from 1 to 8192 pixels, got 100"),
+        ({"render_size": (100, 0)}, r"render_size: .* got \(100, 0\)"),
+        ({"render_size": (100.5, 10)}, r"render_size: .* got \(100.5, 10\)"),
+        ({"render_size": (True, 10)}, r"render_size: .* got \(True, 10\)"),
+        ({"render_camera": "eye"}, "render_camera: expected None unless render_view='camera', got 'eye'"),
+        ({"render_view": ((0, 0, 0),)}, r"render_view: expected one of .* or two points \(x, y, z\)"),
+        ({"render_view": ((0, 0, 0), (0, np.nan, 1))}, r"render_view: expected one of .* or two points"),
+        ({"render_view": 7}, "render_view: .*, got 7"),
+        ({"render_view": True}, "render_view: .*, got True"),
+    ],
+)
+def test_keywords_are_checked_whether_or_not_there_are_pictures(room, keywords, said):
+    with pytest.raises(ValueError, match=said):
+        flockstep.DroneVectorEnv(1, worlds=room, **keywords)
+
+
+def test_nothing_is_too_far_away_to_be_seen():
+    """A tower 5 km away, behind the drone's own camera's reach, in every view with depth."""
+    scene = {"flockstep_scene": 1, "name": "far", "boxes": [{"center": [5000, 0, 0], "size": [200, 200, 4000]}]}
+    world = flockstep.World.from_dict(scene)
+    depth = viewed(world, (0, 0, 1500)).depth
+    assert depth[np.isfinite(depth)].min() > 3500
+    assert np.isfinite(depth).sum() > 1000
+    tower = flockstep.render(world, (0, 0, 0), look_at=(1, 0, 0))["rgb"]
+    assert (tower[240, 318:322] != tower[240, 0]).any()
+
+
+def test_an_envs_own_camera_is_shown_and_its_view_drawn(room):
+    camera = flockstep.CameraConfig(name="eye", width_px=32, height_px=24)
+    shown = {}
+    for name in ("camera", "third_person"):
+        envs = flockstep.DroneVectorEnv(2, worlds=room, camera=camera, render_mode="rgb_array", render_view=name)
+        envs.reset(seed=0)
+        envs.step([0, 2])
+        shown[name] = envs.render()
+        if name == "camera":
+            np.testing.assert_array_equal(shown[name], envs.batch.camera("eye").rgb)
+        envs.close()
+    assert mask_of(shown["third_person"][0], "frustum").sum() > 100
+    single = flockstep.DroneEnv(worlds=room, camera=camera, render_mode="rgb_array", render_view="camera")
+    single.reset(seed=0)
+    single.step(0)
+    np.testing.assert_array_equal(single.render(), shown["camera"][0])
+
+
+@pytest.mark.parametrize("camera", [{}, {"layout": "chw"}, {"outputs": ("grey",)}])
+def test_the_drones_own_camera(room, camera):
+    from flockstep.pictures import views
+
+    config = flockstep.CameraConfig(name="eye", width_px=32, height_px=24, **camera)
+    batch = flockstep.Batch([room], 2, cameras=[config])
+    view, trail = views.make(views.chosen("camera", None, None), batch, [config])
+    assert trail is None
+    batch.set_pose(np.float32([[2, 4, 2], [2, 6, 1]]))
+    batch.sense()
+    frames = [view.frame(0), view.frame(1)]
+    batch.begin_episode(np.array([True, False]))
+    assert view.frame(0).shape == (24, 32, 3)
+    assert not view.frame(0).any()  # what it saw is of the episode before
+    expected = flockstep.render(room, (2, 6, 1), camera=flockstep.CameraConfig(width_px=32, height_px=24))["rgb"]
+    assert frames[1].shape == (24, 32, 3)
+    if "outputs" not in camera:
+        np.testing.assert_array_equal(frames[1], expected)
+    else:
+        np.testing.assert_array_equal(frames[1][..., 0], batch.camera("eye").grey[1])
+    kept = frames[0].copy()
+    batch.set_pose(np.float32([[5, 2, 2], [2, 6, 1]]))
+    batch.sense()
+    np.testing.assert_array_equal(frames[0], kept)  # a copy
+
+
+def test_a_camera_without_colours_is_refused(room):
+    from flockstep.pictures import views
+
+    config = flockstep.CameraConfig(width_px=8, height_px=8, outputs=("depth",))
+    batch = flockstep.Batch([room], cameras=[config])
+    with pytest.raises(ValueError, match="'camera' needs 'rgb' or 'grey' among its outputs"):
+        views.make(views.chosen("camera", None, None), batch, [config])
+
+
+def test_stable_baselines_gets_pictures_and_trails(room):
+    pytest.importorskip("stable_baselines3")
+    vec = flockstep.sb3.make_vec(
+        "flockstep/LidarNavigation-v0",
+        2,
+        worlds=room,
+        render_mode="rgb_array",
+        render_view="third_person",
+        render_size=(320, 200),
+    )
+    vec.seed(0)
+    vec.reset()
+    for _ in range(3):
+        vec.step(np.array([0, 0]))
+    assert vec.env.trail is not None
+    assert len(vec.env.trail.of(1)) == 4
+    assert [image.shape for image in vec.get_images()] == [(200, 320, 3)] * 2
+    vec.close()
