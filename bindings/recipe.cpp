@@ -87,6 +87,7 @@ void register_recipe(py::module_& module) {
     sets[py::str(std::string(set.name))] = py::tuple(scenes);
   }
   module.attr("scene_sets") = sets;
+  module.attr("scene_suffixes") = py::tuple(py::cast(World::suffixes()));
   module.attr("generated_scenes") = names_of(generated_scenes());
   module.attr("scene_generators") = names_of(scene_generators());
   module.def(

@@ -35,6 +35,8 @@ simd_target: str
 """The instruction set that tracing runs on here, such as ``"AVX2"``."""
 scene_sets: dict[str, tuple[str, ...]]
 """The names that stand for several scenes, and their scenes."""
+scene_suffixes: tuple[str, ...]
+"""The suffixes of files that `World.load` reads, such as ``".json"``."""
 generated_scenes: tuple[str, ...]
 """The names of scenes that are generated instead of loaded."""
 scene_generators: tuple[str, ...]

@@ -33,7 +33,6 @@ GENERATORS: tuple[str, ...] = _core.scene_generators
 _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
 _MOST_SEEDS = 100_000  # of a range
 
-_SUFFIXES = (".json", ".gltf", ".glb", ".obj", ".ply")
 
 
 def directory() -> Path:
@@ -70,7 +69,7 @@ def find(source: str | PathLike[str]) -> Path | World:
     if isinstance(source, str) and (seeded := _SEEDED.fullmatch(source)) and seeded[1] in GENERATORS and not seeded[3]:
         return _core.load_scene(source, "")
     path = Path(source)
-    if path.suffix.lower() in _SUFFIXES:
+    if path.suffix.lower() in _core.scene_suffixes:
         if not path.is_file():
             raise FileNotFoundError(f"no such scene file: {path}")
         return path

@@ -135,6 +135,6 @@ def test_what_is_shared_is_written_once(tmp_path):
 
 
 def test_other_suffixes_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"world\.stl: expected a file ending in \.json, \.glb or \.gltf"):
+    with pytest.raises(ValueError, match=r"world\.stl: expected a file ending in \.json, \.gltf or \.glb"):
         random_world(0).save(tmp_path / "world.stl")
     assert not list(tmp_path.iterdir())

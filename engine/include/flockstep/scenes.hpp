@@ -41,7 +41,7 @@ std::vector<std::string> scene_names(const std::filesystem::path& folder);
 // 100,000), or the name itself. Throws std::invalid_argument at an empty or too large range.
 std::vector<std::string> expand_scene_name(std::string_view name);
 
-// True for the path of a scene file, by its suffix: .json, .gltf, .glb, .obj or .ply.
+// True for a path with one of World::suffixes(), in small letters or capitals.
 bool is_scene_path(std::string_view name);
 
 // The world of a name or path. Throws std::invalid_argument at an unknown name; the message lists the names that exist.

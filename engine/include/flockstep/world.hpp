@@ -167,6 +167,8 @@ class World {
   // The same from JSON text; base_dir is the scene's folder, the current one if empty.
   static std::shared_ptr<const World> from_json(const std::string& text, const std::filesystem::path& base_dir = {},
                                                 MeshFiles files = MeshFiles::in_folder);
+  // The suffixes of files that load() reads: ".json", ".gltf", ".glb", ".obj", ".ply".
+  static std::vector<std::string_view> suffixes();
 
   // Throws std::invalid_argument naming the field, what was expected and what came. Puts the description in order: primitives by
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each

@@ -1,5 +1,10 @@
+// World files: which format has which suffix.
+#include <array>
+#include <filesystem>
+#include <memory>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -11,51 +16,85 @@
 #include "formats/mesh_scene.hpp"
 #include "formats/placement.hpp"
 #include "formats/scene_json.hpp"
-#include "world/scene_description.hpp"
 
 namespace flockstep {
 namespace {
 
+using Path = std::filesystem::path;
+using Ignored = std::vector<std::string>;  // what a file has and is not read, in words
+
 constexpr const char* kSceneFile = "a scene file";
 constexpr const char* kGltfFile = "a glTF file";
 
-// Refusals name the file.
-std::shared_ptr<const World> made_from(SceneDescription description, const std::filesystem::path& path,
-                                       std::vector<std::string> ignored = {}) {
+SceneDescription load_scene_file(const Path& path, const LoadOptions& options, Ignored& ignored) {
+  SceneDescription scene =
+      parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), options.files, &ignored);
+  return moves(options) ? placed(std::move(scene), options) : scene;
+}
+
+SceneDescription load_gltf_file(const Path& path, const LoadOptions& options, Ignored& ignored) {
+  GltfFile file = load_gltf(path, options);
+  ignored = std::move(file.ignored);
+  return std::move(file.scene);
+}
+
+std::string scene_file(const SceneDescription& scene, const Path&) { return write_scene(scene); }
+std::string gltf_text(const SceneDescription& scene, const Path& path) {
+  return write_gltf(scene, GltfForm::text, path.string());
+}
+std::string gltf_binary(const SceneDescription& scene, const Path& path) {
+  return write_gltf(scene, GltfForm::binary, path.string());
+}
+
+// A new format is a file that reads it and a line here.
+struct Format {
+  std::string_view suffix;
+  SceneDescription (*load)(const Path& path, const LoadOptions& options, Ignored& ignored);
+  const char* kind = nullptr;  // what messages about a file that is written call it
+  std::string (*write)(const SceneDescription& scene, const Path& path) = nullptr;  // null: worlds are not saved in it
+};
+constexpr std::array kFormats{
+    Format{".json", &load_scene_file, kSceneFile, &scene_file},
+    Format{".gltf", &load_gltf_file, kGltfFile, &gltf_text},
+    Format{".glb", &load_gltf_file, kGltfFile, &gltf_binary},
+    Format{".obj", &load_obj_scene},
+    Format{".ply", &load_ply_scene},
+};
+
+bool can_load(const Format&) { return true; }
+bool can_save(const Format& format) { return format.write != nullptr; }
+
+// The format of a path. Throws std::invalid_argument if no format has its suffix.
+const Format& format_of(const Path& path, bool (*can)(const Format&)) {
+  const std::string suffix = extension_of(path);
+  std::vector<std::string_view> suffixes;
+  for (const Format& format : kFormats) {
+    if (!can(format)) continue;
+    if (format.suffix == suffix) return format;
+    suffixes.push_back(format.suffix);
+  }
+  std::string expected = "a file ending in ";
+  for (std::size_t i = 0; i < suffixes.size(); ++i) {
+    expected += std::string(i == 0 ? "" : i + 1 == suffixes.size() ? " or " : ", ") + std::string(suffixes[i]);
+  }
+  refuse(path.string(), expected, '"' + suffix + '"');
+}
+
+}  // namespace
+
+std::shared_ptr<const World> World::load(const Path& path, const LoadOptions& options) {
+  check_placement(options);
+  Ignored ignored;
+  SceneDescription scene = format_of(path, &can_load).load(path, options, ignored);
   try {
-    return std::make_shared<const World>(std::move(description), std::move(ignored));
+    return std::make_shared<const World>(std::move(scene), std::move(ignored));
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(path.string() + ": " + error.what());
   }
 }
 
-}  // namespace
-
-std::shared_ptr<const World> World::load(const std::filesystem::path& path, const LoadOptions& options) {
-  check_placement(options);
-  const std::string extension = extension_of(path);
-  if (extension == ".json") {
-    std::vector<std::string> ignored;
-    SceneDescription scene =
-        parse_scene(read_text_file(path, kSceneFile), path.string(), path.parent_path(), options.files, &ignored);
-    if (moves(options)) return made_from(placed(std::move(scene), options), path, std::move(ignored));
-    return std::make_shared<const World>(std::move(scene), std::move(ignored));
-  }
-  if (extension == ".gltf" || extension == ".glb") {
-    GltfFile file = load_gltf(path, options);
-    return made_from(std::move(file.scene), path, std::move(file.ignored));
-  }
-  if (extension == ".obj" || extension == ".ply") {
-    std::vector<std::string> ignored;
-    SceneDescription scene =
-        extension == ".obj" ? load_obj_scene(path, options, ignored) : load_ply_scene(path, options, ignored);
-    return made_from(std::move(scene), path, std::move(ignored));
-  }
-  refuse(path.string(), "a file ending in .json, .gltf, .glb, .obj or .ply", '"' + extension + '"');
-}
-
-std::shared_ptr<const World> World::from_json(const std::string& text, const std::filesystem::path& base_dir, MeshFiles files) {
-  std::vector<std::string> ignored;
+std::shared_ptr<const World> World::from_json(const std::string& text, const Path& base_dir, MeshFiles files) {
+  Ignored ignored;
   SceneDescription scene = parse_scene(text, "scene", base_dir, files, &ignored);
   return std::make_shared<const World>(std::move(scene), std::move(ignored));
 }
@@ -65,15 +104,16 @@ std::string World::to_json() const {
   return write_scene(description(copy));
 }
 
-void World::save(const std::filesystem::path& path) const {
-  const std::string extension = extension_of(path);
-  if (extension == ".json") return write_text_file(path, kSceneFile, to_json());
-  if (extension == ".glb" || extension == ".gltf") {
-    const GltfForm form = extension == ".glb" ? GltfForm::binary : GltfForm::text;
-    SceneDescription copy;
-    return write_text_file(path, kGltfFile, write_gltf(description(copy), form, path.string()));
-  }
-  refuse(path.string(), "a file ending in .json, .glb or .gltf", '"' + extension + '"');
+void World::save(const Path& path) const {
+  const Format& format = format_of(path, &can_save);
+  SceneDescription copy;
+  write_text_file(path, format.kind, format.write(description(copy), path));
+}
+
+std::vector<std::string_view> World::suffixes() {
+  std::vector<std::string_view> suffixes;
+  for (const Format& format : kFormats) suffixes.push_back(format.suffix);
+  return suffixes;
 }
 
 }  // namespace flockstep

@@ -8,6 +8,7 @@
 
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
+#include "base/text_file.hpp"
 #include "flockstep/generators.hpp"
 
 namespace flockstep {
@@ -38,7 +39,6 @@ constexpr std::array<SceneGenerator, 7> kGenerators{
     SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }},
 };
 
-constexpr std::array<std::string_view, 5> kSuffixes{".json", ".gltf", ".glb", ".obj", ".ply"};
 constexpr std::uint64_t kMostSeeds = 100'000;  // of a range
 
 // A number of 1 to 18 digits.
@@ -122,10 +122,8 @@ std::vector<std::string> expand_scene_name(std::string_view name) {
 }
 
 bool is_scene_path(std::string_view name) {
-  std::string suffix = std::filesystem::path(name).extension().string();
-  std::ranges::transform(suffix, suffix.begin(),
-                         [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; });
-  return std::ranges::find(kSuffixes, suffix) != kSuffixes.end();
+  const std::vector<std::string_view> suffixes = World::suffixes();
+  return std::ranges::find(suffixes, extension_of(name)) != suffixes.end();
 }
 
 std::shared_ptr<const World> load_scene(const std::string& name, const std::filesystem::path& folder) {

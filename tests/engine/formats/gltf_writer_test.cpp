@@ -411,7 +411,7 @@ TEST(GltfWriter, FilesAreSavedBySuffixWholeOrNotAtAll) {
     return "saved";
   };
   EXPECT_EQ(message("/nowhere/a.glb"), "/nowhere/a.glb: cannot write a glTF file: No such file or directory");
-  EXPECT_EQ(message("/nowhere/a.obj"), "/nowhere/a.obj: expected a file ending in .json, .glb or .gltf, got \".obj\"");
+  EXPECT_EQ(message("/nowhere/a.obj"), "/nowhere/a.obj: expected a file ending in .json, .gltf or .glb, got \".obj\"");
   std::filesystem::remove_all(folder);
 }
 
