@@ -279,12 +279,12 @@ def bench_mesh_peers() -> list[Figure]:
     return mesh_peers.measure()
 
 
-def trained(name: str, script: str = "benchmark.py", *args: str) -> list[Figure]:
+def trained(name: str, module: str = "benchmark", *args: str) -> list[Figure]:
     """Run a benchmark of training/ and return its figures."""
     (OUT / "train").mkdir(parents=True, exist_ok=True)
     path = OUT / "train" / f"{name}.figures"
-    program = [sys.executable, ROOT / "training" / script, *(args or [name])]
-    subprocess.run([*program, "--out", OUT / "train", "--figures", path], check=True)
+    program = [sys.executable, "-m", f"training.{module}", *(args or [name])]
+    subprocess.run([*program, "--out", OUT / "train", "--figures", path], cwd=ROOT, check=True)
     figures: list[Figure] = json.loads(path.read_text())
     return figures
 
@@ -310,7 +310,7 @@ def bench_places_train() -> list[Figure]:
 
 
 def bench_flight_train() -> list[Figure]:
-    return trained("flight_train", "benchmark_flight.py", "--seeds", "0", "1", "2", "3", "4")
+    return trained("flight_train", "benchmark_flight", "--seeds", "0", "1", "2", "3", "4")
 
 
 def bench_load() -> list[Figure]:

@@ -1,7 +1,7 @@
 """A task of your own that sees by a depth camera: fly to the goal and touch nothing.
 
 docs/depth-cnn.md trains it, from a checkout:
-.venv/bin/python training/train_ppo.py --task examples.depth_to_goal:DepthToGoal --generated 300 --frame-skip 4
+.venv/bin/python -m training.train_ppo --task examples.depth_to_goal:DepthToGoal --generated 300 --frame-skip 4
 """
 
 # ruff: noqa: D102 - the methods are those of flockstep.Task, documented there

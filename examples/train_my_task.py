@@ -10,8 +10,8 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 import flockstep
-from flockstep.task import Array, BoolArray
 from flockstep.pictures.drawing import Drawing
+from flockstep.task import Array, BoolArray
 
 ROOM = flockstep.World.from_dict({"flockstep_scene": 1, "name": "empty", "room": {"min": [0, 0, 0], "max": [8, 8, 4]}})
 

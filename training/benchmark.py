@@ -1,6 +1,6 @@
 """The figures of training that `./dev bench` reports: train, camera_train, pixels_train, camera_large, places_train.
 
-.venv/bin/python training/benchmark.py train --figures out/bench/train.figures
+.venv/bin/python -m training.benchmark train --figures out/bench/train.figures
 
 Each seed is trained from scratch; the model is chosen, and training stops, by generated playgrounds. What is reported
 is flown once, with the chosen model: the playgrounds that ship, and 100 generated ones that nothing else has flown.
@@ -20,9 +20,9 @@ import numpy as np
 import tyro
 
 import flockstep
-from evaluate import MAX_STEPS, Policy, baselines, fly, fly_routes, greedy, random_policy, summary
-from tasks import UNSEEN_SEEDS, Setup
-from train_ppo import DEFAULTS, Args, Outcome, train
+from training.evaluate import MAX_STEPS, Policy, baselines, fly, fly_routes, greedy, random_policy, summary
+from training.tasks import UNSEEN_SEEDS, Setup
+from training.train_ppo import DEFAULTS, Args, Outcome, train
 
 SEEDS = (0, 1, 2, 3, 4)
 UNSEEN_WORLDS = 100

@@ -1,6 +1,6 @@
 """The figures of training that `./dev bench flight_train` reports: Hover, Track, and the LiDAR task flown by rotors.
 
-.venv/bin/python training/benchmark_flight.py --figures out/bench/train/flight_train.figures
+.venv/bin/python -m training.benchmark_flight --figures out/bench/train/flight_train.figures
 
 Each seed is trained from scratch, and its model chosen by flights that are not those reported; these are flown once,
 with the chosen model. The LiDAR task is trained with kinematic motion, and flown with kinematic motion and by rotors.
@@ -16,14 +16,14 @@ from pathlib import Path
 import tyro
 
 import flockstep
-import train_flight
-from benchmark import SEEDS, UNSEEN_WORLDS, Figure, figure
-from evaluate import MAX_STEPS, fly, greedy, summary
-from flight import Flights, Name
-from flight import fly as fly_task
-from flight import greedy as greedy_pilot
-from tasks import UNSEEN_SEEDS, Setup
-from train_ppo import DEFAULTS, train
+from training import train_flight
+from training.benchmark import SEEDS, UNSEEN_WORLDS, Figure, figure
+from training.evaluate import MAX_STEPS, fly, greedy, summary
+from training.flight import Flights, Name
+from training.flight import fly as fly_task
+from training.flight import greedy as greedy_pilot
+from training.tasks import UNSEEN_SEEDS, Setup
+from training.train_ppo import DEFAULTS, train
 
 
 def flight_figures(name: str, flown: Flights) -> list[Figure]:

@@ -11,16 +11,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 import tyro
 
-import catch_film
 import flockstep
-from camera_pictures import draw_sheet
-from evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.trail import Trail
-from plot_paths import picture_name, plot_flight, plot_overview
-from tasks import UNSEEN_SEEDS, Setup
-from train_ppo import Args as TrainingArgs
-from train_ppo import Outcome, train
+from tools import catch_film
+from tools.camera_pictures import draw_sheet
+from training.evaluate import MAX_STEPS, Flight, baselines, fly, greedy, summary
+from training.plot_paths import picture_name, plot_flight, plot_overview
+from training.tasks import UNSEEN_SEEDS, Setup
+from training.train_ppo import Args as TrainingArgs
+from training.train_ppo import Outcome, train
 
 SHOWN = "playground/train-2"  # in flight.mp4 and flight.png
 FILM_PX, FILM_FPS, PICTURE_PX = (1280, 720), 25, (1920, 1080)
@@ -107,7 +107,7 @@ In {args.out}/
   camera-sheet.png     what cameras see: every output, at three places of a camera playground
   policy.zip           the policy, for training/evaluate.py and training/plot_paths.py
 
-Next: .venv/bin/python training/train_ppo.py --help""")
+Next: .venv/bin/python -m training.train_ppo --help""")
 
 
 def main(args: Args) -> None:

@@ -2,9 +2,9 @@
 
 Beside it stand what needs no training: random actions, the straight flight from marker to marker, the planner's path.
 
-.venv/bin/python training/evaluate.py out/demo/policy.zip
-.venv/bin/python training/evaluate.py out/demo/policy.zip --worlds train validation --generated 100 --json result.json
-.venv/bin/python training/evaluate.py out/train/pixels/policy.zip --repeats 50
+.venv/bin/python -m training.evaluate out/demo/policy.zip
+.venv/bin/python -m training.evaluate out/demo/policy.zip --worlds train validation --generated 100 --json result.json
+.venv/bin/python -m training.evaluate out/train/pixels/policy.zip --repeats 50
 
 What a policy flies, where, and how its camera sees, is saved with it. The class of a task of your own is not: run this
 where its module is found.
@@ -28,7 +28,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 import flockstep
-from tasks import UNSEEN_SEEDS, Setup, load_policy, setup_of
+from training.tasks import UNSEEN_SEEDS, Setup, load_policy, setup_of
 
 #: A flight of a built-in task that takes more flown steps has failed.
 MAX_STEPS = 1000

@@ -1,6 +1,6 @@
 """A picture of what the camera task makes of an image: the capture, the green in it, the box and where it points.
 
-.venv/bin/python training/plot_blob.py out/train/camera/policy.zip --out out/blob.png
+.venv/bin/python -m training.plot_blob out/train/camera/policy.zip --out out/blob.png
 
 The policy flies the playground, and moments of its flight with the goal in view are shown. Without a policy the drone
 flies straight towards the goal.
@@ -20,8 +20,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 import flockstep
-from evaluate import Policy, greedy
-from tasks import Setup, load_policy, setup_of
+from training.evaluate import Policy, greedy
+from training.tasks import Setup, load_policy, setup_of
 
 Image = npt.NDArray[np.uint8]
 

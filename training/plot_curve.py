@@ -1,6 +1,6 @@
 """A picture of trainings: the success rate of every evaluation, over steps and minutes, beside what needs no training.
 
-.venv/bin/python training/plot_curve.py out/train/seed0 out/train/seed1 out/train/seed2 --out out/curve.png
+.venv/bin/python -m training.plot_curve out/train/seed0 out/train/seed1 out/train/seed2 --out out/curve.png
 
 Each folder is the `--out` of a training of the same task by training/train_ppo.py; all of them are shown.
 """
@@ -17,9 +17,9 @@ import numpy as np
 import tyro
 from matplotlib.ticker import PercentFormatter
 
-from evaluate import baselines
-from train_ppo import Args as TrainingArgs
-from train_ppo import evaluation_flights
+from training.evaluate import baselines
+from training.train_ppo import Args as TrainingArgs
+from training.train_ppo import evaluation_flights
 
 KEYS = ("steps", "seconds", "success_rate")
 

@@ -1,6 +1,6 @@
 """Pictures of flights: every playground from above and from the side, and an animation from behind the drone.
 
-.venv/bin/python training/plot_paths.py out/demo/policy.zip --out out/paths
+.venv/bin/python -m training.plot_paths out/demo/policy.zip --out out/paths
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 import flockstep
-from evaluate import Flight, Policy, fly, greedy
-from flockstep.task import MARKERS
 from flockstep.pictures.relief import SOLID, VIEWS, Relief
-from tasks import Setup, env_keywords, load_policy, setup_of
+from flockstep.task import MARKERS
+from training.evaluate import Flight, Policy, fly, greedy
+from training.tasks import Setup, env_keywords, load_policy, setup_of
 
 OUTCOME_COLOR = {
     "success": "tab:green",

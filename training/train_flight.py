@@ -1,8 +1,8 @@
 """Train a quadrotor to catch itself and hold a point, or to follow a path, with Stable-Baselines3 PPO.
 
-.venv/bin/python training/train_flight.py                     # Hover: a Crazyflie by rotor thrusts, thrown
-.venv/bin/python training/train_flight.py --task track        # Track: a figure-8 at 1.5 m/s by thrust and body rates
-.venv/bin/python training/train_flight.py --drone x500 --seed 1 --out out/train/x500
+.venv/bin/python -m training.train_flight                     # Hover: a Crazyflie by rotor thrusts, thrown
+.venv/bin/python -m training.train_flight --task track        # Track: a figure-8 at 1.5 m/s by thrust and body rates
+.venv/bin/python -m training.train_flight --drone x500 --seed 1 --out out/train/x500
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from stable_baselines3.common.utils import LinearSchedule
 from tqdm import tqdm
 
 import flockstep
-from flight import LASTS_S, POLICY_HZ, Flights, Name, fly, greedy, make, position_control, velocity_control
 from flockstep.sb3 import DroneVecEnv, PointFeatures
-from tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
+from training.flight import LASTS_S, POLICY_HZ, Flights, Name, fly, greedy, make, position_control, velocity_control
+from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
 
 @dataclass

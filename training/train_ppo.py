@@ -1,11 +1,11 @@
 """Train a task with Stable-Baselines3 PPO: one that comes with flockstep, or one of your own.
 
-.venv/bin/python training/train_ppo.py --task lidar
-.venv/bin/python training/train_ppo.py --task camera
-.venv/bin/python training/train_ppo.py --task pixels
-.venv/bin/python training/train_ppo.py --task my_module:MyTask --worlds my-world.json
-.venv/bin/python training/train_ppo.py --seed 1 --max-minutes 5 --out out/train/seed1
-.venv/bin/python training/train_ppo.py --resume out/train/lidar/policy.zip
+.venv/bin/python -m training.train_ppo --task lidar
+.venv/bin/python -m training.train_ppo --task camera
+.venv/bin/python -m training.train_ppo --task pixels
+.venv/bin/python -m training.train_ppo --task my_module:MyTask --worlds my-world.json
+.venv/bin/python -m training.train_ppo --seed 1 --max-minutes 5 --out out/train/seed1
+.venv/bin/python -m training.train_ppo --resume out/train/lidar/policy.zip
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from tqdm import tqdm
 
 import flockstep
-from evaluate import fly, greedy
 from flockstep.sb3 import BlobFeatures, GoalFeatures, ImageFeatures, PixelFeatures
 from flockstep.sb3.features import is_image
-from tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, first_env_seed, own_defaults, remember
+from training.evaluate import fly, greedy
+from training.tasks import CHOOSING_SEEDS, IDS, TRAINING_SEEDS, Setup, first_env_seed, own_defaults, remember
 
 # Options of glibc's mallopt, from malloc.h.
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3

@@ -53,11 +53,11 @@ from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.headers import include_dir
 from flockstep.looks import looks
+from flockstep.pictures.picture import render
 from flockstep.planning import plan
 from flockstep.recording import record
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
-from flockstep.pictures.picture import render
 from flockstep.world_pool import WorldPool
 
 __all__ = [

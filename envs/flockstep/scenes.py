@@ -34,7 +34,6 @@ _SEEDED = re.compile(r"(\w+)/seed-(\d{1,18})(?:\.\.(\d{1,18}))?")
 _MOST_SEEDS = 100_000  # of a range
 
 
-
 def directory() -> Path:
     """Return the folder of the shipped scenes: inside an installed package, or at the root of a checkout."""
     package = Path(__file__).resolve().parent

@@ -36,8 +36,8 @@ from flockstep._core import (
 from flockstep.rotations import Array, rotate
 
 if TYPE_CHECKING:
-    from flockstep.scenes import WorldsLike
     from flockstep.pictures.drawing import Drawing
+    from flockstep.scenes import WorldsLike
     from flockstep.world_pool import WorldPool
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

@@ -38,11 +38,11 @@ from flockstep._core import (
     task_defaults,
 )
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
-from flockstep.task_spaces import action_space, observation_space
 from flockstep.pictures import views
 from flockstep.pictures.flight_overlay import FlightOverlay
 from flockstep.pictures.frames import selected
+from flockstep.task import DroneLike, Task, TaskCalls, native_task, settable_names
+from flockstep.task_spaces import action_space, observation_space
 from flockstep.world_pool import WorldPool
 
 if TYPE_CHECKING:

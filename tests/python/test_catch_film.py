@@ -4,10 +4,10 @@ import imageio.v3 as imageio
 import numpy as np
 import torch
 
-import catch_film
-import train_flight
 from flockstep.rotations import rotate
-from tasks import UNSEEN_SEEDS
+from tools import catch_film
+from training import train_flight
+from training.tasks import UNSEEN_SEEDS
 
 
 def nothing(observation, envs):

@@ -12,11 +12,9 @@ import pytest
 TRAINING = """
 import runpy, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.argv = sys.argv[1:]
-sys.path.insert(0, sys.argv[0].rpartition("/")[0])
-runpy.run_path(sys.argv[0], run_name="__main__")
+runpy.run_module("training.train_ppo", run_name="__main__", alter_sys=True)
 """
-SCRIPT = Path(__file__).resolve().parents[2] / "training" / "train_ppo.py"
+ROOT = Path(__file__).resolve().parents[2]
 
 # Far longer than the work may go on; the interrupt ends each within a second on a quiet machine.
 PATIENCE_S = 10.0
@@ -109,7 +107,8 @@ def test_ctrl_c_ends(name, tmp_path):
 def test_ctrl_c_ends_training(tmp_path):
     arguments = ["--out", str(tmp_path), "--evaluate-every", "1000", "--evaluation-flights", "2", "--generated", "2"]
     with subprocess.Popen(
-        [sys.executable, "-c", TRAINING, str(SCRIPT), *arguments, "--num-envs", "64", "--no-progress"],
+        [sys.executable, "-c", TRAINING, *arguments, "--num-envs", "64", "--no-progress"],
+        cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import flockstep
-import track_film
-from film import ALARM, FINER, flown
-from flight import fly
-from tasks import UNSEEN_SEEDS
+from tools import track_film
+from tools.film import ALARM, FINER, flown
+from training.flight import fly
+from training.tasks import UNSEEN_SEEDS
 
 SEED = UNSEEN_SEEDS.start + 5
 POLICY = Path(__file__).resolve().parents[2] / "policies" / "track.zip"

@@ -13,16 +13,9 @@ import torch
 import tyro
 from gymnasium import spaces
 
-import benchmark
-import camera_pictures
-import evaluate
 import flockstep
-import plot_blob
-import plot_curve
-import plot_paths
-import tasks
-import track_film
-import train_ppo
+from tools import camera_pictures, track_film
+from training import benchmark, evaluate, plot_blob, plot_curve, plot_paths, tasks, train_ppo
 
 # A module with a task that sees, climbs to end well, and sinks to end otherwise.
 OWN = """

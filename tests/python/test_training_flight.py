@@ -2,7 +2,6 @@
 
 import base64
 import json
-import sys
 import zipfile
 from pathlib import Path
 
@@ -12,11 +11,8 @@ import pytest
 import flockstep
 
 pytest.importorskip("stable_baselines3")
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "training"))
-import benchmark_flight
-import flight
-import train_flight
-from tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
+from training import benchmark_flight, flight, train_flight
+from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
 POLICIES = Path(__file__).resolve().parents[2] / "policies"
 ARGS = train_flight.Args  # which a test replaces

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from flockstep._core import DroneModel
 from flockstep.drone_mesh import DroneMesh
-from flockstep.rotations import rotate
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats
+from flockstep.rotations import rotate
 
 _Rgb: TypeAlias = tuple[float, float, float]  # linear, as materials are
 

@@ -7,9 +7,9 @@ from importlib.util import find_spec
 import numpy as np
 
 from flockstep._core import Batch
-from flockstep.rotations import rotate
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.picture import FARTHEST_M
+from flockstep.rotations import rotate
 
 _DOWN = np.array([[0.0, 0.0, -1.0]])
 

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import World
-from flockstep.rotations import rotate
 from flockstep.pictures.depth_canvas import Color, Floats, Image
+from flockstep.rotations import rotate
 
 _NOTHING: Color = (225, 225, 228)
 SOLID: Color = (96, 101, 112)  # what the plane cuts

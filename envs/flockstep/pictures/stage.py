@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import CameraConfig, World
-from flockstep.rotations import rotate
 from flockstep.pictures.depth_canvas import DepthCanvas, Floats, Image, Ints
 from flockstep.pictures.picture import FARTHEST_M, facing, render
+from flockstep.rotations import rotate
 
 # In lengths of the drone:
 _BACK = np.array([-3.4, 1.4, 0.0])  # the viewer is behind the drone and to its left,

@@ -8,14 +8,14 @@ import numpy as np
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.drone_mesh import DroneMesh
-from flockstep.rotations import rotate
-from flockstep.task import MARKERS
 from flockstep.pictures.beams import beams_of
 from flockstep.pictures.body import Body
 from flockstep.pictures.depth_canvas import Color, DepthCanvas, Floats, Image
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
 from flockstep.pictures.stage import Obstacles, Stage, with_markers
 from flockstep.pictures.trail import Trail
+from flockstep.rotations import rotate
+from flockstep.task import MARKERS
 
 _TRAIL: Color = (35, 90, 210)
 _BEAM: Color = (250, 130, 70)

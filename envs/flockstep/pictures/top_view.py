@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import Batch, World
-from flockstep.rotations import rotate
-from flockstep.task import MARKERS
 from flockstep.pictures.beams import beams_of
 from flockstep.pictures.depth_canvas import Color, Floats, Image, blended, overlap, tint
 from flockstep.pictures.drawing import Drawing, Overlay, line_px
 from flockstep.pictures.relief import SOLID, Relief
+from flockstep.rotations import rotate
+from flockstep.task import MARKERS
 
 _START: Color = (214, 60, 50)
 _WAYPOINT: Color = (238, 190, 40)

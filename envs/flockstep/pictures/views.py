@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from flockstep._core import Batch, CameraConfig
 from flockstep.drone_mesh import DroneMesh
-from flockstep.task import MARKERS
 from flockstep.pictures.drawing import Overlay
 from flockstep.pictures.third_person_view import ThirdPersonView
 from flockstep.pictures.top_view import TopView
 from flockstep.pictures.trail import Trail
+from flockstep.task import MARKERS
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 

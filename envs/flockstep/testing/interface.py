@@ -11,9 +11,9 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from flockstep.pictures.top_view import TopView
 from flockstep.task import Task
 from flockstep.testing.runs import Actions, AnyVectorEnv, Setup, rows_per_env
-from flockstep.pictures.top_view import TopView
 
 
 def check_spaces(setup: Setup) -> None:

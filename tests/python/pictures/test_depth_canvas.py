@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.rotations import rotate
 from flockstep.pictures.depth_canvas import DepthCanvas
+from flockstep.rotations import rotate
 
 INK = (250, 10, 10)
 # fx = fy = 20 px: a point 2 m ahead moves 10 pixels per metre.

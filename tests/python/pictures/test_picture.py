@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.rotations import rotate
 from flockstep.pictures.picture import facing
+from flockstep.rotations import rotate
 
 
 def test_a_picture_is_what_a_drones_camera_sees(room):

@@ -11,8 +11,8 @@ pytest.importorskip("stable_baselines3")
 
 
 def test_a_mesh_and_a_path_that_leaves_it_are_drawn(tmp_path):
-    from evaluate import Flight
-    from plot_paths import draw_path, plot_flight
+    from training.evaluate import Flight
+    from training.plot_paths import draw_path, plot_flight
 
     wall = [[3, -2, 0], [3, 2, 0], [3, 2, 2], [3, -2, 2]]
     floor = [[0, -3, 0], [6, -3, 0], [6, 3, 0], [0, 3, 0]]

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.rotations import rotate
 from flockstep.pictures.stage import Stage
 from flockstep.pictures.third_person_view import ThirdPersonView, frustum
 from flockstep.pictures.trail import Trail
+from flockstep.rotations import rotate
 
 LENGTH = 0.93  # of the default drone
 HULL = flockstep.DroneModel(flockstep.DroneModel().hull)  # as large, and drawn in one colour

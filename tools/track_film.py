@@ -1,6 +1,6 @@
 """Watch a quadrotor follow a figure-8: by the policy that ships and, from the same start, by the controller alone.
 
-.venv/bin/python training/track_film.py                # track.mp4, track.gif and track.png in out/track/
+.venv/bin/python -m tools.track_film                # track.mp4, track.gif and track.png in out/track/
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from PIL import Image
 from tqdm import tqdm
 
 import flockstep
-from film import ALARM, FINER, FPS, INK, PATH, POINT, Flight, flown, tiled, write_captions, write_film
-from flight import LASTS_S, POLICY_HZ, Pilot, fly, greedy, make, velocity_control
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage, with_markers
-from tasks import UNSEEN_SEEDS, load_policy
+from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Flight, flown, tiled, write_captions, write_film
+from training.flight import LASTS_S, POLICY_HZ, Pilot, fly, greedy, make, velocity_control
+from training.tasks import UNSEEN_SEEDS, load_policy
 
 Array = npt.NDArray[Any]
 

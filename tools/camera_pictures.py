@@ -1,6 +1,6 @@
 """Pictures of the cameras: a sheet of every output by every backend, and a flight from behind the drone.
 
-.venv/bin/python training/camera_pictures.py --out docs
+.venv/bin/python -m tools.camera_pictures --out docs
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from flight import LASTS_S, POLICY_HZ, Name, Pilot, make
 from flockstep.rotations import rotate
-from plot_paths import write_gif
+from training.flight import LASTS_S, POLICY_HZ, Name, Pilot, make
+from training.plot_paths import write_gif
 
 Array = npt.NDArray[Any]
 Color = tuple[int, int, int]

@@ -1,6 +1,6 @@
 """The gallery: each shipped place from three views, and what a LiDAR saw on the way through it.
 
-.venv/bin/python training/gallery.py --out docs/gallery
+.venv/bin/python -m tools.gallery --out docs/gallery
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Watch a quadrotor learn to catch itself: train Hover, and film one throw by the policy as it was on the way.
 
-.venv/bin/python training/catch_film.py                # catch.mp4, catch.gif and catch.png in out/catch/
+.venv/bin/python -m tools.catch_film                # catch.mp4, catch.gif and catch.png in out/catch/
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from PIL import Image
 from stable_baselines3 import PPO
 from tqdm import tqdm
 
-import train_flight
-from film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
-from flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
-from flockstep.rotations import rotate
 from flockstep.pictures.body import Body
 from flockstep.pictures.drawing import Drawing
 from flockstep.pictures.stage import Stage, with_markers
-from tasks import UNSEEN_SEEDS
+from flockstep.rotations import rotate
+from tools.film import ALARM, FINER, FPS, INK, PATH, POINT, Color, Flight, flown, tiled, write_captions, write_film
+from training import train_flight
+from training.flight import CLOSE_M, LASTS_S, POLICY_HZ, Pilot, fly, greedy, make
+from training.tasks import UNSEEN_SEEDS
 
 Array = npt.NDArray[Any]
 
