@@ -114,8 +114,8 @@ void profile(bench::Figures& figures) {
   stages.add("score", [&] { task.score(all, sim.task_state->score); });
   stages.add("episodes", [&] {
     for (Block& block : sim.schedule.blocks()) {
-      take_part(sim, block);
-      settle(sim, block);
+      select_envs(sim, block);
+      finish_step(sim, block);
     }
   });
   stages.add("observe", [&] { task.observe(all, sim.outputs.now().observation); });

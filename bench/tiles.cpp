@@ -139,12 +139,12 @@ class Engine {
 
   void trace(const Pattern& pattern, const Poses& poses, Hits& hits) {
     for (std::size_t sensor = 0; sensor < poses.position.size(); ++sensor) {
-      tracer_.settle(scene_, {.origin = poses.position[sensor],
-                              .rotation = poses.rotation[sensor],
-                              .near = pattern.near,
-                              .range = pattern.range,
-                              .longest = pattern.is_camera ? pinhole_.corner : 1.0F,
-                              .ways = flockstep::trace::ways_of(flockstep::TracerKind::tiles, 0)});
+      tracer_.set_viewpoint(scene_, {.origin = poses.position[sensor],
+                                     .rotation = poses.rotation[sensor],
+                                     .near = pattern.near,
+                                     .range = pattern.range,
+                                     .longest = pattern.is_camera ? pinhole_.corner : 1.0F,
+                                     .ways = flockstep::trace::ways_of(flockstep::TracerKind::tiles, 0)});
       pattern.is_camera ? trace_camera(pattern, hits) : trace_lidar(pattern, hits);
     }
     tracer_.finish();
@@ -185,14 +185,14 @@ class Engine {
 
   void trace_lidar(const Pattern& pattern, Hits& hits) {
     for (const auto& tile : beams_.tiles) {
-      tracer_.trace_later({.x = beams_.x.data() + tile.first,
-                           .y = beams_.y.data() + tile.first,
-                           .z = beams_.z.data() + tile.first,
-                           .rows = tile.rows,
-                           .width = tile.width,
-                           .frustum = &tile.frustum,
-                           .view = tile.view < 0 ? nullptr : &beams_.views[static_cast<std::size_t>(tile.view)]},
-                          hits.distance.data() + tile.channel * pattern.columns + tile.beam, pattern.columns);
+      tracer_.enqueue({.x = beams_.x.data() + tile.first,
+                       .y = beams_.y.data() + tile.first,
+                       .z = beams_.z.data() + tile.first,
+                       .rows = tile.rows,
+                       .width = tile.width,
+                       .frustum = &tile.frustum,
+                       .view = tile.view < 0 ? nullptr : &beams_.views[static_cast<std::size_t>(tile.view)]},
+                      hits.distance.data() + tile.channel * pattern.columns + tile.beam, pattern.columns);
     }
   }
 

@@ -116,7 +116,7 @@ struct CameraConfig {
                         "those where the drone's pose or world differs from what its frame shows. ``\"on_demand\"``: by "
                         "`Batch.capture` only. A reset and a change of the camera always render; on demand, the frame is stale "
                         "until the next capture.",
-               .decides = Decides::nothing}),  // a snapshot brings its own
+               .affects_hash = AffectsHash::no}),  // a snapshot brings its own
         field("samples_per_pixel", &C::samples_per_pixel,
               {.about = "Samples of a pixel, in a grid, averaged. Only for colours; other outputs show the pixel's centre.",
                .limits = one_of(1, 4, 9, 16)}),

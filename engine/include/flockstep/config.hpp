@@ -51,11 +51,11 @@ struct BatchConfig {
         field("num_threads", &C::num_threads,
               {.about = "Number of threads. 0: the physical cores that this process may run on. No result depends on it.",
                .limits = between(0, 4096),
-               .decides = Decides::nothing}),
+               .affects_hash = AffectsHash::no}),
         field("block_size", &C::block_size,
               {.about = "Number of envs that a thread takes at once. 0: chosen by the engine. No result depends on it.",
                .limits = at_least(0),
-               .decides = Decides::nothing}),
+               .affects_hash = AffectsHash::no}),
         field("lidars", &C::lidars, {.about = "The LiDARs of each drone, with different names."}),
         field("cameras", &C::cameras,
               {.about = "The cameras of each drone, with different names; at most 2^32 pixels each, of all drones."}),
@@ -64,7 +64,7 @@ struct BatchConfig {
                    "Renderer of cameras. ``\"raycast\"``: the engine's own tracing, which needs no GPU and repeats to the bit. "
                    "``\"gl\"``: OpenGL 4.5 by EGL, headless; without it, raycast with a warning. ``\"auto\"``: the faster of the "
                    "two on the batch's worlds, timed when the batch is made.",
-               .decides = Decides::nothing}),
+               .affects_hash = AffectsHash::no}),
         field(
             "tracer", &C::tracer,
             {.about =

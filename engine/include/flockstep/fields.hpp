@@ -25,8 +25,8 @@
 
 namespace flockstep {
 
-// Whether a field enters the configuration hash: `nothing` if batches that differ only in it step alike.
-enum class Decides : bool { nothing, behaviour };
+// Whether a field enters the configuration hash: `no` if batches that differ only in it step alike.
+enum class AffectsHash : bool { no, yes };
 
 // Rules for values that limits of single numbers do not express.
 enum class Form : std::uint8_t { any, plain_name, unit_quaternion };
@@ -37,7 +37,7 @@ struct FieldInfo {
   const char* unit = "";
   Limits limits;  // of each of its numbers, if it is a list
   Form form = Form::any;
-  Decides decides = Decides::behaviour;
+  AffectsHash affects_hash = AffectsHash::yes;
   const char* alias = nullptr;   // the name in messages, if it is another
   std::span<const Limits> each;  // instead of `limits`: those of each element of an array
 

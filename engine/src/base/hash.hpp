@@ -75,7 +75,7 @@ class Hash {
       add(std::string_view(value));
     } else if constexpr (HasFields<T>) {
       for_each_field(value, [this](const auto& field, const auto& part) {
-        if (field.info.decides == Decides::nothing) return;
+        if (field.info.affects_hash == AffectsHash::no) return;
         add(std::string_view(field.name));
         add(part);
       });

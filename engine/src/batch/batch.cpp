@@ -8,6 +8,7 @@
 #include "base/pose_access.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "batch/call_guard.hpp"
 #include "batch/checks.hpp"
 #include "batch/episodes.hpp"
 #include "batch/flying.hpp"
@@ -15,7 +16,6 @@
 #include "batch/simulation.hpp"
 #include "batch/snapshot.hpp"
 #include "batch/step.hpp"
-#include "batch/use.hpp"
 
 namespace flockstep {
 namespace {
@@ -86,7 +86,7 @@ const State& Batch::state() const { return sim_->state; }
 // ------------------------------------------------------------------------------------------------------ motion and sensing
 
 void Batch::set_pose(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
   for_each_selected(*sim_, mask, [&](DroneIndex drone) {
@@ -97,7 +97,7 @@ void Batch::set_pose(std::span<const float> position, std::span<const float> qua
 }
 
 void Batch::move(std::span<const float> position, std::span<const float> quat_wxyz, DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::is_kinematic(*sim_, "move");
   checks::mask(*sim_, mask);
   checks::poses(position, quat_wxyz, sim_->num_drones());
@@ -113,7 +113,7 @@ void Batch::move(std::span<const float> position, std::span<const float> quat_wx
 
 void Batch::set_velocity(std::span<const float> velocity, std::span<const float> angular_velocity,
                          std::span<const float> rotor_speed, DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::flies_by_rotors(*sim_, "set_velocity");
   checks::mask(*sim_, mask);
   checks::velocity(*sim_, velocity);
@@ -132,7 +132,7 @@ void Batch::set_velocity(std::span<const float> velocity, std::span<const float>
 }
 
 void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "fly");
   checks::flies_by_rotors(*sim_, "fly");
   checks::mask(*sim_, mask);
@@ -155,7 +155,7 @@ void Batch::fly(std::span<const float> command, int ticks, DroneMask mask) {
 }
 
 void Batch::sense(DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::mask(*sim_, mask);
   list_selected(*sim_, mask, &Block::selected);
   read_sensors(*sim_, mask);
@@ -165,7 +165,7 @@ void Batch::sense(DroneMask mask) {
 
 void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> position, std::span<const float> quat_wxyz,
                   std::span<const std::int32_t> world_index) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "spawn");
   checks::indices(*sim_, indices);
   checks::poses(position, quat_wxyz, indices.size());
@@ -206,7 +206,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
 }
 
 void Batch::remove(std::span<const std::int64_t> indices) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "remove");
   checks::indices(*sim_, indices);
   for (const std::int64_t index : indices) mark_absent(*sim_, DroneIndex(index));
@@ -214,7 +214,7 @@ void Batch::remove(std::span<const std::int64_t> indices) {
 }
 
 void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::mask(*sim_, mask);
   checks::size(world_index.size(), sim_->num_envs(), "world_index");
   checks::world_index(*sim_, world_index, sim_->num_envs());
@@ -231,7 +231,7 @@ void Batch::set_world(std::span<const std::int32_t> world_index, EnvMask mask) {
 // ---------------------------------------------------------------------------------------------------------- random numbers
 
 void Batch::seed(std::span<const std::uint64_t> seeds, EnvMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::mask(*sim_, mask);
   checks::size(seeds.size(), sim_->num_envs(), "seeds");
   for_each_selected(*sim_, mask, [&](EnvIndex env) {
@@ -242,7 +242,7 @@ void Batch::seed(std::span<const std::uint64_t> seeds, EnvMask mask) {
 }
 
 void Batch::begin_episode(EnvMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "begin_episode");
   checks::mask(*sim_, mask);
   for_each_selected(*sim_, mask, [&](EnvIndex env) {
@@ -252,7 +252,7 @@ void Batch::begin_episode(EnvMask mask) {
 }
 
 void Batch::random(std::uint32_t stream, int count, std::span<float> out) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   require(stream < 0x80000000U, "stream", "an integer in [0, 2147483648)", stream);
   require(count >= 0, "count", "an integer >= 0", count);
   const auto columns = static_cast<std::size_t>(count);
@@ -269,7 +269,7 @@ void Batch::random(std::uint32_t stream, int count, std::span<float> out) const 
 const Task* Batch::task() const { return sim_->task_state ? sim_->task_state->task.get() : nullptr; }
 
 void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "reset");
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
@@ -310,12 +310,12 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
 }
 
 void Batch::step(std::span<const std::int64_t> actions) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
   checks::whole(*sim_);
-  checks::begun(*sim_);
+  checks::require_started(*sim_);
   if (sim_->task_state->actions.type() == DType::int64) {
     std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int64_t>());
   } else {
@@ -326,12 +326,12 @@ void Batch::step(std::span<const std::int64_t> actions) {
 }
 
 void Batch::step(std::span<const float> actions) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
   checks::whole(*sim_);
-  checks::begun(*sim_);
+  checks::require_started(*sim_);
   std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<float>());
   flockstep::step(*sim_);
 }
@@ -345,7 +345,7 @@ const Outputs& Batch::outputs() const { return sim_->outputs.now(); }
 Outputs& Batch::outputs() { return sim_->outputs.now(); }
 
 void Batch::visit_task(ArrayVisitor& visitor) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::has_task(*sim_);
   sim_->task_state->task->visit(visitor);
 }
@@ -353,14 +353,14 @@ void Batch::visit_task(ArrayVisitor& visitor) const {
 // --------------------------------------------------------------------------------------------------------------- snapshots
 
 std::string Batch::snapshot() const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "snapshot");
   checks::whole(*sim_);
   return make_snapshot(*sim_);
 }
 
 void Batch::restore(const std::string& blob) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "restore");
   restore_snapshot(*sim_, blob);
   sim_->is_cut_short = false;

@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "base/require.hpp"
+#include "batch/call_guard.hpp"
 #include "batch/checks.hpp"
 #include "batch/selected.hpp"
 #include "batch/simulation.hpp"
-#include "batch/use.hpp"
 #include "flockstep/batch.hpp"
 
 namespace flockstep {
@@ -68,7 +68,7 @@ std::size_t Batch::imu_index(std::string_view name) const {
 void Batch::require_scan(std::size_t lidar) const { checks::has_scanned(lidar_of(*sim_, lidar)); }
 
 void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lidar) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::mask(*sim_, mask);
   checks::has_lidar(*sim_, lidar);
   std::vector<DroneIndex> drones;
@@ -77,21 +77,21 @@ void Batch::set_lidar(const LidarChange& change, DroneMask mask, std::size_t lid
 }
 
 LidarConfig Batch::lidar_config(std::int64_t index, std::size_t lidar) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::index(*sim_, index);
   return found.config_of(DroneIndex(index));
 }
 
 void Batch::lidar_directions(std::span<float> out, std::size_t lidar) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
   found.write_directions(out);
 }
 
 void Batch::lidar_points(std::span<float> out, std::size_t lidar) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   const sensors::Lidar& found = lidar_of(*sim_, lidar);
   checks::size(out.size(), 3 * sim_->num_drones() * found.rays_per_drone(), "out");
   found.write_points(sim_->state, out);
@@ -122,14 +122,14 @@ const CameraImages& Batch::images(std::size_t camera) const {
 }
 
 CameraConfig Batch::camera_config(std::size_t camera, std::int64_t index) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
   return sim_->cameras[camera].config_of(DroneIndex(index));
 }
 
 void Batch::capture(std::size_t camera, DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
   std::vector<DroneIndex>& drones = sim_->captured;  // in the order of the blocks, so that drones of one world are consecutive
@@ -143,14 +143,14 @@ void Batch::capture(std::size_t camera, DroneMask mask) {
 }
 
 void Batch::set_capture_mode(std::size_t camera, CaptureMode mode) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::has_camera(*sim_, camera);
   checks::capture_mode(*sim_, camera, mode);
   sim_->cameras[camera].set_capture_mode(mode);
 }
 
 void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask mask) {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::has_camera(*sim_, camera);
   checks::mask(*sim_, mask);
   std::vector<DroneIndex> drones;
@@ -161,13 +161,13 @@ void Batch::set_camera(std::size_t camera, const CameraChange& change, DroneMask
 const std::string& Batch::camera_backend_report() const { return sim_->cameras.report(); }
 
 std::string Batch::take_warning() {
-  const Use use(*sim_, std::nothrow);  // whoever is in a call takes it after that
+  const CallGuard guard(*sim_, std::nothrow);  // whoever is in a call takes it after that
   if (!use.is_granted()) return {};
   return sim_->warning.empty() ? sim_->cameras.take_warning() : std::exchange(sim_->warning, std::string());
 }
 
 std::string Batch::jpeg(std::size_t camera, std::int64_t index, int quality) const {
-  const Use use(*sim_);
+  const CallGuard guard(*sim_);
   checks::has_camera(*sim_, camera);
   checks::index(*sim_, index);
   return sim_->cameras.jpeg(camera, DroneIndex(index), quality);

@@ -181,7 +181,7 @@ void whole(const Simulation& sim) {
       "an exception has cut the last step() or reset() of this Batch short: reset() every env, or restore() a snapshot");
 }
 
-void begun(const Simulation& sim) {
+void require_started(const Simulation& sim) {
   const FlagArray& begun = sim.episodes.begun;
   if (begun.empty() || std::memchr(begun.data(), 0, begun.size()) == nullptr) return;
   for (std::size_t i = 0; i < sim.num_drones(); ++i) {

@@ -338,7 +338,7 @@ void start_counts(Simulation& sim, EnvIndex env) {
   }
 }
 
-void take_part(Simulation& sim, Block& block) {
+void select_envs(Simulation& sim, Block& block) {
   const bool resets_in_next_step = sim.config.episode.autoreset_mode == AutoresetMode::next_step;
   const bool skips = !sim.task_state->earned.empty();
   const std::size_t terms = sim.task_state->score.num_terms, rows = sim.rows_per_env();
@@ -377,7 +377,7 @@ void take_part(Simulation& sim, Block& block) {
   });
 }
 
-void settle(Simulation& sim, Block& block) {
+void finish_step(Simulation& sim, Block& block) {
   if (sim.rows_per_env() == 1) {
     for_each_contiguous(block.flying, [&](std::size_t first, std::size_t count) {
       for (std::size_t done = 0; done < count; done += kSettled) {
@@ -407,11 +407,11 @@ void list_opening(Simulation& sim, Block& block) {
   }
 }
 
-void turn_over(Simulation& sim, Block& block, Scratch& scratch) {
+void advance_episodes(Simulation& sim, Block& block, Scratch& scratch) {
   for (const EnvIndex env : block.opening) open_next_episode(sim, env, scratch);
 }
 
-void first_moment(Simulation& sim, Block& block) {
+void initial_readings(Simulation& sim, Block& block) {
   for (const EnvIndex env : block.opening) {
     ++sim.state.sensed[env];
     for (std::size_t member = 0; member < sim.drones_per_env(); ++member) clear_contact(sim.state, sim.drone_of(env, member));

@@ -28,16 +28,16 @@ void forget_readings(Simulation& sim, DroneIndex drone);             // the part
 
 // --- stages of a step, over a block
 // Who takes part: an env whose episode has ended begins the next one in this step, or holds still.
-void take_part(Simulation& sim, Block& block);
+void select_envs(Simulation& sim, Block& block);
 // Adds up what a flown step earned, and ends the episodes that are over.
-void settle(Simulation& sim, Block& block);
+void finish_step(Simulation& sim, Block& block);
 // The observations of the episodes that have ended are their last.
 void keep_final(Simulation& sim, Block& block);
 // With same-step autoreset, the envs whose episode has ended begin the next one.
 void list_opening(Simulation& sim, Block& block);
 // Opens the next episodes of the envs that are to be reset in this step.
-void turn_over(Simulation& sim, Block& block, Scratch& scratch);
+void advance_episodes(Simulation& sim, Block& block, Scratch& scratch);
 // The drones of the envs that begin have been placed: their first moment.
-void first_moment(Simulation& sim, Block& block);
+void initial_readings(Simulation& sim, Block& block);
 
 }  // namespace flockstep

@@ -158,7 +158,7 @@ struct Simulation {
   const long owner;                                 // the process that made this batch
   bool is_cut_short = false;                        // an exception ended a step or reset half-way
   std::string warning;                              // not reported yet
-  std::atomic<std::thread::id> user{};              // the thread that is in a call on this batch; see Use
+  std::atomic<std::thread::id> user{};              // the thread that is in a call on this batch; see CallGuard
   std::optional<std::uint64_t> known_hash;          // see config_hash()
 };
 

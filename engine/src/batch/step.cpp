@@ -206,7 +206,7 @@ void begin_program(Simulation& sim, Executor& executor, bool place) {
   if (place) executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.place(envs); });
   executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
-    first_moment(s, block);
+    initial_readings(s, block);
     if (s.fleet) update_accelerations(s, block, s.drones_of(block.opening, scratch), scratch);
   });
   executor.start_frames(&Block::opening);
@@ -220,7 +220,7 @@ void keep(Simulation& sim, Block& block, Scratch&) { keep_final(sim, block); }
 template <class Executor>
 void fly_program(Simulation& sim, Executor& executor) {
   Task& task = *sim.task_state->task;
-  executor.each([](Simulation& s, Block& block, Scratch&) { take_part(s, block); });
+  executor.each([](Simulation& s, Block& block, Scratch&) { select_envs(s, block); });
   for (int flown = 1; flown <= sim.config.episode.frame_skip; ++flown) {
     const bool is_last = flown == sim.config.episode.frame_skip;
     executor.each(count_step);
@@ -232,7 +232,7 @@ void fly_program(Simulation& sim, Executor& executor) {
     executor.each(sense);
     if (is_last) executor.finish_frames();
     executor.task({&Block::flying}, [&](const TaskBlock& envs) { task.score(envs, sim.task_state->score); });
-    executor.each([](Simulation& s, Block& block, Scratch&) { settle(s, block); });
+    executor.each([](Simulation& s, Block& block, Scratch&) { finish_step(s, block); });
   }
   // An env that is reset in the step in which it ended is observed twice: as its episode ends, and as the next begins.
   if (resets_at_once(sim)) {
@@ -246,7 +246,7 @@ void fly_program(Simulation& sim, Executor& executor) {
 template <class Executor>
 void turn_program(Simulation& sim, Executor& executor) {
   const auto observe = [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.outputs.now().observation); };
-  executor.each(turn_over);
+  executor.each(advance_episodes);
   begin_program(sim, executor, true);
   if (resets_at_once(sim)) {
     executor.task({&Block::opening}, observe);

@@ -41,7 +41,7 @@ struct RenderRequest {
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   Frame frame;
-  trace::RayWays ways{};
+  trace::TracePolicy ways{};
 };
 
 }  // namespace flockstep::render

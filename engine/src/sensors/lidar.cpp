@@ -19,7 +19,7 @@ Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
       ways_(trace::ways_of(setup.tracer, static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()))),
       rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
       settings_(config, setup.num_drones, true,
-                [in_tiles = ways_.most_in_tiles > 0](const LidarConfig& of) { return make_pattern(of, in_tiles); }) {
+                [in_tiles = ways_.tile_triangle_limit > 0](const LidarConfig& of) { return make_pattern(of, in_tiles); }) {
   readings_.allocate({.num_drones = setup.num_drones, .num_rays = rays_}, false);
   std::ranges::fill(readings_.truth().max_range_m, config.max_range_m);
 }
@@ -99,19 +99,19 @@ void Lidar::measure(std::span<const DroneIndex> drones, const Surroundings& surr
 void Lidar::scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const {
   const BeamPattern& pattern = settings_.optics(drone);
   const Mat3 rotation = pose.rotation.toRotationMatrix();
-  tracer.settle(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
-                        .rotation = rotation,
-                        .range = settings_[drone].max_range_m,
-                        .ways = ways_});
+  tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
+                               .rotation = rotation,
+                               .range = settings_[drone].max_range_m,
+                               .ways = ways_});
   for (const BeamTile& tile : pattern.tiles) {
-    tracer.trace_later({.x = pattern.x.data() + tile.first,
-                        .y = pattern.y.data() + tile.first,
-                        .z = pattern.z.data() + tile.first,
-                        .rows = tile.rows,
-                        .width = tile.width,
-                        .frustum = &tile.frustum,
-                        .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)]},
-                       ranges + tile.channel * pattern.columns + tile.beam, pattern.columns);
+    tracer.enqueue({.x = pattern.x.data() + tile.first,
+                    .y = pattern.y.data() + tile.first,
+                    .z = pattern.z.data() + tile.first,
+                    .rows = tile.rows,
+                    .width = tile.width,
+                    .frustum = &tile.frustum,
+                    .view = tile.view < 0 ? nullptr : &pattern.views[static_cast<std::size_t>(tile.view)]},
+                   ranges + tile.channel * pattern.columns + tile.beam, pattern.columns);
   }
 }
 

@@ -260,7 +260,7 @@ class TileTrace {
     used_ = (1U << rows) - 1U;
     std::fill_n(id_, kRays, kNobody);
     std::fill_n(w_of_, 16, FLT_MAX);
-    if (rays_.unmet) {
+    if (rays_.no_hits_yet) {
       for (std::size_t sub = 0; sub < rows; ++sub) store(all(least_w), w_ + 16 * sub);
       for (std::size_t row = rays_.count / 16; row < rows; ++row) {  // rows that fill up the last sub-tiles
         for (std::size_t column = 0; column < 16; ++column) w_[TileAxis::place(row, column)] = FLT_MAX;
@@ -762,10 +762,10 @@ class TileTrace {
         const std::size_t from = TileAxis::place(row, column), to = 16 * row + column;
         const auto id = hn::Load(di, id_ + from);
         const auto found = hn::Ne(id, hn::Set(di, kNobody));
-        const auto before = rays_.unmet ? hn::Inf(d) : hn::Load(d, rays_.t_hit + to);
+        const auto before = rays_.no_hits_yet ? hn::Inf(d) : hn::Load(d, rays_.t_hit + to);
         const auto t_hit = hn::IfThenElse(hn::RebindMask(d, found), hn::Load(d, w_ + from), before);
         hn::Store(t_hit, d, rays_.t_hit + to);
-        const auto element_before = rays_.unmet ? hn::Set(di, -1) : hn::Load(di, rays_.element + to);
+        const auto element_before = rays_.no_hits_yet ? hn::Set(di, -1) : hn::Load(di, rays_.element + to);
         const auto element = hn::IfThenElse(found, hn::Add(hn::ShiftRight<1>(id), hn::Set(di, first_element_)), element_before);
         hn::Store(element, di, rays_.element + to);
         if (details_ != nullptr) hn::Store(hn::And(id, hn::Set(di, 1)), di, details_->back + to);

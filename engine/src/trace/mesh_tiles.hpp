@@ -41,11 +41,10 @@ struct TileAxis {
 };
 TileAxis make_tile_axis(const float* rows);  // (kMaxRays,) rows of 16
 
-// Takes what the tree has nearer than the rays' t_hit and element, or all it has for rays that are unmet; a hit gets the element
-// first_element + its triangle. The rays are rows of 16 and have the directions (1, u, v); u and v are of 16 rows, those that are
-// beyond the rays' count near the others. details: of the hits taken, null where nobody asks; weights only where the tree says
-// that they matter. masks: what the rays pass through, null where
-// nothing. Call under FlushDenormals.
+// Takes what the tree has nearer than the rays' t_hit and element, or all it has for rays that are no_hits_yet; a hit gets the
+// element first_element + its triangle. The rays are rows of 16 and have the directions (1, u, v); u and v are of 16 rows, those
+// that are beyond the rays' count near the others. details: of the hits taken, null where nobody asks; weights only where the
+// tree says that they matter. masks: what the rays pass through, null where nothing. Call under FlushDenormals.
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,
                      HitDetails* details, AskedDetails asked, const Masks* masks = nullptr);
 

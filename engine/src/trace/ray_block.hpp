@@ -33,7 +33,7 @@ struct RayBundle {
   const float *x, *y, *z;       // (count + kRayPadding,) directions, sensor frame
   const Frustum* frustum;       // that holds them, sensor frame
   bool numbered = true;         // elements are asked for, not distances alone: for trace_direct() alone
-  bool unmet = false;           // nothing was met so far, and what follows is still to be written: for mesh_tiles.hpp alone
+  bool no_hits_yet = false;     // nothing was met so far, and what follows is still to be written: for mesh_tiles.hpp alone
   alignas(64) RayFloats t_hit;  // inf on a miss; written by tracing
   alignas(64) RayInts element;  // index as raycast() gives it, -1 on a miss; likewise
 

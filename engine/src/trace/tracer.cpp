@@ -42,18 +42,18 @@ void copy_ranges(const float* from, std::size_t count, float* to) {
 
 }  // namespace
 
-RayWays ways_of(TracerKind kind, std::size_t rays) {
+TracePolicy ways_of(TracerKind kind, std::size_t rays) {
   switch (kind) {
     case TracerKind::automatic:
-      return {.most_in_tiles = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays};
+      return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays};
     case TracerKind::tiles:
-      return {.most_in_tiles = std::numeric_limits<std::size_t>::max()};
+      return {.tile_triangle_limit = std::numeric_limits<std::size_t>::max()};
     default:
       return {.embree = true};
   }
 }
 
-void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
+void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   const bool may_join =
       scene_ == &scene && for_everything_.rays.near == viewpoint.near && sees_markers_ == viewpoint.sees_markers;
   if (!may_join) {
@@ -64,7 +64,7 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
   }
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
-  tree_ = scene.num_triangles() <= viewpoint.ways.most_in_tiles ? scene.tiles() : nullptr;
+  tree_ = scene.num_triangles() <= viewpoint.ways.tile_triangle_limit ? scene.tiles() : nullptr;
   asked_ = viewpoint.asked;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
@@ -75,8 +75,8 @@ void Tracer::settle(const Scene& scene, const Viewpoint& viewpoint) {
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
-  bundle_.unmet = tree_ != nullptr && candidates_.triangles && is_nothing_near();
-  if (bundle_.unmet) {
+  bundle_.no_hits_yet = tree_ != nullptr && candidates_.triangles && is_nothing_near();
+  if (bundle_.no_hits_yet) {
     aim(tile);
   } else if (!trace_candidates(tile, true)) {
     trace_crowd();
@@ -90,7 +90,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   return bundle_;
 }
 
-void Tracer::trace_later(const RayTile& tile, float* ranges, std::size_t stride) {
+void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
   const bool in_view = tree_ != nullptr && tile.view != nullptr && candidates_.triangles;
   if (!trace_candidates(tile, false)) {
     if (!in_view) {
@@ -152,16 +152,17 @@ void Tracer::trace_crowd() {
   std::copy_n(block_.element, bundle_.count, bundle_.element);
 }
 
-// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept. unmet: the bundle has met nothing.
-void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool unmet) {
+// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept. no_hits_yet: the bundle has met
+// nothing.
+void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet) {
   RayBundle& seen = view_bundle_;
   seen.origin = bundle_.origin;
   for (int axis = 0; axis < 3; ++axis) seen.rotation.col(axis) = rotated(bundle_.rotation, view.to_sensor.col(axis));
   seen.near = bundle_.near;
   seen.range = bundle_.range;
   seen.count = rows * kTileWidth;
-  seen.unmet = unmet && width == kTileWidth;
-  if (!seen.unmet) {
+  seen.no_hits_yet = no_hits_yet && width == kTileWidth;
+  if (!seen.no_hits_yet) {
     std::fill_n(seen.element, seen.count, -1);
     for (std::size_t row = 0; row < rows; ++row) {
       float* const depth = seen.t_hit + row * kTileWidth;

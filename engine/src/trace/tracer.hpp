@@ -19,13 +19,13 @@
 namespace flockstep::trace {
 
 // How rays of a sensor go.
-struct RayWays {
-  std::size_t most_in_tiles = 0;  // triangles of a world up to which they are met in tiles, where they can be
-  bool embree = false;            // all that Embree can trace it does, primitives too
+struct TracePolicy {
+  std::size_t tile_triangle_limit = 0;  // triangles of a world up to which they are met in tiles, where they can be
+  bool embree = false;                  // all that Embree can trace it does, primitives too
 
-  friend bool operator==(const RayWays&, const RayWays&) = default;
+  friend bool operator==(const TracePolicy&, const TracePolicy&) = default;
 };
-RayWays ways_of(TracerKind kind, std::size_t rays);  // of a sensor
+TracePolicy ways_of(TracerKind kind, std::size_t rays);  // of a sensor
 
 // Where a sensor is, how far it sees, and what.
 struct Viewpoint {
@@ -36,7 +36,7 @@ struct Viewpoint {
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
   AskedDetails asked{};       // of what trace() hits
-  RayWays ways{};             // a scene to be traced in tiles is prepared for them
+  TracePolicy ways{};         // a scene to be traced in tiles is prepared for them
 };
 
 // Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
@@ -52,7 +52,7 @@ struct RayTile {
   const float *x, *y, *z;                     // (rows * width + kRayPadding,) directions, sensor frame, row by row
   std::size_t rows, width;                    // rows * width is at most kMaxRays
   const Frustum* frustum;                     // that holds them, sensor frame
-  const TileView* view = nullptr;             // if they lie close enough; for trace_later() only
+  const TileView* view = nullptr;             // if they lie close enough; for enqueue() only
   const TileAxis *u = nullptr, *v = nullptr;  // of y and z, where x is 1; for trace() in tiles only
 };
 
@@ -72,9 +72,9 @@ struct EmbreeUse {
 // other rays, except those of trace(), whose tile is always the same for a pixel. Call under FlushDenormals.
 class Tracer {
  public:
-  // Settles where a sensor is: from now on trace() and trace_later() are about its rays. Rays that wait are traced first unless
+  // Settles where a sensor is: from now on trace() and enqueue() are about its rays. Rays that wait are traced first unless
   // these may join them. The scene outlives what is traced in it.
-  void settle(const Scene& scene, const Viewpoint& viewpoint);
+  void set_viewpoint(const Scene& scene, const Viewpoint& viewpoint);
 
   // Nearest hits of a camera's tile, through masks. Its rows are kTileWidth wide and, up to a multiple of 4 of them, have
   // directions to be read.
@@ -82,7 +82,7 @@ class Tracer {
 
   // Distances of a tile, row by row to ranges, ranges + stride and so on: at once, or by finish() at the latest, where rays go
   // through Embree and wait until they fill a block with those of other sensors.
-  void trace_later(const RayTile& tile, float* ranges, std::size_t stride);
+  void enqueue(const RayTile& tile, float* ranges, std::size_t stride);
   void finish();
 
   // Rays of any origins, to be filled in by the caller: all but t_hit and element of the first `count`, and near.
@@ -114,7 +114,7 @@ class Tracer {
   bool is_nothing_near() const { return candidates_.count == 0 && !candidates_.crowded; }  // but triangles
   bool trace_candidates(const RayTile& tile, bool numbered);                               // false if they are too many
   void trace_crowd();                                                                      // what trace_candidates() has not
-  void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool unmet);
+  void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
   void note(std::size_t rays, std::size_t packets);  // that they went through Embree; no packets: they did not
@@ -125,7 +125,7 @@ class Tracer {
   const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
   AskedDetails asked_;
-  RayWays ways_;
+  TracePolicy ways_;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
   RayBundle view_bundle_;    // the same in the frame of its view

@@ -50,7 +50,7 @@ struct Weather {
     return field_list(field("rain", &C::rain), field("drops", &C::drops), field("hail_mm", &C::hail_mm),
                       field("fog_m", &C::fog_m), field("name", &C::name), field("layers", &C::layers), field("wind", &C::wind),
                       field("mood", &C::mood), field("gust", &C::gust), field("gusts", &C::gusts), field("squall", &C::squall),
-                      field("threads", &C::threads, {.decides = Decides::nothing}));
+                      field("threads", &C::threads, {.affects_hash = AffectsHash::no}));
   }
 };
 
@@ -99,7 +99,7 @@ TEST(Fields, CanBeWritten) {
   Gust gust;
   for_each_field(gust, [](const auto& field, auto& value) {
     value = 7;
-    EXPECT_EQ(field.info.decides, Decides::behaviour);
+    EXPECT_EQ(field.info.affects_hash, AffectsHash::yes);
   });
   EXPECT_EQ(gust.speed_mps, 7.0F);
   EXPECT_EQ(gust.seed, 7);

@@ -352,9 +352,9 @@ TEST(MeshTiles, WhatWasHitBeforeCountsWhereItIsNearer) {
   const std::vector<float> depth(tile.rays->t_hit, tile.rays->t_hit + kMaxRays);
   const std::vector<std::int32_t> element(tile.rays->element, tile.rays->element + kMaxRays);
   std::fill_n(tile.rays->t_hit, kMaxRays, 1e-3F);  // of no meaning: nothing was met
-  tile.rays->unmet = true;
+  tile.rays->no_hits_yet = true;
   tile.trace_on(tree, 0);
-  tile.rays->unmet = false;
+  tile.rays->no_hits_yet = false;
   EXPECT_TRUE(std::equal(depth.begin(), depth.end(), tile.rays->t_hit));
   EXPECT_TRUE(std::equal(element.begin(), element.end(), tile.rays->element));
   for (std::size_t ray = 0; ray < kMaxRays; ++ray) {

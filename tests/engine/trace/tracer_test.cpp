@@ -82,15 +82,15 @@ TEST(Tracer, RaysThatWaitGetTheSameBitsInAnyCompany) {
                      std::vector<float>(set.size(), -1.0F)});
   }
   for (Scan& scan : scans) {  // those of one world in a row may share packets, and seven of them do not fill a block
-    tracer->settle(*scan.scene, scan.viewpoint);
-    tracer->trace_later(tile_of(*scan.set, 1, aimed), scan.ranges.data(), scan.set->size());
+    tracer->set_viewpoint(*scan.scene, scan.viewpoint);
+    tracer->enqueue(tile_of(*scan.set, 1, aimed), scan.ranges.data(), scan.set->size());
   }
   tracer->finish();
   std::size_t hits = 0;
   for (const Scan& scan : scans) {
     std::vector<float> alone(scan.set->size(), -1.0F);
-    tracer->settle(*scan.scene, scan.viewpoint);
-    tracer->trace_later(tile_of(*scan.set, 1, aimed), alone.data(), alone.size());
+    tracer->set_viewpoint(*scan.scene, scan.viewpoint);
+    tracer->enqueue(tile_of(*scan.set, 1, aimed), alone.data(), alone.size());
     tracer->finish();
     EXPECT_TRUE(same_bits(alone, scan.ranges));
     for (const float range : alone) hits += range < kInfinity ? 1 : 0;
@@ -118,9 +118,9 @@ TEST(Tracer, WritesRowsWhereTheyBelong) {
     const Scene& scene = prepared(*world).scene();
     const Viewpoint viewpoint{.origin = random.point(3.0F), .rotation = Mat3::Identity(), .range = 9.0F};
     std::vector<float> row(48), rows(4 * 20, -1.0F);
-    tracer->settle(scene, viewpoint);
-    tracer->trace_later(tile_of(set, 1, aimed), row.data(), 0);
-    tracer->trace_later(tile_of(set, 4, aimed), rows.data(), 20);
+    tracer->set_viewpoint(scene, viewpoint);
+    tracer->enqueue(tile_of(set, 1, aimed), row.data(), 0);
+    tracer->enqueue(tile_of(set, 4, aimed), rows.data(), 20);
     tracer->finish();
     for (std::size_t i = 0; i < 80; ++i) {
       const std::size_t column = i % 20;
@@ -171,11 +171,11 @@ TEST(Tracer, AllocatesNothing) {
   const auto before = testing::allocations_of_this_thread();
   for (const auto& world : all) {
     const Scene& scene = prepared(*world).scene();
-    tracer->settle(scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F});
-    for (int i = 0; i < 9; ++i) tracer->trace_later(tile_of(set, 4, aimed), ranges.data(), 16);
+    tracer->set_viewpoint(scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .range = 9.0F});
+    for (int i = 0; i < 9; ++i) tracer->enqueue(tile_of(set, 4, aimed), ranges.data(), 16);
     tracer->finish();
-    tracer->settle(scene,
-                   {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .near = 0.1F, .range = 9.0F, .sees_markers = true});
+    tracer->set_viewpoint(
+        scene, {.origin = Vec3::Zero(), .rotation = Mat3::Identity(), .near = 0.1F, .range = 9.0F, .sees_markers = true});
     static_cast<void>(tracer->trace(tile_of(set, 4, aimed)));
     tracer->trace_shadows(scene);
     tracer->trace_block(scene);

@@ -116,14 +116,15 @@ RaycastScratch::RaycastScratch() { std::fill(std::begin(ones), std::end(ones), 1
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch) {
   const CameraConfig& camera = *request.camera;
   const PinholeCamera& pinhole = *request.pinhole;
-  scratch.tracer.settle(*request.scene, {.origin = request.position,
-                                         .rotation = request.rotation,
-                                         .near = camera.near_m,
-                                         .range = camera.far_m,
-                                         .longest = pinhole.corner,
-                                         .sees_markers = true,
-                                         .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
-                                         .ways = request.ways});
+  scratch.tracer.set_viewpoint(*request.scene,
+                               {.origin = request.position,
+                                .rotation = request.rotation,
+                                .near = camera.near_m,
+                                .range = camera.far_m,
+                                .longest = pinhole.corner,
+                                .sees_markers = true,
+                                .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
+                                .ways = request.ways});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;

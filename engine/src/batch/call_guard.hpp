@@ -1,4 +1,4 @@
-// Use: a call of one thread on a batch. Calls of its tasks from within are its own.
+// CallGuard: a call of one thread on a batch. Calls of its tasks from within are its own.
 #pragma once
 
 #include <atomic>
@@ -11,24 +11,24 @@
 
 namespace flockstep {
 
-class Use {
+class CallGuard {
  public:
   // Throws std::runtime_error if another thread is in a call on the batch, or this is a child of the process that made it.
-  explicit Use(Simulation& sim) : Use(sim, std::nothrow) {
+  explicit CallGuard(Simulation& sim) : CallGuard(sim, std::nothrow) {
     checks::own_process(sim);
     if (!granted_) throw std::runtime_error("this Batch is in use by another thread: one call at a time");
   }
   // is_granted() tells.
-  Use(Simulation& sim, std::nothrow_t) : user_(sim.user) {
+  CallGuard(Simulation& sim, std::nothrow_t) : user_(sim.user) {
     std::thread::id nobody;
     begun_ = user_.compare_exchange_strong(nobody, std::this_thread::get_id(), std::memory_order_acquire);
     granted_ = begun_ || nobody == std::this_thread::get_id();
   }
-  ~Use() {
+  ~CallGuard() {
     if (begun_) user_.store({}, std::memory_order_release);
   }
-  Use(const Use&) = delete;
-  Use& operator=(const Use&) = delete;
+  CallGuard(const CallGuard&) = delete;
+  CallGuard& operator=(const CallGuard&) = delete;
 
   bool is_granted() const { return granted_; }
 
