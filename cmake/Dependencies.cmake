@@ -19,9 +19,6 @@ find_package(nlohmann_json QUIET)
 need(nlohmann_json_FOUND "nlohmann_json (scene files)" nlohmann-json3-dev nlohmann_json)
 find_package(tinyobjloader QUIET)
 need(tinyobjloader_FOUND "tinyobjloader (meshes)" libtinyobjloader-dev tinyobjloader)
-find_path(TINYGLTF_INCLUDE_DIR tiny_gltf.h) # a header, compiled in: world/tinygltf.hpp
-need(TINYGLTF_INCLUDE_DIR "tinygltf (glTF files)" libtinygltf-dev tinygltf)
-target_include_directories(flockstep_dependencies SYSTEM INTERFACE ${TINYGLTF_INCLUDE_DIR})
 target_link_libraries(flockstep_dependencies INTERFACE TBB::tbb nlohmann_json::nlohmann_json tinyobjloader::tinyobjloader)
 
 # Rays. Embree 4 where there is one, else 3.13; engine/src/trace/embree.hpp is the one place that knows the difference.

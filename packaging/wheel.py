@@ -36,7 +36,6 @@ BUILD_PACKAGES = (
 COMPILED_IN = (
     "libeigen3-dev",
     "nlohmann-json3-dev",
-    "libtinygltf-dev",
     "libbullet-dev",
     "libhwy-dev",
     "libopencv-core-dev",

@@ -42,83 +42,67 @@ std::string written(const Vec3d& v) {
 // An accessor's elements, which the model has within its buffers.
 class Elements {
  public:
-  Elements(const tinygltf::Model& model, std::size_t accessor)
-      : accessor_(model.accessors[accessor]),
-        size_(static_cast<std::size_t>(tinygltf::GetComponentSizeInBytes(static_cast<std::uint32_t>(accessor_.componentType)))) {
-    const tinygltf::BufferView& view = model.bufferViews[static_cast<std::size_t>(accessor_.bufferView)];
-    const std::size_t components =
-        static_cast<std::size_t>(tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(accessor_.type)));
-    stride_ = view.byteStride != 0 ? view.byteStride : size_ * components;
-    first_ = model.buffers[static_cast<std::size_t>(view.buffer)].data.data() + view.byteOffset + accessor_.byteOffset;
+  Elements(const GltfModel& model, std::size_t accessor)
+      : accessor_(model.accessors[accessor]), size_(accessor_.component_bytes()) {
+    const GltfView& view = model.views[*accessor_.view];
+    stride_ = view.stride != 0 ? view.stride : accessor_.element_bytes();
+    first_ = model.buffers[view.buffer].data() + view.offset + accessor_.offset;
   }
 
   std::size_t size() const { return accessor_.count; }
 
   std::uint32_t index(std::size_t element) const {
-    const unsigned char* const at = first_ + element * stride_;
-    if (size_ == 1) return *at;
+    const char* const at = first_ + element * stride_;
+    if (size_ == 1) return as<std::uint8_t>(at);
     return size_ == 2 ? as<std::uint16_t>(at) : as<std::uint32_t>(at);
   }
 
   double number(std::size_t element, std::size_t component) const {
-    const unsigned char* const at = first_ + element * stride_ + component * size_;
-    switch (accessor_.componentType) {
-      case TINYGLTF_COMPONENT_TYPE_BYTE:
+    const char* const at = first_ + element * stride_ + component * size_;
+    switch (accessor_.component) {
+      case GltfComponent::int8:
         return whole<std::int8_t>(at);
-      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+      case GltfComponent::uint8:
         return whole<std::uint8_t>(at);
-      case TINYGLTF_COMPONENT_TYPE_SHORT:
+      case GltfComponent::int16:
         return whole<std::int16_t>(at);
-      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+      case GltfComponent::uint16:
         return whole<std::uint16_t>(at);
-      case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+      case GltfComponent::uint32:
         return whole<std::uint32_t>(at);
-      default:
+      case GltfComponent::float32:
         return as<float>(at);
     }
   }
 
  private:
   template <class T>
-  static T as(const unsigned char* at) {  // which may lie anywhere
+  static T as(const char* at) {  // which may lie anywhere
     T value;
     std::memcpy(&value, at, sizeof value);
     return value;
   }
   template <class T>
-  double whole(const unsigned char* at) const {
+  double whole(const char* at) const {
     const double value = as<T>(at);
-    return accessor_.normalized ? std::max(value / std::numeric_limits<T>::max(), -1.0) : value;
+    return accessor_.is_normalized ? std::max(value / std::numeric_limits<T>::max(), -1.0) : value;
   }
 
-  const tinygltf::Accessor& accessor_;
+  const GltfAccessor& accessor_;
   std::size_t size_;  // of a component, in bytes
   std::size_t stride_ = 0;
-  const unsigned char* first_ = nullptr;
+  const char* first_ = nullptr;
 };
 
 // KHR_texture_transform: scaled, then turned counter-clockwise as the image is seen, then moved.
 struct UvTransform {
-  Eigen::Matrix2d turn = Eigen::Matrix2d::Identity();
-  Vec2d offset = Vec2d::Zero();
+  Eigen::Matrix2d turn;
+  Vec2d offset;
 
-  static bool is_in(const tinygltf::TextureInfo& texture) { return texture.extensions.count(kName) > 0; }
-
-  explicit UvTransform(const tinygltf::TextureInfo& texture) {
-    if (!is_in(texture)) return;
-    const tinygltf::Value& given = texture.extensions.at(kName);
-    const auto pair = [&](const char* key, const Vec2d& usual) -> Vec2d {
-      if (!given.Has(key)) return usual;
-      return {given.Get(key).Get(0).GetNumberAsDouble(), given.Get(key).Get(1).GetNumberAsDouble()};
-    };
-    const double angle = given.Has("rotation") ? given.Get("rotation").GetNumberAsDouble() : 0.0;
-    const Vec2d scale = pair("scale", Vec2d::Ones());
-    turn << std::cos(angle) * scale.x(), std::sin(angle) * scale.y(), -std::sin(angle) * scale.x(), std::cos(angle) * scale.y();
-    offset = pair("offset", Vec2d::Zero());
+  explicit UvTransform(const GltfTextureTransform& given) : offset(given.offset[0], given.offset[1]) {
+    const double cosine = std::cos(given.rotation), sine = std::sin(given.rotation);
+    turn << cosine * given.scale[0], sine * given.scale[1], -sine * given.scale[0], cosine * given.scale[1];
   }
-
- private:
-  static constexpr const char* kName = "KHR_texture_transform";
 };
 
 // From the file's axes to the world's, and nothing more.
@@ -159,12 +143,7 @@ struct Extent {
 class GltfReader {
  public:
   GltfReader(const GltfModel& gltf, const std::string& source, GltfFiles& files, const LoadOptions& options)
-      : gltf_(gltf),
-        model_(gltf.model),
-        source_(source),
-        files_(files),
-        options_(options),
-        place_(placement(options, UpAxis::y)) {
+      : model_(gltf), source_(source), files_(files), options_(options), place_(placement(options, UpAxis::y)) {
     file_.ignored = gltf.ignored;
     file_.scene.materials.clear();
   }
@@ -175,7 +154,7 @@ class GltfReader {
     read_nodes();
     for (const Shown& shown : shown_) read_mesh(shown);
     order_waypoints();
-    if (scene().materials.empty()) material_of(-1, 0);
+    if (scene().materials.empty()) material_of(std::nullopt, 0);
     if (dropped_ > 0) {
       file_.ignored.push_back(words_of_flat(dropped_));
     }
@@ -198,17 +177,12 @@ class GltfReader {
 
   std::string field(const char* list, std::size_t index) const { return source_ + ": /" + list + '/' + std::to_string(index); }
 
-  static int semantic_of(const tinygltf::Value& extras) {
-    return extras.Has(kGltfSemantic) ? extras.Get(kGltfSemantic).GetNumberAsInt() : 0;
-  }
-
   // A node's own word comes before that of those above it.
-  static Presence presence_of(const tinygltf::Value& extras, Presence inherited) {
-    const auto is = [&](const char* key, bool value) { return extras.Has(key) && extras.Get(key).Get<bool>() == value; };
-    if (is(kGltfVisual, true)) return Presence::visual;
-    if (is(kGltfSolid, true)) return Presence::solid;
-    const bool is_off =
-        (inherited == Presence::visual && is(kGltfVisual, false)) || (inherited == Presence::solid && is(kGltfSolid, false));
+  static Presence presence_of(const GltfNode& node, Presence inherited) {
+    if (node.visual_only == true) return Presence::visual;
+    if (node.collision_only == true) return Presence::solid;
+    const bool is_off = (inherited == Presence::visual && node.visual_only == false) ||
+                        (inherited == Presence::solid && node.collision_only == false);
     return is_off ? Presence::full : inherited;
   }
 
@@ -216,7 +190,7 @@ class GltfReader {
 
   const std::optional<GltfSceneExtras>& scene_extras() const {
     static const std::optional<GltfSceneExtras> kNone;
-    return model_.defaultScene >= 0 ? gltf_.scene_extras[static_cast<std::size_t>(model_.defaultScene)] : kNone;
+    return model_.scene ? model_.scenes[*model_.scene].extras : kNone;
   }
 
   // They are in the world's frame: from there to the file's, and where the options put that.
@@ -224,7 +198,7 @@ class GltfReader {
     if (!scene_extras()) return;
     is_ours_ = true;
     const auto& [light, markers] = *scene_extras();
-    scene().name = model_.scenes[static_cast<std::size_t>(model_.defaultScene)].name;
+    scene().name = model_.scenes[*model_.scene].name;
     scene().light = light;
     scene().markers = markers;
     for (std::size_t i = 0; i < model_.textures.size(); ++i) texture_of(i);  // those that no material has, too
@@ -242,17 +216,17 @@ class GltfReader {
   }
 
   // Of a node whose extras call its mesh a primitive; false where the mesh is another one, or the node makes another of it.
-  bool read_primitive_of(const tinygltf::Node& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
+  bool read_primitive_of(const GltfNode& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
                          Presence presence) {
-    const auto mesh = static_cast<std::size_t>(node.mesh);
-    Primitive primitive = *gltf_.node_extras[index].primitive;
-    if (model_.meshes[mesh].primitives.size() != 1 || !is_tessellation(mesh, primitive)) return false;
+    const std::size_t mesh = *node.mesh;
+    Primitive primitive = *node.extras.primitive;
+    if (model_.meshes[mesh].size() != 1 || !is_tessellation(mesh, primitive)) return false;
 
     Vec3d scale;
-    if (is_root && options_.up != UpAxis::z && node.matrix.empty()) {  // bit by bit
+    if (is_root && options_.up != UpAxis::z && !node.matrix) {  // bit by bit
       const auto& [q, s] = std::tie(node.rotation, node.scale);
-      if (!q.empty()) primitive.rotation = unit_quaternion({q[3], q[0], -q[2], q[1]});
-      scale = s.empty() ? Vec3d::Ones() : Vec3d(Vec3d(s[0], s[2], s[1]).cwiseAbs());
+      if (q) primitive.rotation = unit_quaternion({(*q)[3], (*q)[0], -(*q)[2], (*q)[1]});
+      scale = s ? Vec3d(Vec3d((*s)[0], (*s)[2], (*s)[1]).cwiseAbs()) : Vec3d::Ones();
       scale *= options_.scale;
     } else {
       Eigen::Matrix3d axes = place.linear() * upright().linear().inverse();
@@ -273,7 +247,7 @@ class GltfReader {
                       half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(kMinSize);
     if (!fits) refuse(field("nodes", index), in_world("a primitive") + ", of sizes >= 1e-06 m", written(center));
     primitive.center = center.cast<float>();
-    primitive.material = material_of(model_.meshes[mesh].primitives[0].material, semantic);
+    primitive.material = material_of(model_.meshes[mesh][0].material, semantic);
     // A room is what it is.
     primitive.presence = primitive.kind == PrimitiveKind::room ? Presence::full : presence;
     scene().primitives.push_back(primitive);
@@ -330,8 +304,8 @@ class GltfReader {
 
   Extent extent_of(std::size_t mesh) {
     count_triangles(mesh);
-    const tinygltf::Primitive& primitive = model_.meshes[mesh].primitives[0];
-    const Elements positions = elements_of(primitive.attributes.at("POSITION"), {TINYGLTF_TYPE_VEC3}, "VEC3 positions");
+    const GltfPrimitive& primitive = model_.meshes[mesh][0];
+    const Elements positions = elements_of(primitive.attributes.at("POSITION"), {GltfShape::vec3}, "VEC3 positions");
     const std::vector<std::uint32_t> corners = corners_of(primitive, positions.size());
     Extent extent;
     for (std::size_t i = 0; i < corners.size(); i += 3) {
@@ -358,48 +332,36 @@ class GltfReader {
 
   // Material i of the file, with the class of a node where that has one.
   std::uint16_t add_material(std::size_t i, int semantic) {
-    const tinygltf::Material& given = model_.materials[i];
+    const GltfMaterial& given = model_.materials[i];
     Material material;
-    const auto& factor = given.pbrMetallicRoughness.baseColorFactor;
     for (std::size_t c = 0; c < 3; ++c) {
-      material.base_color[c] = static_cast<float>(factor[c]);
-      material.emissive[c] = static_cast<float>(given.emissiveFactor[c]);
+      material.base_color[c] = static_cast<float>(given.base_color[c]);
+      material.emissive[c] = static_cast<float>(given.emissive[c]);
     }
-    if (given.alphaMode == "MASK") material.alpha_cutoff = static_cast<float>(given.alphaCutoff);
-    if (given.extras.Has(kGltfUnlit)) material.emissive = std::exchange(material.base_color, {});
-    material.semantic = static_cast<std::uint16_t>(semantic != 0 ? semantic : semantic_of(given.extras));
-    const int texture = given.pbrMetallicRoughness.baseColorTexture.index;
-    if (texture >= 0) material.texture = texture_of(static_cast<std::size_t>(texture));
+    if (given.alpha_cutoff) material.alpha_cutoff = static_cast<float>(*given.alpha_cutoff);
+    if (given.is_unlit) material.emissive = std::exchange(material.base_color, {});
+    material.semantic = static_cast<std::uint16_t>(semantic != 0 ? semantic : given.semantic);
+    if (given.texture) material.texture = texture_of(*given.texture);
     const std::string name = given.name.empty() && !is_ours_ ? "material " + std::to_string(i) : given.name;
     const std::uint16_t index = push_material(std::move(material), name);
-    materials_.emplace(std::pair(static_cast<int>(i), semantic), index);
+    materials_.emplace(std::pair(std::optional(i), semantic), index);
     return index;
   }
 
-  std::uint16_t material_of(int material, int semantic) {
+  std::uint16_t material_of(const std::optional<std::size_t>& material, int semantic) {
     const auto found = materials_.find({material, semantic});
     if (found != materials_.end()) return found->second;
-    if (material >= 0) return add_material(static_cast<std::size_t>(material), semantic);
+    if (material) return add_material(*material, semantic);
     const std::uint16_t index =
         push_material(Material{"", {1.0F, 1.0F, 1.0F}, static_cast<std::uint16_t>(semantic)}, "default");  // glTF's own
     materials_.emplace(std::pair(material, semantic), index);
     return index;
   }
 
-  static TextureWrap wrap_of(int value) {
-    if (value == TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE) return TextureWrap::clamp;
-    return value == TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT ? TextureWrap::mirror : TextureWrap::repeat;
-  }
-
   std::optional<std::uint16_t> texture_of(std::size_t index) {
-    const tinygltf::Texture& given = model_.textures[index];
-    if (given.source < 0) return std::nullopt;
-    std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};
-    if (given.sampler >= 0) {
-      const tinygltf::Sampler& sampler = model_.samplers[static_cast<std::size_t>(given.sampler)];
-      wrap = {wrap_of(sampler.wrapS), wrap_of(sampler.wrapT)};
-    }
-    const auto image = static_cast<std::size_t>(given.source);
+    const auto& [wrap, source] = model_.textures[index];
+    if (!source) return std::nullopt;
+    const std::size_t image = *source;
     const auto [found, is_new] = textures_.try_emplace({image, wrap}, static_cast<std::uint16_t>(scene().textures.size()));
     if (!is_new) return found->second;
     require(scene().textures.size() < kMaxTextures, source_, "at most 65536 textures", "more");
@@ -411,15 +373,15 @@ class GltfReader {
 
   // An image with other borders is a texture of its own.
   Texture image_of(std::size_t index) {
-    const GltfImage& given = gltf_.images[index];
+    const GltfImage& given = model_.images[index];
     Texture texture;
     texture.name = texture_names_.take(given.name.empty() && !is_ours_ ? "image " + std::to_string(index) : given.name);
     const std::string name = field("images", index);
     Image image;
-    if (given.buffer_view) {
-      const tinygltf::BufferView& view = model_.bufferViews[*given.buffer_view];
-      const auto& bytes = model_.buffers[static_cast<std::size_t>(view.buffer)].data;
-      image = decode_image(std::span(bytes).subspan(view.byteOffset, view.byteLength), name, pixels_left_);
+    if (given.view) {
+      const GltfView& view = model_.views[*given.view];
+      const std::string_view bytes = model_.buffers[view.buffer].substr(view.offset, view.length);
+      image = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, name, pixels_left_);
     } else {
       const std::string bytes = files_.read(given.uri, name + "/uri", "an image");
       image = decode_image({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, name, pixels_left_);
@@ -442,28 +404,27 @@ class GltfReader {
   };
 
   void read_nodes() {
-    std::vector<int> roots;
-    if (model_.defaultScene >= 0) {
-      roots = model_.scenes[static_cast<std::size_t>(model_.defaultScene)].nodes;
+    std::vector<std::size_t> roots;
+    if (model_.scene) {
+      roots = model_.scenes[*model_.scene].nodes;
     } else {
       std::vector<bool> is_child(model_.nodes.size(), false);
-      for (const tinygltf::Node& node : model_.nodes) {
-        for (const int child : node.children) is_child[static_cast<std::size_t>(child)] = true;
+      for (const GltfNode& node : model_.nodes) {
+        for (const std::size_t child : node.children) is_child[child] = true;
       }
       for (std::size_t i = 0; i < is_child.size(); ++i) {
-        if (!is_child[i]) roots.push_back(static_cast<int>(i));
+        if (!is_child[i]) roots.push_back(i);
       }
     }
     // Each node is met once, so that the tree is one, and neither its depth nor a circle in it matters.
     std::vector<bool> is_met(model_.nodes.size(), false);
     std::vector<Placed> open;
-    const auto push = [&](const std::vector<int>& nodes, const Eigen::Affine3d& place, int semantic, Presence presence,
+    const auto push = [&](const std::vector<std::size_t>& nodes, const Eigen::Affine3d& place, int semantic, Presence presence,
                           bool are_roots) {
       for (auto i = nodes.rbegin(); i != nodes.rend(); ++i) {
-        open.push_back({static_cast<std::size_t>(*i), place, semantic, presence, are_roots});
+        open.push_back({*i, place, semantic, presence, are_roots});
       }
-      for (const int i : nodes) {
-        const auto node = static_cast<std::size_t>(i);
+      for (const std::size_t node : nodes) {
         if (is_met[node]) refuse(field("nodes", node), "a node in one place of the scene", "one that is in two, or in itself");
         is_met[node] = true;
       }
@@ -473,43 +434,42 @@ class GltfReader {
       Interrupt::poll();
       const Placed at = open.back();
       open.pop_back();
-      const tinygltf::Node& node = model_.nodes[at.node];
+      const GltfNode& node = model_.nodes[at.node];
       const Eigen::Affine3d own_place = transform_of(node, at.node);
       Eigen::Affine3d place = at.place * own_place;
       place.translation() = applied(at.place, own_place.translation());
       if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one that overflows");
-      const int own = semantic_of(node.extras);
-      const int semantic = own != 0 ? own : at.semantic;
-      const Presence presence = presence_of(node.extras, at.presence);
+      const int semantic = node.semantic != 0 ? node.semantic : at.semantic;
+      const Presence presence = presence_of(node, at.presence);
       read_node(node, at, place, semantic, presence);
       push(node.children, place, semantic, presence, false);
     }
   }
 
-  Eigen::Affine3d transform_of(const tinygltf::Node& node, std::size_t index) const {
-    if (!node.matrix.empty()) {
-      const Eigen::Matrix4d matrix = Eigen::Map<const Eigen::Matrix4d>(node.matrix.data());  // column by column
+  Eigen::Affine3d transform_of(const GltfNode& node, std::size_t index) const {
+    if (node.matrix) {
+      const Eigen::Matrix4d matrix = Eigen::Map<const Eigen::Matrix4d>(node.matrix->data());  // column by column
       if (!matrix.row(3).isApprox(Eigen::RowVector4d(0, 0, 0, 1), 1e-6)) {
         refuse(field("nodes", index) + "/matrix", "0, 0, 0, 1 as the last row", "another");
       }
       return Eigen::Affine3d(Eigen::AffineCompact3d(matrix.topRows<3>()));
     }
     Eigen::Affine3d place = Eigen::Affine3d::Identity();
-    if (!node.translation.empty()) place.translation() = Vec3d(node.translation[0], node.translation[1], node.translation[2]);
-    if (!node.rotation.empty()) {
-      const Eigen::Quaterniond q(node.rotation[3], node.rotation[0], node.rotation[1], node.rotation[2]);
+    if (const auto& t = node.translation) place.translation() = Vec3d((*t)[0], (*t)[1], (*t)[2]);
+    if (const auto& given = node.rotation) {
+      const Eigen::Quaterniond q((*given)[3], (*given)[0], (*given)[1], (*given)[2]);
       constexpr double kTolerance = 0.01;  // exporters round, and it is made unit
       require(std::abs(q.norm() - 1.0) <= kTolerance, field("nodes", index) + "/rotation", "a quaternion of norm 1", q.norm());
       place.rotate(q.normalized());
     }
-    if (!node.scale.empty()) place.scale(Vec3d(node.scale[0], node.scale[1], node.scale[2]));
+    if (const auto& s = node.scale) place.scale(Vec3d((*s)[0], (*s)[1], (*s)[2]));
     return place;
   }
 
-  void read_node(const tinygltf::Node& node, const Placed& at, const Eigen::Affine3d& place, int semantic, Presence presence) {
+  void read_node(const GltfNode& node, const Placed& at, const Eigen::Affine3d& place, int semantic, Presence presence) {
     const std::size_t index = at.node;
-    if (node.extras.Has(kGltfMarker)) read_marker(node.extras.Get(kGltfMarker).Get<std::string>(), index, place.translation());
-    if (node.extras.Has(kGltfSun)) {
+    if (!node.marker.empty()) read_marker(node.marker, index, place.translation());
+    if (node.has_sun) {
       const Vec3d towards = place.linear() * Vec3d::UnitZ();  // a light shines along its -z
       if (!(towards.norm() > 0.0)) refuse(field("nodes", index), "a light with a direction", "one scaled to nothing");
       const Vec3d unit = towards.normalized();
@@ -519,15 +479,14 @@ class GltfReader {
       if (++suns_ == 1 && !is_known)
         scene().light.sun_direction = {static_cast<float>(unit.x()), static_cast<float>(unit.y()), static_cast<float>(unit.z())};
     }
-    if (node.mesh < 0) return;
-    if (gltf_.node_extras[index].primitive) {
+    if (!node.mesh) return;
+    if (node.extras.primitive) {
       if (read_primitive_of(node, index, at.is_root, place, semantic, presence)) return;
       ++reshaped_;
     }
     require(shown_.size() < kMaxObjects, field("nodes", index), "at most 65536 nodes with a mesh", "more");
-    const auto mesh = static_cast<std::size_t>(node.mesh);
-    count_triangles(mesh);
-    shown_.push_back({mesh, index, place, semantic, presence});
+    count_triangles(*node.mesh);
+    shown_.push_back({*node.mesh, index, place, semantic, presence});
   }
 
   void read_marker(std::string_view name, std::size_t index, const Vec3d& place) {
@@ -565,8 +524,8 @@ class GltfReader {
     Presence presence;
   };
 
-  static std::size_t num_triangles(const tinygltf::Primitive& primitive, std::size_t num_corners) {
-    return primitive.mode == TINYGLTF_MODE_TRIANGLES ? num_corners / 3 : std::max<std::size_t>(num_corners, 2) - 2;
+  static std::size_t num_triangles(const GltfPrimitive& primitive, std::size_t num_corners) {
+    return primitive.mode == GltfMode::triangles ? num_corners / 3 : std::max<std::size_t>(num_corners, 2) - 2;
   }
 
   // Of each mesh, one for a primitive that has none: its part in what many nodes that show it cost.
@@ -577,11 +536,11 @@ class GltfReader {
   }
 
   void count_all_triangles() {
-    for (const tinygltf::Mesh& mesh : model_.meshes) {
+    for (const std::vector<GltfPrimitive>& mesh : model_.meshes) {
       std::size_t& sum = triangles_of_.emplace_back(1);
-      for (const tinygltf::Primitive& primitive : mesh.primitives) {
-        const int corners = primitive.indices >= 0 ? primitive.indices : primitive.attributes.at("POSITION");
-        const std::size_t count = num_triangles(primitive, model_.accessors[static_cast<std::size_t>(corners)].count);
+      for (const GltfPrimitive& primitive : mesh) {
+        const std::size_t corners = primitive.indices.value_or(primitive.attributes.at("POSITION"));
+        const std::size_t count = num_triangles(primitive, model_.accessors[corners].count);
         sum = std::min(sum + std::max<std::size_t>(count, 1), kMaxGltfTriangles + 1);
       }
     }
@@ -589,10 +548,10 @@ class GltfReader {
 
   // A primitive of a mesh, of glTF's primitives.
   struct Part {
-    const tinygltf::Primitive* primitive;
+    const GltfPrimitive* primitive;
     std::vector<std::uint32_t> corners;
     std::uint16_t material;
-    int uv, colors;  // accessors, -1 for none
+    std::optional<std::size_t> uv, colors;  // accessors
   };
 
   // Many primitives may share their accessors: of these, the vertices that are used, and the number of the first in the world.
@@ -602,27 +561,28 @@ class GltfReader {
   };
 
   void read_mesh(const Shown& shown) {
-    const GltfNodeExtras& extras = gltf_.node_extras[shown.node];
+    const GltfNodeExtras& extras = model_.nodes[shown.node].extras;
     objects_ = std::max<std::size_t>(objects_, extras.object.value_or(0));
     require(objects_ < kMaxObjects, field("nodes", shown.node), "at most 65536 objects", "a number beyond");
     const auto object = static_cast<std::uint16_t>(objects_++);
 
     // Of what flockstep has written, primitives of the same accessors have the same vertices, and so they were.
     std::vector<Part> parts;
-    std::map<std::array<int, 4>, Vertices> vertices;
+    using Owner = std::optional<std::size_t>;
+    std::map<std::tuple<std::size_t, Owner, Owner, Owner>, Vertices> vertices;
     const auto vertices_of = [&](const Part& part) -> Vertices& {
-      const bool is_shared = extras.object && !UvTransform::is_in(texture_info(*part.primitive));
-      const int owner = is_shared ? -1 : static_cast<int>(&part - parts.data());
+      const bool is_shared = extras.object && !surface_of(*part.primitive).transform;
+      const Owner owner = is_shared ? std::nullopt : Owner(&part - parts.data());
       return vertices[{part.primitive->attributes.at("POSITION"), part.uv, part.colors, owner}];
     };
-    const auto& primitives = model_.meshes[shown.mesh].primitives;
+    const std::vector<GltfPrimitive>& primitives = model_.meshes[shown.mesh];
     parts.reserve(primitives.size());
-    for (const tinygltf::Primitive& primitive : primitives) {
-      const Elements positions = elements_of(primitive.attributes.at("POSITION"), {TINYGLTF_TYPE_VEC3}, "VEC3 positions");
+    for (const GltfPrimitive& primitive : primitives) {
+      const Elements positions = elements_of(primitive.attributes.at("POSITION"), {GltfShape::vec3}, "VEC3 positions");
       std::vector<std::uint32_t> corners = corners_of(primitive, positions.size());
       const std::uint16_t material = material_of(primitive.material, shown.semantic);
       const bool has_uv = extras.object || scene().materials[material].texture;
-      parts.push_back({&primitive, std::move(corners), material, has_uv ? uv_of(primitive, positions.size()) : -1,
+      parts.push_back({&primitive, std::move(corners), material, has_uv ? uv_of(primitive, positions.size()) : std::nullopt,
                        colors_of(primitive, positions.size())});
       std::vector<std::uint32_t>& used = vertices_of(parts.back()).used;
       used.insert(used.end(), parts.back().corners.begin(), parts.back().corners.end());
@@ -664,32 +624,28 @@ class GltfReader {
     std::copy(materials.begin(), materials.end(), mesh.materials.begin() + static_cast<std::ptrdiff_t>(first));
   }
 
-  Elements elements_of(int index, std::initializer_list<int> types, const char* expected) const {
-    const auto accessor = static_cast<std::size_t>(index);
-    const tinygltf::Accessor& given = model_.accessors[accessor];
-    if (std::find(types.begin(), types.end(), given.type) == types.end())
+  Elements elements_of(std::size_t accessor, std::initializer_list<GltfShape> shapes, const char* expected) const {
+    const GltfAccessor& given = model_.accessors[accessor];
+    if (std::find(shapes.begin(), shapes.end(), given.shape) == shapes.end()) {
       refuse(field("accessors", accessor), expected, "others");
-    if (given.bufferView < 0) {
-      refuse(field("accessors", accessor), "an accessor with a bufferView, and not sparse", "another");
     }
+    if (!given.view) refuse(field("accessors", accessor), "an accessor with a bufferView, and not sparse", "another");
     return Elements(model_, accessor);
   }
 
   // Of each triangle, its three corners as numbers of vertices.
-  std::vector<std::uint32_t> corners_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) {
+  std::vector<std::uint32_t> corners_of(const GltfPrimitive& primitive, std::size_t num_vertices) {
     std::optional<Elements> indices;
-    if (primitive.indices >= 0) {
-      const auto accessor = static_cast<std::size_t>(primitive.indices);
-      const int type = model_.accessors[accessor].componentType;
-      const bool is_unsigned = type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE || type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
-                               type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
-      if (!is_unsigned) refuse(field("accessors", accessor), "unsigned integers as indices", "others");
-      indices.emplace(elements_of(primitive.indices, {TINYGLTF_TYPE_SCALAR}, "SCALAR indices"));
+    if (primitive.indices) {
+      const GltfComponent type = model_.accessors[*primitive.indices].component;
+      const bool is_unsigned = type == GltfComponent::uint8 || type == GltfComponent::uint16 || type == GltfComponent::uint32;
+      if (!is_unsigned) refuse(field("accessors", *primitive.indices), "unsigned integers as indices", "others");
+      indices.emplace(elements_of(*primitive.indices, {GltfShape::scalar}, "SCALAR indices"));
     }
     const std::size_t count = indices ? indices->size() : num_vertices;
-    if (primitive.mode == TINYGLTF_MODE_TRIANGLES && count % 3 != 0) {
-      const int accessor = primitive.indices >= 0 ? primitive.indices : primitive.attributes.at("POSITION");
-      refuse(field("accessors", static_cast<std::size_t>(accessor)), "three corners for each triangle", count);
+    if (primitive.mode == GltfMode::triangles && count % 3 != 0) {
+      const std::size_t accessor = primitive.indices.value_or(primitive.attributes.at("POSITION"));
+      refuse(field("accessors", accessor), "three corners for each triangle", count);
     }
 
     const std::size_t triangles = num_triangles(primitive, count);
@@ -698,43 +654,41 @@ class GltfReader {
     const auto push = [&](std::size_t i) {
       const std::uint32_t vertex = indices ? indices->index(i) : static_cast<std::uint32_t>(i);
       if (vertex >= num_vertices) {
-        refuse(field("accessors", static_cast<std::size_t>(primitive.indices)),
-               "indices of " + std::to_string(num_vertices) + " vertices", vertex);
+        refuse(field("accessors", *primitive.indices), "indices of " + std::to_string(num_vertices) + " vertices", vertex);
       }
       corners.push_back(vertex);
     };
     for (std::size_t i = 0; i < triangles; ++i) {
       if (i % 4096 == 0) Interrupt::poll();
       std::array<std::size_t, 3> triangle{3 * i, 3 * i + 1, 3 * i + 2};
-      if (primitive.mode == TINYGLTF_MODE_TRIANGLE_STRIP) triangle = {i, i + 1 + i % 2, i + 2 - i % 2};
-      if (primitive.mode == TINYGLTF_MODE_TRIANGLE_FAN) triangle = {i + 1, i + 2, 0};
+      if (primitive.mode == GltfMode::strip) triangle = {i, i + 1 + i % 2, i + 2 - i % 2};
+      if (primitive.mode == GltfMode::fan) triangle = {i + 1, i + 2, 0};
       for (const std::size_t corner : triangle) push(corner);
     }
     return corners;
   }
 
-  const tinygltf::TextureInfo& texture_info(const tinygltf::Primitive& primitive) const {
-    static const tinygltf::TextureInfo kNone;
-    if (primitive.material < 0) return kNone;
-    return model_.materials[static_cast<std::size_t>(primitive.material)].pbrMetallicRoughness.baseColorTexture;
+  const GltfMaterial& surface_of(const GltfPrimitive& primitive) const {
+    static const GltfMaterial kNone;
+    return primitive.material ? model_.materials[*primitive.material] : kNone;
   }
 
-  // Where in its texture each vertex of a primitive is: the accessor, -1 for none.
-  int uv_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) const {
-    const auto found = primitive.attributes.find("TEXCOORD_" + std::to_string(texture_info(primitive).texCoord));
-    if (found == primitive.attributes.end()) return -1;
-    const Elements uv = elements_of(found->second, {TINYGLTF_TYPE_VEC2}, "VEC2 texture coordinates");
-    require(uv.size() == num_vertices, field("accessors", static_cast<std::size_t>(found->second)),
+  // Where in its texture each vertex of a primitive is: the accessor.
+  std::optional<std::size_t> uv_of(const GltfPrimitive& primitive, std::size_t num_vertices) const {
+    const auto found = primitive.attributes.find("TEXCOORD_" + std::to_string(surface_of(primitive).tex_coord));
+    if (found == primitive.attributes.end()) return std::nullopt;
+    const Elements uv = elements_of(found->second, {GltfShape::vec2}, "VEC2 texture coordinates");
+    require(uv.size() == num_vertices, field("accessors", found->second),
             "as many texture coordinates as positions (" + std::to_string(num_vertices) + ')', uv.size());
     return found->second;
   }
 
-  // The colour of each vertex of a primitive: the accessor, -1 for none. Alpha is not read.
-  int colors_of(const tinygltf::Primitive& primitive, std::size_t num_vertices) const {
+  // The colour of each vertex of a primitive: the accessor. Alpha is not read.
+  std::optional<std::size_t> colors_of(const GltfPrimitive& primitive, std::size_t num_vertices) const {
     const auto found = primitive.attributes.find("COLOR_0");
-    if (found == primitive.attributes.end()) return -1;
-    const Elements colors = elements_of(found->second, {TINYGLTF_TYPE_VEC3, TINYGLTF_TYPE_VEC4}, "VEC3 or VEC4 colours");
-    require(colors.size() == num_vertices, field("accessors", static_cast<std::size_t>(found->second)),
+    if (found == primitive.attributes.end()) return std::nullopt;
+    const Elements colors = elements_of(found->second, {GltfShape::vec3, GltfShape::vec4}, "VEC3 or VEC4 colours");
+    require(colors.size() == num_vertices, field("accessors", found->second),
             "as many colours as positions (" + std::to_string(num_vertices) + ')', colors.size());
     return found->second;
   }
@@ -742,15 +696,14 @@ class GltfReader {
   void read_vertices(const Part& part, const Eigen::Affine3d& place, Vertices& own) {
     std::sort(own.used.begin(), own.used.end());
     own.used.erase(std::unique(own.used.begin(), own.used.end()), own.used.end());
-    const int position = part.primitive->attributes.at("POSITION");
-    const Elements positions(model_, static_cast<std::size_t>(position));
-    std::optional<Elements> uv;
-    if (part.uv >= 0) uv.emplace(model_, static_cast<std::size_t>(part.uv));
-    std::optional<Elements> colors;
-    if (part.colors >= 0) colors.emplace(model_, static_cast<std::size_t>(part.colors));
+    const std::size_t position = part.primitive->attributes.at("POSITION");
+    const Elements positions(model_, position);
+    std::optional<Elements> uv, colors;
+    if (part.uv) uv.emplace(model_, *part.uv);
+    if (part.colors) colors.emplace(model_, *part.colors);
     std::vector<std::array<float, 3>> shown_colors;
-    const bool is_moved = UvTransform::is_in(texture_info(*part.primitive));
-    const UvTransform to_image(texture_info(*part.primitive));
+    std::optional<UvTransform> to_image;
+    if (const auto& transform = surface_of(*part.primitive).transform) to_image.emplace(*transform);
     TriangleMesh& mesh = scene().mesh;
     own.first = static_cast<std::int32_t>(mesh.vertices.size());
     for (const std::uint32_t vertex : own.used) {
@@ -758,13 +711,12 @@ class GltfReader {
       const Vec3d given(positions.number(vertex, 0), positions.number(vertex, 1), positions.number(vertex, 2));
       const Vec3d point = applied(place, given);
       if (!(point.cwiseAbs().maxCoeff() <= kMaxCoordinate) || !point.allFinite()) {
-        refuse(field("accessors", static_cast<std::size_t>(position)), in_world("finite positions that come to lie"),
-               written(point));
+        refuse(field("accessors", position), in_world("finite positions that come to lie"), written(point));
       }
       mesh.vertices.push_back(point.cast<float>());
       Vec2d where = Vec2d::Zero();
       if (uv) where = {uv->number(vertex, 0), uv->number(vertex, 1)};
-      if (uv && is_moved) where = to_image.turn * where + to_image.offset;
+      if (uv && to_image) where = to_image->turn * where + to_image->offset;
       mesh.uv.push_back({static_cast<float>(where.x()), static_cast<float>(where.y())});
       if (!colors) continue;
       std::array<float, 3>& shown = shown_colors.emplace_back();
@@ -794,8 +746,7 @@ class GltfReader {
     }
   }
 
-  const GltfModel& gltf_;
-  const tinygltf::Model& model_;
+  const GltfModel& model_;
   const std::string& source_;
   GltfFiles& files_;
   const LoadOptions& options_;
@@ -803,7 +754,7 @@ class GltfReader {
   bool is_ours_ = false;  // the default scene has extras of flockstep's
   GltfFile file_;
   UnusedNames material_names_, texture_names_;
-  std::map<std::pair<int, int>, std::uint16_t> materials_;  // by the file's, -1 for none, and the class of a node, 0 for none
+  std::map<std::pair<std::optional<std::size_t>, int>, std::uint16_t> materials_;  // and the class of a node, 0 for none
   std::map<std::pair<std::size_t, std::array<TextureWrap, 2>>, std::uint16_t> textures_;
   std::vector<std::pair<std::uint32_t, Vec3>> waypoints_;
   std::vector<std::size_t> triangles_of_;  // by mesh

@@ -4,10 +4,9 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <memory>
-#include <set>
-#include <span>
 #include <utility>
 
 #include "base/excerpt.hpp"
@@ -21,13 +20,9 @@
 #include "world/scene_description.hpp"
 #include "world/scene_keys.hpp"
 
-#define TINYGLTF_IMPLEMENTATION
-#include <tiny_gltf.h>  // once more: its functions
-
 namespace flockstep {
 namespace {
 
-using json::Json;
 using json::JsonField;
 
 constexpr std::uint64_t kMaxCount = 1U << 31U;
@@ -75,37 +70,37 @@ std::size_t size_of(const JsonField& parent, std::string_view key) {
   return field ? require_array(*field, "an array").size() : 0;
 }
 
-// ------------------------------------------------------------------------------------------------------------- checks
+// ------------------------------------------------------------------------------------------------------------ document
 
-// Goes through the document and puts what is read of it into another one, for tinygltf, which has no wrong type, no index out of
-// range and nothing deep in it. tinygltf itself reads a field of a wrong type as if it were missing.
-class Checker {
+// Reads the document into a model, list by list: each refers to those before it.
+class Reader {
  public:
-  Checker(const JsonField& root, bool has_chunk, GltfModel& out) : root_(root), has_chunk_(has_chunk), out_(out) {}
+  Reader(const JsonField& root, std::optional<std::string_view> chunk, GltfFiles& files)
+      : root_(root), chunk_(chunk), files_(files) {}
 
-  Json check() {
+  GltfModel read() {
     require_object(root_);
-    check_asset();
-    check_extensions();
+    read_asset();
+    read_extensions();
     for (const char* const list :
          {"buffers", "bufferViews", "accessors", "images", "samplers", "textures", "materials", "meshes", "nodes", "scenes"}) {
       size_of(root_, list);
     }
-    each("buffers", [this](const JsonField& field, Json& kept) { check_buffer(field, kept); });
-    each("bufferViews", [this](const JsonField& field, Json& kept) { check_view(field, kept); });
-    each("accessors", [this](const JsonField& field, Json& kept) { check_accessor(field, kept); });
-    each("images", [this](const JsonField& field, Json&) { check_image(field); });
-    kept_.erase("images");
-    each("samplers", [](const JsonField& field, Json& kept) { check_sampler(field, kept); });
-    each("textures", [this](const JsonField& field, Json& kept) { check_texture(field, kept); });
-    each("materials", [this](const JsonField& field, Json& kept) { check_material(field, kept); });
-    each("meshes", [this](const JsonField& field, Json& kept) { check_mesh(field, kept); });
+    each("buffers", [this](const JsonField& field) { check_buffer(field); });
+    each("bufferViews", [this](const JsonField& field) { out_.views.push_back(view_of(field)); });
+    each("accessors", [this](const JsonField& field) { out_.accessors.push_back(accessor_of(field)); });
+    each("images", [this](const JsonField& field) { out_.images.push_back(image_of(field)); });
+    each("samplers", [this](const JsonField& field) { wraps_.push_back(wrap_of(field)); });
+    each("textures", [this](const JsonField& field) { out_.textures.push_back(texture_of(field)); });
+    each("materials", [this](const JsonField& field) { out_.materials.push_back(material_of(field)); });
+    each("meshes", [this](const JsonField& field) { out_.meshes.push_back(mesh_of(field)); });
     find_suns();
-    each("nodes", [this](const JsonField& field, Json& kept) { check_node(field, kept); });
-    each("scenes", [this](const JsonField& field, Json& kept) { check_scene(field, kept); });
-    keep_index(root_, "scene", "scenes", kept_);
+    each("nodes", [this](const JsonField& field) { out_.nodes.push_back(node_of(field)); });
+    each("scenes", [this](const JsonField& field) { out_.scenes.push_back(scene_of(field)); });
+    out_.scene = find_index(root_, "scene", "scenes");
     note_rest();
-    return std::move(kept_);
+    each("buffers", [this](const JsonField& field) { read_buffer(field); });  // once the rest is known to be good
+    return std::move(out_);
   }
 
  private:
@@ -113,84 +108,80 @@ class Checker {
   void each(const char* list, const Function& function) {
     const std::optional<JsonField> fields = find(root_, list);
     if (!fields) return;
-    Json& all = kept_[list] = Json::array();
     for (std::size_t i = 0; i < fields->value.size(); ++i) {
       Interrupt::poll();
       const JsonField field = child(*fields, i);
       require_object(field);
-      Json& kept = all.emplace_back(Json::object());
-      function(field, kept);
+      function(field);
     }
   }
 
-  std::uint64_t index(const JsonField& field, const char* list) const {
+  std::size_t index(const JsonField& field, const char* list) const {
     const std::size_t size = size_of(root_, list);
     const double value = field.value.is_number() ? field.value.get<double>() : -1.0;
     if (!(value >= 0.0 && value < static_cast<double>(size) && value == std::floor(value))) {
       refuse(field, std::string("an index of /") + list + " (which has " + std::to_string(size) + ')');
     }
-    return static_cast<std::uint64_t>(value);
+    return static_cast<std::size_t>(value);
   }
 
-  std::optional<std::uint64_t> keep_index(const JsonField& object, const char* key, const char* list, Json& kept) const {
+  std::optional<std::size_t> find_index(const JsonField& object, const char* key, const char* list) const {
     const std::optional<JsonField> field = find(object, key);
-    if (!field) return std::nullopt;
-    const std::uint64_t value = index(*field, list);
-    kept[key] = value;
-    return value;
+    return field ? std::optional(index(*field, list)) : std::nullopt;
   }
 
-  void keep_indices(const JsonField& object, const char* key, const char* list, Json& kept) const {
+  std::vector<std::size_t> indices(const JsonField& object, const char* key, const char* list) const {
+    std::vector<std::size_t> all;
     const std::optional<JsonField> field = find(object, key);
-    if (!field) return;
-    Json& all = kept[key] = Json::array();
+    if (!field) return all;
     const std::size_t count = require_array(*field, "an array of indices").size();
     for (std::size_t i = 0; i < count; ++i) all.push_back(index(child(*field, i), list));
+    return all;
   }
 
-  static std::uint64_t keep_integer(const JsonField& object, const char* key, std::uint64_t usual, std::uint64_t least,
-                                    std::uint64_t most, Json& kept) {
+  static std::uint64_t integer_or(const JsonField& object, const char* key, std::uint64_t usual, std::uint64_t least,
+                                  std::uint64_t most) {
     const std::optional<JsonField> field = find(object, key);
-    const std::uint64_t value = field ? integer(*field, least, most) : usual;
-    kept[key] = value;
-    return value;
+    return field ? integer(*field, least, most) : usual;
   }
 
-  static void keep_numbers(const JsonField& object, const char* key, std::size_t count, double least, double most,
-                           const std::string& expected, Json& kept) {
+  template <std::size_t kCount>
+  static std::optional<std::array<double, kCount>> numbers(const JsonField& object, const char* key, double least, double most,
+                                                           const std::string& expected) {
     const std::optional<JsonField> field = find(object, key);
-    if (!field) return;
-    if (!field->value.is_array() || field->value.size() != count) {
-      refuse(*field, "an array of " + std::to_string(count) + " numbers");
+    if (!field) return std::nullopt;
+    if (!field->value.is_array() || field->value.size() != kCount) {
+      refuse(*field, "an array of " + std::to_string(kCount) + " numbers");
     }
-    Json& all = kept[key] = Json::array();
-    for (std::size_t i = 0; i < count; ++i) all.push_back(number(child(*field, i), least, most, expected));
+    std::array<double, kCount> all{};
+    for (std::size_t i = 0; i < kCount; ++i) all[i] = number(child(*field, i), least, most, expected);
+    return all;
   }
 
-  static void keep_name(const JsonField& object, Json& kept) {
-    if (const auto name = find(object, "name")) kept["name"] = text(*name);
+  static std::string name_in(const JsonField& object) {
+    const std::optional<JsonField> name = find(object, "name");
+    return name ? text(*name) : std::string();
   }
 
-  static void keep_semantic(const JsonField& object, Json& kept) {
+  static int semantic_in(const JsonField& object) {
     const std::optional<JsonField> extras = find(object, "extras");
-    if (!extras || !extras->value.is_object()) return;  // they may be anything
-    if (const auto field = find(*extras, kGltfSemantic)) {
-      kept["extras"][kGltfSemantic] = integer(*field, static_cast<std::uint64_t>(keys::kSemantic.limits.least),
-                                              static_cast<std::uint64_t>(keys::kSemantic.limits.greatest));
-    }
+    if (!extras || !extras->value.is_object()) return 0;  // they may be anything
+    const std::optional<JsonField> field = find(*extras, keys::kSemantic.name);
+    return field ? static_cast<int>(integer(*field, static_cast<std::uint64_t>(keys::kSemantic.limits.least),
+                                            static_cast<std::uint64_t>(keys::kSemantic.limits.greatest)))
+                 : 0;
   }
 
-  void check_asset() {
+  void read_asset() {
     const JsonField asset = require(root_, "asset");
     require_object(asset);
     const JsonField version = require(asset, "version");
     if (!text(version).starts_with("2.")) refuse(version, "glTF 2");
     const auto least = find(asset, "minVersion");
     if (least && text(*least) != "2.0") refuse(*least, "glTF 2.0");
-    kept_["asset"]["version"] = "2.0";
   }
 
-  void check_extensions() {
+  void read_extensions() {
     const auto is_read = [](const std::string& name) {
       return std::find(kExtensions.begin(), kExtensions.end(), name) != kExtensions.end();
     };
@@ -211,136 +202,149 @@ class Checker {
     }
   }
 
-  void check_buffer(const JsonField& field, Json& kept) {
+  void check_buffer(const JsonField& field) {
     const JsonField length = require(field, "byteLength");
     total_bytes_ += integer(length, 1, kMaxBufferBytes);
     if (total_bytes_ > kMaxBufferBytes) refuse(length, "at most " + std::to_string(kMaxBufferBytes) + " bytes in all buffers");
-    kept["byteLength"] = integer(length, 1, kMaxBufferBytes);
-    const bool is_chunk = buffer_lengths_.empty() && has_chunk_ && !field.value.contains("uri");
-    if (!is_chunk) text(require(field, "uri"));
-    kept["uri"] = std::to_string(buffer_lengths_.size());  // for read_buffer
+    if (!is_chunk(field, buffer_lengths_.size())) text(require(field, "uri"));
     buffer_lengths_.push_back(integer(length, 1, kMaxBufferBytes));
   }
 
-  void check_view(const JsonField& field, Json& kept) {
-    require(field, "buffer");
-    const std::uint64_t length_of_buffer = buffer_lengths_[*keep_index(field, "buffer", "buffers", kept)];
-    const std::uint64_t offset = keep_integer(field, "byteOffset", 0, 0, kMaxBufferBytes, kept);
-    require(field, "byteLength");
-    const std::uint64_t length = keep_integer(field, "byteLength", 0, 1, kMaxBufferBytes, kept);
-    if (offset + length > length_of_buffer) {
-      refuse(field, "a buffer view within its buffer of " + std::to_string(length_of_buffer) + " bytes",
-             "bytes " + std::to_string(offset) + " to " + std::to_string(offset + length));
-    }
-    std::uint64_t stride = 0;
-    if (const auto given = find(field, "byteStride")) {
-      stride = integer(*given, 4, 252);
-      if (stride % 4 != 0) refuse(*given, "a multiple of 4");
-      kept["byteStride"] = stride;
-    }
-    views_.push_back({length, stride});
+  // Whether buffer `number` is the binary part of a .glb file.
+  bool is_chunk(const JsonField& field, std::size_t number) const {
+    return number == 0 && chunk_.has_value() && !field.value.contains("uri");
   }
 
-  void check_accessor(const JsonField& field, Json& kept) {
-    keep_integer(field, "componentType", 0, TINYGLTF_COMPONENT_TYPE_BYTE, TINYGLTF_COMPONENT_TYPE_FLOAT, kept);
+  void read_buffer(const JsonField& field) {
+    const std::size_t length = buffer_lengths_[out_.buffers.size()];
+    std::string_view bytes;
+    if (is_chunk(field, out_.buffers.size())) {
+      bytes = *chunk_;
+    } else {
+      const JsonField uri = require(field, "uri");
+      bytes = *out_.files.emplace_back(std::make_unique<const std::string>(files_.read(text(uri), name_of(uri), "a buffer")));
+    }
+    if (bytes.size() < length) refuse(field, std::to_string(length) + " bytes, as byteLength says", bytes.size());
+    out_.buffers.push_back(bytes.substr(0, length));
+  }
+
+  GltfView view_of(const JsonField& field) const {
+    GltfView view{};
+    view.buffer = index(require(field, "buffer"), "buffers");
+    view.offset = integer_or(field, "byteOffset", 0, 0, kMaxBufferBytes);
+    view.length = integer(require(field, "byteLength"), 1, kMaxBufferBytes);
+    if (const std::uint64_t length = buffer_lengths_[view.buffer]; view.offset + view.length > length) {
+      refuse(field, "a buffer view within its buffer of " + std::to_string(length) + " bytes",
+             "bytes " + std::to_string(view.offset) + " to " + std::to_string(view.offset + view.length));
+    }
+    if (const auto given = find(field, "byteStride")) {
+      view.stride = integer(*given, 4, 252);
+      if (view.stride % 4 != 0) refuse(*given, "a multiple of 4");
+    }
+    return view;
+  }
+
+  GltfAccessor accessor_of(const JsonField& field) const {
+    GltfAccessor accessor{};
     const JsonField component = require(field, "componentType");
-    const std::uint64_t type = integer(component, 0, kMaxCount);
-    std::uint64_t size = 4;
-    if (type == TINYGLTF_COMPONENT_TYPE_BYTE || type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE) size = 1;
-    if (type == TINYGLTF_COMPONENT_TYPE_SHORT || type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT) size = 2;
-    if (type == TINYGLTF_COMPONENT_TYPE_INT) refuse(component, "a component type of glTF");
+    const std::uint64_t type =
+        integer(component, static_cast<std::uint64_t>(GltfComponent::int8), static_cast<std::uint64_t>(GltfComponent::float32));
+    constexpr std::uint64_t kInt32 = 5124;  // which glTF has not
+    if (type == kInt32) refuse(component, "a component type of glTF");
+    accessor.component = static_cast<GltfComponent>(type);
+    constexpr std::array<std::string_view, 7> kShapes{"SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4"};
     const JsonField shape = require(field, "type");
-    constexpr std::array<std::pair<std::string_view, std::uint64_t>, 7> kShapes{
-        {{"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4}, {"MAT2", 4}, {"MAT3", 9}, {"MAT4", 16}}};
-    const auto known =
-        std::find_if(kShapes.begin(), kShapes.end(), [&](const auto& entry) { return entry.first == text(shape); });
+    const auto known = std::find(kShapes.begin(), kShapes.end(), text(shape));
     if (known == kShapes.end()) refuse(shape, "SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4");
-    kept["type"] = text(shape);
-    size *= known->second;
-    require(field, "count");
-    const std::uint64_t count = keep_integer(field, "count", 0, 1, kMaxCount, kept);
+    accessor.shape = static_cast<GltfShape>(known - kShapes.begin());
+    accessor.count = integer(require(field, "count"), 1, kMaxCount);
     if (const auto normalized = find(field, "normalized")) {
       if (!normalized->value.is_boolean()) refuse(*normalized, "true or false");
-      kept["normalized"] = normalized->value;
+      accessor.is_normalized = normalized->value.get<bool>();
     }
-    const std::uint64_t offset = keep_integer(field, "byteOffset", 0, 0, kMaxBufferBytes, kept);
-    const auto view_index = find(field, "bufferView");
-    if (!view_index) return;
-    const auto& [length, stride] = views_[index(*view_index, "bufferViews")];
-    const std::uint64_t end = offset + (stride != 0 ? stride : size) * (count - 1) + size;  // below 2^50
-    if (end > length) {
-      refuse(field, "an accessor within its buffer view of " + std::to_string(length) + " bytes",
+    accessor.offset = integer_or(field, "byteOffset", 0, 0, kMaxBufferBytes);
+    const std::optional<std::size_t> number = find_index(field, "bufferView", "bufferViews");
+    if (!number) return accessor;
+    const GltfView& view = out_.views[*number];
+    const std::size_t size = accessor.element_bytes();
+    const std::uint64_t end = accessor.offset + (view.stride != 0 ? view.stride : size) * (accessor.count - 1) + size;  // < 2^50
+    if (end > view.length) {
+      refuse(field, "an accessor within its buffer view of " + std::to_string(view.length) + " bytes",
              "one that ends at byte " + std::to_string(end));
     }
-    if (!field.value.contains("sparse")) kept["bufferView"] = index(*view_index, "bufferViews");  // else it is not read
+    if (!field.value.contains("sparse")) accessor.view = number;
+    return accessor;
   }
 
-  void check_image(const JsonField& field) {
-    GltfImage image;
-    if (const auto name = find(field, "name")) image.name = text(*name);
-    if (const auto view = find(field, "bufferView")) {
-      image.buffer_view = index(*view, "bufferViews");
-    } else {
-      image.uri = text(require(field, "uri"));
+  GltfImage image_of(const JsonField& field) const {
+    GltfImage image{.name = name_in(field), .view = find_index(field, "bufferView", "bufferViews"), .uri = {}};
+    if (!image.view) image.uri = text(require(field, "uri"));
+    return image;
+  }
+
+  static std::array<TextureWrap, 2> wrap_of(const JsonField& field) {
+    constexpr std::uint64_t kRepeat = 10497, kClamp = 33071, kMirror = 33648;
+    std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};
+    constexpr std::array<const char*, 2> kNames{"wrapS", "wrapT"};
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      const auto given = find(field, kNames[axis]);
+      if (!given) continue;
+      const std::uint64_t value = integer(*given, 0, kMaxCount);
+      if (value != kRepeat && value != kClamp && value != kMirror) {
+        refuse(*given, "10497 (repeat), 33071 (clamp) or 33648 (mirror)");
+      }
+      if (value == kClamp) wrap[axis] = TextureWrap::clamp;
+      if (value == kMirror) wrap[axis] = TextureWrap::mirror;
     }
-    out_.images.push_back(std::move(image));
+    return wrap;
   }
 
-  static void check_sampler(const JsonField& field, Json& kept) {
-    for (const char* const key : {"wrapS", "wrapT"}) {
-      const auto wrap = find(field, key);
-      if (!wrap) continue;
-      const std::uint64_t value = integer(*wrap, 0, kMaxCount);
-      const bool is_known = value == TINYGLTF_TEXTURE_WRAP_REPEAT || value == TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE ||
-                            value == TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT;
-      if (!is_known) refuse(*wrap, "10497 (repeat), 33071 (clamp) or 33648 (mirror)");
-      kept[key] = value;
-    }
+  GltfTexture texture_of(const JsonField& field) {
+    GltfTexture texture;
+    if (const auto sampler = find_index(field, "sampler", "samplers")) texture.wrap = wraps_[*sampler];
+    texture.image = find_index(field, "source", "images");
+    textures_without_image_ += texture.image ? 0U : 1U;
+    return texture;
   }
 
-  void check_texture(const JsonField& field, Json& kept) {
-    keep_index(field, "sampler", "samplers", kept);
-    if (!keep_index(field, "source", "images", kept)) ++textures_without_image_;
-  }
-
-  void check_material(const JsonField& field, Json& kept) {
-    keep_name(field, kept);
-    keep_semantic(field, kept);
+  GltfMaterial material_of(const JsonField& field) {
+    GltfMaterial material{.name = name_in(field), .semantic = semantic_in(field)};
     normal_maps_ += find(field, "normalTexture") ? 1U : 0U;
     occluded_ += find(field, "occlusionTexture") ? 1U : 0U;
     const auto surface = find_object(field, "pbrMetallicRoughness");
-    check_alpha(field, surface, kept);
-    const auto extensions_of_material = find_object(field, "extensions");
-    if (extensions_of_material && find_object(*extensions_of_material, "KHR_materials_unlit")) {
-      kept["extras"][kGltfUnlit] = true;  // and emits nothing of its own
-    } else {
-      check_emission(field, surface, extensions_of_material, kept);
-    }
-    if (!surface) return;
-    Json& kept_surface = kept["pbrMetallicRoughness"] = Json::object();
-    keep_numbers(*surface, "baseColorFactor", 4, 0.0, 1.0, "a number in [0, 1]", kept_surface);
-    const auto texture = find_object(*surface, "baseColorTexture");
-    if (!texture) return;
-    Json& kept_texture = kept_surface["baseColorTexture"];
-    require(*texture, "index");
-    keep_index(*texture, "index", "textures", kept_texture);
-    keep_integer(*texture, "texCoord", 0, 0, kMaxTexCoord, kept_texture);
-    const auto extensions = find_object(*texture, "extensions");
-    const auto transform = extensions ? find_object(*extensions, "KHR_texture_transform") : std::nullopt;
-    if (!transform) return;
-    Json& kept_transform = kept_texture["extensions"]["KHR_texture_transform"] = Json::object();
+    read_alpha(field, surface, material);
+    const auto extensions = find_object(field, "extensions");
+    material.is_unlit = extensions && find_object(*extensions, "KHR_materials_unlit");
+    if (!material.is_unlit) read_emission(field, surface, extensions, material);  // else it emits nothing of its own
+    if (!surface) return material;
+    material.base_color = base_color_in(*surface);
+    if (const auto texture = find_object(*surface, "baseColorTexture")) read_base_texture(*texture, material);
+    return material;
+  }
+
+  static std::array<double, 4> base_color_in(const JsonField& surface) {
+    return numbers<4>(surface, "baseColorFactor", 0.0, 1.0, "a number in [0, 1]").value_or(std::array{1.0, 1.0, 1.0, 1.0});
+  }
+
+  void read_base_texture(const JsonField& field, GltfMaterial& material) const {
+    material.texture = index(require(field, "index"), "textures");
+    material.tex_coord = integer_or(field, "texCoord", 0, 0, kMaxTexCoord);
+    const auto extensions = find_object(field, "extensions");
+    const auto given = extensions ? find_object(*extensions, "KHR_texture_transform") : std::nullopt;
+    if (!given) return;
+    GltfTextureTransform& transform = material.transform.emplace();
     const std::string expected = "a number " + within(kMaxCoordinate).text();
-    keep_numbers(*transform, "offset", 2, -kMaxCoordinate, kMaxCoordinate, expected, kept_transform);
-    keep_numbers(*transform, "scale", 2, -kMaxCoordinate, kMaxCoordinate, expected, kept_transform);
-    if (const auto angle = find(*transform, "rotation")) {
-      kept_transform["rotation"] = number(*angle, -kMaxCoordinate, kMaxCoordinate, expected);
+    transform.offset = numbers<2>(*given, "offset", -kMaxCoordinate, kMaxCoordinate, expected).value_or(transform.offset);
+    transform.scale = numbers<2>(*given, "scale", -kMaxCoordinate, kMaxCoordinate, expected).value_or(transform.scale);
+    if (const auto angle = find(*given, "rotation")) {
+      transform.rotation = number(*angle, -kMaxCoordinate, kMaxCoordinate, expected);
     }
-    if (transform->value.contains("texCoord")) keep_integer(*transform, "texCoord", 0, 0, kMaxTexCoord, kept_texture);
+    material.tex_coord = integer_or(*given, "texCoord", material.tex_coord, 0, kMaxTexCoord);
   }
 
   // A mask cuts where the alpha of the base colour is below the cutoff. That alpha is the factor's times the texture's; ours is
   // the texture's alone, so the cutoff is divided by the factor's.
-  void check_alpha(const JsonField& field, const std::optional<JsonField>& surface, Json& kept) {
+  void read_alpha(const JsonField& field, const std::optional<JsonField>& surface, GltfMaterial& material) {
     const auto mode = find(field, "alphaMode");
     if (!mode || text(*mode) == "OPAQUE") return;
     if (text(*mode) != "MASK") {
@@ -349,67 +353,68 @@ class Checker {
     }
     const auto given = find(field, "alphaCutoff");
     const double cutoff = given ? number(*given, 0.0, kMaxNumber, "a number >= 0") : 0.5;
-    Json factors = Json::object();
-    if (surface) keep_numbers(*surface, "baseColorFactor", 4, 0.0, 1.0, "a number in [0, 1]", factors);
-    const double factor = factors.empty() ? 1.0 : factors["baseColorFactor"][3].get<double>();
+    const double factor = surface ? base_color_in(*surface)[3] : 1.0;
     if (cutoff == 0.0) return;
     if (cutoff > factor) {
       ++hidden_;
       return;
     }
-    kept["alphaMode"] = "MASK";
-    kept["alphaCutoff"] = cutoff / factor;
+    material.alpha_cutoff = cutoff / factor;
   }
 
   // Emission is multiplied by the texture of the base colour: what a file has by another is not read.
-  void check_emission(const JsonField& field, const std::optional<JsonField>& surface, const std::optional<JsonField>& extensions,
-                      Json& kept) {
-    Json factors = Json::object();
-    keep_numbers(field, "emissiveFactor", 3, 0.0, 1.0, "a number in [0, 1]", factors);
+  void read_emission(const JsonField& field, const std::optional<JsonField>& surface, const std::optional<JsonField>& extensions,
+                     GltfMaterial& material) {
+    std::array<double, 3> emissive =
+        numbers<3>(field, "emissiveFactor", 0.0, 1.0, "a number in [0, 1]").value_or(std::array{0.0, 0.0, 0.0});
     const auto strong = extensions ? find_object(*extensions, "KHR_materials_emissive_strength") : std::nullopt;
     const auto strength = strong ? find(*strong, "emissiveStrength") : std::nullopt;
     const double times = strength ? number(*strength, 0.0, kMaxNumber, "a number >= 0") : 1.0;
     bool emits = false;
-    for (Json& factor : factors["emissiveFactor"]) {
-      factor = std::min(factor.get<double>() * times, keys::kEmissive.limits.greatest);
-      emits |= factor.get<double>() > 0.0;
+    for (double& factor : emissive) {
+      factor = std::min(factor * times, keys::kEmissive.limits.greatest);
+      emits |= factor > 0.0;
     }
     if (!emits) return;
     const auto ours = surface ? find(*surface, "baseColorTexture") : std::nullopt;
     const auto theirs = find(field, "emissiveTexture");
     const bool is_same = ours.has_value() == theirs.has_value() && (!ours || ours->value == theirs->value);
-    if (is_same) kept["emissiveFactor"] = factors["emissiveFactor"];
+    if (is_same) material.emissive = emissive;
     glowing_ += is_same ? 0U : 1U;
   }
 
-  void check_mesh(const JsonField& field, Json& kept) {
-    Json& all = kept["primitives"] = Json::array();
+  std::vector<GltfPrimitive> mesh_of(const JsonField& field) {
+    std::vector<GltfPrimitive> mesh;
     const JsonField primitives = require(field, "primitives");
     for (std::size_t i = 0; i < require_array(primitives, "an array").size(); ++i) {
       Interrupt::poll();
       const JsonField primitive = child(primitives, i);
       require_object(primitive);
       if (size_of(primitive, "targets") > 0) ++morphed_;
-      if (keep_integer(primitive, "mode", TINYGLTF_MODE_TRIANGLES, 0, 6, all.emplace_back(Json::object())) < 4) {
+      const std::uint64_t mode = integer_or(primitive, "mode", static_cast<std::uint64_t>(GltfMode::triangles), 0,
+                                            static_cast<std::uint64_t>(GltfMode::fan));
+      if (mode < static_cast<std::uint64_t>(GltfMode::triangles)) {
         ++lines_;
-        all.erase(all.size() - 1);
-        continue;
+      } else {
+        mesh.push_back(primitive_of(primitive, static_cast<GltfMode>(mode)));
       }
-      check_primitive(primitive, all.back());
     }
+    return mesh;
   }
 
-  void check_primitive(const JsonField& field, Json& kept) {
-    keep_index(field, "indices", "accessors", kept);
-    keep_index(field, "material", "materials", kept);
+  GltfPrimitive primitive_of(const JsonField& field, GltfMode mode) const {
+    GltfPrimitive primitive{.mode = mode,
+                            .indices = find_index(field, "indices", "accessors"),
+                            .material = find_index(field, "material", "materials"),
+                            .attributes = {}};
     const JsonField attributes = require(field, "attributes");
     require_object(attributes);
-    Json& kept_attributes = kept["attributes"] = Json::object();
     for (const auto& [name, value] : attributes.value.items()) {
       if (name != "POSITION" && name != "COLOR_0" && !name.starts_with("TEXCOORD_")) continue;
-      kept_attributes[name] = index(child(attributes, name, value), "accessors");
+      primitive.attributes[name] = index(child(attributes, name, value), "accessors");
     }
     require(attributes, "POSITION");
+    return primitive;
   }
 
   // Which lights of the file are directional.
@@ -425,72 +430,62 @@ class Checker {
     }
   }
 
-  void check_node(const JsonField& field, Json& kept) {
-    keep_name(field, kept);
-    keep_indices(field, "children", "nodes", kept);
-    keep_index(field, "mesh", "meshes", kept);
-    keep_semantic(field, kept);
+  GltfNode node_of(const JsonField& field) {
     constexpr const char* kExpected = "a number within +-1e+30";
-    keep_numbers(field, "matrix", 16, -kMaxNumber, kMaxNumber, kExpected, kept);
-    keep_numbers(field, "translation", 3, -kMaxNumber, kMaxNumber, kExpected, kept);
-    keep_numbers(field, "rotation", 4, -kMaxNumber, kMaxNumber, kExpected, kept);
-    keep_numbers(field, "scale", 3, -kMaxNumber, kMaxNumber, kExpected, kept);
-    check_extras(field, kept);
+    const std::string name = name_in(field);
+    GltfNode node;
+    node.children = indices(field, "children", "nodes");
+    node.mesh = find_index(field, "mesh", "meshes");
+    node.semantic = semantic_in(field);
+    node.matrix = numbers<16>(field, "matrix", -kMaxNumber, kMaxNumber, kExpected);
+    node.translation = numbers<3>(field, "translation", -kMaxNumber, kMaxNumber, kExpected);
+    node.rotation = numbers<4>(field, "rotation", -kMaxNumber, kMaxNumber, kExpected);
+    node.scale = numbers<3>(field, "scale", -kMaxNumber, kMaxNumber, kExpected);
+    if (is_gltf_marker(name) && !field.value.contains("mesh")) node.marker = name;
+    if (is_solid_name(name)) node.collision_only = true;
+    read_extras(field, node);
     const auto extensions = find_object(field, "extensions");
     const auto punctual = extensions ? find_object(*extensions, "KHR_lights_punctual") : std::nullopt;
-    if (!punctual) return;
+    if (!punctual) return node;
     const JsonField light = require(*punctual, "light");
     const std::uint64_t number = integer(light, 0, kMaxCount);
     if (number >= is_sun_.size())
       refuse(light, "an index of the file's lights (which has " + std::to_string(is_sun_.size()) + ')');
-    if (is_sun_[number]) {
-      kept["extras"][kGltfSun] = true;
-    } else {
-      ++lamps_;
-    }
+    node.has_sun = is_sun_[number];
+    lamps_ += node.has_sun ? 0U : 1U;
+    return node;
   }
 
-  void check_extras(const JsonField& field, Json& kept) {
-    if (const auto name = find(field, "name"); name && is_gltf_marker(text(*name)) && !field.value.contains("mesh")) {
-      kept["extras"][kGltfMarker] = text(*name);
-    }
-    if (const auto name = find(field, "name"); name && is_solid_name(text(*name))) kept["extras"][kGltfSolid] = true;
-    GltfNodeExtras& ours = out_.node_extras.emplace_back();
+  static void read_extras(const JsonField& field, GltfNode& node) {
     const std::optional<JsonField> extras = find(field, "extras");
     if (!extras || !extras->value.is_object()) return;
-    ours = read_gltf_node_extras(*extras);
-    if ((ours.primitive || ours.object) && !field.value.contains("mesh")) {
+    node.extras = read_gltf_node_extras(*extras);
+    if ((node.extras.primitive || node.extras.object) && !field.value.contains("mesh")) {
       fail(*extras, std::string("expected a mesh of the node, which \"") + kGltfExtras + "\" tells more about, found none");
     }
-    if (const auto marker = find(*extras, kGltfMarker)) {
+    if (const auto marker = find(*extras, kMarker)) {
       if (!marker->value.is_string() || !is_gltf_marker(text(*marker))) {
         refuse(*marker, "\"start\", \"goal\", \"waypoint\" or \"waypoint.\" and a number");
       }
-      kept["extras"][kGltfMarker] = text(*marker);
+      node.marker = text(*marker);
     }
-    for (const char* const key : {kGltfVisual, kGltfSolid}) {
-      const auto flag = find(*extras, key);
-      if (!flag) continue;
+    for (const auto& [key, flag] : {std::pair(kGltfVisual, &node.visual_only), std::pair(kGltfSolid, &node.collision_only)}) {
+      const auto given = find(*extras, key);
+      if (!given) continue;
       // What is exported from a box to tick comes as a number.
-      const bool is_number = flag->value.is_number() && (flag->value == 0 || flag->value == 1);
-      if (!flag->value.is_boolean() && !is_number) refuse(*flag, "true or false");
-      kept["extras"][key] = is_number ? flag->value == 1 : flag->value.get<bool>();
+      const bool is_number = given->value.is_number() && (given->value == 0 || given->value == 1);
+      if (!given->value.is_boolean() && !is_number) refuse(*given, "true or false");
+      *flag = is_number ? given->value == 1 : given->value.get<bool>();
     }
-    if (is_true(kept, kGltfVisual) && is_true(kept, kGltfSolid)) {
+    if (node.visual_only.value_or(false) && node.collision_only.value_or(false)) {
       fail(*extras, "expected one of visual_only and collision_only to be true, got both");
     }
   }
 
-  static bool is_true(const Json& kept, const char* key) {
-    const auto extras = kept.find("extras");
-    return extras != kept.end() && extras->contains(key) && (*extras)[key] == true;
-  }
-
-  void check_scene(const JsonField& field, Json& kept) {
-    keep_name(field, kept);
-    keep_indices(field, "nodes", "nodes", kept);
-    const std::optional<JsonField> extras = find(field, "extras");
-    out_.scene_extras.push_back(extras ? read_gltf_scene_extras(*extras) : std::nullopt);
+  GltfScene scene_of(const JsonField& field) const {
+    GltfScene scene{.name = name_in(field), .nodes = indices(field, "nodes", "nodes"), .extras = {}};
+    if (const auto extras = find(field, "extras")) scene.extras = read_gltf_scene_extras(*extras);
+    return scene;
   }
 
   void note_rest() {
@@ -513,18 +508,15 @@ class Checker {
   }
 
   static constexpr std::uint64_t kMaxTexCoord = 15;
-
-  struct View {
-    std::uint64_t length, stride;
-  };
+  static constexpr const char* kMarker = "marker";  // in the extras of nodes
 
   JsonField root_;
-  bool has_chunk_;
-  GltfModel& out_;
-  Json kept_ = Json::object();
+  std::optional<std::string_view> chunk_;
+  GltfFiles& files_;
+  GltfModel out_;
   std::uint64_t total_bytes_ = 0;
   std::vector<std::uint64_t> buffer_lengths_;
-  std::vector<View> views_;
+  std::vector<std::array<TextureWrap, 2>> wraps_;  // of samplers
   std::vector<bool> is_sun_;
   std::size_t morphed_ = 0, lines_ = 0, lamps_ = 0, transparent_ = 0, textures_without_image_ = 0;
   std::size_t normal_maps_ = 0, occluded_ = 0, glowing_ = 0, hidden_ = 0;
@@ -566,47 +558,6 @@ Glb parts_of_glb(std::string_view bytes, const std::string& source) {
   return parts;
 }
 
-// What tinygltf is given in place of a file system: the buffers of the document by their number.
-struct Buffers {
-  const JsonField& root;
-  std::optional<std::string_view> chunk;
-  GltfFiles& files;
-
-  static bool exists(const std::string&, void*) { return true; }
-  static std::string same(const std::string& path, void*) { return path; }
-  static bool read(std::vector<unsigned char>* out, std::string*, const std::string& path, void* self) {
-    static_cast<const Buffers*>(self)->fill(*out, path);
-    return true;
-  }
-  static bool write(std::string*, const std::string&, const std::vector<unsigned char>&, void*) { return false; }
-
-  void fill(std::vector<unsigned char>& out, const std::string& path) const {
-    std::size_t number = 0;
-    std::from_chars(path.data(), path.data() + path.size(), number);
-    const JsonField list = require(root, "buffers");
-    const JsonField field = child(list, number);
-    const std::uint64_t length = require(field, "byteLength").value.get<std::uint64_t>();
-    const auto copy = [&](std::string_view bytes) {
-      if (bytes.size() < length) refuse(field, std::to_string(length) + " bytes, as byteLength says", bytes.size());
-      out.assign(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(length));
-    };
-    const auto uri = find(field, "uri");
-    if (!uri) return copy(*chunk);
-    copy(files.read(uri->value.get_ref<const std::string&>(), name_of(*uri), "a buffer"));
-  }
-};
-
-// Later versions of tinygltf ask for the size first, too.
-template <class Callbacks>
-void set_size(Callbacks& callbacks) {
-  if constexpr (requires { callbacks.GetFileSizeInBytes; }) {
-    callbacks.GetFileSizeInBytes = [](std::size_t* size, std::string*, const std::string&, void*) {
-      *size = 1;
-      return true;
-    };
-  }
-}
-
 // %20 and the like.
 std::string decoded(std::string_view uri) {
   std::string path;
@@ -621,6 +572,24 @@ std::string decoded(std::string_view uri) {
 }
 
 }  // namespace
+
+std::size_t GltfAccessor::component_bytes() const {
+  switch (component) {
+    case GltfComponent::int8:
+    case GltfComponent::uint8:
+      return 1;
+    case GltfComponent::int16:
+    case GltfComponent::uint16:
+      return 2;
+    default:
+      return 4;
+  }
+}
+
+std::size_t GltfAccessor::element_bytes() const {
+  constexpr std::array<std::size_t, 7> kComponents{1, 2, 3, 4, 4, 9, 16};
+  return kComponents[static_cast<std::size_t>(shape)] * component_bytes();
+}
 
 bool is_gltf_marker(std::string_view name) {
   if (name == "start" || name == "goal" || name == "waypoint") return true;
@@ -664,25 +633,7 @@ GltfModel read_gltf_model(const std::string& bytes, const std::string& source, G
   Glb parts{bytes, std::nullopt};
   if (bytes.starts_with("glTF")) parts = parts_of_glb(bytes, source);
   const auto document = json::Document::parse(std::string(parts.json), source);
-  GltfModel result;
-  const JsonField root = document->root();
-  const std::string checked = Checker(root, parts.chunk.has_value(), result).check().dump();
-
-  Buffers buffers{root, parts.chunk, files};
-  tinygltf::FsCallbacks callbacks{};
-  callbacks.FileExists = Buffers::exists;
-  callbacks.ExpandFilePath = Buffers::same;
-  callbacks.ReadWholeFile = Buffers::read;
-  callbacks.WriteWholeFile = Buffers::write;
-  callbacks.user_data = &buffers;
-  set_size(callbacks);
-  tinygltf::TinyGLTF reader;
-  reader.SetFsCallbacks(callbacks);
-  std::string error, warning;
-  if (!reader.LoadASCIIFromString(&result.model, &error, &warning, checked.data(), static_cast<unsigned>(checked.size()), "")) {
-    throw std::invalid_argument(source + ": tinygltf: " + excerpt(error, 300));
-  }
-  return result;
+  return Reader(document->root(), parts.chunk, files).read();
 }
 
 }  // namespace flockstep

@@ -1,25 +1,22 @@
-// glTF 2.0 files as tinygltf reads them, after all that it would take on trust has been checked.
+// glTF 2.0 files, checked: what is read of them, with every index in range.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "flockstep/world.hpp"
 #include "formats/gltf_extras.hpp"
-#include "formats/tinygltf.hpp"
 
 namespace flockstep {
-
-// Fields of `extras` in GltfModel::model, which are put there where a file means the same.
-inline constexpr const char* kGltfSemantic = "semantic";  // of materials and nodes, as in a scene file
-inline constexpr const char* kGltfMarker = "marker";      // of nodes: a name that is_gltf_marker()
-inline constexpr const char* kGltfUnlit = "unlit";        // of materials: true where one is
-inline constexpr const char* kGltfSun = "sun";            // of nodes: true where one has a directional light
 
 // "start", "goal", "waypoint" or "waypoint." and a number.
 bool is_gltf_marker(std::string_view name);
@@ -40,23 +37,106 @@ class GltfFiles {
   std::size_t read_bytes_ = 0;
 };
 
+struct GltfView {
+  std::size_t buffer, offset, length;
+  std::size_t stride;  // bytes; 0: elements follow one another
+};
+
+enum class GltfComponent : std::uint16_t {
+  int8 = 5120,
+  uint8 = 5121,
+  int16 = 5122,
+  uint16 = 5123,
+  uint32 = 5125,
+  float32 = 5126
+};
+enum class GltfShape : std::uint8_t { scalar, vec2, vec3, vec4, mat2, mat3, mat4 };
+
+struct GltfAccessor {
+  GltfComponent component;
+  GltfShape shape;
+  bool is_normalized = false;
+  std::size_t count = 0, offset = 0;
+  std::optional<std::size_t> view;  // none: zeros, or sparse, which is not read
+
+  std::size_t component_bytes() const;
+  std::size_t element_bytes() const;
+};
+
 struct GltfImage {
   std::string name;
-  std::optional<std::size_t> buffer_view;  // or else
+  std::optional<std::size_t> view;  // or else
   std::string uri;
 };
 
-// Every index in the model is in range, and what an accessor with a buffer view spans lies in it. Of what is not read here
-// (skins, animations, morph targets, cameras, all extensions but a few) nothing is left.
-struct GltfModel {
-  tinygltf::Model model;
-  std::vector<GltfImage> images;
-  std::vector<GltfNodeExtras> node_extras;                   // of each node
-  std::vector<std::optional<GltfSceneExtras>> scene_extras;  // of each scene
-  std::vector<std::string> ignored;                          // what the file has of these
+struct GltfTexture {
+  std::array<TextureWrap, 2> wrap{TextureWrap::repeat, TextureWrap::repeat};
+  std::optional<std::size_t> image;
 };
 
-// `bytes` is a .gltf or .glb file, which its first bytes tell.
+// KHR_texture_transform.
+struct GltfTextureTransform {
+  std::array<double, 2> offset{0.0, 0.0}, scale{1.0, 1.0};
+  double rotation = 0.0;  // rad
+};
+
+struct GltfMaterial {
+  std::string name;
+  int semantic = 0;  // in `extras`, as in a scene file; 0: none
+  std::array<double, 4> base_color{1.0, 1.0, 1.0, 1.0};
+  std::array<double, 3> emissive{0.0, 0.0, 0.0};
+  std::optional<double> alpha_cutoff;  // of the texture's alpha
+  bool is_unlit = false;
+  std::optional<std::size_t> texture;
+  std::uint64_t tex_coord = 0;
+  std::optional<GltfTextureTransform> transform;
+};
+
+enum class GltfMode : std::uint8_t { triangles = 4, strip = 5, fan = 6 };
+
+struct GltfPrimitive {
+  GltfMode mode = GltfMode::triangles;
+  std::optional<std::size_t> indices, material;
+  std::map<std::string, std::size_t> attributes;  // accessors: POSITION, and where it has them COLOR_0 and TEXCOORD_n
+};
+
+struct GltfNode {
+  std::vector<std::size_t> children;
+  std::optional<std::size_t> mesh;
+  std::optional<std::array<double, 16>> matrix;  // column by column
+  std::optional<std::array<double, 3>> translation, scale;
+  std::optional<std::array<double, 4>> rotation;  // x, y, z, w
+  bool has_sun = false;                           // a directional light
+  int semantic = 0;                               // in `extras`; 0: none
+  std::string marker;                             // one that is_gltf_marker(), or empty
+  std::optional<bool> visual_only, collision_only;
+  GltfNodeExtras extras;
+};
+
+struct GltfScene {
+  std::string name;
+  std::vector<std::size_t> nodes;
+  std::optional<GltfSceneExtras> extras;
+};
+
+// Every index is in range, and what an accessor with a view spans lies in it. Of what is not read here (skins, animations, morph
+// targets, cameras, all extensions but a few) nothing is left.
+struct GltfModel {
+  std::vector<std::string_view> buffers;  // of `files`, or of the bytes that the model was read from
+  std::vector<std::unique_ptr<const std::string>> files;
+  std::vector<GltfView> views;
+  std::vector<GltfAccessor> accessors;
+  std::vector<GltfImage> images;
+  std::vector<GltfTexture> textures;
+  std::vector<GltfMaterial> materials;
+  std::vector<std::vector<GltfPrimitive>> meshes;
+  std::vector<GltfNode> nodes;
+  std::vector<GltfScene> scenes;
+  std::optional<std::size_t> scene;  // the default one
+  std::vector<std::string> ignored;  // what the file has and is not read, in words
+};
+
+// `bytes` is a .gltf or .glb file, which its first bytes tell; they have to outlive the model.
 // Throws std::invalid_argument naming the source, the JSON pointer of the offending field, what was expected and what came.
 GltfModel read_gltf_model(const std::string& bytes, const std::string& source, GltfFiles& files);
 
