@@ -102,11 +102,6 @@ if(missing)
   message(FATAL_ERROR "flockstep needs these, which are not there:${missing}\n")
 endif()
 
-# Only the benchmarks; each is optional where no benchmark asks for it.
 if(FLOCKSTEP_BENCH)
   find_package(benchmark QUIET)
-  if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/bench/convex_distance.cpp)
-    find_package(fcl REQUIRED)
-    find_package(ccd REQUIRED)
-  endif()
 endif()
