@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "base/check_fields.hpp"
-#include "base/interrupt.hpp"
 #include "base/require.hpp"
 #include "flockstep/generators.hpp"
+#include "flockstep/planning.hpp"
 #include "generators/layouts.hpp"
 #include "planning/draws.hpp"
 #include "planning/way.hpp"

@@ -162,7 +162,7 @@ const std::string& Batch::camera_backend_report() const { return sim_->cameras.r
 
 std::string Batch::take_warning() {
   const CallGuard guard(*sim_, std::nothrow);  // whoever is in a call takes it after that
-  if (!use.is_granted()) return {};
+  if (!guard.is_granted()) return {};
   return sim_->warning.empty() ? sim_->cameras.take_warning() : std::exchange(sim_->warning, std::string());
 }
 

@@ -1,0 +1,262 @@
+"""Generated worlds: the same for a seed, a way through them, pictures and ranges that agree, bad arguments."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import flockstep
+
+World = flockstep.World
+
+
+class Kind(NamedTuple):
+    """What is expected of one generator."""
+
+    small: dict[str, Any]  # arguments of a small world
+    cell_m: float  # of the grid that a planner finds a way on
+    planned: tuple[int, ...]  # seeds that are planned in
+    chord_error_m: float
+    triangles: int  # of the small world of seed 3
+    vertex_sum: tuple[float, float, float]
+    blocked: tuple[int, int]  # of so many seeds, the straight flight is blocked in at least so many
+    blocked_small: bool  # that is counted in small worlds
+
+
+KINDS = {
+    "city": Kind(
+        {"blocks": (1, 1), "height_m": 20}, 1.8, (0, 1), 0.01, 28948, (1883953.88, 1947576.25, 190416.99), (8, 7), True
+    ),
+    "forest": Kind(
+        {"trees": 40, "size_m": (30, 20)},
+        0.4,
+        (0, 1, 2, 3),
+        1e-3,
+        5760,
+        (65704.07, 42307.01, 23966.74),
+        (20, 16),
+        False,
+    ),
+    "office": Kind(
+        {"size_m": (22, 14), "furniture": 0.5},
+        0.4,
+        (0, 1, 2),
+        1e-3,
+        20468,
+        (341802.93, 251554.24, 27832.0),
+        (6, 6),
+        False,
+    ),
+    "warehouse": Kind(
+        {"size_m": (30, 18), "height_m": 6}, 0.5, (0, 2), 1e-3, 14404, (350146.49, 210925.51, 58418.8), (6, 6), False
+    ),
+}
+ALL = pytest.mark.parametrize("name", KINDS)
+
+
+def small(name: str, seed: int, **changed: Any) -> World:
+    return getattr(World, name)(seed, **KINDS[name].small | changed)
+
+
+@ALL
+def test_the_same_arguments_make_the_same_world(name):
+    kind = KINDS[name]
+    first = small(name, 3)
+    assert first.to_dict() == small(name, 3).to_dict()
+    assert first.to_dict() != small(name, 4).to_dict()
+    # Made of correctly rounded operations, so that it is the same on every machine.
+    mesh = first.mesh(chord_error_m=kind.chord_error_m)
+    assert len(mesh["triangles"]) == kind.triangles
+    np.testing.assert_allclose(mesh["vertices"].astype(float).sum(axis=0), kind.vertex_sum, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name, kind in KINDS.items() for seed in kind.planned])
+def test_a_planner_finds_a_way(name, seed):
+    world = World.city(seed, (1 + seed, 1), 16) if name == "city" else small(name, seed)
+    way = flockstep.plan(world, world.start, [world.goal], cell_m=KINDS[name].cell_m)
+    assert way is not None
+    np.testing.assert_array_equal(way[[0, -1]], [world.start, world.goal])
+
+
+@ALL
+def test_a_straight_flight_is_blocked(name):
+    """Of most seeds: without that nothing would have to be learned."""
+    kind, hits = KINDS[name], 0
+    seeds, least = kind.blocked
+    for seed in range(seeds):
+        world = small(name, seed) if kind.blocked_small else getattr(World, name)(seed)
+        batch = flockstep.Batch([world])
+        batch.set_pose(world.start[None])
+        hits += bool(batch.move(world.goal[None]).hit[0])
+    assert hits >= least
+
+
+def start_free(world: World, seed: int) -> None:
+    flockstep.DroneVectorEnv(2, worlds=world, random_start=True).reset(seed=seed)
+
+
+def test_drones_start_free_in_many_cities():
+    for seed in range(6):
+        world = small("city", seed)
+        start_free(world, seed)
+        assert 44 <= world.goal[0] - world.start[0] <= 56  # a block and a road
+        for place in (world.start, world.goal):
+            down = world.raycast(place[None], np.float32([[0, 0, -1]]), 100)["t_hit"][0]
+            assert 2 < down < 6  # above a road
+            assert down == pytest.approx(place[2], abs=1e-3)
+
+
+def test_drones_start_free_in_many_forests():
+    for seed in range(30):
+        world = small("forest", seed, relief_m=seed)
+        start_free(world, seed)
+        assert world.goal[0] - world.start[0] == pytest.approx(24)
+
+
+@pytest.mark.parametrize("furniture", [0, 1])
+def test_drones_start_free_in_many_offices(furniture):
+    for seed in range(5):
+        start_free(World.office(seed, size_m=(20 + 3 * seed, 14 + seed / 2), furniture=furniture), seed)
+
+
+def test_drones_start_free_in_many_warehouses():
+    for seed in range(8):
+        start_free(World.warehouse(seed, size_m=(26 + 2 * seed, 16 + 2 * seed), height_m=5 + seed % 5), seed)
+
+
+@ALL
+def test_threads_and_company_change_no_bits(name):
+    camera = flockstep.CameraConfig(width_px=32, height_px=24, outputs=("rgb", "depth"), shadows=True)
+    actions = np.random.default_rng(0).integers(0, 6, (8, 8))
+    world = small(name, 3)
+
+    def flown(envs, first=0, count=8, **how):
+        batch = flockstep.DroneVectorEnv(count, worlds=world, camera=[camera], random_start=True, **how)
+        observation, _ = batch.reset(seed=first)
+        seen = [observation]
+        for row in actions:
+            seen.append(batch.step(row[first : first + count])[0])
+        return np.stack(seen)[:, envs], batch.batch.camera().rgb[envs].copy(), batch.batch.camera().depth[envs].copy()
+
+    expected = flown(slice(3, 6), num_threads=1)
+    for other in (flown(slice(3, 6), num_threads=2), flown(slice(0, 3), 3, 3, num_threads=1)):
+        for is_, should_be in zip(other, expected, strict=True):
+            np.testing.assert_array_equal(is_, should_be)
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "match"),
+    [
+        ("city", {"blocks": (0, 1)}, r"blocks\[0\]: expected an integer in \[1, 8\], got 0"),
+        ("city", {"blocks": (3, 9)}, r"blocks\[1\]"),
+        ("city", {"height_m": 11}, r"height_m: expected a number in \[12, 200\], got 11"),
+        ("city", {"height_m": NAN}, "height_m"),
+        ("forest", {"trees": -1}, r"trees: expected an integer in \[0, 5000\], got -1"),
+        ("forest", {"trees": 5001}, "trees"),
+        ("forest", {"size_m": (11, 40)}, r"size_m\[0\]: expected a number in \[12, 500\], got 11"),
+        ("forest", {"size_m": (60, NAN)}, r"size_m\[1\]"),
+        ("forest", {"relief_m": 51}, r"relief_m: expected a number in \[0, 50\], got 51"),
+        ("forest", {"trees": 5000, "size_m": (12, 12)}, "trees: expected few enough for a free path through 12 x 12 m"),
+        ("office", {"size_m": (19, 20)}, r"size_m\[0\]: expected a number in \[20, 200\], got 19"),
+        ("office", {"size_m": (36, 13)}, r"size_m\[1\]: expected a number in \[14, 200\], got 13"),
+        ("office", {"size_m": (36, NAN)}, r"size_m\[1\]"),
+        ("office", {"furniture": 1.5}, r"furniture: expected a number in \[0, 1\], got 1.5"),
+        ("office", {"furniture": NAN}, "furniture"),
+        ("warehouse", {"size_m": (25, 30)}, r"size_m\[0\]: expected a number in \[26, 200\], got 25"),
+        ("warehouse", {"size_m": (48, 15)}, r"size_m\[1\]: expected a number in \[16, 200\], got 15"),
+        ("warehouse", {"size_m": (48, NAN)}, r"size_m\[1\]"),
+        ("warehouse", {"height_m": 4.5}, r"height_m: expected a number in \[5, 20\], got 4.5"),
+        ("warehouse", {"height_m": NAN}, "height_m"),
+    ],
+)
+def test_bad_arguments(name, arguments, match):
+    with pytest.raises(ValueError, match=f"{name}: {match}"):
+        getattr(World, name)(1, **arguments)
+
+
+@pytest.mark.parametrize("height", [12, 90])
+def test_roofs_of_cities_are_as_high_as_asked(height):
+    """What stands on a roof comes on top of that."""
+    world = World.city(5, (2, 2), height)
+    assert 0.6 * height < world.bounds[1, 2] < height + 12
+
+
+def test_cameras_in_cities_tell_what_is_what():
+    """A class for each kind of thing; a road below, houses around."""
+    world = small("city", 3)
+    classes = {}
+    for material in world.materials:
+        classes.setdefault(material["semantic"], []).append(material["name"])
+    assert "car" in classes[7]
+    assert len(classes[4]) > 20  # facades, walls, trim
+    camera = flockstep.CameraConfig(width_px=64, height_px=48, outputs=("semantic",), far_m=300)
+    seen = flockstep.render(world, world.start, look_at=world.start - np.array([0, 0.1, 1]), camera=camera)["semantic"]
+    assert (seen == 1).mean() > 0.6  # the crossing
+    ahead = flockstep.render(world, world.start, look_at=world.start + np.array([9, 0, 0]), camera=camera)["semantic"]
+    assert {1, 2, 4} <= set(np.unique(ahead))
+
+
+def test_markers_of_forests_are_above_the_ground():
+    for seed in range(5):
+        world = small("forest", seed, relief_m=20)
+        places = np.stack([world.start, world.goal])
+        down = world.raycast(places, np.tile(np.float32([0, 0, -1]), (2, 1)), 100)
+        np.testing.assert_allclose(down["t_hit"], 1.5, atol=0.15)  # flat cells cut the hills' curves short
+
+
+def test_start_and_goal_are_at_opposite_ends():
+    assert all(world.goal[0] - world.start[0] > 24 for world in map(World.office, range(6)))
+    assert all(world.goal[0] - world.start[0] == pytest.approx(43.2) for world in map(World.warehouse, range(6)))
+
+
+def test_offices_have_ceilings_and_windows():
+    """Straight up there is a ceiling 3 m above the floor; level, the sky is seen through windows."""
+    world = World.office(1)
+    places = np.stack([world.start, world.goal])
+    up, down = (world.raycast(places, np.tile(np.float32([0, 0, z]), (2, 1)), 100)["t_hit"] for z in (1, -1))
+    np.testing.assert_allclose(down, 1.35, atol=1e-5)
+    np.testing.assert_allclose(up, 1.65, atol=0.03)  # or a lamp
+    angles = np.linspace(0, 2 * np.pi, 720, endpoint=False, dtype=np.float32)
+    level = np.stack([np.cos(angles), np.sin(angles), 0 * angles], 1)
+    for place in places:
+        hits = world.raycast(np.tile(place, (720, 1)), level, 100)["t_hit"]
+        assert 0.02 < np.isinf(hits).mean() < 0.8
+
+
+def test_the_sky_is_seen_through_skylights_of_warehouses():
+    world = small("warehouse", 1)
+    x, y = np.meshgrid(np.linspace(1, 29, 60), np.linspace(1, 17, 40))
+    places = np.stack([x.ravel(), y.ravel(), np.full(x.size, 5.0)], 1).astype(np.float32)
+    up = world.raycast(places, np.tile(np.float32([0, 0, 1]), (x.size, 1)), 100)["t_hit"]
+    assert 0.05 < np.isinf(up).mean() < 0.3
+    assert up[np.isfinite(up)].max() < 6 + 0.06 * 18 - 5 + 0.2
+
+
+@pytest.mark.parametrize("make", [World.office, World.warehouse])
+def test_waypoints_lead_along_the_way_that_is_flown(make):
+    plain, world = make(2), make(2, waypoints=True)
+    assert plain.waypoints.shape == (0, 3)
+    data = world.to_dict()
+    del data["markers"]["waypoints"]
+    assert data == plain.to_dict()  # nothing else differs
+    stops = np.concatenate([[world.start], world.waypoints, [world.goal]]).astype(np.float32)
+    batch = flockstep.Batch([world], len(stops) - 1, num_threads=1)
+    batch.set_pose(stops[:-1])
+    batch.move(stops[1:])
+    assert not batch.contact.hit.any()
+    (named,) = flockstep.scenes.load(f"guided_{world.name}")
+    assert named.to_dict() == world.to_dict()
+
+
+def test_the_bench_scenes_differ_in_what_is_seen():
+    """As those of the thesis: the same places, of which the one scene has boxes and the other many triangles."""
+    simple, complex_ = (World.load(f"bench/{name}") for name in ("simple", "complex"))
+    assert len(simple.mesh()["triangles"]) < 200
+    assert len(complex_.mesh()["triangles"]) > 100_000
+    for world in (simple, complex_):
+        np.testing.assert_array_equal(world.bounds[:, :2], [[0, 0], [24, 24]])
+        flockstep.DroneVectorEnv(2, worlds=world, random_start=True).reset(seed=0)
+        assert flockstep.plan(world, world.start, [world.goal], cell_m=0.5) is not None
