@@ -19,7 +19,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import flockstep
-from flockstep.plain import from_plain
+from flockstep.serialization import from_plain
 
 #: The tasks that come with flockstep: what each observes.
 OBSERVATIONS = {"lidar": "goal", "camera": "blob", "pixels": "pixels"}

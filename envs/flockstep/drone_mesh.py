@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flockstep._core import World
-from flockstep.few_corners import few_corners, thickness
+from flockstep.hull_simplify import simplified_hull, thickness
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -174,7 +174,7 @@ class DroneMesh:
                 f"{self!r}: expected a mesh at least {_LEAST_M:g} m thick in every direction, to have a hull, "
                 f"got one of {thick_m:.2g} m"
             )
-        return few_corners(outermost, points)
+        return simplified_hull(outermost, points)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `from_dict` makes an equal mesh of, in lists and numbers."""

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from flockstep import plain
+from flockstep import serialization
 from flockstep._core import Batch
 from flockstep.vector_env import DroneVectorEnv, Observation, require_render_mode
 
@@ -42,7 +42,7 @@ class DroneEnv(gymnasium.Env[Observation, Any]):
 
     metadata: dict[str, Any] = {key: DroneVectorEnv.metadata[key] for key in ("render_modes", "render_fps")}  # noqa: RUF012
 
-    spec: Any = plain.PlainSpec()
+    spec: Any = serialization.PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **kwargs: Any) -> None:
         require_render_mode(render_mode, "gymnasium.wrappers.HumanRendering, as gymnasium.make does")

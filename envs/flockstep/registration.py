@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 
 from flockstep._core import HoverConfig, NativeTask, NavigationConfig, TrackConfig, task_defaults
-from flockstep.plain import to_plain
+from flockstep.serialization import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, _by_config
 

@@ -17,7 +17,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from flockstep import plain, scenes
+from flockstep import scenes, serialization
 from flockstep._core import (
     Batch,
     CameraConfig,
@@ -309,7 +309,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         "render_fps": 10,  # of an env: at the speed of real flight
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    spec: Any = plain.PlainSpec()
+    spec: Any = serialization.PlainSpec()
 
     def __init__(
         self,
@@ -341,9 +341,10 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         given = {name: value for name, value in locals().items() if name not in ("self", "fields")}
         self._arguments: dict[str, Any] = {**given, **fields}  # for copies and pickles
         worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh = (
-            plain.from_plain(value) for value in (worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh)
+            serialization.from_plain(value)
+            for value in (worlds, task, lidar, camera, pose_sensor, imu, drone, drone_mesh)
         )
-        own_fields = {name: plain.from_plain(value) for name, value in fields.items()}
+        own_fields = {name: serialization.from_plain(value) for name, value in fields.items()}
         require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
         is_flight = isinstance(task, (HoverConfig, TrackConfig))
         if render_view is None:
@@ -809,7 +810,7 @@ def _registered(env_id: str) -> Any:
         raise ValueError(
             f"task.name: expected the id of a task that flockstep.register_task registered, got {env_id!r}"
         )
-    return plain.from_plain(spec.kwargs["task"])
+    return serialization.from_plain(spec.kwargs["task"])
 
 
 def _set_given(recipe: Recipe, **values: Any) -> None:

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 import flockstep
-from flockstep.few_corners import few_corners, thickness
+from flockstep.hull_simplify import simplified_hull, thickness
 
 MODELS = Path("/usr/share/assimp/models")  # of Debian's package assimp-testmodels
 HALF = np.array([0.26, 0.26, 0.07])  # of the bumpy body
@@ -139,7 +139,7 @@ def test_few_corners_hold_all_points_and_little_else(shape, most):
         "cloud": rng.normal(size=(3000, 3)),
         "cylinder": np.concatenate([rim, rim + np.array([0, 0, 0.2])]),
     }[shape].astype(np.float32)
-    corners = few_corners(points, most)
+    corners = simplified_hull(points, most)
     assert len(corners) <= most
     assert beyond(corners, points) <= 0
     growth = ConvexHull(corners.astype(float)).volume / ConvexHull(points.astype(float)).volume
@@ -173,7 +173,7 @@ def test_the_hull_of_many_vertices_needs_little_memory(tmp_path):
 
 @pytest.mark.parametrize("shape", ["ball", "disc", "far", "box", "cloud"])
 def test_few_corners_of_very_many_points(shape, monkeypatch):
-    monkeypatch.setattr("flockstep.few_corners._MANY", 2000)
+    monkeypatch.setattr("flockstep.hull_simplify._MANY", 2000)
     rng = np.random.default_rng(2)
     ball = rng.normal(size=(6000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
@@ -187,7 +187,7 @@ def test_few_corners_of_very_many_points(shape, monkeypatch):
         "box": faces,
         "cloud": rng.normal(size=(6000, 3)),
     }[shape].astype(np.float32)
-    corners = few_corners(points, 32)
+    corners = simplified_hull(points, 32)
     assert beyond(corners, points) <= 0
     growth = ConvexHull(corners.astype(float)).volume / ConvexHull(points.astype(float)).volume
     assert growth < (1.0001 if shape == "box" else 1.15)

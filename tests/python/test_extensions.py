@@ -1,4 +1,4 @@
-"""What it takes to extend the engine: patches that add a sensor, an array and a world format, and how many files they touch."""
+"""What it takes to extend the engine: patches that extend it, and how many files they touch."""
 
 import re
 import subprocess

@@ -85,11 +85,11 @@ def test_includes_go_downwards(folder: str) -> None:
     wrong, used = [], set()
     for file in sources(place_of(folder)):
         for include in includes(file):
-            its = folder_of(include)
-            if its in (None, folder) or include.endswith(".inc"):
+            layer = folder_of(include)
+            if layer in (None, folder) or include.endswith(".inc"):
                 continue
-            used.add(its)
-            if its not in ALLOWED[folder]:
+            used.add(layer)
+            if layer not in ALLOWED[folder]:
                 wrong.append(f"{file.relative_to(ROOT)} includes {include}")
     assert not wrong
     if folder not in ("tasks", "batch", "recipe"):

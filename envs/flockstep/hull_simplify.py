@@ -21,7 +21,7 @@ _BINS = 24  # along each edge of a cube around the points: the farthest point in
 _ROWS = 1 << 14  # points that are compared with planes at a time
 
 
-def few_corners(points: Floats, most: int) -> npt.NDArray[np.float32]:
+def simplified_hull(points: Floats, most: int) -> npt.NDArray[np.float32]:
     """Return at most so many corners (V, 3) of a convex body that holds all points (K, 3) and is little larger.
 
     Where their hull has no more corners, it is that. Else it begins as the points that stick out most, blown up around

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import flockstep
-from flockstep.plain import from_plain, to_plain
+from flockstep.serialization import from_plain, to_plain
 
 ID = "flockstep/LidarNavigation-v0"
 
