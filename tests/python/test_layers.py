@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "prepared": {"base", "collision", "render", "trace", "world"},
     "survey": {"base", "collision", "prepared", "trace", "world"},
     "planning": {"base", "collision", "prepared", "survey", "world"},
-    "generators": {"base", "planning"},
+    "generators": {"base", "planning", "world"},
     "sensors": {"base", "imaging", "prepared", "render", "trace", "world"},
 }
 # These may include all that is below them.

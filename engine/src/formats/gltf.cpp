@@ -71,8 +71,9 @@ class Elements {
       case GltfComponent::uint32:
         return whole<std::uint32_t>(at);
       case GltfComponent::float32:
-        return as<float>(at);
+        break;
     }
+    return as<float>(at);
   }
 
  private:
