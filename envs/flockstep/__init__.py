@@ -51,7 +51,7 @@ from flockstep._core import (
 )
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
-from flockstep.headers import include_dir
+from flockstep.headers import cmake_dir, include_dir
 from flockstep.looks import looks
 from flockstep.pictures.picture import render
 from flockstep.planning import plan
@@ -93,6 +93,7 @@ __all__ = [
     "WorldBuilder",
     "WorldPool",
     "__version__",
+    "cmake_dir",
     "color_blob",
     "color_components",
     "green_blob",

@@ -1,15 +1,17 @@
-"""``python -m flockstep doctor``."""
+"""``python -m flockstep doctor`` and ``python -m flockstep --cmake-dir``."""
 
 from __future__ import annotations
 
 import argparse
 
-from flockstep import doctor
+from flockstep import doctor, headers
 
 
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m flockstep", description="A batched drone simulator.")
+    where = "print the folder for CMake's -Dflockstep_DIR, to build a task in C++, and exit"
+    parser.add_argument("--cmake-dir", action="version", version=str(headers.cmake_dir()), help=where)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     about = "say what this machine has for flockstep, what it lacks, and how to get it"
     commands.add_parser("doctor", help=about, description=about).set_defaults(run=doctor.main)

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -116,17 +117,17 @@ struct Airframe {
   }
 
   // Throws std::invalid_argument where it is no body that can hover: it names the field, what was expected, what came.
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 
-  double thrust_at(double speed_radps) const;                       // N, of one rotor
-  double speed_for(double thrust_n) const;                          // rad/s, within the limits
+  FLOCKSTEP_API double thrust_at(double speed_radps) const;         // N, of one rotor
+  FLOCKSTEP_API double speed_for(double thrust_n) const;            // rad/s, within the limits
   double max_thrust() const { return thrust_at(max_speed_radps); }  // N, of one rotor
-  double thrust_to_weight() const;
-  double hover_speed() const;  // rad/s, of rotors that share the weight evenly
+  FLOCKSTEP_API double thrust_to_weight() const;
+  FLOCKSTEP_API double hover_speed() const;  // rad/s, of rotors that share the weight evenly
 
   // The same body in another size: lengths times `size`, mass times `mass`, and all the rest so that it flies alike, at speeds
   // and in times that are longer by the square root of `size` (Froude's law); thrust-to-weight stays. Both > 0.
-  Airframe scaled(double size, double mass) const;
+  FLOCKSTEP_API Airframe scaled(double size, double mass) const;
 };
 
 inline constexpr double kGravity = 9.81;  // m/s^2

@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "flockstep/buffer.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -170,12 +171,12 @@ void for_each_view(const T& arrays, const ItemShape& items, const F& f) {
 }
 
 // Throws std::invalid_argument, naming the array, at a value that its list does not allow.
-void check_values(std::span<const std::uint8_t> values, const char* name, Values allowed);
-void check_values(std::span<const std::int32_t> values, const char* name, Values allowed);
-void check_values(std::span<const std::int64_t> values, const char* name, Values allowed);
-void check_values(std::span<const std::uint64_t> values, const char* name, Values allowed);
-void check_values(std::span<const float> values, const char* name, Values allowed);
-void check_values(std::span<const double> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const std::uint8_t> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const std::int32_t> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const std::int64_t> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const std::uint64_t> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const float> values, const char* name, Values allowed);
+FLOCKSTEP_API void check_values(std::span<const double> values, const char* name, Values allowed);
 
 template <HasFields T>
 void check_arrays(const T& arrays) {

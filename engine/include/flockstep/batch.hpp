@@ -13,6 +13,7 @@
 #include "flockstep/buffer.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/readings.hpp"
 #include "flockstep/state.hpp"
 #include "flockstep/task.hpp"
@@ -81,7 +82,7 @@ struct Simulation;
 // caller at a time.
 // A batch does not survive fork(): using a parent's batch in the child throws std::runtime_error. So does a call while another
 // thread is in one.
-class Batch {
+class FLOCKSTEP_API Batch {
  public:
   using Worlds = std::vector<std::shared_ptr<const World>>;
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/sensor_fields.hpp"
 
@@ -135,9 +136,9 @@ struct CameraConfig {
                       "max are inf if one covered pixel is a miss, min only if all are."}));
   }
 
-  void validate() const;
-  float fx() const;  // px
-  float fy() const;  // px
+  FLOCKSTEP_API void validate() const;
+  FLOCKSTEP_API float fx() const;  // px
+  FLOCKSTEP_API float fy() const;  // px
   // Of the images that are written.
   int image_width_px() const { return resize ? (*resize)[0] : width_px; }
   int image_height_px() const { return resize ? (*resize)[1] : height_px; }

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -38,7 +39,7 @@ struct ColorRange {
 
   bool operator==(const ColorRange&) const = default;
 
-  void validate() const;  // throws std::invalid_argument
+  FLOCKSTEP_API void validate() const;  // throws std::invalid_argument
 };
 
 }  // namespace flockstep

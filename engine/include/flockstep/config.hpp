@@ -8,6 +8,7 @@
 #include "flockstep/camera.hpp"
 #include "flockstep/dynamics.hpp"
 #include "flockstep/episode.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/imu.hpp"
 #include "flockstep/lidar.hpp"
@@ -80,7 +81,7 @@ struct BatchConfig {
 
   int num_drones() const { return num_envs * drones_per_env; }  // N
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 }  // namespace flockstep

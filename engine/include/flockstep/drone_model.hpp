@@ -8,13 +8,14 @@
 #include <vector>
 
 #include "flockstep/airframe.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/pose.hpp"
 
 namespace flockstep {
 
 inline constexpr int kMaxHullVertices = 32;
 
-class DroneModel {
+class FLOCKSTEP_API DroneModel {
  public:
   // The default: the 650-class quadrotor "t650", extents exactly 0.93 x 0.59 x 0.20 m, centred on the body origin.
   static DroneModel quadrotor650();

@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "flockstep/airframe.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/wind.hpp"
 
@@ -105,7 +106,7 @@ struct DynamicsConfig {
               {.about = "Limit of the controller's rate about z.", .unit = "deg/s", .limits = above(0)}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 
   bool is_kinematic() const { return motion == Motion::kinematic; }
   bool tells_rotors() const { return control == Control::rotor_speeds || control == Control::rotor_thrusts; }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -64,7 +65,7 @@ struct EpisodeConfig {
               {.about = "Each reset draws one of the batch's worlds instead of keeping the env's own."}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // The rates at which time passes, in steps per second of simulated time. A tick is one step of the motion; a flown step, for
@@ -94,7 +95,7 @@ struct ClockConfig {
              .limits = above(0)}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
   double ticks_hz() const { return static_cast<double>(physics_hz.value_or(policy_hz)); }
   double dt_s() const { return 1.0 / ticks_hz(); }                           // of a tick
   double step_s() const { return 1.0 / static_cast<double>(policy_hz); }     // of a flown step

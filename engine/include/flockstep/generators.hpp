@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/world.hpp"
 
@@ -30,13 +31,13 @@ struct PlaygroundConfig {
                              .limits = at_least(0.01)}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // A generated playground, the same on every machine. The straight flight of the default drone from start over the waypoints to
 // the goal crashes (if there are pillars), and a free path exists. Throws std::invalid_argument on a bad config, or where no path
 // is found in many layouts because of too many pillars.
-std::shared_ptr<const World> playground(const PlaygroundConfig& config);
+FLOCKSTEP_API std::shared_ptr<const World> playground(const PlaygroundConfig& config);
 
 // A forest on rolling terrain, made of textured meshes from a seed: conifers, broadleaved trees and rocks, and a start and a goal
 // at opposite ends of it.
@@ -57,13 +58,13 @@ struct ForestConfig {
               {.about = "Height of the highest possible ground above the lowest.", .unit = "m", .limits = between(0, 50)}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // A generated forest, the same on every machine. The default drone can fly from start to goal along a winding way below the
 // branches, which is tried in the world itself. Throws std::invalid_argument on a bad config, or where no such way is found in
 // many layouts because of too many trees.
-std::shared_ptr<const World> forest(const ForestConfig& config);
+FLOCKSTEP_API std::shared_ptr<const World> forest(const ForestConfig& config);
 
 // A city: blocks of houses, streets between and around them with cars, lamps, trees and cables, and a row of houses that closes
 // it all around; of textured meshes and primitives, from a seed.
@@ -82,13 +83,13 @@ struct CityConfig {
         field("height_m", &C::height_m, {.about = "Height of the tallest roofs.", .unit = "m", .limits = between(12, 200)}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // A generated city, the same on every machine. Start and goal are crossings on opposite sides of it. The default drone can fly
 // from one to the other along streets, 2 to 6 m above them, which is tried in the world itself. Throws std::invalid_argument on a
 // bad config.
-std::shared_ptr<const World> city(const CityConfig& config);
+FLOCKSTEP_API std::shared_ptr<const World> city(const CityConfig& config);
 
 // A floor of an office building, made from a seed: rooms, corridors and lounges with their furniture behind windows, and a start
 // and a goal in rooms at opposite ends of it.
@@ -109,13 +110,13 @@ struct OfficeConfig {
         field("waypoints", &C::waypoints, {.about = "Waypoints before and behind each door of the way."}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // A generated office, the same on every machine. The straight flight of the default drone from start to goal crashes; through
 // open doors it can fly there, 1.35 m above the floor, which is tried in the world itself. Throws std::invalid_argument on a bad
 // config, or where no such way is found in many layouts.
-std::shared_ptr<const World> office(const OfficeConfig& config);
+FLOCKSTEP_API std::shared_ptr<const World> office(const OfficeConfig& config);
 
 // A warehouse, made from a seed: a hall with skylights, rows of racks full of pallets, and all that stands around them, and a
 // start and a goal at opposite ends of it.
@@ -139,12 +140,12 @@ struct WarehouseConfig {
         field("waypoints", &C::waypoints, {.about = "Waypoints where the way turns."}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // A generated warehouse, the same on every machine. The straight flight of the default drone from start to goal crashes; around
 // racks and through empty bays it can fly there, which is tried in the world itself. Throws std::invalid_argument on a bad
 // config, or where no such way is found in many layouts.
-std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
+FLOCKSTEP_API std::shared_ptr<const World> warehouse(const WarehouseConfig& config);
 
 }  // namespace flockstep

@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/task.hpp"
 
@@ -64,10 +65,10 @@ struct HoverConfig {
         field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // By default in "arena/hall", a crazyflie by rotor thrusts at 50 Hz, for 6 s. Throws std::invalid_argument on a bad config.
-std::unique_ptr<Task> make_hover(const HoverConfig& config);
+FLOCKSTEP_API std::unique_ptr<Task> make_hover(const HoverConfig& config);
 
 }  // namespace flockstep

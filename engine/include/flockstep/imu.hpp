@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/sensor_fields.hpp"
 
@@ -46,7 +47,7 @@ struct ImuConfig {
         field("quat_wxyz", &C::quat_wxyz, kMountRotation), field("rate_hz", &C::rate_hz, kSensorRate));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 }  // namespace flockstep

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/sensor_fields.hpp"
 
@@ -56,7 +57,7 @@ struct LidarConfig {
         field("rate_hz", &C::rate_hz, kSensorRate));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
   bool has_pattern() const { return !azimuth_deg.empty() || !elevation_deg.empty(); }
   int rows() const { return has_pattern() ? 1 : channels; }
   int columns() const { return has_pattern() ? static_cast<int>(azimuth_deg.size()) : beams; }

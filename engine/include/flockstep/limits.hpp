@@ -7,6 +7,8 @@
 #include <string>
 #include <type_traits>
 
+#include "flockstep/export.hpp"
+
 namespace flockstep {
 
 struct Limits {
@@ -38,7 +40,7 @@ struct Limits {
   }
 
   // For messages: "in (0, 360]", "within +-100", ">= 0", "< 1", "1, 4 or 9"; empty if every finite number is allowed.
-  std::string text() const;
+  FLOCKSTEP_API std::string text() const;
 };
 
 constexpr Limits at_least(double least) { return {.least = least}; }

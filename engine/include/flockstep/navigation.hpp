@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "flockstep/color.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/task.hpp"
 
@@ -72,7 +73,7 @@ struct NavigationReward {
               {.about = "Keep the last distance when the current goal changes, as the thesis's program did."}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 struct NavigationConfig {
@@ -111,12 +112,12 @@ struct NavigationConfig {
   }
 
   // The task of the thesis that observes this: camera tasks fly ahead and to the sides alone, and end where they overshoot.
-  static NavigationConfig observing(ObservationKind observation);
+  FLOCKSTEP_API static NavigationConfig observing(ObservationKind observation);
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // Throws std::invalid_argument on a bad config.
-std::unique_ptr<Task> make_navigation(const NavigationConfig& config);
+FLOCKSTEP_API std::unique_ptr<Task> make_navigation(const NavigationConfig& config);
 
 }  // namespace flockstep

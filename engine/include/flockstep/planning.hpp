@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "flockstep/drone_model.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
@@ -23,8 +24,9 @@ using Progress = std::function<void(double)>;
 // first, and the grid of cell_m only in small worlds or if there is no path on coarser ones.
 // Throws std::invalid_argument on points that are not finite, no goals, a cell_m that is not positive, or one so small that the
 // search would take more than 2^25 cells.
-std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start, std::span<const Vec3> goals,
-                                      float cell_m = 0.1F, const Progress& progress = {});
+FLOCKSTEP_API std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& drone, const Vec3& start,
+                                                    std::span<const Vec3> goals, float cell_m = 0.1F,
+                                                    const Progress& progress = {});
 
 // Where places are drawn, and what makes one.
 struct FreePlacesConfig {
@@ -43,14 +45,14 @@ struct FreePlacesConfig {
 // something below, and neither what is next below nor what is next above shows the back of a triangle: the place is in the open
 // or within a room or building, not in the ground, below it or within a closed body. Throws std::invalid_argument on a bad
 // config, or where 100,000 draws in a row give no place.
-std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::size_t count,
-                              const FreePlacesConfig& config = {});
+FLOCKSTEP_API std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::size_t count,
+                                            const FreePlacesConfig& config = {});
 
 // Start and goal for a world, drawn as free places, at least distance_m apart and such that the drone can fly from one to the
 // other. None: a third of the diagonal, seen from above, of where places are drawn. The radius is that of the world's markers,
 // and reachable_from, where given, the start.
 // Throws std::invalid_argument on a bad config, or where no such pair is found.
-Markers drawn_markers(const World& world, const DroneModel& drone, const FreePlacesConfig& config = {},
-                      std::optional<float> distance_m = {});
+FLOCKSTEP_API Markers drawn_markers(const World& world, const DroneModel& drone, const FreePlacesConfig& config = {},
+                                    std::optional<float> distance_m = {});
 
 }  // namespace flockstep

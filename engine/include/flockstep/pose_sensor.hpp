@@ -3,6 +3,7 @@
 
 #include <optional>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/sensor_fields.hpp"
 
@@ -24,7 +25,7 @@ struct PoseSensorConfig {
         field("rate_hz", &C::rate_hz, kSensorRate));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
   bool is_exact() const { return position_noise_std_m == 0.0F && orientation_noise_std_deg == 0.0F; }
 };
 

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "flockstep/export.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
@@ -21,6 +22,7 @@ struct RayHits {
 // Nearest hits of R rays; origins and directions are (R, 3). Directions need not be unit (they are normalised). Throws
 // std::invalid_argument on shapes that differ, on origins outside the world (kMaxCoordinate), on directions that are not finite
 // or of length 0, and on a max_range_m that is not positive.
-RayHits raycast(const World& world, std::span<const float> origins, std::span<const float> directions, float max_range_m);
+FLOCKSTEP_API RayHits raycast(const World& world, std::span<const float> origins, std::span<const float> directions,
+                              float max_range_m);
 
 }  // namespace flockstep

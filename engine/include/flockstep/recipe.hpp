@@ -10,6 +10,7 @@
 #include "flockstep/batch.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/hover.hpp"
 #include "flockstep/navigation.hpp"
 #include "flockstep/track.hpp"
@@ -34,14 +35,14 @@ struct Recipe {
   BatchConfig batch;
 
   // The defaults of a task: its worlds, drone, sensors, dynamics and rates.
-  static Recipe for_task(TaskConfig task);
+  FLOCKSTEP_API static Recipe for_task(TaskConfig task);
 
   // A JSON object with the members "task" (null, or an object with the task's "name" and the fields of its configuration),
   // "worlds", "drone" (a string, or an object as DroneModel::from_json() reads it) and the fields of BatchConfig. Members that
   // are not given have the defaults of the task. from_json() opens no file; it throws std::invalid_argument naming the place,
   // what was expected and what came, and the nearest name if one is misspelt.
-  std::string to_json() const;
-  static Recipe from_json(const std::string& text);
+  FLOCKSTEP_API std::string to_json() const;
+  FLOCKSTEP_API static Recipe from_json(const std::string& text);
 };
 
 // The files that a recipe may open. A recipe from a file or the network is safe by default: shipped and generated scenes and
@@ -52,14 +53,14 @@ struct RecipeAccess {
 };
 
 // Throws std::invalid_argument at a path in the recipe that is not allowed.
-void check_access(const Recipe& recipe, const RecipeAccess& access);
+FLOCKSTEP_API void check_access(const Recipe& recipe, const RecipeAccess& access);
 
 // Throws std::invalid_argument at an invalid recipe, at a RegisteredTask, and at a path that is not allowed.
-std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access);
+FLOCKSTEP_API std::unique_ptr<Batch> make_batch(const Recipe& recipe, const RecipeAccess& access);
 
-DroneModel load_drone(const DroneChoice& drone);
+FLOCKSTEP_API DroneModel load_drone(const DroneChoice& drone);
 
 // The task of a recipe; null without one. Throws std::invalid_argument at a RegisteredTask.
-std::unique_ptr<Task> make_task(const TaskConfig& task);
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const TaskConfig& task);
 
 }  // namespace flockstep

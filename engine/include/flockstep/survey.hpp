@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "flockstep/export.hpp"
 #include "flockstep/pose.hpp"
 #include "flockstep/world.hpp"
 
@@ -17,7 +18,7 @@ struct ObjectList {
   std::vector<std::int32_t> materials;  // index into World::materials(), -1 where an object has several
   std::vector<Presence> presence;       // full where a number has no object
 };
-ObjectList objects(const World& world);
+FLOCKSTEP_API ObjectList objects(const World& world);
 
 struct PointCloud {
   std::vector<Vec3> points;             // m, world frame
@@ -29,7 +30,7 @@ struct PointCloud {
 // Points spread evenly over all surfaces that are visual, about one for every spacing_m * spacing_m of them, and the same ones
 // each time. They lie on World::mesh(spacing_m / 100). Throws std::invalid_argument unless spacing_m is at least 1e-4 and the
 // points at most 50,000,000.
-PointCloud point_cloud(const World& world, float spacing_m);
+FLOCKSTEP_API PointCloud point_cloud(const World& world, float spacing_m);
 
 // Cubes side by side. Cell (i, j, k) has its centre at origin + cell_m * (i + 1/2, j + 1/2, k + 1/2), and the place
 // (i * size[1] + j) * size[2] + k in an array.
@@ -48,13 +49,13 @@ struct OccupancyGrid {
   CellGrid grid;
   std::vector<std::uint8_t> occupied;
 };
-OccupancyGrid occupancy(const World& world, float cell_m, const std::optional<Aabb>& box = {});
+FLOCKSTEP_API OccupancyGrid occupancy(const World& world, float cell_m, const std::optional<Aabb>& box = {});
 
 // How far (m) the centre of each cell is from the nearest surface; 0 within a solid and outside of the room.
 struct DistanceGrid {
   CellGrid grid;
   std::vector<float> distance_m;
 };
-DistanceGrid distance(const World& world, float cell_m, const std::optional<Aabb>& box = {});
+FLOCKSTEP_API DistanceGrid distance(const World& world, float cell_m, const std::optional<Aabb>& box = {});
 
 }  // namespace flockstep

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/task.hpp"
 
@@ -79,10 +80,10 @@ struct TrackConfig {
         field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 // By default in "arena/hall", a crazyflie by body rates at 100 Hz, for 10 s. Throws std::invalid_argument on a bad config.
-std::unique_ptr<Task> make_track(const TrackConfig& config);
+FLOCKSTEP_API std::unique_ptr<Task> make_track(const TrackConfig& config);
 
 }  // namespace flockstep

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 
 namespace flockstep {
@@ -52,7 +53,7 @@ struct WindConfig {
                .limits = between(3, 300)}));
   }
 
-  void validate() const;
+  FLOCKSTEP_API void validate() const;
 };
 
 }  // namespace flockstep

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "flockstep/attachment.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/fields.hpp"
 #include "flockstep/pose.hpp"
 
@@ -159,7 +160,7 @@ struct LoadOptions {
   UpAxis up = UpAxis::of_format;
 };
 
-class World {
+class FLOCKSTEP_API World {
  public:
   // Reads a scene file (.json as scenes/schema.json describes), a glTF 2.0 file (.gltf, .glb) or a bare mesh (.obj).
   // Throws std::invalid_argument naming the file and the offending field.

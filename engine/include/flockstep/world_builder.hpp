@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "flockstep/export.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -30,7 +31,7 @@ struct Heightfield {
   float texture_m = 4.0F;      // how large one repetition of a texture is
 };
 
-class WorldBuilder {
+class FLOCKSTEP_API WorldBuilder {
  public:
   // A colour, linear RGB in [0, 1], of a texture at (s, t) in [0, 1).
   using ColorAt = std::function<std::array<float, 3>(float s, float t)>;

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "flockstep/config.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -29,12 +30,12 @@ struct WorldPool {
   std::int32_t size = 64;  // how many worlds are drawn from, in [1, 2^24]
   double fresh = 0.0;      // how many new ones take the place of the oldest from one episode to the next, in [0, 2^24]
 
-  void validate() const;
-  std::int32_t number_of(std::uint64_t seed, std::int64_t episode) const;
+  FLOCKSTEP_API void validate() const;
+  FLOCKSTEP_API std::int32_t number_of(std::uint64_t seed, std::int64_t episode) const;
 };
 
 // Builds all that a batch needs of a world, which costs more than the world itself where there are triangles: for the threads of
 // a source. Thread-safe.
-void build_ahead(const World& world, const BatchConfig& config);
+FLOCKSTEP_API void build_ahead(const World& world, const BatchConfig& config);
 
 }  // namespace flockstep

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "flockstep/drone_model.hpp"
+#include "flockstep/export.hpp"
 #include "flockstep/world.hpp"
 
 namespace flockstep {
@@ -19,6 +20,6 @@ struct WorldReport {
   std::string not_navigable;
 };
 
-WorldReport check(const World& world, const DroneModel& drone);
+FLOCKSTEP_API WorldReport check(const World& world, const DroneModel& drone);
 
 }  // namespace flockstep

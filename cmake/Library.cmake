@@ -1,0 +1,36 @@
+# The engine as a shared library, and the package that find_package(flockstep) finds: flockstep::flockstep and flockstep::task.
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+# The objects of the static library, which the Python module and the tests link since they also use what is not exported.
+add_library(flockstep SHARED $<TARGET_OBJECTS:flockstep_engine> $<TARGET_OBJECTS:flockstep_world>
+                             $<TARGET_OBJECTS:flockstep_generators>)
+add_library(flockstep::flockstep ALIAS flockstep)
+# No binary compatibility is promised between versions, so each has a name of its own.
+set_target_properties(flockstep PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION ${PROJECT_VERSION}
+                                           INSTALL_RPATH_USE_LINK_PATH ON)
+target_compile_features(flockstep PUBLIC cxx_std_20)
+target_compile_definitions(flockstep INTERFACE $<$<PLATFORM_ID:Windows>:FLOCKSTEP_IMPORTS>)
+target_include_directories(flockstep PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/engine/include>
+                                            $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+target_link_libraries(flockstep PUBLIC Eigen3::Eigen PRIVATE flockstep_options flockstep_dependencies)
+
+# install_package(COMPONENT DESTINATION INCLUDE SCENES): the files that find_package reads, into the folder DESTINATION, for headers
+# and scenes in the other two folders.
+function(install_package component destination include scenes)
+  set(folder ${CMAKE_CURRENT_BINARY_DIR}/package/${component})
+  configure_package_config_file(cmake/flockstepConfig.cmake.in ${folder}/flockstepConfig.cmake INSTALL_DESTINATION ${destination}
+                                PATH_VARS include scenes)
+  write_basic_package_version_file(${folder}/flockstepConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+  install(FILES ${folder}/flockstepConfig.cmake ${folder}/flockstepConfigVersion.cmake DESTINATION ${destination}
+          COMPONENT ${component})
+endfunction()
+
+set(package ${CMAKE_INSTALL_LIBDIR}/cmake/flockstep)
+set(data ${CMAKE_INSTALL_DATADIR}/flockstep)
+install(TARGETS flockstep EXPORT flockstepTargets COMPONENT library)
+install(EXPORT flockstepTargets NAMESPACE flockstep:: DESTINATION ${package} COMPONENT library)
+install(DIRECTORY engine/include/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT library)
+install(DIRECTORY scenes DESTINATION ${data} COMPONENT library PATTERN generators EXCLUDE)
+install(FILES LICENSE THIRD_PARTY.md DESTINATION ${data} COMPONENT library)
+install_package(library ${package} ${CMAKE_INSTALL_INCLUDEDIR} ${data}/scenes)

@@ -1,0 +1,179 @@
+"""flockstep from C++: the installed library and its CMake package, as a program or a task outside the checkout uses them."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flockstep
+
+ROOT = Path(__file__).resolve().parents[2]
+BUILD = ROOT / "build" / "release"
+HEADERS = sorted((ROOT / "engine" / "include" / "flockstep").glob("*.hpp"))
+COMPILERS = ("g++", "clang++")
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF files")
+
+
+def run(*command: object, **options: object) -> str:
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An installed flockstep that was moved after its installation."""
+    folder = tmp_path_factory.mktemp("library")
+    run("cmake", "--build", BUILD, "--target", "flockstep")
+    run("cmake", "--install", BUILD, "--component", "library", "--prefix", folder / "built")
+    return (folder / "built").rename(folder / "moved")
+
+
+@pytest.fixture(scope="module")
+def library(prefix: Path) -> Path:
+    (path,) = (prefix / "lib").rglob("libflockstep.so")
+    return path
+
+
+@pytest.fixture(scope="module", params=COMPILERS)
+def examples(prefix: Path, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C++ examples, copied out of the checkout and built against the moved prefix."""
+    folder = tmp_path_factory.mktemp("examples")
+    for name in ("CMakeLists.txt", "minimal.cpp", "fly_to_goal.cpp"):
+        shutil.copy(ROOT / "examples" / name, folder)
+    configure(folder, request.param, f"-DCMAKE_PREFIX_PATH={prefix}")
+    return folder / "build"
+
+
+def configure(folder: Path, compiler: str, *options: str) -> None:
+    """Build the project in a folder, in its folder build/, with warnings as errors."""
+    flags = "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Wpedantic -Werror -Wno-missing-field-initializers"
+    run("cmake", "-S", folder, "-B", folder / "build", "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={compiler}", flags, *options)
+    run("cmake", "--build", folder / "build")
+
+
+def test_the_minimal_example_is_short() -> None:
+    assert len((ROOT / "examples" / "minimal.cpp").read_text().splitlines()) <= 40
+
+
+def test_a_program_prints_the_ranges_that_python_gets(examples: Path) -> None:
+    printed = run(examples / "minimal")
+    rows = [[float(number) for number in line.split(":")[1].split()] for line in printed.splitlines()]
+    lidar = flockstep.LidarConfig(beams=8, hfov_deg=360, max_range_m=10)
+    office = flockstep.scenes.office(seed=7)
+    batch = flockstep.Batch(
+        num_envs=4, worlds=[office], lidar=lidar, task=flockstep.NavigationConfig(action="displacement")
+    )
+    batch.reset(seeds=np.arange(4, dtype=np.uint64))
+    batch.step(np.float32([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]))
+    expected = batch.lidar.ranges.reshape(4, 8)
+    assert np.isfinite(expected).any()
+    np.testing.assert_allclose(rows, expected, atol=0.0051)  # two decimals
+
+
+def check_task(library: Path) -> None:
+    envs = flockstep.DroneVectorEnv(2, worlds="playground/train-1", task=flockstep.NativeTask(library))
+    envs.reset(seed=0)
+    _, reward, *_ = envs.step(np.ones((2, 3), np.float32))
+    assert envs.batch.spec.reward_terms == ["closer", "arrived", "crashed"]
+    assert (reward != 0).all()
+
+
+def test_a_task_outside_the_tree_flies(examples: Path) -> None:
+    check_task(examples / "fly_to_goal.so")
+
+
+def test_a_task_is_built_with_the_python_package_only(tmp_path: Path) -> None:
+    folder = run(sys.executable, "-m", "flockstep", "--cmake-dir").strip()
+    assert flockstep.cmake_dir() == Path(folder)
+    for name in ("CMakeLists.txt", "fly_to_goal.cpp"):
+        shutil.copy(ROOT / "examples" / name, tmp_path)
+    configure(tmp_path, "g++", f"-Dflockstep_DIR={folder}")
+    check_task(tmp_path / "build" / "fly_to_goal.so")
+    assert not (tmp_path / "build" / "minimal").exists()
+
+
+def test_the_package_tells_where_the_scenes_are(prefix: Path, tmp_path: Path) -> None:
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.25)\nproject(reader LANGUAGES CXX)\nfind_package(flockstep 0.1 REQUIRED)\n"
+        'message(STATUS "scenes: ${flockstep_SCENES_DIR}")\n'
+    )
+    printed = run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
+    (scenes,) = re.findall(r"scenes: (.*)", printed)
+    assert Path(scenes).is_relative_to(prefix)
+    assert flockstep.World.load(next(Path(scenes).rglob("train-1.json"))).name
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_every_public_header_compiles_alone(compiler: str, tmp_path: Path) -> None:
+    eigen = run("pkg-config", "--cflags", "eigen3").split()
+
+    def compile_alone(header: Path) -> str:
+        source = tmp_path / f"{header.stem}.cpp"
+        source.write_text(f'#include "flockstep/{header.name}"\n#include "flockstep/{header.name}"\n')
+        run(compiler, "-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-I{flockstep.include_dir()}", *eigen, source)
+        return header.name
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        assert sorted(pool.map(compile_alone, HEADERS)) == [header.name for header in HEADERS]
+
+
+def exported(library: Path) -> list[str]:
+    """Return the symbols that an ELF library defines for others."""
+    return [line.split(" ", 2)[2] for line in run("nm", "-DC", "--defined-only", library).splitlines()]
+
+
+def defined(library: Path) -> set[str]:
+    """Return the functions with external linkage that a static library defines."""
+    lines = run("nm", "-C", "--defined-only", library).splitlines()
+    return {line.split(" ", 2)[2] for line in lines if re.match(r"[0-9a-f]+ T ", line)}
+
+
+@linux_only
+def test_the_library_exports_what_the_headers_declare_and_nothing_else(library: Path) -> None:
+    names = exported(library)
+    own = re.compile(r"(?:(?:typeinfo|typeinfo name|vtable) for |guard variable for )?flockstep::(?!\w+::HWY|N_)")
+    assert [name for name in names if not own.match(name)] == []
+    text = "\n".join(header.read_text() for header in HEADERS)
+    classes = set(re.findall(r"^(?:class|struct)(?: FLOCKSTEP_API)? (\w+)", text, re.MULTILINE))
+    functions = set(re.findall(r"^FLOCKSTEP_API (?:[\w:<>,*& ]+?[ >*&])(\w+)\(", text, re.MULTILINE))
+    assert {"plan", "raycast", "office", "make_batch"} <= functions
+    public = re.compile(rf"flockstep::(?:(?:{'|'.join(classes)})::~?\w+|(?:{'|'.join(functions)}))(?:\[abi:cxx11\])?\(")
+    declared = {name for name in defined(BUILD / "libflockstep_engine.a") if public.match(name)}
+    assert len(declared) > 150
+    assert declared - set(names) == set()
+
+
+@linux_only
+def test_the_python_module_exports_its_entry_only() -> None:
+    assert exported(Path(flockstep._core.__file__)) == ["PyInit__core"]
+
+
+@linux_only
+@pytest.mark.parametrize("order", ["torch, library, flockstep", "library, flockstep, torch"])
+def test_shares_a_process_with_torch(library: Path, order: str) -> None:
+    """Torch brings symbols of its own copies of libraries, Eigen among them; here all of them are visible to each other."""
+    load = {
+        "torch": "import torch",
+        "library": f"ctypes.CDLL({str(library)!r}, mode=ctypes.RTLD_GLOBAL)",
+        "flockstep": "import flockstep",
+    }
+    steps = [
+        "import ctypes, os, sys",
+        "sys.setdlopenflags(os.RTLD_NOW | os.RTLD_GLOBAL)",
+        *(load[word] for word in order.split(", ")),
+        "a = torch.arange(16.0).reshape(4, 4) + torch.eye(4)",
+        "assert torch.allclose(a @ torch.linalg.inv(a), torch.eye(4), atol=1e-3)",
+        "batch = flockstep.Batch(num_envs=2, worlds='train', lidar=flockstep.LidarConfig())",
+        "batch.sense()",
+        "print(batch.lidar.ranges.tobytes().hex())",
+    ]
+    together = run(sys.executable, "-c", "\n".join(steps))
+    apart = run(sys.executable, "-c", "\n".join(["import flockstep", *steps[-3:]]))
+    assert together == apart
