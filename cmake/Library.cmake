@@ -2,6 +2,13 @@
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
+# export_only(TARGET MAP): hides all symbols that a map does not name, where the linker takes maps.
+function(export_only target map)
+  set(file ${CMAKE_CURRENT_SOURCE_DIR}/${map})
+  target_link_options(${target} PRIVATE $<$<PLATFORM_ID:Linux>:LINKER:--version-script=${file}>)
+  set_property(TARGET ${target} APPEND PROPERTY LINK_DEPENDS ${file})
+endfunction()
+
 # The objects of the static library, which the Python module and the tests link since they also use what is not exported.
 add_library(flockstep SHARED $<TARGET_OBJECTS:flockstep_engine> $<TARGET_OBJECTS:flockstep_world>
                              $<TARGET_OBJECTS:flockstep_generators>)
@@ -14,6 +21,7 @@ target_compile_definitions(flockstep INTERFACE $<$<PLATFORM_ID:Windows>:FLOCKSTE
 target_include_directories(flockstep PUBLIC $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/engine/include>
                                             $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
 target_link_libraries(flockstep PUBLIC Eigen3::Eigen PRIVATE flockstep_options flockstep_dependencies)
+export_only(flockstep cmake/library.map)
 
 # install_package(COMPONENT DESTINATION INCLUDE SCENES): the files that find_package reads, into the folder DESTINATION, for headers
 # and scenes in the other two folders.
