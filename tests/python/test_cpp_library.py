@@ -17,6 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "release"
 HEADERS = sorted((ROOT / "engine" / "include" / "flockstep").glob("*.hpp"))
 COMPILERS = ("g++", "clang++")
+#: GCC before 14 warns of fields with defaults that designated initializers leave out.
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-missing-field-initializers")
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF files")
 
 
@@ -53,8 +55,19 @@ def examples(prefix: Path, request: pytest.FixtureRequest, tmp_path_factory: pyt
 
 def configure(folder: Path, compiler: str, *options: str) -> None:
     """Build the project in a folder, in its folder build/, with warnings as errors."""
-    flags = "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Wpedantic -Werror -Wno-missing-field-initializers"
-    run("cmake", "-S", folder, "-B", folder / "build", "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={compiler}", flags, *options)
+    flags = f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS)}"
+    run(
+        "cmake",
+        "-S",
+        folder,
+        "-B",
+        folder / "build",
+        "-G",
+        "Ninja",
+        f"-DCMAKE_CXX_COMPILER={compiler}",
+        flags,
+        *options,
+    )
     run("cmake", "--build", folder / "build")
 
 
@@ -66,13 +79,11 @@ def test_a_program_prints_the_ranges_that_python_gets(examples: Path) -> None:
     printed = run(examples / "minimal")
     rows = [[float(number) for number in line.split(":")[1].split()] for line in printed.splitlines()]
     lidar = flockstep.LidarConfig(beams=8, hfov_deg=360, max_range_m=10)
-    office = flockstep.scenes.office(seed=7)
-    batch = flockstep.Batch(
-        num_envs=4, worlds=[office], lidar=lidar, task=flockstep.NavigationConfig(action="displacement")
-    )
-    batch.reset(seeds=np.arange(4, dtype=np.uint64))
+    office = flockstep.World.office(7)
+    batch = flockstep.Batch(office, 4, lidar=lidar, task=flockstep.NavigationConfig(action="displacement"))
+    batch.reset(np.arange(4, dtype=np.uint64))
     batch.step(np.float32([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]))
-    expected = batch.lidar.ranges.reshape(4, 8)
+    expected = batch.lidar().ranges.reshape(4, 8)
     assert np.isfinite(expected).any()
     np.testing.assert_allclose(rows, expected, atol=0.0051)  # two decimals
 
@@ -110,14 +121,13 @@ def test_the_package_tells_where_the_scenes_are(prefix: Path, tmp_path: Path) ->
     assert flockstep.World.load(next(Path(scenes).rglob("train-1.json"))).name
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
-def test_every_public_header_compiles_alone(compiler: str, tmp_path: Path) -> None:
+def test_every_public_header_compiles_alone(tmp_path: Path) -> None:
     eigen = run("pkg-config", "--cflags", "eigen3").split()
 
     def compile_alone(header: Path) -> str:
         source = tmp_path / f"{header.stem}.cpp"
         source.write_text(f'#include "flockstep/{header.name}"\n#include "flockstep/{header.name}"\n')
-        run(compiler, "-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-I{flockstep.include_dir()}", *eigen, source)
+        run("g++", "-std=c++20", "-fsyntax-only", *WARNINGS, f"-I{flockstep.include_dir()}", *eigen, source)
         return header.name
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -141,7 +151,7 @@ def test_the_library_exports_what_the_headers_declare_and_nothing_else(library: 
     own = re.compile(r"(?:(?:typeinfo|typeinfo name|vtable) for )?flockstep::")
     assert [name for name in names if not own.match(name)] == []
     text = "\n".join(header.read_text() for header in HEADERS)
-    classes = set(re.findall(r"^(?:class|struct)(?: FLOCKSTEP_API)? (\w+)", text, re.MULTILINE))
+    classes = set(re.findall(r"^(?:class|struct)(?: FLOCKSTEP_API)? (\w+) [^;\n]*\{", text, re.MULTILINE))
     functions = set(re.findall(r"^FLOCKSTEP_API (?:[\w:<>,*& ]+?[ >*&])(\w+)\(", text, re.MULTILINE))
     assert {"plan", "raycast", "office", "make_batch"} <= functions
     public = re.compile(rf"flockstep::(?:(?:{'|'.join(classes)})::~?\w+|(?:{'|'.join(functions)}))(?:\[abi:cxx11\])?\(")
@@ -170,9 +180,9 @@ def test_shares_a_process_with_torch(library: Path, order: str) -> None:
         *(load[word] for word in order.split(", ")),
         "a = torch.arange(16.0).reshape(4, 4) + torch.eye(4)",
         "assert torch.allclose(a @ torch.linalg.inv(a), torch.eye(4), atol=1e-3)",
-        "batch = flockstep.Batch(num_envs=2, worlds='train', lidar=flockstep.LidarConfig())",
+        "batch = flockstep.Batch(flockstep.scenes.load('train'), 2, lidar=flockstep.LidarConfig())",
         "batch.sense()",
-        "print(batch.lidar.ranges.tobytes().hex())",
+        "print(batch.lidar().ranges.tobytes().hex())",
     ]
     together = run(sys.executable, "-c", "\n".join(steps))
     apart = run(sys.executable, "-c", "\n".join(["import flockstep", *steps[-3:]]))
