@@ -1,4 +1,4 @@
-"""flockstep from C++: the installed library and its CMake package, as a program or a task outside the checkout uses them."""
+"""The installed C++ library and its CMake package, used by a program and a task outside the checkout."""
 
 import os
 import re
@@ -168,7 +168,7 @@ def test_the_python_module_exports_its_entry_only() -> None:
 @linux_only
 @pytest.mark.parametrize("order", ["torch, library, flockstep", "library, flockstep, torch"])
 def test_shares_a_process_with_torch(library: Path, order: str) -> None:
-    """Torch brings symbols of its own copies of libraries, Eigen among them; here all of them are visible to each other."""
+    """Torch has its own copies of libraries, Eigen among them. Here all symbols are visible to each other."""
     load = {
         "torch": "import torch",
         "library": f"ctypes.CDLL({str(library)!r}, mode=ctypes.RTLD_GLOBAL)",
