@@ -15,7 +15,7 @@
 #include "bench.hpp"
 #include "collision/sweep.hpp"
 #include "flockstep/batch.hpp"
-#include "flockstep/navigation.hpp"
+#include "flockstep/tasks.hpp"
 #include "prepared/prepared_world.hpp"
 
 namespace {
@@ -83,13 +83,13 @@ void profile(bench::Figures& figures) {
     worlds.push_back(World::load(FLOCKSTEP_SCENES "/playground/train-" + std::to_string(i) + ".json"));
   }
   const BatchConfig config = lidar_config(kDrones);
-  Batch batch(config, worlds, make_navigation({}));
+  Batch batch(config, worlds, make_task(NavigationConfig{}));
   RandomPolicy policy(kDrones);
   batch.reset({});
   const FlushDenormals flush;
 
   // The same stages as in the batch, on a simulation that is brought to its state.
-  Simulation sim(config, worlds, make_navigation({}), DroneModel::quadrotor650(), {});
+  Simulation sim(config, worlds, make_task(NavigationConfig{}), DroneModel::quadrotor650(), {});
   Task& task = *sim.task_state->task;
   std::vector<EnvIndex> envs;  // world by world, as the batch has them
   for (const Block& block : sim.schedule.blocks()) envs.insert(envs.end(), block.envs.begin(), block.envs.end());
@@ -141,7 +141,7 @@ void profile(bench::Figures& figures) {
     return bench::median(times);
   };
   figures.add("step/stage/all", 1e9 * seconds_per_step(batch, policy, 40) / kDrones, "ns", kRuns);
-  Batch single(lidar_config(1), worlds, make_navigation({}));
+  Batch single(lidar_config(1), worlds, make_task(NavigationConfig{}));
   RandomPolicy single_policy(1);
   single.reset({});
   figures.add("step/n1/microseconds_cpp", 1e6 * seconds_per_step(single, single_policy, 2000), "us", kRuns);

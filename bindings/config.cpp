@@ -19,9 +19,7 @@
 #include "flockstep/color.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
-#include "flockstep/hover.hpp"
-#include "flockstep/navigation.hpp"
-#include "flockstep/track.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -211,6 +209,14 @@ py::class_<Config> register_fields(py::module_& module, const char* name, const 
   return cls;
 }
 
+// "HoverConfig" for the task "hover".
+template <class Config>
+std::string class_name_of() {
+  std::string name = Config::kName;
+  name[0] = static_cast<char>(name[0] - 'a' + 'A');
+  return name + "Config";
+}
+
 }  // namespace
 
 void add_batch_fields(const py::object& cls, const std::type_info& type, std::ptrdiff_t offset) {
@@ -237,15 +243,20 @@ void register_config(py::module_& module) {
   register_fields<WindConfig>(module, "WindConfig", "The wind that drones fly in by their rotors.");
   register_fields<DynamicsConfig>(module, "DynamicsConfig", "How drones move, and what they are told.");
   register_fields<NavigationReward>(module, "NavigationReward", "The terms of the navigation reward and their weights.");
-  register_fields<NavigationConfig>(module, "NavigationConfig", "Fly from the start over the waypoints to the goal.")
-      .def_static(
+  py::dict tasks;
+  for_each_task([&]<class Config>(std::type_identity<Config>) {
+    auto cls = register_fields<Config>(module, class_name_of<Config>().c_str(), Config::kAbout);
+    if constexpr (std::is_same_v<Config, NavigationConfig>) {
+      cls.def_static(
           "observing",
           [](const std::string& observation) {
             return NavigationConfig::observing(enum_of<ObservationKind>(observation, "observation"));
           },
           py::arg("observation"));
-  register_fields<HoverConfig>(module, "HoverConfig", "Catch a drone that is thrown, and hold a point.");
-  register_fields<TrackConfig>(module, "TrackConfig", "Follow a point that moves along a smooth path.");
+    }
+    tasks[Config::kName] = cls;
+  });
+  module.attr("engine_tasks") = tasks;
   py::dict others;  // which are no classes of Python
   const auto add = [&]<class Config>(const char* name, const Config& defaults) {
     others[name] = described(fields_of<Config, true>(), &defaults);

@@ -6,6 +6,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <type_traits>
@@ -16,6 +17,7 @@
 #include "convert.hpp"
 #include "flockstep/scenes.hpp"
 #include "released.hpp"
+#include "task.hpp"
 
 namespace flockstep::bindings {
 namespace {
@@ -23,13 +25,10 @@ namespace {
 // The task as an argument: a configuration, the id of a registered task, or None.
 TaskConfig task_of(const py::object& task) {
   if (task.is_none()) return {};
-  if (py::isinstance<NavigationConfig>(task)) return task.cast<NavigationConfig>();
-  if (py::isinstance<HoverConfig>(task)) return task.cast<HoverConfig>();
-  if (py::isinstance<TrackConfig>(task)) return task.cast<TrackConfig>();
+  if (std::optional<TaskConfig> config = engine_task(task)) return *std::move(config);
   if (py::isinstance<py::str>(task)) return RegisteredTask{task.cast<std::string>()};
-  throw py::type_error(
-      "task: expected a NavigationConfig, HoverConfig or TrackConfig, the id of a registered task or None, got " +
-      std::string(py::repr(task)));
+  throw py::type_error("task: expected " + names_of_task_configs() + ", the id of a registered task or None, got " +
+                       std::string(py::repr(task)));
 }
 
 py::object task_to_python(const Recipe& recipe) {

@@ -19,9 +19,8 @@
 #include "batch/bad_states.hpp"
 #include "batch/checks.hpp"
 #include "convert.hpp"
-#include "flockstep/hover.hpp"
-#include "flockstep/navigation.hpp"
-#include "flockstep/track.hpp"
+#include "flockstep/recipe.hpp"
+#include "flockstep/tasks.hpp"
 #include "planning/navigable.hpp"
 
 namespace flockstep {
@@ -287,11 +286,25 @@ py::dict defaults_of(const py::object& description) {
 
 }  // namespace
 
+std::optional<TaskConfig> engine_task(const py::object& description) {
+  std::optional<TaskConfig> task;
+  for_each_task([&]<class Config>(std::type_identity<Config>) {
+    if (py::isinstance<Config>(description)) task = description.cast<Config>();
+  });
+  return task;
+}
+
+std::string names_of_task_configs() {
+  std::string names;
+  for_each_task([&]<class Config>(std::type_identity<Config>) {
+    names += (names.empty() ? "one of " : ", ") + py::type::of<Config>().attr("__name__").template cast<std::string>();
+  });
+  return names;
+}
+
 std::unique_ptr<Task> make_task(const py::object& description) {
   if (description.is_none()) return nullptr;
-  if (py::isinstance<NavigationConfig>(description)) return make_navigation(description.cast<const NavigationConfig&>());
-  if (py::isinstance<HoverConfig>(description)) return make_hover(description.cast<const HoverConfig&>());
-  if (py::isinstance<TrackConfig>(description)) return make_track(description.cast<const TrackConfig&>());
+  if (const std::optional<TaskConfig> config = engine_task(description)) return make_task(*config);
   if (py::isinstance<NativeTask>(description)) {
     const auto& library = description.cast<const NativeTask&>();
     std::unique_ptr<Task> task(library.make());
@@ -302,7 +315,7 @@ std::unique_ptr<Task> make_task(const py::object& description) {
     const auto& maker = description.cast<const PythonTaskMaker&>();
     return std::make_unique<PythonTask>(maker.spec, maker.identity, maker.max_episode_steps, maker.calls);
   }
-  throw py::type_error("task: expected a NavigationConfig, HoverConfig or TrackConfig, a NativeTask or None, got " +
+  throw py::type_error("task: expected " + names_of_task_configs() + ", a NativeTask or None, got " +
                        std::string(py::repr(description)));
 }
 

@@ -6,7 +6,7 @@
 
 #include "flockstep/batch.hpp"
 #include "flockstep/generators.hpp"
-#include "flockstep/navigation.hpp"
+#include "flockstep/tasks.hpp"
 
 using namespace flockstep;
 
@@ -18,7 +18,7 @@ int main() {
   BatchConfig config;
   config.num_envs = 4;
   config.lidars = {{.beams = 8, .hfov_deg = 360, .max_range_m = 10}};
-  Batch batch(config, {world}, make_navigation({.action = ActionKind::displacement}));
+  Batch batch(config, {world}, make_task(NavigationConfig{.action = ActionKind::displacement}));
 
   // An episode of an env depends on its seed only.
   batch.reset(std::vector<std::uint64_t>{0, 1, 2, 3});

@@ -36,6 +36,7 @@ simd_target: str
 scene_sets: dict[str, tuple[str, ...]]
 """The names that stand for several scenes, and their scenes."""
 scene_suffixes: tuple[str, ...]
+engine_tasks: dict[str, type]
 """The suffixes of files that `World.load` reads, such as ``".json"``."""
 generated_scenes: tuple[str, ...]
 """The names of scenes that are generated instead of loaded."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium
 
-from flockstep._core import HoverConfig, NativeTask, NavigationConfig, TrackConfig, task_defaults
+from flockstep._core import NativeTask, NavigationConfig, engine_tasks, task_defaults
 from flockstep.serialization import to_plain
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv, _by_config
@@ -20,7 +20,7 @@ def register() -> None:
     """Register the environments with Gymnasium, once; done by ``import flockstep``."""
     if "flockstep/LidarNavigation-v0" in gymnasium.registry:
         return
-    flights: dict[str, HoverConfig | TrackConfig] = {"Hover": HoverConfig(), "Track": TrackConfig()}
+    flights = {name.capitalize(): config() for name, config in engine_tasks.items() if name != "navigation"}
     navigation = {"LidarNavigation": "goal", "CameraNavigation": "blob", "CameraPixels": "pixels"}
     for name, task in flights.items():
         _register(f"flockstep/{name}-v0", {"task": task}, _limit_of(task))

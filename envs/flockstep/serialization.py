@@ -20,15 +20,14 @@ from flockstep._core import (
     CameraConfig,
     ColorRange,
     DroneModel,
-    HoverConfig,
     ImuConfig,
     LidarConfig,
     NativeTask,
     NavigationReward,
     PoseSensorConfig,
-    TrackConfig,
     WindConfig,
     World,
+    engine_tasks,
 )
 from flockstep.drone_mesh import DroneMesh
 
@@ -36,13 +35,12 @@ _PREFIX = "flockstep."
 _CONFIGS = (
     CameraConfig,
     ColorRange,
-    HoverConfig,
     ImuConfig,
     LidarConfig,
     NavigationReward,
     PoseSensorConfig,
-    TrackConfig,
     WindConfig,
+    *engine_tasks.values(),
 )
 
 

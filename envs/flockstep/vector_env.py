@@ -35,6 +35,7 @@ from flockstep._core import (
     Recipe,
     TrackConfig,
     _unexpected_keyword,
+    engine_tasks,
     task_defaults,
 )
 from flockstep.drone_mesh import DroneMesh
@@ -134,7 +135,8 @@ _OF_EPISODES = ("episode_return", "episode_length", "success", "crashed", "bad_s
 
 #: Configurations whose fields are keywords of the env: with every task, and with the task they describe.
 _CONFIGS_OF_ALL: tuple[Any, ...] = (EpisodeConfig, ClockConfig, DynamicsConfig)
-_CONFIGS_OF_TASKS: dict[Any, str] = {NavigationConfig: "navigation", HoverConfig: "hover", TrackConfig: "track"}
+_CONFIGS_OF_TASKS: dict[Any, str] = {config: name for name, config in engine_tasks.items()}
+_TASK_CONFIGS: tuple[Any, ...] = tuple(config for config in engine_tasks.values() if config is not NavigationConfig)
 
 _MODES = {
     "next_step": AutoresetMode.NEXT_STEP,
@@ -429,7 +431,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         if not allow_files:
             recipe.check_access(scenes.directory())
         task = recipe.task
-        given: dict[str, Any] = {"task": task} if isinstance(task, (HoverConfig, TrackConfig)) else {}
+        given: dict[str, Any] = {"task": task} if isinstance(task, _TASK_CONFIGS) else {}
         if isinstance(task, NavigationConfig):
             given = {name: getattr(task, name) for name in NavigationConfig.__match_args__}
         elif isinstance(task, str):
@@ -776,7 +778,7 @@ def _recipe_for(
         raise TypeError("observation: of the navigation task, but another task is given")
     if task is None:
         recipe = Recipe(_changed(NavigationConfig.observing(observation), chosen.get(NavigationConfig)))
-    elif isinstance(task, (HoverConfig, TrackConfig)):
+    elif isinstance(task, _TASK_CONFIGS):
         kind: Any = type(task)
         task = kind(**{name: getattr(task, name) for name in kind.__match_args__} | chosen.get(kind, {}))
         recipe = Recipe(task)
@@ -796,7 +798,8 @@ def _recipe_for(
         recipe.worlds = [defaults["worlds"]]
         _set_given(recipe, **{name: defaults[name] for name in ("drone", "lidars", "cameras", "dynamics", "clock")})
     else:
-        raise TypeError(f"task: expected a flockstep.Task, NativeTask, HoverConfig or TrackConfig, got {task!r}")
+        names = ", ".join(config.__name__ for config in _TASK_CONFIGS)
+        raise TypeError(f"task: expected one of {names}, a NativeTask or a flockstep.Task, got {task!r}")
     recipe.episode = EpisodeConfig(**episode | chosen.get(EpisodeConfig, {}))
     recipe.clock = _changed(recipe.clock, chosen.get(ClockConfig))
     recipe.dynamics = _changed(recipe.dynamics, chosen.get(DynamicsConfig))

@@ -19,7 +19,7 @@
 #include "base/hash.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/batch.hpp"
-#include "flockstep/navigation.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep::testing {
 
@@ -62,7 +62,7 @@ inline BatchConfig lidar_batch(int num_envs, const LidarConfig& lidar = {}) {
 struct NavigationBatch : BatchConfig {
   NavigationConfig navigation;
 
-  Batch make(Batch::Worlds worlds) const { return Batch(*this, std::move(worlds), make_navigation(navigation)); }
+  Batch make(Batch::Worlds worlds) const { return Batch(*this, std::move(worlds), make_task(navigation)); }
 };
 
 inline NavigationBatch navigation_batch(int num_envs, const LidarConfig& lidar = {}) {

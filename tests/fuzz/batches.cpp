@@ -10,7 +10,7 @@
 
 #include "base/hash.hpp"
 #include "flockstep/batch.hpp"
-#include "flockstep/navigation.hpp"
+#include "flockstep/tasks.hpp"
 #include "fuzz/targets.hpp"
 
 namespace flockstep::fuzz {
@@ -74,7 +74,7 @@ std::unique_ptr<Batch> make(bool with_camera) {
   config.episode.max_episode_steps = 20;
   if (with_camera) config.cameras = {CameraConfig{.width_px = 8, .height_px = 6, .outputs = {.depth = true}}};
   static const DroneModel drone = DroneModel::quadrotor650();  // checked once
-  return std::make_unique<Batch>(config, worlds(), make_navigation({.action = ActionKind::displacement_yaw}), drone);
+  return std::make_unique<Batch>(config, worlds(), make_task(NavigationConfig{.action = ActionKind::displacement_yaw}), drone);
 }
 
 // What has to be true of a batch whatever has been done to it.

@@ -11,25 +11,15 @@
 #include "flockstep/config.hpp"
 #include "flockstep/drone_model.hpp"
 #include "flockstep/export.hpp"
-#include "flockstep/hover.hpp"
-#include "flockstep/navigation.hpp"
-#include "flockstep/track.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep {
-
-// A task that another program registered under this id, such as one in Python. The engine cannot make it.
-struct RegisteredTask {
-  std::string id;
-};
-
-// The task of a recipe; std::monostate: none. Their names in JSON are "navigation", "hover" and "track", or the id.
-using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RegisteredTask>;
 
 // The drone of a recipe: the name of a shipped frame or the path of a JSON file (empty: "t650"), or the model itself.
 using DroneChoice = std::variant<std::string, DroneModel>;
 
 struct Recipe {
-  TaskConfig task;
+  TaskConfig task;                  // std::monostate: none
   std::vector<std::string> worlds;  // names of sets or scenes, or paths of scene files; see flockstep/scenes.hpp
   DroneChoice drone;
   BatchConfig batch;

@@ -23,9 +23,7 @@
 #include "base/require.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
-#include "flockstep/hover.hpp"
-#include "flockstep/navigation.hpp"
-#include "flockstep/track.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep {
 namespace {
@@ -33,6 +31,7 @@ namespace {
 using Json = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
+std::string quoted(const std::string& text) { return '"' + excerpt(text) + '"'; }
 std::string member(const std::string& path, const std::string& key) { return path.empty() ? key : path + '.' + key; }
 std::string element(const std::string& path, std::size_t index) { return path + '[' + std::to_string(index) + ']'; }
 
@@ -309,6 +308,60 @@ OrderedJson json_of(const Config& config) {
 template <HasFields Config>
 void read_config(const Json& json, const std::string& path, Config& config) {
   read_value(json, {}, path, config);
+}
+
+std::string names_of_tasks() {
+  std::string text;
+  for_each_task([&]<class Config>(std::type_identity<Config>) { text += (text.empty() ? "" : ", ") + quoted(Config::kName); });
+  return text;
+}
+
+OrderedJson json_of(const TaskConfig& task) {
+  return std::visit(
+      []<class Config>(const Config& config) -> OrderedJson {
+        if constexpr (std::is_same_v<Config, std::monostate>) {
+          return nullptr;
+        } else if constexpr (std::is_same_v<Config, RegisteredTask>) {
+          return {{"name", config.id}};
+        } else {
+          OrderedJson object{{"name", Config::kName}};
+          object.update(json_of(config));
+          return object;
+        }
+      },
+      task);
+}
+
+TaskConfig read_task(const Json& json) {
+  if (json.is_null()) return {};
+  if (!json.is_object() || !json.contains("name") || !json["name"].is_string()) {
+    refuse("task", "null or an object with a \"name\"", json::excerpt_of(json));
+  }
+  const auto& name = json["name"].get_ref<const std::string&>();
+  Json fields = json;
+  fields.erase("name");
+  TaskConfig task;
+  for_each_task([&]<class Config>(std::type_identity<Config>) {
+    if (name != Config::kName) return;
+    Config config;
+    if constexpr (std::is_same_v<Config, NavigationConfig>) {  // the defaults of its other fields follow what it observes
+      if (fields.contains("observation")) {
+        read_config(Json{{"observation", fields["observation"]}}, "task", config);
+        config = NavigationConfig::observing(config.observation);
+      }
+    }
+    read_config(fields, "task", config);
+    task = std::move(config);
+  });
+  if (!std::holds_alternative<std::monostate>(task)) return task;
+  // Ids have a namespace, as Gymnasium's do: "mine/ReachHeight-v0". Anything else is a misspelt name.
+  std::vector<std::string_view> names;
+  for_each_task([&]<class Config>(std::type_identity<Config>) { names.emplace_back(Config::kName); });
+  require(name.find('/') != std::string::npos, "task.name",
+          names_of_tasks() + " or the id of a registered task, such as \"mine/ReachHeight-v0\"",
+          quoted(name) + did_you_mean(name, names));
+  require(fields.empty(), "task", "no fields beside the name of a registered task", json::excerpt_of(fields));
+  return RegisteredTask{name};
 }
 
 #define FLOCKSTEP_CONFIG_JSON(Config)          \

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "flockstep/fields.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep {
 
@@ -21,5 +22,12 @@ nlohmann::ordered_json json_of(const Config& config);
 // compare fields with each other are left to validate(). `path` is the place of the configuration itself.
 template <HasFields Config>
 void read_config(const nlohmann::json& json, const std::string& path, Config& config);
+
+// A task is null, or an object with the "name" of the task or the id of a registered one, and the fields of its configuration.
+nlohmann::ordered_json json_of(const TaskConfig& task);
+TaskConfig read_task(const nlohmann::json& json);
+
+// The quoted names of the engine's tasks, for messages.
+std::string names_of_tasks();
 
 }  // namespace flockstep

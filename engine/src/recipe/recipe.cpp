@@ -22,26 +22,7 @@ namespace {
 using Json = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
-// The engine's tasks: a name for each alternative of TaskConfig that has one.
-template <class Config>
-constexpr const char* kTaskName = nullptr;
-template <>
-constexpr const char* kTaskName<NavigationConfig> = "navigation";
-template <>
-constexpr const char* kTaskName<HoverConfig> = "hover";
-template <>
-constexpr const char* kTaskName<TrackConfig> = "track";
-
 std::string quoted(const std::string& text) { return '"' + excerpt(text) + '"'; }
-
-std::unique_ptr<Task> made(const std::monostate&) { return nullptr; }
-std::unique_ptr<Task> made(const NavigationConfig& config) { return make_navigation(config); }
-std::unique_ptr<Task> made(const HoverConfig& config) { return make_hover(config); }
-std::unique_ptr<Task> made(const TrackConfig& config) { return make_track(config); }
-std::unique_ptr<Task> made(const RegisteredTask& task) {
-  refuse("task.name", "\"navigation\", \"hover\" or \"track\"",
-         quoted(task.id) + ": only the program that registered a task under this id can make it");
-}
 
 std::vector<std::string_view> names_of_members() {
   std::vector<std::string_view> names{"task", "worlds", "drone"};
@@ -54,41 +35,6 @@ Json without(const Json& object, std::initializer_list<const char*> names) {
   Json rest = object;
   for (const char* const name : names) rest.erase(name);
   return rest;
-}
-
-TaskConfig read_task(const Json& json) {
-  if (json.is_null()) return {};
-  if (!json.is_object() || !json.contains("name") || !json["name"].is_string()) {
-    refuse("task", "null or an object with a \"name\"", json::excerpt_of(json));
-  }
-  const auto& name = json["name"].get_ref<const std::string&>();
-  const Json fields = without(json, {"name"});
-  if (name == kTaskName<NavigationConfig>) {
-    NavigationConfig config;
-    if (fields.contains("observation")) {  // the defaults of the other fields follow it
-      read_config(Json{{"observation", fields["observation"]}}, "task", config);
-      config = NavigationConfig::observing(config.observation);
-    }
-    read_config(fields, "task", config);
-    return config;
-  }
-  if (name == kTaskName<HoverConfig>) {
-    HoverConfig config;
-    read_config(fields, "task", config);
-    return config;
-  }
-  if (name == kTaskName<TrackConfig>) {
-    TrackConfig config;
-    read_config(fields, "task", config);
-    return config;
-  }
-  // Ids have a namespace, as Gymnasium's do: "mine/ReachHeight-v0". Anything else is a misspelt name.
-  constexpr std::array<std::string_view, 3> kNames{kTaskName<NavigationConfig>, kTaskName<HoverConfig>, kTaskName<TrackConfig>};
-  require(name.find('/') != std::string::npos, "task.name",
-          "\"navigation\", \"hover\", \"track\" or the id of a registered task, such as \"mine/ReachHeight-v0\"",
-          quoted(name) + did_you_mean(name, kNames));
-  require(fields.empty(), "task", "no fields beside the name of a registered task", json::excerpt_of(fields));
-  return RegisteredTask{name};
 }
 
 std::vector<std::string> read_worlds(const Json& json) {
@@ -137,7 +83,18 @@ DroneModel load_drone(const DroneChoice& drone) {
 }
 
 std::unique_ptr<Task> make_task(const TaskConfig& task) {
-  return std::visit([](const auto& config) { return made(config); }, task);
+  return std::visit(
+      []<class Config>(const Config& config) -> std::unique_ptr<Task> {
+        if constexpr (kIsEngineTask<Config>) {
+          return make_task(config);
+        } else if constexpr (std::is_same_v<Config, RegisteredTask>) {
+          refuse("task.name", "one of " + names_of_tasks(),
+                 quoted(config.id) + ": only the program that registered a task under this id can make it");
+        } else {
+          return nullptr;
+        }
+      },
+      task);
 }
 
 Recipe Recipe::for_task(TaskConfig task) {
@@ -158,19 +115,7 @@ Recipe Recipe::for_task(TaskConfig task) {
 
 std::string Recipe::to_json() const {
   OrderedJson json;
-  json["task"] = std::visit(
-      []<class Config>(const Config& config) -> OrderedJson {
-        if constexpr (std::is_same_v<Config, std::monostate>) {
-          return nullptr;
-        } else if constexpr (std::is_same_v<Config, RegisteredTask>) {
-          return {{"name", config.id}};
-        } else {
-          OrderedJson object{{"name", kTaskName<Config>}};
-          object.update(json_of(config));
-          return object;
-        }
-      },
-      task);
+  json["task"] = json_of(task);
   json["worlds"] = worlds;
   const auto* const model = std::get_if<DroneModel>(&drone);
   json["drone"] = model != nullptr ? OrderedJson::parse(model->to_json()) : OrderedJson(std::get<std::string>(drone));

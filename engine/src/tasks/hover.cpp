@@ -1,5 +1,3 @@
-#include "flockstep/hover.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +10,7 @@
 #include "base/check_fields.hpp"
 #include "base/hash.hpp"
 #include "base/require.hpp"
+#include "flockstep/tasks.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/hover_kernels.hpp"
 #include "tasks/terms.hpp"
@@ -183,6 +182,6 @@ class Hover final : public FlightTask {
 
 void HoverConfig::validate() const { check_fields(*this, "task."); }
 
-std::unique_ptr<Task> make_hover(const HoverConfig& config) { return std::make_unique<task::Hover>(config); }
+std::unique_ptr<Task> make_task(const HoverConfig& config) { return std::make_unique<task::Hover>(config); }
 
 }  // namespace flockstep

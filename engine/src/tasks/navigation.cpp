@@ -1,6 +1,4 @@
 // The navigation tasks. They share all but what they observe beside the ranges; see ObservationKind.
-#include "flockstep/navigation.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include "base/hash.hpp"
 #include "base/random.hpp"
 #include "base/require.hpp"
+#include "flockstep/tasks.hpp"
 #include "planning/navigable.hpp"
 #include "tasks/color_blob.hpp"
 #include "tasks/terms.hpp"
@@ -343,6 +342,24 @@ class Navigation final : public Task {
 }  // namespace
 }  // namespace task
 
-std::unique_ptr<Task> make_navigation(const NavigationConfig& config) { return std::make_unique<task::Navigation>(config); }
+void NavigationReward::validate() const { check_fields(*this, "reward."); }
+
+void NavigationConfig::validate() const {
+  check_fields(*this, "task.");
+  require(color == ColorRange() || observation == ObservationKind::blob, "task.color",
+          "the default where the observation is not \"blob\"", "another");
+}
+
+NavigationConfig NavigationConfig::observing(ObservationKind observation) {
+  NavigationConfig config;
+  config.observation = observation;
+  if (observation != ObservationKind::goal) {
+    config.action = ActionKind::discrete_forward;
+    config.reward.overshoot_weight = 1.0F;
+  }
+  return config;
+}
+
+std::unique_ptr<Task> make_task(const NavigationConfig& config) { return std::make_unique<task::Navigation>(config); }
 
 }  // namespace flockstep

@@ -1,5 +1,3 @@
-#include "flockstep/track.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +10,7 @@
 #include "base/hash.hpp"
 #include "base/require.hpp"
 #include "dynamics/setpoint.hpp"
+#include "flockstep/tasks.hpp"
 #include "tasks/flight_task.hpp"
 #include "tasks/terms.hpp"
 
@@ -261,6 +260,6 @@ class Track final : public FlightTask {
 
 void TrackConfig::validate() const { check_fields(*this, "task."); }
 
-std::unique_ptr<Task> make_track(const TrackConfig& config) { return std::make_unique<task::Track>(config); }
+std::unique_ptr<Task> make_task(const TrackConfig& config) { return std::make_unique<task::Track>(config); }
 
 }  // namespace flockstep

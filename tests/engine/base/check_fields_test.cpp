@@ -15,9 +15,7 @@
 #include <vector>
 
 #include "flockstep/config.hpp"
-#include "flockstep/hover.hpp"
-#include "flockstep/navigation.hpp"
-#include "flockstep/track.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep {
 namespace {

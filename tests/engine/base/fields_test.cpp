@@ -16,7 +16,7 @@
 #include "base/hash.hpp"
 #include "flockstep/array_visitor.hpp"
 #include "flockstep/batch.hpp"
-#include "flockstep/navigation.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep {
 namespace {

@@ -97,7 +97,7 @@ TEST(Interrupt, EndsTheWorkOfABatch) {
     config.num_threads = threads;
     config.block_size = 1;
     config.episode.max_episode_steps = 100;
-    Batch batch(config, {closet()}, make_navigation({}));
+    Batch batch(config, {closet()}, make_task(NavigationConfig{}));
     batch.reset(std::vector<std::uint64_t>(64, 7));
     const std::string before = batch.snapshot();
     const std::vector<std::int64_t> actions(64, 1);

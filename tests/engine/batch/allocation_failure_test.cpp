@@ -100,11 +100,11 @@ TEST_F(AllocationFailure, OfATree) {
 }
 
 TEST_F(AllocationFailure, OfMakingABatch) {
-  EXPECT_GT(fail_each([] { Batch(small_batch(), {closet()}, make_navigation({})); }), 100U);
+  EXPECT_GT(fail_each([] { Batch(small_batch(), {closet()}, make_task(NavigationConfig{})); }), 100U);
 }
 
 TEST_F(AllocationFailure, OfSnapshotAndRestore) {
-  Batch batch(small_batch(), {closet()}, make_navigation({}));
+  Batch batch(small_batch(), {closet()}, make_task(NavigationConfig{}));
   batch.reset(std::vector<std::uint64_t>{1, 2, 3});
   const std::string first = batch.snapshot();
   batch.step(std::vector<std::int64_t>(3, 0));

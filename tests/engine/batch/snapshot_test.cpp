@@ -425,7 +425,7 @@ TEST_F(SnapshotRefusal, OneOfOtherWorldsOrAnotherDrone) {
   expect_refused(changed(R"("base_color")", R"("semantic": 9, "base_color")"));
   std::vector<Vec3> hull(batch_.drone().hull().begin(), batch_.drone().hull().end());
   hull[0] *= 0.99F;
-  expect_refused(Batch(config, worlds(), make_navigation(config.navigation), DroneModel(hull)).snapshot());
+  expect_refused(Batch(config, worlds(), make_task(config.navigation), DroneModel(hull)).snapshot());
   EXPECT_NO_THROW(batch_.restore(changed(R"("name")", R"("light": {"gamma": 2.2}, "name")")));  // as by default
 }
 

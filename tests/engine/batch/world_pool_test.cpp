@@ -44,7 +44,7 @@ struct Pool {
     BatchConfig config = testing::lidar_batch(num_envs);
     config.episode.autoreset_mode = mode;
     config.episode.max_episode_steps = 3;
-    return Batch(config, {.source = source, .size = size, .fresh = fresh}, make_navigation({}));
+    return Batch(config, {.source = source, .size = size, .fresh = fresh}, make_task(NavigationConfig{}));
   }
 };
 

@@ -21,7 +21,7 @@
 #include "collision/sweep.hpp"
 #include "dynamics/impact.hpp"
 #include "flight_inputs.hpp"
-#include "flockstep/hover.hpp"
+#include "flockstep/tasks.hpp"
 #include "on_target.hpp"
 #include "prepared/prepared_world.hpp"
 #include "random.hpp"
@@ -257,7 +257,7 @@ void expect_no_allocation(int drones_per_env) {
   config.episode.max_episode_steps = 150;
   HoverConfig hover;
   hover.start_offset_m = 0.5F;
-  Batch batch(config, Batch::Worlds{room}, make_hover(hover), DroneModel::load("crazyflie"));
+  Batch batch(config, Batch::Worlds{room}, make_task(hover), DroneModel::load("crazyflie"));
   batch.reset({});
   Random random(5);
   std::vector<std::vector<float>> actions(200);

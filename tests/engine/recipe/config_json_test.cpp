@@ -17,9 +17,7 @@
 #include "base/json_document.hpp"
 #include "flockstep/config.hpp"
 #include "flockstep/generators.hpp"
-#include "flockstep/hover.hpp"
-#include "flockstep/navigation.hpp"
-#include "flockstep/track.hpp"
+#include "flockstep/tasks.hpp"
 
 namespace flockstep {
 namespace {

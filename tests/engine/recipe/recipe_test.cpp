@@ -68,7 +68,7 @@ std::string flown(Batch& batch) {
 
 TEST(Recipe, HasTheDefaultsOfItsTask) {
   const Recipe hover = Recipe::from_json(R"({"task": {"name": "hover"}})");
-  const TaskDefaults defaults = make_hover({})->defaults();
+  const TaskDefaults defaults = make_task(NavigationConfig{})->defaults();
   EXPECT_EQ(hover.worlds, std::vector<std::string>{defaults.worlds});
   EXPECT_EQ(std::get<std::string>(hover.drone), defaults.drone);
   EXPECT_EQ(hover.batch.dynamics.motion, defaults.dynamics.motion);
@@ -106,7 +106,7 @@ TEST(Recipe, BuildsTheBatchThatItsFieldsBuildByHand) {
   config.pose_sensor.position_noise_std_m = 0.01F;
   config.episode = {.autoreset_mode = AutoresetMode::same_step, .max_episode_steps = 11};
   Batch by_hand(config, {testing::playground("validation-1"), testing::playground("validation-2")},
-                make_navigation({.step_m = 0.2F}));
+                make_task(NavigationConfig{.step_m = 0.2F}));
   const std::string bytes = flown(*from_recipe);
   EXPECT_TRUE(bytes == flown(by_hand));
   EXPECT_GT(bytes.size(), 1000U);
@@ -124,7 +124,7 @@ TEST(Recipe, BuildsFlightsTheSameFromItsJson) {
 
 TEST(Recipe, RefusesATaskOfAnotherProgramInPlainWords) {
   const Recipe recipe = Recipe::from_json(R"({"task": {"name": "mine/ReachHeight-v0"}, "worlds": ["train"]})");
-  expect_has(refusal_of(recipe), "task.name: expected \"navigation\", \"hover\" or \"track\", got \"mine/ReachHeight-v0\"");
+  expect_has(refusal_of(recipe), "task.name: expected one of \"navigation\", \"hover\", \"track\", got \"mine/ReachHeight-v0\"");
   expect_has(refusal_of(recipe), "only the program that registered a task under this id can make it");
 }
 

@@ -248,7 +248,7 @@ TEST(CameraNavigation, AnEnvOfManyIsTheEnvAlone) {
         config.block_size = 64;
         std::vector<std::unique_ptr<Batch>> alone;
         for (std::size_t i = 0; i < kDrones; ++i) {
-          alone.push_back(std::make_unique<Batch>(config, parlours(), make_navigation(config.navigation)));
+          alone.push_back(std::make_unique<Batch>(config, parlours(), make_task(config.navigation)));
           alone[i]->reset(std::span(seeds).subspan(i, 1));
         }
         Random random(2);

@@ -1,5 +1,3 @@
-#include "flockstep/navigation.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -18,6 +16,7 @@
 #include "collide.hpp"
 #include "flockstep/batch.hpp"
 #include "flockstep/generators.hpp"
+#include "flockstep/tasks.hpp"
 #include "random.hpp"
 
 namespace flockstep {
@@ -722,7 +721,7 @@ TEST(NavigationRandom, AnEnvOfManyIsTheEnvAlone) {
       std::vector<std::unique_ptr<Batch>> alone;
       for (std::size_t i = 0; i < kDrones; ++i) {
         const Batch::Worlds its = random_world ? worlds : Batch::Worlds{worlds[i % worlds.size()]};
-        alone.push_back(std::make_unique<Batch>(config, its, make_navigation(config.navigation)));
+        alone.push_back(std::make_unique<Batch>(config, its, make_task(config.navigation)));
         alone[i]->reset(std::span(seeds).subspan(i, 1));
       }
       Random random(2);

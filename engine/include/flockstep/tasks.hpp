@@ -1,0 +1,303 @@
+// The tasks of the engine: their configurations, and the one list of them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <type_traits>
+#include <variant>
+
+#include "flockstep/color.hpp"
+#include "flockstep/export.hpp"
+#include "flockstep/fields.hpp"
+#include "flockstep/task.hpp"
+
+namespace flockstep {
+
+// -- Navigation: fly from the start over the waypoints to the goal, by LiDAR and what `observation` adds to it
+
+// Meaning of actions.
+enum class ActionKind : std::uint8_t { discrete, displacement, displacement_yaw, discrete_forward };
+template <>
+struct EnumNames<ActionKind> {
+  static constexpr std::array kNames{"discrete", "displacement", "displacement_yaw", "discrete_forward"};
+};
+
+// Observations beside the ranges. The camera is the batch's first; it needs rgb, and a capture mode other than on_demand.
+enum class ObservationKind : std::uint8_t { goal, blob, pixels };
+template <>
+struct EnumNames<ObservationKind> {
+  static constexpr std::array kNames{"goal", "blob", "pixels"};
+};
+
+// The reward: the sum of these terms, each times its weight.
+// Source: the LiDAR and camera experiments of the thesis "Drone Simulation Using Unreal Engine", chapter 6.
+// l are the LiDAR ranges over max_range_m, |L| their number, M = min_clearance, R = goal_reward.
+struct NavigationReward {
+  float distance_weight = 1.0F;
+  float crash_weight = 1.0F;
+  float free_space_weight = 1.0F;
+  float step_weight = 1.0F;
+  float action_change_weight = 1.0F;
+  float overshoot_weight = 0.0F;
+  float goal_reward = 10000.0F;
+  float waypoint_share = 0.1F;
+  float goal_radius_m = 0.5F;
+  float min_clearance = 0.2F;
+  float step_scale = 3000.0F;
+  bool carry_over_distance = false;
+
+  static constexpr auto fields() {
+    using C = NavigationReward;
+    return field_list(
+        field(
+            "distance_weight", &C::distance_weight,
+            {.about = "Weight of R at the final goal; R * ``waypoint_share`` / number of waypoints at a waypoint; otherwise the "
+                      "centimetres gained towards the current goal."}),
+        field("crash_weight", &C::crash_weight,
+              {.about = "Weight of -R on a collision; otherwise min(l) - M if min(l) < M, else 0."}),
+        field("free_space_weight", &C::free_space_weight,
+              {.about = "Weight of sum(l / M - 1) / (|L| / M - |L|), which is 1 in the open."}),
+        field("step_weight", &C::step_weight,
+              {.about = "Weight of -(step number) / ``step_scale``; the first step has number 0."}),
+        field("action_change_weight", &C::action_change_weight,
+              {.about = "Weight of -1 if the action differs from the last one; the first action counts as a change."}),
+        field("overshoot_weight", &C::overshoot_weight,
+              {.about =
+                   "Weight of -R / 10 when x exceeds the current goal's x + ``goal_radius_m``; if it is not 0, the episode ends "
+                   "there."}),
+        field("goal_reward", &C::goal_reward, {.about = "R."}),
+        field("waypoint_share", &C::waypoint_share, {.about = "Share of R that is split among the waypoints."}),
+        field("goal_radius_m", &C::goal_radius_m,
+              {.about = "Distance within which the goal and the waypoints count as reached.", .unit = "m", .limits = above(0)}),
+        field("min_clearance", &C::min_clearance,
+              {.about = "M, in units of the LiDAR's maximum range.", .limits = between_excluding(0, 1)}),
+        field("step_scale", &C::step_scale, {.about = "Steps in which the step term reaches -1.", .limits = above(0)}),
+        field("carry_over_distance", &C::carry_over_distance,
+              {.about = "Keep the last distance when the current goal changes, as the thesis's program did."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+struct NavigationConfig {
+  static constexpr const char* kName = "navigation";
+  static constexpr const char* kAbout = "Fly from the start over the waypoints to the goal.";
+
+  ActionKind action = ActionKind::discrete;
+  ObservationKind observation = ObservationKind::goal;
+  float step_m = 0.1F;
+  float yaw_step_deg = 10.0F;
+  NavigationReward reward;
+  bool random_start = false;
+  ColorRange color;
+
+  static constexpr auto fields() {
+    using C = NavigationConfig;
+    return field_list(
+        field("action", &C::action,
+              {.about =
+                   "``\"discrete\"``: 0 to 5 for +x, -x, +y, -y, +z, -z by ``step_m`` in the body frame. ``\"displacement\"``: "
+                   "(3,), clipped to [-1, 1], times ``step_m``, body frame. ``\"displacement_yaw\"``: (4,), the same and a turn "
+                   "of up to ``yaw_step_deg``, counter-clockwise positive. ``\"discrete_forward\"``: 0 to 2 for +x, +y, -y by "
+                   "``step_m``."}),
+        field("observation", &C::observation,
+              {.about =
+                   "What stands before the LiDAR ranges over the maximum range, 1 on a miss. ``\"goal\"``: the unit direction "
+                   "(3,) to the current goal in the body frame, as the pose sensor has it. ``\"blob\"``: ``offset`` and ``area`` "
+                   "of the `color_blob` of ``color`` in the first camera's image. ``\"pixels\"``: nothing; the image of the "
+                   "first camera, whose layout is ``\"chw\"``, is a separate field."}),
+        field("step_m", &C::step_m, {.about = "Distance of a full action.", .unit = "m", .limits = above(0)}),
+        field("yaw_step_deg", &C::yaw_step_deg,
+              {.about = "Angle of a full turn action.", .unit = "deg", .limits = above_up_to(0, 180)}),
+        field("reward", &C::reward, {.about = "The terms of the reward."}),
+        field("random_start", &C::random_start,
+              {.about = "Start anywhere in the world's spawn box instead of at its start marker."}),
+        field("color", &C::color,
+              {.about = "Colour that ``observation=\"blob\"`` looks for; by default the green of the goal. Refused with another "
+                        "observation."}));
+  }
+
+  // The task of the thesis that observes this: camera tasks fly ahead and to the sides alone, and end where they overshoot.
+  FLOCKSTEP_API static NavigationConfig observing(ObservationKind observation);
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// Throws std::invalid_argument on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
+
+// -- Hover: a drone is thrown, and has to catch itself and hold a point
+
+// The point to hold is the world's goal marker, or the centre of its bounds where it has none. Episodes begin near it, turned
+// and moving anyhow. Actions are four numbers in [-1, 1], which the dynamics' `control` gives a meaning: 0 hovers, or does
+// nothing, and 1 is the most it can tell; see FlightAction.
+//
+// Observed, float32 (16,), in the body frame, so that the heading does not matter: the way to the point, m (3); velocity, m/s
+// (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 in hovering, 1 fastest (4).
+//
+// d is the distance to the point, m. An episode ends as a crash on a contact, or where d > max_distance_m; it is a success if it
+// ends with d <= hold_m in each step of the last hold_s.
+struct HoverConfig {
+  static constexpr const char* kName = "hover";
+  static constexpr const char* kAbout = "Catch a drone that is thrown, and hold a point.";
+
+  float start_offset_m = 0.5F;
+  float start_tilt_deg = 90.0F;
+  float start_speed_mps = 2.0F;
+  float start_rate_dps = 0.0F;
+  float max_distance_m = 6.0F;
+  float hold_m = 0.05F;
+  float hold_s = 1.0F;
+  float near_weight = 1.0F;
+  float hold_weight = 2.0F;
+  float speed_weight = 0.1F;
+  float spin_weight = 0.1F;
+  float change_weight = 0.0F;
+  float crash_weight = 10.0F;
+
+  static constexpr auto fields() {
+    using C = HoverConfig;
+    return field_list(
+        field("start_offset_m", &C::start_offset_m,
+              {.about =
+                   "Greatest offset of the start from the point along each axis. This and the next three are drawn uniformly up "
+                   "to the value.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("start_tilt_deg", &C::start_tilt_deg,
+              {.about = "Greatest tilt at the start.", .unit = "deg", .limits = between(0, 180)}),
+        field("start_speed_mps", &C::start_speed_mps,
+              {.about = "Greatest speed at the start, in any direction.", .unit = "m/s", .limits = between(0, 1000)}),
+        field(
+            "start_rate_dps", &C::start_rate_dps,
+            {.about = "Greatest rate at the start, about each axis of the body.", .unit = "deg/s", .limits = between(0, 100000)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from the point beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+        field("hold_m", &C::hold_m, {.about = "Distance within which the point is held.", .unit = "m", .limits = above(0)}),
+        field("hold_s", &C::hold_s,
+              {.about = "Time at the end of an episode for which the point has to be held.",
+               .unit = "s",
+               .limits = above_up_to(0, 1000000)}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
+        field("hold_weight", &C::hold_weight, {.about = "Weight of 1 / (1 + (d / 2 hold_m)^2)."}),
+        field("speed_weight", &C::speed_weight, {.about = "Weight of minus the speed, m/s."}),
+        field("spin_weight", &C::spin_weight, {.about = "Weight of minus the length of the angular velocity, 10 rad/s."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
+        field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// By default in "arena/hall", a crazyflie by rotor thrusts at 50 Hz, for 6 s. Throws std::invalid_argument on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const HoverConfig& config);
+
+// -- Track: a drone follows a point that moves along a smooth path
+
+enum class TrackPath : std::uint8_t { figure8, random };
+template <>
+struct EnumNames<TrackPath> {
+  static constexpr std::array kNames{"figure8", "random"};
+};
+
+enum class TrackYaw : std::uint8_t { fixed, along };
+template <>
+struct EnumNames<TrackYaw> {
+  static constexpr std::array kNames{"fixed", "along"};
+};
+
+// Paths lie about the world's goal marker, or about the centre of its bounds where it has none. Each episode begins somewhere on
+// its path, with the path's velocity and yaw. Actions are those of the hover task.
+//
+// Observed, float32 (15 + 3 points,), in the body frame: the way to the points where the path is now, ahead_s later, and so on,
+// m (3 points); velocity, m/s (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds as in the hover task (4);
+// sine and cosine of the yaw that is missing (2).
+//
+// d is the distance to where the path is now, m. An episode ends as a crash on a contact, or where d > max_distance_m; it is a
+// success if it ends with a root mean square of d, over all its steps, of at most close_m.
+struct TrackConfig {
+  static constexpr const char* kName = "track";
+  static constexpr const char* kAbout = "Follow a point that moves along a smooth path.";
+
+  TrackPath path = TrackPath::figure8;
+  TrackYaw yaw = TrackYaw::fixed;
+  float size_m = 1.0F;
+  float speed_mps = 1.5F;
+  float start_offset_m = 0.1F;
+  int points = 5;
+  float ahead_s = 0.1F;
+  float max_distance_m = 1.0F;
+  float close_m = 0.05F;
+  float near_weight = 1.0F;
+  float close_weight = 1.0F;
+  float yaw_weight = 0.2F;
+  float spin_weight = 0.02F;
+  float change_weight = 0.0F;
+  float crash_weight = 10.0F;
+
+  static constexpr auto fields() {
+    using C = TrackConfig;
+    return field_list(
+        field("path", &C::path,
+              {.about = "``\"figure8\"``: level, x = s cos(w t), y = s / 2 sin(2 w t) with s = ``size_m``. ``\"random\"``: three "
+                        "waves of random phases along each axis, up to ``size_m`` in all and half of that in height."}),
+        field("yaw", &C::yaw, {.about = "``\"fixed\"``: along the world's x axis. ``\"along\"``: the way the path goes."}),
+        field("size_m", &C::size_m, {.about = "Size of the path.", .unit = "m", .limits = above_up_to(0, 1000)}),
+        field("speed_mps", &C::speed_mps,
+              {.about = "Speed of the path: the mean of a lap of a figure-8, the root mean square of random paths.",
+               .unit = "m/s",
+               .limits = above_up_to(0, 1000)}),
+        field("start_offset_m", &C::start_offset_m,
+              {.about = "Episodes begin off the path, drawn uniformly up to this along each axis.",
+               .unit = "m",
+               .limits = between(0, 1000)}),
+        field("points", &C::points, {.about = "Number of points of the path that are observed.", .limits = between(1, 20)}),
+        field("ahead_s", &C::ahead_s, {.about = "Time from one observed point to the next.", .unit = "s", .limits = at_least(0)}),
+        field("max_distance_m", &C::max_distance_m,
+              {.about = "Distance from the path beyond which an episode ends as a crash.", .unit = "m", .limits = above(0)}),
+        field("close_m", &C::close_m,
+              {.about = "Greatest root mean square of d of an episode that is a success.", .unit = "m", .limits = above(0)}),
+        field("near_weight", &C::near_weight, {.about = "Weight of the reward term exp(-2 d)."}),
+        field("close_weight", &C::close_weight, {.about = "Weight of 1 / (1 + (d / close_m)^2)."}),
+        field("yaw_weight", &C::yaw_weight, {.about = "Weight of minus the yaw that is missing, rad."}),
+        field("spin_weight", &C::spin_weight, {.about = "Weight of minus the length of the angular velocity, 10 rad/s."}),
+        field("change_weight", &C::change_weight,
+              {.about = "Weight of minus the mean squared difference to the previous action, which is 0 before the first."}),
+        field("crash_weight", &C::crash_weight, {.about = "Weight of -1 on a crash."}));
+  }
+
+  FLOCKSTEP_API void validate() const;
+};
+
+// By default in "arena/hall", a crazyflie by body rates at 100 Hz, for 10 s. Throws std::invalid_argument on a bad config.
+FLOCKSTEP_API std::unique_ptr<Task> make_task(const TrackConfig& config);
+
+// -- The list
+
+// A task that another program registered under this id, such as one in Python. The engine cannot make it.
+struct RegisteredTask {
+  std::string id;
+};
+
+// Each task of the engine, besides none and RegisteredTask. Recipes and Python's classes, keywords and environments are made from
+// this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and make_task().
+using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RegisteredTask>;
+
+template <class Config>
+inline constexpr bool kIsEngineTask = !std::is_same_v<Config, std::monostate> && !std::is_same_v<Config, RegisteredTask>;
+
+// Calls visit(std::type_identity<Config>()) for each task of the engine, in the order of the list.
+template <class Visit>
+constexpr void for_each_task(const Visit& visit) {
+  const auto visit_one = [&]<class Config>(std::type_identity<Config> type) {
+    if constexpr (kIsEngineTask<Config>) visit(type);
+  };
+  [&]<class... Configs>(std::type_identity<std::variant<Configs...>>) {
+    (visit_one(std::type_identity<Configs>()), ...);
+  }(std::type_identity<TaskConfig>());
+}
+
+}  // namespace flockstep
