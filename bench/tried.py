@@ -131,18 +131,25 @@ def run_extensions() -> None:
         ["cmake", "-S", copy, "-B", build, "-G", "Ninja", *(f"-D{k}={v}" for k, v in options.items())], check=True
     )
     subprocess.run(["cmake", "--build", build, "--target", "flockstep_tests", "_core"], check=True)
-    subprocess.run([build / "flockstep_tests", "--gtest_filter=Altimeter.*:Charge.*:HeightGrid.*"], check=True)
+    subprocess.run([build / "flockstep_tests", "--gtest_filter=Altimeter.*:Charge.*:Climb.*:HeightGrid.*"], check=True)
     for module in build.glob("_core.*"):
         shutil.copy2(module, copy / "envs" / "flockstep")
     program = """
 import sys
 sys.meta_path = [finder for finder in sys.meta_path if "Redirecting" not in type(finder).__name__]  # of the checkout
+import gymnasium
 import flockstep
 recipe = flockstep.Recipe.from_json('{"worlds": ["playground/train-1"], "num_envs": 2, "altimeters": [{}]}')
 batch = flockstep.Batch.from_recipe(recipe)
 batch.sense()
 print(flockstep.__file__, batch.sensor("altimeter"), batch.charge)
 assert batch.sensor("altimeter")["height"].shape == batch.charge.shape == (2,)
+envs = flockstep.DroneVectorEnv.from_recipe('{"task": {"name": "climb", "height_m": 1}, "num_envs": 2, "worlds": ["playground/train-1"]}')
+envs.reset(seed=0)
+_, reward, *_ = envs.step([[1.0], [-1.0]])
+print(envs.recipe.task, reward)
+assert reward[0] > 0 > reward[1]
+assert gymnasium.make("flockstep/Climb-v0", step_m=0.2).unwrapped.action_space.shape == (1,)
 """
     subprocess.run([sys.executable, "-c", program], env=os.environ | {"PYTHONPATH": str(copy / "envs")}, check=True)
 
