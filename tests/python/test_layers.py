@@ -1,5 +1,7 @@
-"""Includes go downwards only: what each folder of the engine may know, held by a scan of its ``#include`` lines."""
+"""Includes go downwards only, and imports in no circle: what each folder may know, held by a scan of the sources."""
 
+import ast
+import graphlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -104,3 +106,39 @@ def test_public_headers_show_no_internals() -> None:
         if not include.startswith("flockstep/")
     ]
     assert not wrong
+
+
+def python_modules() -> dict[str, Path]:
+    """The Python modules of the package, of training/ and of tools/, by their names."""
+    modules = {}
+    for base, package in ((ROOT / "envs", "flockstep"), (ROOT, "training"), (ROOT, "tools")):
+        for file in (base / package).rglob("*.py"):
+            modules[".".join(file.relative_to(base).with_suffix("").parts).removesuffix(".__init__")] = file
+    return modules
+
+
+def imported(tree: ast.Module) -> Iterator[str]:
+    """The modules that are imported while a module is: not in functions, nor for type checkers."""
+    nodes: list[ast.AST] = [tree]
+    while nodes:
+        node = nodes.pop()
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            nodes += node.orelse
+        elif not isinstance(node, (ast.FunctionDef, ast.Lambda)):
+            nodes += ast.iter_child_nodes(node)
+
+
+def test_python_modules_import_each_other_in_no_circle() -> None:
+    modules = python_modules()
+    assert len(modules) > 50
+    graph = {}
+    for module, file in modules.items():
+        names = set(imported(ast.parse(file.read_text())))
+        # A name is a module, or something in one. The compiled module is none of these files.
+        known = {name if name in modules else name.rpartition(".")[0] for name in names if name != "flockstep._core"}
+        graph[module] = known & modules.keys() - {module}
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which has the circle
