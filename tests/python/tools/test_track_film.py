@@ -13,7 +13,7 @@ from training.flight import fly
 from training.tasks import UNSEEN_SEEDS
 
 SEED = UNSEEN_SEEDS.start + 5
-POLICY = Path(__file__).resolve().parents[2] / "policies" / "track.zip"
+POLICY = Path(__file__).resolve().parents[3] / "policies" / "track.zip"
 
 
 def nothing(observation, envs):

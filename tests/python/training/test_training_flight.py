@@ -14,7 +14,7 @@ pytest.importorskip("stable_baselines3")
 from training import benchmark_flight, flight, train_flight
 from training.tasks import CHOOSING_SEEDS, UNSEEN_SEEDS, first_env_seed
 
-POLICIES = Path(__file__).resolve().parents[2] / "policies"
+POLICIES = Path(__file__).resolve().parents[3] / "policies"
 ARGS = train_flight.Args  # which a test replaces
 
 
