@@ -39,6 +39,8 @@ std::string excerpt(std::string_view text, std::size_t max_bytes) {
   return shown;
 }
 
+std::string quoted_excerpt(std::string_view text) { return '"' + excerpt(text) + '"'; }
+
 std::string counted(std::size_t count, const char* singular, const char* plural) {
   return std::to_string(count) + ' ' + (count == 1 ? singular : plural);
 }

@@ -10,6 +10,9 @@ namespace flockstep {
 // control characters are shown as "?".
 std::string excerpt(std::string_view text, std::size_t max_bytes = 60);
 
+// The same in quotes.
+std::string quoted_excerpt(std::string_view text);
+
 // "1 texture", "2 textures".
 std::string counted(std::size_t count, const char* singular, const char* plural);
 

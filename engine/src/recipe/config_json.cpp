@@ -31,7 +31,6 @@ namespace {
 using Json = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
-std::string quoted(const std::string& text) { return '"' + excerpt(text) + '"'; }
 std::string member(const std::string& path, const std::string& key) { return path.empty() ? key : path + '.' + key; }
 std::string element(const std::string& path, std::size_t index) { return path + '[' + std::to_string(index) + ']'; }
 
@@ -312,7 +311,8 @@ void read_config(const Json& json, const std::string& path, Config& config) {
 
 std::string names_of_tasks() {
   std::string text;
-  for_each_task([&]<class Config>(std::type_identity<Config>) { text += (text.empty() ? "" : ", ") + quoted(Config::kName); });
+  for_each_task(
+      [&]<class Config>(std::type_identity<Config>) { text += (text.empty() ? "" : ", ") + quoted_excerpt(Config::kName); });
   return text;
 }
 
@@ -359,7 +359,7 @@ TaskConfig read_task(const Json& json) {
   for_each_task([&]<class Config>(std::type_identity<Config>) { names.emplace_back(Config::kName); });
   require(name.find('/') != std::string::npos, "task.name",
           names_of_tasks() + " or the id of a registered task, such as \"mine/ReachHeight-v0\"",
-          quoted(name) + did_you_mean(name, names));
+          quoted_excerpt(name) + did_you_mean(name, names));
   require(fields.empty(), "task", "no fields beside the name of a registered task", json::excerpt_of(fields));
   return RegisteredTask{name};
 }

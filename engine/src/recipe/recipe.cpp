@@ -22,8 +22,6 @@ namespace {
 using Json = nlohmann::json;
 using OrderedJson = nlohmann::ordered_json;
 
-std::string quoted(const std::string& text) { return '"' + excerpt(text) + '"'; }
-
 std::vector<std::string_view> names_of_members() {
   std::vector<std::string_view> names{"task", "worlds", "drone"};
   std::apply([&](const auto&... fields) { (names.emplace_back(fields.name), ...); }, BatchConfig::fields());
@@ -58,7 +56,7 @@ void check_path(const char* field, const std::string& path, const RecipeAccess& 
     const std::filesystem::path file = std::filesystem::weakly_canonical(path, failed);
     is_inside = !failed && std::ranges::mismatch(folder, file).in1 == folder.end();
   }
-  require(is_inside, field, "the name of a shipped scene or drone (paths of files are not allowed here)", quoted(path));
+  require(is_inside, field, "the name of a shipped scene or drone (paths of files are not allowed here)", quoted_excerpt(path));
 }
 
 Batch::Worlds load_worlds(const Recipe& recipe, const std::filesystem::path& folder) {
@@ -89,7 +87,7 @@ std::unique_ptr<Task> make_task(const TaskConfig& task) {
           return make_task(config);
         } else if constexpr (std::is_same_v<Config, RegisteredTask>) {
           refuse("task.name", "one of " + names_of_tasks(),
-                 quoted(config.id) + ": only the program that registered a task under this id can make it");
+                 quoted_excerpt(config.id) + ": only the program that registered a task under this id can make it");
         } else {
           return nullptr;
         }
@@ -132,7 +130,7 @@ Recipe Recipe::from_json(const std::string& text) {
     if (std::ranges::find(known, name) != known.end()) continue;
     std::string expected;
     for (const std::string_view one : known) expected += (expected.empty() ? "one of " : ", ") + std::string(one);
-    refuse("recipe", expected, quoted(name) + did_you_mean(name, known));
+    refuse("recipe", expected, quoted_excerpt(name) + did_you_mean(name, known));
   }
   Recipe recipe = for_task(json.contains("task") ? read_task(json["task"]) : TaskConfig());
   if (json.contains("worlds")) recipe.worlds = read_worlds(json["worlds"]);
