@@ -32,7 +32,7 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 
 _PREFIX = "flockstep."
-_CONFIGS = (
+_CONFIGS: tuple[Any, ...] = (
     CameraConfig,
     ColorRange,
     ImuConfig,
