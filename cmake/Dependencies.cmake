@@ -17,9 +17,7 @@ find_package(TBB QUIET)
 need(TBB_FOUND "oneTBB (threads)" libtbb-dev tbb-devel)
 find_package(nlohmann_json QUIET)
 need(nlohmann_json_FOUND "nlohmann_json (scene files)" nlohmann-json3-dev nlohmann_json)
-find_package(tinyobjloader QUIET)
-need(tinyobjloader_FOUND "tinyobjloader (meshes)" libtinyobjloader-dev tinyobjloader)
-target_link_libraries(flockstep_dependencies INTERFACE TBB::tbb nlohmann_json::nlohmann_json tinyobjloader::tinyobjloader)
+target_link_libraries(flockstep_dependencies INTERFACE TBB::tbb nlohmann_json::nlohmann_json)
 
 # Rays. Embree 4 where there is one, else 3.13; engine/src/trace/embree.hpp is the one place that knows the difference.
 find_package(embree 4 QUIET)

@@ -1,12 +1,9 @@
 #include "formats/mtl.hpp"
 
-#include <tiny_obj_loader.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <sstream>
 #include <string_view>
 #include <system_error>
 #include <utility>
@@ -22,19 +19,6 @@
 
 namespace flockstep {
 namespace {
-
-// What is read of a material file, by its keyword.
-enum class MtlLine : std::uint8_t { none, begin, color, number, texture };
-
-MtlLine mtl_line_of(std::string_view keyword) {
-  if (keyword == "newmtl") return MtlLine::begin;
-  if (keyword == "Kd" || keyword == "Ke") return MtlLine::color;
-  if (keyword == "d" || keyword == "Tr") return MtlLine::number;
-  for (const char* const known : {"map_Kd", "map_Ke", "map_d", "map_bump", "map_Bump", "bump", "norm", "disp", "map_disp"}) {
-    if (keyword == known) return MtlLine::texture;
-  }
-  return MtlLine::none;
-}
 
 // A name that scene files can hold, too, which are UTF-8.
 std::string shown_name(std::string_view name) { return excerpt(name, 200); }
@@ -59,144 +43,132 @@ struct ObjMaterials::Definition {
   std::string name;
   std::optional<std::array<float, 3>> color;
   std::array<float, 3> emission{};
-  std::string texture;  // the name of a file
-  bool is_clamped = false;
-  bool is_transparent = false, has_bumps = false, glows_otherwise = false, is_moved = false, is_spectral = false;
+  float opacity = 1.0F;
+  std::string texture, emission_texture;  // names of files
+  bool is_clamped = false;                // the texture
+  bool has_opacity = false, has_opacity_texture = false, has_bumps = false, is_moved = false, is_spectral = false;
 };
 
 struct ObjMaterials::Library {
   std::filesystem::path path;
   std::vector<Definition> definitions;
   std::map<std::string, std::size_t, std::less<>> by_name;  // the first of each
+
+  // `most` is how many definitions it may have.
+  void read(std::string_view text, std::size_t most);
 };
 
 namespace {
 
-// tinyobjloader reads a malformed number as 0. So it is given a text that has been checked and has nothing but what is read.
-class MtlChecker {
- public:
-  MtlChecker(const std::string& source, std::size_t most) : source_(source), most_(most) {}
-
-  struct Known {
-    std::string name;
-    bool has_color = false, is_spectral = false;
-  };
-
-  std::string check(std::string_view text, std::vector<Known>& materials) {
-    std::string kept;
-    for (std::size_t number = 1; !text.empty(); ++number) {
-      if (number % 1024 == 0) Interrupt::poll();
-      line_ = next_line(text);
-      number_ = number;
-      std::string_view rest = line_;
-      const std::string_view keyword = next_word(rest);
-      const MtlLine kind = mtl_line_of(keyword);
-      if (kind == MtlLine::begin) {
-        require(materials.size() < most_, place(), "at most " + std::to_string(kMaxMaterials) + " materials in all", "more");
-        materials.push_back({std::string(trimmed(rest))});
-        kept += "newmtl " + std::to_string(materials.size()) + '\n';
-      }
-      if (kind == MtlLine::none || kind == MtlLine::begin || materials.empty()) continue;
-      kept += keyword;
-      if (kind == MtlLine::color) {
-        keep_color(keyword, rest, kept, materials.back());
-      } else if (kind == MtlLine::number) {
-        keep_number(rest, kept);
-      } else {
-        kept += rest;
-      }
-      kept += '\n';
-    }
-    return kept;
-  }
-
- private:
-  std::string place() const { return source_ + ':' + std::to_string(number_); }
-
-  // One number stands for three.
-  void keep_color(std::string_view keyword, std::string_view rest, std::string& kept, Known& material) const {
-    const bool is_emission = keyword == "Ke";
-    const std::string_view first = next_word(rest);
-    if (first == "spectral" || first == "xyz") {
-      material.is_spectral = true;
-      kept += " 0 0 0";
-      return;
-    }
-    material.has_color |= !is_emission;
-    std::string_view words = rest.empty() ? first : rest;
-    for (int channel = 0; channel < 3; ++channel) {
-      const std::string_view word = channel == 0 || rest.empty() ? first : next_word(words);
-      double value = 0.0;
-      const SceneKey& key = is_emission ? keys::kEmissive : keys::kBaseColor;
-      if (!(parse_number(word, value) && key.limits.contain(value))) {
-        refuse(place(), "three " + text_of_values(key) + " after " + std::string(keyword), '"' + excerpt(line_) + '"');
-      }
-      kept += ' ';
-      kept += word;
-    }
-  }
-
-  void keep_number(std::string_view rest, std::string& kept) const {
-    std::string_view word = next_word(rest);
-    if (word == "-halo") word = next_word(rest);
+// One number stands for three. Nothing where they are not within the limits.
+std::optional<std::array<float, 3>> color_of(std::string_view words, const Limits& limits) {
+  std::array<float, 3> color{};
+  words = trimmed(words);
+  const bool is_one = words.find_first_of(" \t") == words.npos;
+  for (float& channel : color) {
+    std::string_view same = words;
     double value = 0.0;
-    if (!parse_number(word, value) || !std::isfinite(value)) {
-      refuse(place(), "a number after d or Tr", '"' + excerpt(line_) + '"');
-    }
-    kept += ' ';
-    kept += word;
+    if (!parse_number(next_word(is_one ? same : words), value) || !limits.contain(value)) return std::nullopt;
+    channel = static_cast<float>(value);
   }
+  return color;
+}
 
-  const std::string& source_;
-  std::size_t most_;
-  std::string_view line_;
-  std::size_t number_ = 0;
+struct TextureLine {
+  std::string_view file;
+  bool is_clamped = false, is_moved = false;
 };
 
-bool is_where_it_is(const tinyobj::texture_option_t& options) {
-  const auto are = [](const tinyobj::real_t* values, double value) {
-    return std::all_of(values, values + 2, [value](double v) { return v == value; });
-  };
-  return are(options.origin_offset, 0.0) && are(options.scale, 1.0);
+// The file comes behind the options, and has the rest of the line for its name.
+TextureLine texture_line(std::string_view rest) {
+  constexpr std::array<std::string_view, 8> kWithOneWord{"-blendu", "-blendv", "-boost",  "-bm",
+                                                         "-cc",     "-type",   "-texres", "-imfchan"};
+  TextureLine line;
+  for (;;) {
+    std::string_view behind = rest;
+    const std::string_view option = next_word(behind);
+    if (option == "-o" || option == "-s" || option == "-t") {  // one to three numbers
+      for (int axis = 0; axis < 3; ++axis) {
+        std::string_view next = behind;
+        double value = 0.0;
+        if (!parse_number(next_word(next), value)) break;
+        line.is_moved |= axis < 2 && option != "-t" && value != (option == "-s" ? 1.0 : 0.0);
+        behind = next;
+      }
+    } else if (option == "-clamp") {
+      line.is_clamped = next_word(behind) != "off";
+    } else if (option == "-mm") {
+      next_word(behind);
+      next_word(behind);
+    } else if (option == "-colorspace" || std::find(kWithOneWord.begin(), kWithOneWord.end(), option) != kWithOneWord.end()) {
+      next_word(behind);
+    } else {
+      line.file = trimmed(rest);
+      return line;
+    }
+    rest = behind;
+  }
 }
 
 }  // namespace
 
+void ObjMaterials::Library::read(std::string_view text, std::size_t most) {
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    if (number % 1024 == 0) Interrupt::poll();
+    const std::string_view line = next_line(text);
+    std::string_view rest = line;
+    const std::string_view keyword = next_word(rest);
+    const auto place = [&] { return path.string() + ':' + std::to_string(number); };
+    const auto refuse_line = [&](const std::string& expected) { refuse(place(), expected, '"' + excerpt(line) + '"'); };
+    if (keyword == "newmtl") {
+      require(definitions.size() < most, place(), "at most " + std::to_string(kMaxMaterials) + " materials in all", "more");
+      by_name.try_emplace(std::string(trimmed(rest)), definitions.size());
+      definitions.emplace_back().name = trimmed(rest);
+    }
+    if (definitions.empty()) continue;
+    Definition& material = definitions.back();
+    if (keyword == "Kd" || keyword == "Ke") {
+      std::string_view words = rest;
+      const std::string_view first = next_word(words);
+      if (first == "spectral" || first == "xyz") {
+        material.is_spectral = true;
+        continue;
+      }
+      const SceneKey& key = keyword == "Ke" ? keys::kEmissive : keys::kBaseColor;
+      const auto color = color_of(rest, key.limits);
+      if (!color) refuse_line("three " + text_of_values(key) + " after " + std::string(keyword));
+      (keyword == "Ke" ? material.emission : material.color.emplace()) = *color;
+    } else if (keyword == "d" || keyword == "Tr") {
+      std::string_view word = next_word(rest);
+      if (word == "-halo") word = next_word(rest);
+      double value = 0.0;
+      if (!parse_number(word, value) || !std::isfinite(value)) refuse_line("a number after d or Tr");
+      if (keyword == "d" || !material.has_opacity) material.opacity = static_cast<float>(keyword == "d" ? value : 1.0 - value);
+      material.has_opacity |= keyword == "d";
+    } else if (keyword == "map_Kd") {
+      const TextureLine texture = texture_line(rest);
+      if (texture.file.empty()) continue;
+      material.texture = texture.file;
+      material.is_clamped = texture.is_clamped;
+      material.is_moved = texture.is_moved;
+    } else if (keyword == "map_Ke") {
+      if (const TextureLine texture = texture_line(rest); !texture.file.empty()) material.emission_texture = texture.file;
+    } else if (keyword == "map_d") {
+      material.has_opacity_texture |= !texture_line(rest).file.empty();
+    } else if (keyword == "map_bump" || keyword == "map_Bump" || keyword == "bump" || keyword == "norm" || keyword == "disp" ||
+               keyword == "map_disp") {
+      material.has_bumps |= !texture_line(rest).file.empty();
+    }
+  }
+}
+
 const ObjMaterials::Library* ObjMaterials::library(const std::filesystem::path& path) {
   std::unique_ptr<const Library>& known = libraries_[path];
   if (known) return known.get();
-  const std::string source = path.string();
-  std::vector<MtlChecker::Known> materials;
-  std::istringstream text(MtlChecker(source, kMaxMaterials - num_definitions_).check(read(path, "a material file"), materials));
-  std::vector<tinyobj::material_t> read;
-  std::map<std::string, int> numbers;
-  std::string warning, error;
-  tinyobj::LoadMtl(&numbers, &read, &text, &warning, &error);
-
   auto library = std::make_unique<Library>();
   library->path = path;
-  for (std::size_t i = 0; i < materials.size(); ++i) {
-    const tinyobj::material_t& given = read[i];
-    Definition& ours = library->definitions.emplace_back();
-    ours.name = materials[i].name;
-    const auto color = [](const tinyobj::real_t* rgb) {
-      return std::array{static_cast<float>(rgb[0]), static_cast<float>(rgb[1]), static_cast<float>(rgb[2])};
-    };
-    if (materials[i].has_color) ours.color = color(given.diffuse);
-    ours.texture = given.diffuse_texname;
-    ours.is_clamped = given.diffuse_texopt.clamp;
-    ours.is_moved = !ours.texture.empty() && !is_where_it_is(given.diffuse_texopt);
-    // What emits is multiplied by the texture of the colour, or by none where there is none.
-    const bool is_same = given.emissive_texname == given.diffuse_texname;
-    const bool emits = color(given.emission) != std::array<float, 3>{} || !given.emissive_texname.empty();
-    if (is_same) ours.emission = color(given.emission);
-    ours.glows_otherwise = emits && !is_same;
-    ours.is_transparent = given.dissolve != 1.0 || !given.alpha_texname.empty();
-    ours.has_bumps = !given.bump_texname.empty() || !given.normal_texname.empty() || !given.displacement_texname.empty();
-    ours.is_spectral = materials[i].is_spectral;
-    library->by_name.try_emplace(ours.name, i);
-  }
-  num_definitions_ += materials.size();
+  library->read(read(path, "a material file"), kMaxMaterials - num_definitions_);
+  num_definitions_ += library->definitions.size();
   known = std::move(library);
   return known.get();
 }
@@ -295,9 +267,12 @@ std::uint16_t ObjMaterials::add(Material material, const std::string& source) {
 }
 
 std::uint16_t ObjMaterials::add(const Definition& definition, const std::filesystem::path& library, std::size_t& pixels_left) {
-  transparent_ += definition.is_transparent ? 1U : 0U;
+  // What emits is multiplied by the texture of the colour, or by none where there is none.
+  const bool is_same = definition.emission_texture == definition.texture;
+  const bool emits = definition.emission != std::array<float, 3>{} || !definition.emission_texture.empty();
+  transparent_ += definition.opacity != 1.0F || definition.has_opacity_texture ? 1U : 0U;
   bumps_ += definition.has_bumps ? 1U : 0U;
-  glowing_ += definition.glows_otherwise ? 1U : 0U;
+  glowing_ += emits && !is_same ? 1U : 0U;
   moved_ += definition.is_moved ? 1U : 0U;
   spectral_ += definition.is_spectral ? 1U : 0U;
   Material material{definition.name};
@@ -305,7 +280,7 @@ std::uint16_t ObjMaterials::add(const Definition& definition, const std::filesys
     material.texture = texture(definition.texture, definition.is_clamped, library, pixels_left);
   }
   material.base_color = definition.color.value_or(material.texture ? std::array{1.0F, 1.0F, 1.0F} : material.base_color);
-  material.emissive = definition.emission;
+  if (is_same) material.emissive = definition.emission;
   return add(std::move(material), library.string());
 }
 

@@ -1,19 +1,13 @@
 #include "formats/obj.hpp"
 
-#include <tiny_obj_loader.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <istream>
 #include <limits>
 #include <map>
-#include <optional>
-#include <stdexcept>
-#include <streambuf>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -24,6 +18,7 @@
 #include "base/require.hpp"
 #include "base/srgb.hpp"
 #include "base/text_file.hpp"
+#include "formats/polygon.hpp"
 #include "formats/solid_names.hpp"
 #include "formats/text_lines.hpp"
 #include "world/scene_description.hpp"
@@ -32,21 +27,16 @@ namespace flockstep {
 namespace {
 
 constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
-constexpr int kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
-constexpr long kWorkOfPart = 1'000'000;
 
-// The numbers of a vt line, of which the second may be missing.
-std::string checked_uv(std::string_view line) {
-  std::string kept;
-  for (int axis = 0; axis < 2; ++axis) {
+// Of a vt line: the second number may be missing, and counts upwards.
+std::array<float, 2> uv_of(std::string_view line) {
+  std::array<double, 2> uv{};
+  for (std::size_t axis = 0; axis < 2; ++axis) {
     const std::string_view word = next_word(line);
-    double value = 0.0;
-    if (!word.empty() && !(parse_number(word, value) && std::abs(value) <= kMaxCoordinate)) return "0 1";  // (0, 0), from above
-    if (axis == 0 && word.empty()) return "0 1";
-    kept += word.empty() ? "0" : word;
-    kept += ' ';
+    if (axis == 1 && word.empty()) break;
+    if (!(parse_number(word, uv[axis]) && std::abs(uv[axis]) <= kMaxCoordinate)) return {};
   }
-  return kept;
+  return {static_cast<float>(uv[0]), static_cast<float>(1.0 - static_cast<double>(static_cast<float>(uv[1])))};
 }
 
 bool has_objects(std::string_view text) {
@@ -58,271 +48,198 @@ bool has_objects(std::string_view text) {
   return false;
 }
 
-// tinyobjloader reads a malformed number as 0, lets indices run out of range, and believes any size that a line states. So it is
-// given a text that has been checked and has nothing but vertices, places in textures, faces, and numbers in place of the names
-// of their objects and materials; and now and then the same object once more, at which it cuts the faces so far into triangles,
-// so that it never does so for long.
-class ObjChecker {
+class ObjReader {
  public:
-  ObjChecker(std::string_view text, const std::string& source, ObjMesh& out)
-      : text_(text), source_(source), object_keyword_(has_objects(text) ? "o" : "g"), out_(out) {}
+  ObjReader(std::string_view text, const std::string& source)
+      : text_(text), source_(source), object_keyword_(has_objects(text) ? "o" : "g") {}
 
-  std::string check() {
-    long work = 0;  // for tinyobjloader, since the last part began
+  ObjMesh read(const WantsUv& wants_uv) {
     for (number_ = 1; !text_.empty(); ++number_) {
-      if (work > kWorkOfPart) {
-        if (shown_object_ != kNone) kept_ += "o " + std::to_string(shown_object_) + '\n';
-        Interrupt::poll();
-        work = 0;
-      }
-      ++work;
+      if (number_ % 1024 == 0) Interrupt::poll();
       line_ = next_line(text_);
       std::string_view rest = line_;
       const std::string_view keyword = next_word(rest);
       if (keyword == "v") {
-        check_vertex(rest);
-      } else if (keyword == "vt" && num_uv_ < kMaxIndex) {
-        ++num_uv_;
-        kept_ += "vt " + checked_uv(rest) + '\n';
+        read_vertex(rest);
+      } else if (keyword == "vt" && uv_.size() < kMaxIndex) {
+        uv_.push_back(uv_of(rest));
       } else if (keyword == "f") {
-        show_names();
-        const int corners = check_face(rest);
-        work += corners * corners;
+        read_face(rest);
       } else if (keyword == object_keyword_) {
-        object_ = trimmed(rest);
+        object_name_ = trimmed(rest);
+        has_new_name_ = true;
       } else if (keyword == "usemtl") {
-        material_ = trimmed(rest);
+        material_name_ = trimmed(rest);
+        has_new_name_ = true;
       } else if (keyword == "mtllib") {
         out_.names.libraries.emplace_back(trimmed(rest));
       } else if (keyword == "l" || keyword == "p") {
         ++num_lines_;
       }
     }
-    if (num_lines_ > 0) {
-      out_.ignored.push_back(counted(num_lines_, "line or point", "lines and points"));
-    }
-    return std::move(kept_);
+    if (num_lines_ > 0) out_.ignored.push_back(counted(num_lines_, "line or point", "lines and points"));
+    if (wants_uv(out_.names) && !uv_.empty()) give_uv();
+    require(!out_.mesh.triangles.empty(), source_, "at least one face", "none");
+    return std::move(out_);
   }
 
-  bool has_colors() const { return has_colors_; }
-
  private:
+  struct Corner {
+    std::int32_t vertex;
+    std::int32_t uv;  // kNoUv: none
+  };
+
   [[noreturn]] void refuse(const std::string& expected, std::string_view got) const {
     flockstep::refuse(source_ + ':' + std::to_string(number_), expected, '"' + excerpt(got) + '"');
   }
 
-  void check_vertex(std::string_view rest) {
-    require(num_vertices_ < kMaxIndex, source_, "at most 2147483647 vertices", "more");
-    ++num_vertices_;
-    kept_ += 'v';
-    for (int axis = 0; axis < 3; ++axis) {
-      const std::string_view word = next_word(rest);
+  void read_vertex(std::string_view rest) {
+    TriangleMesh& mesh = out_.mesh;
+    require(mesh.vertices.size() < kMaxIndex, source_, "at most 2147483647 vertices", "more");
+    Vec3& vertex = mesh.vertices.emplace_back();
+    for (float& coordinate : vertex) {
       double value = 0.0;
-      const bool is_good = parse_number(word, value) && std::abs(value) <= std::numeric_limits<float>::max();
+      const bool is_good = parse_number(next_word(rest), value) && std::abs(value) <= std::numeric_limits<float>::max();
       if (!is_good) refuse("three finite coordinates after v", line_);
-      kept_ += ' ';
-      kept_ += word;
+      coordinate = static_cast<float>(value);
     }
     // Three more numbers are a colour; one more is a weight.
-    const std::string_view color = rest;
-    int count = 0;
+    std::array<float, 3> color{};
+    std::size_t count = 0;
     bool is_color = true;
     for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest), ++count) {
       double value = 0.0;
       is_color = is_color && count < 3 && parse_number(word, value) && value >= 0.0 && value <= 1.0;
+      if (is_color) color[count] = linear_of_srgb(static_cast<float>(value));
     }
-    if (is_color && count == 3) {
-      kept_ += color;
-      has_colors_ = true;
-    }
-    kept_ += '\n';
+    is_color = is_color && count == 3;
+    if (!is_color && mesh.colors.empty()) return;
+    mesh.colors.resize(mesh.vertices.size(), {1.0F, 1.0F, 1.0F});
+    if (is_color) mesh.colors.back() = color;
   }
 
-  int check_face(std::string_view rest) {
-    int corners = 0;
-    kept_ += 'f';
-    for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest), ++corners) {
+  void read_face(std::string_view rest) {
+    if (has_new_name_) number_names();
+    const TriangleMesh& mesh = out_.mesh;
+    const auto num_vertices = static_cast<long>(mesh.vertices.size());
+    const auto num_uv = static_cast<long>(uv_.size());
+    corners_.clear();
+    for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest)) {
       const std::string_view vertex = word.substr(0, word.find('/'));
       long index = 0;  // from 1, or counted back from the last vertex so far when negative
       if (!parse_number(vertex, index)) refuse("vertex indices after f", line_);
-      if (index == 0 || index > num_vertices_ || index < -num_vertices_) {
-        refuse("a vertex index within the " + std::to_string(num_vertices_) + " vertices so far", word);
+      if (index == 0 || index > num_vertices || index < -num_vertices) {
+        refuse("a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
       }
-      if (corners == kMaxCorners) refuse("at most 1000 corners after f", line_);
-      kept_ += ' ';
-      kept_ += std::to_string(index > 0 ? index : num_vertices_ + 1 + index);
-      if (vertex.size() == word.size()) continue;
-      const std::string_view rest_of_word = word.substr(vertex.size() + 1);
+      if (corners_.size() == kMaxCorners) refuse("at most 1000 corners after f", line_);
       long uv = 0;
-      if (!parse_number(rest_of_word.substr(0, rest_of_word.find('/')), uv)) continue;
-      if (uv < 0) uv += num_uv_ + 1;
-      if (uv >= 1 && uv <= num_uv_) kept_ += '/' + std::to_string(uv);
+      if (vertex.size() < word.size()) {
+        const std::string_view rest_of_word = word.substr(vertex.size() + 1);
+        if (!parse_number(rest_of_word.substr(0, rest_of_word.find('/')), uv)) uv = 0;
+      }
+      if (uv < 0) uv += num_uv + 1;
+      corners_.push_back({static_cast<std::int32_t>(index > 0 ? index - 1 : num_vertices + index),
+                          uv >= 1 && uv <= num_uv ? static_cast<std::int32_t>(uv - 1) : kNoUv});
     }
-    if (corners < 3) refuse("at least three corners after f", line_);
-    kept_ += '\n';
-    return corners;
+    if (corners_.size() < 3) refuse("at least three corners after f", line_);
+    if (corners_.size() == 3) {
+      add({0, 1, 2});
+      return;
+    }
+    points_.clear();
+    for (const Corner& corner : corners_) points_.push_back(mesh.vertices[static_cast<std::size_t>(corner.vertex)]);
+    for (const PolygonCutter::Triangle& triangle : cutter_.cut(points_)) add(triangle);
   }
 
-  // Of the face that comes next, where they are others than of the last.
-  void show_names() {
+  // A triangle of the face's corners.
+  void add(const PolygonCutter::Triangle& triangle) {
+    const Corner &a = corners_[triangle[0]], &b = corners_[triangle[1]], &c = corners_[triangle[2]];
+    TriangleMesh& mesh = out_.mesh;
+    if (!uv_.empty()) {
+      uv_of_corners_.resize(mesh.triangles.size(), {kNoUv, kNoUv, kNoUv});
+      uv_of_corners_.push_back({a.uv, b.uv, c.uv});
+    }
+    mesh.triangles.push_back({a.vertex, b.vertex, c.vertex});
+    mesh.materials.push_back(material_);
+    mesh.objects.push_back(object_);
+  }
+
+  // Objects and materials are numbered by their first faces.
+  void number_names() {
     const auto number = [](auto& numbers, std::string_view name) {
       const auto known = numbers.find(name);
       return known != numbers.end() ? known->second : numbers.emplace(name, numbers.size()).first->second;
     };
-    if (const std::size_t object = number(objects_, object_); object != shown_object_) {
-      if (object >= kMaxObjects) refuse("at most 65536 objects", object_);
-      if (is_solid_name(object_)) {
-        std::vector<Presence>& presence = out_.mesh.presence;
-        presence.resize(std::max(presence.size(), object + 1), Presence::full);
-        presence[object] = Presence::solid;
-      }
-      kept_ += "o " + std::to_string(object) + '\n';
-      shown_object_ = object;
+    const std::size_t object = number(objects_, object_name_);
+    if (object >= kMaxObjects) refuse("at most 65536 objects", object_name_);
+    if (is_solid_name(object_name_)) {
+      std::vector<Presence>& presence = out_.mesh.presence;
+      presence.resize(std::max(presence.size(), object + 1), Presence::full);
+      presence[object] = Presence::solid;
     }
-    if (const std::size_t material = number(materials_, material_); material != shown_material_) {
-      if (material >= kMaxMaterials) refuse("at most " + std::to_string(kMaxMaterials) + " materials", material_);
-      if (material == out_.names.materials.size()) out_.names.materials.emplace_back(material_);
-      kept_ += "usemtl " + std::to_string(material) + '\n';
-      shown_material_ = material;
+    const std::size_t material = number(materials_, material_name_);
+    if (material >= kMaxMaterials) refuse("at most " + std::to_string(kMaxMaterials) + " materials", material_name_);
+    if (material == out_.names.materials.size()) out_.names.materials.emplace_back(material_name_);
+    object_ = static_cast<std::uint16_t>(object);
+    material_ = static_cast<std::uint16_t>(material);
+    has_new_name_ = false;
+  }
+
+  // Each vertex gets the uv of its first corner; corners with another uv get a copy of the vertex.
+  void give_uv() {
+    TriangleMesh& mesh = out_.mesh;
+    constexpr std::int32_t kUnused = kNoUv - 1;
+    std::vector<std::int32_t> first(mesh.vertices.size(), kUnused);
+    std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> copies;
+    mesh.uv.resize(mesh.vertices.size());
+    const auto uv = [&](std::int32_t index) {
+      return index == kNoUv ? std::array<float, 2>{} : uv_[static_cast<std::size_t>(index)];
+    };
+    uv_of_corners_.resize(mesh.triangles.size(), {kNoUv, kNoUv, kNoUv});
+    for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+      if (i % 1024 == 0) Interrupt::poll();
+      for (std::size_t k = 0; k < 3; ++k) {
+        std::int32_t& corner = mesh.triangles[i][k];
+        const std::int32_t place = uv_of_corners_[i][k];
+        const auto vertex = static_cast<std::size_t>(corner);
+        if (first[vertex] == kUnused) {
+          first[vertex] = place;
+          mesh.uv[vertex] = uv(place);
+        }
+        if (first[vertex] == place) continue;
+        const auto [copy, is_new] = copies.try_emplace({corner, place}, static_cast<std::int32_t>(mesh.vertices.size()));
+        if (is_new) {
+          mesh.vertices.push_back(Vec3(mesh.vertices[vertex]));
+          if (!mesh.colors.empty()) mesh.colors.push_back(std::array(mesh.colors[vertex]));
+          mesh.uv.push_back(uv(place));
+        }
+        corner = copy->second;
+      }
     }
   }
 
-  static constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+  static constexpr std::int32_t kNoUv = -1;
 
   std::string_view text_;
   const std::string& source_;
   std::string_view object_keyword_;
-  ObjMesh& out_;
-  std::string kept_;
-  std::string_view line_, object_, material_;
-  std::size_t number_ = 0;
-  long num_vertices_ = 0, num_uv_ = 0;
-  std::size_t num_lines_ = 0;
-  bool has_colors_ = false;
+  ObjMesh out_;
+  std::string_view line_, object_name_, material_name_;
+  std::size_t number_ = 0, num_lines_ = 0;
+  std::vector<std::array<float, 2>> uv_;                                 // of vt lines
+  std::vector<std::array<std::int32_t, 3>> uv_of_corners_;               // of triangles, in uv_; none in a file without vt
   std::map<std::string, std::size_t, std::less<>> objects_, materials_;  // by name
-  std::size_t shown_object_ = kNone, shown_material_ = kNone;
-};
-
-// Numbers in place of names are materials of these numbers.
-class SameNumbers final : public tinyobj::MaterialReader {
- public:
-  explicit SameNumbers(std::size_t count) : count_(count) {}
-  bool operator()(const std::string&, std::vector<tinyobj::material_t>*, std::map<std::string, int>* numbers, std::string*,
-                  std::string*) override {
-    for (std::size_t i = 0; i < count_; ++i) numbers->emplace(std::to_string(i), static_cast<int>(i));
-    return true;
-  }
-
- private:
-  std::size_t count_;
-};
-
-// A text in parts, for a reader that may take long over it.
-class PolledText final : public std::streambuf {
- public:
-  explicit PolledText(std::string text) : text_(std::move(text)) {}
-
- protected:
-  int_type underflow() override {
-    Interrupt::poll();
-    const std::size_t count = std::min(kPart, text_.size() - taken_);
-    if (count == 0) return traits_type::eof();
-    char* const begin = text_.data() + taken_;
-    taken_ += count;
-    setg(begin, begin, begin + count);
-    return traits_type::to_int_type(*begin);
-  }
-
- private:
-  static constexpr std::size_t kPart = 1U << 16U;
-  std::string text_;
-  std::size_t taken_ = 0;
-};
-
-// Gives each corner a vertex with its place in a texture: the first of a vertex gets that one, others get copies of it.
-class UvVertices {
- public:
-  UvVertices(TriangleMesh& mesh, const std::vector<tinyobj::real_t>& places)
-      : mesh_(mesh), places_(places), first_(mesh.vertices.size(), kNone) {
-    mesh_.uv.resize(mesh_.vertices.size());
-  }
-
-  std::int32_t operator()(const tinyobj::index_t& corner) {
-    const auto vertex = static_cast<std::size_t>(corner.vertex_index);
-    const int place = corner.texcoord_index;
-    if (first_[vertex] == kNone) {
-      first_[vertex] = place;
-      mesh_.uv[vertex] = uv(place);
-    }
-    if (first_[vertex] == place) return corner.vertex_index;
-    const auto [copy, is_new] =
-        copies_.try_emplace({corner.vertex_index, place}, static_cast<std::int32_t>(mesh_.vertices.size()));
-    if (is_new) {
-      mesh_.vertices.push_back(Vec3(mesh_.vertices[vertex]));
-      if (!mesh_.colors.empty()) mesh_.colors.push_back(std::array(mesh_.colors[vertex]));
-      mesh_.uv.push_back(uv(place));
-    }
-    return copy->second;
-  }
-
- private:
-  static constexpr int kNone = -2;  // -1 is the place of corners that have none
-
-  // The file counts upwards.
-  std::array<float, 2> uv(int place) const {
-    if (place < 0) return {};
-    const std::size_t at = 2 * static_cast<std::size_t>(place);
-    return {static_cast<float>(places_[at]), static_cast<float>(1.0 - static_cast<double>(places_[at + 1]))};
-  }
-
-  TriangleMesh& mesh_;
-  const std::vector<tinyobj::real_t>& places_;
-  std::vector<int> first_;  // place of each vertex
-  std::map<std::pair<int, int>, std::int32_t> copies_;
+  std::uint16_t object_ = 0, material_ = 0;                              // of the next face
+  bool has_new_name_ = true;
+  std::vector<Corner> corners_;  // of a face
+  std::vector<Vec3> points_;
+  PolygonCutter cutter_;
 };
 
 }  // namespace
 
 ObjMesh parse_obj(std::string_view text, const std::string& source, const WantsUv& wants_uv) {
-  ObjMesh result;
-  ObjChecker checker(text, source, result);
-  std::string checked = checker.check();
-  PolledText polled("mtllib numbers\n" + std::exchange(checked, {}));
-  std::istream stream(&polled);
-  stream.exceptions(std::ios::badbit);  // passes on what poll() throws
-  SameNumbers numbers(result.names.materials.size());
-  tinyobj::attrib_t attributes;
-  std::vector<tinyobj::shape_t> shapes;
-  std::vector<tinyobj::material_t> no_materials;
-  std::string warning, error;
-  if (!tinyobj::LoadObj(&attributes, &shapes, &no_materials, &warning, &error, &stream, &numbers)) {
-    throw std::invalid_argument(source + ": " + error);
-  }
-
-  TriangleMesh& mesh = result.mesh;
-  const std::vector<tinyobj::real_t>& coordinates = attributes.vertices;
-  for (std::size_t i = 0; i + 2 < coordinates.size(); i += 3) {
-    mesh.vertices.emplace_back(static_cast<float>(coordinates[i]), static_cast<float>(coordinates[i + 1]),
-                               static_cast<float>(coordinates[i + 2]));
-    if (!checker.has_colors()) continue;
-    const auto color = attributes.colors.begin() + static_cast<std::ptrdiff_t>(i);
-    mesh.colors.push_back({linear_of_srgb(color[0]), linear_of_srgb(color[1]), linear_of_srgb(color[2])});
-  }
-  std::optional<UvVertices> uv_vertices;
-  if (wants_uv(result.names) && !attributes.texcoords.empty()) uv_vertices.emplace(mesh, attributes.texcoords);
-  const auto vertex = [&](const tinyobj::index_t& corner) { return uv_vertices ? (*uv_vertices)(corner) : corner.vertex_index; };
-  for (const tinyobj::shape_t& shape : shapes) {
-    const std::vector<tinyobj::index_t>& corners = shape.mesh.indices;
-    std::uint16_t object = 0;
-    parse_number(std::string_view(shape.name), object);
-    for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
-      mesh.triangles.push_back({vertex(corners[i]), vertex(corners[i + 1]), vertex(corners[i + 2])});
-      mesh.materials.push_back(static_cast<std::uint16_t>(shape.mesh.material_ids[i / 3]));
-      mesh.objects.push_back(object);
-    }
-  }
-  require(!mesh.triangles.empty(), source, "at least one face", "none");
-  return result;
+  return ObjReader(text, source).read(wants_uv);
 }
 
 ObjMesh load_obj(const std::filesystem::path& path, const WantsUv& wants_uv) {

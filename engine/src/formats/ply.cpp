@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -19,7 +18,7 @@
 #include "base/require.hpp"
 #include "base/srgb.hpp"
 #include "base/text_file.hpp"
-#include "formats/obj.hpp"
+#include "formats/polygon.hpp"
 #include "formats/text_lines.hpp"
 #include "world/scene_description.hpp"
 
@@ -353,35 +352,25 @@ class PlyReader {
     const auto most = std::max_element(corners_.begin(), corners_.end());
     require(static_cast<std::size_t>(*most) < mesh.vertices.size(), source_ + ": element face",
             "indices of " + std::to_string(mesh.vertices.size()) + " vertices", *most);
-    if (num_triangles_ == lengths_.size()) {
-      for (std::size_t i = 0; i < corners_.size(); i += 3) {
-        mesh.triangles.push_back({corners_[i], corners_[i + 1], corners_[i + 2]});
-      }
-      return;
-    }
-    std::string obj;
-    std::array<char, 32> digits{};
-    const auto write = [&](auto value) {
-      obj += ' ';
-      obj.append(digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr);
-    };
-    for (std::size_t i = 0; i < mesh.vertices.size(); ++i) {
-      if (i % kBetweenPolls == 0) Interrupt::poll();
-      obj += 'v';
-      for (const float value : mesh.vertices[i]) write(value);
-      obj += '\n';
-    }
+    mesh.triangles.reserve(num_triangles_);
+    PolygonCutter cutter;
+    std::vector<Vec3> points;
     std::size_t at = 0;
     for (std::size_t i = 0; i < lengths_.size(); ++i) {
       if (i % kBetweenPolls == 0) Interrupt::poll();
-      obj += 'f';
-      for (std::size_t k = 0; k < lengths_[i]; ++k) write(std::int64_t{corners_[at++]} + 1);
-      obj += '\n';
+      const std::int32_t* const corners = corners_.data() + at;
+      at += lengths_[i];
+      if (lengths_[i] == 3) {
+        mesh.triangles.push_back({corners[0], corners[1], corners[2]});
+        continue;
+      }
+      points.clear();
+      for (std::size_t k = 0; k < lengths_[i]; ++k) points.push_back(mesh.vertices[static_cast<std::size_t>(corners[k])]);
+      for (const auto& [a, b, c] : cutter.cut(points)) mesh.triangles.push_back({corners[a], corners[b], corners[c]});
     }
-    mesh.triangles = parse_obj(obj, source_).mesh.triangles;
   }
 
-  static constexpr std::size_t kMaxHeader = 1000, kMaxCorners = 1000, kBetweenPolls = 1024;
+  static constexpr std::size_t kMaxHeader = 1000, kBetweenPolls = 1024;
   static constexpr std::size_t kMaxTriangles = std::size_t{1} << 25U;
 
   std::string_view rest_, ending_;
