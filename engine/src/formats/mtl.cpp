@@ -39,14 +39,23 @@ std::string list_of(const std::set<std::string>& names, const char* singular, co
 
 // ----------------------------------------------------------------------------------------------------------- material files
 
+namespace {
+
+struct TextureUse {
+  std::string file;
+  bool is_clamped = false, is_moved = false;
+};
+
+}  // namespace
+
 struct ObjMaterials::Definition {
   std::string name;
   std::optional<std::array<float, 3>> color;
   std::array<float, 3> emission{};
   float opacity = 1.0F;
-  std::string texture, emission_texture;  // names of files
-  bool is_clamped = false;                // the texture
-  bool has_opacity = false, has_opacity_texture = false, has_bumps = false, is_moved = false, is_spectral = false;
+  TextureUse texture;
+  std::string emission_texture;
+  bool has_opacity = false, has_opacity_texture = false, has_bumps = false, is_spectral = false;
 };
 
 struct ObjMaterials::Library {
@@ -74,37 +83,29 @@ std::optional<std::array<float, 3>> color_of(std::string_view words, const Limit
   return color;
 }
 
-struct TextureLine {
-  std::string_view file;
-  bool is_clamped = false, is_moved = false;
-};
-
-// The file comes behind the options, and has the rest of the line for its name.
-TextureLine texture_line(std::string_view rest) {
-  constexpr std::array<std::string_view, 8> kWithOneWord{"-blendu", "-blendv", "-boost",  "-bm",
-                                                         "-cc",     "-type",   "-texres", "-imfchan"};
-  TextureLine line;
+// The name of the file is the rest of the line behind the options.
+TextureUse texture_of(std::string_view rest) {
+  constexpr std::array<std::string_view, 11> kWithWords{"-blendu",     "-blendv",  "-boost", "-bm",     "-cc",  "-clamp",
+                                                        "-colorspace", "-imfchan", "-mm",    "-texres", "-type"};
+  TextureUse use;
   for (;;) {
     std::string_view behind = rest;
     const std::string_view option = next_word(behind);
     if (option == "-o" || option == "-s" || option == "-t") {  // one to three numbers
+      double value = 0.0;
       for (int axis = 0; axis < 3; ++axis) {
         std::string_view next = behind;
-        double value = 0.0;
         if (!parse_number(next_word(next), value)) break;
-        line.is_moved |= axis < 2 && option != "-t" && value != (option == "-s" ? 1.0 : 0.0);
+        use.is_moved |= axis < 2 && option != "-t" && value != (option == "-s" ? 1.0 : 0.0);
         behind = next;
       }
-    } else if (option == "-clamp") {
-      line.is_clamped = next_word(behind) != "off";
-    } else if (option == "-mm") {
-      next_word(behind);
-      next_word(behind);
-    } else if (option == "-colorspace" || std::find(kWithOneWord.begin(), kWithOneWord.end(), option) != kWithOneWord.end()) {
-      next_word(behind);
+    } else if (std::find(kWithWords.begin(), kWithWords.end(), option) != kWithWords.end()) {
+      const std::string_view word = next_word(behind);
+      if (option == "-clamp") use.is_clamped = word != "off";
+      if (option == "-mm") next_word(behind);  // has two
     } else {
-      line.file = trimmed(rest);
-      return line;
+      use.file = trimmed(rest);
+      return use;
     }
     rest = behind;
   }
@@ -113,6 +114,7 @@ TextureLine texture_line(std::string_view rest) {
 }  // namespace
 
 void ObjMaterials::Library::read(std::string_view text, std::size_t most) {
+  constexpr std::array<std::string_view, 6> kBumps{"map_bump", "map_Bump", "bump", "norm", "disp", "map_disp"};
   for (std::size_t number = 1; !text.empty(); ++number) {
     if (number % 1024 == 0) Interrupt::poll();
     const std::string_view line = next_line(text);
@@ -145,19 +147,11 @@ void ObjMaterials::Library::read(std::string_view text, std::size_t most) {
       if (!parse_number(word, value) || !std::isfinite(value)) refuse_line("a number after d or Tr");
       if (keyword == "d" || !material.has_opacity) material.opacity = static_cast<float>(keyword == "d" ? value : 1.0 - value);
       material.has_opacity |= keyword == "d";
-    } else if (keyword == "map_Kd") {
-      const TextureLine texture = texture_line(rest);
-      if (texture.file.empty()) continue;
-      material.texture = texture.file;
-      material.is_clamped = texture.is_clamped;
-      material.is_moved = texture.is_moved;
-    } else if (keyword == "map_Ke") {
-      if (const TextureLine texture = texture_line(rest); !texture.file.empty()) material.emission_texture = texture.file;
-    } else if (keyword == "map_d") {
-      material.has_opacity_texture |= !texture_line(rest).file.empty();
-    } else if (keyword == "map_bump" || keyword == "map_Bump" || keyword == "bump" || keyword == "norm" || keyword == "disp" ||
-               keyword == "map_disp") {
-      material.has_bumps |= !texture_line(rest).file.empty();
+    } else if (TextureUse use = texture_of(rest); !use.file.empty()) {
+      if (keyword == "map_Kd") material.texture = std::move(use);
+      if (keyword == "map_Ke") material.emission_texture = std::move(use.file);
+      if (keyword == "map_d") material.has_opacity_texture = true;
+      material.has_bumps |= std::find(kBumps.begin(), kBumps.end(), keyword) != kBumps.end();
     }
   }
 }
@@ -268,16 +262,16 @@ std::uint16_t ObjMaterials::add(Material material, const std::string& source) {
 
 std::uint16_t ObjMaterials::add(const Definition& definition, const std::filesystem::path& library, std::size_t& pixels_left) {
   // What emits is multiplied by the texture of the colour, or by none where there is none.
-  const bool is_same = definition.emission_texture == definition.texture;
+  const bool is_same = definition.emission_texture == definition.texture.file;
   const bool emits = definition.emission != std::array<float, 3>{} || !definition.emission_texture.empty();
   transparent_ += definition.opacity != 1.0F || definition.has_opacity_texture ? 1U : 0U;
   bumps_ += definition.has_bumps ? 1U : 0U;
   glowing_ += emits && !is_same ? 1U : 0U;
-  moved_ += definition.is_moved ? 1U : 0U;
+  moved_ += definition.texture.is_moved ? 1U : 0U;
   spectral_ += definition.is_spectral ? 1U : 0U;
   Material material{definition.name};
-  if (!definition.texture.empty()) {
-    material.texture = texture(definition.texture, definition.is_clamped, library, pixels_left);
+  if (!definition.texture.file.empty()) {
+    material.texture = texture(definition.texture.file, definition.texture.is_clamped, library, pixels_left);
   }
   material.base_color = definition.color.value_or(material.texture ? std::array{1.0F, 1.0F, 1.0F} : material.base_color);
   if (is_same) material.emissive = definition.emission;

@@ -148,11 +148,11 @@ class ObjReader {
     }
     points_.clear();
     for (const Corner& corner : corners_) points_.push_back(mesh.vertices[static_cast<std::size_t>(corner.vertex)]);
-    for (const PolygonCutter::Triangle& triangle : cutter_.cut(points_)) add(triangle);
+    for (const CornerTriple& triangle : cut_polygon(points_)) add(triangle);
   }
 
   // A triangle of the face's corners.
-  void add(const PolygonCutter::Triangle& triangle) {
+  void add(const CornerTriple& triangle) {
     const Corner &a = corners_[triangle[0]], &b = corners_[triangle[1]], &c = corners_[triangle[2]];
     TriangleMesh& mesh = out_.mesh;
     if (!uv_.empty()) {
@@ -233,7 +233,6 @@ class ObjReader {
   bool has_new_name_ = true;
   std::vector<Corner> corners_;  // of a face
   std::vector<Vec3> points_;
-  PolygonCutter cutter_;
 };
 
 }  // namespace

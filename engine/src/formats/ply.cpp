@@ -10,6 +10,7 @@
 #include <limits>
 #include <optional>
 #include <set>
+#include <type_traits>
 #include <utility>
 
 #include "base/excerpt.hpp"
@@ -25,34 +26,37 @@
 namespace flockstep {
 namespace {
 
-enum class PlyType : std::uint8_t { int8, uint8, int16, uint16, int32, uint32, float32, float64 };
+struct PlyType {
+  std::string_view name, other_name;
+  std::size_t size = 0;  // bytes
+  bool is_whole = false;
+  double (*read)(const unsigned char* bytes) = nullptr;
+};
 
-std::optional<PlyType> ply_type(std::string_view name) {
-  constexpr std::array<std::array<std::string_view, 2>, 8> kNames{{{"char", "int8"},
-                                                                   {"uchar", "uint8"},
-                                                                   {"short", "int16"},
-                                                                   {"ushort", "uint16"},
-                                                                   {"int", "int32"},
-                                                                   {"uint", "uint32"},
-                                                                   {"float", "float32"},
-                                                                   {"double", "float64"}}};
-  for (std::size_t i = 0; i < kNames.size(); ++i) {
-    if (name == kNames[i][0] || name == kNames[i][1]) return static_cast<PlyType>(i);
-  }
-  return std::nullopt;
+template <class T>
+constexpr PlyType type_of(std::string_view name, std::string_view other_name) {
+  return {name, other_name, sizeof(T), std::is_integral_v<T>, [](const unsigned char* bytes) {
+            T value;
+            std::memcpy(&value, bytes, sizeof value);
+            return static_cast<double>(value);
+          }};
 }
 
-std::size_t size_of(PlyType type) {
-  constexpr std::array<std::size_t, 8> kSizes{1, 1, 2, 2, 4, 4, 4, 8};
-  return kSizes[static_cast<std::size_t>(type)];
-}
+constexpr std::array kTypes{type_of<std::int8_t>("char", "int8"),    type_of<std::uint8_t>("uchar", "uint8"),
+                            type_of<std::int16_t>("short", "int16"), type_of<std::uint16_t>("ushort", "uint16"),
+                            type_of<std::int32_t>("int", "int32"),   type_of<std::uint32_t>("uint", "uint32"),
+                            type_of<float>("float", "float32"),      type_of<double>("double", "float64")};
 
-bool is_whole(PlyType type) { return type < PlyType::float32; }
+const PlyType* ply_type(std::string_view name) {
+  const auto is_it = [&](const PlyType& type) { return name == type.name || name == type.other_name; };
+  const auto found = std::find_if(kTypes.begin(), kTypes.end(), is_it);
+  return found != kTypes.end() ? &*found : nullptr;
+}
 
 struct PlyProperty {
   std::string_view name;
-  PlyType type = PlyType::float32;
-  std::optional<PlyType> count;  // of a list
+  const PlyType* type = nullptr;
+  const PlyType* count = nullptr;  // of a list
 };
 
 struct PlyElement {
@@ -139,13 +143,12 @@ class PlyReader {
       std::string_view type = next_word(words);
       if (type == "list") {
         property.count = ply_type(next_word(words));
-        if (!property.count || !is_whole(*property.count)) refuse_line("property list, a type of whole numbers, a type, a name");
+        if (!property.count || !property.count->is_whole) refuse_line("property list, a type of whole numbers, a type, a name");
         type = next_word(words);
       }
-      const auto known = ply_type(type);
+      property.type = ply_type(type);
       property.name = next_word(words);
-      if (!known || property.name.empty()) refuse_line("property, a type such as float or uchar, a name");
-      property.type = *known;
+      if (!property.type || property.name.empty()) refuse_line("property, a type such as float or uchar, a name");
       elements_.back().properties.push_back(property);
     }
     require(has_form, source_ + ": header", "a line format", "none");
@@ -164,7 +167,7 @@ class PlyReader {
       // Before anything is made room for.
       std::size_t least = 0;
       for (const PlyProperty& property : element.properties) {
-        least += form_ == PlyForm::text ? 2 : size_of(property.count.value_or(property.type));  // a digit and a space
+        least += form_ == PlyForm::text ? 2 : (property.count ? property.count : property.type)->size;  // a digit and a space
       }
       const std::size_t available = rest_.size() + (form_ == PlyForm::text ? 1U : 0U);
       require(least == 0 || element.count <= available / least, field, "a file that holds " + std::to_string(element.count),
@@ -178,7 +181,7 @@ class PlyReader {
 
   // ------------------------------------------------------------------------------------------------------------- values
 
-  double number(PlyType type, const std::string& field) {
+  double number(const PlyType& type, const std::string& field) {
     if (form_ == PlyForm::text) {
       constexpr std::string_view kSpace = " \t\r\n";
       rest_.remove_prefix(std::min(rest_.find_first_not_of(kSpace), rest_.size()));
@@ -190,36 +193,14 @@ class PlyReader {
       }
       return value;
     }
-    const std::size_t size = size_of(type);
-    require(rest_.size() >= size, source_ + ": " + field, "a number", "the end of the file");
+    if (rest_.size() < type.size) refuse(source_ + ": " + field, "a number", "the end of the file");
     std::array<unsigned char, 8> bytes{};
-    std::memcpy(bytes.data(), rest_.data(), size);
-    rest_.remove_prefix(size);
+    std::memcpy(bytes.data(), rest_.data(), type.size);
+    rest_.remove_prefix(type.size);
     if ((form_ == PlyForm::big) != (std::endian::native == std::endian::big)) {
-      std::reverse(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(size));
+      std::reverse(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(type.size));
     }
-    const auto as = [&]<class T>(T value) {
-      std::memcpy(&value, bytes.data(), sizeof value);
-      return static_cast<double>(value);
-    };
-    switch (type) {
-      case PlyType::int8:
-        return as(std::int8_t{});
-      case PlyType::uint8:
-        return as(std::uint8_t{});
-      case PlyType::int16:
-        return as(std::int16_t{});
-      case PlyType::uint16:
-        return as(std::uint16_t{});
-      case PlyType::int32:
-        return as(std::int32_t{});
-      case PlyType::uint32:
-        return as(std::uint32_t{});
-      case PlyType::float32:
-        return as(float{});
-      default:
-        return as(double{});
-    }
+    return type.read(bytes.data());
   }
 
   // Each takes a byte at least, so that there are never more than the file has bytes.
@@ -233,7 +214,7 @@ class PlyReader {
 
   void skip(const PlyProperty& property, const std::string& field) {
     const std::size_t count = property.count ? length(property, field) : 1;
-    for (std::size_t i = 0; i < count; ++i) number(property.type, field);
+    for (std::size_t i = 0; i < count; ++i) number(*property.type, field);
   }
 
   void skip(const PlyElement& element) {
@@ -287,8 +268,8 @@ class PlyReader {
           skip(property, "element vertex");
           continue;
         }
-        const double value = number(property.type, "element vertex");
-        values[channels[k]] = channels[k] < 3 ? value : linear_color(value, property.type);
+        const double value = number(*property.type, "element vertex");
+        values[channels[k]] = channels[k] < 3 ? value : linear_color(value, *property.type);
       }
       for (std::size_t axis = 0; axis < 3; ++axis) {
         if (!(std::abs(values[axis]) <= kMaxCoordinate)) {
@@ -301,10 +282,10 @@ class PlyReader {
     }
   }
 
-  static double linear_color(double value, PlyType type) {
+  static double linear_color(double value, const PlyType& type) {
     if (!(value > 0.0)) return 0.0;  // nor where it is no number
-    if (type == PlyType::uint8) return srgb_to_linear()[static_cast<std::size_t>(std::min(value, 255.0))];
-    const double most = is_whole(type) ? (type == PlyType::uint16 ? 65535.0 : 255.0) : 1.0;
+    if (type.name == "uchar") return srgb_to_linear()[static_cast<std::size_t>(std::min(value, 255.0))];
+    const double most = type.is_whole ? (type.name == "ushort" ? 65535.0 : 255.0) : 1.0;
     return linear_of_srgb(std::min(value / most, 1.0));
   }
 
@@ -333,12 +314,12 @@ class PlyReader {
   void read_face(const PlyProperty& property, std::size_t face) {
     const auto field = [face] { return "face " + std::to_string(face); };
     const std::size_t count = length(property, "element face");
-    require(count >= 3 && count <= kMaxCorners, source_ + ": " + field(), "3 to 1000 corners", count);
+    if (count < 3 || count > kMaxCorners) refuse(source_ + ": " + field(), "3 to 1000 corners", count);
     num_triangles_ += count - 2;
     require(num_triangles_ <= kMaxTriangles, source_, "at most " + std::to_string(kMaxTriangles) + " triangles", "more");
     lengths_.push_back(static_cast<std::uint16_t>(count));
     for (std::size_t k = 0; k < count; ++k) {
-      const double corner = number(property.type, "element face");
+      const double corner = number(*property.type, "element face");
       if (!(corner >= 0.0 && corner <= std::numeric_limits<std::int32_t>::max() && corner == std::floor(corner))) {
         refuse(source_ + ": " + field(), "indices of vertices", corner);
       }
@@ -353,7 +334,6 @@ class PlyReader {
     require(static_cast<std::size_t>(*most) < mesh.vertices.size(), source_ + ": element face",
             "indices of " + std::to_string(mesh.vertices.size()) + " vertices", *most);
     mesh.triangles.reserve(num_triangles_);
-    PolygonCutter cutter;
     std::vector<Vec3> points;
     std::size_t at = 0;
     for (std::size_t i = 0; i < lengths_.size(); ++i) {
@@ -366,7 +346,7 @@ class PlyReader {
       }
       points.clear();
       for (std::size_t k = 0; k < lengths_[i]; ++k) points.push_back(mesh.vertices[static_cast<std::size_t>(corners[k])]);
-      for (const auto& [a, b, c] : cutter.cut(points)) mesh.triangles.push_back({corners[a], corners[b], corners[c]});
+      for (const auto& [a, b, c] : cut_polygon(points)) mesh.triangles.push_back({corners[a], corners[b], corners[c]});
     }
   }
 

@@ -12,23 +12,11 @@ namespace flockstep {
 
 inline constexpr std::size_t kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
 
-class PolygonCutter {
- public:
-  using Triangle = std::array<std::size_t, 3>;
+// Indices of a triangle's corners among those of its polygon.
+using CornerTriple = std::array<std::size_t, 3>;
 
-  // Triangles of a polygon of 3 to kMaxCorners corners, two fewer than corners: their indices in `corners`, in the polygon's
-  // direction. Quads are cut at the shorter diagonal that is inside, larger polygons by ear clipping; they may be concave. They
-  // last until the next call.
-  std::span<const Triangle> cut(std::span<const Vec3> corners);
-
- private:
-  double turn(std::size_t a, std::size_t b, std::size_t c) const;
-  bool is_empty(const Triangle& ear, bool with_edges) const;
-
-  std::vector<Eigen::Vector3d> points_;  // the corners
-  Eigen::Vector3d normal_;               // of the polygon, on the side from which it runs counterclockwise
-  std::vector<std::size_t> left_;
-  std::vector<Triangle> triangles_;
-};
+// Cuts a polygon of 3 to kMaxCorners corners into triangles, two fewer than corners, which run in the polygon's direction. Quads
+// are cut at the shorter diagonal that is inside, larger polygons by ear clipping. They may be concave.
+std::vector<CornerTriple> cut_polygon(std::span<const Vec3> corners);
 
 }  // namespace flockstep

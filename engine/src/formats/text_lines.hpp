@@ -11,7 +11,8 @@ namespace flockstep {
 
 // The next line of a text, which it is removed from. Lines end with \n, \r\n or \r.
 inline std::string_view next_line(std::string_view& text) {
-  const std::string_view line = text.substr(0, text.find_first_of("\r\n"));
+  const auto end = std::find_if(text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r'; });
+  const std::string_view line(text.begin(), end);
   text.remove_prefix(line.size());
   text.remove_prefix(text.starts_with("\r\n") ? 2 : std::min<std::size_t>(text.size(), 1));
   return line;
@@ -19,11 +20,11 @@ inline std::string_view next_line(std::string_view& text) {
 
 // The next word of a line, which it is removed from; empty at the end.
 inline std::string_view next_word(std::string_view& line) {
-  constexpr std::string_view kSpace = " \t";
-  line.remove_prefix(std::min(line.find_first_not_of(kSpace), line.size()));
-  const std::string_view word = line.substr(0, line.find_first_of(kSpace));
-  line.remove_prefix(word.size());
-  return word;
+  const auto is_space = [](char c) { return c == ' ' || c == '\t'; };
+  const auto begin = std::find_if_not(line.begin(), line.end(), is_space);
+  const auto end = std::find_if(begin, line.end(), is_space);
+  line = {end, line.end()};
+  return {begin, end};
 }
 
 // Without the spaces around it.

@@ -120,6 +120,23 @@ TEST_F(Mtl, EmissionIsMultipliedByTheTextureOfTheColorOrByNone) {
   EXPECT_EQ(ignored_of(*world), Ignored{"2 materials' emission by other textures than their colours'"});
 }
 
+TEST_F(Mtl, OptionsOfTexturesComeBeforeTheNameAndMayBeShort) {
+  write_image("a.png", 1);
+  write_image("b -s.png", 2);
+  const auto world = load(
+      "newmtl a\nmap_Kd -cc on -mm 0 1 -texres 9 -o 0 0 -s 1 -t 1 2 3 -type sphere -clamp off a.png\n"
+      "newmtl b\nmap_Kd -clamp on -o 1 a.png\nmap_Kd -imfchan l -bm 2 -boost 1 b -s.png\nnewmtl c\nmap_Kd -o 0 0.5 a.png\n"
+      "newmtl d\nKd 0.5\nKd spectral x.rfl\nKd \t0.25 \nTr 1\nd 1\nTr 1\n",
+      {"a", "b", "c", "d"});
+  EXPECT_EQ(ignored_of(*world), (Ignored{"1 texture's scale or offset", "1 material's colour by a spectrum"}));
+  ASSERT_EQ(world->textures().size(), 2U);
+  for (const Texture& texture : world->textures()) EXPECT_EQ(texture.wrap[0], TextureWrap::repeat);
+  EXPECT_EQ(world->materials()[0].texture, 0);
+  EXPECT_EQ(world->materials()[1].texture, 1);
+  EXPECT_EQ(world->materials()[2].texture, 0);
+  EXPECT_EQ(world->materials()[3].base_color, (Color{0.25F, 0.25F, 0.25F}));
+}
+
 TEST_F(Mtl, WhatIsNotReadIsNamed) {
   write_image("a.png", 1);
   const auto world = load(

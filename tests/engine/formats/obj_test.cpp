@@ -61,6 +61,13 @@ TEST_F(Obj, TriangulatesPolygonsAlsoConcaveOnes) {
   EXPECT_NEAR(area(mesh), 2.5, 1e-6);
 }
 
+TEST_F(Obj, NumbersAreRoundedCorrectly) {
+  const TriangleMesh mesh =
+      load("v 0.1 -16777217 3.4028234e38\nv +1.5e-3 .5 2.\nv 1e-30 0.30000001192092896 12345678.9\nf 1 2 3\n");
+  EXPECT_EQ(mesh.vertices,
+            (std::vector<Vec3>{{0.1F, -16777216.0F, 3.4028234e38F}, {1.5e-3F, 0.5F, 2.0F}, {1e-30F, 0.3F, 12345679.0F}}));
+}
+
 TEST_F(Obj, NegativeIndicesCountBack) {
   EXPECT_EQ(load(kSquare + "f -4 -3 -2\nv 5 5 5\n").triangles, (std::vector<std::array<std::int32_t, 3>>{{0, 1, 2}}));
 }
@@ -127,7 +134,6 @@ TEST_F(Obj, ObjectsAndMaterialsAreOfBoundedNumber) {
   EXPECT_EQ(message_of(materials + "usemtl more\nf 1 2 3\n"), ":131070: expected at most 65532 materials, got \"more\"");
 }
 
-// A file is cut into parts where tinyobjloader would have much to do at once: its objects go on.
 TEST_F(Obj, AnObjectOfManyCornersIsOne) {
   std::string vertices, text = "o a\nusemtl red\n";
   std::string face = "f";
