@@ -74,6 +74,8 @@ TEST(Polygon, ConvexOnesKeepTheTrianglesOfTinyobjloader) {
   EXPECT_EQ(cut_polygon(beside), (Triangles{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}}));
   const std::vector<Vec3> backwards{{5, 0, 3}, {4, 2, 3}, {6, 4, 3}, {8, 2, 3}, {7, 0, 3}};
   EXPECT_EQ(cut_polygon(backwards), (Triangles{{2, 3, 4}, {2, 4, 0}, {0, 1, 2}}));
+  const std::vector<Vec3> straight{{1, 1, 0}, {2, 1, 0}, {3, 1, 0}, {3, 2, 0}, {3, 3, 0}, {1, 3, 0}};
+  EXPECT_EQ(cut_polygon(straight), (Triangles{{0, 1, 2}, {2, 3, 4}, {2, 4, 5}, {0, 2, 5}}));
   const std::vector<Vec3> upright{{-3, 5, 0}, {-3, 7, 1}, {-3, 9, 4}, {-3, 8, 7}, {-3, 6, 8}, {-3, 4, 6}, {-3, 3, 3}};
   EXPECT_EQ(cut_polygon(upright), (Triangles{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}, {0, 5, 6}}));
 }
@@ -108,14 +110,17 @@ TEST(Polygon, ConcaveOnesAreCoveredAndNoMore) {
 }
 
 // A bridge that is walked both ways joins a hole to the rest.
-TEST(Polygon, HolesMayBeJoinedByBridges) {
+TEST(Polygon, CornersMayTouchAsThoseOfHolesAndBridges) {
   const std::vector<Point> one{{0, 0}, {1, 0}, {1, 1}, {1, 2}, {2, 2}, {2, 1}, {1, 1}, {1, 0}, {3, 0}, {3, 3}, {0, 3}};
   const std::vector<Point> slanted{{0, 0}, {4, 0}, {4, 4}, {0, 4}, {0, 0}, {1, 1}, {1, 3}, {3, 3}, {3, 1}, {1, 1}};
+  const std::vector<Point> pinched{{0, 0}, {1, 0}, {4, 4}, {2.5, 0}, {4, 0}, {4, 4}, {0, 4}};  // a hole to a corner
   ASSERT_EQ(shoelace(one), 8.0);
+  ASSERT_EQ(shoelace(pinched), 13.0);
   ASSERT_EQ(shoelace(slanted), 12.0);
   for (unsigned seed = 0; seed < 100; ++seed) {
     expect_covered(one, seed);
     expect_covered(slanted, seed);
+    expect_covered(pinched, seed);
   }
 }
 
