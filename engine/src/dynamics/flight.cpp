@@ -10,7 +10,7 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
-#include "dynamics/wide-inl.hpp"
+#include "dynamics/lanes-inl.hpp"
 
 // Many copies of these take sanitizers minutes to compile.
 #undef FLOCKSTEP_BIG_INLINE
@@ -49,20 +49,20 @@ struct Forces {
 
 HWY_INLINE F rotor_rate(const Numbers& n, At at, F speed, F command) {
   const F difference = command - speed;
-  return difference * select(difference > F(0.0F), at(n.inverse_lag_up), at(n.inverse_lag_down));
+  return difference * select(difference > 0.0F, at(n.inverse_lag_up), at(n.inverse_lag_down));
 }
 
 // The rotor speed after a tick, or half of one, under the same command.
 HWY_INLINE F lagged(F speed, F command, F keep_up, F keep_down) {
   const F behind = speed - command;
-  return command + behind * select(behind < F(0.0F), keep_up, keep_down);
+  return command + behind * select(behind < 0.0F, keep_up, keep_down);
 }
 
 // Rotors without a lag have the speed that they are commanded at once.
 HWY_INLINE void respond(const Physics& p, const Numbers& n, At at, const F* command, F* speed) {
   if (!p.instant_up && !p.instant_down) return;
-  const hn::Mask<D> instant_up = hn::Eq(at(n.inverse_lag_up).v, F(0.0F).v);
-  const hn::Mask<D> instant_down = hn::Eq(at(n.inverse_lag_down).v, F(0.0F).v);
+  const F::Mask instant_up = at(n.inverse_lag_up) == 0.0F;
+  const F::Mask instant_down = at(n.inverse_lag_down) == 0.0F;
   for (std::size_t i = 0; i < kRotors; ++i) {
     speed[i] = select(instant_up, max(speed[i], command[i]), speed[i]);
     speed[i] = select(instant_down, min(speed[i], command[i]), speed[i]);
@@ -83,14 +83,14 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
   const M3 r = matrix(s.rotation);
   const V3 w = s.turn;
   const V3 air = transpose_times(r, s.velocity - wind);
-  V3 force{F(0.0F), F(0.0F), F(0.0F)};
+  V3 force{0.0F, 0.0F, 0.0F};
   V3 torque = force;
   F momentum(0.0F);       // of the rotors about z
   F momentum_rate(0.0F);  // of which
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F speed = s.rotor[i];
     const F x = at(n.position[i][0]), y = at(n.position[i][1]), z = at(n.position[i][2]);
-    F push = max(at(n.thrust[0]) + (at(n.thrust[1]) + at(n.thrust[2]) * speed) * speed, F(0.0F));
+    F push = max(at(n.thrust[0]) + (at(n.thrust[1]) + at(n.thrust[2]) * speed) * speed, 0.0F);
     if (has_drag || has_lift) {
       const V3 hub{air.x + (w.y * z - w.z * y), air.y + (w.z * x - w.x * z), air.z + (w.x * y - w.y * x)};
       if (has_lift) push = push + at(n.lift) * (hub.x * hub.x + hub.y * hub.y);
@@ -105,8 +105,8 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
     if (has_ground) {  // Cheeseman and Bennett: F / (1 - (r / 4h)^2), upright drones alone
       const F hub_height = height + s.travelled.z + (r.zx * x + r.zy * y + r.zz * z);
       const F near = at(n.ground_quarter) / max(hub_height, at(n.least_height));
-      const F gain = F(1.0F) / (F(1.0F) - near * near);
-      push = push * select(r.zz > F(0.0F), gain, F(1.0F));
+      const F gain = 1.0F / (1.0F - near * near);
+      push = push * select(r.zz > 0.0F, gain, 1.0F);
     }
     force.z = force.z + push;
     torque.x = torque.x + y * push;
@@ -132,7 +132,7 @@ FLOCKSTEP_BIG_INLINE Forces forces(const Physics& p, const Numbers& n, At at, co
     torque.z = torque.z - at(n.rotor_inertia) * momentum_rate;
   }
   V3 acceleration = times(r, force * at(n.inverse_mass));
-  acceleration.z = acceleration.z - F(kG);
+  acceleration.z = acceleration.z - kG;
   return {acceleration,
           {at(n.inverse_inertia[0]) * torque.x, at(n.inverse_inertia[1]) * torque.y, at(n.inverse_inertia[2]) * torque.z}};
 }
@@ -148,7 +148,7 @@ FLOCKSTEP_BIG_INLINE void midpoint(const Physics& p, const Numbers& n, At at, St
   middle.velocity = s.velocity + first.acceleration * half;
   middle.turn = s.turn + first.turning * half;
   middle.travelled = s.travelled + s.velocity * half;
-  middle.rotation = turned(s.rotation, s.turn, F(0.25F * p.dt));
+  middle.rotation = turned(s.rotation, s.turn, 0.25F * p.dt);
   for (std::size_t i = 0; i < kRotors; ++i)
     middle.rotor[i] = lagged(s.rotor[i], command[i], at(n.keep_half_up), at(n.keep_half_down));
   const Forces mean = forces<kHasRotorTerms>(p, n, at, middle, command, wind, height);
@@ -204,30 +204,28 @@ FLOCKSTEP_BIG_INLINE void runge_kutta(const Physics& p, const Numbers& n, At at,
   r = rates<kHasRotorTerms>(p, n, at, moved(s, r, half), command, wind, height);
   add(sum, r, two);
   r = rates<kHasRotorTerms>(p, n, at, moved(s, r, dt), command, wind, height);
-  add(sum, r, F(1.0F));
-  s = moved(s, sum, F(p.dt / 6.0F));
+  add(sum, r, 1.0F);
+  s = moved(s, sum, p.dt / 6.0F);
   s.rotation = normalised(s.rotation);
 }
 
 // --------------------------------------------------------------------------------------------------------- the controller
 
 // The sine of the angle between two directions times this is 2 sin(angle / 2), which grows up to half a turn.
-HWY_INLINE F turn_gain(F cosine) { return F(2.0F) / sqrt(max(F(2.0F) * (F(1.0F) + cosine), F(kTiny))); }
+HWY_INLINE F turn_gain(F cosine) { return 2.0F / sqrt(max(2.0F * (1.0F + cosine), kTiny)); }
 
 // True if two directions are within 0.06 degrees of opposite. Their sine then does not give the size of the turn, and rounding
 // decides its axis, so any axis will do.
-HWY_INLINE hn::Mask<D> are_opposite(F cosine, F square_of_sine) {
-  return hn::And((square_of_sine < F(1e-6F)), (cosine < F(0.0F)));
-}
+HWY_INLINE F::Mask are_opposite(F cosine, F square_of_sine) { return (square_of_sine < 1e-6F) & (cosine < 0.0F); }
 
 // No longer than a length.
 HWY_INLINE V3 shortened(const V3& v, F length) {
   const F square = dot(v, v);
-  const F scale = length / sqrt(max(square, F(kTiny)));
-  return v * select(square > length * length, scale, F(1.0F));
+  const F scale = length / sqrt(max(square, kTiny));
+  return v * select(square > length * length, scale, 1.0F);
 }
 
-HWY_INLINE F clamp(F x, float limit) { return max(min(x, F(limit)), F(-limit)); }
+HWY_INLINE F clamp(F x, float limit) { return max(min(x, limit), -limit); }
 
 // What the outer loops ask of the attitude loop.
 struct Aim {
@@ -238,31 +236,31 @@ struct Aim {
 
 // Of an acceleration that is asked for, within the limits of tilt: the vertical part is kept.
 HWY_INLINE Aim push_along(const Physics& p, const M3& r, V3 desired) {
-  desired.z = max(desired.z + F(kG), F(0.3F * kG));
+  desired.z = max(desired.z + kG, 0.3F * kG);
   const F sideways = sqrt(desired.x * desired.x + desired.y * desired.y);
-  const F most = desired.z * F(p.max_tilt_tan);
-  const F scale = select(sideways > most, most / max(sideways, F(kTiny)), F(1.0F));
+  const F most = desired.z * p.max_tilt_tan;
+  const F scale = select(sideways > most, most / max(sideways, kTiny), 1.0F);
   desired.x = desired.x * scale;
   desired.y = desired.y * scale;
   const F length = sqrt(dot(desired, desired));
-  const F thrust = max(desired.x * r.xz + desired.y * r.yz + desired.z * r.zz, F(0.0F));
-  return {thrust, desired * (F(1.0F) / length), F(0.0F)};
+  const F thrust = max(desired.x * r.xz + desired.y * r.yz + desired.z * r.zz, 0.0F);
+  return {thrust, desired * (1.0F / length), 0.0F};
 }
 
 // How fast to yaw so that the heading becomes the one asked for.
 HWY_INLINE F yaw_towards(const Numbers& n, At at, const M3& r, F cosine, F sine) {
-  const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
+  const F scale = 1.0F / sqrt(max(r.xx * r.xx + r.yx * r.yx, kTiny));
   const F x = r.xx * scale, y = r.yx * scale;
   const F across = x * sine - y * cosine;
   const F along = x * cosine + y * sine;
-  return at(n.yaw_gain) * select(are_opposite(along, across * across), F(2.0F), across * turn_gain(along));
+  return at(n.yaw_gain) * select(are_opposite(along, across * across), 2.0F, across * turn_gain(along));
 }
 
 // A velocity that is asked for, by proportion and integral.
 HWY_INLINE V3 accelerate(const Physics& p, const Numbers& n, At at, const V3& velocity, const V3& desired, V3& integral) {
-  const V3 error = shortened(desired, F(p.max_speed_mps)) - velocity;
-  integral = shortened(integral + error * F(p.control_dt), at(n.max_integral));
-  return shortened(error * at(n.velocity_gain) + integral * at(n.integral_gain), F(p.max_acceleration));
+  const V3 error = shortened(desired, p.max_speed_mps) - velocity;
+  integral = shortened(integral + error * p.control_dt, at(n.max_integral));
+  return shortened(error * at(n.velocity_gain) + integral * at(n.integral_gain), p.max_acceleration);
 }
 
 // Rotor speeds for a thrust (m/s^2) and body rates. Where they are more than the rotors can give, yaw is given up first, then
@@ -285,7 +283,7 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
     high = i == 0 ? tilt[i] : max(high, tilt[i]);
   }
   const F room = at(n.max_thrust) - at(n.min_thrust);
-  const F scale = min(F(1.0F), room / max(high - low, at(n.thrust_tiny)));
+  const F scale = min(1.0F, room / max(high - low, at(n.thrust_tiny)));
   F below(0.0F), above(0.0F);  // how far the rotors would be out of their range
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + scale * tilt[i];
@@ -296,21 +294,21 @@ HWY_INLINE void mix(const Physics& p, const Numbers& n, At at, const State& s, F
   for (std::size_t i = 0; i < kRotors; ++i) {
     level[i] = level[i] + (below - above);
     const F yaw = at(n.mixer[i][3]) * z;
-    const F left = select(yaw > F(0.0F), at(n.max_thrust) - level[i], level[i] - at(n.min_thrust));
-    share = min(share, max(left, F(0.0F)) / max(abs(yaw), at(n.thrust_tiny)));
+    const F left = select(yaw > 0.0F, at(n.max_thrust) - level[i], level[i] - at(n.min_thrust));
+    share = min(share, max(left, 0.0F) / max(abs(yaw), at(n.thrust_tiny)));
   }
   for (std::size_t i = 0; i < kRotors; ++i) {
     const F want = max(min(level[i] + share * (at(n.mixer[i][3]) * z), at(n.max_thrust)), at(n.min_thrust));
     // The inverse of the thrust: of a parabola, or of a straight line.
-    const F root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, F(0.0F))) - at(n.thrust[1]);
+    const F root = sqrt(max(at(n.discriminant) + at(n.four_c2) * want, 0.0F)) - at(n.thrust[1]);
     F speed = root * at(n.half_over_c2);
     if (p.linear_thrust) {
       const F straight = (want - at(n.thrust[0])) * at(n.one_over_c1);
-      speed = select(at(n.thrust[2]) > F(0.0F), speed, straight);
+      speed = select(at(n.thrust[2]) > 0.0F, speed, straight);
     }
     if (p.leads) {
       const F leading = s.rotor[i] + at(n.lead) * (speed - s.rotor[i]);
-      speed = select(at(n.lead) > F(1.0F), leading, speed);
+      speed = select(at(n.lead) > 1.0F, leading, speed);
     }
     command[i] = max(min(speed, at(n.max_speed)), at(n.min_speed));
   }
@@ -321,12 +319,12 @@ HWY_INLINE Aim aim_of(const Physics& p, const Numbers& n, At at, const State& s,
   if (p.stage == Stage::attitude) return {set[0], {set[1], set[2], set[3]}, yaw_towards(n, at, r, set[4], set[5])};
   V3 desired{set[0], set[1], set[2]};
   if (p.stage == Stage::acceleration) {
-    desired = shortened(desired, F(p.max_acceleration));
+    desired = shortened(desired, p.max_acceleration);
   } else {
     if (p.stage == Stage::position) {
       desired = (desired - s.travelled) * at(n.position_gain);
     } else if (p.stage == Stage::heading_velocity) {
-      const F scale = F(1.0F) / sqrt(max(r.xx * r.xx + r.yx * r.yx, F(kTiny)));
+      const F scale = 1.0F / sqrt(max(r.xx * r.xx + r.yx * r.yx, kTiny));
       const F x = r.xx * scale, y = r.yx * scale;
       desired = {x * set[0] - y * set[1], y * set[0] + x * set[1], set[2]};
     }
@@ -343,9 +341,9 @@ HWY_INLINE V3 rates_towards(const Physics& p, const Numbers& n, At at, const M3&
   const V3 up = transpose_times(r, aim.up);
   const F gain = at(n.attitude_gain) * turn_gain(up.z);
   const F yaw = clamp(aim.yaw_rate, p.max_yaw_rate);
-  const hn::Mask<D> is_inverted = are_opposite(up.z, up.x * up.x + up.y * up.y);
+  const F::Mask is_inverted = are_opposite(up.z, up.x * up.x + up.y * up.y);
   const F roll = select(is_inverted, at(n.twice_attitude_gain), -(up.y * gain));
-  const F pitch = select(is_inverted, F(0.0F), up.x * gain);
+  const F pitch = select(is_inverted, 0.0F, up.x * gain);
   return {roll + r.zx * yaw, pitch + r.zy * yaw, r.zz * yaw};
 }
 
@@ -375,17 +373,16 @@ HWY_INLINE F goodness(const Physics& p, const State& s) {
   const F square =
       s.rotation.w * s.rotation.w + s.rotation.x * s.rotation.x + s.rotation.y * s.rotation.y + s.rotation.z * s.rotation.z;
   // Of anything that is not finite, 0 times it is no number.
-  F nothing = (dot(s.velocity, s.velocity) + turn2 + dot(s.travelled, s.travelled) + square) * F(0.0F);
-  for (std::size_t i = 0; i < kRotors; ++i) nothing = nothing + s.rotor[i] * F(0.0F);
-  const F yes = select(nothing < F(1.0F), F(1.0F), F(0.0F));
-  const F slow = select(turn2 > F(p.max_turn * p.max_turn), F(0.0F), yes);
-  return select(fastest > F(kMaxSpeed), F(0.0F), select(abs(square - F(1.0F)) < F(1e-2F), slow, F(0.0F)));
+  F nothing = (dot(s.velocity, s.velocity) + turn2 + dot(s.travelled, s.travelled) + square) * 0.0F;
+  for (std::size_t i = 0; i < kRotors; ++i) nothing = nothing + s.rotor[i] * 0.0F;
+  const F yes = select(nothing < 1.0F, F(1.0F), 0.0F);
+  const F slow = select(turn2 > p.max_turn * p.max_turn, 0.0F, yes);
+  return select(fastest > kMaxSpeed, 0.0F, select(abs(square - 1.0F) < 1e-2F, slow, 0.0F));
 }
 
 template <bool kRk4, bool kHasRotorTerms>
 void fly_all(const Physics& p, const Numbers& n, Flock& flock, int first_tick, int ticks) {
-  const D d;
-  for (std::size_t lane = 0; lane < kLanes; lane += hn::Lanes(d)) {
+  for (std::size_t lane = 0; lane < kLanes; lane += F::kCount) {
     const At at{lane};
     State s{load3(flock.travelled, lane),
             load3(flock.velocity, lane),

@@ -1,0 +1,250 @@
+// Numbers side by side: Wide (floats or integers), WideMask (which of them) and Wide3 (vectors of three). Formulas read as they
+// do for one number, and a scalar operand stands for itself in every lane. Included once per SIMD target (Highway's
+// foreach_target).
+//
+// Every operation rounds correctly and none is contracted, so each lane has the same bits on every target.
+#if defined(FLOCKSTEP_BASE_WIDE_INL_HPP) == defined(HWY_TARGET_TOGGLE)
+#ifdef FLOCKSTEP_BASE_WIDE_INL_HPP
+#undef FLOCKSTEP_BASE_WIDE_INL_HPP
+#else
+#define FLOCKSTEP_BASE_WIDE_INL_HPP
+#endif
+
+#include <hwy/highway.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+
+HWY_BEFORE_NAMESPACE();
+namespace flockstep::HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// The same for each vector that a value is made of.
+#define FLOCKSTEP_EACH_PART(Result, expression)                                 \
+  Result result;                                                                \
+  for (std::size_t p = 0; p < Result::kParts; ++p) result.part[p] = expression; \
+  return result
+
+// D: Highway's tag of signed integers. They serve for floats of the same size, too.
+template <class D, std::size_t kParts_>
+struct WideMask {
+  static constexpr std::size_t kParts = kParts_, kLanes = hn::MaxLanes(D());
+  hn::Mask<D> part[kParts];
+
+  WideMask() = default;
+  HWY_INLINE explicit WideMask(bool all) {
+    for (auto& each : part) each = hn::Eq(hn::Set(D(), all ? 0 : 1), hn::Zero(D()));
+  }
+
+  friend HWY_INLINE WideMask operator&(const WideMask& a, const WideMask& b) {
+    FLOCKSTEP_EACH_PART(WideMask, hn::And(a.part[p], b.part[p]));
+  }
+  friend HWY_INLINE WideMask operator|(const WideMask& a, const WideMask& b) {
+    FLOCKSTEP_EACH_PART(WideMask, hn::Or(a.part[p], b.part[p]));
+  }
+  friend HWY_INLINE WideMask operator~(const WideMask& a) { FLOCKSTEP_EACH_PART(WideMask, hn::Not(a.part[p])); }
+  // a & ~b in one instruction.
+  friend HWY_INLINE WideMask without(const WideMask& a, const WideMask& b) {
+    FLOCKSTEP_EACH_PART(WideMask, hn::AndNot(b.part[p], a.part[p]));
+  }
+  friend HWY_INLINE bool none(const WideMask& mask) {
+    for (const auto& each : mask.part) {
+      if (!hn::AllFalse(D(), each)) return false;
+    }
+    return true;
+  }
+  friend HWY_INLINE bool all(const WideMask& mask) {
+    for (const auto& each : mask.part) {
+      if (!hn::AllTrue(D(), each)) return false;
+    }
+    return true;
+  }
+  // A bit for each lane, the first lane's the lowest.
+  friend HWY_INLINE std::uint32_t bits(const WideMask& mask) {
+    static_assert(kLanes * kParts <= 32);
+    std::uint32_t result = 0;
+    for (std::size_t p = 0; p < kParts; ++p) {
+      std::conditional_t<kLanes <= 8, std::uint8_t, std::uint16_t> bits = 0;
+      hn::StoreMaskBits(D(), mask.part[p], reinterpret_cast<std::uint8_t*>(&bits));
+      result |= static_cast<std::uint32_t>(bits) << (p * kLanes);
+    }
+    return result;
+  }
+};
+
+// D: Highway's tag. Of a few vectors; with one it costs no more than that.
+template <class D, std::size_t kParts_ = 1>
+struct Wide {
+  using Tag = D;
+  using T = hn::TFromD<D>;
+  using Int = Wide<hn::RebindToSigned<D>, kParts_>;
+  using Mask = WideMask<hn::RebindToSigned<D>, kParts_>;
+  static constexpr std::size_t kParts = kParts_, kLanes = hn::MaxLanes(D()), kCount = kParts * kLanes;
+  hn::Vec<D> part[kParts];
+
+  Wide() = default;
+  HWY_INLINE Wide(T x) {  // implicit: scalars are operands
+    for (auto& each : part) each = hn::Set(D(), x);
+  }
+
+  static HWY_INLINE Wide load(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::Load(D(), from + p * kLanes)); }
+  static HWY_INLINE Wide load_unaligned(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::LoadU(D(), from + p * kLanes)); }
+  static HWY_INLINE Wide gather(const T* table, const Int& index) {
+    FLOCKSTEP_EACH_PART(Wide, hn::GatherIndex(D(), table, index.part[p]));
+  }
+  // 0, 1, 2, ...
+  static HWY_INLINE Wide iota() { FLOCKSTEP_EACH_PART(Wide, hn::Iota(D(), static_cast<T>(p * kLanes))); }
+  HWY_INLINE void store(T* to) const {
+    for (std::size_t p = 0; p < kParts; ++p) hn::Store(part[p], D(), to + p * kLanes);
+  }
+  HWY_INLINE void store_unaligned(T* to) const {
+    for (std::size_t p = 0; p < kParts; ++p) hn::StoreU(part[p], D(), to + p * kLanes);
+  }
+
+  friend HWY_INLINE Wide operator+(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Add(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator-(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Sub(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator*(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Mul(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator/(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Div(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator-(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Neg(a.part[p])); }
+  // A NaN as the first operand gives the second.
+  friend HWY_INLINE Wide min(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Min(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide max(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Max(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide abs(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Abs(a.part[p])); }
+  friend HWY_INLINE Wide sqrt(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Sqrt(a.part[p])); }
+  friend HWY_INLINE Wide floor(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Floor(a.part[p])); }
+  friend HWY_INLINE Wide round(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Round(a.part[p])); }
+  // The first number's magnitude with the second's sign; the first number, negated where the second is negative.
+  friend HWY_INLINE Wide copy_sign(const Wide& a, const Wide& sign) {
+    FLOCKSTEP_EACH_PART(Wide, hn::CopySign(a.part[p], sign.part[p]));
+  }
+  friend HWY_INLINE Wide flip_sign(const Wide& a, const Wide& sign) {
+    FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], hn::And(sign.part[p], hn::SignBit(D()))));
+  }
+  // Integers.
+  friend HWY_INLINE Wide operator&(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::And(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator|(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Or(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator^(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], b.part[p])); }
+
+#define FLOCKSTEP_COMPARISON(op, function)                                                    \
+  friend HWY_INLINE Mask operator op(const Wide& a, const Wide& b) {                          \
+    FLOCKSTEP_EACH_PART(Mask, hn::RebindMask(MaskTag(), hn::function(a.part[p], b.part[p]))); \
+  }
+  FLOCKSTEP_COMPARISON(==, Eq)
+  FLOCKSTEP_COMPARISON(!=, Ne)
+  FLOCKSTEP_COMPARISON(<, Lt)
+  FLOCKSTEP_COMPARISON(<=, Le)
+  FLOCKSTEP_COMPARISON(>, Gt)
+  FLOCKSTEP_COMPARISON(>=, Ge)
+#undef FLOCKSTEP_COMPARISON
+
+  friend HWY_INLINE Wide select(const Mask& mask, const Wide& yes, const Wide& no) {
+    FLOCKSTEP_EACH_PART(Wide, hn::IfThenElse(hn::RebindMask(D(), mask.part[p]), yes.part[p], no.part[p]));
+  }
+  // With 0 for the other value.
+  friend HWY_INLINE Wide value_if(const Mask& mask, const Wide& a) {
+    FLOCKSTEP_EACH_PART(Wide, hn::IfThenElseZero(hn::RebindMask(D(), mask.part[p]), a.part[p]));
+  }
+  friend HWY_INLINE Wide zero_if(const Mask& mask, const Wide& a) {
+    FLOCKSTEP_EACH_PART(Wide, hn::IfThenZeroElse(hn::RebindMask(D(), mask.part[p]), a.part[p]));
+  }
+
+  friend HWY_INLINE T min_of_lanes(const Wide& a) {
+    hn::Vec<D> least = a.part[0];
+    for (std::size_t p = 1; p < kParts; ++p) least = hn::Min(least, a.part[p]);
+    return hn::GetLane(hn::MinOfLanes(D(), least));
+  }
+
+ private:
+  using MaskTag = hn::RebindToSigned<D>;
+};
+
+// One vector of floats, of the target's width but of at most kMost lanes. A loop over an array takes steps of kCount.
+template <std::size_t kMost>
+using WideUpTo = Wide<hn::CappedTag<float, kMost>>;
+// Exactly kCount floats, in as many vectors as they need.
+template <std::size_t kCount>
+using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;
+
+// Between floats and integers, which rounds towards 0, and between numbers of other sizes, as many lanes of either.
+template <class To, class D, std::size_t kParts>
+HWY_INLINE To convert(const Wide<D, kParts>& a) {
+  constexpr typename To::Tag to;
+  if constexpr (sizeof(typename To::T) == sizeof(hn::TFromD<D>)) {
+    FLOCKSTEP_EACH_PART(To, hn::ConvertTo(to, a.part[p]));
+  } else if constexpr (sizeof(typename To::T) > sizeof(hn::TFromD<D>)) {
+    FLOCKSTEP_EACH_PART(To, hn::PromoteTo(to, a.part[p]));
+  } else {
+    FLOCKSTEP_EACH_PART(To, hn::DemoteTo(to, a.part[p]));
+  }
+}
+template <class To, class D, std::size_t kParts>
+HWY_INLINE To bit_cast(const Wide<D, kParts>& a) {
+  FLOCKSTEP_EACH_PART(To, hn::BitCast(typename To::Tag(), a.part[p]));
+}
+template <int kBits, class D, std::size_t kParts, class Result = Wide<D, kParts>>
+HWY_INLINE Result shift_left(const Wide<D, kParts>& a) {
+  FLOCKSTEP_EACH_PART(Result, hn::ShiftLeft<kBits>(a.part[p]));
+}
+template <int kBits, class D, std::size_t kParts, class Result = Wide<D, kParts>>
+HWY_INLINE Result shift_right(const Wide<D, kParts>& a) {
+  FLOCKSTEP_EACH_PART(Result, hn::ShiftRight<kBits>(a.part[p]));
+}
+#undef FLOCKSTEP_EACH_PART
+
+// F: a Wide.
+template <class F>
+struct Wide3 {
+  F x, y, z;
+
+  static HWY_INLINE Wide3 load(const typename F::T* x, const typename F::T* y, const typename F::T* z) {
+    return {F::load(x), F::load(y), F::load(z)};
+  }
+  static HWY_INLINE Wide3 load_unaligned(const typename F::T* x, const typename F::T* y, const typename F::T* z) {
+    return {F::load_unaligned(x), F::load_unaligned(y), F::load_unaligned(z)};
+  }
+  HWY_INLINE void store(typename F::T* to_x, typename F::T* to_y, typename F::T* to_z) const {
+    x.store(to_x);
+    y.store(to_y);
+    z.store(to_z);
+  }
+
+  // Of rows side by side: x, y, z, x, y, z, ...
+  static HWY_INLINE Wide3 load_rows(const typename F::T* rows) {
+    Wide3 v;
+    for (std::size_t p = 0; p < F::kParts; ++p) {
+      hn::LoadInterleaved3(typename F::Tag(), rows + 3 * p * F::kLanes, v.x.part[p], v.y.part[p], v.z.part[p]);
+    }
+    return v;
+  }
+  HWY_INLINE void store_rows(typename F::T* rows) const {
+    for (std::size_t p = 0; p < F::kParts; ++p) {
+      hn::StoreInterleaved3(x.part[p], y.part[p], z.part[p], typename F::Tag(), rows + 3 * p * F::kLanes);
+    }
+  }
+
+  friend HWY_INLINE Wide3 operator+(const Wide3& a, const Wide3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+  friend HWY_INLINE Wide3 operator-(const Wide3& a, const Wide3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+  friend HWY_INLINE Wide3 operator-(const Wide3& a) { return {-a.x, -a.y, -a.z}; }
+  friend HWY_INLINE Wide3 operator*(const Wide3& a, const F& s) { return {a.x * s, a.y * s, a.z * s}; }
+  friend HWY_INLINE Wide3 operator/(const Wide3& a, const F& s) { return {a.x / s, a.y / s, a.z / s}; }
+  friend HWY_INLINE F dot(const Wide3& a, const Wide3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+  friend HWY_INLINE Wide3 cross(const Wide3& a, const Wide3& b) {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  }
+  friend HWY_INLINE Wide3 select(const typename F::Mask& mask, const Wide3& yes, const Wide3& no) {
+    return {select(mask, yes.x, no.x), select(mask, yes.y, no.y), select(mask, yes.z, no.z)};
+  }
+};
+
+// m: a matrix as m(row, column).
+template <class Matrix, class F>
+HWY_INLINE Wide3<F> rotate(const Matrix& m, const Wide3<F>& v) {
+  const auto row = [&](int i) HWY_ATTR { return F(m(i, 0)) * v.x + F(m(i, 1)) * v.y + F(m(i, 2)) * v.z; };
+  return {row(0), row(1), row(2)};
+}
+
+}  // namespace flockstep::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#endif  // include guard
