@@ -3,6 +3,8 @@
 // foreach_target).
 //
 // Every operation rounds correctly and none is contracted, so each lane has the same bits on every target.
+//
+// GCC compiles a constructor that it makes itself for the least target, so members of these types have no default initialisers.
 #if defined(FLOCKSTEP_BASE_WIDE_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_BASE_WIDE_INL_HPP
 #undef FLOCKSTEP_BASE_WIDE_INL_HPP

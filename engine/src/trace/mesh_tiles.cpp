@@ -15,6 +15,7 @@
 #include <limits>
 
 #include "base/prefetch.hpp"
+#include "base/wide-inl.hpp"
 
 #ifndef FLOCKSTEP_TRACE_MESH_TILES_COMMON
 #define FLOCKSTEP_TRACE_MESH_TILES_COMMON
@@ -59,113 +60,19 @@ inline int crosses_exactly(float u, float v, const std::array<Corner, 3>& corner
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-// Sixteen floats, in as many vectors as they take.
-using D = hn::CappedTag<float, 16>;
-using DI = hn::RebindToSigned<D>;
-constexpr std::size_t kLanes = hn::MaxLanes(D());
-constexpr std::size_t kParts = 16 / kLanes;
+using F = WideOf<16>;
+using I = F::Int;
+using M = F::Mask;
+using F3 = Wide3<F>;
 
-struct F {
-  hn::Vec<D> part[kParts];
-};
-struct M {  // which of the sixteen
-  hn::Mask<D> part[kParts];
-};
-
-#define FLOCKSTEP_EACH(Result, expression)                              \
-  Result result;                                                        \
-  for (std::size_t p = 0; p < kParts; ++p) result.part[p] = expression; \
-  return result
-HWY_INLINE F load(const float* from) { FLOCKSTEP_EACH(F, hn::Load(D(), from + p * kLanes)); }
-HWY_INLINE F all(float value) { FLOCKSTEP_EACH(F, hn::Set(D(), value)); }
-HWY_INLINE F operator+(const F& a, const F& b) { FLOCKSTEP_EACH(F, hn::Add(a.part[p], b.part[p])); }
-HWY_INLINE F operator-(const F& a, const F& b) { FLOCKSTEP_EACH(F, hn::Sub(a.part[p], b.part[p])); }
-HWY_INLINE F operator*(const F& a, const F& b) { FLOCKSTEP_EACH(F, hn::Mul(a.part[p], b.part[p])); }
-HWY_INLINE F operator/(const F& a, const F& b) { FLOCKSTEP_EACH(F, hn::Div(a.part[p], b.part[p])); }
-HWY_INLINE F least(const F& a, const F& b) { FLOCKSTEP_EACH(F, hn::Min(a.part[p], b.part[p])); }
-HWY_INLINE F most(const F& a, const F& b) { FLOCKSTEP_EACH(F, hn::Max(a.part[p], b.part[p])); }
-HWY_INLINE F magnitude(const F& a) { FLOCKSTEP_EACH(F, hn::Abs(a.part[p])); }
-HWY_INLINE F select(const M& mask, const F& yes, const F& no) {
-  FLOCKSTEP_EACH(F, hn::IfThenElse(mask.part[p], yes.part[p], no.part[p]));
-}
-HWY_INLINE M operator>=(const F& a, const F& b) { FLOCKSTEP_EACH(M, hn::Ge(a.part[p], b.part[p])); }
-HWY_INLINE M operator>(const F& a, const F& b) { FLOCKSTEP_EACH(M, hn::Gt(a.part[p], b.part[p])); }
-HWY_INLINE M operator==(const F& a, const F& b) { FLOCKSTEP_EACH(M, hn::Eq(a.part[p], b.part[p])); }
-HWY_INLINE M operator&(const M& a, const M& b) { FLOCKSTEP_EACH(M, hn::And(a.part[p], b.part[p])); }
-HWY_INLINE M operator|(const M& a, const M& b) { FLOCKSTEP_EACH(M, hn::Or(a.part[p], b.part[p])); }
-HWY_INLINE M without(const M& a, const M& b) { FLOCKSTEP_EACH(M, hn::AndNot(b.part[p], a.part[p])); }
-#undef FLOCKSTEP_EACH
-
-HWY_INLINE void store(const F& a, float* to) {
-  for (std::size_t p = 0; p < kParts; ++p) hn::Store(a.part[p], D(), to + p * kLanes);
-}
 // Whole vectors: a store by mask is slow on some processors, and so is what reads it back soon.
-HWY_INLINE void store_where(const M& mask, const F& a, float* to) { store(select(mask, a, load(to)), to); }
-HWY_INLINE void store_where(const M& mask, std::int32_t value, std::int32_t* to) {
-  for (std::size_t p = 0; p < kParts; ++p) {
-    std::int32_t* const part = to + p * kLanes;
-    hn::Store(hn::IfThenElse(hn::RebindMask(DI(), mask.part[p]), hn::Set(DI(), value), hn::Load(DI(), part)), DI(), part);
-  }
-}
-// Twice the values, and 1 more where the mask says so.
-HWY_INLINE void store_doubled(const std::int32_t* values, const M& one_more, std::int32_t* to) {
-  for (std::size_t p = 0; p < kParts; ++p) {
-    const auto one = hn::IfThenElseZero(hn::RebindMask(DI(), one_more.part[p]), hn::Set(DI(), 1));
-    hn::Store(hn::Or(hn::ShiftLeft<1>(hn::Load(DI(), values + p * kLanes)), one), DI(), to + p * kLanes);
-  }
-}
-HWY_INLINE M is_above(const std::int32_t* values, std::int32_t value) {
-  M result;
-  for (std::size_t p = 0; p < kParts; ++p) {
-    result.part[p] = hn::RebindMask(D(), hn::Gt(hn::Load(DI(), values + p * kLanes), hn::Set(DI(), value)));
-  }
-  return result;
-}
+HWY_INLINE void store_where(const M& mask, const F& value, float* to) { select(mask, value, F::load(to)).store(to); }
+HWY_INLINE void store_where(const M& mask, std::int32_t value, std::int32_t* to) { select(mask, value, I::load(to)).store(to); }
 // The numbers with those of their places in their last four bits, so that no two are equal.
-HWY_INLINE F numbered(const F& a) {
-  F result;
-  for (std::size_t p = 0; p < kParts; ++p) {
-    const auto number = hn::Iota(DI(), static_cast<std::int32_t>(p * kLanes));
-    const auto kept = hn::And(hn::BitCast(DI(), a.part[p]), hn::Set(DI(), ~15));
-    result.part[p] = hn::BitCast(D(), hn::Or(kept, number));
-  }
-  return result;
-}
-HWY_INLINE Bits bits(const M& mask) {
-  Bits result = 0;
-  for (std::size_t p = 0; p < kParts; ++p) {
-    std::uint16_t part = 0;
-    hn::StoreMaskBits(D(), mask.part[p], reinterpret_cast<std::uint8_t*>(&part));
-    result |= static_cast<Bits>(part) << (p * kLanes);
-  }
-  return result;
-}
-HWY_INLINE bool none(const M& mask) {
-  for (std::size_t p = 0; p < kParts; ++p) {
-    if (!hn::AllFalse(D(), mask.part[p])) return false;
-  }
-  return true;
-}
-HWY_INLINE float least_of(const F& a) {
-  hn::Vec<D> result = a.part[0];
-  for (std::size_t p = 1; p < kParts; ++p) result = hn::Min(result, a.part[p]);
-  return hn::GetLane(hn::MinOfLanes(D(), result));
-}
-HWY_INLINE float most_of(const F& a) {
-  hn::Vec<D> result = a.part[0];
-  for (std::size_t p = 1; p < kParts; ++p) result = hn::Max(result, a.part[p]);
-  return hn::GetLane(hn::MaxOfLanes(D(), result));
-}
-
-struct F3 {
-  F x, y, z;
-};
-HWY_INLINE F3 operator+(const F3& a, const F3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-HWY_INLINE F3 operator-(const F3& a, const F3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-HWY_INLINE F3 cross(const F3& a, const F3& b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
-HWY_INLINE F largest(const F3& a) { return most(most(magnitude(a.x), magnitude(a.y)), magnitude(a.z)); }
+HWY_INLINE F numbered(const F& a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota()); }
+HWY_INLINE F largest(const F3& a) { return max(max(abs(a.x), abs(a.y)), abs(a.z)); }
 
 constexpr float kRounding = 0x1p-20F;  // some roundings of a sum of products, relative to the magnitude of its terms
 constexpr float kWiden = 0x1p-18F;     // of coordinates: more than a turned corner or box is off
@@ -186,11 +93,11 @@ struct StoredRectangles {
   alignas(64) float u0[16], u1[16], v0[16], v1[16], near[16];
 
   HWY_INLINE explicit StoredRectangles(const Rectangles& r) {
-    store(r.u0, u0);
-    store(r.u1, u1);
-    store(r.v0, v0);
-    store(r.v1, v1);
-    store(r.near, near);
+    r.u0.store(u0);
+    r.u1.store(u1);
+    r.v0.store(v0);
+    r.v1.store(v1);
+    r.near.store(near);
   }
 };
 
@@ -199,15 +106,15 @@ struct Linear {
   alignas(64) float of_1[16], of_u[16], of_v[16];
 
   HWY_INLINE void set(const F& a, const F& b, const F& c) {
-    store(a, of_1);
-    store(b, of_u);
-    store(c, of_v);
+    a.store(of_1);
+    b.store(of_u);
+    c.store(of_v);
   }
   // Of one triangle for sixteen rays; of sixteen triangles for one ray.
   HWY_INLINE F of_one(std::size_t triangle, const F& u, const F& v) const {
-    return (all(of_1[triangle]) + all(of_u[triangle]) * u) + all(of_v[triangle]) * v;
+    return of_1[triangle] + of_u[triangle] * u + of_v[triangle] * v;
   }
-  HWY_INLINE F of_all(float u, float v) const { return (load(of_1) + load(of_u) * all(u)) + load(of_v) * all(v); }
+  HWY_INLINE F of_all(float u, float v) const { return F::load(of_1) + F::load(of_u) * u + F::load(of_v) * v; }
 };
 struct Facets {
   Linear edge[3];               // what is at least 0 inside, raised by more than rounding may lower it by within the tile
@@ -261,7 +168,7 @@ class TileTrace {
     std::fill_n(id_, kRays, kNobody);
     std::fill_n(w_of_, 16, FLT_MAX);
     if (rays_.no_hits_yet) {
-      for (std::size_t sub = 0; sub < rows; ++sub) store(all(least_w), w_ + 16 * sub);
+      for (std::size_t sub = 0; sub < rows; ++sub) F(least_w).store(w_ + 16 * sub);
       for (std::size_t row = rays_.count / 16; row < rows; ++row) {  // rows that fill up the last sub-tiles
         for (std::size_t column = 0; column < 16; ++column) w_[TileAxis::place(row, column)] = FLT_MAX;
       }
@@ -272,7 +179,7 @@ class TileTrace {
     largest_u_ = std::max(std::abs(u_.least_of_all), std::abs(u_.most_of_all));
     largest_v_ = std::max(std::abs(v_.least_of_all), std::abs(v_.most_of_all));
     margin_ = kRounding * (1.0F + std::max(largest_u_, largest_v_));
-    w_of_all_ = least_of(load(w_of_));
+    w_of_all_ = min_of_lanes(F::load(w_of_));
   }
 
   // What the rays have met so far.
@@ -284,52 +191,46 @@ class TileTrace {
       }
     }
     for (std::size_t sub = 0; sub < rows; ++sub) {
-      const F t = load(w_ + 16 * sub);
-      const F w = select(t >= all(0.0F), most(all(1.0F) / t, all(least_w)), all(FLT_MAX));
-      store(w, w_ + 16 * sub);
-      w_of_[sub] = least_of(w);
+      const F t = F::load(w_ + 16 * sub);
+      const F w = select(t >= 0.0F, max(1.0F / t, least_w), FLT_MAX);
+      w.store(w_ + 16 * sub);
+      w_of_[sub] = min_of_lanes(w);
     }
   }
 
-  HWY_INLINE F3 turned(const F3& v) const {
-    const auto along = [&](std::size_t i) HWY_ATTR {
-      return (all(to_tile_[i][0]) * v.x + all(to_tile_[i][1]) * v.y) + all(to_tile_[i][2]) * v.z;
-    };
-    return {along(0), along(1), along(2)};
+  // A point of the world in the tile's frame.
+  HWY_INLINE F3 to_tile(const F3& point) const {
+    return rotate([this](int row, int column) { return to_tile_[row][column]; }, point - F3{origin_[0], origin_[1], origin_[2]});
   }
 
   // Which of sixteen are in view, as far as this tells.
   HWY_INLINE Bits in_view(const Rectangles& r) const {
-    return bits((r.u1 >= all(u_.least_of_all)) & (all(u_.most_of_all) >= r.u0) & (r.v1 >= all(v_.least_of_all)) &
-                (all(v_.most_of_all) >= r.v0) & (all(kBeyond) >= r.near * all(w_of_all_)));
+    return bits((r.u1 >= u_.least_of_all) & (u_.most_of_all >= r.u0) & (r.v1 >= v_.least_of_all) & (v_.most_of_all >= r.v0) &
+                (kBeyond >= r.near * w_of_all_));
   }
   // Which sub-tiles one of sixteen may be hit in.
   HWY_INLINE Bits subs_in(const StoredRectangles& r, std::size_t i) const {
-    return used_ &
-           bits((load(u_.ends[1]) >= all(r.u0[i])) & (all(r.u1[i]) >= load(u_.ends[0])) & (load(v_.ends[1]) >= all(r.v0[i])) &
-                (all(r.v1[i]) >= load(v_.ends[0])) & (all(kBeyond) >= all(r.near[i]) * load(w_of_)));
+    return used_ & bits((F::load(u_.ends[1]) >= r.u0[i]) & (r.u1[i] >= F::load(u_.ends[0])) & (F::load(v_.ends[1]) >= r.v0[i]) &
+                        (r.v1[i] >= F::load(v_.ends[0])) & (kBeyond >= r.near[i] * F::load(w_of_)));
   }
 
   HWY_INLINE Bits look(const MeshNode& node, Rectangles& r) const {
-    const F widen = all(widen_);
-    const F3 center = turned(
-        {load(node.center[0]) - all(origin_[0]), load(node.center[1]) - all(origin_[1]), load(node.center[2]) - all(origin_[2])});
-    const F half[3] = {load(node.half[0]), load(node.half[1]), load(node.half[2])};
+    const F3 center = to_tile(F3::load(node.center[0], node.center[1], node.center[2]));
+    const F half[3] = {F::load(node.half[0]), F::load(node.half[1]), F::load(node.half[2])};
     const auto reach = [&](std::size_t i) HWY_ATTR {
-      return ((all(std::abs(to_tile_[i][0])) * half[0] + all(std::abs(to_tile_[i][1])) * half[1]) +
-              all(std::abs(to_tile_[i][2])) * half[2]) +
-             widen;
+      return std::abs(to_tile_[i][0]) * half[0] + std::abs(to_tile_[i][1]) * half[1] + std::abs(to_tile_[i][2]) * half[2] +
+             widen_;
     };
     const F x = reach(0), y = reach(1), z = reach(2);
     r.near = center.x - x;
     const F far = center.x + x;
-    const F a = all(1.0F) / most(r.near, all(kTiny)), b = all(1.0F) / most(far, all(kTiny));
-    const F left = center.y - y, right = center.y + y, below = center.z - z, above = center.z + z, margin = all(margin_);
-    r.u0 = least(left * a, left * b) - margin;
-    r.u1 = most(right * a, right * b) + margin;
-    r.v0 = least(below * a, below * b) - margin;
-    r.v1 = most(above * a, above * b) + margin;
-    return in_view(r) & bits((far > all(0.0F)) & (half[0] >= all(0.0F)));
+    const F a = 1.0F / max(r.near, kTiny), b = 1.0F / max(far, kTiny);
+    const F left = center.y - y, right = center.y + y, below = center.z - z, above = center.z + z, margin = margin_;
+    r.u0 = min(left * a, left * b) - margin;
+    r.u1 = max(right * a, right * b) + margin;
+    r.v0 = min(below * a, below * b) - margin;
+    r.v1 = max(above * a, above * b) + margin;
+    return in_view(r) & bits((far > 0.0F) & (half[0] >= 0.0F));
   }
 
   void visit(const MeshNode& node) {
@@ -338,15 +239,14 @@ class TileTrace {
     if (children == 0) return;
     const StoredRectangles stored(rectangles);
     // Near ones first: a child comes after those that are nearer, however many they are.
-    const F depths = numbered(most(rectangles.near, all(kTiny)));
+    const F depths = numbered(max(rectangles.near, kTiny));
     alignas(64) float depth[16];
-    store(depths, depth);
+    depths.store(depth);
     std::array<std::uint8_t, 16> order;
     const auto count = static_cast<std::size_t>(std::popcount(children));
     for (Bits left = children; left != 0; left &= left - 1) {
       const auto lane = static_cast<std::size_t>(std::countr_zero(left));
-      order[static_cast<std::size_t>(std::popcount(children & bits(all(depth[lane]) > depths)))] =
-          static_cast<std::uint8_t>(lane);
+      order[static_cast<std::size_t>(std::popcount(children & bits(depth[lane] > depths)))] = static_cast<std::uint8_t>(lane);
     }
     fetch(node.child[order[0]]);
     for (std::size_t i = 0; i < count; ++i) {
@@ -394,34 +294,34 @@ class TileTrace {
 
   // Which of a sub-tile's rays may hit one of sixteen.
   HWY_INLINE Bits rays_in(const StoredRectangles& r, std::size_t i, std::size_t sub) const {
-    const F u = load(u_.of_ray + 16 * sub), v = load(v_.of_ray + 16 * sub);
-    return bits((u >= all(r.u0[i])) & (all(r.u1[i]) >= u) & (v >= all(r.v0[i])) & (all(r.v1[i]) >= v) &
-                (all(kBeyond) >= all(r.near[i]) * load(w_ + 16 * sub)));
+    const F u = F::load(u_.of_ray + 16 * sub), v = F::load(v_.of_ray + 16 * sub);
+    return bits((u >= r.u0[i]) & (r.u1[i] >= u) & (v >= r.v0[i]) & (r.v1[i] >= v) &
+                (kBeyond >= r.near[i] * F::load(w_ + 16 * sub)));
   }
 
   // How far the farthest hits are, after those of some sub-tiles have come nearer.
   HWY_INLINE void refresh(Bits changed) {
     for (; changed != 0; changed &= changed - 1) {
       const auto sub = static_cast<std::size_t>(std::countr_zero(changed));
-      w_of_[sub] = least_of(load(w_ + 16 * sub));
+      w_of_[sub] = min_of_lanes(F::load(w_ + 16 * sub));
     }
-    w_of_all_ = least_of(load(w_of_));
+    w_of_all_ = min_of_lanes(F::load(w_of_));
   }
 
   // One ray goes on alone.
   void descend(std::size_t ray, const MeshNode& node) {
-    F enter = all(0.0F), leave = all(kBeyond / w_[ray]);
+    F enter = 0.0F, leave = kBeyond / w_[ray];
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const float along = (to_tile_[0][axis] + to_tile_[1][axis] * u_.of_ray[ray]) + to_tile_[2][axis] * v_.of_ray[ray];
       const float inverse = 1.0F / (std::abs(along) < kTiny ? std::copysign(kTiny, along) : along);
-      const F middle = (load(node.center[axis]) - all(origin_[axis])) * all(inverse);
-      const F reach = (load(node.half[axis]) + all(2.0F * widen_)) * all(std::abs(inverse));
-      enter = most(enter, middle - reach);
-      leave = least(leave, middle + reach);
+      const F middle = (F::load(node.center[axis]) - origin_[axis]) * inverse;
+      const F reach = (F::load(node.half[axis]) + 2.0F * widen_) * std::abs(inverse);
+      enter = max(enter, middle - reach);
+      leave = min(leave, middle + reach);
     }
     alignas(64) float near[16];
-    store(enter, near);
-    Bits children = bits((leave >= enter) & (load(node.half[0]) >= all(0.0F)));
+    enter.store(near);
+    Bits children = bits((leave >= enter) & (F::load(node.half[0]) >= 0.0F));
     while (children != 0) {  // the nearest first; there are few
       std::size_t lane = 16;
       for (Bits left = children; left != 0; left &= left - 1) {
@@ -451,27 +351,26 @@ class TileTrace {
   HWY_INLINE Bits turn(const MeshLeaf& leaf, Facets& facets, Rectangles& r) const {
     F3 c[3];
     for (std::size_t k = 0; k < 3; ++k) {
-      c[k] = turned({load(leaf.corner[k][0]) - all(origin_[0]), load(leaf.corner[k][1]) - all(origin_[1]),
-                     load(leaf.corner[k][2]) - all(origin_[2])});
+      c[k] = to_tile(F3::load(leaf.corner[k][0], leaf.corner[k][1], leaf.corner[k][2]));
     }
-    const F one = all(1.0F), zero = all(0.0F), wide = all(kWide), margin = all(margin_);
-    r.near = least(least(c[0].x, c[1].x), c[2].x);
-    const F far = most(most(c[0].x, c[1].x), c[2].x);
-    const M ahead = r.near > all(kTiny);
+    const F margin = margin_;
+    r.near = min(min(c[0].x, c[1].x), c[2].x);
+    const F far = max(max(c[0].x, c[1].x), c[2].x);
+    const M ahead = r.near > kTiny;
     F u[3], v[3], inverse[3];
     for (std::size_t k = 0; k < 3; ++k) {
-      inverse[k] = one / c[k].x;
+      inverse[k] = 1.0F / c[k].x;
       u[k] = c[k].y * inverse[k];
       v[k] = c[k].z * inverse[k];
     }
-    r.u0 = select(ahead, least(least(u[0], u[1]), u[2]) - margin, zero - wide);
-    r.u1 = select(ahead, most(most(u[0], u[1]), u[2]) + margin, wide);
-    r.v0 = select(ahead, least(least(v[0], v[1]), v[2]) - margin, zero - wide);
-    r.v1 = select(ahead, most(most(v[0], v[1]), v[2]) + margin, wide);
-    const Bits seen = in_view(r) & bits(far > zero);
+    r.u0 = select(ahead, min(min(u[0], u[1]), u[2]) - margin, -kWide);
+    r.u1 = select(ahead, max(max(u[0], u[1]), u[2]) + margin, kWide);
+    r.v0 = select(ahead, min(min(v[0], v[1]), v[2]) - margin, -kWide);
+    r.v1 = select(ahead, max(max(v[0], v[1]), v[2]) + margin, kWide);
+    const Bits seen = in_view(r) & bits(far > 0.0F);
     if (seen == 0) return 0;
-    store(one / far, facets.least);
-    store(select(ahead, most(most(inverse[0], inverse[1]), inverse[2]), all(FLT_MAX)), facets.most);
+    (1.0F / far).store(facets.least);
+    select(ahead, max(max(inverse[0], inverse[1]), inverse[2]), FLT_MAX).store(facets.most);
 
     // Twice the cross product of two corners: of the edge seen from its other triangle it differs in sign and in nothing else.
     // Each of its coordinates is off by some roundings of the largest product that it may be made of.
@@ -482,18 +381,17 @@ class TileTrace {
       edge[k] = cross(c[(k + 1) % 3] + c[k], difference);
       length[k] = largest(difference);
     }
-    const F reach = most(most(largest(c[0]), largest(c[1])), largest(c[2]));
-    const F slack =
-        all(4.0F * kRounding * (1.0F + largest_u_ + largest_v_)) * reach * most(most(length[0], length[1]), length[2]);
-    store(all(2.0F) * slack, facets.clear);
+    const F reach = max(max(largest(c[0]), largest(c[1])), largest(c[2]));
+    const F slack = 4.0F * kRounding * (1.0F + largest_u_ + largest_v_) * reach * max(max(length[0], length[1]), length[2]);
+    (2.0F * slack).store(facets.clear);
     const F3 normal = cross(c[1] - c[0], c[2] - c[1]);
-    const F height = (normal.x * c[0].x + normal.y * c[0].y) + normal.z * c[0].z;
-    const M is_clear = magnitude(height) > all(6.0F * kRounding) * length[0] * length[1] * reach;
+    const F height = dot(normal, c[0]);
+    const M is_clear = abs(height) > 6.0F * kRounding * length[0] * length[1] * reach;
     facets.slivers = ~bits(is_clear) & 0xFFFFU;
-    store_doubled(leaf.triangle, height > zero, facets.id);
-    const F side = select(height >= zero, one, zero - one);
+    (shift_left<1>(I::load(leaf.triangle)) | value_if(height > 0.0F, I(1))).store(facets.id);
+    const F side = select(height >= 0.0F, F(1.0F), -1.0F);
     for (std::size_t k = 0; k < 3; ++k) facets.edge[k].set(side * edge[k].x + slack, side * edge[k].y, side * edge[k].z);
-    const F share = one / height;
+    const F share = 1.0F / height;
     facets.depth.set(normal.x * share, normal.y * share, normal.z * share);
     return seen;
   }
@@ -557,14 +455,13 @@ class TileTrace {
 
   // Which triangles may be hit in a sub-tile: as subs_in() and subs_within() say for one triangle.
   HWY_INLINE Bits triangles_in(const Rectangles& r, const Facets& facets, std::size_t sub) const {
-    const F u0 = all(u_.ends[0][sub]), u1 = all(u_.ends[1][sub]), v0 = all(v_.ends[0][sub]), v1 = all(v_.ends[1][sub]);
+    const F u0 = u_.ends[0][sub], u1 = u_.ends[1][sub], v0 = v_.ends[0][sub], v1 = v_.ends[1][sub];
     const auto greatest = [&](const Linear& value) HWY_ATTR {
-      const F of_u = load(value.of_u), of_v = load(value.of_v);
-      return (load(value.of_1) + most(of_u * u0, of_u * u1)) + most(of_v * v0, of_v * v1);
+      const F of_u = F::load(value.of_u), of_v = F::load(value.of_v);
+      return F::load(value.of_1) + max(of_u * u0, of_u * u1) + max(of_v * v0, of_v * v1);
     };
-    const F edges = least(least(greatest(facets.edge[0]), greatest(facets.edge[1])), greatest(facets.edge[2]));
-    return bits((r.u1 >= u0) & (u1 >= r.u0) & (r.v1 >= v0) & (v1 >= r.v0) & (edges >= all(0.0F)) &
-                (all(kBeyond) >= r.near * all(w_of_[sub])));
+    const F edges = min(min(greatest(facets.edge[0]), greatest(facets.edge[1])), greatest(facets.edge[2]));
+    return bits((r.u1 >= u0) & (u1 >= r.u0) & (r.v1 >= v0) & (v1 >= r.v0) & (edges >= 0.0F) & (kBeyond >= r.near * w_of_[sub]));
   }
 
   // 1 or 0 without a branch, which nothing could predict.
@@ -574,24 +471,24 @@ class TileTrace {
   // of a sub-tile, and so it is when it is rounded, by multiplications and additions that never make the greater the lesser.
   HWY_INLINE Bits subs_within(const Facets& facets, std::size_t i) const {
     const auto greatest = [&](const Linear& value) HWY_ATTR {
-      return value.of_one(i, load(u_.ends[is_positive(value.of_u[i])]), load(v_.ends[is_positive(value.of_v[i])]));
+      return value.of_one(i, F::load(u_.ends[is_positive(value.of_u[i])]), F::load(v_.ends[is_positive(value.of_v[i])]));
     };
-    const F edges = least(least(greatest(facets.edge[0]), greatest(facets.edge[1])), greatest(facets.edge[2]));
-    const F w = least(most(greatest(facets.depth), all(facets.least[i])), all(facets.most[i]));
-    return bits((edges >= all(0.0F)) & (w >= load(w_of_)));
+    const F edges = min(min(greatest(facets.edge[0]), greatest(facets.edge[1])), greatest(facets.edge[2]));
+    const F w = min(max(greatest(facets.depth), facets.least[i]), facets.most[i]);
+    return bits((edges >= 0.0F) & (w >= F::load(w_of_)));
   }
 
   // The rays of a sub-tile and one triangle. Whether one has hit it.
   HWY_INLINE bool test(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t sub) {
-    const F u = load(u_.of_ray + 16 * sub), v = load(v_.of_ray + 16 * sub), best = load(w_ + 16 * sub);
+    const F u = F::load(u_.of_ray + 16 * sub), v = F::load(v_.of_ray + 16 * sub), best = F::load(w_ + 16 * sub);
     const F a = facets.edge[0].of_one(i, u, v), b = facets.edge[1].of_one(i, u, v), c = facets.edge[2].of_one(i, u, v);
-    const F w = least(most(facets.depth.of_one(i, u, v), all(facets.least[i])), all(facets.most[i]));
-    const F lowest = least(least(a, b), c);
-    M hit = (lowest >= all(0.0F)) & (w >= best) & (all(most_w_) >= w);
+    const F w = min(max(facets.depth.of_one(i, u, v), facets.least[i]), facets.most[i]);
+    const F lowest = min(min(a, b), c);
+    M hit = (lowest >= 0.0F) & (w >= best) & (most_w_ >= w);
     if (none(hit)) return false;
     const std::int32_t id = facets.id[i];
-    hit = hit & ((w > best) | is_above(id_ + 16 * sub, id));
-    if (const M doubtful = without(hit, lowest > all(facets.clear[i])); !none(doubtful)) {
+    hit = hit & ((w > best) | (I::load(id_ + 16 * sub) > id));
+    if (const M doubtful = without(hit, lowest > facets.clear[i]); !none(doubtful)) {
       hit = without(hit, missed(facets, leaf, i, sub, bits(doubtful)));
     }
     if (none(hit)) return false;
@@ -602,9 +499,9 @@ class TileTrace {
     store_where(hit, w, w_ + 16 * sub);
     store_where(hit, id, id_ + 16 * sub);
     if (normals_) {
-      store_where(hit, all(facets.depth.of_1[i]), n_[0] + 16 * sub);
-      store_where(hit, all(facets.depth.of_u[i]), n_[1] + 16 * sub);
-      store_where(hit, all(facets.depth.of_v[i]), n_[2] + 16 * sub);
+      store_where(hit, facets.depth.of_1[i], n_[0] + 16 * sub);
+      store_where(hit, facets.depth.of_u[i], n_[1] + 16 * sub);
+      store_where(hit, facets.depth.of_v[i], n_[2] + 16 * sub);
     }
     if (weights_) {
       store_where(hit, a, weight_[0] + 16 * sub);
@@ -618,16 +515,16 @@ class TileTrace {
   HWY_INLINE bool test_ray(const Facets& facets, const MeshLeaf& leaf, Bits triangles, std::size_t ray) {
     const F a = facets.edge[0].of_all(u_.of_ray[ray], v_.of_ray[ray]), b = facets.edge[1].of_all(u_.of_ray[ray], v_.of_ray[ray]),
             c = facets.edge[2].of_all(u_.of_ray[ray], v_.of_ray[ray]);
-    const F w = least(most(facets.depth.of_all(u_.of_ray[ray], v_.of_ray[ray]), load(facets.least)), load(facets.most));
-    const F lowest = least(least(a, b), c);
-    Bits hit = triangles & bits((lowest >= all(0.0F)) & (w >= all(w_[ray])) & (all(most_w_) >= w));
+    const F w = min(max(facets.depth.of_all(u_.of_ray[ray], v_.of_ray[ray]), F::load(facets.least)), F::load(facets.most));
+    const F lowest = min(min(a, b), c);
+    Bits hit = triangles & bits((lowest >= 0.0F) & (w >= w_[ray]) & (most_w_ >= w));
     if (hit == 0) return false;
-    const Bits clear = bits(lowest > load(facets.clear));
+    const Bits clear = bits(lowest > F::load(facets.clear));
     alignas(64) float at[4][16];
-    store(a, at[0]);
-    store(b, at[1]);
-    store(c, at[2]);
-    store(w, at[3]);
+    a.store(at[0]);
+    b.store(at[1]);
+    c.store(at[2]);
+    w.store(at[3]);
     bool any = false;
     for (; hit != 0; hit &= hit - 1) {
       const auto i = static_cast<std::size_t>(std::countr_zero(hit));
@@ -691,7 +588,7 @@ class TileTrace {
       const auto lane = static_cast<std::size_t>(std::countr_zero(hits));
       if (is_seen_through(leaf, i, 16 * sub + lane)) through[lane] = 1.0F;
     }
-    return load(through) > all(0.0F);
+    return F::load(through) > 0.0F;
   }
 
   // Whether a ray hits a triangle that is not seen edge-on.
@@ -718,10 +615,10 @@ class TileTrace {
       const auto lane = static_cast<std::size_t>(std::countr_zero(doubtful));
       if (!hits_exactly(facets, leaf, i, 16 * sub + lane)) misses[lane] = 1.0F;
     }
-    return load(misses) > all(0.0F);
+    return F::load(misses) > 0.0F;
   }
 
-  // Those of a triangle in the tile's frame, rounded as turned() does.
+  // Those of a triangle in the tile's frame, rounded as to_tile() does.
   std::array<Corner, 3> corners(const MeshLeaf& leaf, std::size_t i) const {
     std::array<Corner, 3> result;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -739,37 +636,34 @@ class TileTrace {
     // Whole sub-tiles, in place; of rays that have hit nothing the numbers mean nothing.
     const std::size_t rows = rays_.count / 16;
     for (std::size_t first = 0; first < 64 * ((rows + 3) / 4); first += 16) {
-      store(least(all(1.0F) / load(w_ + first), all(rays_.range)), w_ + first);
+      min(1.0F / F::load(w_ + first), rays_.range).store(w_ + first);
       if (normals_) {
-        const F3 normal{load(n_[0] + first), load(n_[1] + first), load(n_[2] + first)};
+        const F3 normal = F3::load(n_[0] + first, n_[1] + first, n_[2] + first);
         for (int axis = 0; axis < 3; ++axis) {
-          const auto part = [&](int k) HWY_ATTR { return all(rays_.rotation(axis, k)); };
-          store(part(0) * normal.x + (part(1) * normal.y + part(2) * normal.z), n_[axis] + first);
+          const auto& m = rays_.rotation;
+          (m(axis, 0) * normal.x + (m(axis, 1) * normal.y + m(axis, 2) * normal.z)).store(n_[axis] + first);
         }
       }
       if (weights_) {
-        const F a = load(weight_[0] + first), b = load(weight_[1] + first), c = load(weight_[2] + first);
-        const F share = all(1.0F) / most((a + b) + c, all(FLT_MIN));
-        store(least(c * share, all(1.0F)), weight_[0] + first);
-        store(least(a * share, all(1.0F)), weight_[1] + first);
+        const F a = F::load(weight_[0] + first), b = F::load(weight_[1] + first), c = F::load(weight_[2] + first);
+        const F share = 1.0F / max(a + b + c, FLT_MIN);
+        min(c * share, 1.0F).store(weight_[0] + first);
+        min(a * share, 1.0F).store(weight_[1] + first);
       }
     }
-    const hn::CappedTag<float, 4> d;
-    const hn::RebindToSigned<decltype(d)> di;
-    const std::size_t lanes = hn::Lanes(d);
+    using F4 = WideUpTo<4>;
+    using I4 = F4::Int;
     for (std::size_t row = 0; row < rows; ++row) {
-      for (std::size_t column = 0; column < 16; column += lanes) {
+      for (std::size_t column = 0; column < 16; column += F4::kCount) {
         const std::size_t from = TileAxis::place(row, column), to = 16 * row + column;
-        const auto id = hn::Load(di, id_ + from);
-        const auto found = hn::Ne(id, hn::Set(di, kNobody));
-        const auto before = rays_.no_hits_yet ? hn::Inf(d) : hn::Load(d, rays_.t_hit + to);
-        const auto t_hit = hn::IfThenElse(hn::RebindMask(d, found), hn::Load(d, w_ + from), before);
-        hn::Store(t_hit, d, rays_.t_hit + to);
-        const auto element_before = rays_.no_hits_yet ? hn::Set(di, -1) : hn::Load(di, rays_.element + to);
-        const auto element = hn::IfThenElse(found, hn::Add(hn::ShiftRight<1>(id), hn::Set(di, first_element_)), element_before);
-        hn::Store(element, di, rays_.element + to);
-        if (details_ != nullptr) hn::Store(hn::And(id, hn::Set(di, 1)), di, details_->back + to);
-        const auto copy = [&](const float* values, float* out) HWY_ATTR { hn::Store(hn::Load(d, values + from), d, out + to); };
+        const I4 id = I4::load(id_ + from);
+        const F4::Mask found = id != kNobody;
+        const F4 before = rays_.no_hits_yet ? F4(std::numeric_limits<float>::infinity()) : F4::load(rays_.t_hit + to);
+        select(found, F4::load(w_ + from), before).store(rays_.t_hit + to);
+        const I4 element_before = rays_.no_hits_yet ? I4(-1) : I4::load(rays_.element + to);
+        select(found, shift_right<1>(id) + first_element_, element_before).store(rays_.element + to);
+        if (details_ != nullptr) (id & 1).store(details_->back + to);
+        const auto copy = [&](const float* values, float* out) HWY_ATTR { F4::load(values + from).store(out + to); };
         if (normals_) {
           copy(n_[0], details_->normal_x);
           copy(n_[1], details_->normal_y);

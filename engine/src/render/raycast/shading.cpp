@@ -17,7 +17,7 @@
 
 #include "base/prefetch.hpp"
 #include "base/srgb.hpp"
-#include "trace/intersect-inl.hpp"
+#include "base/wide-inl.hpp"
 
 #ifndef FLOCKSTEP_RENDER_COMMON_FACE
 #define FLOCKSTEP_RENDER_COMMON_FACE
@@ -64,190 +64,157 @@ inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) 
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::render::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
-using trace::HWY_NAMESPACE::rotate;
-using trace::HWY_NAMESPACE::Vec3V;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-using Floats = hn::CappedTag<float, PixelTile::kSide>;
-using Ints = hn::RebindToSigned<Floats>;
-using V = hn::Vec<Floats>;
-using I = hn::Vec<Ints>;
-using Mask = hn::Mask<Floats>;
+using F = WideUpTo<PixelTile::kSide>;
+using I = F::Int;
+using Mask = F::Mask;
+using F3 = Wide3<F>;
+using Color = std::array<F, 3>;
 
 // One vector of pixels. kShadows: some may be in the shadow of something. kPlain: as Shading::Tables says.
 template <bool kShadows, bool kPlain>
 struct Rays {
-  Vec3V<V> direction;  // world frame
-  V t;
+  F3 direction;  // world frame
+  F t;
   Mask shaded;  // none without kShadows
 };
 struct Pixels {
   I color;  // r | g << 8 | b << 16
   I semantic, instance;
-  Vec3V<V> normal;
+  F3 normal;
 };
+HWY_INLINE Pixels empty_pixels() { return {0, 0, 0, {0.0F, 0.0F, 0.0F}}; }
 
-HWY_INLINE Mask every(Floats d) { return hn::Eq(hn::Zero(d), hn::Zero(d)); }
-
-HWY_INLINE std::uint64_t bits_of(Floats d, Mask mask) {
-  std::uint8_t bytes[8] = {};
-  hn::StoreMaskBits(d, mask, bytes);
-  std::uint64_t bits = 0;
-  for (std::size_t i = 0; i < 2; ++i) bits |= static_cast<std::uint64_t>(bytes[i]) << (8 * i);
-  return bits;
-}
-
-HWY_INLINE V dot(const Vec3V<V>& a, const Vec3V<V>& b) {
-  return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
-}
-
-HWY_INLINE Vec3V<V> normalised(const Vec3V<V>& v) {
-  const V length = hn::Sqrt(dot(v, v));
-  return {hn::Div(v.x, length), hn::Div(v.y, length), hn::Div(v.z, length)};
-}
+HWY_INLINE F3 normalised(const F3& v) { return v / sqrt(dot(v, v)); }
 
 // The normal of the side that is seen.
-HWY_INLINE Vec3V<V> towards_camera(Floats d, const Vec3V<V>& normal, const Vec3V<V>& direction) {
-  const V flip = hn::And(hn::Neg(dot(normal, direction)), hn::SignBit(d));
-  return {hn::Xor(normal.x, flip), hn::Xor(normal.y, flip), hn::Xor(normal.z, flip)};
+HWY_INLINE F3 towards_camera(const F3& normal, const F3& direction) {
+  const F away = -dot(normal, direction);
+  return {flip_sign(normal.x, away), flip_sign(normal.y, away), flip_sign(normal.z, away)};
 }
 
-HWY_INLINE I level(Floats d, Ints di, const Shading::Tables& tables, V value) {
-  // Lanes that show something else may hold anything, but must not read outside the table: Max turns a NaN into 0.
-  const V root = hn::Sqrt(hn::Min(hn::Max(value, hn::Zero(d)), hn::Set(d, 1.0F)));
-  const V index = hn::Add(hn::Mul(root, hn::Set(d, static_cast<float>(Shading::kLevels))), hn::Set(d, 0.5F));
-  return hn::GatherIndex(di, tables.levels.data(), hn::ConvertTo(di, index));
+// The entry of a table of kLast + 1 that is nearest to a share of it, in [0, 1].
+template <int kLast>
+HWY_INLINE I entry(const std::int32_t* table, const F& share) {
+  return I::gather(table, convert<I>(share * static_cast<float>(kLast) + 0.5F));
 }
 
-HWY_INLINE I packed(I red, I green, I blue) { return hn::Or(red, hn::Or(hn::ShiftLeft<8>(green), hn::ShiftLeft<16>(blue))); }
+HWY_INLINE I level(const Shading::Tables& tables, const F& value) {
+  // Lanes that show something else may hold anything, but must not read outside the table: max turns a NaN into 0.
+  return entry<Shading::kLevels>(tables.levels.data(), sqrt(min(max(value, 0.0F), 1.0F)));
+}
+
+HWY_INLINE I packed(const I& red, const I& green, const I& blue) { return red | shift_left<8>(green) | shift_left<16>(blue); }
 
 struct Nothing {};  // is emitted
 
 // What a base colour shows, as linear values, where the cosine of the angle between normal and sun is `sunward`, and the normal's
 // z `upward`.
 template <bool kShadows, bool kPlain, class Base, class Emitted = Nothing>
-HWY_INLINE std::array<V, 3> linear(Floats d, const Shading::Tables& tables, const Base& base, V sunward, V upward,
-                                   const Rays<kShadows, kPlain>& rays, const Emitted& emitted = {}) {
+HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, const F& sunward, const F& upward,
+                        const Rays<kShadows, kPlain>& rays, const Emitted& emitted = {}) {
   const Light& light = tables.light;
-  V sun = hn::Max(sunward, hn::Zero(d));
-  if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
-  const V sky = hn::Add(hn::Mul(upward, hn::Set(d, 0.5F)), hn::Set(d, 0.5F));
+  F sun = max(sunward, 0.0F);
+  if constexpr (kShadows) sun = zero_if(rays.shaded, sun);
+  const F sky = max(upward * 0.5F + 0.5F, 0.0F);
   const auto channel = [&](std::size_t c) HWY_ATTR {
-    const V ambient = hn::Add(hn::Set(d, light.ground_ambient[c]),
-                              hn::Mul(hn::Set(d, light.sky_ambient[c] - light.ground_ambient[c]), hn::Max(sky, hn::Zero(d))));
-    V value = hn::Mul(base(c), hn::Add(ambient, hn::Mul(hn::Set(d, light.sun_color[c]), sun)));
-    if constexpr (!std::is_same_v<Emitted, Nothing>) value = hn::Add(value, emitted(c));
+    const F ambient = light.ground_ambient[c] + (light.sky_ambient[c] - light.ground_ambient[c]) * sky;
+    F value = base(c) * (ambient + light.sun_color[c] * sun);
+    if constexpr (!std::is_same_v<Emitted, Nothing>) value = value + emitted(c);
     return value;
   };
   return {channel(0), channel(1), channel(2)};
 }
 
 // The same as it is written.
-HWY_INLINE I written(Floats d, Ints di, const Shading::Tables& tables, const std::array<V, 3>& color) {
-  return packed(level(d, di, tables, color[0]), level(d, di, tables, color[1]), level(d, di, tables, color[2]));
+HWY_INLINE I written(const Shading::Tables& tables, const Color& color) {
+  return packed(level(tables, color[0]), level(tables, color[1]), level(tables, color[2]));
 }
 
 // Linear values as one negative number: their roots, ten bits each from the lowest on. Units: the values of roots of 1.
-HWY_INLINE I as_roots(Floats d, Ints di, const std::array<V, 3>& color, const std::array<V, 3>& unit) {
+HWY_INLINE I as_roots(const Color& color, const Color& unit) {
   const auto root = [&](std::size_t c) HWY_ATTR {
-    const V number = hn::Sqrt(hn::Div(hn::Max(color[c], hn::Zero(d)), hn::Max(unit[c], hn::Set(d, FLT_MIN))));
-    return hn::Min(hn::ConvertTo(di, hn::Add(number, hn::Set(d, 0.5F))), hn::Set(di, Shading::kRoots));
+    const F number = sqrt(max(color[c], 0.0F) / max(unit[c], FLT_MIN));
+    return min(convert<I>(number + 0.5F), Shading::kRoots);
   };
-  const I all = hn::Or(root(0), hn::Or(hn::ShiftLeft<10>(root(1)), hn::ShiftLeft<20>(root(2))));
-  return hn::Or(all, hn::Set(di, std::numeric_limits<std::int32_t>::min()));
+  return root(0) | shift_left<10>(root(1)) | shift_left<20>(root(2)) | std::numeric_limits<std::int32_t>::min();
 }
-HWY_INLINE std::array<V, 3> of_roots(Floats d, Ints di, I roots, const std::array<V, 3>& unit) {
-  const auto value = [&](auto shift, std::size_t c) HWY_ATTR {
-    const V root = hn::ConvertTo(d, hn::And(hn::ShiftRight<shift.value>(roots), hn::Set(di, Shading::kRoots)));
-    return hn::Mul(hn::Mul(root, root), unit[c]);
-  };
-  return {value(std::integral_constant<int, 0>(), 0), value(std::integral_constant<int, 10>(), 1),
-          value(std::integral_constant<int, 20>(), 2)};
+// The square of one of the roots.
+template <int kChannel>
+HWY_INLINE F squared_root(const I& roots) {
+  const F root = convert<F>(shift_right<10 * kChannel>(roots) & Shading::kRoots);
+  return root * root;
+}
+HWY_INLINE Color of_roots(const I& roots, const Color& unit) {
+  return {squared_root<0>(roots) * unit[0], squared_root<1>(roots) * unit[1], squared_root<2>(roots) * unit[2]};
 }
 
 template <bool kShadows, bool kPlain>
-HWY_INLINE I on_ramp(Floats d, Ints di, const std::int32_t* ramp, V sunward, const Rays<kShadows, kPlain>& rays) {
-  V sun = hn::Min(hn::Max(sunward, hn::Zero(d)), hn::Set(d, 1.0F));
-  if constexpr (kShadows) sun = hn::IfThenZeroElse(rays.shaded, sun);
-  const V index = hn::Add(hn::Mul(hn::Sqrt(sun), hn::Set(d, static_cast<float>(Shading::kRamp))), hn::Set(d, 0.5F));
-  return hn::GatherIndex(di, ramp, hn::ConvertTo(di, index));
+HWY_INLINE I on_ramp(const std::int32_t* ramp, const F& sunward, const Rays<kShadows, kPlain>& rays) {
+  F sun = min(max(sunward, 0.0F), 1.0F);
+  if constexpr (kShadows) sun = zero_if(rays.shaded, sun);
+  return entry<Shading::kRamp>(ramp, sqrt(sun));
 }
 
 // How much of the sky's colour in a direction is the sun's; see Light.
-HWY_INLINE V sun_share(Floats d, const Shading::Tables& tables, const Vec3V<V>& direction, V length) {
+HWY_INLINE F sun_share(const Shading::Tables& tables, const F3& direction, const F& length) {
   const SunDisc& disc = tables.sun_disc;
   const auto& to_sun = tables.light.sun_direction;
-  const Vec3V<V> apart{hn::Sub(hn::Div(direction.x, length), hn::Set(d, to_sun[0])),
-                       hn::Sub(hn::Div(direction.y, length), hn::Set(d, to_sun[1])),
-                       hn::Sub(hn::Div(direction.z, length), hn::Set(d, to_sun[2]))};
-  const V q = dot(apart, apart);
-  const V one = hn::Set(d, 1.0F);
-  const V within = hn::Mul(hn::Sub(hn::Set(d, disc.edge), q), hn::Set(d, disc.steepness));
-  const V glow = hn::Div(hn::Set(d, disc.glow), hn::Add(one, hn::Mul(hn::Set(d, SunDisc::kFocus), q)));
-  return hn::Max(hn::Min(within, one), glow);
+  const F3 apart = direction / length - F3{to_sun[0], to_sun[1], to_sun[2]};
+  const F q = dot(apart, apart);
+  return max(min((disc.edge - q) * disc.steepness, 1.0F), disc.glow / (1.0F + SunDisc::kFocus * q));
 }
 
 template <bool kPlain>
-HWY_INLINE I sky(Floats d, Ints di, const Shading::Tables& tables, const Vec3V<V>& direction) {
-  const V length = hn::Sqrt(dot(direction, direction));
-  const V up = hn::Max(hn::Div(direction.z, length), hn::Zero(d));
-  if (!tables.sky.empty()) {
-    const V index =
-        hn::Add(hn::Mul(hn::Min(up, hn::Set(d, 1.0F)), hn::Set(d, static_cast<float>(Shading::kSky))), hn::Set(d, 0.5F));
-    return hn::GatherIndex(di, tables.sky.data(), hn::ConvertTo(di, index));
-  }
+HWY_INLINE I sky(const Shading::Tables& tables, const F3& direction) {
+  const F length = sqrt(dot(direction, direction));
+  const F up = max(direction.z / length, 0.0F);
+  if (!tables.sky.empty()) return entry<Shading::kSky>(tables.sky.data(), min(up, 1.0F));
   const bool disc = !kPlain && tables.sun_disc.shows;
-  const V share = disc ? sun_share(d, tables, direction, length) : hn::Zero(d);
+  const F share = disc ? sun_share(tables, direction, length) : F(0.0F);
   const auto channel = [&](std::size_t c) HWY_ATTR {
     const float horizon = tables.light.horizon_color[c];
-    V color = hn::Add(hn::Set(d, horizon), hn::Mul(hn::Set(d, tables.light.zenith_color[c] - horizon), up));
-    if (disc) {
-      color = hn::Add(color, hn::Mul(hn::Sub(hn::Set(d, tables.sun_disc.color[c]), color), share));
-    }
-    return level(d, di, tables, color);
+    F color = horizon + (tables.light.zenith_color[c] - horizon) * up;
+    if (disc) color = color + (tables.sun_disc.color[c] - color) * share;
+    return level(tables, color);
   };
   return packed(channel(0), channel(1), channel(2));
 }
 
 // A solid at the points its rays have hit.
 template <bool kShadows, bool kPlain>
-HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
+HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
                                const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted) {
   const trace::Shape& shape = *solid.shape;
   const float* const half = shape.half_extents;
   const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
   const Vec3 o = shape.aligned ? offset : trace::rotated(shape.to_local, offset);
-  const Vec3V<V> dir = shape.aligned ? rays.direction : rotate(d, shape.to_local, rays.direction);
-  const V x = hn::Add(hn::Set(d, o.x()), hn::Mul(rays.t, dir.x));
-  const V y = hn::Add(hn::Set(d, o.y()), hn::Mul(rays.t, dir.y));
-  const V z = hn::Add(hn::Set(d, o.z()), hn::Mul(rays.t, dir.z));
+  const F3 dir = shape.aligned ? rays.direction : rotate(shape.to_local, rays.direction);
+  const F x = o.x() + rays.t * dir.x, y = o.y() + rays.t * dir.y, z = o.z() + rays.t * dir.z;
 
-  Pixels pixels{hn::Zero(di),
-                hn::Set(di, solid.surface.semantic),
-                hn::Set(di, solid.surface.instance),
-                {hn::Zero(d), hn::Zero(d), hn::Zero(d)}};
+  Pixels pixels{0, solid.surface.semantic, solid.surface.instance, {0.0F, 0.0F, 0.0F}};
   // A flat face across an axis shows the side that looks against the ray.
-  const auto face_color = [&](std::size_t axis, V along) HWY_ATTR {
+  const auto face_color = [&](std::size_t axis, const F& along) HWY_ATTR {
     const auto side = [&](std::size_t sign) HWY_ATTR {
-      const I lit_color = hn::Set(di, solid.faces[0][2 * axis + sign]);
+      const I lit_color = solid.faces[0][2 * axis + sign];
       if constexpr (!kShadows) return lit_color;
-      return hn::IfThenElse(hn::RebindMask(di, rays.shaded), hn::Set(di, solid.faces[1][2 * axis + sign]), lit_color);
+      return select(rays.shaded, solid.faces[1][2 * axis + sign], lit_color);
     };
-    return hn::IfThenElse(hn::RebindMask(di, hn::Lt(along, hn::Zero(d))), side(1), side(0));
+    return select(along < 0.0F, side(1), side(0));
   };
-  const auto face_normal = [&](V along) HWY_ATTR { return hn::CopySign(hn::Set(d, 1.0F), hn::Neg(along)); };
-  const auto curved = [&](const Vec3V<V>& outward) HWY_ATTR {
-    const Vec3V<V> normal = towards_camera(d, outward, dir);
-    const auto cosine = [&](const std::array<float, 3>& to)
-                            HWY_ATTR { return dot(normal, {hn::Set(d, to[0]), hn::Set(d, to[1]), hn::Set(d, to[2])}); };
-    const auto base = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.color[c]); };
+  const auto face_normal = [](const F& along) HWY_ATTR { return copy_sign(1.0F, -along); };
+  const auto curved = [&](const F3& outward) HWY_ATTR {
+    const F3 normal = towards_camera(outward, dir);
+    const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(normal, F3{to[0], to[1], to[2]}); };
+    const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
     if (wanted.any_color() && solid.ramp != nullptr) {
-      pixels.color = on_ramp(d, di, solid.ramp, cosine(solid.sun), rays);
+      pixels.color = on_ramp(solid.ramp, cosine(solid.sun), rays);
     } else if (!kPlain && wanted.any_color() && solid.surface.emits()) {
-      const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::Set(d, solid.surface.emissive[c]); };
-      pixels.color = written(d, di, tables, linear(d, tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted));
+      const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
+      pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted));
     } else if (wanted.any_color()) {
-      pixels.color = written(d, di, tables, linear(d, tables, base, cosine(solid.sun), cosine(solid.up), rays));
+      pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays));
     }
     pixels.normal = normal;
   };
@@ -255,37 +222,34 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
   switch (shape.kind) {
     case trace::ShapeKind::box: {
       // The face whose plane is nearest; of a plane, which has no thickness, the one it is.
-      const V outside_x = hn::Sub(hn::Abs(x), hn::Set(d, half[0]));
-      const V outside_y = hn::Sub(hn::Abs(y), hn::Set(d, half[1]));
-      const V outside_z = half[2] > 0.0F ? hn::Sub(hn::Abs(z), hn::Set(d, half[2])) : hn::Inf(d);
-      const auto y_over_x = hn::Gt(outside_y, outside_x);
-      const auto z_over_xy = hn::Gt(outside_z, hn::Max(outside_x, outside_y));
-      pixels.color = hn::IfThenElse(hn::RebindMask(di, y_over_x), face_color(1, dir.y), face_color(0, dir.x));
-      pixels.color = hn::IfThenElse(hn::RebindMask(di, z_over_xy), face_color(2, dir.z), pixels.color);
+      const F outside_x = abs(x) - half[0], outside_y = abs(y) - half[1];
+      const F outside_z = half[2] > 0.0F ? abs(z) - half[2] : F(std::numeric_limits<float>::infinity());
+      const Mask y_over_x = outside_y > outside_x;
+      const Mask z_over_xy = outside_z > max(outside_x, outside_y);
+      pixels.color = select(y_over_x, face_color(1, dir.y), face_color(0, dir.x));
+      pixels.color = select(z_over_xy, face_color(2, dir.z), pixels.color);
       if (wanted.normal) {
-        const auto is_y = hn::AndNot(z_over_xy, y_over_x);
-        pixels.normal = {hn::IfThenZeroElse(hn::Or(y_over_x, z_over_xy), face_normal(dir.x)),
-                         hn::IfThenElseZero(is_y, face_normal(dir.y)), hn::IfThenElseZero(z_over_xy, face_normal(dir.z))};
+        pixels.normal = {zero_if(y_over_x | z_over_xy, face_normal(dir.x)),
+                         value_if(without(y_over_x, z_over_xy), face_normal(dir.y)), value_if(z_over_xy, face_normal(dir.z))};
       }
       break;
     }
     case trace::ShapeKind::cylinder: {
       // A point of the side is `radius` away from the axis, up to rounding; r^2 - radius^2 is 2 radius times that rounding.
       const float radius = half[0];
-      const V beyond = hn::Sub(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Set(d, radius * radius));
-      const V from_cap = hn::Abs(hn::Sub(hn::Abs(z), hn::Set(d, half[2])));
-      const auto cap = half[2] > 0.0F ? hn::Lt(hn::Mul(from_cap, hn::Set(d, 2.0F * radius)), hn::Abs(beyond)) : every(d);
-      const V inverse = hn::Set(d, 1.0F / radius);
-      curved({hn::Mul(x, inverse), hn::Mul(y, inverse), hn::Zero(d)});
-      if (hn::AllFalse(d, cap)) break;
-      pixels.color = hn::IfThenElse(hn::RebindMask(di, cap), face_color(2, dir.z), pixels.color);
-      pixels.normal = Vec3V<V>{hn::IfThenZeroElse(cap, pixels.normal.x), hn::IfThenZeroElse(cap, pixels.normal.y),
-                               hn::IfThenElse(cap, face_normal(dir.z), pixels.normal.z)};
+      const F beyond = x * x + y * y - radius * radius;
+      const F from_cap = abs(abs(z) - half[2]);
+      const Mask cap = half[2] > 0.0F ? from_cap * (2.0F * radius) < abs(beyond) : Mask(true);
+      const float inverse = 1.0F / radius;
+      curved({x * inverse, y * inverse, 0.0F});
+      if (none(cap)) break;
+      pixels.color = select(cap, face_color(2, dir.z), pixels.color);
+      pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);
       break;
     }
     case trace::ShapeKind::capsule: {
-      const V middle = hn::Set(d, half[2] - half[0]);
-      curved(normalised({x, y, hn::Sub(z, hn::Min(hn::Max(z, hn::Neg(middle)), middle))}));
+      const float middle = half[2] - half[0];
+      curved(normalised({x, y, z - min(max(z, -middle), middle)}));
       break;
     }
     case trace::ShapeKind::sphere:
@@ -294,35 +258,32 @@ HWY_INLINE Pixels solid_pixels(Floats d, Ints di, const Shading::Tables& tables,
   }
   if (wanted.normal && !shape.aligned) {
     const auto to_world = [&shape](int row, int column) { return shape.to_local(column, row); };
-    pixels.normal = rotate(d, to_world, pixels.normal);
+    pixels.normal = rotate(to_world, pixels.normal);
   }
   return pixels;
 }
 
 // A texture coordinate within [0, 1]: repeated, mirrored or clamped.
-HWY_INLINE V wrapped(Floats d, V x, I wrap) {
-  const Ints di;
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.0F), two = hn::Set(d, 2.0F);
-  const auto is = [&](TextureWrap which)
-                      HWY_ATTR { return hn::RebindMask(d, hn::Eq(wrap, hn::Set(di, static_cast<std::int32_t>(which)))); };
-  const V repeated = hn::Sub(x, hn::Floor(x));
-  if (hn::AllTrue(d, is(TextureWrap::repeat))) return hn::Min(hn::Max(repeated, zero), one);  // as mostly
-  const V there_and_back = hn::Sub(x, hn::Mul(two, hn::Floor(hn::Mul(x, hn::Set(d, 0.5F)))));
-  const V mirrored = hn::IfThenElse(hn::Gt(there_and_back, one), hn::Sub(two, there_and_back), there_and_back);
-  const V inside = hn::IfThenElse(is(TextureWrap::repeat), repeated, hn::IfThenElse(is(TextureWrap::mirror), mirrored, x));
-  return hn::Min(hn::Max(inside, zero), one);
+HWY_INLINE F wrapped(const F& x, const I& wrap) {
+  const auto is = [&](TextureWrap which) HWY_ATTR { return wrap == static_cast<std::int32_t>(which); };
+  const auto within = [](const F& value) HWY_ATTR { return min(max(value, 0.0F), 1.0F); };
+  const F repeated = x - floor(x);
+  if (all(is(TextureWrap::repeat))) return within(repeated);  // as mostly
+  const F there_and_back = x - 2.0F * floor(x * 0.5F);
+  const F mirrored = select(there_and_back > 1.0F, 2.0F - there_and_back, there_and_back);
+  return within(select(is(TextureWrap::repeat), repeated, select(is(TextureWrap::mirror), mirrored, x)));
 }
 
 // The texel before a place along an axis, -1 on the border, and how far it is to the next one.
 struct Before {
   I texel;
-  V towards;
+  F towards;
 };
 
-HWY_INLINE Before before(Floats d, Ints di, V x, I size) {
-  const V at = hn::Sub(hn::Mul(x, hn::ConvertTo(d, size)), hn::Set(d, 0.5F));
-  const V below = hn::Floor(at);
-  return {hn::ConvertTo(di, below), hn::Sub(at, below)};
+HWY_INLINE Before before(const F& x, const I& size) {
+  const F at = x * convert<F>(size) - 0.5F;
+  const F below = floor(at);
+  return {convert<I>(below), at - below};
 }
 
 // The texels of these numbers and those after them, read in pairs: half as many reads.
@@ -330,16 +291,19 @@ struct Pairs {
   I first, second;
 };
 
-HWY_INLINE Pairs pairs(Ints di, const std::int32_t* texels, I first) {
-  const hn::Repartition<std::uint64_t, Ints> pair;  // at any texel, aligned or not
+HWY_INLINE Pairs pairs(const std::int32_t* texels, const I& numbers) {
+  const I::Tag one;
+  const hn::Repartition<std::uint64_t, I::Tag> pair;  // at any texel, aligned or not
   const hn::RebindToSigned<decltype(pair)> offsets;
   const auto* const base = reinterpret_cast<const std::uint64_t*>(texels);
-  const auto two = [&](auto numbers)
-                       HWY_ATTR { return hn::GatherOffset(pair, base, hn::BitCast(offsets, hn::ShiftLeft<2>(numbers))); };
-  const auto numbers = hn::BitCast(pair, first);
-  const auto even = two(hn::And(numbers, hn::Set(pair, 0xFFFFFFFFU))), odd = two(hn::ShiftRight<32>(numbers));
-  return {hn::OddEven(hn::BitCast(di, hn::ShiftLeft<32>(odd)), hn::BitCast(di, even)),
-          hn::OddEven(hn::BitCast(di, odd), hn::BitCast(di, hn::ShiftRight<32>(even)))};
+  const auto two = [&](auto first)
+                       HWY_ATTR { return hn::GatherOffset(pair, base, hn::BitCast(offsets, hn::ShiftLeft<2>(first))); };
+  const auto each = hn::BitCast(pair, numbers.part[0]);
+  const auto even = two(hn::And(each, hn::Set(pair, 0xFFFFFFFFU))), odd = two(hn::ShiftRight<32>(each));
+  Pairs result;
+  result.first.part[0] = hn::OddEven(hn::BitCast(one, hn::ShiftLeft<32>(odd)), hn::BitCast(one, even));
+  result.second.part[0] = hn::OddEven(hn::BitCast(one, odd), hn::BitCast(one, hn::ShiftRight<32>(even)));
+  return result;
 }
 
 // The levels of textures that some lanes ask for; the others, with negative numbers, get any. Some lane asks.
@@ -348,111 +312,95 @@ struct Levels {
 };
 
 // Neighbouring pixels mostly ask for the same, and then numbers are read once and not for each lane.
-HWY_INLINE Levels levels_at(Floats d, Ints di, const Shading::Images& images, const std::int32_t* numbers) {
-  const I number = hn::Load(di, numbers);
-  const auto asks = hn::Gt(number, hn::Set(di, -1));
-  const std::int32_t one = numbers[std::countr_zero(bits_of(d, hn::RebindMask(d, asks)))];
-  const I ones = hn::Set(di, one);
-  const I safe = hn::IfThenElse(asks, number, ones);
-  const auto of = [&](I offset, I size) HWY_ATTR {
-    const I width = hn::And(size, hn::Set(di, 0xFFFF));
-    return Levels{offset, width, hn::ShiftRight<16>(size), hn::Add(width, hn::Set(di, 2))};  // with a border
+HWY_INLINE Levels levels_at(const Shading::Images& images, const std::int32_t* numbers) {
+  const I number = I::load(numbers);
+  const Mask asks = number > -1;
+  const std::int32_t one = numbers[std::countr_zero(bits(asks))];
+  const I safe = select(asks, number, one);
+  const auto of = [](const I& offset, const I& size) HWY_ATTR {
+    const I width = size & 0xFFFF;
+    return Levels{offset, width, shift_right<16>(size), width + 2};  // with a border
   };
-  if (hn::AllTrue(di, hn::Eq(safe, ones))) {
+  if (all(safe == one)) {
     const auto at = static_cast<std::size_t>(one);
-    return of(hn::Set(di, images.textures.offset[at]), hn::Set(di, images.sizes[at]));
+    return of(images.textures.offset[at], images.sizes[at]);
   }
-  return of(hn::GatherIndex(di, images.textures.offset.data(), safe), hn::GatherIndex(di, images.sizes.data(), safe));
+  return of(I::gather(images.textures.offset.data(), safe), I::gather(images.sizes.data(), safe));
 }
 
 // The four texels around a place: the number of the first, how far apart the two rows are, and how far it is to the next ones.
 struct Place {
   I first, stride;
-  V across, down;
+  F across, down;
 };
 
-HWY_INLINE Place place_in(Floats d, Ints di, const Levels& level, V s, V t) {
-  const Before x = before(d, di, s, level.width), y = before(d, di, t, level.height);
-  return {hn::Add(hn::Add(level.offset, hn::Mul(y.texel, level.stride)), x.texel), level.stride, x.towards, y.towards};
+HWY_INLINE Place place_in(const Levels& level, const F& s, const F& t) {
+  const Before x = before(s, level.width), y = before(t, level.height);
+  return {level.offset + y.texel * level.stride + x.texel, level.stride, x.towards, y.towards};
 }
 
 // The linear colours there.
-HWY_INLINE std::array<V, 3> colors_at(Floats d, Ints di, const Shading::Images& images, const Place& place) {
-  const Pairs upper = pairs(di, images.texels(), place.first);
-  const Pairs lower = pairs(di, images.texels(), hn::Add(place.first, place.stride));
-  const auto mix = [&](V from, V to, V share) HWY_ATTR { return hn::Add(from, hn::Mul(hn::Sub(to, from), share)); };
-  const auto channel = [&](auto shift) HWY_ATTR {
-    const auto value = [&](I texel_roots) HWY_ATTR {
-      const V root = hn::ConvertTo(d, hn::And(hn::ShiftRight<shift.value>(texel_roots), hn::Set(di, Shading::kRoots)));
-      return hn::Mul(root, root);
+HWY_INLINE Color colors_at(const Shading::Images& images, const Place& place) {
+  const Pairs upper = pairs(images.texels(), place.first);
+  const Pairs lower = pairs(images.texels(), place.first + place.stride);
+  const auto mix = [](const F& from, const F& to, const F& share) HWY_ATTR { return from + (to - from) * share; };
+  const auto channel = [&](auto number) HWY_ATTR {
+    const auto between = [&](const Pairs& row) HWY_ATTR {
+      return mix(squared_root<number.value>(row.first), squared_root<number.value>(row.second), place.across);
     };
-    const auto between = [&](const Pairs& row) HWY_ATTR { return mix(value(row.first), value(row.second), place.across); };
     constexpr float kScale = 1.0F / (static_cast<float>(Shading::kRoots) * static_cast<float>(Shading::kRoots));
-    return hn::Mul(mix(between(upper), between(lower), place.down), hn::Set(d, kScale));
+    return mix(between(upper), between(lower), place.down) * kScale;
   };
-  return {channel(std::integral_constant<int, 0>()), channel(std::integral_constant<int, 10>()),
-          channel(std::integral_constant<int, 20>())};
+  return {channel(std::integral_constant<int, 0>()), channel(std::integral_constant<int, 1>()),
+          channel(std::integral_constant<int, 2>())};
 }
 
 // f(number, lanes) for each number that some of the lanes have: neighbouring pixels mostly have the same.
-template <class F>
-HWY_INLINE void for_each_number(Floats d, Ints di, const std::int32_t* numbers, Mask which, const F& f) {
-  const I all = hn::Load(di, numbers);
-  for (std::uint64_t left = bits_of(d, which); left != 0;) {
+template <class Function>
+HWY_INLINE void for_each_number(const std::int32_t* numbers, const Mask& which, const Function& f) {
+  const I each = I::load(numbers);
+  for (std::uint32_t left = bits(which); left != 0;) {
     const std::int32_t number = numbers[std::countr_zero(left)];
-    const Mask its = hn::And(which, hn::RebindMask(d, hn::Eq(all, hn::Set(di, number))));
-    left &= ~bits_of(d, its);
+    const Mask its = which & (each == number);
+    left &= ~bits(its);
     f(number, its);
   }
 }
 
+// In these lanes.
+template <class Number>
+HWY_INLINE void set(Number& to, const Mask& its, const std::type_identity_t<Number>& value) {
+  to = select(its, value, to);
+}
+
 // How much the corners of a triangle weigh at the points that rays have hit.
 struct Weights {
-  V a, b, c;
+  F a, b, c;
 
   // What has these values at the corners.
-  HWY_INLINE V operator()(float of_a, float of_b, float of_c) const {
-    const Floats d;
-    return hn::Add(hn::Add(hn::Mul(a, hn::Set(d, of_a)), hn::Mul(b, hn::Set(d, of_b))), hn::Mul(c, hn::Set(d, of_c)));
-  }
+  HWY_INLINE F operator()(float of_a, float of_b, float of_c) const { return a * of_a + b * of_b + c * of_c; }
 };
 
 // Where in which texture the points lie that rays have hit. Lanes without a texture hold what is harmless.
 struct Textured {
   Mask lanes;
-  V across, down;
-  Vec3V<V> normal;  // of Print
+  F across, down;
+  F3 normal;  // of Print
   I wrap_across, wrap_down, first_level, last_level;
 
-  explicit HWY_INLINE Textured(Floats d)
-      : lanes(hn::Not(every(d))),
-        across(hn::Zero(d)),
-        down(across),
-        normal{across, across, across},
-        wrap_across(hn::Zero(Ints())),
-        wrap_down(wrap_across),
-        first_level(wrap_across),
-        last_level(wrap_across) {}
-
   // A triangle, and the paint of its material.
-  HWY_INLINE void add(const Shading::Images::Print& print, Mask its, const Weights& weights) {
+  HWY_INLINE void add(const Shading::Images::Print& print, const Mask& its, const Weights& weights) {
     const auto& [a, b, c] = print.uv;
-    across = hn::IfThenElse(its, weights(a[0], b[0], c[0]), across);
-    down = hn::IfThenElse(its, weights(a[1], b[1], c[1]), down);
-    const auto set = [&](V& to, float value) HWY_ATTR { to = hn::IfThenElse(its, hn::Set(Floats(), value), to); };
-    set(normal.x, print.normal[0]);
-    set(normal.y, print.normal[1]);
-    set(normal.z, print.normal[2]);
+    set(across, its, weights(a[0], b[0], c[0]));
+    set(down, its, weights(a[1], b[1], c[1]));
+    set(normal, its, {print.normal[0], print.normal[1], print.normal[2]});
   }
-  HWY_INLINE void add(const Shading::Paint& paint, Mask its) {
-    const Ints di;
-    const auto set = [&](I& to, std::int32_t value)
-                         HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, value), to); };
-    lanes = hn::Or(lanes, its);
-    set(wrap_across, paint.wrap_across);
-    set(wrap_down, paint.wrap_down);
-    set(first_level, paint.first_level);
-    set(last_level, paint.last_level);
+  HWY_INLINE void add(const Shading::Paint& paint, const Mask& its) {
+    lanes = lanes | its;
+    set(wrap_across, its, paint.wrap_across);
+    set(wrap_down, its, paint.wrap_down);
+    set(first_level, its, paint.first_level);
+    set(last_level, its, paint.last_level);
   }
 };
 
@@ -462,104 +410,90 @@ struct Textured {
 class TintedTile {
  public:
   // The vector that begins at this pixel; its colours follow by set_color().
-  HWY_INLINE void add(std::size_t pixel, const std::array<V, 3>& unit, const std::array<V, 3>* of_vertices) {
-    const Floats d;
+  HWY_INLINE void add(std::size_t pixel, const Color& unit, const Color* of_vertices) {
     tinted_[num_tinted_++] = static_cast<std::uint16_t>(pixel);
     for (std::size_t c = 0; c < 3; ++c) {
-      hn::Store(unit[c], d, unit_[c] + pixel);
-      if (of_vertices != nullptr) hn::Store((*of_vertices)[c], d, of_vertices_[c] + pixel);
+      unit[c].store(unit_[c] + pixel);
+      if (of_vertices != nullptr) (*of_vertices)[c].store(of_vertices_[c] + pixel);
     }
   }
   // Textures of the vector that was added last. pixel_area: as Shading::shade() says.
   template <bool kShadows, bool kPlain>
   HWY_INLINE void add(const Textured& textured, const Rays<kShadows, kPlain>& rays, float pixel_area) {
-    const Floats d;
-    const Ints di;
     const std::size_t pixel = tinted_[num_tinted_ - 1];
     // The square of how many texels a pixel covers along its longer side.
-    const V across = dot(textured.normal, rays.direction);
-    const V area = hn::Mul(hn::Mul(rays.t, rays.t), hn::Set(d, pixel_area));
-    const V texels = hn::Max(hn::Div(hn::Mul(area, dot(rays.direction, rays.direction)), hn::Mul(across, across)), hn::Zero(d));
+    const F across = dot(textured.normal, rays.direction);
+    const F area = rays.t * rays.t * pixel_area;
+    const F texels = max(area * dot(rays.direction, rays.direction) / (across * across), 0.0F);
     // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
-    const V log2 = hn::Sub(hn::Mul(hn::ConvertTo(d, hn::BitCast(di, texels)), hn::Set(d, 0x1p-23F)), hn::Set(d, 127.0F));
-    const V most = hn::ConvertTo(d, textured.last_level);
-    const V detail = hn::Min(hn::Max(hn::Mul(log2, hn::Set(d, 0.5F)), hn::Zero(d)), most);
-    const I fine = hn::ConvertTo(di, detail);
-    const V towards = hn::IfThenElseZero(textured.lanes, hn::Sub(detail, hn::ConvertTo(d, fine)));
-    const I finer = hn::Add(textured.first_level, fine);
-    const I coarser = hn::Add(finer, hn::Min(hn::Sub(textured.last_level, fine), hn::Set(di, 1)));
-    const auto numbered = [&](I level)
-                              HWY_ATTR { return hn::IfThenElse(hn::RebindMask(di, textured.lanes), level, hn::Set(di, -1)); };
-    hn::Store(wrapped(d, textured.across, textured.wrap_across), d, s_ + pixel);
-    hn::Store(wrapped(d, textured.down, textured.wrap_down), d, t_ + pixel);
-    hn::Store(towards, d, towards_ + pixel);
-    hn::Store(numbered(finer), di, finer_ + pixel);
-    hn::Store(numbered(coarser), di, coarser_ + pixel);
+    const F log2 = convert<F>(bit_cast<I>(texels)) * 0x1p-23F - 127.0F;
+    const F detail = min(max(log2 * 0.5F, 0.0F), convert<F>(textured.last_level));
+    const I fine = convert<I>(detail);
+    const F towards = value_if(textured.lanes, detail - convert<F>(fine));
+    const I finer = textured.first_level + fine;
+    const I coarser = finer + min(textured.last_level - fine, 1);
+    wrapped(textured.across, textured.wrap_across).store(s_ + pixel);
+    wrapped(textured.down, textured.wrap_down).store(t_ + pixel);
+    towards.store(towards_ + pixel);
+    select(textured.lanes, finer, -1).store(finer_ + pixel);
+    select(textured.lanes, coarser, -1).store(coarser_ + pixel);
     textured_[num_textured_++] = tinted_[num_tinted_ - 1];
     // What is near shows the largest level alone.
-    if (!hn::AllFalse(d, hn::Gt(towards, hn::Zero(d)))) mixed_[num_mixed_++] = tinted_[num_tinted_ - 1];
+    if (!none(towards > 0.0F)) mixed_[num_mixed_++] = tinted_[num_tinted_ - 1];
   }
   HWY_INLINE void add_none() {
-    for (auto& texel : texel_) hn::Store(hn::Set(Floats(), 1.0F), Floats(), texel + tinted_[num_tinted_ - 1]);
+    for (auto& texel : texel_) F(1.0F).store(texel + tinted_[num_tinted_ - 1]);
   }
   HWY_INLINE bool waits_for(std::size_t pixel) const { return num_tinted_ > 0 && tinted_[num_tinted_ - 1] == pixel; }
-  HWY_INLINE void set_color(std::size_t pixel, I color) { hn::Store(color, Ints(), color_ + pixel); }
+  HWY_INLINE void set_color(std::size_t pixel, const I& color) { color.store(color_ + pixel); }
 
   // f(pixel, colour) for each vector.
-  template <class F>
-  HWY_INLINE void finish(const Shading::Tables& tables, bool of_vertices, const F& f) {
-    const Floats d;
-    const Ints di;
-    look_up(tables, finer_, std::span(textured_).first(num_textured_),
-            [&](std::size_t i, const std::array<V, 3>& color) HWY_ATTR {
-              const auto lanes = hn::RebindMask(d, hn::Gt(hn::Load(di, finer_ + i), hn::Set(di, -1)));
-              for (std::size_t c = 0; c < 3; ++c) hn::Store(hn::IfThenElse(lanes, color[c], hn::Set(d, 1.0F)), d, texel_[c] + i);
-            });
-    look_up(tables, coarser_, std::span(mixed_).first(num_mixed_), [&](std::size_t i, const std::array<V, 3>& color) HWY_ATTR {
-      const V towards = hn::Load(d, towards_ + i);
+  template <class Function>
+  HWY_INLINE void finish(const Shading::Tables& tables, bool of_vertices, const Function& f) {
+    look_up(tables, finer_, std::span(textured_).first(num_textured_), [&](std::size_t i, const Color& color) HWY_ATTR {
+      const Mask lanes = I::load(finer_ + i) > -1;
+      for (std::size_t c = 0; c < 3; ++c) select(lanes, color[c], 1.0F).store(texel_[c] + i);
+    });
+    look_up(tables, coarser_, std::span(mixed_).first(num_mixed_), [&](std::size_t i, const Color& color) HWY_ATTR {
+      const F towards = F::load(towards_ + i);
       for (std::size_t c = 0; c < 3; ++c) {
-        const V fine = hn::Load(d, texel_[c] + i);
-        hn::Store(hn::Add(fine, hn::Mul(hn::Sub(color[c], fine), towards)), d, texel_[c] + i);
+        const F fine = F::load(texel_[c] + i);
+        (fine + (color[c] - fine) * towards).store(texel_[c] + i);
       }
     });
     for (std::size_t k = 0; k < num_tinted_; ++k) {
       const std::size_t i = tinted_[k];
-      const I known = hn::Load(di, color_ + i);
-      const auto unit = [&](std::size_t c) HWY_ATTR { return hn::Load(d, unit_[c] + i); };
-      std::array<V, 3> color = of_roots(d, di, known, {unit(0), unit(1), unit(2)});
+      const I known = I::load(color_ + i);
+      Color color = of_roots(known, {F::load(unit_[0] + i), F::load(unit_[1] + i), F::load(unit_[2] + i)});
       for (std::size_t c = 0; c < 3; ++c) {
-        V tint = hn::Load(d, texel_[c] + i);
-        if (of_vertices) tint = hn::Mul(hn::Load(d, of_vertices_[c] + i), tint);
-        color[c] = hn::Mul(color[c], tint);
+        F tint = F::load(texel_[c] + i);
+        if (of_vertices) tint = F::load(of_vertices_[c] + i) * tint;
+        color[c] = color[c] * tint;
       }
-      f(i, hn::IfThenElse(hn::Lt(known, hn::Zero(di)), written(d, di, tables, color), known));
+      f(i, select(known < 0, written(tables, color), known));
     }
   }
 
  private:
   // f(pixel, colours) for each of the vectors, in the levels of these numbers.
-  template <class F>
+  template <class Function>
   HWY_INLINE void look_up(const Shading::Tables& tables, const std::int32_t* numbers, std::span<const std::uint16_t> vectors,
-                          const F& f) {
-    const Floats d;
-    const Ints di;
+                          const Function& f) {
     const Shading::Images& images = *tables.images;
     for (const std::size_t i : vectors) {
-      const Levels levels = levels_at(d, di, images, numbers + i);
-      const Place place = place_in(d, di, levels, hn::Load(d, s_ + i), hn::Load(d, t_ + i));
-      hn::Store(place.first, di, first_ + i);
-      hn::Store(place.stride, di, stride_ + i);
-      hn::Store(place.across, d, across_ + i);
-      hn::Store(place.down, d, down_ + i);
+      const Place place = place_in(levels_at(images, numbers + i), F::load(s_ + i), F::load(t_ + i));
+      place.first.store(first_ + i);
+      place.stride.store(stride_ + i);
+      place.across.store(across_ + i);
+      place.down.store(down_ + i);
       constexpr std::size_t kApart = 5;  // pixels; those between mostly share their cache lines
-      for (std::size_t pixel = i; pixel < i + hn::Lanes(d); pixel += kApart) {
+      for (std::size_t pixel = i; pixel < i + F::kCount; pixel += kApart) {
         hwy::Prefetch(images.texels() + first_[pixel]);
         hwy::Prefetch(images.texels() + first_[pixel] + stride_[pixel]);
       }
     }
     for (const std::size_t i : vectors) {
-      f(i, colors_at(d, di, images,
-                     {hn::Load(di, first_ + i), hn::Load(di, stride_ + i), hn::Load(d, across_ + i), hn::Load(d, down_ + i)}));
+      f(i, colors_at(images, {I::load(first_ + i), I::load(stride_ + i), F::load(across_ + i), F::load(down_ + i)}));
     }
   }
 
@@ -576,73 +510,64 @@ class TintedTile {
 
 // What the table of triangles has for the lanes that show one; 0 elsewhere.
 template <bool kShadows, bool kPlain>
-HWY_INLINE I lit(Ints di, const Shading::Tables& tables, I elements, hn::Mask<Ints> triangles, const trace::HitDetails& details,
+HWY_INLINE I lit(const Shading::Tables& tables, const I& elements, const Mask& triangles, const trace::HitDetails& details,
                  std::size_t first, const Rays<kShadows, kPlain>& rays) {
-  const I number = hn::Sub(elements, hn::Set(di, tables.first_triangle));
-  I place = hn::Add(hn::ShiftLeft<1>(number), hn::Load(di, details.back + first));
-  if constexpr (kShadows) {
-    const I in_shade = hn::Set(di, 2 * (tables.first_marker - tables.first_triangle));
-    place = hn::Add(place, hn::IfThenElseZero(hn::RebindMask(di, rays.shaded), in_shade));
-  }
-  return hn::IfThenElseZero(triangles, hn::GatherIndex(di, tables.lit.get(), hn::IfThenElseZero(triangles, place)));
+  I place = shift_left<1>(elements - tables.first_triangle) + I::load(details.back + first);
+  if constexpr (kShadows) place = place + value_if(rays.shaded, I(2 * (tables.first_marker - tables.first_triangle)));
+  return value_if(triangles, I::gather(tables.lit.get(), value_if(triangles, place)));
 }
 
 template <bool kShadows, bool kPlain>
-HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tables, const std::int32_t* each, Mask which,
+HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int32_t* each, const Mask& which,
                                   const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays,
                                   float pixel_area, const CameraOutputs& wanted, TintedTile& tile) {
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.0F);
-  const I elements = hn::Load(di, each);
-  Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
-  if (wanted.any_color()) pixels.color = lit(di, tables, elements, hn::RebindMask(di, which), details, first, rays);
-  const auto tinted = hn::RebindMask(d, hn::Lt(pixels.color, hn::Zero(di)));
-  const bool tints_some = !hn::AllFalse(d, tinted), numbers = wanted.semantic || wanted.instance;
+  Pixels pixels = empty_pixels();
+  if (wanted.any_color()) pixels.color = lit(tables, I::load(each), which, details, first, rays);
+  const Mask tinted = pixels.color < 0;
+  const bool tints_some = !none(tinted), numbers = wanted.semantic || wanted.instance;
   if (!tints_some && !numbers && !wanted.normal) return pixels;
 
   if (wanted.normal) {
-    const Vec3V<V> normal{hn::Load(d, details.normal_x + first), hn::Load(d, details.normal_y + first),
-                          hn::Load(d, details.normal_z + first)};
-    pixels.normal = towards_camera(d, normalised(normal), rays.direction);
+    const F3 normal = F3::load(details.normal_x + first, details.normal_y + first, details.normal_z + first);
+    pixels.normal = towards_camera(normalised(normal), rays.direction);
   }
 
-  const V u = hn::Load(d, details.u + first), v = hn::Load(d, details.v + first);
-  const Weights weights{hn::Sub(hn::Sub(one, u), v), u, v};
+  const F u = F::load(details.u + first), v = F::load(details.v + first);
+  const Weights weights{1.0F - u - v, u, v};
   const bool colored = !kPlain && !tables.colors.empty();
   const std::span<const Shading::Images::Print> prints(tables.images->prints);
-  std::array<V, 3> tints{one, one, one}, unit{zero, zero, zero};
-  Textured textured(d);
+  Color tints{1.0F, 1.0F, 1.0F}, unit{0.0F, 0.0F, 0.0F};
+  Textured textured{Mask(false), 0.0F, 0.0F, {0.0F, 0.0F, 0.0F}, 0, 0, 0, 0};
   alignas(64) std::int32_t materials[PixelTile::kSide];  // of the lanes that are tinted
-  I material_of = hn::Zero(di);
-  const auto set = [&](std::int32_t value, Mask its, I& to)
-                       HWY_ATTR { to = hn::IfThenElse(hn::RebindMask(di, its), hn::Set(di, value), to); };
-  const auto see = [&](std::int32_t element, Mask its) HWY_ATTR {
+  I material_of = 0;
+  const auto see = [&](std::int32_t element, const Mask& its) HWY_ATTR {
     const auto triangle = static_cast<std::size_t>(element - tables.first_triangle);
-    if (wanted.semantic) set(tables.semantic[tables.triangle_material[triangle]], its, pixels.semantic);
-    if (wanted.instance) set(tables.triangle_object[triangle] + tables.first_object, its, pixels.instance);
+    if (wanted.semantic) set(pixels.semantic, its, tables.semantic[tables.triangle_material[triangle]]);
+    if (wanted.instance) set(pixels.instance, its, tables.triangle_object[triangle] + tables.first_object);
     if (!tints_some) return;
     if (prints.empty()) {
-      set(tables.triangle_material[triangle], its, material_of);
+      set(material_of, its, tables.triangle_material[triangle]);
     } else {
-      set(prints[triangle].material, its, material_of);
+      set(material_of, its, prints[triangle].material);
       textured.add(prints[triangle], its, weights);
     }
     for (std::size_t c = 0; colored && c < 3; ++c) {
       const auto& corners = tables.triangles[triangle];
       const auto color = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
-      tints[c] = hn::IfThenElse(its, weights(color(0), color(1), color(2)), tints[c]);
+      set(tints[c], its, weights(color(0), color(1), color(2)));
     }
   };
-  for_each_number(d, di, each, numbers ? which : tinted, see);
+  for_each_number(each, numbers ? which : tinted, see);
   if (!tints_some) return pixels;
 
-  hn::Store(material_of, di, materials);
-  for_each_number(d, di, materials, tinted, [&](std::int32_t material, Mask its) HWY_ATTR {
+  material_of.store(materials);
+  for_each_number(materials, tinted, [&](std::int32_t material, const Mask& its) HWY_ATTR {
     const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(material)];
-    for (std::size_t c = 0; c < 3; ++c) unit[c] = hn::IfThenElse(its, hn::Set(d, paint.unit[c]), unit[c]);
+    for (std::size_t c = 0; c < 3; ++c) set(unit[c], its, paint.unit[c]);
     if (paint.texture >= 0) textured.add(paint, its);
   });
   tile.add(first, unit, colored ? &tints : nullptr);
-  if (hn::AllFalse(d, textured.lanes)) {
+  if (none(textured.lanes)) {
     tile.add_none();
   } else {
     tile.add(textured, rays, pixel_area);
@@ -651,22 +576,18 @@ HWY_INLINE Pixels triangle_pixels(Floats d, Ints di, const Shading::Tables& tabl
 }
 
 // What one side of a vector of triangles shows.
-HWY_INLINE std::array<V, 3> light_side(Floats d, const Shading::Tables& tables, const Vec3V<V>& normal, I materials,
-                                       bool shaded) {
-  const Rays<true, false> rays{normal, hn::Zero(d), shaded ? every(d) : hn::Not(every(d))};
-  const auto base = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.color[c].data(), materials); };
-  const auto emitted = [&](std::size_t c) HWY_ATTR { return hn::GatherIndex(d, tables.emissive[c].data(), materials); };
+HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, const I& materials, bool shaded) {
+  const Rays<true, false> rays{normal, 0.0F, Mask(shaded)};
+  const auto base = [&](std::size_t c) HWY_ATTR { return F::gather(tables.color[c].data(), materials); };
+  const auto emitted = [&](std::size_t c) HWY_ATTR { return F::gather(tables.emissive[c].data(), materials); };
   const auto& to_sun = tables.light.sun_direction;
-  const V sunward = dot(normal, {hn::Set(d, to_sun[0]), hn::Set(d, to_sun[1]), hn::Set(d, to_sun[2])});
-  return linear(d, tables, base, sunward, normal.z, rays, emitted);
+  return linear(tables, base, dot(normal, F3{to_sun[0], to_sun[1], to_sun[2]}), normal.z, rays, emitted);
 }
 
 // Fills a half of Shading::Tables::lit.
 void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertices, bool shaded, std::int32_t* out) {
-  const Floats d;
-  const Ints di;
-  for (std::size_t first = 0; first < tables.triangles.size(); first += hn::Lanes(d)) {
-    const std::size_t count = std::min(hn::Lanes(d), tables.triangles.size() - first);
+  for (std::size_t first = 0; first < tables.triangles.size(); first += F::kCount) {
+    const std::size_t count = std::min(F::kCount, tables.triangles.size() - first);
     alignas(64) float a[3][PixelTile::kSide] = {}, b[3][PixelTile::kSide] = {};
     alignas(64) std::int32_t material[PixelTile::kSide] = {};
     for (std::size_t i = 0; i < count; ++i) {
@@ -679,22 +600,17 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
       }
       material[i] = tables.triangle_material[first + i];
     }
-    const auto product = [&](std::size_t j, std::size_t k) HWY_ATTR {
-      return hn::Sub(hn::Mul(hn::Load(d, a[j]), hn::Load(d, b[k])), hn::Mul(hn::Load(d, a[k]), hn::Load(d, b[j])));
-    };
-    const Vec3V<V> front = normalised({product(1, 2), product(2, 0), product(0, 1)});
-    const Vec3V<V> back{hn::Neg(front.x), hn::Neg(front.y), hn::Neg(front.z)};
-    const I materials = hn::Load(di, material);
-    std::array<V, 3> unit{hn::Zero(d), hn::Zero(d), hn::Zero(d)};
-    for_each_number(d, di, material, every(d), [&](std::int32_t number, Mask its) HWY_ATTR {
+    const F3 front = normalised(cross(F3::load(a[0], a[1], a[2]), F3::load(b[0], b[1], b[2])));
+    Color unit{0.0F, 0.0F, 0.0F};
+    for_each_number(material, Mask(true), [&](std::int32_t number, const Mask& its) HWY_ATTR {
       const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(number)];
-      for (std::size_t c = 0; c < 3; ++c) unit[c] = hn::IfThenElse(its, hn::Set(d, paint.unit[c]), unit[c]);
+      for (std::size_t c = 0; c < 3; ++c) set(unit[c], its, paint.unit[c]);
     });
     alignas(64) std::int32_t plain[2][PixelTile::kSide], roots[2][PixelTile::kSide];
     for (std::size_t k = 0; k < 2; ++k) {
-      const std::array<V, 3> color = light_side(d, tables, k == 0 ? front : back, materials, shaded);
-      hn::Store(written(d, di, tables, color), di, plain[k]);
-      hn::Store(as_roots(d, di, color, unit), di, roots[k]);
+      const Color color = light_side(tables, k == 0 ? front : -front, I::load(material), shaded);
+      written(tables, color).store(plain[k]);
+      as_roots(color, unit).store(roots[k]);
     }
     for (std::size_t i = 0; i < count; ++i) {
       const bool tinted = !tables.colors.empty() || tables.paints[static_cast<std::size_t>(material[i])].texture >= 0;
@@ -703,28 +619,23 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
   }
 }
 
-HWY_INLINE Pixels select(Ints di, Mask mask, const Pixels& yes, const Pixels& no) {
-  const auto ints = hn::RebindMask(di, mask);
-  return {hn::IfThenElse(ints, yes.color, no.color),
-          hn::IfThenElse(ints, yes.semantic, no.semantic),
-          hn::IfThenElse(ints, yes.instance, no.instance),
-          {hn::IfThenElse(mask, yes.normal.x, no.normal.x), hn::IfThenElse(mask, yes.normal.y, no.normal.y),
-           hn::IfThenElse(mask, yes.normal.z, no.normal.z)}};
+HWY_INLINE Pixels select(const Mask& mask, const Pixels& yes, const Pixels& no) {
+  return {select(mask, yes.color, no.color), select(mask, yes.semantic, no.semantic), select(mask, yes.instance, no.instance),
+          select(mask, yes.normal, no.normal)};
 }
 
-HWY_INLINE void write_depth(Floats d, const trace::RayBundle& rays, std::size_t i, DepthKind depth_kind, TilePixels& out) {
-  V depth = hn::Load(d, rays.t_hit + i);
+HWY_INLINE void write_depth(const trace::RayBundle& rays, std::size_t i, DepthKind depth_kind, TilePixels& out) {
+  F depth = F::load(rays.t_hit + i);
   if (depth_kind == DepthKind::range) {
-    const Vec3V<V> direction{hn::LoadU(d, rays.x + i), hn::LoadU(d, rays.y + i), hn::LoadU(d, rays.z + i)};
-    depth = hn::Mul(depth, hn::Sqrt(dot(direction, direction)));
+    const F3 direction = F3::load_unaligned(rays.x + i, rays.y + i, rays.z + i);
+    depth = depth * sqrt(dot(direction, direction));
   }
-  hn::Store(depth, d, out.depth + i);
+  depth.store(out.depth + i);
 }
 
 // Every pixel of the tile shows the same.
 void fill(std::int32_t color, const Surface& surface, const Vec3& normal, const CameraOutputs& wanted,
           const trace::RayBundle& rays, DepthKind depth_kind, TilePixels& out) {
-  const Floats d;
   if (wanted.any_color()) {
     std::memset(out.r, color & 0xFF, rays.count);
     std::memset(out.g, color >> 8 & 0xFF, rays.count);
@@ -737,78 +648,61 @@ void fill(std::int32_t color, const Surface& surface, const Vec3& normal, const 
     std::fill_n(out.ny, rays.count, normal.y());
     std::fill_n(out.nz, rays.count, normal.z());
   }
-  for (std::size_t i = 0; wanted.depth && i < rays.count; i += hn::Lanes(d)) write_depth(d, rays, i, depth_kind, out);
+  for (std::size_t i = 0; wanted.depth && i < rays.count; i += F::kCount) write_depth(rays, i, depth_kind, out);
 }
 
 bool all_equal(const std::int32_t* values, std::size_t count) {
-  const Ints di;
-  const I first = hn::Set(di, values[0]);
-  I differing = hn::Zero(di);
-  for (std::size_t i = 0; i < count; i += hn::Lanes(di)) differing = hn::Or(differing, hn::Xor(hn::Load(di, values + i), first));
-  return hn::AllTrue(di, hn::Eq(differing, hn::Zero(di)));
+  I differing = 0;
+  for (std::size_t i = 0; i < count; i += I::kCount) differing = differing | (I::load(values + i) ^ values[0]);
+  return all(differing == 0);
 }
 
 template <bool kShadows, bool kPlain>
 void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, const trace::HitDetails& details,
                 const std::uint8_t* shaded, float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind,
                 TilePixels& out) {
-  const Floats d;
-  const Ints di;
-  const hn::Rebind<std::uint8_t, Floats> du8;
-  const hn::Rebind<std::uint16_t, Floats> du16;
-  const std::size_t lanes = hn::Lanes(d);
+  using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
+  using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
   TintedTile tinted;
-  const auto put_color = [&](std::size_t i, I color) HWY_ATTR {
-    const I byte = hn::Set(di, 0xFF);
-    hn::StoreU(hn::DemoteTo(du8, hn::And(color, byte)), du8, out.r + i);
-    hn::StoreU(hn::DemoteTo(du8, hn::And(hn::ShiftRight<8>(color), byte)), du8, out.g + i);
-    hn::StoreU(hn::DemoteTo(du8, hn::ShiftRight<16>(color)), du8, out.b + i);
+  const auto put_color = [&](std::size_t i, const I& color) HWY_ATTR {
+    convert<Bytes>(color & 0xFF).store_unaligned(out.r + i);
+    convert<Bytes>(shift_right<8>(color) & 0xFF).store_unaligned(out.g + i);
+    convert<Bytes>(shift_right<16>(color)).store_unaligned(out.b + i);
   };
-  for (std::size_t i = 0; i < bundle.count; i += lanes) {
+  for (std::size_t i = 0; i < bundle.count; i += F::kCount) {
     const std::int32_t* const elements = bundle.element + i;
-    const I element = hn::Load(di, elements);
-    const auto triangles =
-        hn::And(hn::Gt(element, hn::Set(di, tables.first_triangle - 1)), hn::Lt(element, hn::Set(di, tables.first_marker)));
-    Rays<kShadows, kPlain> rays{
-        rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + i), hn::LoadU(d, bundle.y + i), hn::LoadU(d, bundle.z + i)}),
-        hn::Load(d, bundle.t_hit + i), hn::Not(every(d))};
-    if constexpr (kShadows) {
-      rays.shaded = hn::RebindMask(d, hn::Ne(hn::PromoteTo(di, hn::LoadU(du8, shaded + i)), hn::Zero(di)));
-    }
-    if (wanted.depth) write_depth(d, bundle, i, depth_kind, out);
-    const V zero = hn::Zero(d);
-    Pixels pixels{hn::Zero(di), hn::Zero(di), hn::Zero(di), {zero, zero, zero}};
-    std::uint64_t left = bits_of(d, every(d));
+    const I element = I::load(elements);
+    const Mask triangles = (element > tables.first_triangle - 1) & (element < tables.first_marker);
+    Rays<kShadows, kPlain> rays{rotate(bundle.rotation, F3::load_unaligned(bundle.x + i, bundle.y + i, bundle.z + i)),
+                                F::load(bundle.t_hit + i), Mask(false)};
+    if constexpr (kShadows) rays.shaded = convert<I>(Bytes::load_unaligned(shaded + i)) != 0;
+    if (wanted.depth) write_depth(bundle, i, depth_kind, out);
+    Pixels pixels = empty_pixels();
+    std::uint32_t left = bits(Mask(true));
     for (bool first = true; left != 0; first = false) {
       const std::int32_t number = elements[std::countr_zero(left)];
-      Pixels shown = pixels;
+      Pixels shown = empty_pixels();
       Mask mask;
       if (number < 0) {
-        mask = hn::RebindMask(d, hn::Lt(element, hn::Zero(di)));
-        shown.semantic = shown.instance = hn::Zero(di);
-        shown.normal = {zero, zero, zero};
-        if (wanted.any_color()) shown.color = sky<kPlain>(d, di, tables, rays.direction);
+        mask = element < 0;
+        if (wanted.any_color()) shown.color = sky<kPlain>(tables, rays.direction);
       } else if (number >= tables.first_triangle && number < tables.first_marker) {
-        mask = hn::RebindMask(d, triangles);
-        shown = triangle_pixels(d, di, tables, elements, mask, details, i, rays, pixel_area, wanted, tinted);
+        mask = triangles;
+        shown = triangle_pixels(tables, elements, mask, details, i, rays, pixel_area, wanted, tinted);
       } else {
-        mask = hn::RebindMask(d, hn::Eq(element, hn::Set(di, number)));
+        mask = element == number;
         const ShadedSolid& solid = number < tables.first_triangle
                                        ? tables.solids[static_cast<std::size_t>(number)]
                                        : tables.markers[static_cast<std::size_t>(number - tables.first_marker)];
-        shown = solid_pixels(d, di, tables, solid, bundle.origin, rays, wanted);
+        shown = solid_pixels(tables, solid, bundle.origin, rays, wanted);
       }
-      pixels = first ? shown : select(di, mask, shown, pixels);
-      left &= ~bits_of(d, mask);
+      pixels = first ? shown : select(mask, shown, pixels);
+      left &= ~bits(mask);
     }
     if (wanted.any_color()) tinted.waits_for(i) ? tinted.set_color(i, pixels.color) : put_color(i, pixels.color);
-    if (wanted.semantic) hn::StoreU(hn::DemoteTo(du16, pixels.semantic), du16, out.semantic + i);
-    if (wanted.instance) hn::StoreU(hn::DemoteTo(du16, pixels.instance), du16, out.instance + i);
-    if (wanted.normal) {
-      hn::Store(pixels.normal.x, d, out.nx + i);
-      hn::Store(pixels.normal.y, d, out.ny + i);
-      hn::Store(pixels.normal.z, d, out.nz + i);
-    }
+    if (wanted.semantic) convert<Shorts>(pixels.semantic).store_unaligned(out.semantic + i);
+    if (wanted.instance) convert<Shorts>(pixels.instance).store_unaligned(out.instance + i);
+    if (wanted.normal) pixels.normal.store(out.nx + i, out.ny + i, out.nz + i);
   }
   tinted.finish(tables, !kPlain && !tables.colors.empty(), put_color);
 }
