@@ -182,79 +182,88 @@ HWY_INLINE I sky(const Shading::Tables& tables, const F3& direction) {
   return packed(channel(0), channel(1), channel(2));
 }
 
+// A flat face across an axis shows the side that looks against the ray.
+template <bool kShadows, bool kPlain>
+HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, const F& along, const Rays<kShadows, kPlain>& rays) {
+  const auto side = [&](std::size_t sign) HWY_ATTR {
+    const I lit_color = solid.faces[0][2 * axis + sign];
+    if constexpr (!kShadows) return lit_color;
+    return select(rays.shaded, solid.faces[1][2 * axis + sign], lit_color);
+  };
+  return select(along < 0.0F, side(1), side(0));
+}
+HWY_INLINE F face_normal(const F& along) { return copy_sign(1.0F, -along); }
+
+template <bool kShadows, bool kPlain>
+HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir, const Rays<kShadows, kPlain>& rays,
+                          const CameraOutputs& wanted, Pixels& pixels) {
+  // The face whose plane is nearest; of a plane, which has no thickness, the one it is.
+  const float* const half = solid.shape->half_extents;
+  const F outside_x = abs(at.x) - half[0], outside_y = abs(at.y) - half[1];
+  const F outside_z = half[2] > 0.0F ? abs(at.z) - half[2] : F(std::numeric_limits<float>::infinity());
+  const Mask y_over_x = outside_y > outside_x;
+  const Mask z_over_xy = outside_z > max(outside_x, outside_y);
+  pixels.color = select(y_over_x, face_color(solid, 1, dir.y, rays), face_color(solid, 0, dir.x, rays));
+  pixels.color = select(z_over_xy, face_color(solid, 2, dir.z, rays), pixels.color);
+  if (!wanted.normal) return;
+  pixels.normal = {zero_if(y_over_x | z_over_xy, face_normal(dir.x)), value_if(without(y_over_x, z_over_xy), face_normal(dir.y)),
+                   value_if(z_over_xy, face_normal(dir.z))};
+}
+
+// The outward normal of a curved surface.
+HWY_INLINE F3 outward_normal(const trace::Shape& shape, const F3& at) {
+  const float radius = shape.half_extents[0], middle = shape.half_extents[2] - radius;
+  switch (shape.kind) {
+    case trace::ShapeKind::cylinder:
+      return {at.x * (1.0F / radius), at.y * (1.0F / radius), 0.0F};
+    case trace::ShapeKind::capsule:
+      return normalised({at.x, at.y, at.z - min(max(at.z, -middle), middle)});
+    default:
+      return normalised(at);
+  }
+}
+
+template <bool kShadows, bool kPlain>
+HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& solid, const F3& at, const F3& dir,
+                            const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted, Pixels& pixels) {
+  pixels.normal = towards_camera(outward_normal(*solid.shape, at), dir);
+  if (wanted.any_color()) {
+    const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(pixels.normal, F3{to[0], to[1], to[2]}); };
+    const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
+    const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
+    if (solid.ramp != nullptr) {
+      pixels.color = on_ramp(solid.ramp, cosine(solid.sun), rays);
+    } else if (!kPlain && solid.surface.emits()) {
+      pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted));
+    } else {
+      pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays));
+    }
+  }
+  if (solid.shape->kind != trace::ShapeKind::cylinder) return;
+  // A point of the side is `radius` away from the axis, up to rounding; r^2 - radius^2 is 2 radius times that rounding.
+  const float radius = solid.shape->half_extents[0], half_height = solid.shape->half_extents[2];
+  const F beyond = at.x * at.x + at.y * at.y - radius * radius;
+  const F from_cap = abs(abs(at.z) - half_height);
+  const Mask cap = half_height > 0.0F ? from_cap * (2.0F * radius) < abs(beyond) : Mask(true);
+  if (none(cap)) return;
+  pixels.color = select(cap, face_color(solid, 2, dir.z, rays), pixels.color);
+  pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);
+}
+
 // A solid at the points its rays have hit.
 template <bool kShadows, bool kPlain>
 HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
                                const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted) {
   const trace::Shape& shape = *solid.shape;
-  const float* const half = shape.half_extents;
   const Vec3 offset(origin.x() - shape.center[0], origin.y() - shape.center[1], origin.z() - shape.center[2]);
   const Vec3 o = shape.aligned ? offset : trace::rotated(shape.to_local, offset);
   const F3 dir = shape.aligned ? rays.direction : rotate(shape.to_local, rays.direction);
-  const F x = o.x() + rays.t * dir.x, y = o.y() + rays.t * dir.y, z = o.z() + rays.t * dir.z;
-
+  const F3 at{o.x() + rays.t * dir.x, o.y() + rays.t * dir.y, o.z() + rays.t * dir.z};
   Pixels pixels{0, solid.surface.semantic, solid.surface.instance, {0.0F, 0.0F, 0.0F}};
-  // A flat face across an axis shows the side that looks against the ray.
-  const auto face_color = [&](std::size_t axis, const F& along) HWY_ATTR {
-    const auto side = [&](std::size_t sign) HWY_ATTR {
-      const I lit_color = solid.faces[0][2 * axis + sign];
-      if constexpr (!kShadows) return lit_color;
-      return select(rays.shaded, solid.faces[1][2 * axis + sign], lit_color);
-    };
-    return select(along < 0.0F, side(1), side(0));
-  };
-  const auto face_normal = [](const F& along) HWY_ATTR { return copy_sign(1.0F, -along); };
-  const auto curved = [&](const F3& outward) HWY_ATTR {
-    const F3 normal = towards_camera(outward, dir);
-    const auto cosine = [&](const std::array<float, 3>& to) HWY_ATTR { return dot(normal, F3{to[0], to[1], to[2]}); };
-    const auto base = [&](std::size_t c) { return solid.surface.color[c]; };
-    if (wanted.any_color() && solid.ramp != nullptr) {
-      pixels.color = on_ramp(solid.ramp, cosine(solid.sun), rays);
-    } else if (!kPlain && wanted.any_color() && solid.surface.emits()) {
-      const auto emitted = [&](std::size_t c) { return solid.surface.emissive[c]; };
-      pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays, emitted));
-    } else if (wanted.any_color()) {
-      pixels.color = written(tables, linear(tables, base, cosine(solid.sun), cosine(solid.up), rays));
-    }
-    pixels.normal = normal;
-  };
-
-  switch (shape.kind) {
-    case trace::ShapeKind::box: {
-      // The face whose plane is nearest; of a plane, which has no thickness, the one it is.
-      const F outside_x = abs(x) - half[0], outside_y = abs(y) - half[1];
-      const F outside_z = half[2] > 0.0F ? abs(z) - half[2] : F(std::numeric_limits<float>::infinity());
-      const Mask y_over_x = outside_y > outside_x;
-      const Mask z_over_xy = outside_z > max(outside_x, outside_y);
-      pixels.color = select(y_over_x, face_color(1, dir.y), face_color(0, dir.x));
-      pixels.color = select(z_over_xy, face_color(2, dir.z), pixels.color);
-      if (wanted.normal) {
-        pixels.normal = {zero_if(y_over_x | z_over_xy, face_normal(dir.x)),
-                         value_if(without(y_over_x, z_over_xy), face_normal(dir.y)), value_if(z_over_xy, face_normal(dir.z))};
-      }
-      break;
-    }
-    case trace::ShapeKind::cylinder: {
-      // A point of the side is `radius` away from the axis, up to rounding; r^2 - radius^2 is 2 radius times that rounding.
-      const float radius = half[0];
-      const F beyond = x * x + y * y - radius * radius;
-      const F from_cap = abs(abs(z) - half[2]);
-      const Mask cap = half[2] > 0.0F ? from_cap * (2.0F * radius) < abs(beyond) : Mask(true);
-      const float inverse = 1.0F / radius;
-      curved({x * inverse, y * inverse, 0.0F});
-      if (none(cap)) break;
-      pixels.color = select(cap, face_color(2, dir.z), pixels.color);
-      pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);
-      break;
-    }
-    case trace::ShapeKind::capsule: {
-      const float middle = half[2] - half[0];
-      curved(normalised({x, y, z - min(max(z, -middle), middle)}));
-      break;
-    }
-    case trace::ShapeKind::sphere:
-      curved(normalised({x, y, z}));
-      break;
+  if (shape.kind == trace::ShapeKind::box) {
+    color_box(solid, at, dir, rays, wanted, pixels);
+  } else {
+    color_round(tables, solid, at, dir, rays, wanted, pixels);
   }
   if (wanted.normal && !shape.aligned) {
     const auto to_world = [&shape](int row, int column) { return shape.to_local(column, row); };
