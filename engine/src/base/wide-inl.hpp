@@ -22,7 +22,21 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// The same for each vector that a value is made of.
+// The vectors of a value. An array of one costs GCC copies through memory.
+template <class V, std::size_t kCount>
+struct Parts {
+  V parts[kCount];
+  HWY_INLINE V& operator[](std::size_t i) { return parts[i]; }
+  HWY_INLINE const V& operator[](std::size_t i) const { return parts[i]; }
+};
+template <class V>
+struct Parts<V, 1> {
+  V only;
+  HWY_INLINE V& operator[](std::size_t) { return only; }
+  HWY_INLINE const V& operator[](std::size_t) const { return only; }
+};
+
+// The same for each of them.
 #define FLOCKSTEP_EACH_PART(Result, expression)                                 \
   Result result;                                                                \
   for (std::size_t p = 0; p < Result::kParts; ++p) result.part[p] = expression; \
@@ -32,11 +46,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 template <class D, std::size_t kParts_>
 struct WideMask {
   static constexpr std::size_t kParts = kParts_, kLanes = hn::MaxLanes(D());
-  hn::Mask<D> part[kParts];
+  Parts<hn::Mask<D>, kParts> part;
 
   WideMask() = default;
   HWY_INLINE explicit WideMask(bool all) {
-    for (auto& each : part) each = hn::Eq(hn::Set(D(), all ? 0 : 1), hn::Zero(D()));
+    for (std::size_t p = 0; p < kParts; ++p) part[p] = hn::Eq(hn::Set(D(), all ? 0 : 1), hn::Zero(D()));
   }
 
   friend HWY_INLINE WideMask operator&(const WideMask& a, const WideMask& b) {
@@ -51,14 +65,14 @@ struct WideMask {
     FLOCKSTEP_EACH_PART(WideMask, hn::AndNot(b.part[p], a.part[p]));
   }
   friend HWY_INLINE bool none(const WideMask& mask) {
-    for (const auto& each : mask.part) {
-      if (!hn::AllFalse(D(), each)) return false;
+    for (std::size_t p = 0; p < kParts; ++p) {
+      if (!hn::AllFalse(D(), mask.part[p])) return false;
     }
     return true;
   }
   friend HWY_INLINE bool all(const WideMask& mask) {
-    for (const auto& each : mask.part) {
-      if (!hn::AllTrue(D(), each)) return false;
+    for (std::size_t p = 0; p < kParts; ++p) {
+      if (!hn::AllTrue(D(), mask.part[p])) return false;
     }
     return true;
   }
@@ -83,11 +97,11 @@ struct Wide {
   using Int = Wide<hn::RebindToSigned<D>, kParts_>;
   using Mask = WideMask<hn::RebindToSigned<D>, kParts_>;
   static constexpr std::size_t kParts = kParts_, kLanes = hn::MaxLanes(D()), kCount = kParts * kLanes;
-  hn::Vec<D> part[kParts];
+  Parts<hn::Vec<D>, kParts> part;
 
   Wide() = default;
   HWY_INLINE Wide(T x) {  // implicit: scalars are operands
-    for (auto& each : part) each = hn::Set(D(), x);
+    for (std::size_t p = 0; p < kParts; ++p) part[p] = hn::Set(D(), x);
   }
 
   static HWY_INLINE Wide load(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::Load(D(), from + p * kLanes)); }

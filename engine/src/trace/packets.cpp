@@ -10,73 +10,80 @@
 #include <cmath>
 #include <limits>
 
-#include "trace/intersect-inl.hpp"
+#include "base/wide-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-// Writes what Embree tells of a vector of hits, of which `taken` count.
-template <class D, class Packet>
-HWY_INLINE void store_details(D d, const Packet& packet, std::size_t lane, hn::Mask<D> taken, HitDetails& details,
-                              std::size_t ray) {
-  const auto& hits = packet.hit;
-  const auto store = [&](const float* from, float* to) HWY_ATTR {
-    hn::Store(hn::IfThenElse(taken, hn::Load(d, from + lane), hn::Load(d, to + ray)), d, to + ray);
-  };
-  store(hits.u, details.u);
-  store(hits.v, details.v);
-  store(hits.Ng_x, details.normal_x);
-  store(hits.Ng_y, details.normal_y);
-  store(hits.Ng_z, details.normal_z);
+// Embree's numbers without a sign.
+HWY_INLINE std::int32_t* as_signed(unsigned int* numbers) { return reinterpret_cast<std::int32_t*>(numbers); }
+
+constexpr std::int32_t kInvalid = -1;  // RTC_INVALID_GEOMETRY_ID
+
+// What all rays have in common.
+template <class F, class Packet>
+HWY_INLINE void prepare(Packet& packet, std::size_t lane, float near) {
+  using I = typename F::Int;
+  F(near).store(packet.ray.tnear + lane);
+  F(0.0F).store(packet.ray.time + lane);
+  I(0).store(as_signed(packet.ray.id + lane));
+  I(0).store(as_signed(packet.ray.flags + lane));
+  I(-1).store(as_signed(packet.ray.mask + lane));
+  I(kInvalid).store(as_signed(packet.hit.instID[0] + lane));
+}
+
+// Writes the hits of a vector of rays that Embree has found no farther than a range.
+template <class F, class Packet, class Rays>
+HWY_INLINE void store_hits(Packet& packet, std::size_t lane, const F& range, std::int32_t first_element, Rays& rays,
+                           HitDetails* details, std::size_t ray) {
+  using I = typename F::Int;
+  auto& hits = packet.hit;
+  const F distance = F::load(packet.ray.tfar + lane);
+  const auto taken = (I::load(as_signed(hits.geomID + lane)) != kInvalid) & (distance <= range);
+  const auto store = [&](const auto& value, auto* to) HWY_ATTR { select(taken, value, value.load(to + ray)).store(to + ray); };
+  store(distance, rays.t_hit);
+  store(I::load(as_signed(hits.primID + lane)) + first_element, rays.element);
+  if (details == nullptr) return;
+  const auto normal = Wide3<F>::load(hits.Ng_x + lane, hits.Ng_y + lane, hits.Ng_z + lane);
+  store(F::load(hits.u + lane), details->u);
+  store(F::load(hits.v + lane), details->v);
+  store(normal.x, details->normal_x);
+  store(normal.y, details->normal_y);
+  store(normal.z, details->normal_z);
   // Embree's normals point where the corners go around counterclockwise.
-  const hn::RebindToSigned<D> di;
-  const auto along = [&](const float* normal, const float* direction)
-                         HWY_ATTR { return hn::Mul(hn::Load(d, normal + lane), hn::Load(d, direction + lane)); };
-  const auto against = hn::Add(along(hits.Ng_x, packet.ray.dir_x),
-                               hn::Add(along(hits.Ng_y, packet.ray.dir_y), along(hits.Ng_z, packet.ray.dir_z)));
-  const auto back = hn::IfThenElseZero(hn::RebindMask(di, hn::Gt(against, hn::Zero(d))), hn::Set(di, 1));
-  hn::Store(hn::IfThenElse(hn::RebindMask(di, taken), back, hn::Load(di, details.back + ray)), di, details.back + ray);
+  const auto direction = Wide3<F>::load(packet.ray.dir_x + lane, packet.ray.dir_y + lane, packet.ray.dir_z + lane);
+  const F against = normal.x * direction.x + (normal.y * direction.y + normal.z * direction.z);
+  store(value_if(against > 0.0F, I(1)), details->back);
 }
 
 template <std::size_t kSize>
 void trace_packets(RTCScene scene, std::int32_t first_element, Through through, RayBlock& rays, HitDetails* details) {
-  const hn::CappedTag<float, kSize> d;
-  const hn::RebindToSigned<decltype(d)> di;
-  const std::size_t lanes = hn::Lanes(d);
-  const auto invalid = hn::Set(di, -1);  // RTC_INVALID_GEOMETRY_ID
-  const auto infinity = hn::Set(d, std::numeric_limits<float>::infinity());
-  const auto least = hn::Set(d, std::numeric_limits<float>::min());
+  using F = WideUpTo<kSize>;
+  using I = typename F::Int;
+  using F3 = Wide3<F>;
+  constexpr float kInfinity = std::numeric_limits<float>::infinity(), kLeast = std::numeric_limits<float>::min();
 
   alignas(64) Packet<kSize> buffer;
   auto& packet = buffer.rays;
-  for (std::size_t i = 0; i < kSize; i += lanes) {
-    hn::Store(hn::Set(d, rays.near), d, packet.ray.tnear + i);
-    hn::Store(hn::Zero(d), d, packet.ray.time + i);
-    hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.id + i));
-    hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.flags + i));
-    hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.ray.mask + i));
-    hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.instID[0] + i));
-  }
+  for (std::size_t i = 0; i < kSize; i += F::kCount) prepare<F>(packet, i, rays.near);
   alignas(64) std::int32_t valid[kSize];
   std::fill_n(valid, kSize, -1);
 
   for (std::size_t first = 0; first < rays.count; first += kSize) {
-    for (std::size_t i = 0; i < kSize; i += lanes) {
+    for (std::size_t i = 0; i < kSize; i += F::kCount) {
       const std::size_t ray = first + i;
-      hn::Store(hn::Load(d, rays.org_x + ray), d, packet.ray.org_x + i);
-      hn::Store(hn::Load(d, rays.org_y + ray), d, packet.ray.org_y + i);
-      hn::Store(hn::Load(d, rays.org_z + ray), d, packet.ray.org_z + i);
-      hn::Store(hn::Load(d, rays.dir_x + ray), d, packet.ray.dir_x + i);
-      hn::Store(hn::Load(d, rays.dir_y + ray), d, packet.ray.dir_y + i);
-      hn::Store(hn::Load(d, rays.dir_z + ray), d, packet.ray.dir_z + i);
+      F3::load(rays.org_x + ray, rays.org_y + ray, rays.org_z + ray)
+          .store(packet.ray.org_x + i, packet.ray.org_y + i, packet.ray.org_z + i);
+      F3::load(rays.dir_x + ray, rays.dir_y + ray, rays.dir_z + ray)
+          .store(packet.ray.dir_x + i, packet.ray.dir_y + i, packet.ray.dir_z + i);
       // Embree's rays end before tfar: the next number after the range lets a hit at the range itself count, and the least
       // normal number, where denormals are zero, one at 0.
-      const auto range = hn::Load(d, rays.range + ray);
-      const auto next = hn::BitCast(d, hn::Add(hn::BitCast(di, range), hn::Set(di, 1)));
-      const auto beyond = hn::Max(hn::IfThenElse(hn::Lt(range, infinity), next, infinity), least);
-      hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + i);
-      hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + i));
+      const F range = F::load(rays.range + ray);
+      const F next = bit_cast<F>(bit_cast<I>(range) + 1);
+      const F beyond = max(select(range < kInfinity, next, kInfinity), kLeast);
+      min(F::load(rays.t_hit + ray), beyond).store(packet.ray.tfar + i);
+      I(kInvalid).store(as_signed(packet.hit.geomID + i));
     }
     if (const std::size_t left = rays.count - first; left < kSize) {
       std::fill(valid + left, valid + kSize, 0);
@@ -84,23 +91,15 @@ void trace_packets(RTCScene scene, std::int32_t first_element, Through through, 
       std::fill(packet.ray.tfar + left, packet.ray.tfar + kSize, -1.0F);
     }
     intersect_packet(valid, scene, buffer, Coherence::none, through);
-    for (std::size_t i = 0; i < kSize; i += lanes) {
-      const std::size_t ray = first + i;
-      const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + i)), invalid);
-      const auto distance = hn::Load(d, packet.ray.tfar + i);
-      const auto nearer = hn::And(hn::RebindMask(d, found), hn::Le(distance, hn::Load(d, rays.range + ray)));
-      const auto element =
-          hn::Add(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + i)), hn::Set(di, first_element));
-      hn::Store(hn::IfThenElse(nearer, distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
-      hn::Store(hn::IfThenElse(hn::RebindMask(di, nearer), element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
-      if (details != nullptr) store_details(d, packet, i, nearer, *details, ray);
+    for (std::size_t i = 0; i < kSize; i += F::kCount) {
+      store_hits(packet, i, F::load(rays.range + first + i), first_element, rays, details, first + i);
     }
   }
 }
 
 // Calls f(lane of the packet, ray of the tile relative to the packet's first) for each vector of 4 x kRows rays.
-template <std::size_t kRows, class F>
-HWY_INLINE void for_4_by(std::size_t lanes, const F& f) {
+template <std::size_t kRows, class Function>
+HWY_INLINE void for_4_by(std::size_t lanes, const Function& f) {
   for (std::size_t row = 0; row < kRows; ++row) {
     for (std::size_t column = 0; column < 4; column += lanes) f(4 * row + column, kTileWidth * row + column);
   }
@@ -108,24 +107,16 @@ HWY_INLINE void for_4_by(std::size_t lanes, const F& f) {
 
 template <std::size_t kRows>
 HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, Through through, RayBundle& rays, HitDetails& details) {
-  const hn::CappedTag<float, 4> d;
-  const hn::RebindToSigned<decltype(d)> di;
-  using V = hn::Vec<decltype(d)>;
-  const std::size_t lanes = hn::Lanes(d);
-  const auto invalid = hn::Set(di, -1);                                                             // RTC_INVALID_GEOMETRY_ID
-  const V beyond = hn::Set(d, std::nextafter(rays.range, std::numeric_limits<float>::infinity()));  // a hit at the range counts
+  using F = WideUpTo<4>;
+  using F3 = Wide3<F>;
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const F beyond = std::nextafter(rays.range, kInfinity);  // a hit at the range counts
   alignas(64) Packet<4 * kRows> buffer;
   auto& packet = buffer.rays;
-  for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t) HWY_ATTR {
-    hn::Store(hn::Set(d, rays.origin.x()), d, packet.ray.org_x + lane);
-    hn::Store(hn::Set(d, rays.origin.y()), d, packet.ray.org_y + lane);
-    hn::Store(hn::Set(d, rays.origin.z()), d, packet.ray.org_z + lane);
-    hn::Store(hn::Set(d, rays.near), d, packet.ray.tnear + lane);
-    hn::Store(hn::Zero(d), d, packet.ray.time + lane);
-    hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.id + lane));
-    hn::Store(hn::Zero(di), di, reinterpret_cast<std::int32_t*>(packet.ray.flags + lane));
-    hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.ray.mask + lane));
-    hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.instID[0] + lane));
+  for_4_by<kRows>(F::kCount, [&](std::size_t lane, std::size_t) HWY_ATTR {
+    F3{rays.origin.x(), rays.origin.y(), rays.origin.z()}.store(packet.ray.org_x + lane, packet.ray.org_y + lane,
+                                                                packet.ray.org_z + lane);
+    prepare<F>(packet, lane, rays.near);
   });
   alignas(64) std::int32_t valid[4 * kRows];
   std::fill_n(valid, 4 * kRows, -1);
@@ -135,26 +126,16 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, Throug
   std::fill(rays.t_hit + rays.count, rays.t_hit + (rays.count + kStrip - 1) / kStrip * kStrip, -1.0F);
   for (std::size_t row = 0; row * kTileWidth < rays.count; row += kRows) {
     for (std::size_t first = row * kTileWidth; first < (row + 1) * kTileWidth; first += 4) {
-      for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
+      for_4_by<kRows>(F::kCount, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
         const std::size_t ray = first + offset;
-        const Vec3V<V> direction =
-            rotate(d, rays.rotation, {hn::LoadU(d, rays.x + ray), hn::LoadU(d, rays.y + ray), hn::LoadU(d, rays.z + ray)});
-        hn::Store(direction.x, d, packet.ray.dir_x + lane);
-        hn::Store(direction.y, d, packet.ray.dir_y + lane);
-        hn::Store(direction.z, d, packet.ray.dir_z + lane);
-        hn::Store(hn::Min(hn::Load(d, rays.t_hit + ray), beyond), d, packet.ray.tfar + lane);
-        hn::Store(invalid, di, reinterpret_cast<std::int32_t*>(packet.hit.geomID + lane));
+        rotate(rays.rotation, F3::load_unaligned(rays.x + ray, rays.y + ray, rays.z + ray))
+            .store(packet.ray.dir_x + lane, packet.ray.dir_y + lane, packet.ray.dir_z + lane);
+        min(F::load(rays.t_hit + ray), beyond).store(packet.ray.tfar + lane);
+        typename F::Int(kInvalid).store(as_signed(packet.hit.geomID + lane));
       });
       intersect_packet(valid, scene, buffer, Coherence::tile, through);
-      for_4_by<kRows>(lanes, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
-        const std::size_t ray = first + offset;
-        const auto found = hn::Ne(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.geomID + lane)), invalid);
-        const auto element =
-            hn::Add(hn::Load(di, reinterpret_cast<const std::int32_t*>(packet.hit.primID + lane)), hn::Set(di, first_element));
-        const V distance = hn::Load(d, packet.ray.tfar + lane);
-        hn::Store(hn::IfThenElse(hn::RebindMask(d, found), distance, hn::Load(d, rays.t_hit + ray)), d, rays.t_hit + ray);
-        hn::Store(hn::IfThenElse(found, element, hn::Load(di, rays.element + ray)), di, rays.element + ray);
-        store_details(d, packet, lane, hn::RebindMask(d, found), details, ray);
+      for_4_by<kRows>(F::kCount, [&](std::size_t lane, std::size_t offset) HWY_ATTR {
+        store_hits(packet, lane, beyond, first_element, rays, &details, first + offset);
       });
     }
   }

@@ -6,30 +6,28 @@
 // Highway's own headers come after foreach_target.
 #include <hwy/highway.h>
 
-#include "trace/intersect-inl.hpp"
+#include "base/wide-inl.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
 void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBlock& block) {
-  const hn::CappedTag<float, kRayPadding> d;
-  const hn::RebindToSigned<decltype(d)> di;
-  using V = hn::Vec<decltype(d)>;
-  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+  using F = WideUpTo<kRayPadding>;
+  for (std::size_t i = 0; i < count; i += F::kCount) {
     const std::size_t from = first + i;
     const std::size_t to = block.count + i;
-    const Vec3V<V> direction =
-        rotate(d, bundle.rotation, {hn::LoadU(d, bundle.x + from), hn::LoadU(d, bundle.y + from), hn::LoadU(d, bundle.z + from)});
-    hn::StoreU(hn::Set(d, bundle.origin.x()), d, block.org_x + to);
-    hn::StoreU(hn::Set(d, bundle.origin.y()), d, block.org_y + to);
-    hn::StoreU(hn::Set(d, bundle.origin.z()), d, block.org_z + to);
-    hn::StoreU(direction.x, d, block.dir_x + to);
-    hn::StoreU(direction.y, d, block.dir_y + to);
-    hn::StoreU(direction.z, d, block.dir_z + to);
-    hn::StoreU(hn::Set(d, bundle.range), d, block.range + to);
-    hn::StoreU(hn::LoadU(d, bundle.t_hit + from), d, block.t_hit + to);
-    hn::StoreU(hn::LoadU(di, bundle.element + from), di, block.element + to);
+    const auto store = [&](const F& value, float* values) HWY_ATTR { value.store_unaligned(values + to); };
+    const auto direction = rotate(bundle.rotation, Wide3<F>::load_unaligned(bundle.x + from, bundle.y + from, bundle.z + from));
+    store(bundle.origin.x(), block.org_x);
+    store(bundle.origin.y(), block.org_y);
+    store(bundle.origin.z(), block.org_z);
+    store(direction.x, block.dir_x);
+    store(direction.y, block.dir_y);
+    store(direction.z, block.dir_z);
+    store(bundle.range, block.range);
+    store(F::load_unaligned(bundle.t_hit + from), block.t_hit);
+    F::Int::load_unaligned(bundle.element + from).store_unaligned(block.element + to);
   }
   block.count += count;
 }

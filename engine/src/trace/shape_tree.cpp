@@ -8,32 +8,24 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <numeric>
 #include <utility>
 
+#include "base/wide-inl.hpp"
+
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
 std::uint32_t near(const ShapeTree::Node& node, const Vec3& point, float radius) {
-  const hn::CappedTag<float, ShapeTree::kWidth> d;
-  const auto limit = hn::Set(d, radius * radius);
-  std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < ShapeTree::kWidth; i += hn::Lanes(d)) {
-    auto square = hn::Zero(d);
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto apart = hn::Abs(hn::Sub(hn::Load(d, node.center[axis].data() + i), hn::Set(d, point[axis])));
-      const auto outside = hn::Max(hn::Sub(apart, hn::Load(d, node.half[axis].data() + i)), hn::Zero(d));
-      square = hn::Add(square, hn::Mul(outside, outside));
-    }
-    std::uint8_t mask[8] = {};
-    hn::StoreMaskBits(d, hn::Le(square, limit), mask);
-    std::uint32_t word = 0;
-    std::memcpy(&word, mask, (hn::Lanes(d) + 7) / 8);
-    bits |= word << i;
+  using F = WideOf<ShapeTree::kWidth>;
+  F square = 0.0F;
+  for (int axis = 0; axis < 3; ++axis) {
+    const F apart = abs(F::load(node.center[axis].data()) - point[axis]);
+    const F outside = max(apart - F::load(node.half[axis].data()), 0.0F);
+    square = square + outside * outside;
   }
-  return bits & ((1U << node.count) - 1U);
+  return bits(square <= radius * radius) & ((1U << node.count) - 1U);
 }
 
 }  // namespace flockstep::trace::HWY_NAMESPACE

@@ -15,40 +15,36 @@ namespace flockstep::trace::HWY_NAMESPACE {
 enum Field : std::size_t { org_x, org_y, org_z, t_near, dir_x, dir_y, dir_z, time, t_far, mask, id, flags };
 enum HitField : std::size_t { normal_x = 12, normal_y, normal_z, u, v, prim_id, geom_id };
 
-template <class D>
-HWY_INLINE void intersect_lanes(D d, const RTCIntersectFunctionNArguments* args, const Shape& shape, std::size_t first) {
-  const hn::RebindToSigned<D> di;
+template <class F>
+HWY_INLINE void intersect_lanes(const RTCIntersectFunctionNArguments* args, const Shape& shape, std::size_t first) {
+  using I = typename F::Int;
   const std::size_t n = args->N;
   float* const rays = reinterpret_cast<float*>(args->rayhit) + first;
   std::int32_t* const ids = reinterpret_cast<std::int32_t*>(args->rayhit) + first;
-  const auto load = [&](std::size_t field) HWY_ATTR { return hn::LoadU(d, rays + field * n); };
+  const auto load = [&](std::size_t field) HWY_ATTR { return F::load_unaligned(rays + field * n); };
 
-  Nearest<D> found(d);
-  found.meet(d, world_interval(d, shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
+  Nearest<F> found;
+  found.meet(world_interval<F>(shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
              load(t_near));
-  const auto distance = found.metres();
+  const F distance = found.metres();
   // Of two primitives at the same distance the one of the lower index is taken, whichever Embree visits first.
-  const auto nearest = load(t_far);
-  const auto prim = hn::Set(di, static_cast<std::int32_t>(args->primID));
-  const auto geom = hn::LoadU(di, ids + geom_id * n);
-  const auto before =
-      hn::And(hn::Eq(geom, hn::Set(di, static_cast<std::int32_t>(args->geomID))), hn::Lt(prim, hn::LoadU(di, ids + prim_id * n)));
-  const auto active = hn::RebindMask(d, hn::Ne(hn::LoadU(di, args->valid + first), hn::Zero(di)));
-  const auto nearer = hn::Or(hn::Lt(distance, nearest), hn::And(hn::Eq(distance, nearest), hn::RebindMask(d, before)));
-  const auto take = hn::And(active, hn::And(nearer, hn::RebindMask(d, hn::Eq(found.element, hn::Zero(di)))));
-  const auto take_ids = hn::RebindMask(di, take);
-  hn::StoreU(hn::IfThenElse(take, distance, nearest), d, rays + t_far * n);
-  hn::StoreU(hn::IfThenElse(take_ids, prim, hn::LoadU(di, ids + prim_id * n)), di, ids + prim_id * n);
-  hn::StoreU(hn::IfThenElse(take_ids, hn::Set(di, static_cast<std::int32_t>(args->geomID)), geom), di, ids + geom_id * n);
+  const F nearest = load(t_far);
+  const auto own_prim = static_cast<std::int32_t>(args->primID), own_geom = static_cast<std::int32_t>(args->geomID);
+  const I prim = I::load_unaligned(ids + prim_id * n), geom = I::load_unaligned(ids + geom_id * n);
+  const auto active = I::load_unaligned(args->valid + first) != 0;
+  const auto nearer = (distance < nearest) | ((distance == nearest) & (geom == own_geom) & (own_prim < prim));
+  const auto take = active & nearer & (found.element == 0);
+  select(take, distance, nearest).store_unaligned(rays + t_far * n);
+  select(take, own_prim, prim).store_unaligned(ids + prim_id * n);
+  select(take, own_geom, geom).store_unaligned(ids + geom_id * n);
 }
 
 void intersect_primitive(const RTCIntersectFunctionNArguments* args) {
   const Shape& shape = static_cast<const Shape*>(args->geometryUserPtr)[args->primID];
-  const hn::CappedTag<float, 16> wide;
-  const std::size_t lanes = hn::Lanes(wide);
+  using F = WideUpTo<16>;
   std::size_t first = 0;
-  for (; first + lanes <= args->N; first += lanes) intersect_lanes(wide, args, shape, first);
-  for (; first < args->N; ++first) intersect_lanes(hn::CappedTag<float, 1>(), args, shape, first);
+  for (; first + F::kCount <= args->N; first += F::kCount) intersect_lanes<F>(args, shape, first);
+  for (; first < args->N; ++first) intersect_lanes<WideUpTo<1>>(args, shape, first);
 }
 
 RTCIntersectFunctionN select_intersect_function() { return intersect_primitive; }
