@@ -9,33 +9,32 @@
 #include <cmath>
 #include <cstddef>
 
+#include "base/wide-inl.hpp"
+
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
 
 // A number times 0 is 0, but for an infinity and a NaN, which give a NaN, and that stays in the sum. Two sums, since each waits
 // for its last.
 template <class T>
 bool all_finite(std::span<const T> values) {
-  const hn::ScalableTag<T> d;
-  const std::size_t lanes = hn::Lanes(d);
-  const auto zero = hn::Zero(d);
-  auto sum = zero, other_sum = zero;
-  const auto add = [&](std::size_t first, auto& to) HWY_ATTR { to = hn::MulAdd(hn::LoadU(d, values.data() + first), zero, to); };
-  if (values.size() < lanes) {
+  using F = Wide<hn::ScalableTag<T>>;
+  if (values.size() < F::kCount) {
     for (const T value : values) {
       if (!std::isfinite(value)) return false;
     }
     return true;
   }
+  F sum = T{0}, other_sum = T{0};
+  const auto add = [&](std::size_t first, F& to) HWY_ATTR { to = to + F::load_unaligned(values.data() + first) * T{0}; };
   std::size_t first = 0;
-  for (; first + 2 * lanes <= values.size(); first += 2 * lanes) {
+  for (; first + 2 * F::kCount <= values.size(); first += 2 * F::kCount) {
     add(first, sum);
-    add(first + lanes, other_sum);
+    add(first + F::kCount, other_sum);
   }
-  if (first + lanes <= values.size()) add(first, sum);
-  add(values.size() - lanes, other_sum);  // the rest, and some once more
-  return hn::AllTrue(d, hn::Eq(hn::Add(sum, other_sum), zero));
+  if (first + F::kCount <= values.size()) add(first, sum);
+  add(values.size() - F::kCount, other_sum);  // the rest, and some once more
+  return all(sum + other_sum == T{0});
 }
 
 bool floats_are_finite(std::span<const float> values) { return all_finite(values); }

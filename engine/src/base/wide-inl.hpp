@@ -137,7 +137,13 @@ struct Wide {
   friend HWY_INLINE Wide flip_sign(const Wide& a, const Wide& sign) {
     FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], hn::And(sign.part[p], hn::SignBit(D()))));
   }
-  // Integers.
+  // Integers; saturated sums and differences of small ones.
+  friend HWY_INLINE Wide saturated_add(const Wide& a, const Wide& b) {
+    FLOCKSTEP_EACH_PART(Wide, hn::SaturatedAdd(a.part[p], b.part[p]));
+  }
+  friend HWY_INLINE Wide saturated_sub(const Wide& a, const Wide& b) {
+    FLOCKSTEP_EACH_PART(Wide, hn::SaturatedSub(a.part[p], b.part[p]));
+  }
   friend HWY_INLINE Wide operator&(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::And(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator|(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Or(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator^(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], b.part[p])); }

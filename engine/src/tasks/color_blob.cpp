@@ -14,11 +14,14 @@
 #include <functional>
 #include <span>
 
+#include "base/wide-inl.hpp"
 #include "render/appearance.hpp"
 
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::task::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
+
+using Bytes = Wide<hn::ScalableTag<std::uint8_t>>;
 
 // Green is told by the ratio of the channels, which light scales alike. The goal, render::kGoalColor, is written with G about
 // three times the larger of R and B, from (26, 120, 38) in full shade to (44, 207, 67) in full sun. White walls, the sky,
@@ -37,39 +40,35 @@ constexpr std::uint8_t kLeast = 16;
 template <class Mark, class MarkOne>
 void mark_image(std::span<const std::uint8_t> image, ImageLayout layout, std::size_t pixels, const Mark& mark,
                 const MarkOne& mark_one) {
-  const hn::ScalableTag<std::uint8_t> d;
   const bool apart = layout == ImageLayout::chw;
-  const auto mark_at = [&](std::size_t first) {
-    if (apart) {
-      const auto plane = [&](std::size_t channel) { return hn::LoadU(d, image.data() + channel * pixels + first); };
-      mark(plane(0), plane(1), plane(2), first);
-    } else {
-      auto a = hn::Zero(d);
-      auto b = a;
-      auto c = a;
-      hn::LoadInterleaved3(d, image.data() + 3 * first, a, b, c);
-      mark(a, b, c, first);
-    }
+  const auto mark_at = [&](std::size_t first) HWY_ATTR {
+    const std::uint8_t* const a = image.data() + first;
+    mark(apart ? Wide3<Bytes>::load_unaligned(a, a + pixels, a + 2 * pixels) : Wide3<Bytes>::load_rows(image.data() + 3 * first),
+         first);
   };
   std::size_t first = 0;
-  for (; first + hn::Lanes(d) <= pixels; first += hn::Lanes(d)) mark_at(first);
-  if (first > 0 && first < pixels) return mark_at(pixels - hn::Lanes(d));  // some of them once more
+  for (; first + Bytes::kCount <= pixels; first += Bytes::kCount) mark_at(first);
+  if (first > 0 && first < pixels) return mark_at(pixels - Bytes::kCount);  // some of them once more
   for (; first < pixels; ++first) {
     const auto value = [&](std::size_t channel) -> int { return image[apart ? channel * pixels + first : 3 * first + channel]; };
     mark_one(value(0), value(1), value(2), first);
   }
 }
 
+// The larger of two channels times the ratio, rounded down.
+HWY_INLINE Bytes ratio_of_larger(const Bytes& a, const Bytes& b) {
+  const Bytes larger = max(a, b);
+  return saturated_add(larger, shift_right<kRatioShift>(larger));
+}
+
+HWY_INLINE void store_marks(const Bytes::Mask& marks, std::uint8_t* to) { value_if(marks, Bytes(255)).store_unaligned(to); }
+
 // (pixels,): 255 where a pixel is green, else 0.
 void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span<std::uint8_t> mask) {
-  const hn::ScalableTag<std::uint8_t> d;
   mark_image(
       rgb, layout, mask.size(),
-      [&](auto red, auto green, auto blue, std::size_t first) {
-        const auto larger = hn::Max(red, blue);
-        const auto least = hn::SaturatedAdd(hn::SaturatedAdd(larger, hn::ShiftRight<kRatioShift>(larger)), hn::Set(d, kLeast));
-        hn::StoreU(hn::VecFromMask(d, hn::Gt(green, least)), d, mask.data() + first);
-      },
+      [&](const Wide3<Bytes>& pixel, std::size_t first)
+          HWY_ATTR { store_marks(pixel.y > saturated_add(ratio_of_larger(pixel.x, pixel.z), kLeast), mask.data() + first); },
       [&](int red, int green, int blue, std::size_t at) {
         const int larger = std::max(red, blue);
         mask[at] = green > larger + (larger >> kRatioShift) + kLeast ? 255 : 0;
@@ -78,7 +77,6 @@ void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span
 
 // (pixels,): 255 where each channel is in its range, else 0. An image for the space hsv is in hsv, any other in rgb.
 void mark_range(std::span<const std::uint8_t> image, ImageLayout layout, const ColorRange& range, std::span<std::uint8_t> mask) {
-  const hn::ScalableTag<std::uint8_t> d;
   const bool excess = range.space == ColorSpace::excess;
   // A hue that wraps around is outside of what lies between.
   const bool wraps = range.space == ColorSpace::hsv && range.low[0] > range.high[0];
@@ -89,23 +87,15 @@ void mark_range(std::span<const std::uint8_t> image, ImageLayout layout, const C
                                          bound(range.high[2])};
   mark_image(
       image, layout, mask.size(),
-      [&](auto a, auto b, auto c, std::size_t first) {
+      [&](Wide3<Bytes> pixel, std::size_t first) HWY_ATTR {
         if (excess) {
-          const auto over = [](auto value, auto x, auto y) {
-            const auto larger = hn::Max(x, y);
-            return hn::SaturatedSub(value, hn::SaturatedAdd(larger, hn::ShiftRight<kRatioShift>(larger)));
-          };
-          const auto red = over(a, b, c), green = over(b, a, c), blue = over(c, a, b);
-          a = red;
-          b = green;
-          c = blue;
+          const auto& [red, green, blue] = pixel;
+          pixel = {saturated_sub(red, ratio_of_larger(green, blue)), saturated_sub(green, ratio_of_larger(red, blue)),
+                   saturated_sub(blue, ratio_of_larger(red, green))};
         }
-        const auto is_in = [&](auto value, std::size_t k) {
-          return hn::Not(hn::Or(hn::Gt(hn::Set(d, low[k]), value), hn::Gt(value, hn::Set(d, high[k]))));
-        };
-        auto hue = is_in(a, 0);
-        if (wraps) hue = hn::Not(hue);
-        hn::StoreU(hn::VecFromMask(d, hn::And(hue, hn::And(is_in(b, 1), is_in(c, 2)))), d, mask.data() + first);
+        const auto is_in = [&](const Bytes& value, std::size_t k) HWY_ATTR { return ~((low[k] > value) | (value > high[k])); };
+        const Bytes::Mask hue = is_in(pixel.x, 0);
+        store_marks((wraps ? ~hue : hue) & is_in(pixel.y, 1) & is_in(pixel.z, 2), mask.data() + first);
       },
       [&](int a, int b, int c, std::size_t at) {
         if (excess) {

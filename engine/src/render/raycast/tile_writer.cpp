@@ -9,19 +9,19 @@
 #include <cstddef>
 #include <cstring>
 
+#include "base/wide-inl.hpp"
+
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::render::HWY_NAMESPACE {
-namespace hn = hwy::HWY_NAMESPACE;
+using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
 constexpr std::size_t kSide = PixelTile::kSide;
 
 // A row of kSide pixels of three channels, side by side.
 template <class T>
 HWY_INLINE void interleave(const T* a, const T* b, const T* c, T* out) {
-  const hn::CappedTag<T, kSide> d;
-  for (std::size_t i = 0; i < kSide; i += hn::Lanes(d)) {
-    hn::StoreInterleaved3(hn::Load(d, a + i), hn::Load(d, b + i), hn::Load(d, c + i), d, out + 3 * i);
-  }
+  using Pixels = Wide<hn::CappedTag<T, kSide>>;
+  for (std::size_t i = 0; i < kSide; i += Pixels::kCount) Wide3<Pixels>::load(a + i, b + i, c + i).store_rows(out + 3 * i);
 }
 
 // Three channels of a tile into an image of either layout.
