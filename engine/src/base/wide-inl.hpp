@@ -36,10 +36,23 @@ struct Parts<V, 1> {
   HWY_INLINE const V& operator[](std::size_t) const { return only; }
 };
 
-// The same for each of them.
-#define FLOCKSTEP_EACH_PART(Result, expression)                                 \
-  Result result;                                                                \
-  for (std::size_t p = 0; p < Result::kParts; ++p) result.part[p] = expression; \
+// The same for each of them, without a loop: GCC would keep them in memory.
+#define FLOCKSTEP_PART(number, expression) \
+  if constexpr (number < kParts) {         \
+    constexpr std::size_t p = number;      \
+    result.part[p] = expression;           \
+  }
+#define FLOCKSTEP_EACH_PART(Result, expression) \
+  Result result;                                \
+  static_assert(Result::kParts <= 8);           \
+  FLOCKSTEP_PART(0, expression)                 \
+  FLOCKSTEP_PART(1, expression)                 \
+  FLOCKSTEP_PART(2, expression)                 \
+  FLOCKSTEP_PART(3, expression)                 \
+  FLOCKSTEP_PART(4, expression)                 \
+  FLOCKSTEP_PART(5, expression)                 \
+  FLOCKSTEP_PART(6, expression)                 \
+  FLOCKSTEP_PART(7, expression)                 \
   return result
 
 // D: Highway's tag of signed integers. They serve for floats of the same size, too.
@@ -213,6 +226,7 @@ HWY_INLINE Result shift_right(const Wide<D, kParts>& a) {
   FLOCKSTEP_EACH_PART(Result, hn::ShiftRight<kBits>(a.part[p]));
 }
 #undef FLOCKSTEP_EACH_PART
+#undef FLOCKSTEP_PART
 
 // F: a Wide.
 template <class F>

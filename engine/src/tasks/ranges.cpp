@@ -21,33 +21,48 @@ constexpr std::size_t kSums = 16;
 // Sixteen sums side by side on every target, the i-th of every 16th range: so the total has the same bits on all of them, and no
 // addition waits for the one before.
 Clearance clearance_of(std::span<const float> ranges, float max_range_m) {
-  using F = WideOf<kSums>;
-  using DoubleTag = hn::CappedTag<double, kSums / 2>;
-  using Double = Wide<DoubleTag, kSums / hn::MaxLanes(DoubleTag())>;
-  using Halves = Wide<hn::Rebind<float, DoubleTag>, Double::kParts>;
+  using F = WideUpTo<kSums>;
+  using Double = Wide<hn::CappedTag<double, kSums / 2>>;
+  using Float = Wide<hn::Rebind<float, Double::Tag>>;  // as many
+  constexpr std::size_t kVectors = kSums / Double::kCount;
+  Double sums[kVectors];
+  for (Double& sum : sums) sum = 0.0;
   F nearest = 1.0F;
-  Double sum = 0.0;
-  alignas(64) float values[kSums];
-  const auto add = [&](const float* from, std::size_t count) HWY_ATTR {
-    const F value = min(F::load_unaligned(from) / max_range_m, 1.0F);
-    nearest = min(nearest, value);
-    (count == kSums ? value : value_if(F::Int::iota() < static_cast<std::int32_t>(count), value)).store(values);
-    sum = sum + convert<Double>(Halves::load(values));
+  alignas(64) float values[kSums];  // normalised ranges, 0 where there is none
+  const auto add = [&]() HWY_ATTR {
+    for (std::size_t i = 0; i < kVectors; ++i) {
+      sums[i] = sums[i] + convert<Double>(Float::load(values + i * Double::kCount));
+    }
   };
   std::size_t first = 0;
-  for (; first + kSums <= ranges.size(); first += kSums) add(ranges.data() + first, kSums);
+  for (; first + kSums <= ranges.size(); first += kSums) {
+    for (std::size_t i = 0; i < kSums; i += F::kCount) {
+      const F value = min(F::load_unaligned(ranges.data() + first + i) / max_range_m, 1.0F);
+      nearest = min(nearest, value);
+      value.store(values + i);
+    }
+    add();
+  }
   if (const std::size_t left = ranges.size() - first; left > 0) {
-    float rest[kSums];
+    alignas(64) float rest[kSums];
     std::fill_n(rest, kSums, std::numeric_limits<float>::infinity());
     std::copy_n(ranges.data() + first, left, rest);
-    add(rest, left);
+    for (std::size_t i = 0; i < kSums; i += F::kCount) {
+      const F value = min(F::load(rest + i) / max_range_m, 1.0F);
+      nearest = min(nearest, value);
+      value_if(F::Int::iota() < static_cast<std::int32_t>(std::max(left, i) - i), value).store(values + i);
+    }
+    add();
   }
-  alignas(64) double sums[kSums];
-  sum.store(sums);
-  for (std::size_t half = kSums / 2; half > 0; half /= 2) {
-    for (std::size_t i = 0; i < half; ++i) sums[i] += sums[i + half];
+  for (std::size_t half = kVectors / 2; half > 0; half /= 2) {
+    for (std::size_t i = 0; i < half; ++i) sums[i] = sums[i] + sums[i + half];
   }
-  return {static_cast<double>(min_of_lanes(nearest)), sums[0]};
+  alignas(64) double lanes[Double::kCount];
+  sums[0].store(lanes);
+  for (std::size_t half = Double::kCount / 2; half > 0; half /= 2) {
+    for (std::size_t i = 0; i < half; ++i) lanes[i] += lanes[i + half];
+  }
+  return {static_cast<double>(min_of_lanes(nearest)), lanes[0]};
 }
 
 void normalise(std::span<const float> ranges, float max_range_m, float* normalised) {
