@@ -389,13 +389,13 @@ void bench_modes(const std::string& name, const std::shared_ptr<const flockstep:
   std::vector<bench::Variant> variants;
   for (const bool moving : {false, true}) {
     for (const auto& [text, batch] : batches) {
-      flockstep::Batch* const its = batch.get();
-      variants.push_back({text + (moving ? "/moving" : "/still"), [&, its, moving, up = false]() mutable {
+      flockstep::Batch* const drones = batch.get();
+      variants.push_back({text + (moving ? "/moving" : "/still"), [&, drones, moving, up = false]() mutable {
                             if (moving) {
-                              its->set_pose(up ? shifted : poses.position, {});
+                              drones->set_pose(up ? shifted : poses.position, {});
                               up = !up;
                             }
-                            its->sense();
+                            drones->sense();
                           }});
     }
   }
@@ -412,7 +412,7 @@ void bench_modes(const std::string& name, const std::shared_ptr<const flockstep:
 // "bare", "table" or "modes": the part to run; none: all.
 int main(int argc, char** argv) {
   const std::string part = argc > 1 ? argv[1] : "";
-  const auto asked = [&](const char* its) { return part.empty() || part == its; };
+  const auto asked = [&](const char* name) { return part.empty() || part == name; };
   bench::Figures figures;
   const std::vector<std::pair<std::string, std::shared_ptr<const flockstep::World>>> worlds{
       {"playground", flockstep::World::load(FLOCKSTEP_SCENES "/playground/camera-train-1.json")},

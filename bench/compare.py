@@ -5,7 +5,7 @@ lidar     scans of primitives, of many pillars and of triangles
 camera    pictures by both backends, and capture modes that rarely render
 tiles     cameras and LiDARs that trace triangles in tiles; ids, normals, textures, shadows, samples, resizing
 dynamics  `Batch.fly` by each controller, with gusts, ground effect and an IMU, in contact; `Batch.move`
-worlds    loading, saving, generating and preparing worlds, pools of them, and sensors in the shipped ones
+worlds    loading, saving, generating and preparing worlds, pools of them, and sensors in the bundled ones
 stages    the C++ benchmark of that name, stage by stage; only if named, since it does not time as finely
 build     the processor time of building the package from nothing; only if named, since it takes minutes
 

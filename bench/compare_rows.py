@@ -42,8 +42,8 @@ def playground(package: Any) -> list[Any]:
 
 
 @functools.cache
-def shipped(name: str) -> MakeWorlds:
-    """Return a maker of one shipped world, which is loaded once and shared by the rows of a process."""
+def bundled(name: str) -> MakeWorlds:
+    """Return a maker of one bundled world, which is loaded once and shared by the rows of a process."""
     return functools.cache(lambda package: list(package.scenes.load(name)))
 
 
@@ -309,7 +309,7 @@ CAMERA: list[tuple[str, Setup]] = [
 ]
 
 OFFICE, WAREHOUSE, FOREST, CITY = (
-    shipped(name) for name in ("indoor/office", "indoor/warehouse", "outdoor/forest", "outdoor/city")
+    bundled(name) for name in ("indoor/office", "indoor/warehouse", "outdoor/forest", "outdoor/city")
 )
 IDS = ["depth", "semantic", "instance", "normal"]
 
@@ -617,8 +617,8 @@ WORLDS: list[tuple[str, Setup]] = [
         (f"worlds/{name}/{sensor}", setup)
         for name in ("bench/complex", "bench/simple", "indoor/warehouse", "outdoor/city", "outdoor/forest")
         for sensor, setup in (
-            ("fan35x256", measuring(shipped(name), 256, FAN | {"max_range_m": 100}, "auto")),
-            ("camera64x64x16", seeing(shipped(name), 64, 64, 16, "auto", far_m=1000.0, outputs=["rgb", "depth"])),
+            ("fan35x256", measuring(bundled(name), 256, FAN | {"max_range_m": 100}, "auto")),
+            ("camera64x64x16", seeing(bundled(name), 64, 64, 16, "auto", far_m=1000.0, outputs=["rgb", "depth"])),
         )
     ),
     ("worlds/indoor/office/depth_to_goal_n64", example_task(64, "indoor/office", "depth_to_goal", "DepthToGoal")),

@@ -1,4 +1,4 @@
-"""What planning takes by default: from start to goal in every shipped world and twenty of each generator."""
+"""What planning takes by default: from start to goal in every bundled world and twenty of each generator."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def measure() -> list[Measured]:
             (f"plan/{name}/cpu_seconds", took, "s", 1),
             (f"plan/{name}/length_m", float(np.linalg.norm(legs, axis=1).sum()), "m", 1),
         ]
-        seconds.setdefault(name.split("/")[0] if name.split("/")[1].isdigit() else "shipped", []).append(took)
+        seconds.setdefault(name.split("/")[0] if name.split("/")[1].isdigit() else "bundled", []).append(took)
     for kind, times in seconds.items():
         found += [
             (f"plan/{kind}/median_cpu_seconds", statistics.median(times), "s", len(times)),

@@ -10,10 +10,10 @@ camera_large  the camera task at 640 x 480; half an hour
 places_train  the LiDAR task in generated offices and forests
 flight_train  Hover and Track by five seeds each, beside the controller alone; the LiDAR task's policy flown by rotors
 tiles   rays at triangles by tiles and by Embree's packets, tracing alone
-worlds  LiDARs and cameras in every shipped world, and how much of it goes through Embree
+worlds  LiDARs and cameras in every bundled world, and how much of it goes through Embree
 busy    the trainings of the README beside a busy loop for each processor; only where it is named
 imaging what colours, hsv and smaller images cost, of our kernels and of OpenCV
-plan    paths from start to goal in every shipped world and twenty of each generator: processor's time and length
+plan    paths from start to goal in every bundled world and twenty of each generator: processor's time and length
 trainers  the programs of examples/trainers/, three seeds each: their speed, and when they have learned the LiDAR task
 dynamics  flight by rotors: the kernel beside a bare one, every controller and term, contacts, a step, memory
 dynamics_accuracy  how exact flight is beside double precision, and how the controller flies
@@ -43,6 +43,7 @@ from typing import Any
 
 import numpy as np
 
+import bundled
 import dynamics_accuracy
 import dynamics_peers
 import flockstep
@@ -50,7 +51,6 @@ import imaging
 import mesh_peers
 import peers
 import plan
-import shipped
 from flockstep import _core
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -336,11 +336,11 @@ def bench_load() -> list[Figure]:
                 flockstep.World.load(path)
                 times.append(time.perf_counter() - before)
         figures.append(figure(f"load/spheres{count}_materials{materials}/seconds", statistics.median(times), "s", RUNS))
-    return figures + [figure(*measured) for measured in shipped.measure_loading()]
+    return figures + [figure(*measured) for measured in bundled.measure_loading()]
 
 
 def bench_worlds() -> list[Figure]:
-    measured = (*shipped.measure(), *shipped.measure_steps(), *shipped.measure_looks())
+    measured = (*bundled.measure(), *bundled.measure_steps(), *bundled.measure_looks())
     return [figure(*each) for each in measured]
 
 

@@ -317,7 +317,7 @@ std::shared_ptr<const flockstep::World> triangles_of(const flockstep::World& wor
   return std::make_shared<const flockstep::World>(std::move(description));
 }
 
-std::shared_ptr<const flockstep::World> shipped(const std::shared_ptr<const flockstep::World>& world) {
+std::shared_ptr<const flockstep::World> bundled(const std::shared_ptr<const flockstep::World>& world) {
   return triangles_of(*world, bench::chord_error(*world));
 }
 
@@ -327,13 +327,13 @@ std::shared_ptr<const flockstep::World> shipped(const std::shared_ptr<const floc
 int main(int argc, char** argv) {
   const std::string only_scene = argc > 1 ? argv[1] : "", only_pattern = argc > 2 ? argv[2] : "";
   const std::vector<std::pair<std::string, std::function<std::shared_ptr<const flockstep::World>()>>> scenes{
-      {"pillars", [] { return shipped(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
+      {"pillars", [] { return bundled(flockstep::World::load(FLOCKSTEP_SCENES "/playground/train-1.json")); }},
       {"hills1k", [] { return bench::mesh_world(20, 20.0F); }},
       {"office", [] { return triangles_of(*bench::furnished_rooms(), 0.01F); }},
-      {"generated_office", [] { return shipped(flockstep::office(flockstep::OfficeConfig{})); }},
+      {"generated_office", [] { return bundled(flockstep::office(flockstep::OfficeConfig{})); }},
       {"hills100k", [] { return bench::mesh_world(200, 60.0F); }},
-      {"terrain", [] { return shipped(flockstep::forest(flockstep::ForestConfig{})); }},
-      {"city", [] { return shipped(flockstep::city(flockstep::CityConfig{})); }},
+      {"terrain", [] { return bundled(flockstep::forest(flockstep::ForestConfig{})); }},
+      {"city", [] { return bundled(flockstep::city(flockstep::CityConfig{})); }},
       {"hills1M", [] { return bench::mesh_world(640, 180.0F); }}};
   bench::Figures figures;
   for (const auto& [scene, make] : scenes) {

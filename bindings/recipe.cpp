@@ -63,7 +63,7 @@ void register_recipe(py::module_& module) {
       .def("to_json", &Recipe::to_json)
       .def_property("task", &task_to_python, [](Recipe& recipe, const py::object& task) { recipe.task = task_of(task); })
       .def_readwrite("worlds", &Recipe::worlds, "Names of sets or scenes, or paths of files; see `flockstep.scenes`.")
-      .def_readwrite("drone", &Recipe::drone, "The name of a shipped frame, the path of a file, or a `DroneModel`.")
+      .def_readwrite("drone", &Recipe::drone, "The name of a bundled airframe, the path of a file, or a `DroneModel`.")
       .def(
           "check_access",
           [](const Recipe& recipe, const std::filesystem::path& scenes) { check_access(recipe, {.scenes = scenes}); },

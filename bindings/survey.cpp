@@ -56,9 +56,9 @@ py::dict object_list(const World& world) {
   result["boxes"] = boxes(list.boxes);
   result["materials"] = column(list.materials);
   std::vector<std::uint8_t> visible, solid;
-  for (const Presence presence : list.presence) {
-    visible.push_back(is_visible(presence));
-    solid.push_back(is_solid(presence));
+  for (const Visibility visibility : list.visibility) {
+    visible.push_back(is_visible(visibility));
+    solid.push_back(is_solid(visibility));
   }
   result["visible"] = column(visible).attr("astype")("bool");
   result["solid"] = column(solid).attr("astype")("bool");

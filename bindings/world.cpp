@@ -51,8 +51,8 @@ py::list primitives(const World& world) {
     entry["quat_wxyz"] = py::make_tuple(q.w(), q.x(), q.y(), q.z());
     entry["half_extents"] = row(primitive.half_extents);
     entry["material"] = world.materials()[primitive.material].name;
-    entry["visible"] = is_visible(primitive.presence);
-    entry["solid"] = is_solid(primitive.presence);
+    entry["visible"] = is_visible(primitive.visibility);
+    entry["solid"] = is_solid(primitive.visibility);
     list.append(entry);
   }
   return list;
@@ -100,23 +100,23 @@ std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const Col
                                   const std::optional<float>& sun_radius_deg, const std::optional<float>& sun_glow,
                                   const py::object& tint) {
   const Light& usual = world->light();
-  Look look;
-  look.light = {sun_direction.value_or(usual.sun_direction),
-                sun_color.value_or(usual.sun_color),
-                sky_ambient.value_or(usual.sky_ambient),
-                ground_ambient.value_or(usual.ground_ambient),
-                zenith_color.value_or(usual.zenith_color),
-                horizon_color.value_or(usual.horizon_color),
-                gamma.value_or(usual.gamma),
-                sun_radius_deg.value_or(usual.sun_radius_deg),
-                sun_glow.value_or(usual.sun_glow)};
+  Lighting lighting;
+  lighting.light = {sun_direction.value_or(usual.sun_direction),
+                    sun_color.value_or(usual.sun_color),
+                    sky_ambient.value_or(usual.sky_ambient),
+                    ground_ambient.value_or(usual.ground_ambient),
+                    zenith_color.value_or(usual.zenith_color),
+                    horizon_color.value_or(usual.horizon_color),
+                    gamma.value_or(usual.gamma),
+                    sun_radius_deg.value_or(usual.sun_radius_deg),
+                    sun_glow.value_or(usual.sun_glow)};
   if (!tint.is_none()) {
     const Input<float> rows = floats(py::module_::import("numpy").attr("atleast_2d")(tint), "tint", {-1, 3});
     const std::span<const float> values = rows;
-    for (std::size_t i = 0; i < values.size(); i += 3) look.tint.push_back({values[i], values[i + 1], values[i + 2]});
-    if (look.tint.size() == 1) look.tint.assign(world->materials().size(), std::array(look.tint[0]));
+    for (std::size_t i = 0; i < values.size(); i += 3) lighting.tint.push_back({values[i], values[i + 1], values[i + 2]});
+    if (lighting.tint.size() == 1) lighting.tint.assign(world->materials().size(), std::array(lighting.tint[0]));
   }
-  return released([&] { return std::make_shared<World>(world, look); });
+  return released([&] { return std::make_shared<World>(world, lighting); });
 }
 
 py::dict raycast(const World& world, const py::object& origins, const py::object& directions, float max_range_m) {

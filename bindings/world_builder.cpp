@@ -71,9 +71,9 @@ Heightfield field_of(const py::object& heights, const py::object& corner, float 
   return field;
 }
 
-Presence presence(bool visible, bool solid) {
+Visibility visibility(bool visible, bool solid) {
   if (!visible && !solid) throw py::value_error("visible, solid: expected one of them to be True, got neither");
-  return visible && solid ? Presence::full : (visible ? Presence::visual : Presence::solid);
+  return visible && solid ? Visibility::full : (visible ? Visibility::visual : Visibility::solid);
 }
 
 }  // namespace
@@ -112,51 +112,52 @@ void register_world_builder(py::module_& module) {
           "box",
           [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q,
              bool visible, bool solid) {
-            b.box(point(center, "center"), point(size, "size"), material, rotation(q), presence(visible, solid));
+            b.box(point(center, "center"), point(size, "size"), material, rotation(q), visibility(visible, solid));
           },
           py::arg("center"), py::arg("size"), wall, turned, keywords, seen, hit)
       .def(
           "cylinder",
           [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
              bool visible, bool solid) {
-            b.cylinder(point(center, "center"), radius, height, material, rotation(q), presence(visible, solid));
+            b.cylinder(point(center, "center"), radius, height, material, rotation(q), visibility(visible, solid));
           },
           py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit)
       .def(
           "capsule",
           [](WorldBuilder& b, const py::object& center, float radius, float height, std::uint16_t material, const py::object& q,
-             bool visible,
-             bool solid) { b.capsule(point(center, "center"), radius, height, material, rotation(q), presence(visible, solid)); },
+             bool visible, bool solid) {
+            b.capsule(point(center, "center"), radius, height, material, rotation(q), visibility(visible, solid));
+          },
           py::arg("center"), py::arg("radius"), py::arg("height"), wall, turned, keywords, seen, hit)
       .def(
           "sphere",
           [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, bool visible, bool solid) {
-            b.sphere(point(center, "center"), radius, material, presence(visible, solid));
+            b.sphere(point(center, "center"), radius, material, visibility(visible, solid));
           },
           py::arg("center"), py::arg("radius"), wall, keywords, seen, hit)
       .def(
           "plane",
           [](WorldBuilder& b, const py::object& center, const py::object& size, std::uint16_t material, const py::object& q,
              bool visible, bool solid) {
-            b.plane(point(center, "center"), pair(size, "size"), material, rotation(q), presence(visible, solid));
+            b.plane(point(center, "center"), pair(size, "size"), material, rotation(q), visibility(visible, solid));
           },
           py::arg("center"), py::arg("size"), wall, turned, keywords, seen, hit)
       .def(
           "disc",
           [](WorldBuilder& b, const py::object& center, float radius, std::uint16_t material, const py::object& q, bool visible,
-             bool solid) { b.disc(point(center, "center"), radius, material, rotation(q), presence(visible, solid)); },
+             bool solid) { b.disc(point(center, "center"), radius, material, rotation(q), visibility(visible, solid)); },
           py::arg("center"), py::arg("radius"), wall, turned, keywords, seen, hit)
       .def(
           "mesh",
           [](WorldBuilder& b, const py::object& vertices, const py::object& triangles, std::uint16_t material,
              const py::object& uv, const py::object& colors, bool visible,
-             bool solid) { b.mesh(part_of(vertices, triangles, uv, colors), material, presence(visible, solid)); },
+             bool solid) { b.mesh(part_of(vertices, triangles, uv, colors), material, visibility(visible, solid)); },
           py::arg("vertices"), py::arg("triangles"), wall, py::arg("uv") = none, py::arg("colors") = none, keywords, seen, hit)
       .def(
           "heightfield",
           [](WorldBuilder& b, const py::object& heights, std::uint16_t material, const py::object& corner, float cell_m,
              float texture_m, bool visible,
-             bool solid) { b.heightfield(field_of(heights, corner, cell_m, texture_m), material, presence(visible, solid)); },
+             bool solid) { b.heightfield(field_of(heights, corner, cell_m, texture_m), material, visibility(visible, solid)); },
           py::arg("heights"), wall, py::kw_only(), py::arg("corner") = py::make_tuple(0.0, 0.0), py::arg("cell_m") = 1.0F,
           py::arg("texture_m") = Heightfield().texture_m, seen, hit)
       .def(

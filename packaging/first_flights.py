@@ -12,7 +12,7 @@ import flockstep
 
 
 def fly_lidar() -> None:
-    """Fly 64 drones through a shipped world and look at what their LiDARs say."""
+    """Fly 64 drones through a bundled world and look at what their LiDARs say."""
     envs = flockstep.DroneVectorEnv(64, worlds="train")
     observation, _ = envs.reset(seed=0)
     assert observation.shape == (64, 38), observation.shape

@@ -1,4 +1,4 @@
-"""The gallery: each shipped place from three views, and what a LiDAR saw on the way through it.
+"""The gallery: each bundled place from three views, and what a LiDAR saw on the way through it.
 
 .venv/bin/python -m tools.gallery --out docs/gallery
 """
@@ -170,7 +170,7 @@ def main(args: Args) -> None:
     if LIT in args.scenes:
         world = flockstep.World.load(LIT)
         view = along(world, way_through(world), 0.0, 0.65)
-        lights = [picture(look, *view, STRIP_PX) for look in flockstep.looks(world, LIGHTS, seed=3)]
+        lights = [picture(look, *view, STRIP_PX) for look in flockstep.relight(world, LIGHTS, seed=3)]
         imageio.imwrite(args.out / "lights.jpg", np.concatenate(lights, axis=1), quality=85)
     print(f"the gallery is in {args.out}/")
 

@@ -52,10 +52,10 @@ from flockstep._core import (
 from flockstep.drone_mesh import DroneMesh
 from flockstep.env import DroneEnv
 from flockstep.headers import cmake_dir, include_dir
-from flockstep.looks import looks
 from flockstep.pictures.picture import render
 from flockstep.planning import plan
 from flockstep.recording import record
+from flockstep.relight import relight
 from flockstep.task import Task
 from flockstep.vector_env import DroneVectorEnv
 from flockstep.world_pool import WorldPool
@@ -98,10 +98,10 @@ __all__ = [
     "color_components",
     "green_blob",
     "include_dir",
-    "looks",
     "plan",
     "record",
     "register_task",
+    "relight",
     "render",
     "rotations",
     "sb3",

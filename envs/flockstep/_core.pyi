@@ -995,7 +995,7 @@ class PythonTask:
 def _scene_keys() -> str: ...
 def _unexpected_keyword(callee: str, keyword: str, known: Sequence[str]) -> str: ...
 def load_scene(name: str, folder: str | PathLike[str]) -> World:
-    """Return the world of a name or path; shipped scenes are in the folder."""
+    """Return the world of a name or path; bundled scenes are in the folder."""
 
 def task_defaults(task: NavigationConfig | HoverConfig | TrackConfig | NativeTask | PythonTask) -> dict[str, Any]:
     """Return the defaults of an environment with this task.
@@ -1016,7 +1016,7 @@ class World:
         origin: Sequence[float] = (0.0, 0.0, 0.0),
         up: Literal["y", "z"] | None = None,
     ) -> World:
-        """Load a shipped scene by its name, or a ``.json``, ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file by its path.
+        """Load a bundled scene by its name, or a ``.json``, ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file by its path.
 
         Files that it names have to lie in its folder or below it, unless ``meshes_anywhere`` is set. Its points are turned so that
         the axis ``up`` points up (``"y"`` is usual for glTF and ``"z"`` for others), multiplied by ``scale``, and moved so that
@@ -1251,7 +1251,7 @@ class World:
 
         It shares geometry, textures, and all that is built for rays and collisions with this one. Its own are, where cameras see
         it, 16 bytes for each triangle, 120 for each primitive, 2 kB for each material and 12 kB besides; OpenGL keeps a copy of
-        the geometry for each. `looks` draws many. All but ``tint`` are those of `WorldBuilder.light`; None: as it is.
+        the geometry for each. `relight` draws many. All but ``tint`` are those of `WorldBuilder.light`; None: as it is.
 
         Parameters
         ----------
@@ -1559,11 +1559,11 @@ class DroneModel:
 
     @staticmethod
     def load(name_or_path: str | PathLike[str]) -> DroneModel:
-        """Return a shipped frame by its name, or one from a JSON file, by a path that ends in ``.json``."""
+        """Return a bundled airframe by its name, or one from a JSON file, by a path that ends in ``.json``."""
 
     @staticmethod
     def names() -> list[str]:
-        """Return the names of the shipped frames."""
+        """Return the names of the bundled airframes."""
 
     @staticmethod
     def from_dict(data: dict[str, Any]) -> DroneModel:
@@ -1830,7 +1830,7 @@ class Recipe:
         """Return the JSON text that `from_json` makes an equal recipe of."""
 
     def check_access(self, scenes: str | PathLike[str]) -> None:
-        """Raise `ValueError` if a world or the drone is the path of a file outside of the folder of shipped scenes."""
+        """Raise `ValueError` if a world or the drone is the path of a file outside of the folder of bundled scenes."""
 
 class Batch:
     """E envs of M drones each over W worlds, N = E M drone slots in all, stepped together.
@@ -1921,7 +1921,7 @@ class Batch:
         worlds, task
             Objects that take the place of the worlds and the task that the recipe names.
         allow_files
-            Whether worlds and drone may be files outside of the folder of shipped scenes.
+            Whether worlds and drone may be files outside of the folder of bundled scenes.
         """
 
     @property

@@ -35,14 +35,14 @@ _MOST_SEEDS = 100_000  # of a range
 
 
 def directory() -> Path:
-    """Return the folder of the shipped scenes: inside an installed package, or at the root of a checkout."""
+    """Return the folder of the bundled scenes: inside an installed package, or at the root of a checkout."""
     package = Path(__file__).resolve().parent
     installed = package / "scenes"
     return installed if installed.is_dir() else package.parents[1] / "scenes"
 
 
 def names() -> list[str]:
-    """Return the names of the shipped scenes, sorted, such as ``"playground/train-1"``."""
+    """Return the names of the bundled scenes, sorted, such as ``"playground/train-1"``."""
     root = directory()
     return sorted([*(p.relative_to(root).with_suffix("").as_posix() for p in root.glob("*/*.json")), *GENERATED])
 
@@ -53,7 +53,7 @@ def find(source: str | PathLike[str]) -> Path | World:
     Parameters
     ----------
     source
-        A shipped name such as ``"playground/train-1"``, a generator and its seed such as ``"forest/seed-7"``, or the
+        A bundled name such as ``"playground/train-1"``, a generator and its seed such as ``"forest/seed-7"``, or the
         path of a ``.json``, ``.gltf``, ``.glb``, ``.obj`` or ``.ply`` file.
 
     Raises
@@ -61,7 +61,7 @@ def find(source: str | PathLike[str]) -> Path | World:
     FileNotFoundError
         A path to a file that does not exist.
     ValueError
-        Neither a shipped name nor a path; the message lists the names that exist.
+        Neither a bundled name nor a path; the message lists the names that exist.
     """
     if isinstance(source, str) and source in GENERATED:
         return GENERATED[source]()

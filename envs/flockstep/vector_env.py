@@ -351,7 +351,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         is_flight = isinstance(task, (HoverConfig, TrackConfig))
         if render_view is None:
             render_view = "third_person" if is_flight else "top"
-        shown = views.chosen(render_view, render_size, render_camera)
+        shown = views.choose(render_view, render_size, render_camera)
         if drone_mesh is not None and not isinstance(drone_mesh, DroneMesh):
             raise TypeError(f"drone_mesh: expected a flockstep.DroneMesh, got {drone_mesh!r}")
         self.reward_scale = _reward_scale(reward_scale)
@@ -417,7 +417,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
             A `Recipe`, or its JSON text. A task of your own stands in it as the id under which `register_task`
             registered it in this process.
         allow_files
-            Whether worlds and drone may be files outside of the folder of shipped scenes.
+            Whether worlds and drone may be files outside of the folder of bundled scenes.
         **keywords
             Keywords of the env that are no part of a recipe, such as ``copy`` and ``render_mode``; others replace the
             values of the recipe.

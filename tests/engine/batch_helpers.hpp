@@ -119,8 +119,8 @@ void for_each_task_array(const Batch& batch, const F& f) {
 template <class T>
 std::span<const T> task_array(const Batch& batch, std::string_view name) {
   std::span<const T> found;
-  for_each_task_array(batch, [&](const std::string& its, std::span<const std::byte> bytes) {
-    if (its == name) found = {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
+  for_each_task_array(batch, [&](const std::string& array, std::span<const std::byte> bytes) {
+    if (array == name) found = {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
   });
   return found;
 }

@@ -235,9 +235,9 @@ inline Surface surface_of(const World& world, int element) {
   const TriangleMesh& mesh = world.triangles();
   const int objects = mesh.objects.empty() ? 0 : 1 + *std::max_element(mesh.objects.begin(), mesh.objects.end());
   const auto of_material = [&](std::size_t material, int instance) {
-    const Material& its = world.materials()[material];
-    const int semantic = its.semantic != 0 ? its.semantic : static_cast<int>(material) + 1;
-    return Surface{vector_of(its.base_color.data()), semantic, instance, vector_of(its.emissive.data())};
+    const Material& paint = world.materials()[material];
+    const int semantic = paint.semantic != 0 ? paint.semantic : static_cast<int>(material) + 1;
+    return Surface{vector_of(paint.base_color.data()), semantic, instance, vector_of(paint.emissive.data())};
   };
   if (element < primitives) return of_material(world.primitives()[static_cast<std::size_t>(element)].material, element + 1);
   if (element < first_marker(world)) {

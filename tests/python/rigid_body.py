@@ -19,7 +19,7 @@ FRAMES = flockstep.DroneModel.names()
 
 
 def frame(name="kingfisher", **changes):
-    """The data of a shipped frame with some fields changed; those of rotors and drag by their names, too."""
+    """The data of a bundled airframe with some fields changed; those of rotors and drag by their names, too."""
     data = flockstep.DroneModel.load(name).to_dict()
     for field, value in changes.items():
         if field == "rotor_inertia_kgm2":

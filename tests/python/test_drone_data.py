@@ -1,4 +1,4 @@
-"""The data of the shipped frames: possible bodies, the numbers of their sources, and a table that agrees with them."""
+"""The data of the bundled airframes: possible bodies, the numbers of their sources, and a table that agrees."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What each control makes of a command, on every shipped frame: where it settles, and the limits it keeps to."""
+"""What each control makes of a command, on every bundled airframe: where it settles, and the limits it keeps to."""
 
 import numpy as np
 import pytest

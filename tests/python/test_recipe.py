@@ -110,9 +110,9 @@ def test_files_are_opened_only_if_the_caller_allows_it(field: str, tmp_path: Pat
     value = [str(path)] if field == "worlds" else str(path)
     text = json.dumps({"task": {"name": "hover"}, field: value})
     recipe = flockstep.Recipe.from_json(text)
-    with pytest.raises(ValueError, match=f"{field}: expected the name of a shipped"):
+    with pytest.raises(ValueError, match=f"{field}: expected the name of a bundled"):
         flockstep.Batch.from_recipe(recipe)
-    with pytest.raises(ValueError, match=f"{field}: expected the name of a shipped"):
+    with pytest.raises(ValueError, match=f"{field}: expected the name of a bundled"):
         flockstep.DroneVectorEnv.from_recipe(text)
     assert flockstep.DroneVectorEnv.from_recipe(text, allow_files=True).num_envs == 1
     assert flockstep.Batch.from_recipe(recipe, allow_files=True).num_drones == 1
@@ -142,8 +142,8 @@ def test_worlds_given_as_objects_are_not_in_the_recipe() -> None:
 
 
 def test_every_name_of_a_scene_is_known_to_the_engine() -> None:
-    shipped = [name for members in scenes.SETS.values() for name in members]
-    assert set(shipped) <= set(scenes.names())
+    bundled = [name for members in scenes.SETS.values() for name in members]
+    assert set(bundled) <= set(scenes.names())
     for name in ("playground/seed-3", "playground/train-1"):
         envs = flockstep.DroneVectorEnv(1, worlds=name)
         batch = flockstep.Batch.from_recipe(envs.recipe)

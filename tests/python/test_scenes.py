@@ -1,4 +1,4 @@
-"""Scene files: the shipped ones, and how names and paths are resolved."""
+"""Scene files: the bundled ones, and how names and paths are resolved."""
 
 import base64
 import copy

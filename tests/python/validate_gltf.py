@@ -1,6 +1,6 @@
 """Have the Khronos validator look at worlds saved as glTF: `./dev validate-gltf`, which installs it by npm.
 
-Every shipped scene, and as many random worlds as are asked for. Exits 1 on any error or warning.
+Every bundled scene, and as many random worlds as are asked for. Exits 1 on any error or warning.
 """
 
 from __future__ import annotations

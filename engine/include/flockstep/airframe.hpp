@@ -49,12 +49,13 @@ struct Airframe {
               {.about = "Moments of inertia about the axes of the body frame, which are principal axes.",
                .unit = "kg m^2",
                .limits = between(1e-12, 1e9)}),
-        field("position_m", &C::position_m,
-              {.about = "Position of each hub in the body frame; shipped frames have the rotors in the order front right, rear "
-                        "left, front left, rear right.",
-               .unit = "m",
-               .limits = within(100),
-               .alias = "rotors position_m"}),
+        field(
+            "position_m", &C::position_m,
+            {.about = "Position of each hub in the body frame; bundled airframes have the rotors in the order front right, rear "
+                      "left, front left, rear right.",
+             .unit = "m",
+             .limits = within(100),
+             .alias = "rotors position_m"}),
         field("spin", &C::spin, {.about = "Direction in which each rotor turns, seen from above.", .alias = "rotors spin"}),
         field("thrust_n", &C::thrust_n,
               {.about = "c0, c1, c2: at speed w in rad/s a rotor pushes with max(c0 + c1 w + c2 w^2, 0) N.",

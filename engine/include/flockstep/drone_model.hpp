@@ -19,10 +19,10 @@ class FLOCKSTEP_API DroneModel {
  public:
   // The default: the 650-class quadrotor "t650", extents exactly 0.93 x 0.59 x 0.20 m, centred on the body origin.
   static DroneModel quadrotor650();
-  // A shipped frame by its name, or a JSON file, by a path that ends in .json; docs/add-a-drone.md has the format.
+  // A bundled airframe by its name, or a JSON file, by a path that ends in .json; docs/add-a-drone.md has the format.
   static DroneModel load(const std::string& name_or_path);
   static DroneModel from_json(const std::string& text);
-  static std::vector<std::string> names();  // of the shipped frames
+  static std::vector<std::string> names();  // of the bundled airframes
 
   // hull: 4 to 32 points in the body frame (m); their convex hull is the body and must have a volume.
   explicit DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe = {}, std::string name = {});

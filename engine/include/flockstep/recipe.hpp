@@ -15,7 +15,7 @@
 
 namespace flockstep {
 
-// The drone of a recipe: the name of a shipped frame or the path of a JSON file (empty: "t650"), or the model itself.
+// The drone of a recipe: the name of a bundled airframe or the path of a JSON file (empty: "t650"), or the model itself.
 using DroneChoice = std::variant<std::string, DroneModel>;
 
 struct Recipe {
@@ -35,10 +35,10 @@ struct Recipe {
   FLOCKSTEP_API static Recipe from_json(const std::string& text);
 };
 
-// The files that a recipe may open. A recipe from a file or the network is safe by default: shipped and generated scenes and
-// shipped drones only.
+// The files that a recipe may open. A recipe from a file or the network is safe by default: bundled and generated scenes and
+// bundled drones only.
 struct RecipeAccess {
-  std::filesystem::path scenes;  // the folder of the shipped scenes; files in it may be opened
+  std::filesystem::path scenes;  // the folder of the bundled scenes; files in it may be opened
   bool allows_files = false;     // scene and drone files may be anywhere
 };
 

@@ -181,7 +181,7 @@ struct EpisodeState {
   std::vector<std::int64_t> time_limit;
   std::vector<double> episode_return;
   std::vector<double> episode_terms;
-  FlagArray begun;
+  FlagArray started;
   FlagArray done;
   FlagArray flying;
   FlagArray bad;
@@ -213,7 +213,7 @@ struct EpisodeState {
                .access = Access::internal,
                .writer = kWriter,
                .about = "sum of each reward term so far"}),
-        array("begun", &C::begun,
+        array("started", &C::started,
               {.rows = Rows::env,
                .values = Values::flag,
                .access = Access::internal,

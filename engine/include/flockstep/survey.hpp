@@ -16,7 +16,7 @@ namespace flockstep {
 struct ObjectList {
   std::vector<Aabb> boxes;              // m, world frame, the smallest around each object; NaN where a number has no object
   std::vector<std::int32_t> materials;  // index into World::materials(), -1 where an object has several
-  std::vector<Presence> presence;       // full where a number has no object
+  std::vector<Visibility> visibility;   // full where a number has no object
 };
 FLOCKSTEP_API ObjectList objects(const World& world);
 

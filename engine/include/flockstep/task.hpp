@@ -50,7 +50,7 @@ struct TaskDefaults {
   std::vector<LidarConfig> lidars;
   std::vector<CameraConfig> cameras;
   int max_episode_steps = 3000;  // 0: no limit
-  std::string drone;             // a shipped frame; empty: DroneModel::quadrotor650()
+  std::string drone;             // a bundled airframe; empty: DroneModel::quadrotor650()
   DynamicsConfig dynamics;
   ClockConfig clock;
 };

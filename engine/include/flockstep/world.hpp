@@ -28,9 +28,9 @@ struct EnumNames<PrimitiveKind> {
 
 // What a thing is there for. Cameras, LiDARs and rays see what is visual; drones hit, planners go around and distances are to
 // what is solid. A room is both.
-enum class Presence : std::uint8_t { full, visual, solid };
-inline bool is_visible(Presence presence) { return presence != Presence::solid; }
-inline bool is_solid(Presence presence) { return presence != Presence::visual; }
+enum class Visibility : std::uint8_t { full, visual, solid };
+inline bool is_visible(Visibility visibility) { return visibility != Visibility::solid; }
+inline bool is_solid(Visibility visibility) { return visibility != Visibility::visual; }
 
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::box;
@@ -41,7 +41,7 @@ struct Primitive {
                                              // capsule: (radius, radius, half height, round caps included); plane: (half
                                              // sizes, 0) and disc: (radius, radius, 0), both normal to local z
   std::uint16_t material = 0;                // index into World::materials()
-  Presence presence = Presence::full;
+  Visibility visibility = Visibility::full;
 };
 
 // What a texture shows beyond its borders: itself again, itself mirrored, or its border.
@@ -94,8 +94,8 @@ struct Light {
   float sun_glow = 0.0F;        // the sun's share of the sky's colour beside it; it has halved 5.7 degrees away
 };
 
-// What a world may look like otherwise, and still be the same to drones and rays.
-struct Look {
+// Light and colours that a copy of a world may change. Drones and rays do not notice them.
+struct Lighting {
   Light light;
   // By which base colours are multiplied, linear RGB in [0, 10], and then at most 1: one for each material, or none.
   std::vector<std::array<float, 3>> tint;
@@ -110,11 +110,11 @@ struct TriangleMesh {
   std::vector<std::array<float, 2>> uv;
   // One per vertex, linear RGB, by which base colour and emission are multiplied; none: all white.
   std::vector<std::array<float, 3>> colors;
-  std::vector<Presence> presence;  // by the number of the object; those that are not listed are full
+  std::vector<Visibility> visibility;  // by the number of the object; those that are not listed are full
 
-  Presence presence_of(std::size_t triangle) const {
+  Visibility visibility_of(std::size_t triangle) const {
     const std::size_t object = objects.empty() ? 0 : objects[triangle];
-    return object < presence.size() ? presence[object] : Presence::full;
+    return object < visibility.size() ? visibility[object] : Visibility::full;
   }
 };
 
@@ -175,12 +175,12 @@ class FLOCKSTEP_API World {
   // kind (rooms first, as PrimitiveKind lists them) and otherwise as given, triangles by object and otherwise as given, each
   // object with vertices of its own and none unused, a material and an object for each triangle, quaternions and the sun's
   // direction unit; uv where a material has a texture, and not elsewhere; colours of vertices where one is not white;
-  // presence up to the last object that is not full.
+  // visibility up to the last object that is not full.
   // ignored: what ignored() returns.
   explicit World(SceneDescription description, std::vector<std::string> ignored = {});
-  // The same world with another look. It shares geometry, textures, and all that is built for rays and collisions with the one
+  // The same world in another light. It shares geometry, textures, and all that is built for rays and collisions with the one
   // that is given, and keeps that one alive. Throws std::invalid_argument likewise.
-  World(std::shared_ptr<const World> world, const Look& look);
+  World(std::shared_ptr<const World> world, const Lighting& lighting);
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 

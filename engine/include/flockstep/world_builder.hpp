@@ -46,19 +46,19 @@ class FLOCKSTEP_API WorldBuilder {
   // Lengths are m. material: a number that material() has returned.
   void room(const Vec3& min, const Vec3& max, std::uint16_t material);
   void box(const Vec3& center, const Vec3& size, std::uint16_t material, const Quat& rotation = Quat::Identity(),
-           Presence presence = Presence::full);
+           Visibility visibility = Visibility::full);
   void cylinder(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation = Quat::Identity(),
-                Presence presence = Presence::full);
+                Visibility visibility = Visibility::full);
   void capsule(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation = Quat::Identity(),
-               Presence presence = Presence::full);
-  void sphere(const Vec3& center, float radius, std::uint16_t material, Presence presence = Presence::full);
+               Visibility visibility = Visibility::full);
+  void sphere(const Vec3& center, float radius, std::uint16_t material, Visibility visibility = Visibility::full);
   void plane(const Vec3& center, const Eigen::Vector2f& size, std::uint16_t material, const Quat& rotation = Quat::Identity(),
-             Presence presence = Presence::full);
+             Visibility visibility = Visibility::full);
   void disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation = Quat::Identity(),
-            Presence presence = Presence::full);
+            Visibility visibility = Visibility::full);
   // An object of its own.
-  void mesh(const MeshPart& part, std::uint16_t material, Presence presence = Presence::full);
-  void heightfield(const Heightfield& field, std::uint16_t material, Presence presence = Presence::full);
+  void mesh(const MeshPart& part, std::uint16_t material, Visibility visibility = Visibility::full);
+  void heightfield(const Heightfield& field, std::uint16_t material, Visibility visibility = Visibility::full);
 
   void light(const Light& light) { scene_.light = light; }
   void start(const Vec3& place) { scene_.markers.start = place; }
@@ -71,7 +71,7 @@ class FLOCKSTEP_API WorldBuilder {
 
  private:
   void add(PrimitiveKind kind, const Vec3& center, const Vec3& half, std::uint16_t material, const Quat& rotation,
-           Presence presence);
+           Visibility visibility);
 
   SceneDescription scene_;
   std::uint16_t objects_ = 0;  // meshes so far

@@ -170,7 +170,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   checks::indices(*sim_, indices);
   checks::poses(position, quat_wxyz, indices.size());
   checks::world_index(*sim_, world_index, indices.size());
-  checks::whole(*sim_);
+  checks::require_not_interrupted(*sim_);
   State& state = sim_->state;
   std::vector<std::uint8_t> spawned(sim_->num_drones()), begins(sim_->num_envs(), 1);
   for (const std::int64_t index : indices) spawned[static_cast<std::size_t>(index)] = 1;
@@ -197,7 +197,7 @@ void Batch::spawn(std::span<const std::int64_t> indices, std::span<const float> 
   }
   sim_->rebuild_schedule();
   if (sim_->task_state) {
-    list_selected(*sim_, DroneMask(spawned), &Block::opening);
+    list_selected(*sim_, DroneMask(spawned), &Block::resetting);
     begin_episodes(*sim_, false);
   } else {
     list_selected(*sim_, DroneMask(spawned), &Block::selected);
@@ -274,13 +274,13 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
   checks::has_task(*sim_);
   checks::mask(*sim_, mask);
   if (!seeds.empty()) checks::size(seeds.size(), sim_->num_envs(), "seeds");
-  if (!selects_all(*sim_, mask)) checks::whole(*sim_);
-  list_selected(*sim_, mask, &Block::opening);
+  if (!selects_all(*sim_, mask)) checks::require_not_interrupted(*sim_);
+  list_selected(*sim_, mask, &Block::resetting);
   if (sim_->pool) {
     PoolState& pool = *sim_->pool;
     pool.moves.clear();
     for (const Block& block : sim_->schedule.blocks()) {
-      for (const EnvIndex env : block.opening) {
+      for (const EnvIndex env : block.resetting) {
         const bool goes_on = seeds.empty();
         const std::uint64_t seed = goes_on ? sim_->state.seed[env] : seeds[env];
         pool.moves.push_back({env, pool.pool.number_of(seed, goes_on ? next_episode(*sim_, env) : 0), nullptr});
@@ -293,9 +293,9 @@ void Batch::reset(std::span<const std::uint64_t> seeds, EnvMask mask) {
   sim_->is_cut_short = false;
   sim_->outputs.turn_and_copy();
   for (const Block& block : sim_->schedule.blocks()) {
-    for (const EnvIndex env : block.opening) {
+    for (const EnvIndex env : block.resetting) {
       if (seeds.empty()) {
-        open_next_episode(*sim_, env, *sim_->scratches[0]);
+        start_next_episode(*sim_, env, *sim_->scratches[0]);
       } else {
         sim_->state.seed[env] = seeds[env];
         sim_->state.episode[env] = 0;
@@ -314,7 +314,7 @@ void Batch::step(std::span<const std::int64_t> actions) {
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
-  checks::whole(*sim_);
+  checks::require_not_interrupted(*sim_);
   checks::require_started(*sim_);
   if (sim_->task_state->actions.type() == DType::int64) {
     std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<std::int64_t>());
@@ -330,7 +330,7 @@ void Batch::step(std::span<const float> actions) {
   checks::not_stepping(*sim_, "step");
   checks::has_task(*sim_);
   checks::actions(*sim_, actions);
-  checks::whole(*sim_);
+  checks::require_not_interrupted(*sim_);
   checks::require_started(*sim_);
   std::copy(actions.begin(), actions.end(), sim_->task_state->next_actions<float>());
   flockstep::step(*sim_);
@@ -355,7 +355,7 @@ void Batch::visit_task(ArrayVisitor& visitor) const {
 std::string Batch::snapshot() const {
   const CallGuard guard(*sim_);
   checks::not_stepping(*sim_, "snapshot");
-  checks::whole(*sim_);
+  checks::require_not_interrupted(*sim_);
   return make_snapshot(*sim_);
 }
 
@@ -369,7 +369,7 @@ void Batch::restore(const std::string& blob) {
   }
   sim_->rebuild_schedule();
   if (sim_->pool) {
-    list_selected(*sim_, EnvMask(), &Block::opening);
+    list_selected(*sim_, EnvMask(), &Block::resetting);
     look_ahead(*sim_);
   }
   sim_->cameras.ask_again();

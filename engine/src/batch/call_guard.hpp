@@ -21,11 +21,11 @@ class CallGuard {
   // is_granted() tells.
   CallGuard(Simulation& sim, std::nothrow_t) : user_(sim.user) {
     std::thread::id nobody;
-    begun_ = user_.compare_exchange_strong(nobody, std::this_thread::get_id(), std::memory_order_acquire);
-    granted_ = begun_ || nobody == std::this_thread::get_id();
+    started_ = user_.compare_exchange_strong(nobody, std::this_thread::get_id(), std::memory_order_acquire);
+    granted_ = started_ || nobody == std::this_thread::get_id();
   }
   ~CallGuard() {
-    if (begun_) user_.store({}, std::memory_order_release);
+    if (started_) user_.store({}, std::memory_order_release);
   }
   CallGuard(const CallGuard&) = delete;
   CallGuard& operator=(const CallGuard&) = delete;
@@ -34,7 +34,7 @@ class CallGuard {
 
  private:
   std::atomic<std::thread::id>& user_;
-  bool begun_ = false;
+  bool started_ = false;
   bool granted_ = false;
 };
 

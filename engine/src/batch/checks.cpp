@@ -175,17 +175,17 @@ void spec(const TaskSpec& spec) {
   }
 }
 
-void whole(const Simulation& sim) {
+void require_not_interrupted(const Simulation& sim) {
   if (!sim.is_cut_short) return;
   throw std::runtime_error(
       "an exception has cut the last step() or reset() of this Batch short: reset() every env, or restore() a snapshot");
 }
 
 void require_started(const Simulation& sim) {
-  const FlagArray& begun = sim.episodes.begun;
-  if (begun.empty() || std::memchr(begun.data(), 0, begun.size()) == nullptr) return;
+  const FlagArray& started = sim.episodes.started;
+  if (started.empty() || std::memchr(started.data(), 0, started.size()) == nullptr) return;
   for (std::size_t i = 0; i < sim.num_drones(); ++i) {
-    if (const DroneIndex drone(i); sim.state.active[drone] && !begun[sim.env_of(drone)]) {
+    if (const DroneIndex drone(i); sim.state.active[drone] && !started[sim.env_of(drone)]) {
       throw std::logic_error("reset() must come before the first step()");
     }
   }

@@ -35,9 +35,9 @@ void command(const Simulation& sim, std::span<const float> values);
 // Angles in rows of four numbers, as the control has them: an angle that is finite, and yet too large, is most often in degrees.
 void angles(Control control, std::span<const float> command, std::string_view field);
 void has_task(const Simulation& sim);
-void spec(const TaskSpec& spec);              // what a task has declared
-void whole(const Simulation& sim);            // no step or reset has been cut short
-void require_started(const Simulation& sim);  // every active env is in an episode
+void spec(const TaskSpec& spec);                      // what a task has declared
+void require_not_interrupted(const Simulation& sim);  // no step or reset has been cut short
+void require_started(const Simulation& sim);          // every active env is in an episode
 
 void index(const Simulation& sim, std::int64_t index);
 void indices(const Simulation& sim, std::span<const std::int64_t> indices);

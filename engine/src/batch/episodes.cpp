@@ -301,10 +301,10 @@ void forget_readings(Simulation& sim, DroneIndex drone) {
 }
 
 std::int64_t next_episode(const Simulation& sim, EnvIndex env) {
-  return sim.state.episode[env] + (sim.episodes.begun[env] ? 1 : 0);
+  return sim.state.episode[env] + (sim.episodes.started[env] ? 1 : 0);
 }
 
-void open_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
+void start_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
   sim.state.episode[env] = next_episode(sim, env);
   open_episode(sim, env, scratch);
 }
@@ -324,7 +324,7 @@ void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch) {
 void start_counts(Simulation& sim, EnvIndex env) {
   EpisodeState& episodes = sim.episodes;
   episodes.steps[env] = 0;
-  episodes.begun[env] = 1;
+  episodes.started[env] = 1;
   episodes.done[env] = 0;
   const std::size_t rows = sim.rows_per_env(), first = env * rows, terms = sim.task_state->score.num_terms;
   std::fill_n(episodes.episode_return.data() + first, rows, 0.0);
@@ -344,7 +344,7 @@ void select_envs(Simulation& sim, Block& block) {
   const std::size_t terms = sim.task_state->score.num_terms, rows = sim.rows_per_env();
   block.flown.clear();
   block.flying.clear();
-  block.opening.clear();
+  block.resetting.clear();
   bool all_fly = true;
   for_each_contiguous(block.envs, [&](std::size_t first, std::size_t count) {
     sim.outputs.forget_final(first * rows, count * rows);
@@ -364,7 +364,7 @@ void select_envs(Simulation& sim, Block& block) {
         block.flown.push(env);
         block.flying.push(env);
       } else if (resets_in_next_step) {
-        block.opening.push(env);
+        block.resetting.push(env);
         for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) sim.outputs.clear(row);
       } else {
         for (std::size_t row = env * rows; row < (env + 1) * rows; ++row) sim.outputs.carry_over(row);
@@ -400,19 +400,19 @@ void keep_final(Simulation& sim, Block& block) {
   }
 }
 
-void list_opening(Simulation& sim, Block& block) {
+void list_resetting(Simulation& sim, Block& block) {
   if (sim.config.episode.autoreset_mode != AutoresetMode::same_step) return;
   for (const EnvIndex env : block.flown) {
-    if (sim.episodes.done[env]) block.opening.push(env);
+    if (sim.episodes.done[env]) block.resetting.push(env);
   }
 }
 
 void advance_episodes(Simulation& sim, Block& block, Scratch& scratch) {
-  for (const EnvIndex env : block.opening) open_next_episode(sim, env, scratch);
+  for (const EnvIndex env : block.resetting) start_next_episode(sim, env, scratch);
 }
 
 void initial_readings(Simulation& sim, Block& block) {
-  for (const EnvIndex env : block.opening) {
+  for (const EnvIndex env : block.resetting) {
     ++sim.state.sensed[env];
     for (std::size_t member = 0; member < sim.drones_per_env(); ++member) clear_contact(sim.state, sim.drone_of(env, member));
   }

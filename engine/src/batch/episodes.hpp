@@ -20,7 +20,7 @@ void end_teammates(Simulation& sim, EnvIndex env);
 // --- of one env
 std::int64_t next_episode(const Simulation& sim, EnvIndex env);  // the first where none has begun
 // Names the episode that begins: the next one, or the first where none has begun. Draws its world, where that is random.
-void open_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch);
+void start_next_episode(Simulation& sim, EnvIndex env, Scratch& scratch);
 void open_episode(Simulation& sim, EnvIndex env, Scratch& scratch);  // the one that state.seed and state.episode name
 void start_counts(Simulation& sim, EnvIndex env);                    // steps, return and flags of an episode that begins
 void forget_readings(Simulation& sim, EnvIndex env);                 // nothing has been sensed in this episode yet
@@ -34,7 +34,7 @@ void finish_step(Simulation& sim, Block& block);
 // The observations of the episodes that have ended are their last.
 void keep_final(Simulation& sim, Block& block);
 // With same-step autoreset, the envs whose episode has ended begin the next one.
-void list_opening(Simulation& sim, Block& block);
+void list_resetting(Simulation& sim, Block& block);
 // Opens the next episodes of the envs that are to be reset in this step.
 void advance_episodes(Simulation& sim, Block& block, Scratch& scratch);
 // The drones of the envs that begin have been placed: their first moment.

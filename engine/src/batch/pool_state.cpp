@@ -145,7 +145,7 @@ void look_ahead(Simulation& sim) {
   PoolState& state = *sim.pool;
   state.wanted.clear();
   for (const Block& block : sim.schedule.blocks()) {
-    for (const EnvIndex env : block.opening) {
+    for (const EnvIndex env : block.resetting) {
       state.wanted.push_back(state.pool.number_of(sim.state.seed[env], sim.state.episode[env] + 1));
     }
   }
@@ -156,7 +156,7 @@ void change_worlds(Simulation& sim) {
   PoolState& state = *sim.pool;
   state.moves.clear();
   for (const Block& block : sim.schedule.blocks()) {
-    for (const EnvIndex env : block.opening) {
+    for (const EnvIndex env : block.resetting) {
       state.moves.push_back({env, state.pool.number_of(sim.state.seed[env], next_episode(sim, env)), nullptr});
     }
   }

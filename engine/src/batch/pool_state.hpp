@@ -42,7 +42,7 @@ struct PoolState {
 // leaves all as it was.
 void fetch_worlds(Simulation& sim);
 void move_envs(Simulation& sim);   // once they are fetched; no moves are left then
-void look_ahead(Simulation& sim);  // wants the worlds of the episodes after those that Block::opening lists
+void look_ahead(Simulation& sim);  // wants the worlds of the episodes after those that Block::resetting lists
 // Of a step: its envs that begin an episode go to the worlds that they draw.
 void change_worlds(Simulation& sim);
 

@@ -48,9 +48,9 @@ struct Block {
   std::span<const EnvIndex> envs;  // all active ones of the block
   bool is_contiguous = false;      // they follow each other without a gap
   // of the step under way
-  EnvList flown;    // take part in it
-  EnvList flying;   // those of them whose episode goes on
-  EnvList opening;  // begin an episode in it
+  EnvList flown;      // take part in it
+  EnvList flying;     // those of them whose episode goes on
+  EnvList resetting;  // begin an episode in it
   // of a call about some envs
   EnvList selected;
 };

@@ -197,20 +197,20 @@ class StageByStage {
 bool resets_at_once(const Simulation& sim) { return sim.config.episode.autoreset_mode == AutoresetMode::same_step; }
 
 void check_flown(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.flown, true); }
-void check_opened(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.opening, false); }
+void check_first_observations(Simulation& sim, Block& block, Scratch&) { check_observations(sim, block.resetting, false); }
 
 // The first moment of the episodes that have been opened.
 template <class Executor>
 void begin_program(Simulation& sim, Executor& executor, bool place) {
   Task& task = *sim.task_state->task;
-  if (place) executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.place(envs); });
-  executor.task({&Block::opening}, [&](const TaskBlock& envs) { task.begin(envs); });
+  if (place) executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.place(envs); });
+  executor.task({&Block::resetting}, [&](const TaskBlock& envs) { task.begin(envs); });
   executor.each([](Simulation& s, Block& block, Scratch& scratch) {
     initial_readings(s, block);
-    if (s.fleet) update_accelerations(s, block, s.drones_of(block.opening, scratch), scratch);
+    if (s.fleet) update_accelerations(s, block, s.drones_of(block.resetting, scratch), scratch);
   });
-  executor.start_frames(&Block::opening);
-  executor.each(sense_all<&Block::opening>);
+  executor.start_frames(&Block::resetting);
+  executor.each(sense_all<&Block::resetting>);
   executor.finish_frames();
 }
 
@@ -240,7 +240,7 @@ void fly_program(Simulation& sim, Executor& executor) {
     executor.each(check_flown);
     executor.each(keep);
   }
-  executor.each([](Simulation& s, Block& block, Scratch&) { list_opening(s, block); });
+  executor.each([](Simulation& s, Block& block, Scratch&) { list_resetting(s, block); });
 }
 
 template <class Executor>
@@ -249,12 +249,12 @@ void turn_program(Simulation& sim, Executor& executor) {
   executor.each(advance_episodes);
   begin_program(sim, executor, true);
   if (resets_at_once(sim)) {
-    executor.task({&Block::opening}, observe);
-    executor.each(check_opened);
+    executor.task({&Block::resetting}, observe);
+    executor.each(check_first_observations);
   } else {
-    executor.task({&Block::flown, &Block::opening}, observe);
+    executor.task({&Block::flown, &Block::resetting}, observe);
     executor.each(check_flown);
-    executor.each(check_opened);
+    executor.each(check_first_observations);
     executor.each(keep);
   }
 }
@@ -309,9 +309,9 @@ void begin_episodes(Simulation& sim, bool place) {
   const Stepping stepping(sim);
   StageByStage executor(sim);
   begin_program(sim, executor, place);
-  executor.task({&Block::opening},
+  executor.task({&Block::resetting},
                 [&](const TaskBlock& envs) { sim.task_state->task->observe(envs, sim.outputs.now().observation); });
-  executor.each(check_opened);
+  executor.each(check_first_observations);
   if (sim.pool) look_ahead(sim);
 }
 

@@ -11,7 +11,7 @@ namespace flockstep {
 // Flies the actions in sim.task_state->actions.
 void step(Simulation& sim);
 
-// Begins the episodes that have been opened, in the envs that Block::opening lists. place: where the task puts the drones,
+// Begins the episodes that have been opened, in the envs that Block::resetting lists. place: where the task puts the drones,
 // instead of where they are.
 void begin_episodes(Simulation& sim, bool place);
 

@@ -239,10 +239,10 @@ Vec3d of_least_overlap(const Hull& hull, const Mat3d& rotation, const Vec3d& pos
   for (int i = 0; i < kSteps; ++i) {
     const Vec3d across = overlap - overlap.dot(normal) * normal;
     const Vec3d other = (normal - step * across).normalized();
-    const Vec3d its = overlap_along(other);
-    if (its.dot(other) < overlap.dot(normal)) {
+    const Vec3d along = overlap_along(other);
+    if (along.dot(other) < overlap.dot(normal)) {
       normal = other;
-      overlap = its;
+      overlap = along;
       step *= 2.0;
     } else {
       step *= 0.4;

@@ -12,10 +12,10 @@ namespace flockstep {
 namespace {
 
 // The frames that ship with flockstep: name and text of each file of drones/, in the order of their names.
-struct Shipped {
+struct Bundled {
   std::string_view name, text;
 };
-constexpr Shipped kShipped[] = {
+constexpr Bundled kShipped[] = {
 #include "drones.inc"
 };
 

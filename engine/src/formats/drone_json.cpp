@@ -137,7 +137,7 @@ std::optional<DroneModel> read_like(const JsonField& root) {
     return std::nullopt;
   }
   const std::string name = text_of(*like);
-  if (name.ends_with(".json")) refuse(*like, "the name of a shipped frame");
+  if (name.ends_with(".json")) refuse(*like, "the name of a bundled airframe");
   DroneModel model = DroneModel::load(name);
   if (!scaled) return model;
   check_object(*scaled, {"size", "mass"});

@@ -179,12 +179,12 @@ class GltfReader {
   std::string field(const char* list, std::size_t index) const { return source_ + ": /" + list + '/' + std::to_string(index); }
 
   // A node's own word comes before that of those above it.
-  static Presence presence_of(const GltfNode& node, Presence inherited) {
-    if (node.visual_only == true) return Presence::visual;
-    if (node.collision_only == true) return Presence::solid;
-    const bool is_off = (inherited == Presence::visual && node.visual_only == false) ||
-                        (inherited == Presence::solid && node.collision_only == false);
-    return is_off ? Presence::full : inherited;
+  static Visibility visibility_of(const GltfNode& node, Visibility inherited) {
+    if (node.visual_only == true) return Visibility::visual;
+    if (node.collision_only == true) return Visibility::solid;
+    const bool is_off = (inherited == Visibility::visual && node.visual_only == false) ||
+                        (inherited == Visibility::solid && node.collision_only == false);
+    return is_off ? Visibility::full : inherited;
   }
 
   // -------------------------------------------------------------------------------------- what flockstep itself has written
@@ -218,7 +218,7 @@ class GltfReader {
 
   // Of a node whose extras call its mesh a primitive; false where the mesh is another one, or the node makes another of it.
   bool read_primitive_of(const GltfNode& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
-                         Presence presence) {
+                         Visibility visibility) {
     const std::size_t mesh = *node.mesh;
     Primitive primitive = *node.extras.primitive;
     if (model_.meshes[mesh].size() != 1 || !is_tessellation(mesh, primitive)) return false;
@@ -250,7 +250,7 @@ class GltfReader {
     primitive.center = center.cast<float>();
     primitive.material = material_of(model_.meshes[mesh][0].material, semantic);
     // A room is what it is.
-    primitive.presence = primitive.kind == PrimitiveKind::room ? Presence::full : presence;
+    primitive.visibility = primitive.kind == PrimitiveKind::room ? Visibility::full : visibility;
     scene().primitives.push_back(primitive);
     return true;
   }
@@ -400,7 +400,7 @@ class GltfReader {
     std::size_t node;
     Eigen::Affine3d place;  // of its parent
     int semantic;           // that it inherits, 0 for none
-    Presence presence;      // likewise, full for none
+    Visibility visibility;  // likewise, full for none
     bool is_root;
   };
 
@@ -420,17 +420,17 @@ class GltfReader {
     // Each node is met once, so that the tree is one, and neither its depth nor a circle in it matters.
     std::vector<bool> is_met(model_.nodes.size(), false);
     std::vector<Placed> open;
-    const auto push = [&](const std::vector<std::size_t>& nodes, const Eigen::Affine3d& place, int semantic, Presence presence,
-                          bool are_roots) {
+    const auto push = [&](const std::vector<std::size_t>& nodes, const Eigen::Affine3d& place, int semantic,
+                          Visibility visibility, bool are_roots) {
       for (auto i = nodes.rbegin(); i != nodes.rend(); ++i) {
-        open.push_back({*i, place, semantic, presence, are_roots});
+        open.push_back({*i, place, semantic, visibility, are_roots});
       }
       for (const std::size_t node : nodes) {
         if (is_met[node]) refuse(field("nodes", node), "a node in one place of the scene", "one that is in two, or in itself");
         is_met[node] = true;
       }
     };
-    push(roots, place_, 0, Presence::full, true);
+    push(roots, place_, 0, Visibility::full, true);
     while (!open.empty()) {
       Interrupt::poll();
       const Placed at = open.back();
@@ -441,9 +441,9 @@ class GltfReader {
       place.translation() = applied(at.place, own_place.translation());
       if (!place.matrix().allFinite()) refuse(field("nodes", at.node), "a finite transform", "one that overflows");
       const int semantic = node.semantic != 0 ? node.semantic : at.semantic;
-      const Presence presence = presence_of(node, at.presence);
-      read_node(node, at, place, semantic, presence);
-      push(node.children, place, semantic, presence, false);
+      const Visibility visibility = visibility_of(node, at.visibility);
+      read_node(node, at, place, semantic, visibility);
+      push(node.children, place, semantic, visibility, false);
     }
   }
 
@@ -467,7 +467,7 @@ class GltfReader {
     return place;
   }
 
-  void read_node(const GltfNode& node, const Placed& at, const Eigen::Affine3d& place, int semantic, Presence presence) {
+  void read_node(const GltfNode& node, const Placed& at, const Eigen::Affine3d& place, int semantic, Visibility visibility) {
     const std::size_t index = at.node;
     if (!node.marker.empty()) read_marker(node.marker, index, place.translation());
     if (node.has_sun) {
@@ -482,12 +482,12 @@ class GltfReader {
     }
     if (!node.mesh) return;
     if (node.extras.primitive) {
-      if (read_primitive_of(node, index, at.is_root, place, semantic, presence)) return;
+      if (read_primitive_of(node, index, at.is_root, place, semantic, visibility)) return;
       ++reshaped_;
     }
     require(shown_.size() < kMaxObjects, field("nodes", index), "at most 65536 nodes with a mesh", "more");
     count_triangles(*node.mesh);
-    shown_.push_back({*node.mesh, index, place, semantic, presence});
+    shown_.push_back({*node.mesh, index, place, semantic, visibility});
   }
 
   void read_marker(std::string_view name, std::size_t index, const Vec3d& place) {
@@ -522,7 +522,7 @@ class GltfReader {
     std::size_t mesh, node;
     Eigen::Affine3d place;
     int semantic;
-    Presence presence;
+    Visibility visibility;
   };
 
   static std::size_t num_triangles(const GltfPrimitive& primitive, std::size_t num_corners) {
@@ -599,8 +599,8 @@ class GltfReader {
     }
     TriangleMesh& mesh = scene().mesh;
     mesh.objects.resize(mesh.triangles.size(), object);
-    mesh.presence.resize(object, Presence::full);
-    mesh.presence.push_back(shown.presence);
+    mesh.visibility.resize(object, Visibility::full);
+    mesh.visibility.push_back(shown.visibility);
     if (!extras.order.empty()) put_in_order(extras.order, first, begins);
   }
 

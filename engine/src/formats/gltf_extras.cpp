@@ -108,7 +108,7 @@ std::optional<GltfSceneExtras> read_gltf_scene_extras(const JsonField& extras) {
 OrderedJson write_gltf_extras(const GltfNodeExtras& extras) {
   OrderedJson ours = OrderedJson::object();
   if (extras.primitive) {
-    const auto& [kind, center, rotation, half, material, presence] = *extras.primitive;
+    const auto& [kind, center, rotation, half, material, visibility] = *extras.primitive;
     ours["primitive"] = kKinds[static_cast<std::size_t>(kind)];
     if (kind == PrimitiveKind::capsule) {
       ours["radius"] = json::shortest(half.x());

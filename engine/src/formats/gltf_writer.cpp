@@ -215,7 +215,7 @@ class GltfWriter {
   // -------------------------------------------------------------------------------------------------------- primitives
 
   void write_primitive(const Primitive& primitive) {
-    const auto& [kind, center, rotation, half, material, presence] = primitive;
+    const auto& [kind, center, rotation, half, material, visibility] = primitive;
     const std::string name = EnumNames<PrimitiveKind>::kNames[static_cast<std::size_t>(kind)];
     const bool is_capsule = kind == PrimitiveKind::capsule, is_flat = half.z() == 0.0F;
     GltfNodeExtras extras;
@@ -229,7 +229,7 @@ class GltfWriter {
       node["rotation"].push_back(json::shortest(rotation.w()));
     }
     if (!is_capsule) node["scale"] = in_file(Vec3(half.x(), is_flat ? 1.0F : half.z(), half.y()));
-    node["extras"] = with_presence(write_gltf_extras(extras), presence);
+    node["extras"] = with_presence(write_gltf_extras(extras), visibility);
     nodes_.add(node);
   }
 
@@ -319,12 +319,13 @@ class GltfWriter {
     }
     const std::string name = "mesh " + std::to_string(*extras.object);
     const std::size_t index = add_mesh(name, primitives, last - first);
-    nodes_.add({{"name", name}, {"mesh", index}, {"extras", with_presence(write_gltf_extras(extras), mesh.presence_of(first))}});
+    nodes_.add(
+        {{"name", name}, {"mesh", index}, {"extras", with_presence(write_gltf_extras(extras), mesh.visibility_of(first))}});
   }
 
-  static OrderedJson with_presence(OrderedJson extras, Presence presence) {
-    if (!is_solid(presence)) extras[kGltfVisual] = true;
-    if (!is_visible(presence)) extras[kGltfSolid] = true;
+  static OrderedJson with_presence(OrderedJson extras, Visibility visibility) {
+    if (!is_solid(visibility)) extras[kGltfVisual] = true;
+    if (!is_visible(visibility)) extras[kGltfSolid] = true;
     return extras;
   }
 

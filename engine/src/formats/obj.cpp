@@ -173,9 +173,9 @@ class ObjReader {
     const std::size_t object = number(objects_, object_name_);
     if (object >= kMaxObjects) refuse("at most 65536 objects", object_name_);
     if (is_solid_name(object_name_)) {
-      std::vector<Presence>& presence = out_.mesh.presence;
-      presence.resize(std::max(presence.size(), object + 1), Presence::full);
-      presence[object] = Presence::solid;
+      std::vector<Visibility>& visibility = out_.mesh.visibility;
+      visibility.resize(std::max(visibility.size(), object + 1), Visibility::full);
+      visibility[object] = Visibility::solid;
     }
     const std::size_t material = number(materials_, material_name_);
     if (material >= kMaxMaterials) refuse("at most " + std::to_string(kMaxMaterials) + " materials", material_name_);

@@ -235,7 +235,7 @@ class SceneReader {
                                           .center = Vec3d(x, y, (low + high) / 2.0).cast<float>(),
                                           .half_extents = Vec3(radius, radius, static_cast<float>((high - low) / 2.0)),
                                           .material = material_of(field),
-                                          .presence = presence_of(field)});
+                                          .visibility = visibility_of(field)});
   }
 
   void read_cylinder(const JsonField& field) {
@@ -278,12 +278,12 @@ class SceneReader {
                                           .rotation = rotation_of(field),
                                           .half_extents = half_extents,
                                           .material = material_of(field),
-                                          .presence = presence_of(field)});
+                                          .visibility = visibility_of(field)});
   }
 
   // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
   void read_mesh(const JsonField& field) {
-    const auto object = static_cast<std::uint16_t>(scene_.mesh.presence.size());
+    const auto object = static_cast<std::uint16_t>(scene_.mesh.visibility.size());
     const bool has_file = find(field, keys::kMeshFile).has_value();
     const auto is_there = [&](const SceneKey& key) { return find(field, key).has_value(); };
     if (has_file == (is_there(keys::kVertices) || is_there(keys::kTriangles) || is_there(keys::kUv) || is_there(keys::kColors))) {
@@ -326,7 +326,7 @@ class SceneReader {
     }
     append_colors(part.colors, part.vertices.size(), mesh);
     mesh.objects.insert(mesh.objects.end(), part.triangles.size(), object);
-    mesh.presence.push_back(presence_of(field));
+    mesh.visibility.push_back(visibility_of(field));
     if (part.materials.empty()) {
       read_mesh_materials(field, part.triangles.size());
     } else {

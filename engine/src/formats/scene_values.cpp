@@ -90,7 +90,7 @@ Quat rotation_of(const JsonField& object) {
   return unit_quaternion(wxyz);
 }
 
-Presence presence_of(const JsonField& object) {
+Visibility visibility_of(const JsonField& object) {
   const auto flag = [&](const SceneKey& key) {
     const std::optional<JsonField> given = find(object, key);
     if (given && !given->value.is_boolean()) refuse(*given, "true or false");
@@ -98,7 +98,7 @@ Presence presence_of(const JsonField& object) {
   };
   const bool is_visible = flag(keys::kVisible), is_solid = flag(keys::kSolid);
   if (!is_visible && !is_solid) fail(object, "expected one of \"visible\" and \"solid\" to be true, got neither");
-  return is_visible && is_solid ? Presence::full : (is_visible ? Presence::visual : Presence::solid);
+  return is_visible && is_solid ? Visibility::full : (is_visible ? Visibility::visual : Visibility::solid);
 }
 
 std::array<TextureWrap, 2> wrap_of(const JsonField& field) {

@@ -47,7 +47,7 @@ void read_to(std::array<float, 3>& value, const json::JsonField& object, const S
 void read_to(std::optional<Vec3>& value, const json::JsonField& object, const SceneKey& key);
 
 Quat rotation_of(const json::JsonField& object);  // the identity if it has none
-Presence presence_of(const json::JsonField& object);
+Visibility visibility_of(const json::JsonField& object);
 std::array<TextureWrap, 2> wrap_of(const json::JsonField& field);
 
 struct Box3d {

@@ -32,7 +32,8 @@ Aabb marked_space(const World& world) {
 
 void require_inside(const World& world, const Aabb& box, const std::string& place, const Vec3& point) {
   if ((point.array() >= box.min.array()).all() && (point.array() <= box.max.array()).all()) return;
-  refuse(field(world, place), "a point within the world, " + coordinates(box.min) + " to " + coordinates(box.max), coordinates(point));
+  refuse(field(world, place), "a point within the world, " + coordinates(box.min) + " to " + coordinates(box.max),
+         coordinates(point));
 }
 
 }  // namespace

@@ -213,7 +213,7 @@ bool is_full_height(const World& world) {
   const Primitive& room = world.primitives().front();
   if (room.kind != PrimitiveKind::room) return false;
   return std::all_of(world.primitives().begin() + 1, world.primitives().end(), [&](const Primitive& obstacle) {
-    if (!is_solid(obstacle.presence)) return true;
+    if (!is_solid(obstacle.visibility)) return true;
     const bool is_prism = obstacle.kind == PrimitiveKind::cylinder || obstacle.kind == PrimitiveKind::box;
     const Quat& q = obstacle.rotation;
     const float low = obstacle.center.z() - obstacle.half_extents.z();

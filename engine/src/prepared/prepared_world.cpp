@@ -33,9 +33,9 @@ const collision::Obstacles& PreparedWorld::obstacles() const {
   if (world_.original() != nullptr) return prepared(*world_.original()).obstacles();
   const trace::Scene& visible = scene();  // first, in any case: see memory_
   return once(obstacles_, [&] {
-    const auto is_full = [](const auto& thing) { return thing.presence == Presence::full; };
+    const auto is_full = [](const auto& thing) { return thing.visibility == Visibility::full; };
     const bool is_same =
-        std::all_of(world_.primitives().begin(), world_.primitives().end(), is_full) && world_.triangles().presence.empty();
+        std::all_of(world_.primitives().begin(), world_.primitives().end(), is_full) && world_.triangles().visibility.empty();
     if (is_same) return make_near<collision::Obstacles>(memory_, world_, visible);
     const World& solids = once(solids_, [this] { return std::make_unique<const World>(solids_of(world_)); });
     const trace::Scene& solid_scene = once(solid_scene_, [&] { return std::make_unique<const trace::Scene>(solids); });

@@ -46,7 +46,7 @@ std::vector<std::string> read_worlds(const Json& json) {
   return worlds;
 }
 
-// Throws if a path is not allowed. The folder of the shipped scenes always is.
+// Throws if a path is not allowed. The folder of the bundled scenes always is.
 void check_path(const char* field, const std::string& path, const RecipeAccess& access) {
   if (access.allows_files) return;
   std::error_code failed;  // of a name too long, or a loop of links
@@ -56,7 +56,7 @@ void check_path(const char* field, const std::string& path, const RecipeAccess& 
     const std::filesystem::path file = std::filesystem::weakly_canonical(path, failed);
     is_inside = !failed && std::ranges::mismatch(folder, file).in1 == folder.end();
   }
-  require(is_inside, field, "the name of a shipped scene or drone (paths of files are not allowed here)", quoted_excerpt(path));
+  require(is_inside, field, "the name of a bundled scene or drone (paths of files are not allowed here)", quoted_excerpt(path));
 }
 
 Batch::Worlds load_worlds(const Recipe& recipe, const std::filesystem::path& folder) {

@@ -11,7 +11,7 @@ ObjectList objects(const World& world) {
   for (const Primitive& primitive : world.primitives()) {
     list.boxes.push_back(bounds(primitive));
     list.materials.push_back(primitive.material);
-    list.presence.push_back(primitive.presence);
+    list.visibility.push_back(primitive.visibility);
   }
   const TriangleMesh& mesh = world.triangles();
   const std::size_t num_primitives = world.primitives().size();
@@ -31,8 +31,8 @@ ObjectList objects(const World& world) {
     list.materials.push_back(material);
     first = last;
   }
-  list.presence.resize(list.boxes.size(), Presence::full);
-  for (std::size_t i = 0; i < mesh.presence.size(); ++i) list.presence[num_primitives + i] = mesh.presence[i];
+  list.visibility.resize(list.boxes.size(), Visibility::full);
+  for (std::size_t i = 0; i < mesh.visibility.size(); ++i) list.visibility[num_primitives + i] = mesh.visibility[i];
   return list;
 }
 

@@ -69,12 +69,12 @@ std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bou
 // What is not visual.
 void drop_hidden(const World& world, TriangleMesh& mesh, std::vector<std::int32_t>& objects) {
   const auto primitives = world.primitives();
-  const std::vector<Presence>& presence = world.triangles().presence;
+  const std::vector<Visibility>& visibility = world.triangles().visibility;
   const auto is_seen = [&](std::int32_t number) {
     const auto object = static_cast<std::size_t>(number);
-    if (object < primitives.size()) return is_visible(primitives[object].presence);
+    if (object < primitives.size()) return is_visible(primitives[object].visibility);
     const std::size_t place = object - primitives.size();
-    return place >= presence.size() || is_visible(presence[place]);
+    return place >= visibility.size() || is_visible(visibility[place]);
   };
   std::size_t kept = 0;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {

@@ -542,11 +542,11 @@ class TileTrace {
   bool test_sliver(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) {
     if (!is_nearer(facets.most[i], facets.id[i], ray)) return false;
     const double u = static_cast<double>(u_.of_ray[ray]), v = static_cast<double>(v_.of_ray[ray]);
-    const std::array<Corner, 3> its = corners(leaf, i);
-    const int side = crosses_exactly(u_.of_ray[ray], v_.of_ray[ray], its);
+    const std::array<Corner, 3> corner = corners(leaf, i);
+    const int side = crosses_exactly(u_.of_ray[ray], v_.of_ray[ray], corner);
     if (side == 0) return false;
-    const Corner &c = its[0], a{its[1].x - c.x, its[1].y - c.y, its[1].z - c.z},
-                 b{its[2].x - c.x, its[2].y - c.y, its[2].z - c.z};
+    const Corner &c = corner[0], a{corner[1].x - c.x, corner[1].y - c.y, corner[1].z - c.z},
+                 b{corner[2].x - c.x, corner[2].y - c.y, corner[2].z - c.z};
     const Corner normal{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
     const double height = normal.x * c.x + normal.y * c.y + normal.z * c.z;
     // The line may cross the triangle behind the origin. Where not even this tells, the origin lies in its plane, and it counts
@@ -571,10 +571,10 @@ class TileTrace {
   // Whether a ray that hits a triangle with a mask sees through it: of triangle and ray alone, like the hit.
   bool is_seen_through(const MeshLeaf& leaf, std::size_t i, std::size_t ray) const {
     const double u = static_cast<double>(u_.of_ray[ray]), v = static_cast<double>(v_.of_ray[ray]);
-    const std::array<Corner, 3> its = corners(leaf, i);
+    const std::array<Corner, 3> corner = corners(leaf, i);
     std::array<double, 3> weight;  // of the corner before the edge's two
     for (std::size_t k = 0; k < 3; ++k) {
-      const Corner &from = its[k], &to = its[(k + 1) % 3];
+      const Corner &from = corner[k], &to = corner[(k + 1) % 3];
       weight[k] = (from.y - u * from.x) * (to.z - v * to.x) - (from.z - v * from.x) * (to.y - u * to.x);
     }
     const double sum = weight[0] + weight[1] + weight[2];

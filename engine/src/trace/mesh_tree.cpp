@@ -103,7 +103,7 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   primitives.reserve(mesh.triangles.size());
   Eigen::AlignedBox3f all;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (!is_visible(mesh.presence_of(i))) continue;
+    if (!is_visible(mesh.visibility_of(i))) continue;
     Eigen::AlignedBox3f box;
     for (const std::int32_t vertex : mesh.triangles[i]) box.extend(mesh.vertices[static_cast<std::size_t>(vertex)]);
     all.extend(box);

@@ -94,7 +94,7 @@ OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, floa
 }  // namespace
 
 // The shapes by element. Declared before the scene, which reads them to its end.
-struct Scene::Crowd {
+struct Scene::EmbreePrimitives {
   std::vector<Shape> shapes;
   EmbreeScene scene;
 };
@@ -160,22 +160,23 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
     shapes_.push_back({make_shape(primitive), static_cast<std::int32_t>(element)});
     if (primitive.kind == PrimitiveKind::room) {
       ++num_rooms_;
-    } else if (is_visible(primitive.presence)) {
+    } else if (is_visible(primitive.visibility)) {
       boxes.push_back(shapes_.back().shape.bounds());
       numbers.push_back(element);
     }
   }
   tree_ = ShapeTree(boxes, numbers, *shapes_.get_allocator().resource());
   const auto is_visual = [&](const NumberedShape& shape) {
-    return is_visible(primitives[static_cast<std::size_t>(shape.element)].presence);
+    return is_visible(primitives[static_cast<std::size_t>(shape.element)].visibility);
   };
   is_all_visible_ = std::all_of(shapes_.begin(), shapes_.end(), is_visual);
   if (!is_all_visible_) std::copy_if(shapes_.begin(), shapes_.end(), std::back_inserter(visible_), is_visual);
-  if (traced().size() > max_direct) crowd_ = make_crowd();  // where there are no more, every bundle has few enough, too
+  if (traced().size() > max_direct)
+    embree_primitives_ = make_embree_primitives();  // where there are no more, every bundle has few enough, too
 }
 
-std::unique_ptr<const Scene::Crowd> Scene::make_crowd() const {
-  auto made = std::make_unique<Crowd>();
+std::unique_ptr<const Scene::EmbreePrimitives> Scene::make_embree_primitives() const {
+  auto made = std::make_unique<EmbreePrimitives>();
   // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
   for (const NumberedShape& shape : shapes_) {
     made->shapes.push_back(shape.shape);
@@ -214,7 +215,7 @@ void Scene::add_triangles(const World& world) {
   Eigen::AlignedBox3f box;
   bool any = false;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (!is_visible(mesh.presence_of(i))) continue;
+    if (!is_visible(mesh.visibility_of(i))) continue;
     for (const std::int32_t index : mesh.triangles[i]) box.extend(mesh.vertices[static_cast<std::size_t>(index)]);
     any = true;
   }
@@ -236,7 +237,7 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
   RTCGeometry geometry = owned.get();
   rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh.vertices.data(), 0, sizeof(Vec3),
                              mesh.vertices.size());
-  if (masks_.empty() && mesh.presence.empty()) {  // all triangles are here
+  if (masks_.empty() && mesh.visibility.empty()) {  // all triangles are here
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.triangles.data(), 0,
                                sizeof(mesh.triangles[0]), mesh.triangles.size());
   } else {
@@ -246,7 +247,7 @@ void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
                                             device_.get()));
     constexpr unsigned int kNowhere = std::numeric_limits<unsigned int>::max();
     for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-      const bool is_here = is_visible(mesh.presence_of(i)) && (masks_.find(i) != nullptr) == masked;
+      const bool is_here = is_visible(mesh.visibility_of(i)) && (masks_.find(i) != nullptr) == masked;
       for (const std::int32_t index : mesh.triangles[i]) *indices++ = is_here ? static_cast<unsigned int>(index) : kNowhere;
     }
   }
@@ -268,26 +269,27 @@ void Scene::prepare_tiles(const TriangleMesh& mesh) const {
 }
 
 void Scene::prepare_crowd() const {
-  if (crowd_) return;
+  if (embree_primitives_) return;
   const std::lock_guard lock(prepared_mutex_);
-  if (!prepared_crowd_) prepared_crowd_ = make_crowd();
+  if (!prepared_embree_primitives_) prepared_embree_primitives_ = make_embree_primitives();
 }
 
 void Scene::intersect_primitives(RayBlock& rays, bool embree) const {
-  const Crowd* const crowd = crowd_ || !embree ? crowd_.get() : prepared_crowd_.get();
-  if (crowd == nullptr) {
+  const EmbreePrimitives* const primitives =
+      embree_primitives_ || !embree ? embree_primitives_.get() : prepared_embree_primitives_.get();
+  if (primitives == nullptr) {
     trace_direct(traced(), rays);
   } else {
     trace_direct(traced().first(num_rooms_), rays);
-    trace_packets_of_16(crowd->scene.get(), 0, rays);
+    trace_packets_of_16(primitives->scene.get(), 0, rays);
   }
 }
 
 void Scene::intersect_casters(RayBlock& rays) const {
-  if (!crowd_) {
+  if (!embree_primitives_) {
     trace_direct(traced().subspan(num_rooms_), rays);
   } else {
-    trace_packets_of_16(crowd_->scene.get(), 0, rays);
+    trace_packets_of_16(embree_primitives_->scene.get(), 0, rays);
   }
 }
 

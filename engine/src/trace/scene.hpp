@@ -97,9 +97,9 @@ class Scene {
   };
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
-  struct Crowd;  // all visible primitives but the rooms, for Embree
+  struct EmbreePrimitives;  // all visible primitives but the rooms, for Embree
   EmbreeScene new_scene() const;
-  std::unique_ptr<const Crowd> make_crowd() const;
+  std::unique_ptr<const EmbreePrimitives> make_embree_primitives() const;
   void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const;
   void add_primitives(std::span<const Primitive> primitives, std::size_t max_direct);
   void add_triangles(const World& world);
@@ -115,15 +115,15 @@ class Scene {
   std::size_t num_rooms_ = 0;
   ShapeTree tree_;  // of all but the rooms
   Masks masks_;
-  Vec3 mesh_center_, mesh_half_;                 // m, of the bounding box, a little wider than the triangles
-  mutable std::shared_ptr<RTCDeviceTy> device_;  // null where nothing needs Embree
-  std::unique_ptr<const Crowd> crowd_;           // null where there are few
+  Vec3 mesh_center_, mesh_half_;                               // m, of the bounding box, a little wider than the triangles
+  mutable std::shared_ptr<RTCDeviceTy> device_;                // null where nothing needs Embree
+  std::unique_ptr<const EmbreePrimitives> embree_primitives_;  // null where there are few
   std::size_t num_triangles_ = 0;
   EmbreeScene meshes_;         // all triangles; null without any
   bool wide_packets_ = false;  // the processor has vectors for packets of 16
   mutable std::mutex prepared_mutex_;
-  mutable std::unique_ptr<const Crowd> prepared_crowd_;  // likewise until it is prepared
-  mutable std::unique_ptr<const MeshTree> tiles_;        // null until they are prepared
+  mutable std::unique_ptr<const EmbreePrimitives> prepared_embree_primitives_;  // likewise until it is prepared
+  mutable std::unique_ptr<const MeshTree> tiles_;                               // null until they are prepared
 };
 
 }  // namespace flockstep::trace

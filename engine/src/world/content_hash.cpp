@@ -46,17 +46,17 @@ void add(Hash& hash, const Texture& texture) {
 }
 
 void add(Hash& hash, const Primitive& primitive) {
-  const auto& [kind, center, rotation, half_extents, material, presence] = primitive;
+  const auto& [kind, center, rotation, half_extents, material, visibility] = primitive;
   hash.add(kind);
   add(hash, center);
   hash.add(std::span<const float>(rotation.coeffs().data(), 4));
   add(hash, half_extents);
   hash.add(material);
-  if (presence != Presence::full) hash.add(presence);
+  if (visibility != Visibility::full) hash.add(visibility);
 }
 
 void add(Hash& hash, const TriangleMesh& mesh) {
-  const auto& [vertices, triangles, materials, objects, uv, colors, presence] = mesh;
+  const auto& [vertices, triangles, materials, objects, uv, colors, visibility] = mesh;
   static_assert(sizeof(triangles[0]) == 3 * sizeof(std::int32_t));
   add(hash, vertices);
   hash.add(std::as_bytes(std::span(triangles)));
@@ -66,7 +66,7 @@ void add(Hash& hash, const TriangleMesh& mesh) {
   if (!uv.empty()) hash.add(std::as_bytes(std::span(uv)));
   static_assert(sizeof(colors[0]) == 3 * sizeof(float));
   if (!colors.empty()) hash.add(std::as_bytes(std::span(colors)));
-  if (!presence.empty()) hash.add(std::as_bytes(std::span(presence)));
+  if (!visibility.empty()) hash.add(std::as_bytes(std::span(visibility)));
 }
 
 void add(Hash& hash, const Markers& markers) {

@@ -63,8 +63,8 @@ void take_corners(const std::string& field, Primitive& room) {
   room.half_extents = ((high - low) / 2.0).cast<float>();
 }
 
-void check_presence(const std::string& field, Presence presence) {
-  if (presence > Presence::solid) refuse(field, "a Presence", std::to_string(static_cast<int>(presence)));
+void check_presence(const std::string& field, Visibility visibility) {
+  if (visibility > Visibility::solid) refuse(field, "a Visibility", std::to_string(static_cast<int>(visibility)));
 }
 
 void check_primitive(const std::string& field, Primitive& primitive, std::size_t num_materials) {
@@ -79,9 +79,9 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
     refuse(field + ".half_extents", "sizes " + at_least(keys::kSizes.least).text() + " m", text(half));
   }
 
-  check_presence(field + ".presence", primitive.presence);
-  if (primitive.kind == PrimitiveKind::room && primitive.presence != Presence::full) {
-    refuse(field + ".presence", "a room that is full", "another");
+  check_presence(field + ".visibility", primitive.visibility);
+  if (primitive.kind == PrimitiveKind::room && primitive.visibility != Visibility::full) {
+    refuse(field + ".visibility", "a room that is full", "another");
   }
 
   const Quat& q = primitive.rotation;
@@ -227,25 +227,25 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
     ordered.colors.clear();
     ordered.colors.shrink_to_fit();
   }
-  for (std::size_t i = 0; i < mesh.presence.size() && i < kMaxObjects; ++i) {
+  for (std::size_t i = 0; i < mesh.visibility.size() && i < kMaxObjects; ++i) {
     const auto has_object = [&](std::size_t object) {
       return std::binary_search(ordered.objects.begin(), ordered.objects.end(), static_cast<std::uint16_t>(object));
     };
-    check_presence("mesh." + element("presence", i), mesh.presence[i]);
-    if (mesh.presence[i] == Presence::full || !has_object(i)) continue;
-    ordered.presence.resize(i);
-    ordered.presence.push_back(mesh.presence[i]);
+    check_presence("mesh." + element("visibility", i), mesh.visibility[i]);
+    if (mesh.visibility[i] == Visibility::full || !has_object(i)) continue;
+    ordered.visibility.resize(i);
+    ordered.visibility.push_back(mesh.visibility[i]);
   }
   return ordered;
 }
 
 // Drones have to fly around something.
 void check_solid(const SceneDescription& description) {
-  const auto is_one = [](const Primitive& primitive) { return is_solid(primitive.presence); };
+  const auto is_one = [](const Primitive& primitive) { return is_solid(primitive.visibility); };
   if (std::any_of(description.primitives.begin(), description.primitives.end(), is_one)) return;
   const TriangleMesh& mesh = description.mesh;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (is_solid(mesh.presence_of(i))) return;
+    if (is_solid(mesh.visibility_of(i))) return;
   }
   refuse("scene", "at least one primitive or triangle that is solid", "none");
 }
@@ -400,15 +400,15 @@ void append_colors(std::span<const std::array<float, 3>> colors, std::size_t cou
 SceneDescription solids_of(const World& world) {
   SceneDescription solids;
   for (Primitive primitive : world.primitives()) {
-    if (!is_solid(primitive.presence)) continue;
+    if (!is_solid(primitive.visibility)) continue;
     primitive.material = 0;
-    primitive.presence = Presence::full;
+    primitive.visibility = Visibility::full;
     solids.primitives.push_back(primitive);
   }
   const TriangleMesh& mesh = world.triangles();
   solids.mesh.vertices = mesh.vertices;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (is_solid(mesh.presence_of(i))) solids.mesh.triangles.push_back(mesh.triangles[i]);
+    if (is_solid(mesh.visibility_of(i))) solids.mesh.triangles.push_back(mesh.triangles[i]);
   }
   return solids;
 }

@@ -32,7 +32,7 @@ inline constexpr int kMaxTexturePx = 16384;
 // From so many triangles of a world on, what each takes in memory counts for more than a few milliseconds here and there.
 inline constexpr std::size_t kManyTriangles = std::size_t{1} << 18U;
 
-// See Look::tint.
+// See Lighting::tint.
 inline constexpr Limits kTints = between(0.0, 10.0);
 
 // True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
@@ -54,7 +54,7 @@ void check_markers(const Markers& markers);
 // Throws likewise; the direction to the sun becomes unit.
 void check_light(Light& light);
 
-// Multiplies base colours; see Look. Throws likewise.
+// Multiplies base colours; see Lighting. Throws likewise.
 void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials);
 
 // Brings a description into the one form the engine relies on: primitives ordered by kind (stable), rooms as their corners give

@@ -31,14 +31,14 @@ World::World(SceneDescription description, std::vector<std::string> ignored)
   if (description_.mesh.triangles.size() >= kManyTriangles) give_back_freed_memory();  // of the file and its readers, too
 }
 
-World::World(std::shared_ptr<const World> world, const Look& look)
+World::World(std::shared_ptr<const World> world, const Lighting& lighting)
     : original_(world->original_ ? world->original_ : world), ignored_(world->ignored_), bounds_(world->bounds_) {
   description_.name = world->name();
   description_.materials = world->description_.materials;
   description_.markers = world->markers();
-  description_.light = look.light;
+  description_.light = lighting.light;
   check_light(description_.light);
-  apply_tint(look.tint, description_.materials);
+  apply_tint(lighting.tint, description_.materials);
 }
 
 const SceneDescription& World::description(SceneDescription& copy) const {

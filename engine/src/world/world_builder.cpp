@@ -51,42 +51,43 @@ std::uint16_t WorldBuilder::material(Material material) {
 }
 
 void WorldBuilder::add(PrimitiveKind kind, const Vec3& center, const Vec3& half, std::uint16_t material, const Quat& rotation,
-                       Presence presence) {
-  scene_.primitives.push_back({kind, center, rotation, half, material, presence});
+                       Visibility visibility) {
+  scene_.primitives.push_back({kind, center, rotation, half, material, visibility});
 }
 
 void WorldBuilder::room(const Vec3& min, const Vec3& max, std::uint16_t material) {
-  add(PrimitiveKind::room, 0.5F * (min + max), 0.5F * (max - min), material, Quat::Identity(), Presence::full);
+  add(PrimitiveKind::room, 0.5F * (min + max), 0.5F * (max - min), material, Quat::Identity(), Visibility::full);
 }
 
-void WorldBuilder::box(const Vec3& center, const Vec3& size, std::uint16_t material, const Quat& rotation, Presence presence) {
-  add(PrimitiveKind::box, center, 0.5F * size, material, rotation, presence);
+void WorldBuilder::box(const Vec3& center, const Vec3& size, std::uint16_t material, const Quat& rotation,
+                       Visibility visibility) {
+  add(PrimitiveKind::box, center, 0.5F * size, material, rotation, visibility);
 }
 
 void WorldBuilder::cylinder(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation,
-                            Presence presence) {
-  add(PrimitiveKind::cylinder, center, {radius, radius, 0.5F * height}, material, rotation, presence);
+                            Visibility visibility) {
+  add(PrimitiveKind::cylinder, center, {radius, radius, 0.5F * height}, material, rotation, visibility);
 }
 
 void WorldBuilder::capsule(const Vec3& center, float radius, float height, std::uint16_t material, const Quat& rotation,
-                           Presence presence) {
-  add(PrimitiveKind::capsule, center, {radius, radius, 0.5F * height}, material, rotation, presence);
+                           Visibility visibility) {
+  add(PrimitiveKind::capsule, center, {radius, radius, 0.5F * height}, material, rotation, visibility);
 }
 
-void WorldBuilder::sphere(const Vec3& center, float radius, std::uint16_t material, Presence presence) {
-  add(PrimitiveKind::sphere, center, Vec3::Constant(radius), material, Quat::Identity(), presence);
+void WorldBuilder::sphere(const Vec3& center, float radius, std::uint16_t material, Visibility visibility) {
+  add(PrimitiveKind::sphere, center, Vec3::Constant(radius), material, Quat::Identity(), visibility);
 }
 
 void WorldBuilder::plane(const Vec3& center, const Eigen::Vector2f& size, std::uint16_t material, const Quat& rotation,
-                         Presence presence) {
-  add(PrimitiveKind::plane, center, {0.5F * size.x(), 0.5F * size.y(), 0.0F}, material, rotation, presence);
+                         Visibility visibility) {
+  add(PrimitiveKind::plane, center, {0.5F * size.x(), 0.5F * size.y(), 0.0F}, material, rotation, visibility);
 }
 
-void WorldBuilder::disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation, Presence presence) {
-  add(PrimitiveKind::disc, center, {radius, radius, 0.0F}, material, rotation, presence);
+void WorldBuilder::disc(const Vec3& center, float radius, std::uint16_t material, const Quat& rotation, Visibility visibility) {
+  add(PrimitiveKind::disc, center, {radius, radius, 0.0F}, material, rotation, visibility);
 }
 
-void WorldBuilder::mesh(const MeshPart& part, std::uint16_t material, Presence presence) {
+void WorldBuilder::mesh(const MeshPart& part, std::uint16_t material, Visibility visibility) {
   require(part.uv.empty() || part.uv.size() == part.vertices.size(), "uv",
           "one per vertex (" + std::to_string(part.vertices.size()) + "), or none", part.uv.size());
   require(part.colors.empty() || part.colors.size() == part.vertices.size(), "colors",
@@ -110,12 +111,12 @@ void WorldBuilder::mesh(const MeshPart& part, std::uint16_t material, Presence p
   }
   mesh.materials.insert(mesh.materials.end(), part.triangles.size(), material);
   mesh.objects.insert(mesh.objects.end(), part.triangles.size(), objects_);
-  mesh.presence.resize(objects_, Presence::full);
-  mesh.presence.push_back(presence);
+  mesh.visibility.resize(objects_, Visibility::full);
+  mesh.visibility.push_back(visibility);
   ++objects_;
 }
 
-void WorldBuilder::heightfield(const Heightfield& field, std::uint16_t material, Presence presence) {
+void WorldBuilder::heightfield(const Heightfield& field, std::uint16_t material, Visibility visibility) {
   const auto [corner, cell, columns, rows, heights, texture_m] = field;
   require(columns >= 2 && columns <= 32768, "heightfield: columns", "an integer in [2, 32768]", columns);
   require(rows >= 2 && rows <= 32768, "heightfield: rows", "an integer in [2, 32768]", rows);
@@ -137,7 +138,7 @@ void WorldBuilder::heightfield(const Heightfield& field, std::uint16_t material,
       part.triangles.push_back({left - columns, here, left});
     }
   }
-  mesh(part, material, presence);
+  mesh(part, material, visibility);
 }
 
 std::shared_ptr<const World> WorldBuilder::build() const {

@@ -74,7 +74,7 @@ class Choice:
     camera: str | None  # a name; None: the first
 
 
-def chosen(view: Any, size: Any, camera: Any) -> Choice:
+def choose(view: Any, size: Any, camera: Any) -> Choice:
     """Check the three keywords.
 
     Raises

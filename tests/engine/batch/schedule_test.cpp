@@ -40,7 +40,7 @@ void expect_schedule(Schedule& schedule, const Envs& envs, std::size_t block_siz
   for (const Block& block : schedule.blocks()) {
     ASSERT_FALSE(block.envs.empty());
     ASSERT_LE(block.envs.size(), block_size);
-    for (const EnvList* list : {&block.flown, &block.flying, &block.opening, &block.selected}) ASSERT_TRUE(list->empty());
+    for (const EnvList* list : {&block.flown, &block.flying, &block.resetting, &block.selected}) ASSERT_TRUE(list->empty());
   }
   // Every active env once: world by world, where worlds are given, and in each by its index.
   std::vector<EnvIndex> expected;
@@ -104,7 +104,7 @@ TEST(Schedule, ListsHoldTheirWholeBlockAndAreApart) {
   const Envs envs = random_envs(random, 50, 3, 0.9F);
   Schedule schedule(50, 3, 8);
   schedule.rebuild(envs.world_index, envs.active);
-  constexpr EnvList Block::* kLists[] = {&Block::flown, &Block::flying, &Block::opening, &Block::selected};
+  constexpr EnvList Block::* kLists[] = {&Block::flown, &Block::flying, &Block::resetting, &Block::selected};
   for (Block& block : schedule.blocks()) {
     for (const auto list : kLists) {
       for (const EnvIndex env : block.envs) (block.*list).push(env);

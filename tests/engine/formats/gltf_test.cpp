@@ -481,7 +481,7 @@ TEST(Gltf, ColoursOfVertices) {
 }
 
 TEST(Gltf, NodesSayWhatTheyAreThereFor) {
-  const auto presence_of = [](const std::vector<Json>& nodes) {
+  const auto visibility_of = [](const std::vector<Json>& nodes) {
     File file = one_triangle();
     file.json["nodes"] = nodes;
     file.json["nodes"].push_back({{"mesh", 0}});
@@ -489,28 +489,28 @@ TEST(Gltf, NodesSayWhatTheyAreThereFor) {
     file.json["scene"] = 0;
     const GltfFile read = parse(file);
     EXPECT_TRUE(read.ignored.empty());
-    return read.scene.mesh.presence;
+    return read.scene.mesh.visibility;
   };
-  using All = std::vector<Presence>;
-  constexpr Presence kFull = Presence::full, kVisual = Presence::visual, kSolid = Presence::solid;
+  using All = std::vector<Visibility>;
+  constexpr Visibility kFull = Visibility::full, kVisual = Visibility::visual, kSolid = Visibility::solid;
   const Json shown = {{"visual_only", true}}, hit = {{"collision_only", 1}};
-  EXPECT_EQ(presence_of({{{"mesh", 0}}}), (All{kFull, kFull}));
-  EXPECT_EQ(presence_of({{{"mesh", 0}, {"extras", shown}}}), (All{kVisual, kFull}));
-  EXPECT_EQ(presence_of({{{"mesh", 0}, {"extras", hit}}}), (All{kSolid, kFull}));
-  EXPECT_EQ(presence_of({{{"mesh", 0}, {"extras", {{"collision_only", 0}, {"visual_only", false}}}}}), (All{kFull, kFull}));
+  EXPECT_EQ(visibility_of({{{"mesh", 0}}}), (All{kFull, kFull}));
+  EXPECT_EQ(visibility_of({{{"mesh", 0}, {"extras", shown}}}), (All{kVisual, kFull}));
+  EXPECT_EQ(visibility_of({{{"mesh", 0}, {"extras", hit}}}), (All{kSolid, kFull}));
+  EXPECT_EQ(visibility_of({{{"mesh", 0}, {"extras", {{"collision_only", 0}, {"visual_only", false}}}}}), (All{kFull, kFull}));
   for (const char* const name : {"UCX_a", "UBX_a", "USP_a", "UCP_a", "a-colonly", "a-convcolonly"}) {
-    EXPECT_EQ(presence_of({{{"mesh", 0}, {"name", name}}}), (All{kSolid, kFull}));
-    EXPECT_EQ(presence_of({{{"mesh", 0}, {"name", name}, {"extras", {{"collision_only", false}}}}}), (All{kFull, kFull}));
+    EXPECT_EQ(visibility_of({{{"mesh", 0}, {"name", name}}}), (All{kSolid, kFull}));
+    EXPECT_EQ(visibility_of({{{"mesh", 0}, {"name", name}, {"extras", {{"collision_only", false}}}}}), (All{kFull, kFull}));
   }
   for (const char* const name : {"ucx_a", "aUCX_", "a-col", "-colonly.001"}) {
-    EXPECT_EQ(presence_of({{{"mesh", 0}, {"name", name}}}), (All{kFull, kFull}));
+    EXPECT_EQ(visibility_of({{{"mesh", 0}, {"name", name}}}), (All{kFull, kFull}));
   }
   // Of all below, until one of them says otherwise.
-  EXPECT_EQ(presence_of({{{"children", {1, 2}}, {"extras", hit}},
-                         {{"mesh", 0}, {"extras", shown}},
-                         {{"mesh", 0}, {"children", {3}}},
-                         {{"mesh", 0}, {"children", {4}}, {"extras", {{"collision_only", false}}}},
-                         {{"mesh", 0}}}),
+  EXPECT_EQ(visibility_of({{{"children", {1, 2}}, {"extras", hit}},
+                           {{"mesh", 0}, {"extras", shown}},
+                           {{"mesh", 0}, {"children", {3}}},
+                           {{"mesh", 0}, {"children", {4}}, {"extras", {{"collision_only", false}}}},
+                           {{"mesh", 0}}}),
             (All{kVisual, kSolid, kFull, kFull, kFull}));
 
   EXPECT_EQ(message_of(one_triangle({{"extras", {{"visual_only", "yes"}}}})),

@@ -118,8 +118,8 @@ TEST_F(Obj, NamesSayWhatIsThereForCollisionAlone) {
   const TriangleMesh mesh =
       load(kSquare + "o a\n" + f + "o UCX_a\n" + f + "o b-colonly\n" + f + "o UCX_a\n" + f + "o c-col\n" + f);
   EXPECT_EQ(mesh.objects, (std::vector<std::uint16_t>{0, 1, 2, 1, 3}));
-  EXPECT_EQ(mesh.presence, (std::vector<Presence>{Presence::full, Presence::solid, Presence::solid}));
-  EXPECT_TRUE(load(kSquare + "g a\n" + f).presence.empty());
+  EXPECT_EQ(mesh.visibility, (std::vector<Visibility>{Visibility::full, Visibility::solid, Visibility::solid}));
+  EXPECT_TRUE(load(kSquare + "g a\n" + f).visibility.empty());
 }
 
 TEST_F(Obj, ObjectsAndMaterialsAreOfBoundedNumber) {

@@ -570,18 +570,18 @@ TEST(SceneJson, SolidsAreVisibleOrSolidOrBoth) {
                              flags + "}]"),
                        "x.json", {});
   };
-  const auto expect = [&](const std::string& flags, Presence presence) {
+  const auto expect = [&](const std::string& flags, Visibility visibility) {
     const SceneDescription description = read(flags);
-    EXPECT_EQ(description.primitives[0].presence, Presence::full) << flags;
-    EXPECT_EQ(description.primitives[1].presence, presence) << flags;
-    EXPECT_EQ(description.mesh.presence, std::vector<Presence>{presence}) << flags;
+    EXPECT_EQ(description.primitives[0].visibility, Visibility::full) << flags;
+    EXPECT_EQ(description.primitives[1].visibility, visibility) << flags;
+    EXPECT_EQ(description.mesh.visibility, std::vector<Visibility>{visibility}) << flags;
     const World world(description);
     EXPECT_EQ(World::from_json(world.to_json())->content_hash(), world.content_hash()) << flags;
   };
-  expect("", Presence::full);
-  expect(R"(, "visible": true, "solid": true)", Presence::full);
-  expect(R"(, "visible": false)", Presence::solid);
-  expect(R"(, "solid": false)", Presence::visual);
+  expect("", Visibility::full);
+  expect(R"(, "visible": true, "solid": true)", Visibility::full);
+  expect(R"(, "visible": false)", Visibility::solid);
+  expect(R"(, "solid": false)", Visibility::visual);
   EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": 0}])")),
             "x.json: /spheres/0/solid: expected true or false, got 0");
   EXPECT_EQ(message_of(scene(R"("spheres": [{"center": [0, 0, 0], "radius": 1, "solid": false, "visible": false}])")),

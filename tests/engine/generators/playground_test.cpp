@@ -1,4 +1,4 @@
-// What every playground promises, the shipped ones and the generated ones: comfortable gaps, a straight flight that crashes, and
+// What every playground promises, the bundled ones and the generated ones: comfortable gaps, a straight flight that crashes, and
 // a way through.
 #include <gtest/gtest.h>
 
@@ -84,7 +84,7 @@ void expect_way_through(const World& world, const DroneModel& drone) {
   for (const Vec3& marker : markers) EXPECT_NE(std::find(path->begin(), path->end(), marker), path->end());
 }
 
-// ------------------------------------------------------------------------------------------------------- shipped playgrounds
+// ------------------------------------------------------------------------------------------------------- bundled playgrounds
 
 // Start, waypoints, goal: from the thesis's published positions, room centred on them.
 const std::map<std::string, std::vector<Vec3>> kRoutes{

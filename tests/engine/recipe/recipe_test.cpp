@@ -151,22 +151,22 @@ TEST(Recipe, NamesThePlaceOfAMistakeAndTheNearestName) {
 
 TEST(Recipe, OpensNoFilesUnlessTheCallerAllowsIt) {
   const std::filesystem::path scenes = FLOCKSTEP_SCENES;
-  const std::string shipped = (scenes / "playground" / "train-1.json").string();
+  const std::string bundled = (scenes / "playground" / "train-1.json").string();
   Recipe recipe = Recipe::for_task(NavigationConfig{});
   recipe.batch.num_threads = 1;
   for (const std::string& path :
        {std::string("/etc/hosts.json"), std::string("hall.json"), (scenes / ".." / "hall.json").string(),
         (scenes / "playground" / ".." / ".." / "drones" / "t650.json").string(), std::string("/etc/PASSWD.GLB")}) {
     recipe.worlds = {path};
-    expect_has(refusal_of(recipe), "worlds: expected the name of a shipped scene");
+    expect_has(refusal_of(recipe), "worlds: expected the name of a bundled scene");
     recipe.worlds = {"train"};
     recipe.drone = path;
-    if (path.ends_with(".json")) expect_has(refusal_of(recipe), "drone: expected the name of a shipped scene");
+    if (path.ends_with(".json")) expect_has(refusal_of(recipe), "drone: expected the name of a bundled scene");
     recipe.drone = std::string();
   }
   recipe.worlds = {std::string(100'000, 'x') + ".json"};
-  expect_has(refusal_of(recipe), "worlds: expected the name of a shipped scene");
-  recipe.worlds = {shipped};
+  expect_has(refusal_of(recipe), "worlds: expected the name of a bundled scene");
+  recipe.worlds = {bundled};
   EXPECT_EQ(refusal_of(recipe), "nothing was refused");
   EXPECT_NE(refusal_of(recipe, {}), "nothing was refused") << "no folder is known";
   EXPECT_EQ(refusal_of(recipe, {.allows_files = true}), "nothing was refused");

@@ -736,9 +736,9 @@ NavigationBatch two_cameras(CaptureMode mode) {
     const auto pixels = static_cast<std::size_t>(config.width_px * config.height_px);
     for (std::size_t i = 0; i < x.frame_step.size(); ++i) {
       const CameraConfig mine = a.camera_config(camera, static_cast<std::int64_t>(i));
-      const CameraConfig its = b.camera_config(camera, static_cast<std::int64_t>(i));
-      if (mine.hfov_deg != its.hfov_deg || mine.vfov_deg != its.vfov_deg || mine.offset_m != its.offset_m ||
-          mine.quat_wxyz != its.quat_wxyz || mine.capture_mode != its.capture_mode) {
+      const CameraConfig other = b.camera_config(camera, static_cast<std::int64_t>(i));
+      if (mine.hfov_deg != other.hfov_deg || mine.vfov_deg != other.vfov_deg || mine.offset_m != other.offset_m ||
+          mine.quat_wxyz != other.quat_wxyz || mine.capture_mode != other.capture_mode) {
         return ::testing::AssertionFailure() << "camera " << camera << " of drone " << i << " is set otherwise";
       }
       if (x.frame_step[i] < 0) continue;

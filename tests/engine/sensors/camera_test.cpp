@@ -1133,13 +1133,13 @@ TEST(CameraBits, AreTheSameForAnyBlocksThreadsAndNeighbours) {
       Batch alone(camera_batch(camera), {worlds[drone % 4]});
       alone.set_pose(testing::row(poses.position, drone, 3), testing::row(poses.quat_wxyz, drone, 4));
       alone.sense();
-      const CameraImages& its = alone.images(0);
-      EXPECT_TRUE(same_bits(testing::row(images.rgb, drone, 3 * pixels), its.rgb)) << drone;
-      EXPECT_TRUE(same_bits(testing::row(images.depth, drone, pixels), its.depth)) << drone;
-      EXPECT_TRUE(same_bits(testing::row(images.semantic, drone, pixels), its.semantic)) << drone;
-      EXPECT_TRUE(same_bits(testing::row(images.instance, drone, pixels), its.instance)) << drone;
-      EXPECT_TRUE(same_bits(testing::row(images.normal, drone, 3 * pixels), its.normal)) << drone;
-      EXPECT_TRUE(same_bits(testing::row(images.grey, drone, pixels), its.grey)) << drone;
+      const CameraImages& expected = alone.images(0);
+      EXPECT_TRUE(same_bits(testing::row(images.rgb, drone, 3 * pixels), expected.rgb)) << drone;
+      EXPECT_TRUE(same_bits(testing::row(images.depth, drone, pixels), expected.depth)) << drone;
+      EXPECT_TRUE(same_bits(testing::row(images.semantic, drone, pixels), expected.semantic)) << drone;
+      EXPECT_TRUE(same_bits(testing::row(images.instance, drone, pixels), expected.instance)) << drone;
+      EXPECT_TRUE(same_bits(testing::row(images.normal, drone, 3 * pixels), expected.normal)) << drone;
+      EXPECT_TRUE(same_bits(testing::row(images.grey, drone, pixels), expected.grey)) << drone;
     }
   }
 }

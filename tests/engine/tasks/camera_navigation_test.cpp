@@ -86,8 +86,8 @@ std::vector<std::uint64_t> seeds_from(std::uint64_t first, std::size_t count) {
 std::vector<std::byte> row_of(const std::vector<Buffer>& observation, std::size_t env) {
   std::vector<std::byte> bytes;
   for (const Buffer& field : observation) {
-    const auto its = row(field.bytes(), env, field.row_bytes());
-    bytes.insert(bytes.end(), its.begin(), its.end());
+    const auto values = row(field.bytes(), env, field.row_bytes());
+    bytes.insert(bytes.end(), values.begin(), values.end());
   }
   return bytes;
 }

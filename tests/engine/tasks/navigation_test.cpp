@@ -720,8 +720,8 @@ TEST(NavigationRandom, AnEnvOfManyIsTheEnvAlone) {
       config.block_size = 64;
       std::vector<std::unique_ptr<Batch>> alone;
       for (std::size_t i = 0; i < kDrones; ++i) {
-        const Batch::Worlds its = random_world ? worlds : Batch::Worlds{worlds[i % worlds.size()]};
-        alone.push_back(std::make_unique<Batch>(config, its, make_task(config.navigation)));
+        const Batch::Worlds own = random_world ? worlds : Batch::Worlds{worlds[i % worlds.size()]};
+        alone.push_back(std::make_unique<Batch>(config, own, make_task(config.navigation)));
         alone[i]->reset(std::span(seeds).subspan(i, 1));
       }
       Random random(2);

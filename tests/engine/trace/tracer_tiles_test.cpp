@@ -47,11 +47,11 @@ TriangleMesh hills(int cells) {
       mesh.triangles.push_back({at, at + cells + 2, at + cells + 1});
     }
   }
-  mesh.presence.assign(mesh.triangles.size(), Presence::full);
+  mesh.visibility.assign(mesh.triangles.size(), Visibility::full);
   const auto wall = static_cast<std::int32_t>(mesh.vertices.size());
   for (const Vec3& corner : {Vec3(-9, 0, 0), Vec3(9, 0, 0), Vec3(0, 0, 9)}) mesh.vertices.push_back(corner);
   mesh.triangles.push_back({wall, wall + 1, wall + 2});
-  mesh.presence.push_back(Presence::solid);
+  mesh.visibility.push_back(Visibility::solid);
   mesh.materials.assign(mesh.triangles.size(), 0);
   return mesh;
 }

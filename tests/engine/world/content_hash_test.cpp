@@ -80,14 +80,14 @@ TEST(ContentHash, EveryByteOfEveryFieldCounts) {
     seen.flip("primitives.rotation", primitive.rotation);
     seen.flip("primitives.half_extents", primitive.half_extents);
     seen.flip("primitives.material", primitive.material);
-    seen.flip("primitives.presence", primitive.presence);
+    seen.flip("primitives.visibility", primitive.visibility);
   }
   for (Vec3& vertex : scene.mesh.vertices) seen.flip("mesh.vertices", vertex);
   for (auto& triangle : scene.mesh.triangles) seen.flip("mesh.triangles", triangle);
   for (auto& material : scene.mesh.materials) seen.flip("mesh.materials", material);
   for (auto& object : scene.mesh.objects) seen.flip("mesh.objects", object);
-  for (const auto& presence : {std::vector{Presence::visual}, {Presence::solid}, {Presence::full, Presence::visual}}) {
-    seen.change("mesh.presence", scene.mesh.presence, presence);
+  for (const auto& visibility : {std::vector{Visibility::visual}, {Visibility::solid}, {Visibility::full, Visibility::visual}}) {
+    seen.change("mesh.visibility", scene.mesh.visibility, visibility);
   }
   seen.flip("markers.radius", scene.markers.radius);
   seen.flip("markers.start", *scene.markers.start);

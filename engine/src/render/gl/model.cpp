@@ -120,7 +120,7 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
     soup.colors.resize(soup.positions.size(), kWhite);
   }
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (!is_visible(mesh.presence_of(i))) continue;
+    if (!is_visible(mesh.visibility_of(i))) continue;
     std::array<std::uint32_t, 3> corners{};
     std::array<Vec3d, 3> at;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -291,7 +291,7 @@ GlModel::GlModel(const World& world) : textures(world) {
   Soup soup;
   for (std::size_t i = 0; i < world.primitives().size(); ++i) {
     const Primitive& primitive = world.primitives()[i];
-    if (!is_visible(primitive.presence)) continue;
+    if (!is_visible(primitive.visibility)) continue;
     const Surface& surface = appearance.primitives[i];
     const auto round = [&](RoundKind kind) {
       const Mat3 rotation = primitive.rotation.cast<double>().normalized().toRotationMatrix().cast<float>();

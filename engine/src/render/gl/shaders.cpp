@@ -147,12 +147,12 @@ void paint(vec3 n, float height) {
   tint = color;
   painted_texture_density = vec4(0.0);
   if (paint_number == 0u) return;
-  Paint its = paints[paint_number - 1u];
-  vec3 shadowed = its.middle_gamma.xyz + its.slope_texture.xyz * n.z;
+  Paint record = paints[paint_number - 1u];
+  vec3 shadowed = record.middle_gamma.xyz + record.slope_texture.xyz * n.z;
   lens = vec4(w_cx.w, x_cy.w, y_fx.w, ray_0_fy.w);
-  in_sun_height = vec4(shadowed + its.sun_cutoff.xyz * max(0.0, dot(n, its.sun_direction.xyz)), height);
-  in_shadow_gamma = vec4(shadowed, its.middle_gamma.w);
-  painted_texture_density = vec4(1.0, its.slope_texture.w, density, its.sun_cutoff.w);
+  in_sun_height = vec4(shadowed + record.sun_cutoff.xyz * max(0.0, dot(n, record.sun_direction.xyz)), height);
+  in_shadow_gamma = vec4(shadowed, record.middle_gamma.w);
+  painted_texture_density = vec4(1.0, record.slope_texture.w, density, record.sun_cutoff.w);
 }
 #endif
 

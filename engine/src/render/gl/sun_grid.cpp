@@ -244,12 +244,12 @@ GlSunGrid::GlSunGrid(const World& world) {
   const bool has_shading_room = shading_room(world).has_value();
   for (const Primitive& primitive : world.primitives()) {
     const bool casts = primitive.kind != PrimitiveKind::room || has_shading_room;
-    if (casts && is_visible(primitive.presence)) all.add(primitive);
+    if (casts && is_visible(primitive.visibility)) all.add(primitive);
   }
   const TriangleMesh& mesh = world.triangles();
   const trace::Masks seen_through(world);
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (!is_visible(mesh.presence_of(i))) continue;
+    if (!is_visible(mesh.visibility_of(i))) continue;
     const auto corner = [&](std::size_t k) -> const Vec3& {
       return mesh.vertices[static_cast<std::size_t>(mesh.triangles[i][k])];
     };

@@ -370,16 +370,16 @@ HWY_INLINE void for_each_number(const std::int32_t* numbers, const Mask& which, 
   const I each = I::load(numbers);
   for (std::uint32_t left = bits(which); left != 0;) {
     const std::int32_t number = numbers[std::countr_zero(left)];
-    const Mask its = which & (each == number);
-    left &= ~bits(its);
-    f(number, its);
+    const Mask where = which & (each == number);
+    left &= ~bits(where);
+    f(number, where);
   }
 }
 
 // In these lanes.
 template <class Number>
-HWY_INLINE void set(Number& to, const Mask& its, const std::type_identity_t<Number>& value) {
-  to = select(its, value, to);
+HWY_INLINE void set(Number& to, const Mask& where, const std::type_identity_t<Number>& value) {
+  to = select(where, value, to);
 }
 
 // How much the corners of a triangle weigh at the points that rays have hit.
@@ -398,18 +398,18 @@ struct Textured {
   I wrap_across, wrap_down, first_level, last_level;
 
   // A triangle, and the paint of its material.
-  HWY_INLINE void add(const Shading::Images::Print& print, const Mask& its, const Weights& weights) {
+  HWY_INLINE void add(const Shading::Images::Print& print, const Mask& where, const Weights& weights) {
     const auto& [a, b, c] = print.uv;
-    set(across, its, weights(a[0], b[0], c[0]));
-    set(down, its, weights(a[1], b[1], c[1]));
-    set(normal, its, {print.normal[0], print.normal[1], print.normal[2]});
+    set(across, where, weights(a[0], b[0], c[0]));
+    set(down, where, weights(a[1], b[1], c[1]));
+    set(normal, where, {print.normal[0], print.normal[1], print.normal[2]});
   }
-  HWY_INLINE void add(const Shading::Paint& paint, const Mask& its) {
-    lanes = lanes | its;
-    set(wrap_across, its, paint.wrap_across);
-    set(wrap_down, its, paint.wrap_down);
-    set(first_level, its, paint.first_level);
-    set(last_level, its, paint.last_level);
+  HWY_INLINE void add(const Shading::Paint& paint, const Mask& where) {
+    lanes = lanes | where;
+    set(wrap_across, where, paint.wrap_across);
+    set(wrap_down, where, paint.wrap_down);
+    set(first_level, where, paint.first_level);
+    set(last_level, where, paint.last_level);
   }
 };
 
@@ -549,31 +549,31 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
   Textured textured{Mask(false), 0.0F, 0.0F, {0.0F, 0.0F, 0.0F}, 0, 0, 0, 0};
   alignas(64) std::int32_t materials[PixelTile::kSide];  // of the lanes that are tinted
   I material_of = 0;
-  const auto see = [&](std::int32_t element, const Mask& its) HWY_ATTR {
+  const auto see = [&](std::int32_t element, const Mask& where) HWY_ATTR {
     const auto triangle = static_cast<std::size_t>(element - tables.first_triangle);
-    if (wanted.semantic) set(pixels.semantic, its, tables.semantic[tables.triangle_material[triangle]]);
-    if (wanted.instance) set(pixels.instance, its, tables.triangle_object[triangle] + tables.first_object);
+    if (wanted.semantic) set(pixels.semantic, where, tables.semantic[tables.triangle_material[triangle]]);
+    if (wanted.instance) set(pixels.instance, where, tables.triangle_object[triangle] + tables.first_object);
     if (!tints_some) return;
     if (prints.empty()) {
-      set(material_of, its, tables.triangle_material[triangle]);
+      set(material_of, where, tables.triangle_material[triangle]);
     } else {
-      set(material_of, its, prints[triangle].material);
-      textured.add(prints[triangle], its, weights);
+      set(material_of, where, prints[triangle].material);
+      textured.add(prints[triangle], where, weights);
     }
     for (std::size_t c = 0; colored && c < 3; ++c) {
       const auto& corners = tables.triangles[triangle];
       const auto color = [&](std::size_t k) { return tables.colors[static_cast<std::size_t>(corners[k])][c]; };
-      set(tints[c], its, weights(color(0), color(1), color(2)));
+      set(tints[c], where, weights(color(0), color(1), color(2)));
     }
   };
   for_each_number(each, numbers ? which : tinted, see);
   if (!tints_some) return pixels;
 
   material_of.store(materials);
-  for_each_number(materials, tinted, [&](std::int32_t material, const Mask& its) HWY_ATTR {
+  for_each_number(materials, tinted, [&](std::int32_t material, const Mask& where) HWY_ATTR {
     const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(material)];
-    for (std::size_t c = 0; c < 3; ++c) set(unit[c], its, paint.unit[c]);
-    if (paint.texture >= 0) textured.add(paint, its);
+    for (std::size_t c = 0; c < 3; ++c) set(unit[c], where, paint.unit[c]);
+    if (paint.texture >= 0) textured.add(paint, where);
   });
   tile.add(first, unit, colored ? &tints : nullptr);
   if (none(textured.lanes)) {
@@ -611,9 +611,9 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
     }
     const F3 front = normalised(cross(F3::load(a[0], a[1], a[2]), F3::load(b[0], b[1], b[2])));
     Color unit{0.0F, 0.0F, 0.0F};
-    for_each_number(material, Mask(true), [&](std::int32_t number, const Mask& its) HWY_ATTR {
+    for_each_number(material, Mask(true), [&](std::int32_t number, const Mask& where) HWY_ATTR {
       const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(number)];
-      for (std::size_t c = 0; c < 3; ++c) set(unit[c], its, paint.unit[c]);
+      for (std::size_t c = 0; c < 3; ++c) set(unit[c], where, paint.unit[c]);
     });
     alignas(64) std::int32_t plain[2][PixelTile::kSide], roots[2][PixelTile::kSide];
     for (std::size_t k = 0; k < 2; ++k) {

@@ -28,7 +28,7 @@ struct Parts {
   std::vector<std::int32_t> kept;
 };
 
-Parts parts(std::uint32_t seed, std::size_t num_primitives, bool (*is_kept)(Presence)) {
+Parts parts(std::uint32_t seed, std::size_t num_primitives, bool (*is_kept)(Visibility)) {
   std::mt19937 random(seed);
   const auto uniform = [&](float low, float high) { return std::uniform_real_distribution<float>(low, high)(random); };
   const auto point = [&] { return Vec3(uniform(-9, 9), uniform(-9, 9), uniform(-9, 9)); };
@@ -38,10 +38,10 @@ Parts parts(std::uint32_t seed, std::size_t num_primitives, bool (*is_kept)(Pres
     const PrimitiveKind kind = i % 2 == 0 ? PrimitiveKind::box : PrimitiveKind::sphere;
     const float size = uniform(0.2F, 1.0F);
     made.all.primitives.push_back(
-        {.kind = kind, .center = point(), .half_extents = Vec3::Constant(size), .presence = static_cast<Presence>(i % 3)});
+        {.kind = kind, .center = point(), .half_extents = Vec3::Constant(size), .visibility = static_cast<Visibility>(i % 3)});
   }
   for (std::uint16_t object = 0; object < 40; ++object) {
-    made.all.mesh.presence.push_back(static_cast<Presence>(object % 3));
+    made.all.mesh.visibility.push_back(static_cast<Visibility>(object % 3));
     const Vec3 at = point();
     for (int i = 0; i < 3; ++i) {
       const auto first = static_cast<std::int32_t>(made.all.mesh.vertices.size());
@@ -57,24 +57,24 @@ Parts parts(std::uint32_t seed, std::size_t num_primitives, bool (*is_kept)(Pres
   made.part.mesh.materials.clear();
   made.part.mesh.objects.clear();
   for (std::size_t i = 0; i < made.all.primitives.size(); ++i) {
-    if (!is_kept(made.all.primitives[i].presence)) continue;
+    if (!is_kept(made.all.primitives[i].visibility)) continue;
     made.part.primitives.push_back(made.all.primitives[i]);
-    made.part.primitives.back().presence = Presence::full;
+    made.part.primitives.back().visibility = Visibility::full;
     made.kept.push_back(static_cast<std::int32_t>(i));
   }
   const TriangleMesh& mesh = made.all.mesh;
   for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
-    if (!is_kept(mesh.presence_of(i))) continue;
+    if (!is_kept(mesh.visibility_of(i))) continue;
     made.part.mesh.triangles.push_back(mesh.triangles[i]);
     made.part.mesh.objects.push_back(mesh.objects[i]);
     made.kept.push_back(static_cast<std::int32_t>(made.all.primitives.size() + i));
   }
-  made.part.mesh.presence.clear();
+  made.part.mesh.visibility.clear();
   return made;
 }
 
 // Few primitives are traced directly, many by Embree.
-TEST(Presence, RaysMeetWhatIsVisual) {
+TEST(Visibility, RaysMeetWhatIsVisual) {
   for (const std::size_t count : {6U, 600U}) {
     const Parts made = parts(1, count, is_visible);
     const World all(made.all), part(made.part);
@@ -98,7 +98,7 @@ TEST(Presence, RaysMeetWhatIsVisual) {
   }
 }
 
-TEST(Presence, DronesMeetWhatIsSolid) {
+TEST(Visibility, DronesMeetWhatIsSolid) {
   for (const std::size_t count : {6U, 600U}) {
     const Parts made = parts(3, count, is_solid);
     const World all(made.all), part(made.part);
@@ -121,20 +121,20 @@ TEST(Presence, DronesMeetWhatIsSolid) {
   }
 }
 
-TEST(Presence, SurveysTellOfBoth) {
+TEST(Visibility, SurveysTellOfBoth) {
   const World world(parts(5, 6, is_visible).all);
   const ObjectList list = objects(world);
-  ASSERT_EQ(list.presence.size(), 47U);
+  ASSERT_EQ(list.visibility.size(), 47U);
   std::vector<std::size_t> points(47, 0);
   for (const std::int32_t object : point_cloud(world, 0.1F).objects) ++points[static_cast<std::size_t>(object)];
   for (std::size_t i = 0; i < 47; ++i) {
-    const Presence expected = i < 7 ? world.primitives()[i].presence : static_cast<Presence>((i - 7) % 3);
-    EXPECT_EQ(list.presence[i], expected);
+    const Visibility expected = i < 7 ? world.primitives()[i].visibility : static_cast<Visibility>((i - 7) % 3);
+    EXPECT_EQ(list.visibility[i], expected);
     EXPECT_EQ(points[i] > 0, is_visible(expected)) << i;
   }
 }
 
-TEST(Presence, FilesKeepIt) {
+TEST(Visibility, FilesKeepIt) {
   const SceneDescription scene = parts(6, 30, is_visible).all;
   const World world(scene);
   EXPECT_EQ(World::from_json(world.to_json())->content_hash(), world.content_hash());
@@ -145,18 +145,18 @@ TEST(Presence, FilesKeepIt) {
   }
 }
 
-TEST(Presence, DescriptionsAreBroughtIntoOneForm) {
+TEST(Visibility, DescriptionsAreBroughtIntoOneForm) {
   SceneDescription scene;
   scene.mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   scene.mesh.triangles = {{0, 1, 2}, {2, 1, 0}};
   scene.mesh.objects = {0, 3};
   const std::uint64_t plain = World(scene).content_hash();
-  scene.mesh.presence = {Presence::full, Presence::visual, Presence::solid, Presence::full, Presence::visual};
-  EXPECT_TRUE(canonical(scene).mesh.presence.empty());
+  scene.mesh.visibility = {Visibility::full, Visibility::visual, Visibility::solid, Visibility::full, Visibility::visual};
+  EXPECT_TRUE(canonical(scene).mesh.visibility.empty());
   EXPECT_EQ(World(scene).content_hash(), plain);
-  scene.mesh.presence[3] = Presence::visual;
-  EXPECT_EQ(canonical(scene).mesh.presence,
-            (std::vector<Presence>{Presence::full, Presence::full, Presence::full, Presence::visual}));
+  scene.mesh.visibility[3] = Visibility::visual;
+  EXPECT_EQ(canonical(scene).mesh.visibility,
+            (std::vector<Visibility>{Visibility::full, Visibility::full, Visibility::full, Visibility::visual}));
   EXPECT_NE(World(scene).content_hash(), plain);
 
   const auto message_of = [](const SceneDescription& description) -> std::string {
@@ -167,27 +167,27 @@ TEST(Presence, DescriptionsAreBroughtIntoOneForm) {
     }
     return "accepted";
   };
-  scene.mesh.presence[0] = Presence::visual;
+  scene.mesh.visibility[0] = Visibility::visual;
   EXPECT_EQ(message_of(scene), "scene: expected at least one primitive or triangle that is solid, got none");
-  scene.primitives = {{.kind = PrimitiveKind::sphere, .presence = Presence::solid}};
+  scene.primitives = {{.kind = PrimitiveKind::sphere, .visibility = Visibility::solid}};
   EXPECT_EQ(message_of(scene), "accepted");
-  scene.primitives[0].presence = static_cast<Presence>(3);
-  EXPECT_EQ(message_of(scene), "primitives[0].presence: expected a Presence, got 3");
-  scene.primitives = {{.kind = PrimitiveKind::room, .presence = Presence::solid}};
-  EXPECT_EQ(message_of(scene), "primitives[0].presence: expected a room that is full, got another");
+  scene.primitives[0].visibility = static_cast<Visibility>(3);
+  EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected a Visibility, got 3");
+  scene.primitives = {{.kind = PrimitiveKind::room, .visibility = Visibility::solid}};
+  EXPECT_EQ(message_of(scene), "primitives[0].visibility: expected a room that is full, got another");
 }
 
-TEST(Presence, BuildersSetIt) {
+TEST(Visibility, BuildersSetIt) {
   WorldBuilder builder;
   const std::uint16_t material = builder.material({"a"});
-  builder.sphere({0, 0, 0}, 1.0F, material, Presence::solid);
-  builder.box({5, 0, 0}, {1, 1, 1}, material, Quat::Identity(), Presence::visual);
+  builder.sphere({0, 0, 0}, 1.0F, material, Visibility::solid);
+  builder.box({5, 0, 0}, {1, 1, 1}, material, Quat::Identity(), Visibility::visual);
   builder.mesh({.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .triangles = {{0, 1, 2}}}, material);
-  builder.heightfield({.columns = 2, .rows = 2, .heights = {0, 0, 0, 0}}, material, Presence::visual);
+  builder.heightfield({.columns = 2, .rows = 2, .heights = {0, 0, 0, 0}}, material, Visibility::visual);
   const auto world = builder.build();
-  EXPECT_EQ(world->primitives()[0].presence, Presence::visual);  // boxes come first
-  EXPECT_EQ(world->primitives()[1].presence, Presence::solid);
-  EXPECT_EQ(world->triangles().presence, (std::vector<Presence>{Presence::full, Presence::visual}));
+  EXPECT_EQ(world->primitives()[0].visibility, Visibility::visual);  // boxes come first
+  EXPECT_EQ(world->primitives()[1].visibility, Visibility::solid);
+  EXPECT_EQ(world->triangles().visibility, (std::vector<Visibility>{Visibility::full, Visibility::visual}));
 }
 
 }  // namespace

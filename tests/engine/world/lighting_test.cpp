@@ -45,7 +45,7 @@ SceneDescription scene() {
 }
 
 Look evening() {
-  Look look;
+  Lighting look;
   look.light.sun_direction = {-0.9F, 0.4F, 0.3F};
   look.light.sun_color = {0.7F, 0.4F, 0.2F};
   look.light.sky_ambient = {0.2F, 0.25F, 0.4F};
@@ -110,7 +110,7 @@ TEST(Looks, ShareWhatRaysAndDronesMeetAndImages) {
 
 TEST(Looks, AreRefusedWithTheNameOfTheField) {
   const Shared world = std::make_shared<const World>(scene());
-  const auto refusal = [&](const Look& look) -> std::string {
+  const auto refusal = [&](const Lighting& look) -> std::string {
     try {
       static_cast<void>(World(world, look));
     } catch (const std::invalid_argument& error) {
@@ -118,7 +118,7 @@ TEST(Looks, AreRefusedWithTheNameOfTheField) {
     }
     return "taken";
   };
-  Look look;
+  Lighting look;
   look.tint = {{1, 1, 1}};
   EXPECT_NE(refusal(look).find("tint: expected 3 colours"), std::string::npos) << refusal(look);
   look.tint = {{1, 1, 1}, {1, std::numeric_limits<float>::quiet_NaN(), 1}, {1, 1, 1}};
@@ -138,7 +138,7 @@ TEST(Looks, AreDrawnByEpisodesAndSetByEnv) {
     config.cameras = {{.width_px = 16, .height_px = 12, .outputs = {.rgb = true, .depth = true}}};
     Batch::Worlds worlds{world};
     for (std::size_t i = 1; i < looks; ++i) {
-      Look look;
+      Lighting look;
       look.light.ground_ambient = look.light.sky_ambient = {0.1F * static_cast<float>(i), 0.3F, 0.2F};
       worlds.push_back(std::make_shared<const World>(world, look));
     }

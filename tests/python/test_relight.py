@@ -27,7 +27,7 @@ def picture(worlds: list[flockstep.World], backend: str) -> flockstep.Camera:
 
 
 def test_backends_agree_in_every_light() -> None:
-    worlds = flockstep.looks("outdoor/forest", 3, seed=4)
+    worlds = flockstep.relight("outdoor/forest", 3, seed=4)
     drawn, traced = picture(worlds, "gl"), picture(worlds, "raycast")
     for env in range(len(worlds)):
         apart = np.abs(traced.rgb[env].astype(int) - drawn.rgb[env].astype(int)).max(axis=-1)
@@ -37,11 +37,11 @@ def test_backends_agree_in_every_light() -> None:
 
 
 def test_the_same_seed_draws_the_same_looks() -> None:
-    first, again = flockstep.looks("playground/train-1", 3, 7), flockstep.looks("playground/train-1", 5, 7)
+    first, again = flockstep.relight("playground/train-1", 3, 7), flockstep.relight("playground/train-1", 5, 7)
     assert [world.to_dict() for world in first] == [world.to_dict() for world in again[:3]]
     assert first[0].light != first[1].light
-    assert first[0].to_dict() != flockstep.looks("playground/train-1", 1, 8)[0].to_dict()
-    for world in flockstep.looks("outdoor/city", 20, elevation_deg=(30, 40), azimuth_deg=(90, 90), tint=0):
+    assert first[0].to_dict() != flockstep.relight("playground/train-1", 1, 8)[0].to_dict()
+    for world in flockstep.relight("outdoor/city", 20, elevation_deg=(30, 40), azimuth_deg=(90, 90), tint=0):
         x, y, z = world.light["sun_direction"]
         assert abs(x) < 1e-6 and y > 0
         assert 29.9 < np.degrees(np.arcsin(z)) < 40.1
@@ -93,4 +93,4 @@ def test_a_light_that_cannot_be(arguments: dict[str, Any], message: str) -> None
 )
 def test_looks_that_cannot_be(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        flockstep.looks(**{"world": "playground/train-1", **arguments})
+        flockstep.relight(**{"world": "playground/train-1", **arguments})

@@ -10,7 +10,7 @@ from flockstep.scenes import WorldLike, load_one
 Range = tuple[float, float]
 
 
-def looks(
+def relight(
     world: WorldLike,
     count: int,
     seed: int = 0,

@@ -1,4 +1,4 @@
-"""LiDARs and cameras in every shipped world, and what loading many triangles takes."""
+"""LiDARs and cameras in every bundled world, and what loading many triangles takes."""
 
 from __future__ import annotations
 
