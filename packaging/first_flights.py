@@ -42,6 +42,7 @@ def main() -> None:
     assert has_opengl or ("libegl1" in said and "libgl1" in said), said
     print(f"lidar and raycast fly; gl {'flies' if has_opengl else f'says: {said}'}")
     assert (flockstep.include_dir() / "flockstep" / "task.hpp").is_file()
+    assert (flockstep.cmake_dir() / "flockstepConfig.cmake").is_file()
 
 
 if __name__ == "__main__":
