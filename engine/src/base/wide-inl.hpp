@@ -66,31 +66,25 @@ struct WideMask {
     for (std::size_t p = 0; p < kParts; ++p) part[p] = hn::Eq(hn::Set(D(), all ? 0 : 1), hn::Zero(D()));
   }
 
-  friend HWY_INLINE WideMask operator&(const WideMask& a, const WideMask& b) {
-    FLOCKSTEP_EACH_PART(WideMask, hn::And(a.part[p], b.part[p]));
-  }
-  friend HWY_INLINE WideMask operator|(const WideMask& a, const WideMask& b) {
-    FLOCKSTEP_EACH_PART(WideMask, hn::Or(a.part[p], b.part[p]));
-  }
-  friend HWY_INLINE WideMask operator~(const WideMask& a) { FLOCKSTEP_EACH_PART(WideMask, hn::Not(a.part[p])); }
+  friend HWY_INLINE WideMask operator&(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::And(a.part[p], b.part[p])); }
+  friend HWY_INLINE WideMask operator|(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::Or(a.part[p], b.part[p])); }
+  friend HWY_INLINE WideMask operator~(WideMask a) { FLOCKSTEP_EACH_PART(WideMask, hn::Not(a.part[p])); }
   // a & ~b in one instruction.
-  friend HWY_INLINE WideMask without(const WideMask& a, const WideMask& b) {
-    FLOCKSTEP_EACH_PART(WideMask, hn::AndNot(b.part[p], a.part[p]));
-  }
-  friend HWY_INLINE bool none(const WideMask& mask) {
+  friend HWY_INLINE WideMask without(WideMask a, WideMask b) { FLOCKSTEP_EACH_PART(WideMask, hn::AndNot(b.part[p], a.part[p])); }
+  friend HWY_INLINE bool none(WideMask mask) {
     for (std::size_t p = 0; p < kParts; ++p) {
       if (!hn::AllFalse(D(), mask.part[p])) return false;
     }
     return true;
   }
-  friend HWY_INLINE bool all(const WideMask& mask) {
+  friend HWY_INLINE bool all(WideMask mask) {
     for (std::size_t p = 0; p < kParts; ++p) {
       if (!hn::AllTrue(D(), mask.part[p])) return false;
     }
     return true;
   }
   // A bit for each lane, the first lane's the lowest.
-  friend HWY_INLINE std::uint32_t bits(const WideMask& mask) {
+  friend HWY_INLINE std::uint32_t bits(WideMask mask) {
     static_assert(kLanes * kParts <= 32);
     std::uint32_t result = 0;
     for (std::size_t p = 0; p < kParts; ++p) {
@@ -119,7 +113,7 @@ struct Wide {
 
   static HWY_INLINE Wide load(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::Load(D(), from + p * kLanes)); }
   static HWY_INLINE Wide load_unaligned(const T* from) { FLOCKSTEP_EACH_PART(Wide, hn::LoadU(D(), from + p * kLanes)); }
-  static HWY_INLINE Wide gather(const T* table, const Int& index) {
+  static HWY_INLINE Wide gather(const T* table, Int index) {
     FLOCKSTEP_EACH_PART(Wide, hn::GatherIndex(D(), table, index.part[p]));
   }
   // 0, 1, 2, ...
@@ -131,38 +125,32 @@ struct Wide {
     for (std::size_t p = 0; p < kParts; ++p) hn::StoreU(part[p], D(), to + p * kLanes);
   }
 
-  friend HWY_INLINE Wide operator+(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Add(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide operator-(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Sub(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide operator*(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Mul(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide operator/(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Div(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide operator-(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Neg(a.part[p])); }
+  friend HWY_INLINE Wide operator+(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Add(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator-(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Sub(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator*(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Mul(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator/(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Div(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator-(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Neg(a.part[p])); }
   // A NaN as the first operand gives the second.
-  friend HWY_INLINE Wide min(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Min(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide max(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Max(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide abs(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Abs(a.part[p])); }
-  friend HWY_INLINE Wide sqrt(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Sqrt(a.part[p])); }
-  friend HWY_INLINE Wide floor(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Floor(a.part[p])); }
-  friend HWY_INLINE Wide round(const Wide& a) { FLOCKSTEP_EACH_PART(Wide, hn::Round(a.part[p])); }
+  friend HWY_INLINE Wide min(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Min(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide max(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Max(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide abs(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Abs(a.part[p])); }
+  friend HWY_INLINE Wide sqrt(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Sqrt(a.part[p])); }
+  friend HWY_INLINE Wide floor(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Floor(a.part[p])); }
+  friend HWY_INLINE Wide round(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Round(a.part[p])); }
   // The first number's magnitude with the second's sign; the first number, negated where the second is negative.
-  friend HWY_INLINE Wide copy_sign(const Wide& a, const Wide& sign) {
-    FLOCKSTEP_EACH_PART(Wide, hn::CopySign(a.part[p], sign.part[p]));
-  }
-  friend HWY_INLINE Wide flip_sign(const Wide& a, const Wide& sign) {
+  friend HWY_INLINE Wide copy_sign(Wide a, Wide sign) { FLOCKSTEP_EACH_PART(Wide, hn::CopySign(a.part[p], sign.part[p])); }
+  friend HWY_INLINE Wide flip_sign(Wide a, Wide sign) {
     FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], hn::And(sign.part[p], hn::SignBit(D()))));
   }
   // Integers; saturated sums and differences of small ones.
-  friend HWY_INLINE Wide saturated_add(const Wide& a, const Wide& b) {
-    FLOCKSTEP_EACH_PART(Wide, hn::SaturatedAdd(a.part[p], b.part[p]));
-  }
-  friend HWY_INLINE Wide saturated_sub(const Wide& a, const Wide& b) {
-    FLOCKSTEP_EACH_PART(Wide, hn::SaturatedSub(a.part[p], b.part[p]));
-  }
-  friend HWY_INLINE Wide operator&(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::And(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide operator|(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Or(a.part[p], b.part[p])); }
-  friend HWY_INLINE Wide operator^(const Wide& a, const Wide& b) { FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide saturated_add(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::SaturatedAdd(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide saturated_sub(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::SaturatedSub(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator&(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::And(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator|(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Or(a.part[p], b.part[p])); }
+  friend HWY_INLINE Wide operator^(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], b.part[p])); }
 
 #define FLOCKSTEP_COMPARISON(op, function)                                                    \
-  friend HWY_INLINE Mask operator op(const Wide& a, const Wide& b) {                          \
+  friend HWY_INLINE Mask operator op(Wide a, Wide b) {                                        \
     FLOCKSTEP_EACH_PART(Mask, hn::RebindMask(MaskTag(), hn::function(a.part[p], b.part[p]))); \
   }
   FLOCKSTEP_COMPARISON(==, Eq)
@@ -173,18 +161,18 @@ struct Wide {
   FLOCKSTEP_COMPARISON(>=, Ge)
 #undef FLOCKSTEP_COMPARISON
 
-  friend HWY_INLINE Wide select(const Mask& mask, const Wide& yes, const Wide& no) {
+  friend HWY_INLINE Wide select(Mask mask, Wide yes, Wide no) {
     FLOCKSTEP_EACH_PART(Wide, hn::IfThenElse(hn::RebindMask(D(), mask.part[p]), yes.part[p], no.part[p]));
   }
   // With 0 for the other value.
-  friend HWY_INLINE Wide value_if(const Mask& mask, const Wide& a) {
+  friend HWY_INLINE Wide value_if(Mask mask, Wide a) {
     FLOCKSTEP_EACH_PART(Wide, hn::IfThenElseZero(hn::RebindMask(D(), mask.part[p]), a.part[p]));
   }
-  friend HWY_INLINE Wide zero_if(const Mask& mask, const Wide& a) {
+  friend HWY_INLINE Wide zero_if(Mask mask, Wide a) {
     FLOCKSTEP_EACH_PART(Wide, hn::IfThenZeroElse(hn::RebindMask(D(), mask.part[p]), a.part[p]));
   }
 
-  friend HWY_INLINE T min_of_lanes(const Wide& a) {
+  friend HWY_INLINE T min_of_lanes(Wide a) {
     hn::Vec<D> least = a.part[0];
     for (std::size_t p = 1; p < kParts; ++p) least = hn::Min(least, a.part[p]);
     return hn::GetLane(hn::MinOfLanes(D(), least));
@@ -203,7 +191,7 @@ using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::Capp
 
 // Between floats and integers, which rounds towards 0, and between numbers of other sizes, as many lanes of either.
 template <class To, class D, std::size_t kParts>
-HWY_INLINE To convert(const Wide<D, kParts>& a) {
+HWY_INLINE To convert(Wide<D, kParts> a) {
   constexpr typename To::Tag to;
   if constexpr (sizeof(typename To::T) == sizeof(hn::TFromD<D>)) {
     FLOCKSTEP_EACH_PART(To, hn::ConvertTo(to, a.part[p]));
@@ -214,15 +202,15 @@ HWY_INLINE To convert(const Wide<D, kParts>& a) {
   }
 }
 template <class To, class D, std::size_t kParts>
-HWY_INLINE To bit_cast(const Wide<D, kParts>& a) {
+HWY_INLINE To bit_cast(Wide<D, kParts> a) {
   FLOCKSTEP_EACH_PART(To, hn::BitCast(typename To::Tag(), a.part[p]));
 }
 template <int kBits, class D, std::size_t kParts, class Result = Wide<D, kParts>>
-HWY_INLINE Result shift_left(const Wide<D, kParts>& a) {
+HWY_INLINE Result shift_left(Wide<D, kParts> a) {
   FLOCKSTEP_EACH_PART(Result, hn::ShiftLeft<kBits>(a.part[p]));
 }
 template <int kBits, class D, std::size_t kParts, class Result = Wide<D, kParts>>
-HWY_INLINE Result shift_right(const Wide<D, kParts>& a) {
+HWY_INLINE Result shift_right(Wide<D, kParts> a) {
   FLOCKSTEP_EACH_PART(Result, hn::ShiftRight<kBits>(a.part[p]));
 }
 #undef FLOCKSTEP_EACH_PART
@@ -262,8 +250,8 @@ struct Wide3 {
   friend HWY_INLINE Wide3 operator+(const Wide3& a, const Wide3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
   friend HWY_INLINE Wide3 operator-(const Wide3& a, const Wide3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
   friend HWY_INLINE Wide3 operator-(const Wide3& a) { return {-a.x, -a.y, -a.z}; }
-  friend HWY_INLINE Wide3 operator*(const Wide3& a, const F& s) { return {a.x * s, a.y * s, a.z * s}; }
-  friend HWY_INLINE Wide3 operator/(const Wide3& a, const F& s) { return {a.x / s, a.y / s, a.z / s}; }
+  friend HWY_INLINE Wide3 operator*(const Wide3& a, F s) { return {a.x * s, a.y * s, a.z * s}; }
+  friend HWY_INLINE Wide3 operator/(const Wide3& a, F s) { return {a.x / s, a.y / s, a.z / s}; }
   friend HWY_INLINE F dot(const Wide3& a, const Wide3& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
   friend HWY_INLINE Wide3 cross(const Wide3& a, const Wide3& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};

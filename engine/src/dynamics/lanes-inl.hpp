@@ -22,7 +22,7 @@ using F = WideUpTo<kLanes>;
 using V3 = Wide3<F>;
 
 HWY_INLINE F load(const Lane& lane, std::size_t at) { return F::load(lane.data() + at); }
-HWY_INLINE void store(const F& value, Lane& lane, std::size_t at) { value.store(lane.data() + at); }
+HWY_INLINE void store(F value, Lane& lane, std::size_t at) { value.store(lane.data() + at); }
 HWY_INLINE V3 load3(const Lanes<3>& lanes, std::size_t at) {
   return {load(lanes[0], at), load(lanes[1], at), load(lanes[2], at)};
 }

@@ -56,12 +56,12 @@ void mark_image(std::span<const std::uint8_t> image, ImageLayout layout, std::si
 }
 
 // The larger of two channels times the ratio, rounded down.
-HWY_INLINE Bytes ratio_of_larger(const Bytes& a, const Bytes& b) {
+HWY_INLINE Bytes ratio_of_larger(Bytes a, Bytes b) {
   const Bytes larger = max(a, b);
   return saturated_add(larger, shift_right<kRatioShift>(larger));
 }
 
-HWY_INLINE void store_marks(const Bytes::Mask& marks, std::uint8_t* to) { value_if(marks, Bytes(255)).store_unaligned(to); }
+HWY_INLINE void store_marks(Bytes::Mask marks, std::uint8_t* to) { value_if(marks, Bytes(255)).store_unaligned(to); }
 
 // (pixels,): 255 where a pixel is green, else 0.
 void mark_green(std::span<const std::uint8_t> rgb, ImageLayout layout, std::span<std::uint8_t> mask) {
@@ -93,7 +93,7 @@ void mark_range(std::span<const std::uint8_t> image, ImageLayout layout, const C
           pixel = {saturated_sub(red, ratio_of_larger(green, blue)), saturated_sub(green, ratio_of_larger(red, blue)),
                    saturated_sub(blue, ratio_of_larger(red, green))};
         }
-        const auto is_in = [&](const Bytes& value, std::size_t k) HWY_ATTR { return ~((low[k] > value) | (value > high[k])); };
+        const auto is_in = [&](Bytes value, std::size_t k) HWY_ATTR { return ~((low[k] > value) | (value > high[k])); };
         const Bytes::Mask hue = is_in(pixel.x, 0);
         store_marks((wraps ? ~hue : hue) & is_in(pixel.y, 1) & is_in(pixel.z, 2), mask.data() + first);
       },

@@ -18,7 +18,7 @@ using Rays3 = Wide3<Rays>;
 
 // A hit at the range itself counts, at infinity none does.
 template <bool kNumbered>
-HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, const Rays& range, float* t_hit, std::int32_t* element) {
+HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, Rays range, float* t_hit, std::int32_t* element) {
   const Rays metres = nearest.metres();
   const Rays::Mask hit = (metres <= range) & (metres < kInfinity);
   select(hit, metres, kInfinity).store(t_hit);
@@ -48,7 +48,7 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
   for (const Candidate& candidate : candidates) {
     const Vec3 center = candidate.shape->box_center - rays.origin;
     const Vec3& half = candidate.shape->box_half;
-    const auto along = [&](int axis, const Planes& n) HWY_ATTR { return n * center[axis] - abs(n) * half[axis]; };
+    const auto along = [&](int axis, Planes n) HWY_ATTR { return n * center[axis] - abs(n) * half[axis]; };
     const Planes nearest = along(0, normal.x) + along(1, normal.y) + along(2, normal.z);
     if (!none(nearest > reach)) continue;
     if (count == max_seen) return max_seen + 1;
@@ -59,7 +59,7 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
 
 // A candidate met by one vector of rays.
 template <bool kNumbered>
-HWY_INLINE void meet(const Candidate& candidate, const Rays3& direction, const Rays& near, Nearest<Rays, kNumbered>& nearest) {
+HWY_INLINE void meet(const Candidate& candidate, const Rays3& direction, Rays near, Nearest<Rays, kNumbered>& nearest) {
   const Shape& shape = *candidate.shape;
   const auto& local = candidate.local_origin;
   const Rays3 o{local[0], local[1], local[2]};

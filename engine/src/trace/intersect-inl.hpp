@@ -34,8 +34,8 @@ struct Fraction {
   F num, den;
 
   friend HWY_INLINE typename F::Mask operator<(const Fraction& a, const Fraction& b) { return a.num * b.den < b.num * a.den; }
-  friend HWY_INLINE typename F::Mask operator>=(const Fraction& a, const F& b) { return a.num >= b * a.den; }
-  friend HWY_INLINE Fraction select(const typename F::Mask& mask, const Fraction& yes, const Fraction& no) {
+  friend HWY_INLINE typename F::Mask operator>=(const Fraction& a, F b) { return a.num >= b * a.den; }
+  friend HWY_INLINE Fraction select(typename F::Mask mask, const Fraction& yes, const Fraction& no) {
     return {select(mask, yes.num, no.num), select(mask, yes.den, no.den)};
   }
   friend HWY_INLINE Fraction min(const Fraction& a, const Fraction& b) { return select(b < a, b, a); }
@@ -65,13 +65,13 @@ HWY_INLINE Interval<F> hull(const Interval<F>& a, const Interval<F>& b) {
 
 // When the ray leaves [-half, half], given that it starts within: at the face it moves towards.
 template <class F>
-HWY_INLINE Fraction<F> slab_exit(const F& origin, const F& direction, float half) {
+HWY_INLINE Fraction<F> slab_exit(F origin, F direction, float half) {
   return {half - flip_sign(origin, direction), abs(direction)};  // the origin, counted in the ray's direction
 }
 
 // Where o + t d lies within [-half, half].
 template <class F>
-HWY_INLINE Interval<F> slab(const F& origin, const F& direction, float half) {
+HWY_INLINE Interval<F> slab(F origin, F direction, float half) {
   const F h = half;
   const F along = flip_sign(origin, direction);
   const F speed = abs(direction);
@@ -91,7 +91,7 @@ HWY_INLINE Interval<F> box_interval(const Wide3<F>& o, const Wide3<F>& dir, cons
 // from the centre out of a cross product, and not out of o.o - (o.d)^2 / d.d, keeps thin far primitives exact: there is no
 // difference of two large squares. Meets nothing where the ball is missed or wholly behind.
 template <class F>
-HWY_INLINE Interval<F> ball(const F& o_dot_d, const F& d_dot_d, const F& cross_squared, float radius) {
+HWY_INLINE Interval<F> ball(F o_dot_d, F d_dot_d, F cross_squared, float radius) {
   const F square = radius * radius * d_dot_d - cross_squared;
   const auto ahead = (o_dot_d < 0.0F) | (square >= o_dot_d * o_dot_d);
   const auto meets = (square >= 0.0F) & ahead;
@@ -156,10 +156,10 @@ struct Nearest {
   I element;             // -1 where nothing is hit
 
   HWY_INLINE Nearest() : Nearest(kInfinity, -1) {}
-  HWY_INLINE Nearest(const F& metres, const I& number) : distance{metres, 1.0F}, element(number) {}
+  HWY_INLINE Nearest(F metres, I number) : distance{metres, 1.0F}, element(number) {}
 
   // Takes a hit at a smaller distance; of two at one distance that of the lower element. Distances >= 0.
-  HWY_INLINE void take(const Fraction<F>& hit, const M& valid, std::int32_t number) {
+  HWY_INLINE void take(const Fraction<F>& hit, M valid, std::int32_t number) {
     M nearer = hit < distance;
     if constexpr (kNumbered) nearer = nearer | ((hit.num * distance.den == distance.num * hit.den) & (number < element));
     nearer = valid & nearer;
@@ -168,14 +168,14 @@ struct Nearest {
   }
 
   // The surface of a solid, seen from outside and from inside, no nearer than `near` >= 0.
-  HWY_INLINE void meet(const Interval<F>& inside, std::int32_t number, const F& near) {
+  HWY_INLINE void meet(const Interval<F>& inside, std::int32_t number, F near) {
     const M valid = without(inside.meets & (inside.exit >= near), inside.exit < inside.enter);
     if (none(valid)) return;
     take(select(inside.enter >= near, inside.enter, inside.exit), valid, number);
   }
 
   // The same, seen from outside only.
-  HWY_INLINE void meet_front(const Interval<F>& inside, std::int32_t number, const F& near) {
+  HWY_INLINE void meet_front(const Interval<F>& inside, std::int32_t number, F near) {
     const M valid = without(inside.meets & (inside.enter >= near), inside.exit < inside.enter);
     if (!none(valid)) take(inside.enter, valid, number);
   }

@@ -68,10 +68,10 @@ using M = F::Mask;
 using F3 = Wide3<F>;
 
 // Whole vectors: a store by mask is slow on some processors, and so is what reads it back soon.
-HWY_INLINE void store_where(const M& mask, const F& value, float* to) { select(mask, value, F::load(to)).store(to); }
-HWY_INLINE void store_where(const M& mask, std::int32_t value, std::int32_t* to) { select(mask, value, I::load(to)).store(to); }
+HWY_INLINE void store_where(M mask, F value, float* to) { select(mask, value, F::load(to)).store(to); }
+HWY_INLINE void store_where(M mask, std::int32_t value, std::int32_t* to) { select(mask, value, I::load(to)).store(to); }
 // The numbers with those of their places in their last four bits, so that no two are equal.
-HWY_INLINE F numbered(const F& a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota()); }
+HWY_INLINE F numbered(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota()); }
 HWY_INLINE F largest(const F3& a) { return max(max(abs(a.x), abs(a.y)), abs(a.z)); }
 
 constexpr float kRounding = 0x1p-20F;  // some roundings of a sum of products, relative to the magnitude of its terms
@@ -105,15 +105,13 @@ struct StoredRectangles {
 struct Linear {
   alignas(64) float of_1[16], of_u[16], of_v[16];
 
-  HWY_INLINE void set(const F& a, const F& b, const F& c) {
+  HWY_INLINE void set(F a, F b, F c) {
     a.store(of_1);
     b.store(of_u);
     c.store(of_v);
   }
   // Of one triangle for sixteen rays; of sixteen triangles for one ray.
-  HWY_INLINE F of_one(std::size_t triangle, const F& u, const F& v) const {
-    return of_1[triangle] + of_u[triangle] * u + of_v[triangle] * v;
-  }
+  HWY_INLINE F of_one(std::size_t triangle, F u, F v) const { return of_1[triangle] + of_u[triangle] * u + of_v[triangle] * v; }
   HWY_INLINE F of_all(float u, float v) const { return F::load(of_1) + F::load(of_u) * u + F::load(of_v) * v; }
 };
 struct Facets {

@@ -35,8 +35,8 @@ HWY_INLINE void prepare(Packet& packet, std::size_t lane, float near) {
 
 // Writes the hits of a vector of rays that Embree has found no farther than a range.
 template <class F, class Packet, class Rays>
-HWY_INLINE void store_hits(Packet& packet, std::size_t lane, const F& range, std::int32_t first_element, Rays& rays,
-                           HitDetails* details, std::size_t ray) {
+HWY_INLINE void store_hits(Packet& packet, std::size_t lane, F range, std::int32_t first_element, Rays& rays, HitDetails* details,
+                           std::size_t ray) {
   using I = typename F::Int;
   auto& hits = packet.hit;
   const F distance = F::load(packet.ray.tfar + lane);

@@ -17,7 +17,7 @@ void append(const RayBundle& bundle, std::size_t first, std::size_t count, RayBl
   for (std::size_t i = 0; i < count; i += F::kCount) {
     const std::size_t from = first + i;
     const std::size_t to = block.count + i;
-    const auto store = [&](const F& value, float* values) HWY_ATTR { value.store_unaligned(values + to); };
+    const auto store = [&](F value, float* values) HWY_ATTR { value.store_unaligned(values + to); };
     const auto direction = rotate(bundle.rotation, Wide3<F>::load_unaligned(bundle.x + from, bundle.y + from, bundle.z + from));
     store(bundle.origin.x(), block.org_x);
     store(bundle.origin.y(), block.org_y);

@@ -1,4 +1,4 @@
-// Worlds of one shape that look different.
+// Worlds of one shape in different light.
 
 #include <gtest/gtest.h>
 
@@ -44,15 +44,15 @@ SceneDescription scene() {
   return scene;
 }
 
-Look evening() {
-  Lighting look;
-  look.light.sun_direction = {-0.9F, 0.4F, 0.3F};
-  look.light.sun_color = {0.7F, 0.4F, 0.2F};
-  look.light.sky_ambient = {0.2F, 0.25F, 0.4F};
-  look.light.horizon_color = {0.9F, 0.5F, 0.3F};
-  look.light.sun_radius_deg = 2.0F;
-  look.tint = {{1, 0.8F, 0.6F}, {2, 1, 1}, {0.7F, 0.9F, 1}};
-  return look;
+Lighting evening() {
+  Lighting lighting;
+  lighting.light.sun_direction = {-0.9F, 0.4F, 0.3F};
+  lighting.light.sun_color = {0.7F, 0.4F, 0.2F};
+  lighting.light.sky_ambient = {0.2F, 0.25F, 0.4F};
+  lighting.light.horizon_color = {0.9F, 0.5F, 0.3F};
+  lighting.light.sun_radius_deg = 2.0F;
+  lighting.tint = {{1, 0.8F, 0.6F}, {2, 1, 1}, {0.7F, 0.9F, 1}};
+  return lighting;
 }
 
 CameraConfig camera() {
@@ -72,7 +72,7 @@ void expect_same_pictures(const Batch& a, const Batch& b) {
   EXPECT_EQ(x.normal, y.normal);
 }
 
-TEST(Looks, ShowWhatAWorldMadeWithThemShows) {
+TEST(Lighting, ShowWhatAWorldMadeWithThemShows) {
   SceneDescription made = scene();
   made.light = evening().light;
   made.materials[0].base_color = {0.5F, 0.5F * 0.8F, 0.5F * 0.6F};
@@ -90,9 +90,9 @@ TEST(Looks, ShowWhatAWorldMadeWithThemShows) {
   EXPECT_EQ(pictures(world)->images(0).depth, before->images(0).depth);
 }
 
-TEST(Looks, ShareWhatRaysAndDronesMeetAndImages) {
+TEST(Lighting, ShareWhatRaysAndDronesMeetAndImages) {
   const Shared world = std::make_shared<const World>(scene());
-  const World evening_world(world, evening()), again(std::make_shared<const World>(world, evening()), Look());
+  const World evening_world(world, evening()), again(std::make_shared<const World>(world, evening()), Lighting());
   for (const World* other : {&evening_world, &again}) {
     EXPECT_EQ(&prepared(*other).scene(), &prepared(*world).scene());
     EXPECT_EQ(&prepared(*other).obstacles(), &prepared(*world).obstacles());
@@ -101,46 +101,46 @@ TEST(Looks, ShareWhatRaysAndDronesMeetAndImages) {
     EXPECT_EQ(other->original(), world.get());
   }
   EXPECT_NE(&prepared(evening_world).shading(), &prepared(*world).shading());
-  // Other markers are another shape, with this look.
+  // Other markers are another shape, with this lighting.
   const Shared marked = evening_world.with_markers({});
   EXPECT_EQ(marked->original(), nullptr);
   EXPECT_EQ(marked->light().sun_color, evening().light.sun_color);
   EXPECT_EQ(marked->triangles().vertices, world->triangles().vertices);
 }
 
-TEST(Looks, AreRefusedWithTheNameOfTheField) {
+TEST(Lighting, AreRefusedWithTheNameOfTheField) {
   const Shared world = std::make_shared<const World>(scene());
-  const auto refusal = [&](const Lighting& look) -> std::string {
+  const auto refusal = [&](const Lighting& lighting) -> std::string {
     try {
-      static_cast<void>(World(world, look));
+      static_cast<void>(World(world, lighting));
     } catch (const std::invalid_argument& error) {
       return error.what();
     }
     return "taken";
   };
-  Lighting look;
-  look.tint = {{1, 1, 1}};
-  EXPECT_NE(refusal(look).find("tint: expected 3 colours"), std::string::npos) << refusal(look);
-  look.tint = {{1, 1, 1}, {1, std::numeric_limits<float>::quiet_NaN(), 1}, {1, 1, 1}};
-  EXPECT_NE(refusal(look).find("tint[1]"), std::string::npos) << refusal(look);
-  look.tint = {};
-  look.light.sun_direction = {0, 0, 0};
-  EXPECT_NE(refusal(look).find("light.sun_direction"), std::string::npos) << refusal(look);
+  Lighting lighting;
+  lighting.tint = {{1, 1, 1}};
+  EXPECT_NE(refusal(lighting).find("tint: expected 3 colours"), std::string::npos) << refusal(lighting);
+  lighting.tint = {{1, 1, 1}, {1, std::numeric_limits<float>::quiet_NaN(), 1}, {1, 1, 1}};
+  EXPECT_NE(refusal(lighting).find("tint[1]"), std::string::npos) << refusal(lighting);
+  lighting.tint = {};
+  lighting.light.sun_direction = {0, 0, 0};
+  EXPECT_NE(refusal(lighting).find("light.sun_direction"), std::string::npos) << refusal(lighting);
 }
 
-// Each episode draws a look by its env's stream; what the drones do is the same in all of them.
-TEST(Looks, AreDrawnByEpisodesAndSetByEnv) {
+// Each episode draws a lighting by its env's stream; what the drones do is the same in all of them.
+TEST(Lighting, AreDrawnByEpisodesAndSetByEnv) {
   const Shared world = playground({.seed = 3, .pillars = 4});
-  const auto made = [&](std::size_t looks) {
+  const auto made = [&](std::size_t count) {
     testing::NavigationBatch config = testing::navigation_batch(6);
     config.episode.random_world = true;
     config.episode.max_episode_steps = 5;
     config.cameras = {{.width_px = 16, .height_px = 12, .outputs = {.rgb = true, .depth = true}}};
     Batch::Worlds worlds{world};
-    for (std::size_t i = 1; i < looks; ++i) {
-      Lighting look;
-      look.light.ground_ambient = look.light.sky_ambient = {0.1F * static_cast<float>(i), 0.3F, 0.2F};
-      worlds.push_back(std::make_shared<const World>(world, look));
+    for (std::size_t i = 1; i < count; ++i) {
+      Lighting lighting;
+      lighting.light.ground_ambient = lighting.light.sky_ambient = {0.1F * static_cast<float>(i), 0.3F, 0.2F};
+      worlds.push_back(std::make_shared<const World>(world, lighting));
     }
     return config.make(worlds);
   };

@@ -96,24 +96,24 @@ HWY_INLINE F3 towards_camera(const F3& normal, const F3& direction) {
 
 // The entry of a table of kLast + 1 that is nearest to a share of it, in [0, 1].
 template <int kLast>
-HWY_INLINE I entry(const std::int32_t* table, const F& share) {
+HWY_INLINE I entry(const std::int32_t* table, F share) {
   return I::gather(table, convert<I>(share * static_cast<float>(kLast) + 0.5F));
 }
 
-HWY_INLINE I level(const Shading::Tables& tables, const F& value) {
+HWY_INLINE I level(const Shading::Tables& tables, F value) {
   // Lanes that show something else may hold anything, but must not read outside the table: max turns a NaN into 0.
   return entry<Shading::kLevels>(tables.levels.data(), sqrt(min(max(value, 0.0F), 1.0F)));
 }
 
-HWY_INLINE I packed(const I& red, const I& green, const I& blue) { return red | shift_left<8>(green) | shift_left<16>(blue); }
+HWY_INLINE I packed(I red, I green, I blue) { return red | shift_left<8>(green) | shift_left<16>(blue); }
 
 struct Nothing {};  // is emitted
 
 // What a base colour shows, as linear values, where the cosine of the angle between normal and sun is `sunward`, and the normal's
 // z `upward`.
 template <bool kShadows, bool kPlain, class Base, class Emitted = Nothing>
-HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, const F& sunward, const F& upward,
-                        const Rays<kShadows, kPlain>& rays, const Emitted& emitted = {}) {
+HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunward, F upward, const Rays<kShadows, kPlain>& rays,
+                        const Emitted& emitted = {}) {
   const Light& light = tables.light;
   F sun = max(sunward, 0.0F);
   if constexpr (kShadows) sun = zero_if(rays.shaded, sun);
@@ -142,23 +142,23 @@ HWY_INLINE I as_roots(const Color& color, const Color& unit) {
 }
 // The square of one of the roots.
 template <int kChannel>
-HWY_INLINE F squared_root(const I& roots) {
+HWY_INLINE F squared_root(I roots) {
   const F root = convert<F>(shift_right<10 * kChannel>(roots) & Shading::kRoots);
   return root * root;
 }
-HWY_INLINE Color of_roots(const I& roots, const Color& unit) {
+HWY_INLINE Color of_roots(I roots, const Color& unit) {
   return {squared_root<0>(roots) * unit[0], squared_root<1>(roots) * unit[1], squared_root<2>(roots) * unit[2]};
 }
 
 template <bool kShadows, bool kPlain>
-HWY_INLINE I on_ramp(const std::int32_t* ramp, const F& sunward, const Rays<kShadows, kPlain>& rays) {
+HWY_INLINE I on_ramp(const std::int32_t* ramp, F sunward, const Rays<kShadows, kPlain>& rays) {
   F sun = min(max(sunward, 0.0F), 1.0F);
   if constexpr (kShadows) sun = zero_if(rays.shaded, sun);
   return entry<Shading::kRamp>(ramp, sqrt(sun));
 }
 
 // How much of the sky's colour in a direction is the sun's; see Light.
-HWY_INLINE F sun_share(const Shading::Tables& tables, const F3& direction, const F& length) {
+HWY_INLINE F sun_share(const Shading::Tables& tables, const F3& direction, F length) {
   const SunDisc& disc = tables.sun_disc;
   const auto& to_sun = tables.light.sun_direction;
   const F3 apart = direction / length - F3{to_sun[0], to_sun[1], to_sun[2]};
@@ -184,7 +184,7 @@ HWY_INLINE I sky(const Shading::Tables& tables, const F3& direction) {
 
 // A flat face across an axis shows the side that looks against the ray.
 template <bool kShadows, bool kPlain>
-HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, const F& along, const Rays<kShadows, kPlain>& rays) {
+HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, F along, const Rays<kShadows, kPlain>& rays) {
   const auto side = [&](std::size_t sign) HWY_ATTR {
     const I lit_color = solid.faces[0][2 * axis + sign];
     if constexpr (!kShadows) return lit_color;
@@ -192,7 +192,7 @@ HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, const F& alo
   };
   return select(along < 0.0F, side(1), side(0));
 }
-HWY_INLINE F face_normal(const F& along) { return copy_sign(1.0F, -along); }
+HWY_INLINE F face_normal(F along) { return copy_sign(1.0F, -along); }
 
 template <bool kShadows, bool kPlain>
 HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir, const Rays<kShadows, kPlain>& rays,
@@ -273,9 +273,9 @@ HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid&
 }
 
 // A texture coordinate within [0, 1]: repeated, mirrored or clamped.
-HWY_INLINE F wrapped(const F& x, const I& wrap) {
+HWY_INLINE F wrapped(F x, I wrap) {
   const auto is = [&](TextureWrap which) HWY_ATTR { return wrap == static_cast<std::int32_t>(which); };
-  const auto within = [](const F& value) HWY_ATTR { return min(max(value, 0.0F), 1.0F); };
+  const auto within = [](F value) HWY_ATTR { return min(max(value, 0.0F), 1.0F); };
   const F repeated = x - floor(x);
   if (all(is(TextureWrap::repeat))) return within(repeated);  // as mostly
   const F there_and_back = x - 2.0F * floor(x * 0.5F);
@@ -289,7 +289,7 @@ struct Before {
   F towards;
 };
 
-HWY_INLINE Before before(const F& x, const I& size) {
+HWY_INLINE Before before(F x, I size) {
   const F at = x * convert<F>(size) - 0.5F;
   const F below = floor(at);
   return {convert<I>(below), at - below};
@@ -300,7 +300,7 @@ struct Pairs {
   I first, second;
 };
 
-HWY_INLINE Pairs pairs(const std::int32_t* texels, const I& numbers) {
+HWY_INLINE Pairs pairs(const std::int32_t* texels, I numbers) {
   const I::Tag one;
   const hn::Repartition<std::uint64_t, I::Tag> pair;  // at any texel, aligned or not
   const hn::RebindToSigned<decltype(pair)> offsets;
@@ -326,7 +326,7 @@ HWY_INLINE Levels levels_at(const Shading::Images& images, const std::int32_t* n
   const Mask asks = number > -1;
   const std::int32_t one = numbers[std::countr_zero(bits(asks))];
   const I safe = select(asks, number, one);
-  const auto of = [](const I& offset, const I& size) HWY_ATTR {
+  const auto of = [](I offset, I size) HWY_ATTR {
     const I width = size & 0xFFFF;
     return Levels{offset, width, shift_right<16>(size), width + 2};  // with a border
   };
@@ -343,7 +343,7 @@ struct Place {
   F across, down;
 };
 
-HWY_INLINE Place place_in(const Levels& level, const F& s, const F& t) {
+HWY_INLINE Place place_in(const Levels& level, F s, F t) {
   const Before x = before(s, level.width), y = before(t, level.height);
   return {level.offset + y.texel * level.stride + x.texel, level.stride, x.towards, y.towards};
 }
@@ -352,7 +352,7 @@ HWY_INLINE Place place_in(const Levels& level, const F& s, const F& t) {
 HWY_INLINE Color colors_at(const Shading::Images& images, const Place& place) {
   const Pairs upper = pairs(images.texels(), place.first);
   const Pairs lower = pairs(images.texels(), place.first + place.stride);
-  const auto mix = [](const F& from, const F& to, const F& share) HWY_ATTR { return from + (to - from) * share; };
+  const auto mix = [](F from, F to, F share) HWY_ATTR { return from + (to - from) * share; };
   const auto channel = [&](auto number) HWY_ATTR {
     const auto between = [&](const Pairs& row) HWY_ATTR {
       return mix(squared_root<number.value>(row.first), squared_root<number.value>(row.second), place.across);
@@ -366,7 +366,7 @@ HWY_INLINE Color colors_at(const Shading::Images& images, const Place& place) {
 
 // f(number, lanes) for each number that some of the lanes have: neighbouring pixels mostly have the same.
 template <class Function>
-HWY_INLINE void for_each_number(const std::int32_t* numbers, const Mask& which, const Function& f) {
+HWY_INLINE void for_each_number(const std::int32_t* numbers, Mask which, const Function& f) {
   const I each = I::load(numbers);
   for (std::uint32_t left = bits(which); left != 0;) {
     const std::int32_t number = numbers[std::countr_zero(left)];
@@ -378,7 +378,7 @@ HWY_INLINE void for_each_number(const std::int32_t* numbers, const Mask& which, 
 
 // In these lanes.
 template <class Number>
-HWY_INLINE void set(Number& to, const Mask& where, const std::type_identity_t<Number>& value) {
+HWY_INLINE void set(Number& to, Mask where, const std::type_identity_t<Number>& value) {
   to = select(where, value, to);
 }
 
@@ -398,13 +398,13 @@ struct Textured {
   I wrap_across, wrap_down, first_level, last_level;
 
   // A triangle, and the paint of its material.
-  HWY_INLINE void add(const Shading::Images::Print& print, const Mask& where, const Weights& weights) {
+  HWY_INLINE void add(const Shading::Images::Print& print, Mask where, const Weights& weights) {
     const auto& [a, b, c] = print.uv;
     set(across, where, weights(a[0], b[0], c[0]));
     set(down, where, weights(a[1], b[1], c[1]));
     set(normal, where, {print.normal[0], print.normal[1], print.normal[2]});
   }
-  HWY_INLINE void add(const Shading::Paint& paint, const Mask& where) {
+  HWY_INLINE void add(const Shading::Paint& paint, Mask where) {
     lanes = lanes | where;
     set(wrap_across, where, paint.wrap_across);
     set(wrap_down, where, paint.wrap_down);
@@ -454,7 +454,7 @@ class TintedTile {
     for (auto& texel : texel_) F(1.0F).store(texel + tinted_[num_tinted_ - 1]);
   }
   HWY_INLINE bool waits_for(std::size_t pixel) const { return num_tinted_ > 0 && tinted_[num_tinted_ - 1] == pixel; }
-  HWY_INLINE void set_color(std::size_t pixel, const I& color) { color.store(color_ + pixel); }
+  HWY_INLINE void set_color(std::size_t pixel, I color) { color.store(color_ + pixel); }
 
   // f(pixel, colour) for each vector.
   template <class Function>
@@ -519,15 +519,15 @@ class TintedTile {
 
 // What the table of triangles has for the lanes that show one; 0 elsewhere.
 template <bool kShadows, bool kPlain>
-HWY_INLINE I lit(const Shading::Tables& tables, const I& elements, const Mask& triangles, const trace::HitDetails& details,
-                 std::size_t first, const Rays<kShadows, kPlain>& rays) {
+HWY_INLINE I lit(const Shading::Tables& tables, I elements, Mask triangles, const trace::HitDetails& details, std::size_t first,
+                 const Rays<kShadows, kPlain>& rays) {
   I place = shift_left<1>(elements - tables.first_triangle) + I::load(details.back + first);
   if constexpr (kShadows) place = place + value_if(rays.shaded, I(2 * (tables.first_marker - tables.first_triangle)));
   return value_if(triangles, I::gather(tables.lit.get(), value_if(triangles, place)));
 }
 
 template <bool kShadows, bool kPlain>
-HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int32_t* each, const Mask& which,
+HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int32_t* each, Mask which,
                                   const trace::HitDetails& details, std::size_t first, const Rays<kShadows, kPlain>& rays,
                                   float pixel_area, const CameraOutputs& wanted, TintedTile& tile) {
   Pixels pixels = empty_pixels();
@@ -549,7 +549,7 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
   Textured textured{Mask(false), 0.0F, 0.0F, {0.0F, 0.0F, 0.0F}, 0, 0, 0, 0};
   alignas(64) std::int32_t materials[PixelTile::kSide];  // of the lanes that are tinted
   I material_of = 0;
-  const auto see = [&](std::int32_t element, const Mask& where) HWY_ATTR {
+  const auto see = [&](std::int32_t element, Mask where) HWY_ATTR {
     const auto triangle = static_cast<std::size_t>(element - tables.first_triangle);
     if (wanted.semantic) set(pixels.semantic, where, tables.semantic[tables.triangle_material[triangle]]);
     if (wanted.instance) set(pixels.instance, where, tables.triangle_object[triangle] + tables.first_object);
@@ -570,7 +570,7 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
   if (!tints_some) return pixels;
 
   material_of.store(materials);
-  for_each_number(materials, tinted, [&](std::int32_t material, const Mask& where) HWY_ATTR {
+  for_each_number(materials, tinted, [&](std::int32_t material, Mask where) HWY_ATTR {
     const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(material)];
     for (std::size_t c = 0; c < 3; ++c) set(unit[c], where, paint.unit[c]);
     if (paint.texture >= 0) textured.add(paint, where);
@@ -585,7 +585,7 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
 }
 
 // What one side of a vector of triangles shows.
-HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, const I& materials, bool shaded) {
+HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, I materials, bool shaded) {
   const Rays<true, false> rays{normal, 0.0F, Mask(shaded)};
   const auto base = [&](std::size_t c) HWY_ATTR { return F::gather(tables.color[c].data(), materials); };
   const auto emitted = [&](std::size_t c) HWY_ATTR { return F::gather(tables.emissive[c].data(), materials); };
@@ -611,7 +611,7 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
     }
     const F3 front = normalised(cross(F3::load(a[0], a[1], a[2]), F3::load(b[0], b[1], b[2])));
     Color unit{0.0F, 0.0F, 0.0F};
-    for_each_number(material, Mask(true), [&](std::int32_t number, const Mask& where) HWY_ATTR {
+    for_each_number(material, Mask(true), [&](std::int32_t number, Mask where) HWY_ATTR {
       const Shading::Paint& paint = tables.paints[static_cast<std::size_t>(number)];
       for (std::size_t c = 0; c < 3; ++c) set(unit[c], where, paint.unit[c]);
     });
@@ -628,7 +628,7 @@ void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertic
   }
 }
 
-HWY_INLINE Pixels select(const Mask& mask, const Pixels& yes, const Pixels& no) {
+HWY_INLINE Pixels select(Mask mask, const Pixels& yes, const Pixels& no) {
   return {select(mask, yes.color, no.color), select(mask, yes.semantic, no.semantic), select(mask, yes.instance, no.instance),
           select(mask, yes.normal, no.normal)};
 }
@@ -673,7 +673,7 @@ void shade_tile(const Shading::Tables& tables, const trace::RayBundle& bundle, c
   using Bytes = Wide<hn::Rebind<std::uint8_t, F::Tag>>;
   using Shorts = Wide<hn::Rebind<std::uint16_t, F::Tag>>;
   TintedTile tinted;
-  const auto put_color = [&](std::size_t i, const I& color) HWY_ATTR {
+  const auto put_color = [&](std::size_t i, I color) HWY_ATTR {
     convert<Bytes>(color & 0xFF).store_unaligned(out.r + i);
     convert<Bytes>(shift_right<8>(color) & 0xFF).store_unaligned(out.g + i);
     convert<Bytes>(shift_right<16>(color)).store_unaligned(out.b + i);
