@@ -36,7 +36,7 @@ struct Parts<V, 1> {
   HWY_INLINE const V& operator[](std::size_t) const { return only; }
 };
 
-// The same for each of them, without a loop: GCC would keep them in memory.
+// Computes each of them without a loop, for which GCC would keep them in memory.
 #define FLOCKSTEP_PART(number, expression) \
   if constexpr (number < kParts) {         \
     constexpr std::size_t p = number;      \
@@ -55,7 +55,7 @@ struct Parts<V, 1> {
   FLOCKSTEP_PART(7, expression)                 \
   return result
 
-// D: Highway's tag of signed integers. They serve for floats of the same size, too.
+// The lanes for which something holds. D: Highway's tag of signed integers, also for masks of floats of that size.
 template <class D, std::size_t kParts_>
 struct WideMask {
   static constexpr std::size_t kParts = kParts_, kLanes = hn::MaxLanes(D());
@@ -96,7 +96,7 @@ struct WideMask {
   }
 };
 
-// D: Highway's tag. Of a few vectors; with one it costs no more than that.
+// Numbers in kParts vectors of Highway's tag D. They go by value: by reference, GCC would keep some in memory.
 template <class D, std::size_t kParts_ = 1>
 struct Wide {
   using Tag = D;
@@ -137,7 +137,8 @@ struct Wide {
   friend HWY_INLINE Wide sqrt(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Sqrt(a.part[p])); }
   friend HWY_INLINE Wide floor(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Floor(a.part[p])); }
   friend HWY_INLINE Wide round(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Round(a.part[p])); }
-  // The first number's magnitude with the second's sign; the first number, negated where the second is negative.
+  // copy_sign: the first number's magnitude with the second's sign. flip_sign: the first number, negated if the second is
+  // negative.
   friend HWY_INLINE Wide copy_sign(Wide a, Wide sign) { FLOCKSTEP_EACH_PART(Wide, hn::CopySign(a.part[p], sign.part[p])); }
   friend HWY_INLINE Wide flip_sign(Wide a, Wide sign) {
     FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], hn::And(sign.part[p], hn::SignBit(D()))));
@@ -189,7 +190,7 @@ using WideUpTo = Wide<hn::CappedTag<float, kMost>>;
 template <std::size_t kCount>
 using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;
 
-// Between floats and integers, which rounds towards 0, and between numbers of other sizes, as many lanes of either.
+// Floats to integers, rounded towards 0, and back; also to numbers of another size, in as many lanes.
 template <class To, class D, std::size_t kParts>
 HWY_INLINE To convert(Wide<D, kParts> a) {
   constexpr typename To::Tag to;
@@ -233,7 +234,7 @@ struct Wide3 {
     z.store(to_z);
   }
 
-  // Of rows side by side: x, y, z, x, y, z, ...
+  // Rows lie side by side: x, y, z, x, y, z, ...
   static HWY_INLINE Wide3 load_rows(const typename F::T* rows) {
     Wide3 v;
     for (std::size_t p = 0; p < F::kParts; ++p) {

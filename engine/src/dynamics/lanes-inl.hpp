@@ -1,5 +1,4 @@
 // Lanes of drones as wide numbers, and rotations of these. Included once per SIMD target.
-
 #if defined(FLOCKSTEP_DYNAMICS_LANES_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_DYNAMICS_LANES_INL_HPP
 #undef FLOCKSTEP_DYNAMICS_LANES_INL_HPP
@@ -48,7 +47,7 @@ HWY_INLINE void store_rotation(const Q& q, Lanes<4>& lanes, std::size_t at) {
   store(q.y, lanes[2], at);
   store(q.z, lanes[3], at);
 }
-// Of rows side by side: w, x, y, z, w, ...
+// Rows lie side by side: w, x, y, z, w, ...
 HWY_INLINE Q load_rows4(const float* rows) {
   Q q;
   hn::LoadInterleaved4(F::Tag(), rows, q.w.part[0], q.x.part[0], q.y.part[0], q.z.part[0]);

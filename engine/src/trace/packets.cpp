@@ -21,7 +21,7 @@ HWY_INLINE std::int32_t* as_signed(unsigned int* numbers) { return reinterpret_c
 
 constexpr std::int32_t kInvalid = -1;  // RTC_INVALID_GEOMETRY_ID
 
-// What all rays have in common.
+// The numbers that all rays have in common.
 template <class F, class Packet>
 HWY_INLINE void prepare(Packet& packet, std::size_t lane, float near) {
   using I = typename F::Int;
