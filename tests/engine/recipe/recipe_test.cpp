@@ -68,7 +68,7 @@ std::string flown(Batch& batch) {
 
 TEST(Recipe, HasTheDefaultsOfItsTask) {
   const Recipe hover = Recipe::from_json(R"({"task": {"name": "hover"}})");
-  const TaskDefaults defaults = make_task(NavigationConfig{})->defaults();
+  const TaskDefaults defaults = make_task(HoverConfig{})->defaults();
   EXPECT_EQ(hover.worlds, std::vector<std::string>{defaults.worlds});
   EXPECT_EQ(std::get<std::string>(hover.drone), defaults.drone);
   EXPECT_EQ(hover.batch.dynamics.motion, defaults.dynamics.motion);
