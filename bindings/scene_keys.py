@@ -7,7 +7,6 @@ That is ``scenes/schema.json`` and, in ``docs/conventions.md``, the part between
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -222,20 +221,7 @@ def renewed() -> dict[Path, str]:
     return {SCHEMA: schema_text(keys), DOCUMENT: document_text(DOCUMENT.read_text(encoding="utf-8"), keys)}
 
 
-def main() -> None:
-    """Write or check."""
-    stale = False
-    for path, text in renewed().items():
-        if path.read_text(encoding="utf-8") == text:
-            continue
-        stale = True
-        if "--check" in sys.argv:
-            print(f"{path.relative_to(ROOT)}: not as the keys of scenes are; run bindings/scene_keys.py")
-        else:
-            path.write_text(text, encoding="utf-8")
-    if stale and "--check" in sys.argv:
-        sys.exit(1)
-
-
 if __name__ == "__main__":
-    main()
+    from renew import renew  # beside this file
+
+    renew(renewed())

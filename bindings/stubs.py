@@ -10,7 +10,6 @@ after a change of such a list, with the module built, and build again: the modul
 from __future__ import annotations
 
 import re
-import sys
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -195,21 +194,7 @@ def renewed(path: Path) -> str:
     return MARKED_TABLE.sub(replace_table, MARKED_ARRAYS.sub(replace_arrays, text))
 
 
-def main() -> None:
-    """Write or check."""
-    stale = False
-    for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py", *DOCUMENTS):
-        text = renewed(path)
-        if text == path.read_text(encoding="utf-8"):
-            continue
-        stale = True
-        if "--check" in sys.argv:
-            print(f"{path.name}: it differs from the module; run bindings/stubs.py")
-        else:
-            path.write_text(text, encoding="utf-8")
-    if stale and "--check" in sys.argv:
-        sys.exit(1)
-
-
 if __name__ == "__main__":
-    main()
+    from renew import renew  # beside this file
+
+    renew({path: renewed(path) for path in (PACKAGE / "_core.pyi", PACKAGE / "vector_env.py", *DOCUMENTS)})
