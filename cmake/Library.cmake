@@ -9,7 +9,7 @@ function(export_only target map)
   set_property(TARGET ${target} APPEND PROPERTY LINK_DEPENDS ${file})
 endfunction()
 
-# The objects of the static library, which the Python module and the tests link since they also use what is not exported.
+# Made of the objects of the static library. The Python module and the tests link that one, since they use internal symbols.
 add_library(flockstep SHARED $<TARGET_OBJECTS:flockstep_engine> $<TARGET_OBJECTS:flockstep_world>
                              $<TARGET_OBJECTS:flockstep_generators>)
 add_library(flockstep::flockstep ALIAS flockstep)

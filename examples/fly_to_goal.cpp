@@ -56,7 +56,7 @@ class FlyToGoal final : public Task {
   }
 
   TaskSpec spec_;
-  std::vector<float> last_distance_;  // (E,) m
+  std::vector<float> last_distance_;  // (N,) m
 };
 
 FLOCKSTEP_EXPORT_TASK(FlyToGoal)
