@@ -15,6 +15,7 @@
 #include <typeinfo>
 #include <vector>
 
+#include "base/field_offsets.hpp"
 #include "convert.hpp"
 #include "flockstep/color.hpp"
 #include "flockstep/config.hpp"
@@ -83,17 +84,10 @@ struct ConfigField {
 
 template <class Config, bool kIsDescribedOnly = false>
 std::vector<ConfigField> fields_of() {
-  static_assert(lists_every_field<Config>());
-  const Config config;
-  const auto offset_of = [&](const auto& value) {
-    return reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
-  };
-  return std::apply(
-      [&]<class... Values>(const FieldPointer<Config, Values>&... fields) {
-        return std::vector<ConfigField>{
-            {fields.name, &fields.info, offset_of(config.*(fields.member)), field_type<Values, kIsDescribedOnly>()}...};
-      },
-      kFields<Config>);
+  return list_fields<ConfigField, Config>(
+      []<class Value>(const char* name, const FieldInfo* info, std::ptrdiff_t offset, std::type_identity<Value>) {
+        return ConfigField{name, info, offset, field_type<Value, kIsDescribedOnly>()};
+      });
 }
 
 // The values that a field may have: ">= 0", "in [6, 200], in [1.5, 100]" of each element, or the rule of its form.

@@ -799,7 +799,7 @@ def _recipe_for(
         _set_given(recipe, **{name: defaults[name] for name in ("drone", "lidars", "cameras", "dynamics", "clock")})
     else:
         names = ", ".join(config.__name__ for config in _TASK_CONFIGS)
-        raise TypeError(f"task: expected one of {names}, a NativeTask or a flockstep.Task, got {task!r}")
+        raise TypeError(f"task: expected a flockstep.Task, a NativeTask or one of {names}, got {task!r}")
     recipe.episode = EpisodeConfig(**episode | chosen.get(EpisodeConfig, {}))
     recipe.clock = _changed(recipe.clock, chosen.get(ClockConfig))
     recipe.dynamics = _changed(recipe.dynamics, chosen.get(DynamicsConfig))

@@ -18,6 +18,9 @@ struct Pose {
   Quat rotation = Quat::Identity();  // unit, body to world
 };
 
+// A library and its users must lay out these types alike.
+static_assert(sizeof(Pose) == 32 && alignof(Pose) == 16, "flockstep: expected Eigen's default alignment, got another one");
+
 struct Velocity {
   Vec3 linear = Vec3::Zero();   // m/s, world frame
   Vec3 angular = Vec3::Zero();  // rad/s, body frame

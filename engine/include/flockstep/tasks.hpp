@@ -119,7 +119,7 @@ struct NavigationConfig {
                         "observation."}));
   }
 
-  // The task of the thesis that observes this: camera tasks fly ahead and to the sides alone, and end where they overshoot.
+  // The task of the thesis that observes this: camera tasks use `discrete_forward` and end when x passes the goal.
   FLOCKSTEP_API static NavigationConfig observing(ObservationKind observation);
 
   FLOCKSTEP_API void validate() const;
@@ -130,9 +130,9 @@ FLOCKSTEP_API std::unique_ptr<Task> make_task(const NavigationConfig& config);
 
 // -- Hover: a drone is thrown, and has to catch itself and hold a point
 
-// The point to hold is the world's goal marker, or the centre of its bounds where it has none. Episodes begin near it, turned
-// and moving anyhow. Actions are four numbers in [-1, 1], which the dynamics' `control` gives a meaning: 0 hovers, or does
-// nothing, and 1 is the most it can tell; see FlightAction.
+// The point to hold is the world's goal marker, or the centre of its bounds where it has none. Episodes begin near it, with
+// random attitude and velocity. Actions are four numbers in [-1, 1], which the dynamics' `control` gives a meaning: 0 hovers, or
+// does nothing, and 1 is the largest command; see FlightAction.
 //
 // Observed, float32 (16,), in the body frame, so that the heading does not matter: the way to the point, m (3); velocity, m/s
 // (3); the world's up (3); angular velocity, 10 rad/s (3); rotor speeds, -1 slowest, 0 in hovering, 1 fastest (4).

@@ -162,7 +162,7 @@ struct LoadOptions {
 
 class FLOCKSTEP_API World {
  public:
-  // Reads a scene file (.json as scenes/schema.json describes), a glTF 2.0 file (.gltf, .glb) or a bare mesh (.obj).
+  // Reads a scene file (.json as scenes/schema.json describes), a glTF 2.0 file (.gltf, .glb) or a bare mesh (.obj, .ply).
   // Throws std::invalid_argument naming the file and the offending field.
   static std::shared_ptr<const World> load(const std::filesystem::path& path, const LoadOptions& options = {});
   // The same from JSON text; base_dir is the scene's folder, the current one if empty.

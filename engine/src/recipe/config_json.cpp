@@ -18,6 +18,7 @@
 
 #include "base/check_fields.hpp"
 #include "base/excerpt.hpp"
+#include "base/field_offsets.hpp"
 #include "base/json_document.hpp"
 #include "base/nearest_name.hpp"
 #include "base/require.hpp"
@@ -278,22 +279,11 @@ constexpr ValueType kValueType{
     }};
 
 template <class Config>
-Members listed_members() {
-  static_assert(lists_every_field<Config>());
-  const Config config;
-  const auto offset_of = [&](const auto& value) {
-    return reinterpret_cast<const char*>(&value) - reinterpret_cast<const char*>(&config);
-  };
-  return std::apply(
-      [&]<class... Values>(const FieldPointer<Config, Values>&... fields) {
-        return Members{{fields.name, &fields.info, offset_of(config.*(fields.member)), &kValueType<Values>}...};
-      },
-      kFields<Config>);
-}
-
-template <class Config>
 const Members& members_of() {
-  static const Members members = listed_members<Config>();
+  static const Members members = list_fields<Member, Config>(
+      []<class Value>(const char* name, const FieldInfo* info, std::ptrdiff_t offset, std::type_identity<Value>) {
+        return Member{name, info, offset, &kValueType<Value>};
+      });
   return members;
 }
 
