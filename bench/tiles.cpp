@@ -144,7 +144,7 @@ class Engine {
                                      .near = pattern.near,
                                      .range = pattern.range,
                                      .longest = pattern.is_camera ? pinhole_.corner : 1.0F,
-                                     .ways = flockstep::trace::ways_of(flockstep::TracerKind::tiles, 0)});
+                                     .policy = flockstep::trace::trace_policy_of(flockstep::TracerKind::tiles, 0)});
       pattern.is_camera ? trace_camera(pattern, hits) : trace_lidar(pattern, hits);
     }
     tracer_.finish();

@@ -5,12 +5,14 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <typeinfo>
 #include <vector>
@@ -203,9 +205,14 @@ py::class_<Config> register_fields(py::module_& module, const char* name, const 
   return cls;
 }
 
+constexpr bool is_one_word(std::string_view name) {
+  return !name.empty() && std::ranges::all_of(name, [](char c) { return c >= 'a' && c <= 'z'; });
+}
+
 // "HoverConfig" for the task "hover".
 template <class Config>
 std::string class_name_of() {
+  static_assert(is_one_word(Config::kName));
   std::string name = Config::kName;
   name[0] = static_cast<char>(name[0] - 'a' + 'A');
   return name + "Config";

@@ -7,11 +7,19 @@ import argparse
 from flockstep import doctor, headers
 
 
+class _PrintCmakeDir(argparse.Action):
+    """Prints the folder on one line of any length, and exits."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(headers.cmake_dir())
+        parser.exit()
+
+
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(prog="python -m flockstep", description="A batched drone simulator.")
     where = "print the folder for CMake's -Dflockstep_DIR, to build a task in C++, and exit"
-    parser.add_argument("--cmake-dir", action="version", version=str(headers.cmake_dir()), help=where)
+    parser.add_argument("--cmake-dir", action=_PrintCmakeDir, nargs=0, help=where)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     about = "say what this machine has for flockstep, what it lacks, and how to get it"
     commands.add_parser("doctor", help=about, description=about).set_defaults(run=doctor.main)

@@ -36,8 +36,9 @@ simd_target: str
 scene_sets: dict[str, tuple[str, ...]]
 """The names that stand for several scenes, and their scenes."""
 scene_suffixes: tuple[str, ...]
-engine_tasks: dict[str, type]
 """The suffixes of files that `World.load` reads, such as ``".json"``."""
+engine_tasks: dict[str, type]
+"""The configurations of the engine's tasks, by the names that recipes use."""
 generated_scenes: tuple[str, ...]
 """The names of scenes that are generated instead of loaded."""
 scene_generators: tuple[str, ...]

@@ -348,7 +348,7 @@ class DroneVectorEnv(VectorEnv[Observation, Array, Array]):
         )
         own_fields = {name: serialization.from_plain(value) for name, value in fields.items()}
         require_render_mode(render_mode, "gymnasium.wrappers.vector.HumanRendering")
-        is_flight = isinstance(task, (HoverConfig, TrackConfig))
+        is_flight = isinstance(task, (HoverConfig, TrackConfig))  # the overlay draws what these two observe
         if render_view is None:
             render_view = "third_person" if is_flight else "top"
         shown = views.choose(render_view, render_size, render_camera)

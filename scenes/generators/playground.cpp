@@ -28,7 +28,7 @@ constexpr double kLaneHalfWidth = 0.6;      // more than half the drone's diagon
 constexpr double kLaneDetour = 1.6;         // how far the lane swings out to pass the pillar in the way
 constexpr int kMaxWaypoints = 4;
 
-// The shipped playgrounds' room, and where its markers lie in it (m); other rooms scale these.
+// The bundled playgrounds' room, and where its markers lie in it (m); other rooms scale these.
 constexpr double kRoom[3] = {14.0, 14.0, 5.25};
 constexpr double kStartX = 2.3;
 constexpr double kGoalX = 11.7;
@@ -53,7 +53,7 @@ double distance_to_segment(const Vec2d& point, const Vec2d& a, const Vec2d& b) {
   return (point - a - t * along).norm();
 }
 
-// A step to the left or right, long enough for the leg, that stays in range if either does. x and y in the shipped room's scale.
+// A step to the left or right, long enough for the leg, that stays in range if either does. x and y in the bundled room's scale.
 double next_y(Draws& draws, const Vec3d& last, double x, const Vec3d& scale, double shortest_leg) {
   const double dx = x * scale.x() - last.x();
   const double least = std::sqrt(std::max(0.0, shortest_leg * shortest_leg - dx * dx)) / scale.y() + 0.02;

@@ -20,7 +20,7 @@ SHIPPED = scenes.names()
 SCHEMA = json.loads((scenes.directory() / "schema.json").read_text())
 
 
-def test_the_eleven_playgrounds_are_shipped():
+def test_the_eleven_playgrounds_are_bundled():
     expected = [name for members in scenes.SETS.values() for name in members]
     assert len(expected) == 11
     assert set(expected) <= set(SHIPPED)

@@ -282,6 +282,10 @@ struct RegisteredTask {
   std::string id;
 };
 
+// A configuration has a make_task of its own. Without it, the one of TaskConfig in recipe.hpp would call itself.
+template <class Config>
+std::unique_ptr<Task> make_task(const Config& config) = delete;
+
 // Each task of the engine, besides none and RegisteredTask. Recipes and Python's classes, keywords and environments are made from
 // this list. A configuration has a name for recipes (kName), a sentence (kAbout), fields() and make_task().
 using TaskConfig = std::variant<std::monostate, NavigationConfig, HoverConfig, TrackConfig, RegisteredTask>;

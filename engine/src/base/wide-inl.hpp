@@ -85,7 +85,7 @@ struct WideMask {
   }
   // A bit for each lane, the first lane's the lowest.
   friend HWY_INLINE std::uint32_t bits(WideMask mask) {
-    static_assert(kLanes * kParts <= 32);
+    static_assert(kLanes <= 16 && kLanes * kParts <= 32);
     std::uint32_t result = 0;
     for (std::size_t p = 0; p < kParts; ++p) {
       std::conditional_t<kLanes <= 8, std::uint8_t, std::uint16_t> bits = 0;
@@ -188,11 +188,12 @@ template <std::size_t kMost>
 using WideUpTo = Wide<hn::CappedTag<float, kMost>>;
 // Exactly kCount floats, in as many vectors as they need.
 template <std::size_t kCount>
-using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;
+using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;  // a power of two
 
 // Floats to integers, rounded towards 0, and back; also to numbers of another size, in as many lanes.
 template <class To, class D, std::size_t kParts>
 HWY_INLINE To convert(Wide<D, kParts> a) {
+  static_assert(To::kParts == kParts && To::kLanes == Wide<D, kParts>::kLanes);
   constexpr typename To::Tag to;
   if constexpr (sizeof(typename To::T) == sizeof(hn::TFromD<D>)) {
     FLOCKSTEP_EACH_PART(To, hn::ConvertTo(to, a.part[p]));
@@ -204,6 +205,7 @@ HWY_INLINE To convert(Wide<D, kParts> a) {
 }
 template <class To, class D, std::size_t kParts>
 HWY_INLINE To bit_cast(Wide<D, kParts> a) {
+  static_assert(To::kParts == kParts && To::kLanes == Wide<D, kParts>::kLanes);
   FLOCKSTEP_EACH_PART(To, hn::BitCast(typename To::Tag(), a.part[p]));
 }
 template <int kBits, class D, std::size_t kParts, class Result = Wide<D, kParts>>

@@ -45,7 +45,7 @@ std::size_t tile_triangle_limit(const BatchConfig& config) {
   std::size_t most = 0;
   const auto count = [&](int rows, int columns) {
     const std::size_t rays = static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns);
-    most = std::max(most, trace::ways_of(config.tracer, rays).tile_triangle_limit);
+    most = std::max(most, trace::trace_policy_of(config.tracer, rays).tile_triangle_limit);
   };
   for (const LidarConfig& lidar : config.lidars) count(lidar.rows(), lidar.columns());
   for (const CameraConfig& camera : config.cameras) count(camera.height_px, camera.width_px);
@@ -70,7 +70,7 @@ std::int32_t WorldPool::number_of(std::uint64_t seed, std::int64_t episode) cons
 void build_ahead(const World& world, const BatchConfig& config) {
   const trace::Scene& scene = prepared(world).scene();
   if (scene.num_triangles() > 0 && scene.num_triangles() <= tile_triangle_limit(config)) scene.prepare_tiles(world.triangles());
-  if (config.tracer == TracerKind::embree) scene.prepare_crowd();
+  if (config.tracer == TracerKind::embree) scene.prepare_embree();
   prepared(world).obstacles();
   for (const CameraConfig& camera : config.cameras) prepared(world).shading(camera.shadows);
 }

@@ -15,7 +15,7 @@ namespace {
 struct Bundled {
   std::string_view name, text;
 };
-constexpr Bundled kShipped[] = {
+constexpr Bundled kBundled[] = {
 #include "drones.inc"
 };
 
@@ -26,18 +26,18 @@ DroneModel DroneModel::quadrotor650() { return load("t650"); }
 DroneModel DroneModel::load(const std::string& name_or_path) {
   if (name_or_path.ends_with(".json")) return read_drone(read_text_file(name_or_path, "a drone file"), name_or_path);
   std::string names;
-  for (const auto& [name, text] : kShipped) {
+  for (const auto& [name, text] : kBundled) {
     if (name == name_or_path) return read_drone(std::string(text), "drone " + name_or_path);
     names += (names.empty() ? "" : ", ") + std::string(name);
   }
-  refuse("drone", "one of " + names + ", or the path of a file ending in .json", '"' + excerpt(name_or_path) + '"');
+  refuse("drone", "one of " + names + ", or the path of a file ending in .json", quoted_excerpt(name_or_path));
 }
 
 DroneModel DroneModel::from_json(const std::string& text) { return read_drone(text, "drone"); }
 
 std::vector<std::string> DroneModel::names() {
   std::vector<std::string> names;
-  for (const auto& [name, text] : kShipped) names.emplace_back(name);
+  for (const auto& [name, text] : kBundled) names.emplace_back(name);
   return names;
 }
 

@@ -9,13 +9,10 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <span>
 #include <string_view>
 #include <tuple>
-#include <type_traits>
 #include <utility>
 
-#include "base/excerpt.hpp"
 #include "base/in_world.hpp"
 #include "base/interrupt.hpp"
 #include "base/require.hpp"

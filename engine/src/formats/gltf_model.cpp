@@ -5,7 +5,6 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <utility>
 
@@ -188,10 +187,11 @@ class Reader {
     if (const auto required = find(root_, "extensionsRequired")) {
       for (std::size_t i = 0; i < require_array(*required, "an array of names").size(); ++i) {
         const JsonField field = child(*required, i);
-        if (!is_read(text(field)))
-          refuse(field,
-                 "no extension that is required but those read (KHR_texture_transform, "
-                 "KHR_materials_unlit, KHR_materials_emissive_strength, KHR_lights_punctual, KHR_mesh_quantization)");
+        if (!is_read(text(field))) {
+          std::string names;
+          for (const std::string_view name : kExtensions) names += (names.empty() ? "" : ", ") + std::string(name);
+          refuse(field, "no extension that is required but those read (" + names + ')');
+        }
       }
     }
     if (const auto used = find(root_, "extensionsUsed")) {
@@ -222,7 +222,9 @@ class Reader {
       bytes = *chunk_;
     } else {
       const JsonField uri = require(field, "uri");
-      bytes = *out_.files.emplace_back(std::make_unique<const std::string>(files_.read(text(uri), name_of(uri), "a buffer")));
+      std::string file = files_.read(text(uri), name_of(uri), "a buffer");
+      if (file.size() > length) file = file.substr(0, length);  // in new memory: only what is used is kept
+      bytes = *out_.files.emplace_back(std::make_unique<const std::string>(std::move(file)));
     }
     if (bytes.size() < length) refuse(field, std::to_string(length) + " bytes, as byteLength says", bytes.size());
     out_.buffers.push_back(bytes.substr(0, length));
@@ -610,17 +612,17 @@ std::string GltfFiles::read(const std::string& uri, const std::string& field, co
     constexpr std::string_view kBase64 = ";base64,";
     const std::size_t comma = std::min(uri.find(','), uri.size() - 1);
     const std::string_view head = std::string_view(uri).substr(0, comma + 1);
-    if (!head.ends_with(kBase64)) refuse(field, "a data: that is base64", '"' + excerpt(head) + '"');
+    if (!head.ends_with(kBase64)) refuse(field, "a data: that is base64", quoted_excerpt(head));
     return count(bytes_of_base64(std::string_view(uri).substr(head.size()), field));
   }
   const std::string name = decoded(uri);
   if (name.empty() || name.find('\0') != name.npos || name.find("://") != name.npos) {
-    refuse(field, "data: or the path of a file", '"' + excerpt(uri) + '"');
+    refuse(field, "data: or the path of a file", quoted_excerpt(uri));
   }
   const std::filesystem::path path = folder_ / name;
   if (files_ == MeshFiles::in_folder && !is_below(path, folder_)) {
     refuse(field, "a file in the folder of " + source_ + " or below it (load with meshes_anywhere=True to allow others)",
-           '"' + excerpt(uri) + '"');
+           quoted_excerpt(uri));
   }
   try {
     return count(read_text_file(path, kind));

@@ -229,7 +229,7 @@ class GltfWriter {
       node["rotation"].push_back(json::shortest(rotation.w()));
     }
     if (!is_capsule) node["scale"] = in_file(Vec3(half.x(), is_flat ? 1.0F : half.z(), half.y()));
-    node["extras"] = with_presence(write_gltf_extras(extras), visibility);
+    node["extras"] = with_visibility(write_gltf_extras(extras), visibility);
     nodes_.add(node);
   }
 
@@ -320,10 +320,10 @@ class GltfWriter {
     const std::string name = "mesh " + std::to_string(*extras.object);
     const std::size_t index = add_mesh(name, primitives, last - first);
     nodes_.add(
-        {{"name", name}, {"mesh", index}, {"extras", with_presence(write_gltf_extras(extras), mesh.visibility_of(first))}});
+        {{"name", name}, {"mesh", index}, {"extras", with_visibility(write_gltf_extras(extras), mesh.visibility_of(first))}});
   }
 
-  static OrderedJson with_presence(OrderedJson extras, Visibility visibility) {
+  static OrderedJson with_visibility(OrderedJson extras, Visibility visibility) {
     if (!is_solid(visibility)) extras[kGltfVisual] = true;
     if (!is_visible(visibility)) extras[kGltfSolid] = true;
     return extras;

@@ -147,7 +147,7 @@ struct PngWriter : Png {
 
 Image decode_png(std::span<const std::uint8_t> file, const std::string& source, std::size_t max_pixels) {
   PngReader reader(file);
-  const auto damaged = [&] { refuse(source, "a PNG file that is whole", '"' + excerpt(reader.error.data()) + '"'); };
+  const auto damaged = [&] { refuse(source, "a PNG file that is whole", quoted_excerpt(reader.error.data())); };
   if (!reader.read_header()) damaged();
   const std::size_t width = png_get_image_width(reader.png, reader.info);
   const std::size_t height = png_get_image_height(reader.png, reader.info);

@@ -121,7 +121,7 @@ void ObjMaterials::Library::read(std::string_view text, std::size_t most) {
     std::string_view rest = line;
     const std::string_view keyword = next_word(rest);
     const auto place = [&] { return path.string() + ':' + std::to_string(number); };
-    const auto refuse_line = [&](const std::string& expected) { refuse(place(), expected, '"' + excerpt(line) + '"'); };
+    const auto refuse_line = [&](const std::string& expected) { refuse(place(), expected, quoted_excerpt(line)); };
     if (keyword == "newmtl") {
       require(definitions.size() < most, place(), "at most " + std::to_string(kMaxMaterials) + " materials in all", "more");
       by_name.try_emplace(std::string(trimmed(rest)), definitions.size());

@@ -90,7 +90,7 @@ class ObjReader {
   };
 
   [[noreturn]] void refuse(const std::string& expected, std::string_view got) const {
-    flockstep::refuse(source_ + ':' + std::to_string(number_), expected, '"' + excerpt(got) + '"');
+    flockstep::refuse(source_ + ':' + std::to_string(number_), expected, quoted_excerpt(got));
   }
 
   void read_vertex(std::string_view rest) {

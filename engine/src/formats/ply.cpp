@@ -102,7 +102,7 @@ class PlyReader {
   void read_header() {
     std::string_view first = rest_;
     const std::string_view word = next_line(first);
-    require(trimmed(word) == "ply", source_, "a PLY file, which begins with a line ply", '"' + excerpt(word) + '"');
+    require(trimmed(word) == "ply", source_, "a PLY file, which begins with a line ply", quoted_excerpt(word));
     ending_ = rest_.substr(word.size(), rest_.size() - word.size() - first.size());
     require(!ending_.empty(), source_, "a header that ends with end_header", "one that is cut short");
     next_header_line();
@@ -114,7 +114,7 @@ class PlyReader {
       const std::string_view line = next_header_line();
       std::string_view words = line;
       const std::string_view keyword = next_word(words);
-      const auto refuse_line = [&](const char* expected) { refuse(source_ + ": header", expected, '"' + excerpt(line) + '"'); };
+      const auto refuse_line = [&](const char* expected) { refuse(source_ + ": header", expected, quoted_excerpt(line)); };
       if (keyword == "end_header") break;
       if (keyword == "comment" || keyword == "obj_info" || keyword.empty()) {
         if (next_word(words) == "TextureFile") ignored_.insert("textures");
@@ -189,7 +189,7 @@ class PlyReader {
       rest_.remove_prefix(word.size());
       double value = 0.0;
       if (!parse_number(word, value)) {
-        refuse(source_ + ": " + field, "a number", word.empty() ? "the end of the file" : '"' + excerpt(word) + '"');
+        refuse(source_ + ": " + field, "a number", word.empty() ? "the end of the file" : quoted_excerpt(word));
       }
       return value;
     }

@@ -29,6 +29,7 @@ class Polygon {
   }
 
   std::vector<CornerTriple> cut_ears() {
+    if (left_.size() > 16) Interrupt::poll();
     find_axes();
     std::vector<CornerTriple> triangles;
     triangles.reserve(left_.size() - 2);

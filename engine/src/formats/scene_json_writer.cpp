@@ -81,7 +81,7 @@ void write_rotation(OrderedJson& object, const Quat& q) {
       OrderedJson::array({json::shortest(q.w()), json::shortest(q.x()), json::shortest(q.y()), json::shortest(q.z())});
 }
 
-void write_presence(OrderedJson& object, Visibility visibility) {
+void write_visibility(OrderedJson& object, Visibility visibility) {
   if (!is_visible(visibility)) object["visible"] = false;
   if (!is_solid(visibility)) object["solid"] = false;
 }
@@ -116,7 +116,7 @@ void write_primitive(OrderedJson& document, const Primitive& primitive, const st
       break;
   }
   object["material"] = material;
-  write_presence(object, primitive.visibility);
+  write_visibility(object, primitive.visibility);
   constexpr const char* kLists[] = {"room", "boxes", "cylinders", "spheres", "capsules", "planes", "discs"};
   document[kLists[static_cast<std::size_t>(primitive.kind)]].push_back(std::move(object));
 }
@@ -153,7 +153,7 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
   } else {
     for (std::size_t i = first; i < last; ++i) object["material"].push_back(materials[mesh.materials[i]].name);
   }
-  if (first != last) write_presence(object, mesh.visibility_of(first));
+  if (first != last) write_visibility(object, mesh.visibility_of(first));
   return object;
 }
 

@@ -41,7 +41,7 @@ struct RenderRequest {
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   Frame frame;
-  trace::TracePolicy ways{};
+  trace::TracePolicy policy{};
 };
 
 }  // namespace flockstep::render

@@ -49,7 +49,7 @@ Camera::Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t
     : Sensor("camera", config.name, config.rate_hz, clock),
       config_(config),
       rendering_(rendering_of(config)),
-      ways_(trace::ways_of(tracer, area(config.width_px, config.height_px))),
+      policy_(trace::trace_policy_of(tracer, area(config.width_px, config.height_px))),
       drones_per_env_(drones_per_env),
       pixels_(area(config.image_width_px(), config.image_height_px())),
       rendered_pixels_(area(config.width_px, config.height_px)),
@@ -144,7 +144,7 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .position = pose.position + trace::rotated(body, Vec3::Map(settings_[drone].offset_m.data())),
                                 .rotation = rotation,
                                 .frame = {},
-                                .ways = ways_};
+                                .policy = policy_};
   // A frame is rendered into the camera's images, unless it has to be converted first.
   const auto image = [&](auto CameraImages::* output, std::size_t values) {
     auto& frames = (frames_.*output).empty() && !resample_ ? images_.*output : frames_.*output;

@@ -99,7 +99,7 @@ class Camera final : public Sensor {
 
   CameraConfig config_;
   CameraConfig rendering_;  // what the renderer does: no resize, and rgb instead of hsv
-  trace::TracePolicy ways_;
+  trace::TracePolicy policy_;
   std::size_t drones_per_env_;
   std::size_t pixels_;                                           // of an image as written
   std::size_t rendered_pixels_;                                  // of a frame

@@ -16,10 +16,11 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 Lidar::Lidar(const LidarConfig& config, const SensorSetup& setup)
     : BlockSensor("lidar", config.name, config.rate_hz, setup.clock),
       config_(config),
-      ways_(trace::ways_of(setup.tracer, static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()))),
+      policy_(trace::trace_policy_of(setup.tracer,
+                                     static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns()))),
       rays_(static_cast<std::size_t>(config.rows()) * static_cast<std::size_t>(config.columns())),
       settings_(config, setup.num_drones, true,
-                [in_tiles = ways_.tile_triangle_limit > 0](const LidarConfig& of) { return make_pattern(of, in_tiles); }) {
+                [in_tiles = policy_.tile_triangle_limit > 0](const LidarConfig& of) { return make_pattern(of, in_tiles); }) {
   readings_.allocate({.num_drones = setup.num_drones, .num_rays = rays_}, false);
   std::ranges::fill(readings_.truth().max_range_m, config.max_range_m);
 }
@@ -102,7 +103,7 @@ void Lidar::scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, 
   tracer.set_viewpoint(scene, {.origin = pose.position + trace::rotated(rotation, offset_of(drone)),
                                .rotation = rotation,
                                .range = settings_[drone].max_range_m,
-                               .ways = ways_});
+                               .policy = policy_});
   for (const BeamTile& tile : pattern.tiles) {
     tracer.enqueue({.x = pattern.x.data() + tile.first,
                     .y = pattern.y.data() + tile.first,

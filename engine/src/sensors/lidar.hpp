@@ -52,7 +52,7 @@ class Lidar final : public BlockSensor {
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }
 
   LidarConfig config_;
-  trace::TracePolicy ways_;
+  trace::TracePolicy policy_;
   std::size_t rays_;
   DroneSettings<LidarConfig, BeamPattern> settings_;
   Readings<LidarReadings> readings_;

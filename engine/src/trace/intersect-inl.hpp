@@ -17,7 +17,6 @@
 
 #include <cstdint>
 #include <limits>
-#include <type_traits>
 
 #include "base/wide-inl.hpp"
 #include "trace/shape.hpp"

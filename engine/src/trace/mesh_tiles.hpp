@@ -41,7 +41,7 @@ struct TileAxis {
 };
 TileAxis make_tile_axis(const float* rows);  // (kMaxRays,) rows of 16
 
-// Takes what the tree has nearer than the rays' t_hit and element, or all it has for rays that are no_hits_yet; a hit gets the
+// Takes what the tree has nearer than the rays' t_hit and element, or all it has if the rays have no_hits_yet; a hit gets the
 // element first_element + its triangle. The rays are rows of 16 and have the directions (1, u, v); u and v are of 16 rows, those
 // that are beyond the rays' count near the others. details: of the hits taken, null where nobody asks; weights only where the
 // tree says that they matter. masks: what the rays pass through, null where nothing. Call under FlushDenormals.

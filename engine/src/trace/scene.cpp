@@ -268,7 +268,7 @@ void Scene::prepare_tiles(const TriangleMesh& mesh) const {
   if (num_triangles_ >= kManyTriangles) give_back_freed_memory();
 }
 
-void Scene::prepare_crowd() const {
+void Scene::prepare_embree() const {
   if (embree_primitives_) return;
   const std::lock_guard lock(prepared_mutex_);
   if (!prepared_embree_primitives_) prepared_embree_primitives_ = make_embree_primitives();

@@ -56,7 +56,7 @@ class Scene {
 
   // Each takes what it has that is nearer than the block's t_hit. A ray's result has the same bits in any block, beside any other
   // rays. Call under FlushDenormals.
-  void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: by Embree wherever prepare_crowd() was called
+  void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: by Embree wherever prepare_embree() was called
   void intersect_casters(RayBlock& rays) const;                          // all primitives but the rooms
   void intersect_markers(RayBlock& rays) const;
   // Returns how many packets went through Embree. details: null where only distances are of interest.
@@ -70,7 +70,7 @@ class Scene {
   const MeshTree* tiles() const { return tiles_.get(); }                     // null where there are no triangles
   const Masks* masks() const { return masks_.empty() ? nullptr : &masks_; }  // of them, which cameras see through; null: none
   // Builds what intersect_primitives() needs to go through Embree where it would not. Rooms are never in it: each ray meets them.
-  void prepare_crowd() const;
+  void prepare_embree() const;
   // Whether a LiDAR may meet what is left to Embree: triangles, or more primitives than are traced directly.
   bool may_need_embree() const { return meshes_ || traced().size() > kMaxDirect; }
   std::size_t num_triangles() const { return num_triangles_; }

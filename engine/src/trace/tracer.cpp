@@ -42,7 +42,7 @@ void copy_ranges(const float* from, std::size_t count, float* to) {
 
 }  // namespace
 
-TracePolicy ways_of(TracerKind kind, std::size_t rays) {
+TracePolicy trace_policy_of(TracerKind kind, std::size_t rays) {
   switch (kind) {
     case TracerKind::automatic:
       return {.tile_triangle_limit = rays < kFewestInTiles ? 0 : kTrianglesPerRay * rays};
@@ -64,14 +64,14 @@ void Tracer::set_viewpoint(const Scene& scene, const Viewpoint& viewpoint) {
   }
   bundle_.origin = viewpoint.origin;
   bundle_.rotation = viewpoint.rotation;
-  tree_ = scene.num_triangles() <= viewpoint.ways.tile_triangle_limit ? scene.tiles() : nullptr;
+  tree_ = scene.num_triangles() <= viewpoint.policy.tile_triangle_limit ? scene.tiles() : nullptr;
   asked_ = viewpoint.asked;
   bundle_.near = viewpoint.near;
   bundle_.range = viewpoint.range;
   scene.gather(viewpoint.origin, viewpoint.near * viewpoint.longest, viewpoint.range * viewpoint.longest, viewpoint.sees_markers,
                candidates_);
-  candidates_.crowded |= viewpoint.ways.embree;
-  ways_ = viewpoint.ways;
+  candidates_.crowded |= viewpoint.policy.embree;
+  policy_ = viewpoint.policy;
 }
 
 const RayBundle& Tracer::trace(const RayTile& tile) {
@@ -79,7 +79,7 @@ const RayBundle& Tracer::trace(const RayTile& tile) {
   if (bundle_.no_hits_yet) {
     aim(tile);
   } else if (!trace_candidates(tile, true)) {
-    trace_crowd();
+    trace_by_embree();
   }
   if (!candidates_.triangles) return bundle_;  // here and below, the static world ends
   if (tree_ != nullptr) {
@@ -97,7 +97,7 @@ void Tracer::enqueue(const RayTile& tile, float* ranges, std::size_t stride) {
       forget_hits(bundle_);
       return wait(tile, ranges, stride, for_everything_);
     }
-    trace_crowd();
+    trace_by_embree();
   } else if (candidates_.triangles && !in_view) {
     return wait(tile, ranges, stride, for_triangles_);
   }
@@ -142,7 +142,7 @@ bool Tracer::trace_candidates(const RayTile& tile, bool numbered) {
   return !candidates_.crowded && trace_direct(std::span(candidates_.list).first(candidates_.count), kMaxDirect, bundle_);
 }
 
-void Tracer::trace_crowd() {
+void Tracer::trace_by_embree() {
   forget_hits(bundle_);
   block_.count = 0;
   block_.near = bundle_.near;
@@ -185,7 +185,7 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
 }
 
 void Tracer::meet_primitives(RayBlock& rays) const {
-  scene_->intersect_primitives(rays, ways_.embree);
+  scene_->intersect_primitives(rays, policy_.embree);
   if (sees_markers_) scene_->intersect_markers(rays);
 }
 

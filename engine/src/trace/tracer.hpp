@@ -25,7 +25,7 @@ struct TracePolicy {
 
   friend bool operator==(const TracePolicy&, const TracePolicy&) = default;
 };
-TracePolicy ways_of(TracerKind kind, std::size_t rays);  // of a sensor
+TracePolicy trace_policy_of(TracerKind kind, std::size_t rays);  // of a sensor
 
 // Where a sensor is, how far it sees, and what.
 struct Viewpoint {
@@ -36,7 +36,7 @@ struct Viewpoint {
   float longest = 1.0F;       // length of the longest direction
   bool sees_markers = false;  // numbered on after the triangles
   AskedDetails asked{};       // of what trace() hits
-  TracePolicy ways{};         // a scene to be traced in tiles is prepared for them
+  TracePolicy policy{};       // a scene to be traced in tiles is prepared for them
 };
 
 // Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
@@ -113,7 +113,7 @@ class Tracer {
   void aim(const RayTile& tile);                                                           // the bundle is of its rays
   bool is_nothing_near() const { return candidates_.count == 0 && !candidates_.crowded; }  // but triangles
   bool trace_candidates(const RayTile& tile, bool numbered);                               // false if they are too many
-  void trace_crowd();                                                                      // what trace_candidates() has not
+  void trace_by_embree();                                                                  // what trace_candidates() has not
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
@@ -125,7 +125,7 @@ class Tracer {
   const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
   bool sees_markers_ = false;
   AskedDetails asked_;
-  TracePolicy ways_;
+  TracePolicy policy_;
   CandidateSet candidates_;  // of the sensor
   RayBundle bundle_;         // of the tile
   RayBundle view_bundle_;    // the same in the frame of its view

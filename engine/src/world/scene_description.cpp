@@ -63,7 +63,7 @@ void take_corners(const std::string& field, Primitive& room) {
   room.half_extents = ((high - low) / 2.0).cast<float>();
 }
 
-void check_presence(const std::string& field, Visibility visibility) {
+void check_visibility(const std::string& field, Visibility visibility) {
   if (visibility > Visibility::solid) refuse(field, "a Visibility", std::to_string(static_cast<int>(visibility)));
 }
 
@@ -79,7 +79,7 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
     refuse(field + ".half_extents", "sizes " + at_least(keys::kSizes.least).text() + " m", text(half));
   }
 
-  check_presence(field + ".visibility", primitive.visibility);
+  check_visibility(field + ".visibility", primitive.visibility);
   if (primitive.kind == PrimitiveKind::room && primitive.visibility != Visibility::full) {
     refuse(field + ".visibility", "a room that is full", "another");
   }
@@ -231,7 +231,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
     const auto has_object = [&](std::size_t object) {
       return std::binary_search(ordered.objects.begin(), ordered.objects.end(), static_cast<std::uint16_t>(object));
     };
-    check_presence("mesh." + element("visibility", i), mesh.visibility[i]);
+    check_visibility("mesh." + element("visibility", i), mesh.visibility[i]);
     if (mesh.visibility[i] == Visibility::full || !has_object(i)) continue;
     ordered.visibility.resize(i);
     ordered.visibility.push_back(mesh.visibility[i]);

@@ -1,12 +1,10 @@
 #include "flockstep/world.hpp"
 
 #include <mutex>
-#include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "base/platform.hpp"
-#include "base/require.hpp"
 #include "world/content_hash.hpp"
 #include "world/scene_description.hpp"
 #include "world/tessellate.hpp"

@@ -1,4 +1,4 @@
-// Every operation of wide numbers gives each lane the bits that the same operation gives one number.
+// Wide numbers give each lane the bits that the same operation gives one number.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "base/wide_test.cpp"
 #include <hwy/foreach_target.h>
@@ -23,7 +23,8 @@
 #define FLOCKSTEP_WIDE_TEST_COMMON
 namespace flockstep::wide_test {
 
-constexpr std::size_t kLanes = 16, kFloats = 22, kInts = 12, kMasks = 14;
+constexpr std::size_t kLanes = 16, kFloats = 24, kInts = 12, kMasks = 14;
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 using Floats = std::array<float, kLanes>;
 using Ints = std::array<std::int32_t, kLanes>;
 
@@ -57,10 +58,30 @@ HWY_INLINE void compute(const Inputs& in, Outputs& out) {
     const Wide3<F> v{a, b, c}, w{c, a, 2.0F};
     const auto m = [](int row, int column) { return static_cast<float>(3 * row + column) / 7.0F; };
     const Wide3<F> x = cross(v, w), y = rotate(m, v), z = select(a < b, v + w, -(v - w) / 3.0F);
-    const F floats[kFloats] = {
-        a + b,    a - b,           a * b,           a / b,           -a,        min(a, b), max(a, b), abs(a), sqrt(abs(a)),
-        floor(a), round(a),        copy_sign(a, b), flip_sign(a, b), dot(v, w), x.x,       x.y,       x.z,    y.z,
-        z.x,      1.0F - a * 0.5F, convert<F>(i),   bit_cast<F>(i)};
+    const F floats[kFloats] = {a + b,
+                               a - b,
+                               a * b,
+                               a / b,
+                               -a,
+                               min(a, b),
+                               max(a, b),
+                               abs(a),
+                               sqrt(abs(a)),
+                               floor(a),
+                               round(a),
+                               copy_sign(a, b),
+                               flip_sign(a, b),
+                               dot(v, w),
+                               x.x,
+                               x.y,
+                               x.z,
+                               y.z,
+                               z.x,
+                               1.0F - a * 0.5F,
+                               convert<F>(i),
+                               bit_cast<F>(i),
+                               min(F(kNan), b),
+                               max(F(kNan), b)};
     for (std::size_t k = 0; k < kFloats; ++k) floats[k].store(out.floats[k].data() + at);
     const M less = a < b, even = (i & 1) == 0;
     const I ints[kInts] = {I::iota() + static_cast<std::int32_t>(at),
@@ -144,7 +165,9 @@ Outputs expected(const Inputs& in) {
                                    a < b ? a + c : -(a - c) / 3.0F,
                                    1.0F - a * 0.5F,
                                    static_cast<float>(i),
-                                   std::bit_cast<float>(i)};
+                                   std::bit_cast<float>(i),
+                                   b,  // the second operand if the first is no number
+                                   b};
     for (std::size_t n = 0; n < kFloats; ++n) out.floats[n][k] = floats[n];
     const std::int32_t ints[kInts] = {static_cast<std::int32_t>(k),
                                       i + j,

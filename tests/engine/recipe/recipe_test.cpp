@@ -16,7 +16,7 @@
 namespace flockstep {
 namespace {
 
-const RecipeAccess kShipped{.scenes = FLOCKSTEP_SCENES};
+const RecipeAccess kBundled{.scenes = FLOCKSTEP_SCENES};
 
 std::string refusal_of(const std::string& json) {
   try {
@@ -27,7 +27,7 @@ std::string refusal_of(const std::string& json) {
   return "nothing was refused";
 }
 
-std::string refusal_of(const Recipe& recipe, const RecipeAccess& access = kShipped) {
+std::string refusal_of(const Recipe& recipe, const RecipeAccess& access = kBundled) {
   try {
     make_batch(recipe, access);
   } catch (const std::invalid_argument& error) {
@@ -101,7 +101,7 @@ TEST(Recipe, BuildsTheBatchThatItsFieldsBuildByHand) {
   const std::string json = R"({"task": {"name": "navigation", "step_m": 0.2}, "worlds": ["validation"], "num_envs": 5,
                                "num_threads": 1, "pose_sensor": {"position_noise_std_m": 0.01},
                                "episode": {"autoreset_mode": "same_step", "max_episode_steps": 11}})";
-  const auto from_recipe = make_batch(Recipe::from_json(json), kShipped);
+  const auto from_recipe = make_batch(Recipe::from_json(json), kBundled);
   BatchConfig config = testing::lidar_batch(5);
   config.pose_sensor.position_noise_std_m = 0.01F;
   config.episode = {.autoreset_mode = AutoresetMode::same_step, .max_episode_steps = 11};
@@ -118,7 +118,7 @@ TEST(Recipe, BuildsFlightsTheSameFromItsJson) {
   recipe.batch.drones_per_env = 2;
   recipe.batch.num_threads = 1;
   recipe.batch.imus = {{.name = "a", .gyroscope_noise_density = 0.01F}, {.name = "b"}};
-  const auto direct = make_batch(recipe, kShipped), read = make_batch(Recipe::from_json(recipe.to_json()), kShipped);
+  const auto direct = make_batch(recipe, kBundled), read = make_batch(Recipe::from_json(recipe.to_json()), kBundled);
   EXPECT_TRUE(flown(*direct) == flown(*read));
 }
 

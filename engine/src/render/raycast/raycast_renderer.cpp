@@ -124,7 +124,7 @@ void render_tiles(const RenderRequest& request, std::size_t first, std::size_t l
                                 .longest = pinhole.corner,
                                 .sees_markers = true,
                                 .asked = {.normals = camera.outputs.normal, .weights = camera.outputs.any_color()},
-                                .ways = request.ways});
+                                .policy = request.policy});
   CameraOutputs wanted = camera.outputs;
   const bool samples = pinhole.grids.size() > 1;
   if (samples) wanted.rgb = wanted.grey = false;
