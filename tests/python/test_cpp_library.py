@@ -110,15 +110,28 @@ def test_a_task_is_built_with_the_python_package_only(tmp_path: Path) -> None:
     assert not (tmp_path / "build" / "minimal").exists()
 
 
+LOOKS_FOR_THE_LIBRARY = """
+cmake_minimum_required(VERSION 3.25)
+project(reader LANGUAGES CXX)
+find_package(flockstep 0.1 REQUIRED COMPONENTS library)
+message(STATUS "scenes: ${flockstep_SCENES_DIR}")
+"""
+
+
 def test_the_package_tells_where_the_scenes_are(prefix: Path, tmp_path: Path) -> None:
-    (tmp_path / "CMakeLists.txt").write_text(
-        "cmake_minimum_required(VERSION 3.25)\nproject(reader LANGUAGES CXX)\nfind_package(flockstep 0.1 REQUIRED)\n"
-        'message(STATUS "scenes: ${flockstep_SCENES_DIR}")\n'
-    )
+    (tmp_path / "CMakeLists.txt").write_text(LOOKS_FOR_THE_LIBRARY)
     printed = run("cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
     (scenes,) = re.findall(r"scenes: (.*)", printed)
     assert Path(scenes).is_relative_to(prefix)
     assert flockstep.World.load(next(Path(scenes).rglob("train-1.json"))).name
+
+
+def test_the_python_package_says_that_it_has_no_library(tmp_path: Path) -> None:
+    (tmp_path / "CMakeLists.txt").write_text(LOOKS_FOR_THE_LIBRARY)
+    command = ["cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-Dflockstep_DIR={flockstep.cmake_dir()}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "the Python package has headers only" in " ".join(done.stderr.split())
 
 
 def test_every_public_header_compiles_alone(tmp_path: Path) -> None:
