@@ -11,7 +11,7 @@ namespace {
 
 cv::Scalar scalar(const std::array<int, 3>& values) { return {double(values[0]), double(values[1]), double(values[2])}; }
 
-// By how much each channel exceeds 1.25 times the larger of the other two, rounded up.
+// Returns by how much each channel exceeds 1.25 times the larger of the other two, rounded up; 0 if it does not.
 cv::Mat excess_of(const cv::Mat& rgb) {
   std::array<std::uint8_t, 256> bounds{};
   for (std::size_t i = 0; i < bounds.size(); ++i) bounds[i] = static_cast<std::uint8_t>(std::min<std::size_t>(i + i / 4, 255));
@@ -38,7 +38,7 @@ cv::Mat mask_of(const cv::Mat& rgb, const ColorRange& range) {
     cv::inRange(image, scalar(range.low), scalar(range.high), mask);
     return mask;
   }
-  cv::Mat other;  // the hue wraps around: from low to the end, or from the beginning to high
+  cv::Mat other;  // the hue wraps around: [low, 255] or [0, high]
   cv::inRange(image, scalar(range.low), scalar({255, range.high[1], range.high[2]}), mask);
   cv::inRange(image, scalar({0, range.low[1], range.low[2]}), scalar(range.high), other);
   cv::bitwise_or(mask, other, mask);
@@ -51,7 +51,7 @@ ColorComponents find_components(std::span<const std::uint8_t> rgb, int width, in
                                 const ColorRange& range) {
   prepare_opencv();
   const std::size_t plane = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  auto* const pixels = const_cast<std::uint8_t*>(rgb.data());  // OpenCV takes no pointers to const
+  auto* const pixels = const_cast<std::uint8_t*>(rgb.data());  // OpenCV accepts no pointers to const
   cv::Mat image(height, width, CV_8UC3, pixels);
   if (layout == ImageLayout::chw) {
     const std::array<cv::Mat, 3> planes{cv::Mat(height, width, CV_8UC1, pixels), cv::Mat(height, width, CV_8UC1, pixels + plane),
@@ -63,7 +63,7 @@ ColorComponents find_components(std::span<const std::uint8_t> rgb, int width, in
   cv::Mat labels(height, width, CV_32SC1, found.labels.data());
   cv::Mat stats, centroids;
   const int count = cv::connectedComponentsWithStats(mask_of(image, range), labels, stats, centroids, 8, CV_32S);
-  for (int i = 1; i < count; ++i) {  // 0 is all the rest
+  for (int i = 1; i < count; ++i) {  // label 0 is the background
     found.list.push_back({.x = stats.at<int>(i, cv::CC_STAT_LEFT),
                           .y = stats.at<int>(i, cv::CC_STAT_TOP),
                           .width = stats.at<int>(i, cv::CC_STAT_WIDTH),

@@ -8,7 +8,7 @@
 namespace flockstep::imaging {
 namespace {
 
-// The planes of a (3, H, W) image. OpenCV takes no pointers to const.
+// Wraps the planes of a (3, H, W) image. OpenCV accepts no pointers to const.
 std::array<cv::Mat, 3> planes(std::uint8_t* image, int width, int height) {
   const std::size_t plane = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   return {cv::Mat(height, width, CV_8UC1, image), cv::Mat(height, width, CV_8UC1, image + plane),

@@ -1,7 +1,7 @@
 #include "imaging/opencv.hpp"
 
-// OpenCV's core looks up OpenGL by this function, in code that nothing here calls. Defined here and hidden, it lets us link
-// without libGLX; a lookup would fail as it does on a machine without OpenGL.
+// OpenCV's core looks up OpenGL functions through this function, in code that we never call. Our hidden definition lets us
+// link without libGLX. A lookup would fail as it does on a machine without OpenGL.
 extern "C" void* glXGetProcAddressARB(const unsigned char* name);
 extern "C" void* glXGetProcAddressARB(const unsigned char* /*name*/) { return nullptr; }
 

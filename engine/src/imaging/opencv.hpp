@@ -1,4 +1,5 @@
-// The one place that includes OpenCV: only its core and imgproc. CMake links its static libraries, see cmake/Dependencies.cmake.
+// The only file that includes OpenCV, and only its core and imgproc. CMake links its static libraries; see
+// cmake/Dependencies.cmake.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -6,9 +7,8 @@
 
 namespace flockstep::imaging {
 
-// Keeps OpenCV from starting threads; to be called before any of its functions. Our copy of OpenCV is linked
-// statically and its symbols are hidden, so the setting does not reach another copy in the process, such as that of the Python
-// module cv2.
+// Keeps OpenCV from starting threads; call it before any OpenCV function. Our copy of OpenCV is linked statically with hidden
+// symbols, so the setting does not affect other copies in the process, such as the one in the Python module cv2.
 void prepare_opencv();
 
 }  // namespace flockstep::imaging

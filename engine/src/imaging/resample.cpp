@@ -6,7 +6,7 @@
 namespace flockstep::imaging {
 namespace {
 
-// into[i] = combine(into[i], from[i]), for a row; the compiler makes vectors of it.
+// Sets into[i] = combine(into[i], from[i]) for a row. The compiler vectorises the loop.
 template <class Value, class Sum, class Combine>
 void combine_row(const Value* from, std::size_t count, Sum* into, const Combine& combine) {
   for (std::size_t i = 0; i < count; ++i) into[i] = combine(into[i], static_cast<Sum>(from[i]));
@@ -21,12 +21,13 @@ Resample::Resample(int from_width, int from_height, int to_width, int to_height,
       columns_(covers(from_width_, static_cast<std::size_t>(to_width))),
       rows_(covers(from_height_, static_cast<std::size_t>(to_height))) {}
 
-// In units in which a large pixel is `to` long and a small one `from`, all ends are whole numbers.
+// Measures in units in which an input pixel has the length `to` and an output pixel has the length `from`. All ends are then
+// integers.
 std::vector<Resample::Cover> Resample::covers(std::size_t from, std::size_t to) {
   std::vector<Cover> covers;
   for (std::size_t i = 0; i < to; ++i) {
     const std::size_t begin = i * from, end = begin + from;
-    const std::size_t first = begin / to, last = (end + to - 1) / to;  // past the last
+    const std::size_t first = begin / to, last = (end + to - 1) / to;  // last: one past the end
     covers.push_back({static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(last - first),
                       static_cast<std::uint32_t>(weights_.size())});
     for (std::size_t j = first; j < last; ++j) {
@@ -36,8 +37,8 @@ std::vector<Resample::Cover> Resample::covers(std::size_t from, std::size_t to) 
   return covers;
 }
 
-// First down the rows, then along the row that remains. Sums of uint8 are whole numbers: down a column at most 255 * 8192, which
-// float holds exactly, and over all at most 2^34, which double does.
+// Reduces the rows first, then the columns of the remaining row. Sums of uint8 values are integers. A column sum is at most
+// 255 * 8192, which a float holds exactly; the total is at most 2^34, which a double holds exactly.
 template <class Value, class Sum>
 void Resample::run(const Value* from, Value* to, std::size_t channels, std::vector<Sum>& row) const {
   const std::size_t values = from_width_ * channels;

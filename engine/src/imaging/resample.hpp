@@ -1,6 +1,6 @@
-// Resample: makes an image smaller. Each pixel of the small image is the mean, least or greatest value of the pixels that it
-// covers. OpenCV's resize with INTER_AREA computes the same means and is the test's oracle; it is not called here because it
-// builds tables on the heap in every call.
+// Resample: shrinks an image. Each output pixel is the mean, minimum or maximum of the input pixels that it covers. OpenCV's
+// resize with INTER_AREA computes the same means and is the reference in the test. We do not call it here because it
+// allocates tables on the heap in every call.
 #pragma once
 
 #include <cstddef>
@@ -11,28 +11,29 @@
 
 namespace flockstep::imaging {
 
-// Owned by one thread; it grows to the widest image and stays.
+// Working memory of one thread. It grows to the widest image and is kept.
 struct ResampleScratch {
-  std::vector<float> floats;    // a row of uint8 pixels, reduced over the rows that a small pixel covers
-  std::vector<double> doubles;  // the same of float pixels
+  std::vector<float> floats;    // a row of uint8 pixels, reduced over the rows that an output pixel covers
+  std::vector<double> doubles;  // the same for float pixels
 };
 
 class Resample {
  public:
-  // From a size in pixels to one that is no larger along either axis.
+  // The output size in pixels must not exceed the input size along either axis.
   Resample(int from_width, int from_height, int to_width, int to_height, Pool pool);
 
-  // Images (H, W, channels). Means of uint8 are rounded to the nearest, halves up. An infinite value makes the mean infinite.
+  // Resamples an image (H, W, channels). Means of uint8 are rounded to nearest, halves up. An infinite value makes the mean
+  // infinite.
   void operator()(const std::uint8_t* from, std::uint8_t* to, std::size_t channels, ResampleScratch& scratch) const;
   void operator()(const float* from, float* to, std::size_t channels, ResampleScratch& scratch) const;
 
  private:
-  // The pixels of the large image that one of the small covers along an axis. Weights are their overlaps, whole numbers that sum
-  // to the large image's length.
+  // The input pixels that one output pixel covers along an axis. The weights are the overlaps, integers that sum to the
+  // length of the input image.
   struct Cover {
     std::uint32_t first;
     std::uint32_t count;
-    std::uint32_t first_weight;  // into weights_
+    std::uint32_t first_weight;  // index into weights_
   };
   template <class Value, class Sum>
   void run(const Value* from, Value* to, std::size_t channels, std::vector<Sum>& row) const;
