@@ -11,17 +11,18 @@ namespace flockstep::sensors {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-constexpr std::size_t kTileWidth = trace::kTileWidth;  // beams: a vector, and a narrow view
-constexpr std::size_t kFan = 64;                       // beams of a single channel that are worth only one view
+constexpr std::size_t kTileWidth = trace::kTileWidth;  // beams; a full vector, and few enough for a narrow view
+constexpr std::size_t kFan = 64;                       // largest number of beams of a single channel that form one tile
 
-// Evenly spaced over [-fov/2, fov/2]; the end is left out where it would be the beginning again.
+// Returns the angle of element `index`, evenly spaced over [-fov/2, fov/2]. A full circle omits the end, which equals the
+// start.
 double spread_deg(int index, int count, double fov_deg) {
   if (count == 1) return 0.0;
   const int intervals = fov_deg >= 360.0 ? count : count - 1;
   return fov_deg * (static_cast<double>(index) / intervals - 0.5);
 }
 
-// Unit, body frame.
+// Returns a unit vector in the frame of the LiDAR, before the mounting rotation.
 Eigen::Vector3d beam_direction(const LidarConfig& config, std::size_t channel, std::size_t beam) {
   double azimuth_deg = 0.0;
   double elevation_deg = 0.0;
@@ -45,10 +46,10 @@ void for_each_beam(const BeamPattern& pattern, const BeamTile& tile, const F& f)
   }
 }
 
-// Appends the view of the pattern's last tile, if its beams fill some of a picture and lie within a narrow cone.
+// Adds a view for the pattern's last tile if the tile has enough beams and they lie within a narrow cone.
 void add_view(BeamPattern& pattern, BeamTile& tile) {
-  constexpr std::size_t kFewest = 64;  // beams, in rows that fill the kernel's sub-tiles of four
-  constexpr double kLeastAhead = 0.9;  // cosine: 26 degrees from the tile's axis
+  constexpr std::size_t kFewest = 64;  // beams, in rows that fill the kernel's sub-tiles of 4 x 4
+  constexpr double kLeastAhead = 0.9;  // cosine of the largest angle to the tile's axis, 26 degrees
   const std::size_t beams = tile.rows * tile.width;
   if (tile.rows < 4 || tile.width > trace::kTileWidth || beams < kFewest) return;
   const auto direction = [&](std::size_t i) {
@@ -72,7 +73,7 @@ void add_view(BeamPattern& pattern, BeamTile& tile) {
     view.ahead[at] = static_cast<float>(seen.x());
     view.per_ahead[at] = static_cast<float>(1.0 / seen.x());
   }
-  // What lies beside the tile looks where its nearest beam does, so that it makes the view no wider.
+  // Gives rays beside the tile the direction of the nearest beam, so that they do not widen the view.
   for (std::size_t row = 0; row < trace::kMaxRays / trace::kTileWidth; ++row) {
     for (std::size_t i = row < tile.rows ? tile.width : 0; i < trace::kTileWidth; ++i) {
       const std::size_t from = std::min(row, tile.rows - 1) * trace::kTileWidth + std::min(i, tile.width - 1);

@@ -1,4 +1,4 @@
-// Beams: where a LiDAR's rays point in the body frame.
+// Beams: the ray directions of a LiDAR in the body frame.
 #pragma once
 
 #include <cstddef>
@@ -13,17 +13,17 @@
 
 namespace flockstep::sensors {
 
-// A part of a pattern that is traced at once: a rectangle of its grid, so that its beams point much the same way.
+// A part of a pattern that is traced together. It is a rectangle of the grid, so its beams have similar directions.
 struct BeamTile {
-  std::size_t first;          // of its beams in the pattern's arrays; there they follow row by row
+  std::size_t first;          // index of its first beam in the pattern's arrays; its beams follow row by row
   std::size_t rows, width;    // rows * width beams
-  std::size_t channel, beam;  // of its first
+  std::size_t channel, beam;  // channel and number of its first beam
   trace::Frustum frustum;     // body frame
-  std::int32_t view = -1;     // into the pattern's views; -1: its beams are too far apart for one
+  std::int32_t view = -1;     // index into the pattern's views; -1 if its beams are too far apart for a view
 };
 
-// The beams of one setting (mounting rotation included), structure of arrays, tile by tile, padded so that whole vectors can be
-// read.
+// The beams of one setting, mounting rotation included. They are stored as a structure of arrays, tile by tile, and padded so
+// that whole vectors can be read.
 struct BeamPattern {
   std::vector<float> x, y, z;  // (rays + trace::kRayPadding,) unit, body frame
   std::vector<BeamTile> tiles;
@@ -31,10 +31,10 @@ struct BeamPattern {
   std::size_t columns;  // beams per channel
 };
 
-// views: of those tiles that can have one; else of none.
+// views: adds a view for each tile that can have one.
 BeamPattern make_pattern(const LidarConfig& config, bool views);
 
-// Writes the pattern's directions to out (channels, beams, 3).
+// Writes the pattern's directions to out, shape (channels, beams, 3).
 void write_directions(const BeamPattern& pattern, float* out);
 
 }  // namespace flockstep::sensors

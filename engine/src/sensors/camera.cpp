@@ -18,7 +18,7 @@ Mat3 matrix_of(const std::array<float, 4>& q) { return Quat(q[0], q[1], q[2], q[
 
 std::size_t area(int width, int height) { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 
-// The renderer's part of a camera.
+// Returns the part of the configuration that the renderer handles.
 CameraConfig rendering_of(CameraConfig config) {
   config.resize.reset();
   config.outputs.rgb = config.outputs.rgb || config.outputs.hsv;
@@ -26,7 +26,7 @@ CameraConfig rendering_of(CameraConfig config) {
   return config;
 }
 
-// f(entry, image) for each image of some outputs.
+// Calls f(entry, image) for each image of the outputs.
 template <class F>
 void for_each_image(CameraImages& images, const CameraOutputs& outputs, const F& f) {
   for_each_listed(images, [&](const auto& entry, auto& image) {
@@ -36,7 +36,7 @@ void for_each_image(CameraImages& images, const CameraOutputs& outputs, const F&
   });
 }
 
-// Room for the images of some outputs. Nothing is seen yet.
+// Allocates the images of the outputs, filled with absent values.
 void allocate_images(CameraImages& images, const CameraOutputs& outputs, std::size_t num_drones, std::size_t pixels) {
   const ArraySizes sizes{.num_drones = num_drones, .num_pixels = pixels};
   for_each_image(images, outputs, [&](const auto& entry, auto& image) { flockstep::allocate(entry, image, sizes); });
@@ -88,7 +88,7 @@ void Camera::change(const CameraChange& change, std::span<const DroneIndex> dron
     config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
     return config;
   };
-  changed(config_).validate();  // as with LiDARs, even if no drone is listed
+  changed(config_).validate();  // checked even if no drone is listed, as with LiDARs
   if (!change.any()) return;
   for (const DroneIndex drone : drones) set_config(drone, changed(config_of(drone)));
 }
@@ -105,7 +105,7 @@ bool Camera::is_due(DroneIndex drone, const State& state) const {
   const std::size_t env = drone / drones_per_env_;
   switch (config_.capture_mode) {
     case CaptureMode::every_step:
-      // With a rate: where a multiple of the period has passed since the last frame.
+      // With a rate: due if a multiple of the period has passed since the last frame.
       return period() == 0 || images_.frame_step[drone] < 0 || state.tick[env] / period() != taken_.tick[drone] / period();
     case CaptureMode::on_movement:
       return images_.frame_step[drone] < 0 || taken_.world[drone] != state.world_index[env] ||
@@ -145,7 +145,7 @@ render::RenderRequest Camera::request(DroneIndex drone, const World& world, cons
                                 .rotation = rotation,
                                 .frame = {},
                                 .policy = policy_};
-  // A frame is rendered into the camera's images, unless it has to be converted first.
+  // Frames are rendered directly into the camera's images, unless they must be converted first.
   const auto image = [&](auto CameraImages::* output, std::size_t values) {
     auto& frames = (frames_.*output).empty() && !resample_ ? images_.*output : frames_.*output;
     return frames.empty() ? nullptr : frames.data() + drone * rendered_pixels_ * values;
@@ -212,7 +212,7 @@ void Camera::check() const {
     const std::int64_t step = images_.frame_step[drone];
     require(step >= -1 && step <= std::int64_t{1} << 62, "snapshot: frame_step", "a number in [-1, 2^62]", step);
     require(taken_.tick[drone] >= 0, "snapshot: taken_tick", "a number >= 0", taken_.tick[drone]);
-    if (step < 0) continue;  // stale: it is not rendered again
+    if (step < 0) continue;  // stale frames are not rendered again
     const float* const p = &taken_.position[3 * drone];
     const float* const q = &taken_.quat_wxyz[4 * drone];
     if (!is_in_world(Vec3(p[0], p[1], p[2]))) refuse("snapshot: taken_position", in_world("finite coordinates"), p[0]);

@@ -1,4 +1,4 @@
-// Camera: one camera of every drone: how it is mounted, the frames it has taken, and when the next is due.
+// Camera: one camera of every drone, with its mounting, its frames, and the time of the next frame.
 #pragma once
 
 #include <array>
@@ -25,11 +25,11 @@
 
 namespace flockstep::sensors {
 
-// Buffers to convert a frame; owned by one thread.
+// Buffers for converting a frame, owned by one thread.
 struct ConversionScratch {
   imaging::ResampleScratch resample;
   imaging::HsvScratch hsv;
-  std::vector<std::uint8_t> rgb;  // a resized image that only hsv is made of
+  std::vector<std::uint8_t> rgb;  // resized image, used only to compute hsv
 };
 
 class Camera final : public Sensor {
@@ -37,47 +37,48 @@ class Camera final : public Sensor {
   Camera(const CameraConfig& config, const ClockConfig& clock, std::size_t drones_per_env, std::size_t num_drones,
          TracerKind tracer = TracerKind::automatic);
 
-  const CameraConfig& config() const { return config_; }  // but for what a drone has of its own
+  const CameraConfig& config() const { return config_; }  // without the settings of individual drones
   const CameraImages& images() const { return images_; }
-  std::size_t pixels() const { return pixels_; }  // of one image, as written
+  std::size_t pixels() const { return pixels_; }  // pixels of one written image
   void set_capture_mode(CaptureMode mode) { config_.capture_mode = mode; }
 
-  // A drone's own setting, as changed at run time. Setting it marks its frame stale.
+  // The drone's own setting, including changes at run time. Setting it marks the drone's frame stale.
   CameraConfig config_of(DroneIndex drone) const;
-  void set_config(DroneIndex drone, const CameraConfig& config);  // of the same resolution and outputs
+  void set_config(DroneIndex drone, const CameraConfig& config);  // config needs the same resolution and outputs
 
-  // The same for some drones, in some fields. What it makes of every setting has to be valid; that is checked first.
+  // Changes some fields of some drones. The change is validated before any drone is changed.
   void change(const CameraChange& change, std::span<const DroneIndex> drones);
 
-  // The drone's frame shows nothing that counts any more, as after a reset.
+  // Marks the drone's frame as out of date, as after a reset.
   void mark_stale(DroneIndex drone) { images_.frame_step[drone] = -1; }
-  // A removed drone sees nothing: black, depth inf, ids 0.
+  // Clears the images of a removed drone: black, depth inf, ids 0.
   void clear(DroneIndex drone) override;
 
-  // Whether a step or sense() is to render the drone's frame.
+  // Returns whether a step or sense() must render the drone's frame.
   bool is_due(DroneIndex drone, const State& state) const;
-  // The picture of where the drone is now; from now on its frame counts as taken there, at this reading of its episode.
+  // Returns a request for the view from the drone's current pose, and records its frame as taken there, at this reading of
+  // the episode.
   render::RenderRequest take(DroneIndex drone, const World& world, const State& state);
-  // The picture its frame already shows, once more.
+  // Returns a request that renders the recorded frame again.
   render::RenderRequest retake(DroneIndex drone, const World& world);
 
-  // Whether what is rendered is not yet what the camera writes: images are resized, or hsv is computed. Then each frame is to be
-  // converted once it is rendered.
+  // True if the written images differ from the rendered ones because images are resized or hsv is computed. Each frame must
+  // then be converted after rendering.
   bool converts() const { return resample_.has_value() || config_.outputs.hsv; }
   void convert(DroneIndex drone, ConversionScratch& scratch);
 
-  // Which world the drone's frame shows; with visit() and retake(), all that a restored frame needs.
+  // Returns the index of the world in the drone's frame. With visit() and retake(), this is all that a restored frame needs.
   std::int32_t taken_world(DroneIndex drone) const { return taken_.world[drone]; }
 
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override;
-  // A snapshot holds the poses at which frames were taken, and run-time settings: frames are rendered again.
+  // A snapshot holds run-time settings and the poses at which frames were taken. The frames are rendered again.
   void visit(ArrayVisitor& visitor) override;
   void check_bytes(std::span<const std::byte> settings) const override { settings_.check_bytes(settings); }
   void restored() override;
   void check() const override;
 
  private:
-  // The poses at which frames were taken. Frames depend on these, on frame_step and on the settings.
+  // Poses at which frames were taken. Frames depend on these, on frame_step and on the settings.
   struct Taken {
     std::vector<float> position;
     std::vector<float> quat_wxyz;
@@ -98,18 +99,18 @@ class Camera final : public Sensor {
   render::RenderRequest request(DroneIndex drone, const World& world, const Pose& pose);
 
   CameraConfig config_;
-  CameraConfig rendering_;  // what the renderer does: no resize, and rgb instead of hsv
+  CameraConfig rendering_;  // configuration of the renderer: no resize, rgb instead of hsv
   trace::TracePolicy policy_;
   std::size_t drones_per_env_;
-  std::size_t pixels_;                                           // of an image as written
-  std::size_t rendered_pixels_;                                  // of a frame
-  DroneSettings<CameraConfig, render::PinholeCamera> settings_;  // requests point to the optics
-  std::vector<Mat3> mounting_;                                   // (N,) camera to body
+  std::size_t pixels_;                                           // pixels of a written image
+  std::size_t rendered_pixels_;                                  // pixels of a rendered frame
+  DroneSettings<CameraConfig, render::PinholeCamera> settings_;  // render requests point to the optics
+  std::vector<Mat3> mounting_;                                   // (N,) rotations, camera to body
   Taken taken_;
-  std::vector<CaptureMode> mode_;  // (1,) as the last snapshot has it, until restored()
+  std::vector<CaptureMode> mode_;  // (1,) mode in the last snapshot, until restored()
   CameraImages images_;
   std::optional<imaging::Resample> resample_;
-  CameraImages frames_;  // as rendered, where that is not what is written
+  CameraImages frames_;  // rendered images, if they differ from the written ones
 };
 
 }  // namespace flockstep::sensors

@@ -10,7 +10,7 @@
 namespace flockstep {
 namespace {
 
-// Pixels per unit of slope, of an image that many pixels long.
+// Returns the focal length in pixels for a side with this many pixels.
 float focal_length(int pixels, float fov_deg) {
   return static_cast<float>(0.5 * pixels / std::tan(0.5 * static_cast<double>(fov_deg) * std::numbers::pi / 180.0));
 }
@@ -23,7 +23,7 @@ float CameraConfig::fy() const { return vfov_deg ? focal_length(height_px, *vfov
 
 void CameraConfig::validate() const {
   check_fields(*this, "camera.");
-  // What one field of view makes of the other.
+  // Checks both fields of view, since one may be derived from the other.
   for (const float slope : {0.5F * static_cast<float>(width_px) / fx(), 0.5F * static_cast<float>(height_px) / fy()}) {
     require(slope < 115.0F, hfov_deg ? "camera.hfov_deg" : "camera.vfov_deg",
             "one that leaves the other below 179 degrees (pixels are square)", hfov_deg ? *hfov_deg : vfov_deg.value_or(90.0F));

@@ -10,11 +10,11 @@
 namespace flockstep::sensors {
 namespace {
 
-// Backends are timed by this many requests per camera, or by fewer where frames have many pixels.
+// Backends are timed with this many requests per camera, or fewer if frames have many pixels.
 constexpr std::size_t kTypicalRequests = 64;
 constexpr std::size_t kTypicalPixels = 16 * 640 * 480;
 
-// Instance ids are 16 bits wide.
+// Instance ids have 16 bits.
 void require_instances(const World& world) {
   const auto& objects = world.triangles().objects;
   const std::size_t meshes = objects.empty() ? 0 : std::size_t{1} + *std::max_element(objects.begin(), objects.end());
@@ -56,7 +56,7 @@ void CameraRig::require_world(const World& world) const {
 
 void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers) {
   if (empty()) return;
-  for (const World* const world : worlds_) {  // built here, not by whichever thread first needs it
+  for (const World* const world : worlds_) {  // built here, not by the first thread that needs it
     if (world == nullptr) continue;
     for (const auto& camera : cameras_) prepared(*world).shading(camera->config().shadows);
   }
@@ -73,7 +73,7 @@ void CameraRig::choose_backend(CameraBackend backend, std::span<const DroneIndex
   }
   renderer_.emplace(backend, requests_, workers);
   scratch_.resize(static_cast<std::size_t>(workers.num_threads()));
-  for (const auto& camera : cameras_) {  // every thread's scratch grows now; the frame is stale
+  for (const auto& camera : cameras_) {  // grows every thread's scratch now; the frame is stale
     for (ConversionScratch& scratch : scratch_) {
       if (camera->converts()) camera->convert(DroneIndex(0), scratch);
     }
@@ -101,7 +101,7 @@ void CameraRig::ask_again() {
     for (std::size_t i = 0; i < num_drones_; ++i) {
       const DroneIndex drone(i);
       if (!state_->active[drone] || camera->images().frame_step[drone] < 0) continue;
-      const bool by_slot = slots_ == &state_->world_index;  // else a frame that is of another world is stale
+      const bool by_slot = slots_ == &state_->world_index;  // otherwise a frame of another world is stale
       const World& world = by_slot ? *worlds_[static_cast<std::size_t>(camera->taken_world(drone))] : world_of(drone);
       request(*camera, drone, camera->retake(drone, world));
     }
@@ -125,7 +125,7 @@ void CameraRig::finish(Workers& workers) {
         conversions_[i].camera->convert(conversions_[i].drone, scratch_[thread]);
       });
     }
-  } catch (...) {  // some frames, nobody knows which, have not been rendered
+  } catch (...) {  // some frames have not been rendered, and we cannot tell which
     for (std::size_t i = 0; i < num_drones_; ++i) mark_stale(DroneIndex(i));
     clear_requests();
     throw;

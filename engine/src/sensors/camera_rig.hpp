@@ -1,4 +1,4 @@
-// CameraRig: all cameras of a batch, what renders their frames, and the frames on their way.
+// CameraRig: all cameras of a batch, their renderer, and the pending frames.
 #pragma once
 
 #include <cstddef>
@@ -21,16 +21,17 @@ namespace flockstep::sensors {
 
 class CameraRig {
  public:
-  // Env e is in worlds[slots[e]]; null where no env is. These and the state outlive the rig, and the worlds stay where they are
-  // in memory.
+  // Env e uses worlds[slots[e]]; slots without an env are null. The arguments must outlive the rig, and the worlds must keep
+  // their addresses.
   CameraRig(const std::vector<CameraConfig>& configs, const ClockConfig& clock, std::span<const World* const> worlds,
             const std::vector<std::int32_t>& slots, const State& state, std::size_t drones_per_env, std::size_t num_drones,
             TracerKind tracer);
 
-  // Throws std::invalid_argument where a camera cannot show a world.
+  // Throws std::invalid_argument if a camera cannot show the world.
   void require_world(const World& world) const;
 
-  // Chooses who renders, now that every drone has its place; typical: drones spread over the batch, to time backends by.
+  // Chooses the rendering backend; call it after all drones have been placed. typical: drones spread over the batch, used to
+  // time the backends.
   void choose_backend(CameraBackend backend, std::span<const DroneIndex> typical, Workers& workers);
 
   bool empty() const { return cameras_.empty(); }
@@ -39,10 +40,10 @@ class CameraRig {
   const Camera& operator[](std::size_t camera) const { return *cameras_[camera]; }
 
   void mark_stale(DroneIndex drone);
-  void clear(DroneIndex drone);  // a removed drone sees nothing
+  void clear(DroneIndex drone);  // clears the images of a removed drone
 
-  // --- the next frames: ask for them, start, finish. In between a backend with a thread of its own renders already.
-  // Those that are due, of the drones with which for_each_drone calls its argument.
+  // --- the next frames: request, start, finish. A backend with its own thread already renders between start() and finish().
+  // Requests the due frames of all drones for which for_each_drone calls its argument.
   template <class ForEachDrone>
   void ask(const ForEachDrone& for_each_drone) {
     clear_requests();
@@ -52,16 +53,16 @@ class CameraRig {
       });
     }
   }
-  void ask_now(std::size_t camera, std::span<const DroneIndex> drones);  // by one camera, whether they are due or not
-  void ask_again();                                                      // all frames that are not stale, as they were
+  void ask_now(std::size_t camera, std::span<const DroneIndex> drones);  // for one camera, whether due or not
+  void ask_again();                                                      // all frames that are not stale, unchanged
   void start();
   void finish(Workers& workers);
 
-  // Which backend renders, and why; what the user has not been told yet.
+  // The chosen backend with the reason, and warnings that have not been reported yet.
   const std::string& report() const;
   std::string take_warning();
   trace::EmbreeUse embree_use() const { return renderer_ ? renderer_->embree_use() : trace::EmbreeUse{}; }
-  // A JPEG file of one frame; quality in [1, 100].
+  // Returns a JPEG file of one frame; quality in [1, 100].
   std::string jpeg(std::size_t camera, DroneIndex drone, int quality) const;
 
  private:
@@ -78,14 +79,14 @@ class CameraRig {
   std::size_t drones_per_env_;
   std::size_t num_drones_;
   std::vector<std::unique_ptr<Camera>> cameras_;
-  std::optional<render::Renderer> renderer_;     // once it is chosen
-  std::vector<render::RenderRequest> requests_;  // asked for, camera by camera
+  std::optional<render::Renderer> renderer_;     // set by choose_backend()
+  std::vector<render::RenderRequest> requests_;  // grouped by camera
   struct Conversion {
     Camera* camera;
     DroneIndex drone;
   };
-  std::vector<Conversion> conversions_;     // of those requests, once they are rendered
-  std::vector<ConversionScratch> scratch_;  // one for each thread
+  std::vector<Conversion> conversions_;     // conversions to run after rendering
+  std::vector<ConversionScratch> scratch_;  // one per thread
 };
 
 }  // namespace flockstep::sensors

@@ -1,4 +1,4 @@
-// DroneSettings: the run-time settings of a sensor that looks around, one for each drone.
+// DroneSettings: the run-time settings of a camera or LiDAR, one per drone.
 #pragma once
 
 #include <algorithm>
@@ -20,10 +20,10 @@
 
 namespace flockstep::sensors {
 
-// The setting of one drone, as it stands in a snapshot. A field of view that is not given is 0.
+// The setting of one drone, as stored in a snapshot. A field of view that is not set is 0.
 struct Setting {
   float hfov_deg, vfov_deg;
-  float max_range_m;  // of LiDARs
+  float max_range_m;  // m, LiDARs only
   std::array<float, 3> offset_m;
   std::array<float, 4> quat_wxyz;
 };
@@ -32,13 +32,14 @@ Setting setting_of(const CameraConfig& config);
 LidarConfig with(LidarConfig config, const Setting& setting);
 CameraConfig with(CameraConfig config, const Setting& setting);
 
-// Optics: costly data computed from fields of view, such as a table of rays.
+// Holds the setting and the optics of each drone. Optics are expensive data computed from the field of view, such as a table
+// of rays.
 template <class Config, class Optics>
 class DroneSettings {
  public:
   using Make = std::function<Optics(const Config&)>;
 
-  // optics_turn: the optics depend on the mounting, too.
+  // optics_turn: true if the optics also depend on the mounting.
   DroneSettings(const Config& config, std::size_t num_drones, bool optics_turn, Make make)
       : config_(config), optics_turn_(optics_turn), make_(std::move(make)), settings_(num_drones, setting_of(config)) {
     shared_.push_back(std::make_unique<Shared>(setting_of(config), make_(config), num_drones));
@@ -47,7 +48,7 @@ class DroneSettings {
 
   std::size_t size() const { return settings_.size(); }
   const Setting& operator[](DroneIndex drone) const { return settings_[drone]; }
-  const Optics& optics(DroneIndex drone) const { return shared_[index_[drone]]->optics; }  // stays where it is in memory
+  const Optics& optics(DroneIndex drone) const { return shared_[index_[drone]]->optics; }  // its address does not change
   Config config_of(DroneIndex drone) const { return with(config_, settings_[drone]); }
 
   void set(DroneIndex drone, const Config& config) {
@@ -59,7 +60,7 @@ class DroneSettings {
   }
 
   void visit(std::string_view name, ArrayVisitor& visitor) { visitor.array(name, settings_); }
-  // Throws std::invalid_argument at settings that no sensor can have.
+  // Throws std::invalid_argument if a setting is invalid.
   void check_bytes(std::span<const std::byte> bytes) const {
     for (std::size_t at = 0; at < bytes.size(); at += sizeof(Setting)) {
       Setting setting;
@@ -73,7 +74,7 @@ class DroneSettings {
   }
 
  private:
-  // Drones of equal fields of view share their optics. Those that no drone uses make room for the next.
+  // Drones with equal fields of view share their optics. An entry that no drone uses is reused for the next optics.
   struct Shared {
     Shared(const Setting& setting_in, Optics optics_in, std::size_t drones_in)
         : setting(setting_in), optics(std::move(optics_in)), drones(drones_in) {}
@@ -109,7 +110,7 @@ class DroneSettings {
   Make make_;
   std::vector<Setting> settings_;  // (N,)
   std::vector<std::unique_ptr<Shared>> shared_;
-  std::vector<std::uint32_t> index_;  // (N,) into shared_
+  std::vector<std::uint32_t> index_;  // (N,) index into shared_
 };
 
 }  // namespace flockstep::sensors

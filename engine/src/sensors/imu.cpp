@@ -29,14 +29,15 @@ double seconds_between(std::int64_t period, const ClockConfig& clock) {
 
 }  // namespace
 
-// White noise of density s has the standard deviation s / sqrt(d) in readings d apart.
+// White noise of density s has the standard deviation s / sqrt(d) in readings that are d seconds apart.
 Imu::Noise::Noise(float density, float walk, float time, double d)
     : random_walk(static_cast<double>(walk)),
       bias_time_s(static_cast<double>(time)),
       white(static_cast<float>(static_cast<double>(density) / std::sqrt(d))),
       per_interval(walk_over(d)) {}
 
-// A bias whose rate is white noise of density w gains w sqrt(d); one with the correlation time T, w sqrt(T/2 (1 - e^(-2d/T))).
+// In d seconds, a bias driven by white noise of density w gains the standard deviation w sqrt(d). With a correlation time T
+// it gains w sqrt(T/2 (1 - e^(-2d/T))).
 Imu::Walk Imu::Noise::walk_over(double d) const {
   const double t = bias_time_s;
   const double gain = t > 0.0 ? std::sqrt(0.5 * t * -std::expm1(-2.0 * d / t)) : std::sqrt(d);
@@ -77,7 +78,7 @@ void Imu::visit(ArrayVisitor& visitor) {
   visitor.fields(bias_);
 }
 
-// The accelerometer feels all forces but gravity: R^T (dv/dt + g e3), and where it sits besides dw/dt x r + w x (w x r).
+// The accelerometer measures all forces except gravity, R^T (dv/dt + g e3). An offset r adds dw/dt x r + w x (w x r).
 void Imu::measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
   const State& state = surroundings.state;
   ImuReadings& truth = readings_.truth();
@@ -100,7 +101,7 @@ void Imu::add_errors(std::span<const DroneIndex> drones, const State& state) {
     const RandomKey key = RandomKey::of(drone, drones_per_env_);
     const EnvIndex env = key.env;
     const auto reading = static_cast<std::uint32_t>(period() == 0 ? state.sensed[env] : state.tick[env]);
-    constexpr std::uint32_t kDraws = 6;  // of two numbers each
+    constexpr std::uint32_t kDraws = 6;  // draws per reading, two numbers each
     const std::uint32_t index = kDraws * reading;
     std::array<float, 2 * kDraws> n;
     for (std::uint32_t k = 0; k < kDraws; ++k) {

@@ -1,4 +1,4 @@
-// Imu: the readings of an accelerometer and a gyroscope on the drone.
+// Imu: an accelerometer and a gyroscope on each drone.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,7 @@ class Imu final : public BlockSensor {
 
   const ImuReadings& readings() const { return readings_.published(); }
 
-  // The biases of a drone are 0 at the present tick of its env.
+  // Sets the biases of the drone to 0 at the current tick of its env.
   void begin(DroneIndex drone, const State& state) override;
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override { for_each_view(readings(), {}, list); }
   void visit(ArrayVisitor& visitor) override;
@@ -30,15 +30,15 @@ class Imu final : public BlockSensor {
 
  private:
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
-  // The noise of a drone is a function of its env's seed and episode, its number in the env, and the number of the reading.
-  // The biases walk with the time since the last reading, so a reading in the same tick finds the same biases.
+  // A drone's noise is a function of its env's seed and episode, its number in the env, and the number of the reading. The
+  // biases walk with the time since the last reading, so a second reading in the same tick has the same biases.
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
   bool has_errors() const { return !accelerometer_.is_none() || !gyroscope_.is_none(); }
 
   struct Bias {
     std::vector<float> accelerometer;
     std::vector<float> gyroscope;
-    std::vector<std::int64_t> tick;  // when they were last advanced
+    std::vector<std::int64_t> tick;  // tick of the last update
 
     static constexpr auto fields() {
       using C = Bias;
@@ -50,12 +50,12 @@ class Imu final : public BlockSensor {
                         array("bias_tick", &C::tick, info(0, "tick of the episode at which they were last advanced")));
     }
   };
-  // How a bias changes over a time: it keeps a share, and gains a random number of this standard deviation.
+  // Change of a bias over a time span: the bias is multiplied by `keep`, then noise of standard deviation `gain` is added.
   struct Walk {
     float keep = 1.0F;
     float gain = 0.0F;
   };
-  // The noise of one of the two instruments.
+  // Noise of one of the two instruments.
   struct Noise {
     Noise(float density, float random_walk, float bias_time_s, double interval_s);
     Walk walk_over(double seconds) const;
@@ -64,15 +64,15 @@ class Imu final : public BlockSensor {
     double random_walk;
     double bias_time_s;
     float white;        // standard deviation of a reading
-    Walk per_interval;  // from one regular reading to the next
+    Walk per_interval;  // walk between two regular readings
   };
 
-  std::uint32_t number_;   // among the IMUs of a drone: each has its own noise
+  std::uint32_t number_;   // number among the drone's IMUs; each has its own noise
   std::int64_t interval_;  // ticks between regular readings
-  double dt_s_;            // of a tick
+  double dt_s_;            // s, length of a tick
   std::size_t drones_per_env_;
   Vec3 offset_;
-  Mat3 to_sensor_;  // from the body
+  Mat3 to_sensor_;  // rotation, body to sensor
   Noise accelerometer_, gyroscope_;
   Readings<ImuReadings> readings_;
   Bias bias_;

@@ -41,7 +41,7 @@ void Lidar::change(const LidarChange& change, std::span<const DroneIndex> drones
     config.quat_wxyz = change.quat_wxyz.value_or(config.quat_wxyz);
     return config;
   };
-  changed(config_).validate();  // each field by itself, so that a bad one is refused even if no drone is listed
+  changed(config_).validate();  // validates each field, so that a bad one is refused even if no drone is listed
   for (const DroneIndex drone : drones) {
     settings_.set(drone, changed(config_of(drone)));
     readings_.truth().max_range_m[drone] = settings_[drone].max_range_m;

@@ -1,4 +1,4 @@
-// LiDAR: a scan of many drones as packets of rays.
+// Lidar: a LiDAR on every drone. Scans of many drones are traced as packets of rays.
 #pragma once
 
 #include <atomic>
@@ -25,12 +25,12 @@ class Lidar final : public BlockSensor {
 
   std::size_t rays_per_drone() const { return rays_; }
   const LidarReadings& readings() const { return readings_.published(); }
-  // True once any drone has been scanned; before, the ranges are inf.
+  // True after any drone has been scanned; until then the ranges are inf.
   bool has_scanned() const { return has_scanned_.load(std::memory_order_relaxed); }
 
-  // The drone's own setting, as changed at run time.
+  // The drone's own setting, including changes at run time.
   LidarConfig config_of(DroneIndex drone) const { return settings_.config_of(drone); }
-  // The changed setting is checked before any drone's is changed.
+  // The change is validated before any drone is changed.
   void change(const LidarChange& change, std::span<const DroneIndex> drones);
 
   void write_directions(std::span<float> out) const;                  // (N, channels, beams, 3) unit, body frame
@@ -46,7 +46,7 @@ class Lidar final : public BlockSensor {
   void check() const override { readings_.check(); }
 
  private:
-  // Consecutive drones in the same world share the packets of rays that go through Embree.
+  // Consecutive drones in the same world share the ray packets that go through Embree.
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
   void scan(const trace::Scene& scene, const Pose& pose, DroneIndex drone, float* ranges, trace::Tracer& tracer) const;
   Vec3 offset_of(DroneIndex drone) const { return Vec3::Map(settings_[drone].offset_m.data()); }

@@ -10,7 +10,7 @@ void LidarConfig::validate() const {
   check_fields(*this, "lidar.");
   require(azimuth_deg.size() == elevation_deg.size(), "lidar.elevation_deg",
           "as many values as azimuth_deg (" + std::to_string(azimuth_deg.size()) + ")", elevation_deg.size());
-  if (has_pattern()) {  // which says all that the fields of a grid would
+  if (has_pattern()) {  // a pattern replaces the fields of the grid
     const LidarConfig grid;
     const auto beams_of_pattern = static_cast<int>(azimuth_deg.size());
     const char* const unset = "its default, since azimuth_deg and elevation_deg give the beams (leave it out)";

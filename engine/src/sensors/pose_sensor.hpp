@@ -19,7 +19,7 @@ class PoseSensor final : public BlockSensor {
 
   const PoseReadings& readings() const { return readings_.published(); }
 
-  // Drones that have not been read yet: their readings are the truth.
+  // Sets the readings of all drones to their true poses, for use before the first reading.
   void assume_truth(const State& state);
 
   void list_arrays(const std::function<void(const ArrayView&)>& list) const override { for_each_view(readings(), {}, list); }
@@ -28,7 +28,7 @@ class PoseSensor final : public BlockSensor {
 
  private:
   void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) override;
-  // The noise of a drone is a function of its env's seed and episode, its number in the env, and the number of the reading.
+  // A drone's noise is a function of its env's seed and episode, its number in the env, and the number of the reading.
   void add_errors(std::span<const DroneIndex> drones, const State& state) override;
 
   PoseSensorConfig config_;

@@ -1,4 +1,4 @@
-// How often a sensor reads: at a rate of its own, or after every flown step.
+// Sensor rates: a sensor reads at its own rate, or after every flown step.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,8 @@
 
 namespace flockstep::sensors {
 
-// Ticks from one reading to the next; 0 where no rate is given. Refuses a rate that the clock cannot keep.
+// Returns the ticks between two readings; 0 if no rate is given. Throws std::invalid_argument if the clock cannot keep the
+// rate.
 inline std::int64_t period_in_ticks(const std::optional<float>& rate_hz, const ClockConfig& clock, const std::string& field) {
   if (!rate_hz) return 0;
   require_positive(*rate_hz, field);
@@ -22,7 +23,7 @@ inline std::int64_t period_in_ticks(const std::optional<float>& rate_hz, const C
   return static_cast<std::int64_t>(whole);
 }
 
-// Whether a sensor of this period reads at this tick of an episode.
+// Returns whether a sensor with this period reads at this tick of an episode.
 inline bool is_due(std::int64_t period, std::int64_t tick, bool step_is_over) {
   return period == 0 ? step_is_over : tick % period == 0;
 }

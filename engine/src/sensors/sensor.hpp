@@ -1,4 +1,4 @@
-// Sensor: an instrument that every drone of a batch carries. A reading goes one way: measure, errors, delay, publish.
+// Sensor: an instrument on every drone of a batch. A reading passes through these stages: measure, errors, delay, publish.
 #pragma once
 
 #include <cstddef>
@@ -23,7 +23,7 @@ namespace flockstep::sensors {
 
 class Sensor {
  public:
-  // kind: its name in messages and snapshots, such as "lidar"; name: unique among the sensors of that kind.
+  // kind: its name in messages and snapshots, such as "lidar". name: unique among the sensors of that kind.
   Sensor(std::string kind, std::string name, const std::optional<float>& rate_hz, const ClockConfig& clock)
       : name_(std::move(name)), label_(kind + '.' + name_), period_(period_in_ticks(rate_hz, clock, kind + ".rate_hz")) {}
   virtual ~Sensor() = default;
@@ -31,24 +31,25 @@ class Sensor {
   Sensor& operator=(const Sensor&) = delete;
 
   const std::string& name() const { return name_; }
-  std::int64_t period() const { return period_; }  // ticks from one reading to the next; 0: one after every flown step
+  std::int64_t period() const { return period_; }  // ticks between two readings; 0 means one after every flown step
 
-  // An episode of the drone begins, and it has not been read yet.
+  // Prepares for a new episode of the drone, before its first reading.
   virtual void begin(DroneIndex drone, const State& state) {
     static_cast<void>(drone);
     static_cast<void>(state);
   }
-  // The drone is removed: its readings are absent.
+  // Clears the readings of a removed drone.
   virtual void clear(DroneIndex drone) { static_cast<void>(drone); }
 
-  // The published arrays.
+  // Lists the published arrays.
   virtual void list_arrays(const std::function<void(const ArrayView&)>& list) const = 0;
 
-  // --- snapshots: everything that the next reading depends on. Arrays are written, then restored() is called, then check().
+  // --- snapshots: all data that the next reading depends on. To restore, the arrays are written, then restored() and check()
+  // are called.
   virtual void visit(ArrayVisitor& visitor) = 0;
   virtual void restored() {}
-  virtual void check() const = 0;  // throws std::invalid_argument at values that no reading leaves
-  // The name of the array of run-time settings; unique in a batch.
+  virtual void check() const = 0;  // throws std::invalid_argument at impossible values
+  // Name of the array of run-time settings; unique in a batch.
   const std::string& label() const { return label_; }
   // Throws std::invalid_argument if that array cannot be restored from these bytes.
   virtual void check_bytes(std::span<const std::byte> settings) const { static_cast<void>(settings); }
@@ -59,20 +60,20 @@ class Sensor {
   std::int64_t period_;
 };
 
-// The batch that a sensor is made for.
+// The batch that a sensor is created for.
 struct SensorSetup {
   const ClockConfig& clock;
   TracerKind tracer = TracerKind::automatic;
   std::size_t drones_per_env = 1;
   std::size_t num_drones = 0;
-  std::uint32_t number = 0;  // among the sensors of its kind on a drone
+  std::uint32_t number = 0;  // number among the sensors of its kind on a drone
 };
 
-// The drones and worlds that sensors measure, and the working memory of a thread.
+// The drones and worlds that sensors measure, and the working memory of one thread.
 struct Surroundings {
   const State& state;
-  std::span<const trace::Scene* const> scenes;  // by slot
-  std::span<const std::int32_t> slots;          // (E,) the slot of each env's world
+  std::span<const trace::Scene* const> scenes;  // indexed by slot
+  std::span<const std::int32_t> slots;          // (E,) slot of each env's world
   std::size_t drones_per_env;
   trace::Tracer& tracer;
 
@@ -82,7 +83,8 @@ struct Surroundings {
   }
 };
 
-// A sensor that is read block by block, on the threads of the step. Cameras are not: their frames are rendered for all blocks.
+// A sensor that is read block by block, on the threads of the step. Cameras are not: the frames of all blocks are rendered
+// together.
 class BlockSensor : public Sensor {
  public:
   using Sensor::Sensor;
@@ -91,20 +93,20 @@ class BlockSensor : public Sensor {
   void read(std::span<const DroneIndex> drones, const Surroundings& surroundings) {
     measure(drones, surroundings);
     add_errors(drones, surroundings.state);
-    // No sensor has a delay: readings are published at once.
+    // No sensor has a delay, so readings are published immediately.
   }
 
  private:
-  // Writes the truth.
+  // Writes the true values.
   virtual void measure(std::span<const DroneIndex> drones, const Surroundings& surroundings) = 0;
-  // Writes the published readings, from the truth. A sensor without errors publishes the truth itself.
+  // Writes the published readings, computed from the true values. A sensor without errors publishes the true values directly.
   virtual void add_errors(std::span<const DroneIndex> drones, const State& state) {
     static_cast<void>(drones);
     static_cast<void>(state);
   }
 };
 
-// The readings of a sensor: the truth and the published arrays. Without errors they are the same memory.
+// Readings of a sensor: the true values and the published arrays. Without errors both share the same memory.
 template <HasFields Arrays>
 class Readings {
  public:

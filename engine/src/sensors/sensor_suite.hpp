@@ -1,4 +1,4 @@
-// SensorSuite: the sensors of a batch that are read block by block. Cameras are in the CameraRig.
+// SensorSuite: the sensors of a batch that are read block by block. Cameras belong to CameraRig.
 #pragma once
 
 #include <cstddef>
@@ -15,12 +15,12 @@ namespace flockstep::sensors {
 
 class SensorSuite {
  public:
-  // Makes a sensor for each config in BatchConfig for which there is a make_sensor().
+  // Creates a sensor for each config in BatchConfig that has a make_sensor().
   explicit SensorSuite(const BatchConfig& config);
 
   auto begin() const { return all_.begin(); }
   auto end() const { return all_.end(); }
-  // A sensor has its own rate, and may be due in the middle of a flown step.
+  // True if a sensor has its own rate and may therefore be due in the middle of a flown step.
   bool reads_between_ticks() const { return reads_between_ticks_; }
 
   PoseSensor& pose() const { return *pose_; }
