@@ -9,9 +9,9 @@ namespace {
 
 struct Format {
   GLenum internal, format, type;
-  std::size_t bytes;  // a pixel
+  std::size_t bytes;  // bytes per pixel
 };
-// What can be read: attachments as they are numbered, then the depth buffer.
+// Images that can be read: the attachments by number, then the depth buffer.
 constexpr std::size_t kNumColors = 3;
 constexpr std::array<Format, kNumColors + 1> kFormats{
     Format{GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE, 4}, Format{GL_RG16UI, GL_RG_INTEGER, GL_UNSIGNED_SHORT, 4},
@@ -108,7 +108,7 @@ void GlReadback::start(const GlAtlas& atlas, int tiles) {
 void GlReadback::finish() {
   if (fence_ != nullptr) {
     GLenum status = GL_TIMEOUT_EXPIRED;
-    // No limit is needed here: whoever waits for the frames has one; see GlWorker::wait.
+    // No time limit is needed here: the caller that waits for the frames has one; see GlWorker::wait.
     while (status == GL_TIMEOUT_EXPIRED) status = glClientWaitSync(fence_, GL_SYNC_FLUSH_COMMANDS_BIT, 1'000'000'000);
     glDeleteSync(fence_);
     fence_ = nullptr;

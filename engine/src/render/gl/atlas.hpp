@@ -1,4 +1,4 @@
-// GlAtlas: pictures of one size above each other in textures, and the memory they are read back into.
+// GlAtlas: images of one size, stacked vertically in textures. GlReadback: the memory that they are copied back to.
 #pragma once
 
 #include <array>
@@ -12,8 +12,8 @@
 namespace flockstep::render {
 
 struct AtlasSize {
-  int width = 0;   // px, of a tile
-  int height = 0;  // px, of a tile
+  int width = 0;   // px, per tile
+  int height = 0;  // px, per tile
   int tiles = 0;
 
   bool operator==(const AtlasSize&) const = default;
@@ -31,26 +31,26 @@ class GlAtlas {
   GLuint framebuffer() const { return framebuffer_.name(); }
   GLuint color() const { return textures_[0].name(); }
 
-  // Sets the depth buffer and these attachments to 0, which stands for nothing seen.
+  // Clears the depth buffer and these attachments to 0, which means that nothing was hit.
   void clear(const Attachments& which) const;
 
  private:
   AtlasSize size_;
   Attachments attachments_;
-  std::array<GlTexture, 3> textures_;  // as attachments are numbered
+  std::array<GlTexture, 3> textures_;  // indexed by attachment number
   GlTexture depth_;
   GlFramebuffer framebuffer_;
 };
 
-// What was read from one atlas, row by row and tile by tile; null where the atlas lacks it.
+// Data read back from one atlas, row by row and tile by tile. A pointer is null if the atlas lacks that attachment.
 struct Pixels {
   const std::uint8_t* color = nullptr;  // RGBA
-  const float* depth = nullptr;         // as the depth buffer has it: see gl_shaders.cpp
+  const float* depth = nullptr;         // raw values of the depth buffer; see shaders.cpp
   const std::uint16_t* ids = nullptr;   // semantic, instance
   const float* normal = nullptr;        // x, y, z, unused
 };
 
-// Copies an atlas to memory. On hardware the copy runs while something else is drawn.
+// Copies an atlas to memory. On a hardware device, the copy overlaps with further drawing.
 class GlReadback {
  public:
   explicit GlReadback(bool is_software) : is_software_(is_software) {}
@@ -58,7 +58,7 @@ class GlReadback {
   GlReadback(const GlReadback&) = delete;
   GlReadback& operator=(const GlReadback&) = delete;
 
-  void start(const GlAtlas& atlas, int tiles);  // copies the first ones
+  void start(const GlAtlas& atlas, int tiles);  // copies the first `tiles` tiles
   void finish();                                // throws GlUnavailable
   const Pixels& pixels() const { return pixels_; }
 
@@ -66,8 +66,8 @@ class GlReadback {
   void reserve(std::size_t bytes);
 
   bool is_software_;
-  std::vector<std::byte> memory_;  // on a software device
-  GlBuffer buffer_;                // on a hardware one, and where it is mapped
+  std::vector<std::byte> memory_;  // used on a software device
+  GlBuffer buffer_;                // used on a hardware device, mapped at mapped_
   std::byte* mapped_ = nullptr;
   std::size_t capacity_ = 0;  // bytes
   GLsync fence_ = nullptr;

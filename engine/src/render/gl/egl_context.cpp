@@ -22,7 +22,7 @@ std::string variable(const char* name) {
   return value == nullptr ? std::string() : std::string(value);
 }
 
-// Extension strings are words between spaces.
+// Extension strings are words separated by spaces.
 bool has_word(const char* words, std::string_view word) {
   if (words == nullptr) return false;
   std::istringstream stream{std::string(words)};
@@ -43,8 +43,7 @@ Function extension_function(const char* name) {
   return reinterpret_cast<Function>(eglGetProcAddress(name));
 }
 
-// The CUDA devices the process may use, or nothing where it may use all (or they are named in a way that says nothing of their
-// numbers).
+// Returns the CUDA devices that the process may use. Returns nullopt if it may use all, or if they are not named by number.
 std::optional<std::vector<EGLAttrib>> visible_cuda_devices() {
   const char* value = std::getenv("CUDA_VISIBLE_DEVICES");
   if (value == nullptr) return std::nullopt;
@@ -54,7 +53,7 @@ std::optional<std::vector<EGLAttrib>> visible_cuda_devices() {
     int number = -1;
     const auto [end, error] = std::from_chars(each.data(), each.data() + each.size(), number);
     if (error != std::errc() || end != each.data() + each.size()) return std::nullopt;
-    if (number < 0) break;  // as CUDA does: what follows is not visible
+    if (number < 0) break;  // as in CUDA, the entries after a negative one are not visible
     visible.push_back(number);
   }
   return visible;
@@ -63,12 +62,13 @@ std::optional<std::vector<EGLAttrib>> visible_cuda_devices() {
 struct Candidate {
   std::string name;
   EGLDeviceEXT device;
-  std::size_t rank;  // less is tried earlier
+  std::size_t rank;  // lower ranks are tried first
 };
 
-// Devices in the order in which to try them. Other devices than the software one are hardware.
+// Lists the devices in the order in which to try them. Every device except the software one counts as hardware.
 std::vector<Candidate> devices(EglDevices allowed, const char* client_extensions, std::string& why_none) {
-  constexpr std::size_t kHardware = 1U << 16U;  // behind the CUDA devices, which are ranked by where they are listed
+  // Other hardware comes after the CUDA devices, whose rank is their number or their position in CUDA_VISIBLE_DEVICES.
+  constexpr std::size_t kHardware = 1U << 16U;
   constexpr std::size_t kSoftware = 1U << 17U;
   if (!has_word(client_extensions, "EGL_EXT_platform_device") ||
       (!has_word(client_extensions, "EGL_EXT_device_base") && !has_word(client_extensions, "EGL_EXT_device_enumeration"))) {
@@ -92,7 +92,7 @@ std::vector<Candidate> devices(EglDevices allowed, const char* client_extensions
     const char* extensions = query_string(device, EGL_EXTENSIONS);
     Candidate candidate{"EGL device " + std::to_string(i), device, kHardware};
     EGLAttrib cuda = -1;
-    // Asking for an attribute that a device does not have is an error, so its extensions are asked for first.
+    // Querying an attribute that a device lacks is an error, so the extensions are checked first.
     if (has_word(extensions, "EGL_MESA_device_software")) {
       candidate.name += " (software)";
       candidate.rank = kSoftware;
@@ -126,9 +126,9 @@ EglDevices egl_devices() {
 
 EglContext::EglContext(EglDevices allowed) {
   if (allowed == EglDevices::none) throw GlUnavailable("EGL is switched off by FLOCKSTEP_EGL=none");
-  // The library libepoxy exits the process where a library it needs is not there.
+  // libepoxy exits the process if a library that it needs is missing, so this is checked first.
   if (const std::string why = gl_load_error(); !why.empty()) throw GlUnavailable(why);
-  static const long first_process = process_id();  // the one that has the displays and the drivers' threads
+  static const long first_process = process_id();  // the process that owns the displays and the drivers' threads
   if (process_id() != first_process) {
     throw GlUnavailable("OpenGL was set up before this process was forked, and stays with its parent");
   }
@@ -178,7 +178,7 @@ bool EglContext::try_display(void* display, EglDevices allowed, std::string& why
     return false;
   }
   constexpr std::array<EGLint, 5> kConfig{EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0, EGL_NONE};
-  EGLConfig config = nullptr;  // that is EGL_NO_CONFIG_KHR
+  EGLConfig config = nullptr;  // the same as EGL_NO_CONFIG_KHR
   EGLint configs = 0;
   if (eglChooseConfig(display, kConfig.data(), &config, 1, &configs) != EGL_TRUE || configs == 0) {
     config = nullptr;
@@ -200,7 +200,7 @@ bool EglContext::try_display(void* display, EglDevices allowed, std::string& why
     eglDestroyContext(display, context);
     return false;
   }
-  // The shaders read buffers of their own in both stages, which OpenGL 4.5 alone does not promise for vertices.
+  // The shaders read storage buffers in both stages. OpenGL 4.5 does not guarantee any for the vertex stage.
   GLint blocks = 0;
   glGetIntegerv(GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS, &blocks);
   const auto* const renderer = reinterpret_cast<const char*>(glGetString(GL_RENDERER));

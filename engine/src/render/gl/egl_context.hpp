@@ -1,4 +1,4 @@
-// EglContext: an OpenGL 4.5 core context without any surface, current on the thread that made it.
+// EglContext: an OpenGL 4.5 core context without a surface, current on the thread that created it.
 #pragma once
 
 #include <stdexcept>
@@ -6,27 +6,29 @@
 
 namespace flockstep::render {
 
-// There is no EGL, or it has no device that renders, or a device failed while it rendered. what() says which and why.
+// Thrown if EGL is missing, if it has no device that renders, or if a device fails while rendering. what() gives the case and
+// the reason.
 class GlUnavailable : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-// Which devices may be used, as the environment variable FLOCKSTEP_EGL says.
+// Devices that may be used, selected by the environment variable FLOCKSTEP_EGL.
 enum class EglDevices {
-  any,       // not set, or empty
-  none,      // "none": as if EGL was not installed
-  software,  // "software": only those that render on the processor
+  any,       // variable unset or empty
+  none,      // "none": as if EGL were not installed
+  software,  // "software": only devices that render on the CPU
 };
 EglDevices egl_devices();  // throws GlUnavailable on any other value
 
-// Works only in the process that made the first one, since OpenGL does not survive a fork. Tries the CUDA devices that
-// CUDA_VISIBLE_DEVICES names, in its order, then other hardware, Mesa's software device and Mesa's surfaceless platform, and
-// takes the first that works. Displays belong to the process, which shares them with other libraries; they are never terminated.
+// Works only in the process that created the first context, since OpenGL does not survive a fork. Tries these devices and
+// takes the first that works: the CUDA devices in the order of CUDA_VISIBLE_DEVICES, other hardware, Mesa's software device,
+// and Mesa's surfaceless platform. Displays belong to the process and are shared with other libraries, so they are never
+// terminated.
 class EglContext {
  public:
-  explicit EglContext(EglDevices allowed);  // throws GlUnavailable, with all that was tried
-  ~EglContext();                            // on the same thread
+  explicit EglContext(EglDevices allowed);  // throws GlUnavailable, which lists all attempts
+  ~EglContext();                            // call it on the same thread
   EglContext(const EglContext&) = delete;
   EglContext& operator=(const EglContext&) = delete;
 

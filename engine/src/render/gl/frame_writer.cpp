@@ -8,13 +8,13 @@
 namespace flockstep::render {
 namespace {
 
-// Leaves out the fourth value of each pixel, and writes the others pixel after pixel or plane after plane.
+// Drops the fourth value of each pixel. Writes the others pixel by pixel or plane by plane, as the layout requires.
 template <class T>
 void write_vectors(const T* from, std::size_t count, ImageLayout layout, std::size_t at, std::size_t frame_pixels, T* image) {
   if (layout == ImageLayout::hwc) {
     T* to = image + 3 * at;
     for (std::size_t i = 0; i + 1 < count; ++i) {
-      std::memcpy(to + 3 * i, from + 4 * i, 4 * sizeof(T));  // one move; the next pixel overwrites the fourth value
+      std::memcpy(to + 3 * i, from + 4 * i, 4 * sizeof(T));  // a single move; the next pixel overwrites the fourth value
     }
     if (count != 0) std::memcpy(to + 3 * (count - 1), from + 4 * (count - 1), 3 * sizeof(T));
     return;
@@ -33,7 +33,7 @@ void write_every_second(const std::uint16_t* from, std::size_t count, std::uint1
   for (std::size_t i = 0; i < count; ++i) to[i] = from[2 * i];
 }
 
-// Turns what the depth buffer holds into metres; see gl_shaders.cpp.
+// Converts values of the depth buffer to metres; see shaders.cpp.
 void write_depth(const float* from, std::size_t count, const CameraConfig& camera, float* to) {
   const float farness = 1.0F / camera.far_m;
   const float scale = 1.0F / camera.near_m - farness;
@@ -43,7 +43,7 @@ void write_depth(const float* from, std::size_t count, const CameraConfig& camer
   }
 }
 
-// Turns planar depths into ranges, in a row from the column `left` on.
+// Converts planar depths to ranges, in one row from column `left` on.
 void lengthen(const PinholeCamera& pinhole, int left, int row, std::size_t count, float* depth) {
   const float z = (pinhole.cy - static_cast<float>(row) - 0.5F) / pinhole.fy;
   const float per_pixel = 1.0F / pinhole.fx;
@@ -63,7 +63,7 @@ void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, 
   const auto tile_width = static_cast<std::size_t>(size.width);
   const auto frame_width = static_cast<std::size_t>(camera.width_px);
   const std::size_t frame_pixels = frame_width * static_cast<std::size_t>(camera.height_px);
-  const bool is_whole = part.width == size.width && part.width == camera.width_px;  // then rows follow each other in both
+  const bool is_whole = part.width == size.width && part.width == camera.width_px;  // rows are then contiguous in both
   const auto width = static_cast<std::size_t>(part.width);
   const auto height = static_cast<std::size_t>(part.height);
   const std::size_t rows = is_whole ? 1 : height;

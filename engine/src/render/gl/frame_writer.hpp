@@ -1,4 +1,4 @@
-// Writing the pixels of an atlas into frames, in the layout the camera asks for.
+// Writes the pixels of an atlas into frames, in the layout of the camera.
 #pragma once
 
 #include <cstddef>
@@ -8,14 +8,14 @@
 
 namespace flockstep::render {
 
-// Which part of a frame a tile of the atlas holds: all of it, unless the picture is larger than what can be drawn at once.
+// The part of a frame that one tile of the atlas holds: the whole frame, unless it is too large to be drawn at once.
 struct FramePart {
   std::size_t request = 0;
   int left = 0, top = 0;      // px
-  int width = 0, height = 0;  // px, at most the tile's
+  int width = 0, height = 0;  // px, at most the size of a tile
 };
 
-// Writes this part of every image that the frame has.
+// Writes this part of every image in the frame.
 void write_frame(const Pixels& pixels, const AtlasSize& size, std::size_t tile, const RenderRequest& request,
                  const FramePart& part);
 

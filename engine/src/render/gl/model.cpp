@@ -23,7 +23,7 @@ std::uint32_t pack(const Surface& surface) {
   return static_cast<std::uint32_t>(surface.semantic) | (static_cast<std::uint32_t>(surface.instance) << 16U);
 }
 
-// The colour of a surface as it is written; see Light.
+// Returns the colour of a surface as it is written to images; see Light.
 std::uint32_t shade(const Light& light, const Surface& surface, const Vec3d& normal, bool sun) {
   double facing = 0.0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -43,22 +43,22 @@ std::uint32_t shade(const Light& light, const Surface& surface, const Vec3d& nor
   return packed;
 }
 
-// A triangle before it is put in order.
+// A triangle before sorting.
 struct Triangle {
-  std::array<std::uint32_t, 3> corners;  // into Soup::positions
+  std::array<std::uint32_t, 3> corners;  // indices into Soup::positions
   Vec3 normal;                           // unit
   Surface surface;
-  float density;        // texels to a square metre
+  float density;        // texels per square metre
   std::uint32_t paint;  // as in PaintedVertex
-  Vec3 middle;          // m, of its bounding box
-  float size = 0.0;     // m, longest side of that
+  Vec3 middle;          // m, centre of its bounding box
+  float size = 0.0;     // m, longest side of its bounding box
 };
 
 struct Soup {
   std::vector<Vec3> positions;
-  bool is_painted = false;                   // some triangles are
-  std::vector<std::array<float, 2>> uv;      // one for each of these then
-  std::vector<std::array<float, 3>> colors;  // likewise
+  bool is_painted = false;                   // true if any triangle is painted
+  std::vector<std::array<float, 2>> uv;      // one per position if is_painted
+  std::vector<std::array<float, 3>> colors;  // one per position if is_painted
   std::vector<Triangle> triangles;
 
   std::uint32_t add(const Vec3& position) {
@@ -77,7 +77,7 @@ struct Soup {
   }
 };
 
-// The faces of a room or a box, or the one of a plane.
+// Adds the faces of a room or a box, or the single face of a plane.
 void add_flat(const Primitive& primitive, const Surface& surface, Soup& soup) {
   const Eigen::Matrix3d rotation = primitive.rotation.cast<double>().normalized().toRotationMatrix();
   const Vec3d center = primitive.center.cast<double>();
@@ -128,7 +128,7 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
       at[k] = soup.positions[corners[k]].cast<double>();
     }
     const Vec3d normal = (at[1] - at[0]).cross(at[2] - at[0]);
-    if (!(normal.norm() > 0.0)) continue;  // without an area it is never seen
+    if (!(normal.norm() > 0.0)) continue;  // a triangle without area is invisible
     Surface surface = appearance.materials[mesh.materials[i]];
     surface.instance = static_cast<std::uint16_t>(appearance.first_object + mesh.objects[i]);
     const bool is_painted =
@@ -140,7 +140,8 @@ void add_mesh(const World& world, const Appearance& appearance, Soup& soup) {
   }
 }
 
-// Puts triangles that are close together beside each other: halves along the longest side until they fit into a chunk.
+// Sorts triangles so that neighbours lie close together. Splits them along the longest axis until each part fits into a
+// chunk.
 void sort_by_place(std::span<Triangle> triangles) {
   if (triangles.size() <= kChunkTriangles) return;
   Vec3 low = triangles[0].middle;
@@ -151,7 +152,7 @@ void sort_by_place(std::span<Triangle> triangles) {
   }
   Eigen::Index axis = 0;
   (high - low).maxCoeff(&axis);
-  // A whole number of chunks on the left, so that only the last one on the right is not full.
+  // The left part is a whole number of chunks, so only the last chunk on the right is partly filled.
   const std::size_t chunks = (triangles.size() + kChunkTriangles - 1) / kChunkTriangles;
   const std::size_t left = chunks / 2 * kChunkTriangles;
   std::nth_element(triangles.begin(), triangles.begin() + static_cast<std::ptrdiff_t>(left), triangles.end(),
@@ -160,7 +161,7 @@ void sort_by_place(std::span<Triangle> triangles) {
   sort_by_place(triangles.subspan(left));
 }
 
-// Large triangles come first: among small ones they would make the boxes of their chunks large.
+// Puts large triangles first. Mixed with small ones, they would enlarge the bounding boxes of those chunks.
 void sort_for_chunks(std::vector<Triangle>& triangles) {
   if (triangles.size() <= kChunkTriangles) return;
   std::vector<float> sizes;
@@ -174,7 +175,7 @@ void sort_for_chunks(std::vector<Triangle>& triangles) {
   sort_by_place(std::span(triangles).subspan(num_large));
 }
 
-// Corners of one chunk, each the last one of a triangle at most.
+// The vertices of one chunk. Each is the last corner of at most one triangle.
 class Corners {
  public:
   Corners(const Soup& soup, std::vector<FlatVertex>& vertices, std::vector<PaintedVertex>& painted)
@@ -182,7 +183,7 @@ class Corners {
 
   void start_chunk() { copies_.clear(); }
 
-  // The indices of the triangle, its values at the last of them.
+  // Returns the indices of the triangle and stores its attributes at the last one.
   std::array<std::uint32_t, 3> add(const Triangle& triangle, const Light& light) {
     std::array<std::uint32_t, 3> corners = triangle.corners;
     const auto is_free = [&](std::uint32_t corner) {
@@ -195,7 +196,7 @@ class Corners {
       indices[2] = vertex(corners[2]);
       copies_[corners[2]].taken = true;
     } else {
-      indices[2] = append(corners[2]);  // a copy that only this triangle has
+      indices[2] = append(corners[2]);  // a copy used only by this triangle
     }
     FlatVertex& last = vertices_[indices[2]];
     const Vec3d normal = triangle.normal.cast<double>();
@@ -216,7 +217,7 @@ class Corners {
  private:
   struct Copy {
     std::uint32_t vertex = 0;
-    bool taken = false;  // is the last corner of a triangle
+    bool taken = false;  // it is the last corner of a triangle
   };
 
   std::uint32_t vertex(std::uint32_t corner) {
@@ -254,7 +255,7 @@ void make_chunks(const Soup& soup, const Light& light, GlModel& model) {
   }
 }
 
-// A surface under a light: how a RoundShape and a Paint show.
+// Sets the light terms of a RoundShape or a Paint from a surface and the light.
 template <class Record>
 void set_light(Record& record, const Surface& surface, const Light& light) {
   record.gamma_exponent = 1.0F / light.gamma;

@@ -1,4 +1,4 @@
-// Owners of OpenGL objects, to be made, used and destroyed on the thread whose current context they belong to.
+// Owners of OpenGL objects. Create, use and destroy them on the thread whose current context they belong to.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -7,11 +7,11 @@
 
 namespace flockstep::render {
 
-// Kind: static GLuint make() and static void destroy(GLuint).
+// Kind provides static GLuint make(...) and static void destroy(GLuint).
 template <class Kind>
 class GlObject {
  public:
-  GlObject() = default;  // none
+  GlObject() = default;  // owns nothing
   template <class... Args>
   static GlObject make(Args... args) {
     GlObject made;

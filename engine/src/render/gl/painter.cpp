@@ -11,9 +11,9 @@ namespace {
 
 using Vec3d = Eigen::Vector3d;
 
-constexpr std::size_t kMaxBoxes = 4096;  // in one draw call; its indices fit into 16 bits
+constexpr std::size_t kMaxBoxes = 4096;  // per draw call, so that indices fit into 16 bits
 
-// The indices of many copies of one thing with this number of corners.
+// Returns the index pattern of a shape with this number of corners, repeated for many copies.
 GlBuffer pattern(std::span<const std::uint16_t> indices, std::uint16_t corners, std::size_t copies) {
   std::vector<std::uint16_t> all;
   for (std::size_t copy = 0; copy < copies; ++copy) {
@@ -24,7 +24,7 @@ GlBuffer pattern(std::span<const std::uint16_t> indices, std::uint16_t corners, 
   return buffer;
 }
 
-// Lets drawing write into these attachments alone.
+// Restricts drawing to these attachments.
 void write_only(const Attachments& attachments) {
   const auto allow = [](GLuint i, bool allowed) {
     const GLboolean yes = allowed ? GL_TRUE : GL_FALSE;
@@ -37,7 +37,7 @@ void write_only(const Attachments& attachments) {
 
 constexpr Attachments kColor{.color = true};
 
-// Corners of a box numbered as the bits of x, y and z; counter-clockwise seen from outside.
+// The corners of a box are numbered by the bits of x, y and z. Faces are counter-clockwise seen from outside.
 constexpr std::array<std::uint16_t, 36> kBox{0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4,
                                              2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5};
 constexpr std::array<std::uint16_t, 6> kQuad{0, 1, 3, 0, 3, 2};
@@ -53,9 +53,9 @@ std::array<float, 4> row(const Vec3d& v, double w = 0.0) {
 
 std::array<float, 4> row(const std::array<float, 3>& v, float w) { return {v[0], v[1], v[2], w}; }
 
-// Whether the eye is so far outside the shape that a rectangle hides all of it, and the near plane does not reach the rectangle.
+// Returns whether the eye is far enough from the shape that a rectangle covers all of it and lies beyond the near plane.
 bool is_well_outside(const RoundBound& bound, RoundKind kind, const TileCamera& camera, float near_m) {
-  if (kind == RoundKind::disc) return true;  // lies in its rectangle
+  if (kind == RoundKind::disc) return true;  // a disc lies in its rectangle
   const Vec3 center = bound.center - camera.position;
   const float pixel = 1.0F / std::min(camera.fx, camera.fy);
   const float radius = 1.001F * bound.radius + 0.06F * pixel * (center.norm() + bound.reach);
@@ -78,7 +78,7 @@ GlPainter::GlPainter()
   glVertexArrayElementBuffer(box_array_.name(), boxes_.name());
   glVertexArrayElementBuffer(quad_array_.name(), quads_.name());
 
-  constexpr GLuint kVertices = 0;  // bindings of buffers
+  constexpr GLuint kVertices = 0;  // buffer bindings
   constexpr GLuint kCameras = 1;
   const GLuint array = flat_array_.name();
   const auto at = [&](GLuint location, GLuint binding) {
@@ -105,7 +105,7 @@ GlPainter::GlPainter()
   for (GLuint location = 12; location < 16; ++location) glVertexArrayAttribBinding(array, location, kPainted);
 
   glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
-  glFrontFace(GL_CW);  // pictures are upside down: row 0, the top, is what OpenGL calls the lowest
+  glFrontFace(GL_CW);  // images are upside down: row 0, the top, has the lowest y in OpenGL
   glProvokingVertex(GL_LAST_VERTEX_CONVENTION);
   glDisable(GL_DITHER);
 }
@@ -157,7 +157,7 @@ void GlPainter::add_paints(const GlModel& model, std::size_t first_vertex) {
     if (paint.texture > 0.0F) paint.texture += static_cast<float>(first_texture);
   }
   const auto first_paint = static_cast<std::uint32_t>(paints_.append(std::span<const Paint>(paints)));
-  std::vector<PaintedVertex> vertices(first_vertex - painted_.size());  // of models without paints, added before
+  std::vector<PaintedVertex> vertices(first_vertex - painted_.size());  // for earlier models without paints
   for (PaintedVertex vertex : model.painted) {
     if (vertex.paint != 0) vertex.paint += first_paint;
     vertices.push_back(vertex);
@@ -194,8 +194,8 @@ void GlPainter::paint(const GlAtlas& atlas, std::span<const TileCamera> cameras,
   for (std::size_t i = 0; i < cameras.size(); ++i) cull(cameras[i], static_cast<std::uint32_t>(i), atlas, pass);
   upload(cameras_, std::span<const CameraRecord>(records_));
 
-  // Attachments need to be cleared only where a pixel may stay unwritten. None does where colours are drawn, because the sky then
-  // fills what nothing else covers, and none does where no camera sees the sky.
+  // Attachments need clearing only if a pixel may remain unwritten. If colours are drawn, the sky fills every uncovered
+  // pixel. If the sky is invisible to all cameras, every pixel is covered.
   const Attachments& writes = pass.traits.writes;
   write_only(writes);
   glDepthMask(GL_TRUE);
@@ -257,7 +257,7 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   const double cy = static_cast<double>(camera.cy) * samples;
   const double width = size.width;
   const double height = size.height;
-  // u = cx - fx y / x, and v = cy - fy z / x, from -1 to 1 over the tile.
+  // Maps u = cx - fx y / x and v = cy - fy z / x to [-1, 1] over the tile.
   const Vec3d x = (2.0 * cx / width - 1.0) * forward - 2.0 * fx / width * left;
   const Vec3d y = (2.0 * cy / height - 1.0) * forward - 2.0 * fy / height * up;
   const Vec3d ray_0 = forward + cx / fx * left + cy / fy * up;
@@ -285,8 +285,8 @@ void GlPainter::cull(const TileCamera& camera, std::uint32_t number, const GlAtl
   cull_flat(model, frustum, number);
   cull_round(model, frustum, camera, pass, number);
 
-  // A camera sees no sky if it is inside a room, too far from the walls for the near plane to cut through one, and the far plane
-  // lies beyond the room.
+  // A camera shows no sky if it is inside a room, the near plane is too far from the walls to cut through one, and the far
+  // plane lies beyond the room.
   double corner = 0.0;
   for (const double u : {0.0, width}) {
     for (const double v : {0.0, height}) corner = std::max(corner, (ray_0 - u / fx * left - v / fy * up).norm());
@@ -341,7 +341,7 @@ void GlPainter::draw_flat(bool painted) {
   glVertexArrayVertexBuffer(flat_array_.name(), 1, cameras_.name(), 0, sizeof(CameraRecord));
   glVertexArrayElementBuffer(flat_array_.name(), indices_.name());
   if (painted) {
-    // Vertices of models that were added after the last one with paints have none.
+    // Models added after the last painted one lack these vertices.
     if (painted_.size() < vertices_.size()) {
       painted_.append(std::span<const PaintedVertex>(std::vector<PaintedVertex>(vertices_.size() - painted_.size())));
     }

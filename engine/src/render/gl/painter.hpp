@@ -1,4 +1,4 @@
-// GlPainter: draws worlds as seen by many cameras into an atlas, in a few calls for all of them together.
+// GlPainter: draws the views of many cameras into an atlas, with a few draw calls for all of them.
 #pragma once
 
 #include <array>
@@ -16,9 +16,9 @@
 
 namespace flockstep::render {
 
-// What one tile of an atlas shows: the picture of a camera, or a part of it.
+// The content of one tile of an atlas: the image of a camera, or a part of it.
 struct TileCamera {
-  std::uint32_t model = 0;  // as add() numbered it
+  std::uint32_t model = 0;  // number given by add()
   Vec3 position;            // m, world frame
   Mat3 rotation;            // camera to world
   float fx = 1, fy = 1;     // px
@@ -26,55 +26,56 @@ struct TileCamera {
 };
 
 struct GlPass {
-  float near_m = 0, far_m = 0;  // planar depths
+  float near_m = 0, far_m = 0;  // m, planar depths
   ShaderTraits traits;
-  int samples = 1;  // a side of the grid within a pixel: a tile of the atlas is this many times wider and higher than its picture
+  // Side of the sample grid within a pixel. A tile of the atlas is this many times wider and higher than its image.
+  int samples = 1;
 };
 
 class GlPainter {
  public:
   GlPainter();
 
-  // Copies a model to the device. They are numbered from 0.
+  // Copies a model to the device. Models are numbered from 0.
   void add(const GlModel& model);
-  // Copies a model's grid of the sun, before the first pass with shadows that shows the model.
+  // Copies the sun grid of a model. Call it before the first pass with shadows that shows the model.
   void add(std::uint32_t model, const GlSunGrid& grid);
 
-  // Clears the atlas and draws the cameras as its tiles.
+  // Clears the atlas and draws one tile per camera.
   void paint(const GlAtlas& atlas, std::span<const TileCamera> cameras, const GlPass& pass);
-  // Averages grids of samples.
+  // Averages the sample grid of each pixel.
   void resolve(const GlAtlas& samples, const GlAtlas& into, int side, int tiles);
 
  private:
-  // What the painter keeps of a model, and where the rest begins in the buffers.
+  // Data of a model that stays on the CPU, and its offsets into the buffers.
   struct UploadedModel {
     GLint first_vertex = 0;
-    std::vector<FlatChunk> chunks;  // their indices counted in indices_
+    std::vector<FlatChunk> chunks;  // first_index counts in indices_
     std::array<std::uint32_t, kNumRoundKinds> first_shape{};
     std::array<std::vector<RoundBound>, kNumRoundKinds> bounds;
     std::vector<Aabb> rooms;
     Light light;
     SunDisc sun_disc{Light()};
-    std::uint32_t grid = 0;  // into grids_
+    std::uint32_t grid = 0;  // index into grids_
     bool is_painted = false, is_masked = false;
   };
-  // A TileCamera as the shaders read it; each row is a vec4.
+  // A TileCamera in the layout of the shaders; each row is a vec4.
   struct CameraRecord {
     std::array<float, 4> eye_offset, w_cx, x_cy, y_fx, ray_0_fy, ray_u, ray_v_grid, horizon, zenith_glow, sun_edge,
         disc_steepness;
   };
-  // A grid of the sun as the shaders read it; each row is a vec4.
+  // A sun grid in the layout of the shaders; each row is a vec4.
   struct GridRecord {
     std::array<std::array<float, 4>, 3> to_sun;  // columns
     std::array<float, 4> left_low_cell;
     std::array<std::uint32_t, 4> size;
   };
-  struct DrawCommand {  // as OpenGL reads it
+  struct DrawCommand {  // in the layout of OpenGL
     GLuint count, instance_count, first_index;
     GLint base_vertex;
     GLuint base_instance;
   };
-  struct VisibleShape {  // as the shaders read it
+  struct VisibleShape {  // in the layout of the shaders
     std::uint32_t camera, shape;
   };
   struct Plane {
@@ -95,7 +96,7 @@ class GlPainter {
   GlShaders shaders_;
   std::vector<UploadedModel> models_;
   GlStore<FlatVertex> vertices_;
-  GlStore<PaintedVertex> painted_;  // of the same; those of the models added last may be missing
+  GlStore<PaintedVertex> painted_;  // parallel to vertices_; entries of the last models may be missing
   GlStore<Paint> paints_;
   GlStore<std::uint32_t> texels_;
   GlStore<std::array<std::uint32_t, 4>> textures_;
@@ -105,12 +106,12 @@ class GlPainter {
   GlStore<std::uint32_t> starts_, entries_;
   GlStore<SunCaster> casters_;
   GlVertexArray flat_array_, box_array_, quad_array_, no_array_;
-  GlBuffer boxes_, quads_;                        // indices of many boxes and quads
-  GlBuffer cameras_, commands_, visible_buffer_;  // of one paint()
+  GlBuffer boxes_, quads_;                        // index patterns of many boxes and quads
+  GlBuffer cameras_, commands_, visible_buffer_;  // rewritten by each paint()
 
   std::vector<CameraRecord> records_;
   std::vector<DrawCommand> flat_commands_;
-  // Shapes that are drawn as rectangles, and those drawn as boxes; see gl_shaders.cpp.
+  // Shapes drawn as rectangles, and shapes drawn as boxes; see shaders.cpp.
   std::array<std::array<std::vector<VisibleShape>, 2>, kNumRoundKinds> visible_;
   std::vector<std::uint32_t> sky_cameras_;
 };

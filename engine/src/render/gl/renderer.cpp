@@ -14,15 +14,16 @@
 namespace flockstep::render {
 namespace {
 
-constexpr int kMaxSide = 4096;  // px; larger pictures are drawn in parts
-// Pixels of a round. They bound the memory of each atlas and readback, which take up to 32 bytes a pixel.
+constexpr int kMaxSide = 4096;  // px; larger images are drawn in parts
+// Maximum number of pixels in a round. It bounds the memory of each atlas and readback, which take up to 32 bytes per pixel.
 constexpr std::int64_t kMaxPixels = std::int64_t{kMaxSide} * kMaxSide;
-// A software device gains nothing from larger rounds, and while it draws one the caller writes the frames of the last.
+// Larger rounds gain nothing on a software device. While it draws one round, the caller writes the frames of the previous
+// one.
 constexpr std::int64_t kMaxSoftwarePixels = std::int64_t{1} << 20U;
-constexpr std::size_t kMaxSoftwareTriangles = std::size_t{1} << 24U;  // of a round, which takes it some seconds
-constexpr std::size_t kGrain = 1U << 16U;                             // pixels that are worth a task of their own
+constexpr std::size_t kMaxSoftwareTriangles = std::size_t{1} << 24U;  // per round, a few seconds of drawing
+constexpr std::size_t kGrain = 1U << 16U;                             // pixels that justify a separate job
 
-// Cameras of one kind share an atlas.
+// Returns a key: cameras with equal keys share an atlas.
 auto kind_of(const CameraConfig& camera) {
   const CameraOutputs& outputs = camera.outputs;
   return std::tuple(camera.width_px, camera.height_px, camera.samples_per_pixel, camera.near_m, camera.far_m, outputs.any_color(),
@@ -40,8 +41,8 @@ GlPass pass_of(const CameraConfig& camera) {
   return pass;
 }
 
-// How many tiles an atlas has room for: a power of two, so that a number of pictures that changes from step to step does not need
-// a new atlas each time.
+// Returns the number of tiles in an atlas. It is a power of two, so that an atlas can be reused if the number of images
+// varies from step to step.
 int roomy(int tiles, int most) { return std::min(static_cast<int>(std::bit_ceil(static_cast<unsigned int>(tiles))), most); }
 
 int pieces(int length, int most) { return (length + most - 1) / most; }
@@ -59,11 +60,12 @@ struct GlRenderer::Impl {
   };
   std::unordered_map<const World*, KnownWorld> worlds;
   std::vector<RenderRequest> requests;
-  std::vector<std::uint32_t> order;  // indices of the requests, grouped by the kind of camera
-  std::vector<FramePart> parts;      // one for each camera of the task
-  std::size_t rounds_left = 0;       // of the task
+  std::vector<std::uint32_t> order;  // indices of the requests, grouped by kind of camera
+  std::vector<FramePart> parts;      // one per camera of the task
+  std::size_t rounds_left = 0;       // rounds of the task that have not been taken
 
-  // What is not yet on the device goes there with the next task.
+  // Returns the number of the world's model. Adds the model and its sun grid to the next task if they are not on the device
+  // yet.
   std::uint32_t model_of(const World& world, bool shadows) {
     auto found = worlds.find(&world);
     if (found == worlds.end()) {
@@ -78,7 +80,7 @@ struct GlRenderer::Impl {
     return known.model;
   }
 
-  // Calls f(round, pixels) for each round that is not yet taken, in order, when it arrives.
+  // Calls f(round, pixels) for each remaining round, in order, as it arrives.
   template <class F>
   void take_rounds(const F& f) {
     if (rounds_left == 0) return;
@@ -101,7 +103,7 @@ struct GlRenderer::Impl {
 GlRenderer::GlRenderer(std::chrono::milliseconds patience) : impl_(std::make_unique<Impl>(patience)) {}
 
 GlRenderer::~GlRenderer() {
-  // The thread runs in the parent alone, and this copy of its mutex may be locked for ever.
+  // The thread runs only in the parent, and this copy of its mutex may stay locked forever.
   if (process_id() != impl_->process) static_cast<void>(impl_.release());
 }
 
@@ -116,7 +118,7 @@ std::string GlRenderer::description() const { return impl_->worker.description()
 
 void GlRenderer::start(std::span<const RenderRequest> requests) {
   Impl& self = impl();
-  self.take_rounds([](const GlRound&, const Pixels&) {});  // of a start() whose finish() never came, or threw
+  self.take_rounds([](const GlRound&, const Pixels&) {});  // left by a start() whose finish() was not called or threw
   self.requests.assign(requests.begin(), requests.end());
   self.plan();
   if (requests.empty()) return;
@@ -161,7 +163,7 @@ void GlRenderer::Impl::plan_group(std::span<const std::uint32_t> group) {
   const AtlasSize tile{pieces(camera.width_px, columns), pieces(camera.height_px, rows), 1};
   const std::int64_t tile_pixels = static_cast<std::int64_t>(tile.pixels()) * pass.samples * pass.samples;
   std::int64_t by_size = (worker.is_software() ? kMaxSoftwarePixels : kMaxPixels) / tile_pixels;
-  if (worker.is_software()) {  // so that a sign of life comes every few seconds
+  if (worker.is_software()) {  // so that progress is reported every few seconds
     std::size_t triangles = 1;
     for (const std::uint32_t i : group) triangles = std::max(triangles, requests[i].world->triangles().triangles.size());
     by_size = std::min(by_size, static_cast<std::int64_t>(kMaxSoftwareTriangles / triangles));

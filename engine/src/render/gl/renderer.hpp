@@ -1,4 +1,4 @@
-// GlRenderer: pictures by OpenGL 4.5 through EGL, with no screen: all requests of one kind of camera as tiles of an atlas.
+// GlRenderer: off-screen rendering with OpenGL 4.5 through EGL. All requests of one kind of camera become tiles of an atlas.
 #pragma once
 
 #include <chrono>
@@ -12,29 +12,29 @@
 
 namespace flockstep::render {
 
-// A thread of its own owns the context. Not thread-safe: one caller at a time. Worlds are copied to the device when they are
-// first seen, and known by their address from then on: they outlive the renderer. In a forked child start() and finish() throw
-// GlUnavailable, and nothing is done on destruction.
+// The context belongs to a separate thread. Not thread-safe: only one caller at a time. Each world is copied to the device on
+// first use and is then identified by its address, so worlds must outlive the renderer. In a forked child, start() and
+// finish() throw GlUnavailable, and the destructor does nothing.
 //
-// The environment variable FLOCKSTEP_EGL says which devices may be used; see EglDevices.
+// The environment variable FLOCKSTEP_EGL selects the devices that may be used; see EglDevices.
 class GlRenderer {
  public:
-  // Drivers compile shaders at the first picture: those with shadows take Mesa 25 six seconds of a processor, of which a busy
-  // machine gives it a part.
+  // Drivers compile shaders at the first image. With shadows, Mesa 25 needs six seconds of CPU time, and longer in real time
+  // on a busy machine.
   static constexpr std::chrono::milliseconds kPatience{120'000};
 
-  // patience: how long the device may give no sign of life while it draws. Throws GlUnavailable.
+  // patience: longest time without progress while the device draws. Throws GlUnavailable.
   explicit GlRenderer(std::chrono::milliseconds patience = kPatience);
   ~GlRenderer();
   GlRenderer(const GlRenderer&) = delete;
   GlRenderer& operator=(const GlRenderer&) = delete;
 
-  std::string description() const;  // of the device, such as "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5"
+  std::string description() const;  // name of the device, such as "llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5"
 
-  // Begins to render; the requests, and what they point to, stay as they are until finish().
+  // Starts rendering. The requests and the objects they point to must not change until finish().
   void start(std::span<const RenderRequest> requests);
-  // Writes all frames as they arrive. Throws GlUnavailable if the device failed or did not answer in time; the frames are then
-  // undefined, and the renderer is of no more use.
+  // Writes all frames as they arrive. Throws GlUnavailable if the device fails or does not answer in time. The frames are
+  // then undefined, and the renderer must not be used again.
   void finish(Workers& workers);
 
  private:

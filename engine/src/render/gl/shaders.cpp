@@ -9,11 +9,11 @@
 namespace flockstep::render {
 namespace {
 
-// What every shader knows. Tiles lie above each other in the atlas, row 0 of each, the top of its picture, at its lowest y.
-// The ray through a pixel, u and v counted from the upper left of its tile at its centre, is ray_0 + ray_u u + ray_v v: one
-// metre of planar depth long. What the depth buffer holds is (1 / depth - 1 / far) / (1 / near - 1 / far): 1 at the near plane
-// and 0 at the far one, as accurate as depth itself everywhere, and what triangles interpolate linearly. Depth pictures are
-// read from that buffer.
+// Declarations shared by all shaders. Tiles are stacked vertically in the atlas. Row 0 of a tile, the top of its image, has
+// the lowest y. The ray through a pixel is ray_0 + ray_u u + ray_v v, with u and v taken at the centre of the pixel and
+// counted from the upper left of its tile. The planar depth of this vector is one metre. The depth buffer holds (1 / depth -
+// 1 / far) / (1 / near - 1 / far), which is 1 at the near plane and 0 at the far plane. This value is as accurate as the
+// depth itself at every distance, and triangles interpolate it linearly. Depth images are read from this buffer.
 constexpr const char* kCommon = R"(#version 450 core
 layout(location = 0) uniform vec4 tiles;
 layout(location = 1) uniform vec4 range;
@@ -177,7 +177,7 @@ void main() {
 }
 )";
 
-// Where in a texture to look; the fragments before know which one.
+// Texture coordinates and neighbouring texels. The code that calls these functions selects the texture.
 constexpr const char* kLookup = R"(
 float wrapped(float x, uint wrap) {
   float there_and_back = x - 2.0 * floor(0.5 * x);
@@ -305,9 +305,9 @@ void main() {
 }
 )";
 
-// Draws something flat-sided that covers the shape in the picture; its fragments ask which of their rays meet the shape itself.
-// Seen from well outside, that is a rectangle between the eye and the shape that just hides it. Otherwise it is a box around the
-// shape, of which the faces that look away from the eye are drawn, because the eye may be inside it.
+// Draws flat-sided geometry that covers the shape in the image; its fragments test which rays hit the shape itself. Seen from
+// well outside, the geometry is a rectangle between the eye and the shape that just covers it. Otherwise it is a box around
+// the shape, of which only the back faces are drawn, because the eye may be inside the box.
 constexpr const char* kRoundVertex = R"(
 layout(location = 3) uniform int boxes;
 
@@ -440,9 +440,9 @@ layout(location = 16) flat in mat3 to_world;
 #endif
 )";
 
-// The t between which the line o + t d is inside a shape; it never is where the first is the greater. The distance of a line from
-// a centre comes from a cross product rather than from o.o - (o.d)^2 / d.d, a difference of large numbers where the shape is thin
-// and far away.
+// Each function returns the interval of t in which the line o + t d is inside a shape; it is empty if the first value is the
+// larger one. The distance of a line from a centre comes from a cross product. The alternative o.o - (o.d)^2 / d.d is a
+// difference of large numbers if the shape is thin and far away.
 constexpr const char* kLines = R"(
 const vec2 nowhere = vec2(1e30, -1e30);
 
@@ -483,8 +483,8 @@ vec2 capsule(vec3 o, vec3 d, float radius, float half_height) {
 }
 )";
 
-// Whether something hides the sun from what a pixel shows at this depth; see GlSunGrid. Nothing is tested where it does not
-// matter.
+// Returns whether something hides the sun from the point that a pixel shows at this depth; see GlSunGrid. Tests nothing if
+// the result does not matter.
 constexpr const char* kShadows = R"(
 #ifdef SHADOWS
 layout(location = 11) flat in vec4 sun_eye_left;
@@ -568,7 +568,7 @@ bool in_shadow(float depth, vec3 at, bool matters) {
 #endif
 )";
 
-// A round shape, and its normal at a point p of its surface.
+// The interval of a ray inside a round shape, and the normal at a point p of its surface.
 constexpr const char* kRoundKinds = R"(
 #define radius origin_radius.w
 #define half_height ray_0_half.w
@@ -638,7 +638,7 @@ void main() {
 }
 )";
 
-// The sky, drawn where the depth buffer still has what it was cleared to.
+// The sky, drawn where the depth buffer still has its clear value.
 constexpr const char* kSkyVertex = R"(
 layout(std430, binding = 0) readonly buffer Cameras { Camera cameras[]; };
 layout(location = 0) flat out vec4 ray_0_gamma;
@@ -801,7 +801,7 @@ GLuint GlShaders::flat(const ShaderTraits& traits) { return get(Role::flat, trai
 GLuint GlShaders::round(RoundKind kind, const ShaderTraits& all_traits) {
   ShaderTraits traits = all_traits;
   traits.painted = false;
-  traits.masked = all_traits.masked && all_traits.shadows;  // only their shadows concern it
+  traits.masked = all_traits.masked && all_traits.shadows;  // masks affect round shapes only through shadows
   switch (kind) {
     case RoundKind::cylinder:
       return get(Role::cylinder, traits);

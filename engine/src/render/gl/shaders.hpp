@@ -1,4 +1,4 @@
-// GlShaders: the programs that draw, each compiled when it is first needed, for just what it has to write.
+// GlShaders: the shader programs. Each is compiled on first use, and writes only the required outputs.
 #pragma once
 
 #include <cstddef>
@@ -10,33 +10,33 @@
 
 namespace flockstep::render {
 
-// What is drawn for each pixel, into which attachment.
+// Outputs drawn for each pixel, and their attachments.
 struct Attachments {
-  bool color = false;   // 0: RGBA8
-  bool depth = false;   // the depth buffer, which is always there: accurate enough to be read
-  bool ids = false;     // 1: RG16UI
-  bool normal = false;  // 2: RGBA32F
+  bool color = false;   // attachment 0, RGBA8
+  bool depth = false;   // depth buffer; always present, but accurate enough to be read only if set
+  bool ids = false;     // attachment 1, RG16UI
+  bool normal = false;  // attachment 2, RGBA32F
 
   bool operator==(const Attachments&) const = default;
 };
 
 struct ShaderTraits {
   Attachments writes;
-  bool shadows = false;  // of the sun
-  bool painted = false;  // some triangles have textures or colours of vertices
-  bool masked = false;   // some are seen through in places
-  bool sun = false;      // stands in the sky
+  bool shadows = false;  // shadows cast by the sun
+  bool painted = false;  // some triangles have textures or vertex colours
+  bool masked = false;   // some triangles are transparent in places
+  bool sun = false;      // the sun is visible in the sky
 };
 
 // Numbers in the shaders' layout qualifiers.
-inline constexpr GLint kTilesUniform = 0;    // (height of a tile in px, one over that, over the height of the atlas, nothing)
+inline constexpr GLint kTilesUniform = 0;    // (tile height in px, 1 / tile height, tile height / atlas height, unused)
 inline constexpr GLint kRangeUniform = 1;    // (near, far, 1 / far, 1 / (1 / near - 1 / far)), m
-inline constexpr GLint kSamplesUniform = 2;  // a side of the grid within a pixel
-inline constexpr GLint kBoxesUniform = 3;    // 1: a box is drawn round each shape, else a rectangle before it
+inline constexpr GLint kSamplesUniform = 2;  // side of the sample grid within a pixel
+inline constexpr GLint kBoxesUniform = 3;    // 1: draw a box around each shape; 0: draw a rectangle in front of it
 inline constexpr GLuint kCamerasBinding = 0;
 inline constexpr GLuint kVisibleBinding = 1;
-inline constexpr GLuint kShapesBinding = 2;  // of the kind that is drawn
-inline constexpr GLuint kTexelsBinding = 1;  // flat geometry has no use for the two before
+inline constexpr GLuint kShapesBinding = 2;  // shapes of the kind being drawn
+inline constexpr GLuint kTexelsBinding = 1;  // flat geometry does not use the two bindings above
 inline constexpr GLuint kTexturesBinding = 2;
 inline constexpr GLuint kPaintsBinding = 7;
 inline constexpr GLuint kGridsBinding = 3;
@@ -46,7 +46,7 @@ inline constexpr GLuint kCastersBinding = 6;
 
 class GlShaders {
  public:
-  // Each throws GlUnavailable where the driver refuses the source.
+  // Each function throws GlUnavailable if the driver rejects the source.
   GLuint flat(const ShaderTraits& traits);
   GLuint round(RoundKind kind, const ShaderTraits& traits);
   GLuint sky(const ShaderTraits& traits);

@@ -1,4 +1,4 @@
-// GlStore: a buffer of equal elements that only grows at its end.
+// GlStore: a buffer of equal elements that grows only at its end.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@ namespace flockstep::render {
 template <class T>
 class GlStore {
  public:
-  // Returns the index of the first of them.
+  // Returns the index of the first appended element.
   std::size_t append(std::span<const T> elements) {
     const std::size_t first = size_;
     if (size_ + elements.size() > capacity_) grow(size_ + elements.size());
@@ -25,7 +25,7 @@ class GlStore {
   }
 
   std::size_t size() const { return size_; }
-  GLuint name() const { return buffer_.name(); }  // changes when it grows; 0 while it is empty
+  GLuint name() const { return buffer_.name(); }  // changes when the buffer grows; 0 while it is empty
 
  private:
   void grow(std::size_t needed) {

@@ -21,12 +21,13 @@ constexpr double kLeastCells = 64.0 * 64.0;
 constexpr double kMostCells = 1024.0 * 1024.0;
 constexpr double kCellsPerCaster = 4.0;
 
-// The shadow of a caster across the sun's direction, or a little more: all that is within `round` of the hull of some points.
+// The shadow of a caster in the plane across the sun's direction: all points within `round` of the convex hull of `points`.
+// It may be slightly too large.
 struct Shadow {
   CasterKind kind;
   std::array<Vec2d, 8> points;
   std::size_t num_points = 0;
-  std::array<Vec2d, 3> normals;  // unit, of the hull's sides
+  std::array<Vec2d, 3> normals;  // unit, normal to the hull's sides
   std::size_t num_normals = 0;
   double round = 0.0;  // m
 
@@ -35,7 +36,7 @@ struct Shadow {
     const double length = along.norm();
     if (length > 0.0) normals[num_normals++] = Vec2d(-along.y(), along.x()) / length;
   }
-  // The interval of the points along an axis.
+  // Returns the interval that the shadow covers along an axis.
   std::array<double, 2> along(const Vec2d& axis) const {
     double low = std::numeric_limits<double>::infinity();
     double high = -low;
@@ -45,7 +46,7 @@ struct Shadow {
     }
     return {low - round, high + round};
   }
-  // Whether it reaches a square: unless one of the lines along its sides is between them.
+  // Returns whether the shadow reaches a square: false if a line along one of its sides separates the two.
   bool reaches(const Vec2d& middle, double half) const {
     for (std::size_t i = 0; i < num_normals; ++i) {
       const auto [low, high] = along(normals[i]);
@@ -99,7 +100,7 @@ class Casters {
     const Vec3d ab = to_sun_ * (b.cast<double>() - a.cast<double>());
     const Vec3d ac = to_sun_ * (c.cast<double>() - a.cast<double>());
     const double area = ab.x() * ac.y() - ab.y() * ac.x();
-    // Edge-on to the sun it hides nothing.
+    // A triangle edge-on to the sun casts no shadow.
     if (std::abs(area) <= 1e-9 * ab.norm() * ac.norm()) return;
     SunCaster caster;
     caster.rows[0] = row(corner.x(), corner.y(), corner.z(), 0.0);
@@ -125,7 +126,7 @@ class Casters {
       return;
     }
     lay_out();
-    // The same walk twice: it counts what each list gets, and then fills the lists.
+    // The same traversal runs twice: first to count the entries of each list, then to fill the lists.
     grid_.starts.assign(std::size_t{grid_.columns} * grid_.rows * kNumLists + 1, 0);
     for (const Shadow& shadow : shadows_) {
       for_each_cell(shadow, [&](std::size_t list) { ++grid_.starts[list + 1]; });
@@ -171,9 +172,9 @@ class Casters {
     }
     const Vec2d size = high - low;
     const double cells = std::clamp(kCellsPerCaster * static_cast<double>(shadows_.size()), kLeastCells, kMostCells);
-    // No side has more cells than there are in all, however thin the whole is.
+    // Limits the cells along each side to the total number of cells, even if the grid is very thin.
     const double cell = std::max(std::sqrt(size.x() * size.y() / cells), size.maxCoeff() / cells);
-    // So that no rounding of a point's place, of the cell's border or of the caster loses a caster.
+    // The margin ensures that rounding of a point, a cell border or a caster loses no caster.
     const double around = std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff());
     margin_ = 1e-3 * cell + 1e-6 * around;
     grid_.cell = static_cast<float>(cell);
@@ -212,9 +213,9 @@ class Casters {
   double margin_ = 0.0;  // m
 };
 
-// Each image begins with a number of its own.
+// Packs four alphas into each number of grid.alphas. Each image starts at a new number.
 void add_masks(const trace::Masks& from, GlSunGrid& grid) {
-  std::map<std::size_t, std::uint32_t> first_of;  // number, by the first alpha
+  std::map<std::size_t, std::uint32_t> first_of;  // index into grid.alphas, by the first alpha of the mask
   for (const trace::Masks::Mask& mask : from.masks()) {
     const auto [first, is_new] = first_of.try_emplace(mask.first, static_cast<std::uint32_t>(grid.alphas.size()));
     const std::size_t count = static_cast<std::size_t>(mask.width) * static_cast<std::size_t>(mask.height);

@@ -21,18 +21,18 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kStartPatience{30'000};  // until the context is made
+constexpr milliseconds kStartPatience{30'000};  // until the context exists
 
-// Mesa ends the process where it gets no memory. Before it draws anything it takes 0.6 GiB of address space on two processors,
-// and some 70 MB more for a thread on each further one, up to 32.
+// Mesa terminates the process if it gets no memory. Before it draws anything, it takes 0.6 GiB of address space on two
+// processors, and about 70 MB more for a thread on each further processor, up to 32.
 double address_space_wanted() {
   constexpr double kGibibyte = 1024.0 * 1024.0 * 1024.0;
   return kGibibyte * (1.0 + 0.125 * std::min(logical_processors(), 32));
 }
 
-constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller has the other
+constexpr std::size_t kNumReadbacks = 2;  // one is drawn and read while the caller holds the other
 
-// Atlases are kept, since their sizes come back from step to step; when there are too many, the one unused for longest goes.
+// Keeps atlases, since their sizes recur from step to step. If there are too many, the least recently used one is dropped.
 class Atlases {
  public:
   const GlAtlas& get(const AtlasSize& size, const Attachments& attachments) {
@@ -50,36 +50,36 @@ class Atlases {
 
  private:
   static constexpr std::size_t kMost = 16;
-  std::vector<std::unique_ptr<GlAtlas>> atlases_;  // the last one is the last used
+  std::vector<std::unique_ptr<GlAtlas>> atlases_;  // the most recently used one is last
 };
 
 }  // namespace
 
 struct GlWorker::Shared {
   const EglDevices devices;
-  const milliseconds patience;  // once it is ready
+  const milliseconds patience;  // limit once the worker is ready
   std::mutex mutex;
   std::condition_variable changed;
-  // Under the mutex:
+  // Protected by the mutex:
   bool ready = false;
   bool stop = false;
-  bool ended = false;               // the thread has given back all it had from OpenGL
-  std::string error;                // why it ended; it then is of no more use
-  std::uint64_t signs_of_life = 0;  // counted up whenever the device has done something
-  std::uint64_t started = 0;        // tasks
-  std::size_t published = 0;        // rounds of the current task that were read back
-  std::size_t released = 0;         // of these, those that the caller is done with
+  bool ended = false;               // the thread has released all its OpenGL objects
+  std::string error;                // reason why it ended; the worker is then unusable
+  std::uint64_t signs_of_life = 0;  // incremented whenever the device makes progress
+  std::uint64_t started = 0;        // number of tasks started
+  std::size_t published = 0;        // rounds of the current task that have been read back
+  std::size_t released = 0;         // published rounds that the caller has released
   std::array<Pixels, kNumReadbacks> pixels;
-  // Written before `ready` is:
+  // Written before `ready` is set:
   std::string description;
   int max_side = 0;
   bool is_software = false;
-  // Belongs to the caller until it is started, then to the thread until all rounds are published:
+  // Owned by the caller until it is started, then by the thread until all rounds are published:
   GlTask task;
 
   Shared(EglDevices allowed, milliseconds at_work) : devices(allowed), patience(at_work) {}
 
-  // Waits until the condition holds. False where the device gave no sign of life for too long.
+  // Waits until the condition holds. Returns false if the device makes no progress for too long.
   template <class Condition>
   bool wait(std::unique_lock<std::mutex>& lock, const Condition& condition) {
     while (!condition()) {
@@ -185,7 +185,7 @@ void GlWorker::release() {
   shared_->changed.notify_all();
 }
 
-// What the thread owns in OpenGL, and what it does with it.
+// The OpenGL objects of the thread, and the work it does with them.
 struct GlWorker::Device {
   Shared& s;
   const EglContext context;
@@ -234,7 +234,7 @@ struct GlWorker::Device {
           if (s.stop) return;
         }
         draw(s.task.rounds[round], readbacks[round % kNumReadbacks]);
-        // A GPU copies the round before while it draws this one; a software device has copied it already.
+        // A GPU copies the previous round while it draws this one. A software device has already copied this one.
         if (s.is_software) {
           publish(round);
         } else if (round > 0) {
@@ -252,7 +252,7 @@ struct GlWorker::Device {
     GlPass pass = round.pass;
     if (pass.samples == 1) {
       painter.paint(atlas, cameras, pass);
-    } else {  // only colours are sampled
+    } else {  // only colours use several samples
       const AtlasSize large{round.size.width * pass.samples, round.size.height * pass.samples, round.size.tiles};
       const GlAtlas& samples = atlases.get(large, {.color = true});
       GlPass colors = pass;
@@ -285,7 +285,7 @@ void GlWorker::run(Shared& s) {
       device.work();
     } catch (const std::exception& error) {
       s.fail(error.what());
-      // The caller may still be reading the round before, so its memory stays until the caller lets go of the worker.
+      // The caller may still be reading the previous round, so its memory is kept until the worker is stopped.
       std::unique_lock lock(s.mutex);
       s.changed.wait(lock, [&] { return s.stop; });
     }

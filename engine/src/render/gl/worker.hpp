@@ -1,4 +1,4 @@
-// GlWorker: the thread that owns the OpenGL context, and the handing over of work to it and of pictures from it.
+// GlWorker: the thread that owns the OpenGL context. It receives tasks and returns images.
 #pragma once
 
 #include <chrono>
@@ -16,45 +16,45 @@
 
 namespace flockstep::render {
 
-// Tiles that are drawn and read back at once.
+// Tiles that are drawn and read back together.
 struct GlRound {
-  AtlasSize size;  // with room for at least `count` tiles
-  GlPass pass;     // its traits say what is read back
+  AtlasSize size;  // has room for at least `count` tiles
+  GlPass pass;     // its traits select what is read back
   std::size_t first_camera = 0;
   int count = 0;
 };
 
-// A grid of the sun for a model.
+// The sun grid of a model.
 struct GlModelGrid {
   std::uint32_t model;
   GlSunGrid grid;
 };
 
 struct GlTask {
-  std::vector<GlModel> models;     // to be added first
-  std::vector<GlModelGrid> grids;  // then
+  std::vector<GlModel> models;     // added first
+  std::vector<GlModelGrid> grids;  // added after the models
   std::vector<TileCamera> cameras;
   std::vector<GlRound> rounds;
 };
 
-// The thread touches nothing but its task and what it owns itself, so it can be left behind when a driver never answers.
+// The thread accesses only its task and its own data, so it can be abandoned if a driver never answers.
 class GlWorker {
  public:
   // patience: see GlRenderer. Throws GlUnavailable.
   explicit GlWorker(std::chrono::milliseconds patience);
-  ~GlWorker();  // leaves what is under way unfinished
+  ~GlWorker();  // abandons unfinished work
   GlWorker(const GlWorker&) = delete;
   GlWorker& operator=(const GlWorker&) = delete;
 
   const std::string& description() const;
-  int max_side() const;  // px, of an atlas
+  int max_side() const;  // px, limit for an atlas
   bool is_software() const;
 
-  GlTask& task();  // may be changed until start(), and again after the last round was released
+  GlTask& task();  // may be changed until start(), and again after the last round has been released
   void start();
-  // The pictures of the task's next round. Throws GlUnavailable where it failed or did not come in time.
+  // Returns the pixels of the task's next round. Throws GlUnavailable if the round failed or did not arrive in time.
   const Pixels& wait();
-  void release();  // they are no longer needed
+  void release();  // releases the pixels of the last wait()
 
  private:
   struct Shared;
