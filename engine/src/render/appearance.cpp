@@ -44,7 +44,7 @@ std::optional<Aabb> shading_room(const World& world) {
   if (world.primitives().empty() || world.primitives()[0].kind != PrimitiveKind::room) return std::nullopt;
   const Primitive& given = world.primitives()[0];
   const Aabb room{given.center - given.half_extents, given.center + given.half_extents};
-  // What ends at a wall may reach beyond it by rounding.
+  // Rounding may place geometry at a wall slightly beyond it.
   const float rounding = 1e-5F * (1.0F + room.min.cwiseAbs().cwiseMax(room.max.cwiseAbs()).maxCoeff());
   const auto holds = [&](const Vec3& low, const Vec3& high) {
     return (low.array() >= room.min.array() - rounding).all() && (high.array() <= room.max.array() + rounding).all();

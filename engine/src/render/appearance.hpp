@@ -1,4 +1,4 @@
-// Appearance: what each surface of a world looks like, for whichever backend draws it.
+// Appearance: the colours and ids of all surfaces of a world, shared by both rendering backends.
 #pragma once
 
 #include <array>
@@ -15,24 +15,24 @@ struct Surface {
   std::array<float, 3> color{};  // linear RGB
   std::uint16_t semantic = 0;
   std::uint16_t instance = 0;
-  std::int32_t texture = -1;  // of triangles: index into World::textures(), or none
+  std::int32_t texture = -1;  // index into World::textures(), for triangles only; -1 means none
   std::array<float, 3> emissive{};
 
   bool emits() const { return emissive != std::array<float, 3>{}; }
 };
 
-// The colours of markers, linear RGB. The blob task tells the goal by its green; see task/color_blob.cpp.
+// Marker colours, linear RGB. The blob task finds the goal by its green; see tasks/color_blob.cpp.
 inline constexpr std::array<float, 3> kStartColor{0.8F, 0.03F, 0.02F};
 inline constexpr std::array<float, 3> kWaypointColor{0.85F, 0.6F, 0.02F};
 inline constexpr std::array<float, 3> kGoalColor{0.02F, 0.6F, 0.05F};
 
-// A marker as cameras see it: a sphere of Markers::radius.
+// A marker as cameras render it: a sphere of radius Markers::radius.
 struct MarkerSphere {
   Vec3 center;  // m, world frame
   Surface surface;
 };
 
-// The sun as it stands in the sky; see Light, whose q this is about.
+// The sun in the sky. Light defines the formula and the symbols s, r and q.
 struct SunDisc {
   explicit SunDisc(const Light& light);
 
@@ -41,22 +41,22 @@ struct SunDisc {
   float edge = 0.0F;             // r^2
   float steepness = 0.0F;        // 1 / (0.19 r^2)
   float glow = 0.0F;
-  static constexpr float kFocus = 100.0F;  // how soon the glow fades
+  static constexpr float kFocus = 100.0F;  // factor of q in the glow: larger values make the glow fade faster
 };
 
 struct Appearance {
   explicit Appearance(const World& world);
 
-  std::vector<Surface> primitives;    // as World::primitives()
-  std::vector<Surface> materials;     // of triangles, by their material; with instance 0
-  std::uint16_t first_object = 0;     // instance of the triangles of mesh 0
+  std::vector<Surface> primitives;    // one per element of World::primitives()
+  std::vector<Surface> materials;     // one per material, for triangles; instance is 0
+  std::uint16_t first_object = 0;     // instance id of the triangles of mesh 0
   std::vector<MarkerSphere> markers;  // start, waypoints, goal
   float marker_radius = 0.25F;        // m
   Light light;
 };
 
-// The room of a world whose shadow falls on something: that has something outside it. Only from outside does it hide the sun,
-// because rays meet it from within alone.
+// Returns the room of a world if something lies outside it that its shadow can reach. A room hides the sun only from points
+// outside it, because rays hit a room only from inside.
 std::optional<Aabb> shading_room(const World& world);
 
 }  // namespace flockstep::render

@@ -1,4 +1,4 @@
-// JPEG files of frames, by libjpeg-turbo.
+// JPEG compression of images, with libjpeg-turbo.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace flockstep::render {
 
-// The file's bytes. An rgb image is laid out as the camera says. quality: in [1, 100].
+// Returns the bytes of a JPEG file. An rgb image has the layout of the camera. quality: in [1, 100].
 std::string compress_rgb(const std::uint8_t* image, const CameraConfig& camera, int quality);
 std::string compress_grey(const std::uint8_t* image, const CameraConfig& camera, int quality);
 

@@ -9,10 +9,10 @@
 namespace flockstep::render {
 namespace {
 
-constexpr std::size_t kPixels = PixelTile::kSide * PixelTile::kSide;  // of a tile
+constexpr std::size_t kPixels = PixelTile::kSide * PixelTile::kSide;  // pixels per tile
 
-// The slopes (centre - (i + place)) / focal of the pixels of every tile along one side of the image, for all pixels of a tile,
-// whose place along that side is `along(pixel)`.
+// Returns the slopes (centre - (i + place)) / focal for the pixels i of every tile along one side of the image. Each tile
+// gets a value for each of its pixels; along(pixel) is the position of a pixel along that side.
 template <class Along>
 std::vector<float> slopes(int pixels, float centre, float focal, double place, const Along& along) {
   const std::size_t tiles = (static_cast<std::size_t>(pixels) + PixelTile::kSide - 1) / PixelTile::kSide;
@@ -59,7 +59,7 @@ PinholeCamera make_pinhole_camera(const CameraConfig& camera) {
   }
   const auto width = static_cast<std::size_t>(camera.width_px);
   const auto height = static_cast<std::size_t>(camera.height_px);
-  // The padded rays of a tile at the border look past the image; its frustum holds them too.
+  // Padding rays of a tile at the border point past the image; the frustum of the tile contains them as well.
   for (std::size_t row = 0; row < height; row += PixelTile::kSide) {
     for (std::size_t column = 0; column < width; column += PixelTile::kSide) {
       const auto edge = [](float centre, std::size_t pixel, float focal) { return (centre - static_cast<float>(pixel)) / focal; };

@@ -1,4 +1,4 @@
-// PinholeCamera: which way each pixel looks.
+// PinholeCamera: the ray directions of all pixels.
 #pragma once
 
 #include <cstddef>
@@ -10,28 +10,28 @@
 
 namespace flockstep::render {
 
-// A block of pixels that is traced at once.
+// A block of pixels that is traced together.
 struct PixelTile {
-  static constexpr std::size_t kSide = 16;  // pixels; a row of it is a vector of rays
-  std::size_t column, row;                  // of its first pixel, a multiple of kSide
+  static constexpr std::size_t kSide = 16;  // pixels; one row is a vector of rays
+  std::size_t column, row;                  // its first pixel, a multiple of kSide
   std::size_t width, height;                // at most kSide
   trace::Frustum frustum;                   // camera frame
 };
 
-// The pinhole model. The ray through pixel (u, v), counted from the upper left, has the direction
-// (1, (cx - u - 1/2) / fx, (cy - v - 1/2) / fy) in the camera's frame (x along the optical axis, y left, z up), so that lengths
-// along it are planar depths.
+// The pinhole model. The ray through pixel (u, v), counted from the upper left, has the direction (1, (cx - u - 1/2) / fx,
+// (cy - v - 1/2) / fy) in the camera frame: x along the optical axis, y left, z up. Lengths along the ray are therefore
+// planar depths.
 struct PinholeCamera {
   float fx, fy, cx, cy;  // px
-  // The directions through one point of every pixel. grids[0] is for the centres; where a pixel has several samples, a grid for
-  // each of them follows.
+  // Ray directions through one point of every pixel. grids[0] holds the pixel centres. If a pixel has several samples, one
+  // grid for each sample follows.
   struct Grid {
-    std::vector<float> left;  // (columns of tiles, kSide * kSide) y of the directions of a tile's pixels, row by row
-    std::vector<float> up;    // (rows of tiles, kSide * kSide) z, likewise
-    std::vector<trace::TileAxis> columns, rows;  // the same as mesh_tiles.hpp takes it
+    std::vector<float> left;                     // (columns of tiles, kSide * kSide) y of the directions in a tile, row by row
+    std::vector<float> up;                       // (rows of tiles, kSide * kSide) z of the directions
+    std::vector<trace::TileAxis> columns, rows;  // left and up in the form of mesh_tiles.hpp
   };
   std::vector<Grid> grids;
-  std::vector<PixelTile> tiles;  // row by row; the frustum of each holds all samples of its pixels
+  std::vector<PixelTile> tiles;  // row by row; each frustum contains all samples of its pixels
   float corner;                  // length of the longest direction
 };
 

@@ -1,4 +1,4 @@
-// RenderRequest: one picture to take, and where to write it.
+// RenderRequest: one image to render, and its destination.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ namespace flockstep::render {
 
 class Shading;
 
-// One image of each output, laid out as in CameraImages; null where the camera does not write it.
+// One image per output, laid out as in CameraImages; null if the camera does not write it.
 struct Frame {
   std::uint8_t* rgb = nullptr;
   float* depth = nullptr;
@@ -27,17 +27,17 @@ struct Frame {
   std::uint8_t* grey = nullptr;
 };
 
-// ITU-R BT.601, rounded.
+// Computes grey by ITU-R BT.601, rounded.
 inline std::uint8_t grey_of(std::uint8_t r, std::uint8_t g, std::uint8_t b) {
   return static_cast<std::uint8_t>((299U * r + 587U * g + 114U * b + 500U) / 1000U);
 }
 
 struct RenderRequest {
   const World* world;
-  const trace::Scene* scene;  // of that world, and
-  const Shading* shading;     // its colours: for rendering by rays
+  const trace::Scene* scene;  // scene of that world, for raycast
+  const Shading* shading;     // colours of that world, for raycast
   const CameraConfig* camera;
-  const PinholeCamera* pinhole;  // the model of that camera, with the field of view that this drone has
+  const PinholeCamera* pinhole;  // optics of that camera, with this drone's field of view
   Vec3 position;                 // m, world frame
   Mat3 rotation;                 // camera to world
   Frame frame;

@@ -9,10 +9,10 @@ namespace flockstep::render {
 namespace {
 
 constexpr std::size_t kTilesPerJob = 64;  // a small image, or some rows of a large one
-constexpr int kTimedRuns = 3;             // of each backend; the fastest one counts
-constexpr double kEnoughS = 1.0;          // no further run is timed once the runs have taken this long
+constexpr int kTimedRuns = 3;             // per backend; the fastest one counts
+constexpr double kEnoughS = 1.0;          // s, total time after which no further run is timed
 
-// Renders once to warm up, then takes the fastest of the timed runs.
+// Renders once to warm up, then returns the frames per second of the fastest timed run.
 template <class Render>
 double frames_per_second(std::size_t frames, const Render& render) {
   render();
@@ -51,7 +51,7 @@ void Renderer::choose(std::span<const RenderRequest> typical, Workers& workers) 
     start(typical);
     finish(typical, workers);
   });
-  if (!gl_) return;  // it failed, and the report says so
+  if (!gl_) return;  // gl failed, and the report says so
   std::ostringstream report;
   report.precision(3);
   report << (of_gl > of_raycast ? "gl" : "raycast") << ": the faster on " << typical.size() << " frames of this batch: raycast "
@@ -66,13 +66,13 @@ void Renderer::give_up_gl(const std::string& why) {
   warning_ = "cameras: gl is not available, raycast renders instead: " + why;
 }
 
-// Requests of one camera follow each other, and have the same tiles.
 trace::EmbreeUse Renderer::embree_use() const {
   trace::EmbreeUse use;
   for (const auto& scratch : raycast_scratches_) use += scratch->tracer.embree_use();
   return use;
 }
 
+// Requests of one camera are adjacent and have the same tiles.
 void Renderer::raycast(std::span<const RenderRequest> requests, Workers& workers) {
   while (!requests.empty()) {
     const std::size_t tiles = requests[0].pinhole->tiles.size();

@@ -1,4 +1,4 @@
-// Renderer: takes pictures with the backend that was chosen.
+// Renderer: renders images with the selected backend.
 #pragma once
 
 #include <chrono>
@@ -18,20 +18,20 @@ namespace flockstep::render {
 
 class Renderer {
  public:
-  // typical: requests like the batch's, which an automatic choice times; their frames may be written. The worlds of all requests
-  // must outlive the renderer. gl_patience: see GlRenderer.
+  // typical: requests that represent the batch. The automatic choice times them, and may write their frames. The worlds of
+  // all requests must outlive the renderer. gl_patience: see GlRenderer.
   Renderer(CameraBackend backend, std::span<const RenderRequest> typical, Workers& workers,
            std::chrono::milliseconds gl_patience = GlRenderer::kPatience);
 
-  // Which backend renders, and why.
+  // The selected backend, and the reason.
   const std::string& report() const { return report_; }
-  // What the user should know and has not been told yet; mostly empty. Raycast renders where OpenGL is missing or fails, and this
-  // says so.
+  // Returns warnings that have not been reported to the user yet; usually empty. Raycast takes over if OpenGL is missing or
+  // fails, and the warning says so.
   std::string take_warning() { return std::exchange(warning_, std::string()); }
 
-  trace::EmbreeUse embree_use() const;  // by raycast
+  trace::EmbreeUse embree_use() const;  // by the raycast backend
 
-  // Between the two OpenGL renders already, on a thread of its own; the requests must not change meanwhile.
+  // Between start() and finish(), OpenGL already renders on its own thread; the requests must not change meanwhile.
   void start(std::span<const RenderRequest> requests);
   void finish(std::span<const RenderRequest> requests, Workers& workers);
 
@@ -40,8 +40,8 @@ class Renderer {
   void choose(std::span<const RenderRequest> typical, Workers& workers);
   void give_up_gl(const std::string& why);
 
-  std::unique_ptr<GlRenderer> gl_;                                  // null: raycast renders
-  std::vector<std::unique_ptr<RaycastScratch>> raycast_scratches_;  // one for each thread
+  std::unique_ptr<GlRenderer> gl_;                                  // null if raycast renders
+  std::vector<std::unique_ptr<RaycastScratch>> raycast_scratches_;  // one per thread
   std::string report_;
   std::string warning_;
 };

@@ -16,7 +16,7 @@ std::uint32_t packed(std::uint8_t red, std::uint8_t green, std::uint8_t blue, st
          static_cast<std::uint32_t>(alpha) << 24U;
 }
 
-// What a texel of a row half as long covers of the longer one: up to three texels, each by its share.
+// The texels of a row that one texel of a row half as long covers: up to three, each with its share.
 struct Cover {
   int first = 0;
   std::array<float, 3> shares{};
@@ -54,7 +54,7 @@ Level largest(const Texture& texture) {
   return level;
 }
 
-// Half as wide and high, but a texel at least: means of linear values.
+// Halves width and height, to at least one texel, by averaging linear values.
 Level halved(const Level& from, bool is_masked) {
   const std::array<float, 256>& linear = srgb_to_linear();
   Level half{{}, std::max(from.width / 2, 1), std::max(from.height / 2, 1)};
@@ -87,7 +87,7 @@ Level halved(const Level& from, bool is_masked) {
   return half;
 }
 
-// Of all levels.
+// Returns the number of texels of all levels.
 std::size_t num_texels(const Texture& texture, int border) {
   std::size_t count = 0;
   for (int width = texture.width_px, height = texture.height_px;;
@@ -97,7 +97,7 @@ std::size_t num_texels(const Texture& texture, int border) {
   }
 }
 
-// Where a row or column beyond the edge comes from.
+// Returns the row or column that is shown at a position beyond the edge.
 int source(int at, int size, TextureWrap wrap) {
   return wrap == TextureWrap::repeat ? (at + size) % size : std::clamp(at, 0, size - 1);
 }
@@ -167,7 +167,7 @@ std::vector<float> texels_per_square_metre(const World& world) {
     const Eigen::Vector2d b = shown[2] - shown[0];
     const Texture& image = world.textures()[*texture];
     const double texels = std::abs(a.x() * b.y() - a.y() * b.x()) * image.width_px * image.height_px;
-    density.back() = static_cast<float>(std::min(texels / area, 1e30));  // no triangle is without an area
+    density.back() = static_cast<float>(std::min(texels / area, 1e30));  // every triangle has an area
   }
   return density;
 }

@@ -1,13 +1,14 @@
-// Textures: the images of a world with their mip levels, as both backends read them.
+// Textures: the images of a world with their mip levels, read by both backends.
 //
-// A backend looks a texture up at (s, t) by the mean of the two levels nearest to the level of detail, each by the mean of the
-// four texels around. With t4 = the texels that a square metre of the surface shows, a pixel of width p at planar depth 1, a ray
-// d of length 1 along the optical axis that meets the surface, whose unit normal is n, at planar depth z, the level of detail is
-// log2(sqrt(t4) p z |d| / |n . d|): one texel a pixel, along the longer side of what the pixel covers. log2 is a straight line
-// between powers of two, off by 0.09 at most, so that every processor computes the same.
+// Textures are filtered trilinearly: a backend interpolates between the four texels around (s, t) in each of the two levels
+// nearest to the level of detail, then between the two levels. The level of detail is log2(sqrt(t4) p z |d| / |n . d|). Here
+// t4 is the number of texels that a square metre of the surface shows, p the width of a pixel at planar depth 1, d the ray
+// direction with length 1 along the optical axis, z the planar depth of the hit, and n the unit normal of the surface. This
+// yields one texel per pixel along the longer side of the area that the pixel covers. log2 is approximated by straight lines
+// between powers of two, with an error of at most 0.09, so that every processor computes the same result.
 //
-// A texel of a level is the mean of those it covers of the level before. Where things are seen through by a texture, each counts
-// as much as its alpha, so that what is cut away gives no colour to what is left.
+// Each texel of a level is the mean of the texels that it covers in the previous level. In a texture that makes things
+// transparent, each texel is weighted by its alpha, so that invisible parts do not affect the colour of visible ones.
 #pragma once
 
 #include <array>
@@ -19,27 +20,28 @@
 
 namespace flockstep::render {
 
-// Whether levels have a border of one texel about them, which is what the texture shows beyond its edge as it wraps: then the
-// four texels around a place are always two pairs of neighbours in memory.
+// Selects whether levels have a border of one texel. The border continues the texture beyond its edge according to its wrap
+// mode, so the four texels around a position are always two pairs of neighbours in memory.
 enum class Border : bool { no, yes };
 
 struct Textures {
-  // masked: which of them something is seen through by, if any.
-  // Throws std::invalid_argument where they have too many texels to be numbered.
+  // masked: one flag per texture, true if it makes something transparent; empty if none does. Throws std::invalid_argument if
+  // there are too many texels to be numbered.
   explicit Textures(std::span<const Texture> textures, const std::vector<bool>& masked = {}, Border border = Border::no);
   explicit Textures(const World& world, Border border = Border::no);
 
   bool empty() const { return first_level.empty(); }
 
-  std::vector<std::uint32_t> texels;  // red, green, blue in sRGB and alpha from the lowest byte on; level by level, row by row
-  // Of each texture.
+  std::vector<std::uint32_t> texels;  // sRGB red, green, blue, then alpha, from the lowest byte on; level by level, row by row
+  // One per texture.
   std::vector<std::int32_t> first_level, num_levels;
   std::vector<std::int32_t> wrap_across, wrap_down;  // TextureWrap
-  // Of each level, the largest first: its first texel, its size, and how far apart its rows are. The last one is a single texel.
+  // One per level, largest first: its first texel, its size, and the distance between its rows. The last level is a single
+  // texel.
   std::vector<std::int32_t> offset, width, height, stride;
 };
 
-// Texels to a square metre of each triangle, squared texels a metre; 0 where its material has no texture. Empty where none has.
+// Returns the texels per square metre of each triangle; 0 if its material has no texture. Empty if no material has one.
 std::vector<float> texels_per_square_metre(const World& world);
 
 }  // namespace flockstep::render

@@ -13,10 +13,10 @@ namespace {
 
 static_assert(PixelTile::kSide == trace::kTileWidth && TilePixels::kCount == trace::kMaxRays);
 
-// How far from a surface the ray to the sun begins, times the coordinates there: beyond the rounding of a hit.
+// Distance of a shadow ray's origin from the surface, relative to its coordinates. It exceeds the rounding error of a hit.
 constexpr float kLift = 1e-4F;
 
-// Whether the way from a point to the sun leads through a room that the point is outside of.
+// Returns whether the ray from a point to the sun passes through a room that the point is outside of.
 bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
   float enter = -std::numeric_limits<float>::max();
   float leave = std::numeric_limits<float>::max();
@@ -33,7 +33,7 @@ bool is_behind(const Aabb& room, const Vec3& point, const Vec3& sun) {
   return enter > 0.0F && enter <= leave;
 }
 
-// Which of the rays' hits lie in the shadow of something: traces from each towards the sun.
+// Finds the hits that lie in shadow: traces a ray from each hit towards the sun.
 void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, RaycastScratch& scratch) {
   trace::RayBlock& block = scratch.tracer.block();
   const auto& to_sun = request.world->light().sun_direction;
@@ -44,7 +44,7 @@ void find_shadows(const RenderRequest& request, const trace::RayBundle& rays, Ra
     const bool hit = rays.element[i] >= 0;
     const Vec3 direction = rays.direction(i);
     Vec3 point = hit ? Vec3(rays.origin + rays.t_hit[i] * direction) : rays.origin;
-    // Away from the surface: back along the ray, and towards the sun.
+    // Moves away from the surface: back along the ray, and towards the sun.
     const float lift = kLift * (1.0F + point.cwiseAbs().maxCoeff());
     point += lift * (sun - direction.normalized());
     block.org_x[i] = point.x();
@@ -84,7 +84,7 @@ void sample(const RenderRequest& request, const PinholeCamera::Grid& grid, const
                          request.camera->depth_kind, scratch.pixels);
 }
 
-// The mean of all samples' colours.
+// Averages the colours of all samples.
 void average(const RenderRequest& request, const PixelTile& tile, RaycastScratch& scratch) {
   TilePixels& pixels = scratch.pixels;
   std::uint8_t* const channels[3] = {pixels.r, pixels.g, pixels.b};

@@ -1,4 +1,4 @@
-// Raycast renderer: pictures by the engine's own tracing.
+// Raycast renderer: renders images with the engine's own ray tracing.
 #pragma once
 
 #include <cstddef>
@@ -9,18 +9,19 @@
 
 namespace flockstep::render {
 
-// What one thread needs while it renders; made once.
+// Working memory of one rendering thread, created once.
 struct RaycastScratch {
   trace::Tracer tracer;
   TilePixels pixels;
   alignas(64) std::uint8_t shaded[TilePixels::kCount];
-  alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // of the samples' r, g and b
-  alignas(64) trace::RayFloats ones;                      // x of all directions
+  alignas(64) std::uint16_t sums[3][TilePixels::kCount];  // sums of r, g and b over the samples
+  alignas(64) trace::RayFloats ones;                      // x of all ray directions
 
   RaycastScratch();
 };
 
-// Renders tiles [first, last) of the request's pinhole into its frame. A pixel's value depends on the request alone.
+// Renders tiles [first, last) of the request's pinhole camera into its frame. The value of a pixel depends only on the
+// request.
 void render_tiles(const RenderRequest& request, std::size_t first, std::size_t last, RaycastScratch& scratch);
 
 }  // namespace flockstep::render

@@ -23,9 +23,9 @@
 #define FLOCKSTEP_RENDER_COMMON_FACE
 namespace flockstep::render {
 
-// The face (-x, +x, -y, ..., as seen) of a box that all rays of a tile meet, or -1 where that is not certain. All rays meet the
-// box. A face of a box is convex, and so is its picture: what the tile's corners show, the whole tile shows. That may fail where
-// the near plane cuts the box.
+// Returns the visible face of a box (-x, +x, -y, ...) that all rays of a tile hit, or -1 if that is uncertain. All rays must
+// hit the box. A face is convex, and so is its projection, so the whole tile shows the face that its four corners show. This
+// may fail if the near plane cuts the box, so the result is -1 in that case.
 inline int common_face(const trace::Shape& shape, const trace::RayBundle& rays) {
   if (shape.kind != trace::ShapeKind::box) return -1;
   const float* const half = shape.half_extents;
@@ -72,12 +72,12 @@ using Mask = F::Mask;
 using F3 = Wide3<F>;
 using Color = std::array<F, 3>;
 
-// One vector of pixels. kShadows: some may be in the shadow of something. kPlain: as Shading::Tables says.
+// One vector of rays. kShadows: some hits may be in shadow. kPlain: see Shading::Tables::is_plain().
 template <bool kShadows, bool kPlain>
 struct Rays {
   F3 direction;  // world frame
   F t;
-  Mask shaded;  // none without kShadows
+  Mask shaded;  // empty without kShadows
 };
 struct Pixels {
   I color;  // r | g << 8 | b << 16
@@ -88,29 +88,29 @@ HWY_INLINE Pixels empty_pixels() { return {0, 0, 0, {0.0F, 0.0F, 0.0F}}; }
 
 HWY_INLINE F3 normalised(const F3& v) { return v / sqrt(dot(v, v)); }
 
-// The normal of the side that is seen.
+// Flips the normal to the visible side.
 HWY_INLINE F3 towards_camera(const F3& normal, const F3& direction) {
   const F away = -dot(normal, direction);
   return {flip_sign(normal.x, away), flip_sign(normal.y, away), flip_sign(normal.z, away)};
 }
 
-// The entry of a table of kLast + 1 that is nearest to a share of it, in [0, 1].
+// Returns the entry of a table that is nearest to `share` in [0, 1]. The table has kLast + 1 entries.
 template <int kLast>
 HWY_INLINE I entry(const std::int32_t* table, F share) {
   return I::gather(table, convert<I>(share * static_cast<float>(kLast) + 0.5F));
 }
 
 HWY_INLINE I level(const Shading::Tables& tables, F value) {
-  // Lanes that show something else may hold anything, but must not read outside the table: max turns a NaN into 0.
+  // Lanes that show something else may hold any value, but must not read outside the table: max turns a NaN into 0.
   return entry<Shading::kLevels>(tables.levels.data(), sqrt(min(max(value, 0.0F), 1.0F)));
 }
 
 HWY_INLINE I packed(I red, I green, I blue) { return red | shift_left<8>(green) | shift_left<16>(blue); }
 
-struct Nothing {};  // is emitted
+struct Nothing {};  // no emission
 
-// What a base colour shows, as linear values, where the cosine of the angle between normal and sun is `sunward`, and the normal's
-// z `upward`.
+// Returns the linear colour of a surface with this base colour. sunward: cosine of the angle between the normal and the sun.
+// upward: z of the normal.
 template <bool kShadows, bool kPlain, class Base, class Emitted = Nothing>
 HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunward, F upward, const Rays<kShadows, kPlain>& rays,
                         const Emitted& emitted = {}) {
@@ -127,12 +127,13 @@ HWY_INLINE Color linear(const Shading::Tables& tables, const Base& base, F sunwa
   return {channel(0), channel(1), channel(2)};
 }
 
-// The same as it is written.
+// Converts a linear colour to the levels that are written.
 HWY_INLINE I written(const Shading::Tables& tables, const Color& color) {
   return packed(level(tables, color[0]), level(tables, color[1]), level(tables, color[2]));
 }
 
-// Linear values as one negative number: their roots, ten bits each from the lowest on. Units: the values of roots of 1.
+// Packs a linear colour into one negative number: the square roots of its channels, ten bits each from the lowest bit on.
+// unit: linear colour of roots of 1.
 HWY_INLINE I as_roots(const Color& color, const Color& unit) {
   const auto root = [&](std::size_t c) HWY_ATTR {
     const F number = sqrt(max(color[c], 0.0F) / max(unit[c], FLT_MIN));
@@ -140,7 +141,7 @@ HWY_INLINE I as_roots(const Color& color, const Color& unit) {
   };
   return root(0) | shift_left<10>(root(1)) | shift_left<20>(root(2)) | std::numeric_limits<std::int32_t>::min();
 }
-// The square of one of the roots.
+// Returns the square of one of the roots.
 template <int kChannel>
 HWY_INLINE F squared_root(I roots) {
   const F root = convert<F>(shift_right<10 * kChannel>(roots) & Shading::kRoots);
@@ -157,7 +158,7 @@ HWY_INLINE I on_ramp(const std::int32_t* ramp, F sunward, const Rays<kShadows, k
   return entry<Shading::kRamp>(ramp, sqrt(sun));
 }
 
-// How much of the sky's colour in a direction is the sun's; see Light.
+// Returns the sun's share of the sky colour in a direction; see Light.
 HWY_INLINE F sun_share(const Shading::Tables& tables, const F3& direction, F length) {
   const SunDisc& disc = tables.sun_disc;
   const auto& to_sun = tables.light.sun_direction;
@@ -182,7 +183,7 @@ HWY_INLINE I sky(const Shading::Tables& tables, const F3& direction) {
   return packed(channel(0), channel(1), channel(2));
 }
 
-// A flat face across an axis shows the side that looks against the ray.
+// Returns the colour of a flat face across an axis, on the side that faces the ray's origin.
 template <bool kShadows, bool kPlain>
 HWY_INLINE I face_color(const ShadedSolid& solid, std::size_t axis, F along, const Rays<kShadows, kPlain>& rays) {
   const auto side = [&](std::size_t sign) HWY_ATTR {
@@ -197,7 +198,7 @@ HWY_INLINE F face_normal(F along) { return copy_sign(1.0F, -along); }
 template <bool kShadows, bool kPlain>
 HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir, const Rays<kShadows, kPlain>& rays,
                           const CameraOutputs& wanted, Pixels& pixels) {
-  // The face whose plane is nearest; of a plane, which has no thickness, the one it is.
+  // Selects the face whose plane is nearest. A plane has no thickness, so its z face is always selected.
   const float* const half = solid.shape->half_extents;
   const F outside_x = abs(at.x) - half[0], outside_y = abs(at.y) - half[1];
   const F outside_z = half[2] > 0.0F ? abs(at.z) - half[2] : F(std::numeric_limits<float>::infinity());
@@ -210,7 +211,7 @@ HWY_INLINE void color_box(const ShadedSolid& solid, const F3& at, const F3& dir,
                    value_if(z_over_xy, face_normal(dir.z))};
 }
 
-// The outward normal of a curved surface.
+// Returns the outward normal of a curved surface.
 HWY_INLINE F3 outward_normal(const trace::Shape& shape, const F3& at) {
   const float radius = shape.half_extents[0], middle = shape.half_extents[2] - radius;
   switch (shape.kind) {
@@ -240,7 +241,7 @@ HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& so
     }
   }
   if (solid.shape->kind != trace::ShapeKind::cylinder) return;
-  // A point of the side is `radius` away from the axis, up to rounding; r^2 - radius^2 is 2 radius times that rounding.
+  // Points of the side are `radius` away from the axis, up to rounding. r^2 - radius^2 is 2 radius times the rounding error.
   const float radius = solid.shape->half_extents[0], half_height = solid.shape->half_extents[2];
   const F beyond = at.x * at.x + at.y * at.y - radius * radius;
   const F from_cap = abs(abs(at.z) - half_height);
@@ -250,7 +251,7 @@ HWY_INLINE void color_round(const Shading::Tables& tables, const ShadedSolid& so
   pixels.normal = select(cap, {0.0F, 0.0F, face_normal(dir.z)}, pixels.normal);
 }
 
-// A solid at the points its rays have hit.
+// Shades a solid at the hit points of its rays.
 template <bool kShadows, bool kPlain>
 HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid& solid, const Vec3& origin,
                                const Rays<kShadows, kPlain>& rays, const CameraOutputs& wanted) {
@@ -272,18 +273,18 @@ HWY_INLINE Pixels solid_pixels(const Shading::Tables& tables, const ShadedSolid&
   return pixels;
 }
 
-// A texture coordinate within [0, 1]: repeated, mirrored or clamped.
+// Wraps a texture coordinate into [0, 1]: repeated, mirrored or clamped.
 HWY_INLINE F wrapped(F x, I wrap) {
   const auto is = [&](TextureWrap which) HWY_ATTR { return wrap == static_cast<std::int32_t>(which); };
   const auto within = [](F value) HWY_ATTR { return min(max(value, 0.0F), 1.0F); };
   const F repeated = x - floor(x);
-  if (all(is(TextureWrap::repeat))) return within(repeated);  // as mostly
+  if (all(is(TextureWrap::repeat))) return within(repeated);  // the usual case
   const F there_and_back = x - 2.0F * floor(x * 0.5F);
   const F mirrored = select(there_and_back > 1.0F, 2.0F - there_and_back, there_and_back);
   return within(select(is(TextureWrap::repeat), repeated, select(is(TextureWrap::mirror), mirrored, x)));
 }
 
-// The texel before a place along an axis, -1 on the border, and how far it is to the next one.
+// The texel before a position along an axis, -1 on the border, and the distance to it in texels.
 struct Before {
   I texel;
   F towards;
@@ -295,7 +296,7 @@ HWY_INLINE Before before(F x, I size) {
   return {convert<I>(below), at - below};
 }
 
-// The texels of these numbers and those after them, read in pairs: half as many reads.
+// Returns the texels with these numbers and the texels after them. They are read in pairs, which halves the number of reads.
 struct Pairs {
   I first, second;
 };
@@ -315,12 +316,13 @@ HWY_INLINE Pairs pairs(const std::int32_t* texels, I numbers) {
   return result;
 }
 
-// The levels of textures that some lanes ask for; the others, with negative numbers, get any. Some lane asks.
+// Texture levels requested by some lanes. The other lanes have negative numbers and get an arbitrary level. At least one lane
+// must request a level.
 struct Levels {
   I offset, width, height, stride;
 };
 
-// Neighbouring pixels mostly ask for the same, and then numbers are read once and not for each lane.
+// Neighbouring pixels usually request the same level. Its data is then read once instead of once per lane.
 HWY_INLINE Levels levels_at(const Shading::Images& images, const std::int32_t* numbers) {
   const I number = I::load(numbers);
   const Mask asks = number > -1;
@@ -328,7 +330,7 @@ HWY_INLINE Levels levels_at(const Shading::Images& images, const std::int32_t* n
   const I safe = select(asks, number, one);
   const auto of = [](I offset, I size) HWY_ATTR {
     const I width = size & 0xFFFF;
-    return Levels{offset, width, shift_right<16>(size), width + 2};  // with a border
+    return Levels{offset, width, shift_right<16>(size), width + 2};  // includes the border
   };
   if (all(safe == one)) {
     const auto at = static_cast<std::size_t>(one);
@@ -337,7 +339,8 @@ HWY_INLINE Levels levels_at(const Shading::Images& images, const std::int32_t* n
   return of(I::gather(images.textures.offset.data(), safe), I::gather(images.sizes.data(), safe));
 }
 
-// The four texels around a place: the number of the first, how far apart the two rows are, and how far it is to the next ones.
+// The four texels around a position: the number of the first, the distance between the two rows, and the position within
+// them.
 struct Place {
   I first, stride;
   F across, down;
@@ -348,7 +351,7 @@ HWY_INLINE Place place_in(const Levels& level, F s, F t) {
   return {level.offset + y.texel * level.stride + x.texel, level.stride, x.towards, y.towards};
 }
 
-// The linear colours there.
+// Returns the linear colours at these places.
 HWY_INLINE Color colors_at(const Shading::Images& images, const Place& place) {
   const Pairs upper = pairs(images.texels(), place.first);
   const Pairs lower = pairs(images.texels(), place.first + place.stride);
@@ -364,7 +367,7 @@ HWY_INLINE Color colors_at(const Shading::Images& images, const Place& place) {
           channel(std::integral_constant<int, 2>())};
 }
 
-// f(number, lanes) for each number that some of the lanes have: neighbouring pixels mostly have the same.
+// Calls f(number, lanes) for each distinct number in the lanes. Neighbouring pixels usually have the same number.
 template <class Function>
 HWY_INLINE void for_each_number(const std::int32_t* numbers, Mask which, const Function& f) {
   const I each = I::load(numbers);
@@ -376,28 +379,28 @@ HWY_INLINE void for_each_number(const std::int32_t* numbers, Mask which, const F
   }
 }
 
-// In these lanes.
+// Sets these lanes.
 template <class Number>
 HWY_INLINE void set(Number& to, Mask where, const std::type_identity_t<Number>& value) {
   to = select(where, value, to);
 }
 
-// How much the corners of a triangle weigh at the points that rays have hit.
+// Weights of a triangle's corners at the hit points.
 struct Weights {
   F a, b, c;
 
-  // What has these values at the corners.
+  // Interpolates values given at the corners.
   HWY_INLINE F operator()(float of_a, float of_b, float of_c) const { return a * of_a + b * of_b + c * of_c; }
 };
 
-// Where in which texture the points lie that rays have hit. Lanes without a texture hold what is harmless.
+// Textures and texture coordinates at the hit points. Lanes without a texture hold harmless values.
 struct Textured {
   Mask lanes;
   F across, down;
-  F3 normal;  // of Print
+  F3 normal;  // Print::normal
   I wrap_across, wrap_down, first_level, last_level;
 
-  // A triangle, and the paint of its material.
+  // Adds a triangle, or the paint of its material, in these lanes.
   HWY_INLINE void add(const Shading::Images::Print& print, Mask where, const Weights& weights) {
     const auto& [a, b, c] = print.uv;
     set(across, where, weights(a[0], b[0], c[0]));
@@ -413,12 +416,12 @@ struct Textured {
   }
 };
 
-// The pixels of a tile whose colours are still to be multiplied, by textures or by the colours of vertices. All of them take a
-// step before any takes the next one. Each step waits, for memory or for long instructions, and a processor waits for several
-// vectors at once only if little code lies between them.
+// Pixels of a tile whose colours must still be multiplied by textures or vertex colours. All of them finish a step before any
+// starts the next one. Each step waits for memory or for long instructions, and a processor overlaps the waits of several
+// vectors only if little code lies between them.
 class TintedTile {
  public:
-  // The vector that begins at this pixel; its colours follow by set_color().
+  // Adds the vector that begins at this pixel. Its colours follow in set_color().
   HWY_INLINE void add(std::size_t pixel, const Color& unit, const Color* of_vertices) {
     tinted_[num_tinted_++] = static_cast<std::uint16_t>(pixel);
     for (std::size_t c = 0; c < 3; ++c) {
@@ -426,15 +429,16 @@ class TintedTile {
       if (of_vertices != nullptr) (*of_vertices)[c].store(of_vertices_[c] + pixel);
     }
   }
-  // Textures of the vector that was added last. pixel_area: as Shading::shade() says.
+  // Adds the textures of the vector added last. pixel_area: see Shading::shade().
   template <bool kShadows, bool kPlain>
   HWY_INLINE void add(const Textured& textured, const Rays<kShadows, kPlain>& rays, float pixel_area) {
     const std::size_t pixel = tinted_[num_tinted_ - 1];
-    // The square of how many texels a pixel covers along its longer side.
+    // Square of the number of texels that a pixel covers along its longer side.
     const F across = dot(textured.normal, rays.direction);
     const F area = rays.t * rays.t * pixel_area;
     const F texels = max(area * dot(rays.direction, rays.direction) / (across * across), 0.0F);
-    // Exponent and mantissa as one number are the logarithm, a straight line between powers of two; half of it, for the root.
+    // Exponent and mantissa, read as one number, approximate the logarithm by straight lines between powers of two. Half of
+    // it is the logarithm of the root.
     const F log2 = convert<F>(bit_cast<I>(texels)) * 0x1p-23F - 127.0F;
     const F detail = min(max(log2 * 0.5F, 0.0F), convert<F>(textured.last_level));
     const I fine = convert<I>(detail);
@@ -447,7 +451,7 @@ class TintedTile {
     select(textured.lanes, finer, -1).store(finer_ + pixel);
     select(textured.lanes, coarser, -1).store(coarser_ + pixel);
     textured_[num_textured_++] = tinted_[num_tinted_ - 1];
-    // What is near shows the largest level alone.
+    // Near surfaces use only the largest level.
     if (!none(towards > 0.0F)) mixed_[num_mixed_++] = tinted_[num_tinted_ - 1];
   }
   HWY_INLINE void add_none() {
@@ -456,7 +460,7 @@ class TintedTile {
   HWY_INLINE bool waits_for(std::size_t pixel) const { return num_tinted_ > 0 && tinted_[num_tinted_ - 1] == pixel; }
   HWY_INLINE void set_color(std::size_t pixel, I color) { color.store(color_ + pixel); }
 
-  // f(pixel, colour) for each vector.
+  // Calls f(pixel, colour) for each vector.
   template <class Function>
   HWY_INLINE void finish(const Shading::Tables& tables, bool of_vertices, const Function& f) {
     look_up(tables, finer_, std::span(textured_).first(num_textured_), [&](std::size_t i, const Color& color) HWY_ATTR {
@@ -484,7 +488,7 @@ class TintedTile {
   }
 
  private:
-  // f(pixel, colours) for each of the vectors, in the levels of these numbers.
+  // Calls f(pixel, colours) for each of the vectors, with colours from the levels of these numbers.
   template <class Function>
   HWY_INLINE void look_up(const Shading::Tables& tables, const std::int32_t* numbers, std::span<const std::uint16_t> vectors,
                           const Function& f) {
@@ -495,7 +499,7 @@ class TintedTile {
       place.stride.store(stride_ + i);
       place.across.store(across_ + i);
       place.down.store(down_ + i);
-      constexpr std::size_t kApart = 5;  // pixels; those between mostly share their cache lines
+      constexpr std::size_t kApart = 5;  // pixels; those between usually share cache lines
       for (std::size_t pixel = i; pixel < i + F::kCount; pixel += kApart) {
         hwy::Prefetch(images.texels() + first_[pixel]);
         hwy::Prefetch(images.texels() + first_[pixel] + stride_[pixel]);
@@ -507,17 +511,17 @@ class TintedTile {
   }
 
   static constexpr std::size_t kCount = TilePixels::kCount, kVectors = kCount / 4;
-  alignas(64) std::int32_t color_[kCount];  // negative: to be multiplied
+  alignas(64) std::int32_t color_[kCount];  // negative means still to be multiplied
   alignas(64) float unit_[3][kCount], of_vertices_[3][kCount], texel_[3][kCount];
   alignas(64) float s_[kCount], t_[kCount], towards_[kCount];
-  alignas(64) std::int32_t finer_[kCount], coarser_[kCount];  // levels; negative: no texture
-  alignas(64) std::int32_t first_[kCount], stride_[kCount];   // of Place
+  alignas(64) std::int32_t finer_[kCount], coarser_[kCount];  // levels; negative means no texture
+  alignas(64) std::int32_t first_[kCount], stride_[kCount];   // fields of Place
   alignas(64) float across_[kCount], down_[kCount];
   std::uint16_t tinted_[kVectors], textured_[kVectors], mixed_[kVectors];
   std::size_t num_tinted_ = 0, num_textured_ = 0, num_mixed_ = 0;
 };
 
-// What the table of triangles has for the lanes that show one; 0 elsewhere.
+// Returns the colours of the triangle table for lanes that show a triangle; 0 in other lanes.
 template <bool kShadows, bool kPlain>
 HWY_INLINE I lit(const Shading::Tables& tables, I elements, Mask triangles, const trace::HitDetails& details, std::size_t first,
                  const Rays<kShadows, kPlain>& rays) {
@@ -547,7 +551,7 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
   const std::span<const Shading::Images::Print> prints(tables.images->prints);
   Color tints{1.0F, 1.0F, 1.0F}, unit{0.0F, 0.0F, 0.0F};
   Textured textured{Mask(false), 0.0F, 0.0F, {0.0F, 0.0F, 0.0F}, 0, 0, 0, 0};
-  alignas(64) std::int32_t materials[PixelTile::kSide];  // of the lanes that are tinted
+  alignas(64) std::int32_t materials[PixelTile::kSide];  // valid in the tinted lanes
   I material_of = 0;
   const auto see = [&](std::int32_t element, Mask where) HWY_ATTR {
     const auto triangle = static_cast<std::size_t>(element - tables.first_triangle);
@@ -584,7 +588,7 @@ HWY_INLINE Pixels triangle_pixels(const Shading::Tables& tables, const std::int3
   return pixels;
 }
 
-// What one side of a vector of triangles shows.
+// Returns the linear colours of one side of a vector of triangles.
 HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, I materials, bool shaded) {
   const Rays<true, false> rays{normal, 0.0F, Mask(shaded)};
   const auto base = [&](std::size_t c) HWY_ATTR { return F::gather(tables.color[c].data(), materials); };
@@ -593,7 +597,7 @@ HWY_INLINE Color light_side(const Shading::Tables& tables, const F3& normal, I m
   return linear(tables, base, dot(normal, F3{to_sun[0], to_sun[1], to_sun[2]}), normal.z, rays, emitted);
 }
 
-// Fills a half of Shading::Tables::lit.
+// Fills one half of Shading::Tables::lit.
 void light_triangles(const Shading::Tables& tables, std::span<const Vec3> vertices, bool shaded, std::int32_t* out) {
   for (std::size_t first = 0; first < tables.triangles.size(); first += F::kCount) {
     const std::size_t count = std::min(F::kCount, tables.triangles.size() - first);
@@ -642,7 +646,7 @@ HWY_INLINE void write_depth(const trace::RayBundle& rays, std::size_t i, DepthKi
   depth.store(out.depth + i);
 }
 
-// Every pixel of the tile shows the same.
+// Fills the whole tile with one surface.
 void fill(std::int32_t color, const Surface& surface, const Vec3& normal, const CameraOutputs& wanted,
           const trace::RayBundle& rays, DepthKind depth_kind, TilePixels& out) {
   if (wanted.any_color()) {
@@ -747,7 +751,7 @@ namespace {
 HWY_EXPORT(shade);
 HWY_EXPORT(light_triangles);
 
-// What the kernels' `linear` computes, of one surface, as it is written.
+// Computes the same as the kernels' `linear` for one surface, converted to the levels that are written.
 std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, float sunward, float upward) {
   const Light& light = tables.light;
   std::uint32_t color = 0;
@@ -761,7 +765,7 @@ std::int32_t lit_color(const Shading::Tables& tables, const Surface& surface, fl
   return static_cast<std::int32_t>(color);
 }
 
-// What the kernels' `sky` computes, without a sun disc.
+// Computes the same as the kernels' `sky`, without a sun disc.
 std::int32_t sky_color(const Shading::Tables& tables, float up) {
   std::uint32_t color = 0;
   for (std::size_t c = 0; c < 3; ++c) {
@@ -773,7 +777,7 @@ std::int32_t sky_color(const Shading::Tables& tables, float up) {
   return static_cast<std::int32_t>(color);
 }
 
-// Whether a table of colours can be read where it is nearest: no channel skips a level from one entry to the next.
+// Returns whether the nearest entry of a table of colours is exact enough: no channel skips a level between adjacent entries.
 bool is_fine(std::span<const std::int32_t> colors) {
   const auto skips = [](std::int32_t a, std::int32_t b) {
     for (int shift = 0; shift < 24; shift += 8) {

@@ -1,4 +1,4 @@
-// Shading: what each pixel of a traced tile shows.
+// Shading: computes the outputs of a traced tile.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace flockstep::render {
 
-// What a tile shows, as plain arrays. Rows are PixelTile::kSide wide.
+// Outputs of a tile as plain arrays. Rows are PixelTile::kSide wide.
 struct TilePixels {
   static constexpr std::size_t kCount = PixelTile::kSide * PixelTile::kSide;
   alignas(64) std::uint8_t r[kCount], g[kCount], b[kCount];
@@ -27,94 +27,96 @@ struct TilePixels {
   alignas(64) float nx[kCount], ny[kCount], nz[kCount];
 };
 
-// A solid as the shading kernels want it.
+// A solid in the form that the shading kernels need.
 struct ShadedSolid {
   const trace::Shape* shape;
   Surface surface;
-  std::array<float, 3> sun, up;  // the directions to the sun and upwards, in the shape's frame
-  // For flat faces: the colour that a surface with the normal -x, +x, -y, +y, -z, +z of the shape's frame shows, in the sun and
-  // in shade, as r | g << 8 | b << 16.
+  std::array<float, 3> sun, up;  // directions to the sun and up, shape's frame
+  // For flat faces: the colours of surfaces with the normals -x, +x, -y, +y, -z, +z of the shape's frame, in the sun and in
+  // shade, as r | g << 8 | b << 16.
   std::array<std::array<std::int32_t, 6>, 2> faces;
-  // For an upright cylinder: every point of its side sees the same share of the sky, so the colour depends only on the cosine c
-  // of the angle between the normal and the sun. ramp[sqrt(c) * kRamp] is that colour. Null for other solids.
+  // For an upright cylinder: all points of its side receive the same share of the sky, so the colour depends only on the
+  // cosine c of the angle between the normal and the sun. ramp[sqrt(c) * kRamp] is that colour. Null for other solids.
   const std::int32_t* ramp = nullptr;
 };
 
-// All that the colours of a world depend on, in the form of tables; built once.
+// Tables of all data that the colours of a world depend on; built once.
 class Shading {
  public:
-  // All of which outlive it; the scene is of that world. original: that of the world's original(), whose images it shares.
+  // The arguments must outlive this object, and the scene must be of that world. original: shading of the world's original(),
+  // whose images are shared.
   Shading(const World& world, const trace::Scene& scene, const Shading* original = nullptr);
 
-  // Writes what is wanted of the traced tile. details: of the triangles that were hit. shaded: empty, or a value for each ray, 1
-  // if its hit lies in the shadow of something else, otherwise 0. pixel_area: of a pixel, or a sample of one, at planar depth 1,
-  // m^2.
+  // Writes the wanted outputs of a traced tile. details: of the triangles that were hit. shaded: empty, or one value per ray,
+  // 1 if its hit lies in the shadow of something else, otherwise 0. pixel_area: m^2, area of a pixel, or of one of its
+  // samples, at planar depth 1.
   void shade(const trace::RayBundle& rays, const trace::HitDetails& details, std::span<const std::uint8_t> shaded,
              float pixel_area, const CameraOutputs& wanted, DepthKind depth_kind, TilePixels& out) const;
 
-  // Lights triangles in shade, unless that is done: whoever is to call shade() with hits that are shaded calls this first.
+  // Computes the colours of triangles in shade, unless they exist. Call it before calling shade() with shaded hits.
   void prepare_shadows() const;
 
-  // As shading_room() says.
+  // Result of shading_room().
   const std::optional<Aabb>& room() const { return room_; }
 
-  // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded: the levels table at sqrt(min(v, 1)) * kLevels.
+  // A linear value v >= 0 is written as 255 * min(v, 1)^(1 / gamma), rounded. This is entry sqrt(min(v, 1)) * kLevels of the
+  // levels table.
   static constexpr int kLevels = 1023;
   static constexpr int kRamp = 511;
   static constexpr int kSky = 2047;
   static constexpr int kRoots = 1023;
 
-  // What textures show in whatever light.
+  // Texture data, which does not depend on the light.
   struct Images {
     explicit Images(const World& world);
 
-    // Whose texels are the roots of their linear colours times kRoots, ten bits each from the lowest on. A root is about as even
-    // to the eye as sRGB, and its square takes no table.
+    // Textures whose texels are the square roots of their linear colours times kRoots, ten bits each from the lowest bit on.
+    // Roots are about as uniform to the eye as sRGB, and squaring them needs no table.
     Textures textures;
     const std::int32_t* texels() const { return reinterpret_cast<const std::int32_t*>(textures.texels.data()); }
-    std::vector<std::int32_t> sizes;  // of levels: width and, from bit 16 on, height
-    // Of a triangle, side by side, since it is seldom in the cache: where its corners lie in the texture, its unit normal times
-    // the metres that a texel measures, and its material.
+    std::vector<std::int32_t> sizes;  // per level: width, and height from bit 16 on
+    // Data of a triangle, kept together because it is rarely in the cache: the texture coordinates of its corners, its unit
+    // normal times the side of a texel in metres, and its material.
     struct Print {
       std::array<std::array<float, 2>, 3> uv;
       std::array<float, 3> normal;
       std::int32_t material;
     };
-    std::vector<Print> prints;  // of each triangle; empty where no material has a texture
+    std::vector<Print> prints;  // one per triangle; empty if no material has a texture
   };
 
-  // Of a material, what the colours of triangles are in units of, and its texture.
+  // Units of the triangle colours of a material, and its texture.
   struct Paint {
     std::array<float, 3> unit;
-    std::int32_t texture = -1;  // none
+    std::int32_t texture = -1;  // -1 means none
     std::int32_t wrap_across = 0, wrap_down = 0;
-    std::int32_t first_level = 0, last_level = 0;  // of Textures; how many follow the first
+    std::int32_t first_level = 0, last_level = 0;  // index into the levels of Textures; number of levels after the first
   };
 
   struct Tables {
-    std::vector<ShadedSolid> solids;                    // as World::primitives()
+    std::vector<ShadedSolid> solids;                    // one per element of World::primitives()
     std::vector<ShadedSolid> markers;                   // start, waypoints, goal
-    std::int32_t first_triangle = 0, first_marker = 0;  // their elements
+    std::int32_t first_triangle = 0, first_marker = 0;  // element numbers
     std::span<const std::uint16_t> triangle_material, triangle_object;
-    std::array<std::vector<float>, 3> color, emissive;  // of each material: red, green, blue
-    bool emits = false;                                 // one of them does
-    std::vector<std::int32_t> semantic;                 // likewise
-    std::vector<Paint> paints;                          // likewise
+    std::array<std::vector<float>, 3> color, emissive;  // per material: red, green, blue
+    bool emits = false;                                 // true if any material emits light
+    std::vector<std::int32_t> semantic;                 // one per material
+    std::vector<Paint> paints;                          // one per material
     std::shared_ptr<const Images> images;
     std::span<const std::array<std::int32_t, 3>> triangles;
-    std::span<const std::array<float, 3>> colors;  // of their vertices; empty where all are white
-    // What the front and the back of each triangle show: in the sun, then of all of them in shade, which is memory that nobody
-    // has touched until prepare_shadows(). Where that is still multiplied by a texture or by the colours of vertices, it is
-    // negative, and linear: the roots of its channels, ten bits each, of which that of the material's most, its paint's `unit`
-    // times 1023^2, is 1023.
+    std::span<const std::array<float, 3>> colors;  // one per vertex; empty if all are white
+    // Colours of the front and the back of each triangle: first all of them in the sun, then all in shade. The memory of the
+    // second half stays untouched until prepare_shadows(). A colour that must still be multiplied by a texture or vertex
+    // colours is negative and linear: the square roots of its channels, ten bits each. A root of 1023 is the maximum of the
+    // material, 1023^2 times the `unit` of its paint.
     std::unique_ptr<std::int32_t[]> lit;
-    std::vector<std::int32_t> sky;  // (kSky + 1,) colours from the horizon to the zenith; empty if too coarse or with a sun disc
+    std::vector<std::int32_t> sky;  // (kSky + 1,) from the horizon to the zenith; empty if too coarse or with a sun disc
     std::int32_t first_object = 0;
     Light light;
     SunDisc sun_disc;
     std::array<std::int32_t, kLevels + 1> levels{};
-    std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // of each material
-    // Neither a sun disc, nor what glows, nor colours of vertices: the kernels leave the code for them out.
+    std::vector<std::array<std::int32_t, kRamp + 1>> ramps;  // one per material
+    // True without a sun disc, emission and vertex colours. The kernels then omit the code for them.
     bool is_plain() const { return !sun_disc.shows && !emits && colors.empty(); }
     explicit Tables(const World& world) : light(world.light()), sun_disc(world.light()) {}
   };

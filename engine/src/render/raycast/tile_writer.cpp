@@ -17,14 +17,14 @@ using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
 constexpr std::size_t kSide = PixelTile::kSide;
 
-// A row of kSide pixels of three channels, side by side.
+// Interleaves a row of kSide pixels with three channels.
 template <class T>
 HWY_INLINE void interleave(const T* a, const T* b, const T* c, T* out) {
   using Pixels = Wide<hn::CappedTag<T, kSide>>;
   for (std::size_t i = 0; i < kSide; i += Pixels::kCount) Wide3<Pixels>::load(a + i, b + i, c + i).store_rows(out + 3 * i);
 }
 
-// Three channels of a tile into an image of either layout.
+// Writes three channels of a tile into an image of either layout.
 template <class T>
 HWY_INLINE void write_channels(const T* a, const T* b, const T* c, const PixelTile& tile, const CameraConfig& camera, T* image) {
   const auto width = static_cast<std::size_t>(camera.width_px);
@@ -52,7 +52,7 @@ HWY_INLINE void write_plane(const T* values, const PixelTile& tile, const Camera
   for (std::size_t row = 0; row < tile.height; ++row) {
     T* const to = image + (tile.row + row) * width + tile.column;
     if (tile.width == kSide) {
-      std::memcpy(to, values + row * kSide, kSide * sizeof(T));  // the size is a constant, so this is no call
+      std::memcpy(to, values + row * kSide, kSide * sizeof(T));  // the constant size avoids a call
     } else {
       std::memcpy(to, values + row * kSide, tile.width * sizeof(T));
     }

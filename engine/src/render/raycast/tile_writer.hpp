@@ -1,4 +1,4 @@
-// Writing the pixels of a tile into a frame, in the layout the camera asks for.
+// Writes the pixels of a tile into a frame, in the layout of the camera.
 #pragma once
 
 #include "render/raycast/shading.hpp"
