@@ -1,16 +1,17 @@
-// Which way rays go. Written by `./dev calibrate` (here with AVX3); nothing is timed at run time,
-// since the choice decides the last bits of a distance.
+// Thresholds that select the method of ray tracing. Written by `./dev calibrate` (here with AVX3). They are not measured at run
+// time, since the method affects the last bits of a distance.
 #pragma once
 
 #include <cstddef>
 
 namespace flockstep::trace {
 
-// Shapes in view up to which a bundle's rays are tested against every one.
+// Up to this many shapes in view, a bundle's rays are tested against each of them.
 inline constexpr std::size_t kMaxDirect = 384;
-// Shapes of a world up to which rays of any origins are tested against every one.
+// Up to this many shapes in the world, rays of arbitrary origins are tested against each of them.
 inline constexpr std::size_t kMaxDirectAnyOrigin = 16;
-// Rays of a sensor from which on they meet triangles in tiles, and how many triangles there may be for each.
+// A sensor with at least kFewestInTiles rays traces triangles in tiles, if the world has at most kTrianglesPerRay triangles per
+// ray.
 inline constexpr std::size_t kFewestInTiles = 256;
 inline constexpr std::size_t kTrianglesPerRay = 1024;
 

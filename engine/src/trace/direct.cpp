@@ -11,12 +11,12 @@
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
 
-constexpr std::size_t kMinCulled = 4;  // candidates; to look whether fewer are in view costs as much as to test them
+constexpr std::size_t kMinCulled = 4;  // candidates; culling this few costs as much as testing them
 
 using Rays = WideUpTo<kRayPadding>;
 using Rays3 = Wide3<Rays>;
 
-// A hit at the range itself counts, at infinity none does.
+// A hit at exactly the range counts; a hit at infinity does not.
 template <bool kNumbered>
 HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, Rays range, float* t_hit, std::int32_t* element) {
   const Rays metres = nearest.metres();
@@ -25,7 +25,7 @@ HWY_INLINE void store(const Nearest<Rays, kNumbered>& nearest, Rays range, float
   select(hit, nearest.element, -1).store(element);
 }
 
-// The ray leaves the room through the first of the walls ahead. Those out of reach are left out.
+// Hits the first wall that a ray from inside the room reaches. Walls out of range are skipped.
 template <bool kNumbered>
 HWY_INLINE void leave_room(const Candidate& room, const Rays3& o, const Rays3& direction, Nearest<Rays, kNumbered>& nearest) {
   const float* const half = room.shape->half_extents;
@@ -36,8 +36,8 @@ HWY_INLINE void leave_room(const Candidate& room, const Rays3& o, const Rays3& d
   nearest.take(first, first.num < kInfinity, room.element);
 }
 
-// The candidates whose bounding boxes are in view: of a box, the point farthest against a normal n lies at n . centre - |n| .
-// half. Their number, or max_seen + 1 if there are more than max_seen.
+// Selects the candidates whose bounding boxes are in view. The minimum of n . p over a box is n . centre - |n| . half. Returns
+// their number, or max_seen + 1 if there are more than max_seen.
 std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_seen, const RayBundle& rays,
                         const Candidate** seen) {
   using Planes = WideOf<Frustum::kPlanes>;
@@ -57,7 +57,7 @@ std::size_t select_seen(std::span<const Candidate> candidates, std::size_t max_s
   return count;
 }
 
-// A candidate met by one vector of rays.
+// Intersects one vector of rays with a candidate.
 template <bool kNumbered>
 HWY_INLINE void meet(const Candidate& candidate, const Rays3& direction, Rays near, Nearest<Rays, kNumbered>& nearest) {
   const Shape& shape = *candidate.shape;
@@ -101,7 +101,7 @@ bool trace_bundle(std::span<const Candidate> candidates, std::size_t max_seen, R
   return true;
 }
 
-// kFront: shapes are seen from outside only.
+// kFront: shapes are visible from outside only.
 template <bool kFront>
 HWY_INLINE void trace_block(std::span<const NumberedShape> shapes, RayBlock& rays) {
   const Rays near = rays.near;

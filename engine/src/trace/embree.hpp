@@ -1,4 +1,4 @@
-// The one place that knows which Embree this is: 3.13 or 4.x.
+// The only file that depends on the version of Embree: 3.13 or 4.x.
 #pragma once
 
 #if FLOCKSTEP_EMBREE_MAJOR >= 4
@@ -13,7 +13,7 @@
 
 namespace flockstep::trace {
 
-// Sixteen or eight rays and their hits, structure of arrays, as Embree reads and writes them.
+// Sixteen or eight rays and their hits, in Embree's structure-of-arrays layout.
 template <std::size_t kSize>
 struct Packet;
 template <>
@@ -25,11 +25,12 @@ struct Packet<16> {
   RTCRayHit16 rays;
 };
 
-// Whether the rays of a packet point much the same way and always come together. Embree's coherent traversal lets a ray's last
-// bits, at the edges triangles share, depend on the rays beside it.
+// Coherence of a packet. `tile`: its rays point in similar directions and always come together. Only such packets use Embree's
+// coherent traversal, since it lets the last bits of a ray's result at shared triangle edges depend on the other rays of the
+// packet.
 enum class Coherence : bool { none, tile };
 
-// What the filters of geometry are told of a packet.
+// The context of a packet's query, which geometry filters can read.
 struct PacketContext {
 #if FLOCKSTEP_EMBREE_MAJOR >= 4
   RTCRayQueryContext embree;
@@ -40,7 +41,7 @@ struct PacketContext {
 };
 
 inline Through through_of(const RTCFilterFunctionNArguments& asked) {
-  return reinterpret_cast<const PacketContext*>(asked.context)->through;  // whose first member that is
+  return reinterpret_cast<const PacketContext*>(asked.context)->through;  // `embree` is its first member
 }
 
 template <std::size_t kSize>

@@ -6,7 +6,7 @@
 namespace flockstep::trace {
 namespace {
 
-constexpr float kMargin = 1e-5F;       // of the range: for rounding in rotated normals
+constexpr float kMargin = 1e-5F;       // fraction of the range, for rounding in rotated normals
 constexpr double kNarrow = 0.1736482;  // cosine of 80 degrees
 
 void set_plane(Frustum& frustum, std::size_t plane, const Eigen::Vector3d& normal, double reach) {

@@ -18,7 +18,7 @@ float wrapped(float x, TextureWrap wrap) {
   return std::clamp(x, 0.0F, 1.0F);
 }
 
-// Two neighbouring texels along an axis, and how far towards the second.
+// Two neighbouring texels along an axis, and the interpolation weight of the second.
 struct Neighbours {
   std::int32_t first, second;
   float towards;
@@ -35,7 +35,7 @@ Neighbours neighbours(float x, std::int32_t size, TextureWrap wrap) {
 }  // namespace
 
 std::vector<bool> masking_materials(const World& world) {
-  std::map<std::uint16_t, std::uint8_t> least;  // alpha of a texture
+  std::map<std::uint16_t, std::uint8_t> least;  // lowest alpha of each texture
   std::vector<bool> masking;
   for (const Material& material : world.materials()) {
     masking.push_back(false);
@@ -55,7 +55,7 @@ Masks::Masks(const World& world) {
     return;
   }
   std::vector<std::uint32_t> mask_of(masking.size());
-  std::map<std::uint16_t, std::size_t> first_of;  // alpha of a texture
+  std::map<std::uint16_t, std::size_t> first_of;  // index of each texture's first alpha
   for (std::size_t i = 0; i < masking.size(); ++i) {
     if (!masking[i]) continue;
     const Material& material = world.materials()[i];

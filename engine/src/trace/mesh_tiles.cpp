@@ -21,14 +21,14 @@
 #define FLOCKSTEP_TRACE_MESH_TILES_COMMON
 namespace flockstep::trace {
 
-using Bits = std::uint32_t;  // one for each of sixteen rays, sub-tiles or triangles
+using Bits = std::uint32_t;  // one bit for each of sixteen rays, sub-tiles or triangles
 
 struct Corner {
   double x, y, z;
 };
 inline double largest(const Corner& v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); }
 
-// The sign of a * d - b * c, exact: products are rounded so that a greater one never becomes the lesser.
+// Returns the exact sign of a * d - b * c. Rounding is monotonic: it never makes the greater product the lesser one.
 inline int sign_of_difference(double a, double d, double b, double c) {
   const double p = a * d, q = b * c;
   if (p != q) return p > q ? 1 : -1;
@@ -36,9 +36,9 @@ inline int sign_of_difference(double a, double d, double b, double c) {
   return rest > 0.0 ? 1 : rest < 0.0 ? -1 : 0;
 }
 
-// Whether the line of the ray (1, u, v) goes through the triangle, its edges and corners included: 1 where it does so along the
-// triangle's normal, -1 where against it, 0 where it misses. Along the ray every corner becomes a point of a plane, rounded, but
-// to the same point in each triangle that has it; the rest is exact.
+// Tests if the line of the ray (1, u, v) crosses the triangle, edges and corners included. Returns 1 if it crosses along the
+// triangle's normal, -1 if it crosses against it, and 0 if it misses. Every corner is projected along the ray to a point of a
+// plane. This point is rounded, but it is the same in each triangle that has the corner; the rest is exact.
 inline int crosses_exactly(float u, float v, const std::array<Corner, 3>& corners) {
   std::array<double, 3> x, y;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -67,25 +67,25 @@ using I = F::Int;
 using M = F::Mask;
 using F3 = Wide3<F>;
 
-// Whole vectors: a store by mask is slow on some processors, and so is what reads it back soon.
+// Stores whole vectors. On some processors a masked store is slow, and so is the next load of the same memory.
 HWY_INLINE void store_where(M mask, F value, float* to) { select(mask, value, F::load(to)).store(to); }
 HWY_INLINE void store_where(M mask, std::int32_t value, std::int32_t* to) { select(mask, value, I::load(to)).store(to); }
-// The numbers with those of their places in their last four bits, so that no two are equal.
+// Replaces the last four bits of each number by its lane, so that no two are equal.
 HWY_INLINE F numbered(F a) { return bit_cast<F>((bit_cast<I>(a) & ~15) | I::iota()); }
 HWY_INLINE F largest(const F3& a) { return max(max(abs(a.x), abs(a.y)), abs(a.z)); }
 
-constexpr float kRounding = 0x1p-20F;  // some roundings of a sum of products, relative to the magnitude of its terms
-constexpr float kWiden = 0x1p-18F;     // of coordinates: more than a turned corner or box is off
-constexpr float kBeyond = 1.0001F;     // what begins farther than this times the farthest hit is left out
+constexpr float kRounding = 0x1p-20F;  // several roundings of a sum of products, relative to the magnitude of its terms
+constexpr float kWiden = 0x1p-18F;     // fraction of coordinates; exceeds the error of a rotated corner or box
+constexpr float kBeyond = 1.0001F;     // boxes that begin beyond this multiple of the farthest hit are skipped
 constexpr float kTiny = 1e-12F;        // m
 constexpr float kWide = 1e30F;
 constexpr std::int32_t kNobody = std::numeric_limits<std::int32_t>::max();
 constexpr std::size_t kRays = 256;
-constexpr int kFewSubs = 2;          // sub-tiles whose rays a node is compared with
-constexpr int kFewSubsOfLeaf = 6;    // likewise, a leaf
-constexpr std::size_t kFewRays = 2;  // rays that go on alone
+constexpr int kFewSubs = 2;          // sub-tiles; up to this many, their rays are compared with a node
+constexpr int kFewSubsOfLeaf = 6;    // sub-tiles; the same for a leaf
+constexpr std::size_t kFewRays = 2;  // rays; up to this many descend one by one
 
-// Where sixteen things are in the tile's picture, at least: least and most u, least and most v, and the least depth.
+// Conservative bounds of sixteen boxes or triangles in the tile's picture: u, v and the least depth.
 struct Rectangles {
   F u0, u1, v0, v1, near;
 };
@@ -101,7 +101,7 @@ struct StoredRectangles {
   }
 };
 
-// Sixteen triangles of a leaf in the tile's frame. value(u, v) = of_1 + of_u u + of_v v.
+// A linear function for each of the sixteen triangles of a leaf, in the tile's frame: value(u, v) = of_1 + of_u u + of_v v.
 struct Linear {
   alignas(64) float of_1[16], of_u[16], of_v[16];
 
@@ -110,17 +110,17 @@ struct Linear {
     b.store(of_u);
     c.store(of_v);
   }
-  // Of one triangle for sixteen rays; of sixteen triangles for one ray.
+  // of_one() evaluates one triangle for sixteen rays, of_all() evaluates sixteen triangles for one ray.
   HWY_INLINE F of_one(std::size_t triangle, F u, F v) const { return of_1[triangle] + of_u[triangle] * u + of_v[triangle] * v; }
   HWY_INLINE F of_all(float u, float v) const { return F::load(of_1) + F::load(of_u) * u + F::load(of_v) * v; }
 };
 struct Facets {
-  Linear edge[3];               // what is at least 0 inside, raised by more than rounding may lower it by within the tile
-  alignas(64) float clear[16];  // where all three are above this, rounding has no say
-  Linear depth;                 // 1 / the depth, not yet between least and most; its three numbers are a normal, too
+  Linear edge[3];               // at least 0 inside; raised by more than rounding can lower it within the tile
+  alignas(64) float clear[16];  // if all three edges exceed this, rounding does not matter
+  Linear depth;                 // 1 / depth, before it is clamped to [least, most]; its coefficients are also a normal
   alignas(64) float least[16], most[16];
-  alignas(64) std::int32_t id[16];  // twice the triangle's number, and 1 more where its back is seen
-  Bits slivers;  // seen so nearly edge-on that rounding may decide which side is seen: of them, least and most alone count
+  alignas(64) std::int32_t id[16];  // twice the triangle's number, plus 1 if its back is visible
+  Bits slivers;  // so nearly edge-on that rounding could swap their sides; only id, least and most of these are used
 };
 
 class TileTrace {
@@ -180,9 +180,9 @@ class TileTrace {
     w_of_all_ = min_of_lanes(F::load(w_of_));
   }
 
-  // What the rays have met so far.
+  // Starts from the hits that the rays already have.
   HWY_INLINE void take_over(std::size_t rows, float least_w) {
-    std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // of rows that fill up the last sub-tiles
+    std::fill(rays_.t_hit + rays_.count, rays_.t_hit + 16 * rows, -1.0F);  // rows that only fill up the last sub-tiles
     for (std::size_t row = 0; row < rows; ++row) {
       for (std::size_t column = 0; column < 16; column += 4) {
         std::memcpy(w_ + TileAxis::place(row, column), rays_.t_hit + 16 * row + column, 4 * sizeof(float));
@@ -196,17 +196,17 @@ class TileTrace {
     }
   }
 
-  // A point of the world in the tile's frame.
+  // Transforms a point of the world into the tile's frame.
   HWY_INLINE F3 to_tile(const F3& point) const {
     return rotate([this](int row, int column) { return to_tile_[row][column]; }, point - F3{origin_[0], origin_[1], origin_[2]});
   }
 
-  // Which of sixteen are in view, as far as this tells.
+  // Returns which of sixteen boxes or triangles may be in view.
   HWY_INLINE Bits in_view(const Rectangles& r) const {
     return bits((r.u1 >= u_.least_of_all) & (u_.most_of_all >= r.u0) & (r.v1 >= v_.least_of_all) & (v_.most_of_all >= r.v0) &
                 (kBeyond >= r.near * w_of_all_));
   }
-  // Which sub-tiles one of sixteen may be hit in.
+  // Returns the sub-tiles in which box or triangle i may be hit.
   HWY_INLINE Bits subs_in(const StoredRectangles& r, std::size_t i) const {
     return used_ & bits((F::load(u_.ends[1]) >= r.u0[i]) & (r.u1[i] >= F::load(u_.ends[0])) & (F::load(v_.ends[1]) >= r.v0[i]) &
                         (r.v1[i] >= F::load(v_.ends[0])) & (kBeyond >= r.near[i] * F::load(w_of_)));
@@ -236,7 +236,7 @@ class TileTrace {
     Bits children = look(node, rectangles);
     if (children == 0) return;
     const StoredRectangles stored(rectangles);
-    // Near ones first: a child comes after those that are nearer, however many they are.
+    // Sort the children by depth: the position of a child is the number of nearer ones.
     const F depths = numbered(max(rectangles.near, kTiny));
     alignas(64) float depth[16];
     depths.store(depth);
@@ -281,7 +281,7 @@ class TileTrace {
     }
   }
 
-  // Large trees are not in the nearest caches.
+  // Prefetches a child, since large trees do not fit into the nearest caches.
   HWY_INLINE void fetch(std::uint32_t child) const {
     if (MeshTree::is_leaf(child)) {
       prefetch(&tree_.leaf(child), sizeof(MeshLeaf));
@@ -290,14 +290,14 @@ class TileTrace {
     }
   }
 
-  // Which of a sub-tile's rays may hit one of sixteen.
+  // Returns which rays of a sub-tile may hit box or triangle i.
   HWY_INLINE Bits rays_in(const StoredRectangles& r, std::size_t i, std::size_t sub) const {
     const F u = F::load(u_.of_ray + 16 * sub), v = F::load(v_.of_ray + 16 * sub);
     return bits((u >= r.u0[i]) & (r.u1[i] >= u) & (v >= r.v0[i]) & (r.v1[i] >= v) &
                 (kBeyond >= r.near[i] * F::load(w_ + 16 * sub)));
   }
 
-  // How far the farthest hits are, after those of some sub-tiles have come nearer.
+  // Updates the farthest hit of the changed sub-tiles and of the tile.
   HWY_INLINE void refresh(Bits changed) {
     for (; changed != 0; changed &= changed - 1) {
       const auto sub = static_cast<std::size_t>(std::countr_zero(changed));
@@ -306,7 +306,7 @@ class TileTrace {
     w_of_all_ = min_of_lanes(F::load(w_of_));
   }
 
-  // One ray goes on alone.
+  // Traverses the tree with one ray.
   void descend(std::size_t ray, const MeshNode& node) {
     F enter = 0.0F, leave = kBeyond / w_[ray];
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -320,7 +320,7 @@ class TileTrace {
     alignas(64) float near[16];
     enter.store(near);
     Bits children = bits((leave >= enter) & (F::load(node.half[0]) >= 0.0F));
-    while (children != 0) {  // the nearest first; there are few
+    while (children != 0) {  // nearest child first; there are few
       std::size_t lane = 16;
       for (Bits left = children; left != 0; left &= left - 1) {
         const auto i = static_cast<std::size_t>(std::countr_zero(left));
@@ -345,7 +345,7 @@ class TileTrace {
     }
   }
 
-  // Of a leaf in the tile's frame; returns which of its triangles are in view.
+  // Transforms a leaf into the tile's frame. Returns which of its triangles are in view.
   HWY_INLINE Bits turn(const MeshLeaf& leaf, Facets& facets, Rectangles& r) const {
     F3 c[3];
     for (std::size_t k = 0; k < 3; ++k) {
@@ -370,8 +370,8 @@ class TileTrace {
     (1.0F / far).store(facets.least);
     select(ahead, max(max(inverse[0], inverse[1]), inverse[2]), FLT_MAX).store(facets.most);
 
-    // Twice the cross product of two corners: of the edge seen from its other triangle it differs in sign and in nothing else.
-    // Each of its coordinates is off by some roundings of the largest product that it may be made of.
+    // Twice the cross product of two corners. For the other triangle of the edge it differs only in sign. The error of each
+    // coordinate is a few roundings of the largest product that it can contain.
     F3 edge[3];
     F length[3];
     for (std::size_t k = 0; k < 3; ++k) {
@@ -394,10 +394,10 @@ class TileTrace {
     return seen;
   }
 
-  // box: that of the leaf, one of sixteen in a node; null for the root.
+  // boxes: the bounds of the leaf are its entry `box`; null for the root.
   void visit(const MeshLeaf& leaf, Bits subs, const StoredRectangles* boxes, std::size_t box) {
     const bool few = boxes != nullptr && std::popcount(subs) <= kFewSubsOfLeaf;
-    std::array<Bits, 16> rays;  // of each sub-tile, that may hit one
+    std::array<Bits, 16> rays;  // by sub-tile: rays that may hit the leaf
     if (few) {
       for (Bits left = subs; left != 0; left &= left - 1) {
         const auto sub = static_cast<std::size_t>(std::countr_zero(left));
@@ -412,7 +412,7 @@ class TileTrace {
     if (seen == 0) return;
     Bits changed = 0;
     if (few) {
-      // Rays by triangles or triangles by rays, what is fewer.
+      // Iterate over the rays or over the triangles, depending on which are fewer.
       for (Bits left = subs; left != 0; left &= left - 1) {
         const auto sub = static_cast<std::size_t>(std::countr_zero(left));
         const Bits triangles = facing & triangles_in(rectangles, facets, sub);
@@ -451,7 +451,7 @@ class TileTrace {
     if (changed != 0) refresh(changed);
   }
 
-  // Which triangles may be hit in a sub-tile: as subs_in() and subs_within() say for one triangle.
+  // Returns which triangles may be hit in a sub-tile, by the tests of subs_in() and subs_within().
   HWY_INLINE Bits triangles_in(const Rectangles& r, const Facets& facets, std::size_t sub) const {
     const F u0 = u_.ends[0][sub], u1 = u_.ends[1][sub], v0 = v_.ends[0][sub], v1 = v_.ends[1][sub];
     const auto greatest = [&](const Linear& value) HWY_ATTR {
@@ -462,11 +462,12 @@ class TileTrace {
     return bits((r.u1 >= u0) & (u1 >= r.u0) & (r.v1 >= v0) & (v1 >= r.v0) & (edges >= 0.0F) & (kBeyond >= r.near * w_of_[sub]));
   }
 
-  // 1 or 0 without a branch, which nothing could predict.
+  // Returns 1 or 0 without a branch, which would be unpredictable.
   static std::size_t is_positive(float value) { return ~std::bit_cast<std::uint32_t>(value) >> 31U; }
 
-  // Which sub-tiles are not all outside of one edge of a triangle, or all nearer than it. What is linear is greatest in a corner
-  // of a sub-tile, and so it is when it is rounded, by multiplications and additions that never make the greater the lesser.
+  // Returns the sub-tiles that are not entirely outside one edge of a triangle and whose hits are not all nearer than the
+  // triangle. A linear function has its maximum at a corner of a sub-tile. This also holds after rounding, since rounded
+  // multiplications and additions are monotonic.
   HWY_INLINE Bits subs_within(const Facets& facets, std::size_t i) const {
     const auto greatest = [&](const Linear& value) HWY_ATTR {
       return value.of_one(i, F::load(u_.ends[is_positive(value.of_u[i])]), F::load(v_.ends[is_positive(value.of_v[i])]));
@@ -476,7 +477,7 @@ class TileTrace {
     return bits((edges >= 0.0F) & (w >= F::load(w_of_)));
   }
 
-  // The rays of a sub-tile and one triangle. Whether one has hit it.
+  // Tests the rays of a sub-tile against one triangle. Returns true if any of them hits it.
   HWY_INLINE bool test(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t sub) {
     const F u = F::load(u_.of_ray + 16 * sub), v = F::load(v_.of_ray + 16 * sub), best = F::load(w_ + 16 * sub);
     const F a = facets.edge[0].of_one(i, u, v), b = facets.edge[1].of_one(i, u, v), c = facets.edge[2].of_one(i, u, v);
@@ -509,7 +510,7 @@ class TileTrace {
     return true;
   }
 
-  // One ray and the triangles of a leaf. Whether it has hit one.
+  // Tests one ray against the triangles of a leaf. Returns true if it hits one.
   HWY_INLINE bool test_ray(const Facets& facets, const MeshLeaf& leaf, Bits triangles, std::size_t ray) {
     const F a = facets.edge[0].of_all(u_.of_ray[ray], v_.of_ray[ray]), b = facets.edge[1].of_all(u_.of_ray[ray], v_.of_ray[ray]),
             c = facets.edge[2].of_all(u_.of_ray[ray], v_.of_ray[ray]);
@@ -536,7 +537,7 @@ class TileTrace {
     return any;
   }
 
-  // One ray and a triangle that is seen edge-on, in double precision. Whether it has hit it.
+  // Tests one ray against a triangle that is seen edge-on, in double precision. Returns true on a hit.
   bool test_sliver(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) {
     if (!is_nearer(facets.most[i], facets.id[i], ray)) return false;
     const double u = static_cast<double>(u_.of_ray[ray]), v = static_cast<double>(v_.of_ray[ray]);
@@ -547,8 +548,8 @@ class TileTrace {
                  b{corner[2].x - c.x, corner[2].y - c.y, corner[2].z - c.z};
     const Corner normal{a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
     const double height = normal.x * c.x + normal.y * c.y + normal.z * c.z;
-    // The line may cross the triangle behind the origin. Where not even this tells, the origin lies in its plane, and it counts
-    // as far away: then a surface stays closed.
+    // The line may cross the triangle behind the origin. If even this test cannot decide, the origin lies in the triangle's
+    // plane. The hit then gets the triangle's largest depth, which keeps surfaces closed.
     const float least = facets.least[i];
     float w = least;
     if (std::abs(height) > 0x1p-47 * largest(a) * largest(b) * largest(c)) {
@@ -566,11 +567,12 @@ class TileTrace {
   bool is_masked(const MeshLeaf& leaf, std::size_t i) const {
     return masks_ != nullptr && masks_->find(static_cast<std::size_t>(leaf.triangle[i])) != nullptr;
   }
-  // Whether a ray that hits a triangle with a mask sees through it: of triangle and ray alone, like the hit.
+  // Returns true if a ray that hits a triangle with a mask passes through it. Like the hit, this depends only on triangle and
+  // ray.
   bool is_seen_through(const MeshLeaf& leaf, std::size_t i, std::size_t ray) const {
     const double u = static_cast<double>(u_.of_ray[ray]), v = static_cast<double>(v_.of_ray[ray]);
     const std::array<Corner, 3> corner = corners(leaf, i);
-    std::array<double, 3> weight;  // of the corner before the edge's two
+    std::array<double, 3> weight;  // weight[k] belongs to the corner opposite edge k
     for (std::size_t k = 0; k < 3; ++k) {
       const Corner &from = corner[k], &to = corner[(k + 1) % 3];
       weight[k] = (from.y - u * from.x) * (to.z - v * to.x) - (from.z - v * from.x) * (to.y - u * to.x);
@@ -579,7 +581,7 @@ class TileTrace {
     const auto share = [&](double part) { return static_cast<float>(sum != 0.0 ? std::clamp(part / sum, 0.0, 1.0) : 1.0 / 3.0); };
     return masks_->lets_through(static_cast<std::size_t>(leaf.triangle[i]), share(weight[2]), share(weight[0]));
   }
-  // Which of a sub-tile's rays see through it, of those that hit it.
+  // Returns which of the given hits of a sub-tile's rays pass through the mask.
   HWY_NOINLINE M seen_through(const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits hits) const {
     alignas(64) float through[16] = {};
     for (; hits != 0; hits &= hits - 1) {
@@ -589,7 +591,7 @@ class TileTrace {
     return F::load(through) > 0.0F;
   }
 
-  // Whether a ray hits a triangle that is not seen edge-on.
+  // Tests exactly if a ray hits a triangle that is not seen edge-on.
   bool hits_exactly(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t ray) const {
     const int ahead = (facets.id[i] & 1) != 0 ? 1 : -1;
     return crosses_exactly(u_.of_ray[ray], v_.of_ray[ray], corners(leaf, i)) == ahead;
@@ -606,7 +608,7 @@ class TileTrace {
     }
   }
 
-  // Which of a sub-tile's rays miss the triangle, of those that may.
+  // Returns which of a sub-tile's doubtful rays miss the triangle.
   HWY_NOINLINE M missed(const Facets& facets, const MeshLeaf& leaf, std::size_t i, std::size_t sub, Bits doubtful) const {
     alignas(64) float misses[16] = {};
     for (; doubtful != 0; doubtful &= doubtful - 1) {
@@ -616,7 +618,7 @@ class TileTrace {
     return F::load(misses) > 0.0F;
   }
 
-  // Those of a triangle in the tile's frame, rounded as to_tile() does.
+  // Returns the corners of a triangle in the tile's frame, rounded as in to_tile().
   std::array<Corner, 3> corners(const MeshLeaf& leaf, std::size_t i) const {
     std::array<Corner, 3> result;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -631,7 +633,7 @@ class TileTrace {
   }
 
   void write() {
-    // Whole sub-tiles, in place; of rays that have hit nothing the numbers mean nothing.
+    // Convert whole sub-tiles in place; the values of rays without a hit are meaningless.
     const std::size_t rows = rays_.count / 16;
     for (std::size_t first = 0; first < 64 * ((rows + 3) / 4); first += 16) {
       min(1.0F / F::load(w_ + first), rays_.range).store(w_ + first);
@@ -680,21 +682,21 @@ class TileTrace {
   const TileAxis &u_, &v_;
   RayBundle& rays_;
   HitDetails* const details_;
-  const bool normals_, weights_;  // of the triangle's corners
+  const bool normals_, weights_;  // details to write: normals, and weights of the corners
   const Masks* const masks_;
   float origin_[3];
   float to_tile_[3][3];
-  float widen_;                  // m
-  float margin_;                 // of u and v
-  float most_w_;                 // nothing nearer counts
-  float w_of_all_;               // 1 / the farthest hit, or the range
-  float largest_u_, largest_v_;  // of the tile, either sign
+  float widen_;                  // m, margin of boxes
+  float margin_;                 // margin in u and v
+  float most_w_;                 // 1 / near; nearer hits are ignored
+  float w_of_all_;               // 1 / depth of the farthest hit, or 1 / range
+  float largest_u_, largest_v_;  // largest magnitudes in the tile
   Bits used_ = 0;
-  alignas(64) float w_[kRays];          // 1 / the depth of what was hit
-  alignas(64) std::int32_t id_[kRays];  // of what was hit, as in Facets
-  alignas(64) float n_[3][kRays];       // likewise: a normal, tile's frame
-  alignas(64) float weight_[3][kRays];  // likewise: of the triangle's third, first, second corner
-  alignas(64) float w_of_[16];          // of each sub-tile, as w_of_all
+  alignas(64) float w_[kRays];          // 1 / depth of the hit
+  alignas(64) std::int32_t id_[kRays];  // id of the hit, as in Facets
+  alignas(64) float n_[3][kRays];       // normal of the hit, tile's frame
+  alignas(64) float weight_[3][kRays];  // weights of the triangle's third, first and second corner at the hit
+  alignas(64) float w_of_[16];          // w_of_all_ for each sub-tile
 };
 
 void trace_mesh_tile(const MeshTree& tree, std::int32_t first_element, const TileAxis& u, const TileAxis& v, RayBundle& rays,

@@ -13,17 +13,17 @@
 
 namespace flockstep::trace {
 
-// A triangle's bounding box, as Embree's builder takes it.
+// A triangle's bounding box, in the layout of Embree's builder.
 struct BoxedTriangle {
   std::array<float, 3> low;
-  std::uint32_t geometry;  // of no interest
+  std::uint32_t geometry;  // unused
   std::array<float, 3> high;
   std::uint32_t triangle;
 };
 
-// A node, or the triangles of a few leaves, as Embree's builder leaves them, in the builder's memory.
+// A node, or the triangles of a few leaves, as created by Embree's builder in its memory.
 struct MeshTree::Built {
-  std::span<const BoxedTriangle> triangles;  // none: a node
+  std::span<const BoxedTriangle> triangles;  // empty for a node
 };
 struct MeshTree::BuiltNode : Built {
   std::size_t children = 0;
@@ -36,9 +36,9 @@ namespace {
 constexpr unsigned int kMaxDepth = 48;
 constexpr float kVisitCost = 1.0F;
 
-// Leaves as Embree makes them are two thirds full. Of many triangles that is too much memory, and too much for the caches: Embree
-// leaves them in bunches, which are cut into leaves that are full but for one. Few triangles are faster as Embree has them, where
-// a leaf spans no gap between things.
+// Leaves that Embree makes are two thirds full. For many triangles that takes too much memory and cache. In that case Embree
+// stops at bunches, and each bunch is cut into leaves that are all full except one. Few triangles are faster in Embree's own
+// leaves, which do not span gaps between objects.
 constexpr std::size_t kBunch = kTreeWidth * kTreeWidth;
 
 std::size_t leaves_for(std::size_t triangles) { return (triangles + kTreeWidth - 1) / kTreeWidth; }
@@ -52,17 +52,17 @@ Eigen::AlignedBox3f box_of(std::span<const BoxedTriangle> triangles) {
 void sort_along(std::size_t axis, std::span<BoxedTriangle> triangles) {
   std::sort(triangles.begin(), triangles.end(), [axis](const BoxedTriangle& a, const BoxedTriangle& b) {
     const float at_a = a.low[axis] + a.high[axis], at_b = b.low[axis] + b.high[axis];
-    return at_a != at_b ? at_a < at_b : a.triangle < b.triangle;  // in whatever order Embree's threads have left them
+    return at_a != at_b ? at_a < at_b : a.triangle < b.triangle;  // independent of the order left by Embree's threads
   });
 }
 
-// How often a tile comes to a box is taken to go with its surface, and what it has to do there with the number of leaves.
+// Estimates the cost of a box: tiles visit it in proportion to its surface, and a visit costs in proportion to its leaves.
 float cost_of(const Eigen::AlignedBox3f& box, std::size_t leaves) {
   const Vec3 size = box.sizes();
   return (size.x() * size.y() + size.y() * size.z() + size.z() * size.x()) * static_cast<float>(leaves);
 }
 
-// Puts the triangles of a bunch in an order in which every kTreeWidth of them, from the first on, make a leaf.
+// Orders the triangles of a bunch so that every kTreeWidth of them, from the first one, make a leaf.
 void cut(std::span<BoxedTriangle> triangles) {
   const std::size_t leaves = leaves_for(triangles.size());
   const auto leaf = [&](std::size_t i) {
@@ -76,7 +76,7 @@ void cut(std::span<BoxedTriangle> triangles) {
   Eigen::Index longest = 0;
   box_of(triangles).sizes().maxCoeff(&longest);
   sort_along(static_cast<std::size_t>(longest), triangles);
-  std::array<float, kBunch / kTreeWidth> cost_from;  // of the leaves from one on
+  std::array<float, kBunch / kTreeWidth> cost_from;  // cost of the leaves from this one to the last
   Eigen::AlignedBox3f box;
   for (std::size_t i = leaves; --i > 0;) {
     box.extend(box_of(leaf(i)));
@@ -128,7 +128,7 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
   arguments.maxBranchingFactor = kTreeWidth;
   arguments.maxDepth = kMaxDepth;
-  arguments.sahBlockSize = kTreeWidth;  // sixteen triangles cost what one does
+  arguments.sahBlockSize = kTreeWidth;  // sixteen triangles cost the same as one
   arguments.minLeafSize = arguments.maxLeafSize = primitives.size() < fewest_in_bunches ? kTreeWidth : kBunch;
   arguments.traversalCost = kVisitCost;
   arguments.intersectionCost = 1.0F;
@@ -148,7 +148,7 @@ MeshTree::MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewes
   };
   arguments.createLeaf = [](RTCThreadLocalAllocator allocator, const RTCBuildPrimitive* given, std::size_t count,
                             void* user) -> void* {
-    // They are where they were given, sorted, and of no more interest to Embree.
+    // The triangles are sorted in place; Embree does not need them any more.
     const std::span triangles(reinterpret_cast<BoxedTriangle*>(const_cast<RTCBuildPrimitive*>(given)), count);
     cut(triangles);
     auto& [nodes, leaves] = *static_cast<Sizes*>(user);

@@ -1,4 +1,4 @@
-// MeshTree: triangles in a wide tree, for tiles of rays that share an origin. See mesh_tiles.hpp.
+// MeshTree: a wide tree of triangles, for tiles of rays that share an origin. See mesh_tiles.hpp.
 #pragma once
 
 #include <cstddef>
@@ -14,33 +14,34 @@ namespace flockstep::trace {
 
 inline constexpr std::size_t kTreeWidth = 16;  // children of a node, triangles of a leaf
 
-// The boxes of up to kTreeWidth children.
+// The bounding boxes of up to kTreeWidth children.
 struct alignas(64) MeshNode {
   float center[3][kTreeWidth];  // m, world frame
-  float half[3][kTreeWidth];    // m; less than 0: no child
+  float half[3][kTreeWidth];    // m; less than 0 for an unused slot
   std::uint32_t child[kTreeWidth];
 };
 
-// Triangles, corner by corner. Where there is none its coordinates are NaN, and so it is never in view.
+// Triangles, corner by corner. The coordinates of unused slots are NaN, so these are never in view.
 struct alignas(64) MeshLeaf {
-  float corner[3][3][kTreeWidth];     // m, world frame: of a corner, along an axis
-  std::int32_t triangle[kTreeWidth];  // as numbered in the mesh, -1 where there is none
+  float corner[3][3][kTreeWidth];     // m, world frame; by corner and axis
+  std::int32_t triangle[kTreeWidth];  // number in the mesh, -1 for an unused slot
 };
 
 struct BoxedTriangle;
 
 class MeshTree {
  public:
-  // Of the visible triangles, of which there are some. Keeps no reference to the mesh. Throws std::bad_alloc where Embree, whose
-  // builder decides what lies beside what, has no memory. From fewest_in_bunches triangles on, leaves are as full as can be.
+  // Builds the tree of the visible triangles, of which there must be at least one. Embree's builder decides which triangles are
+  // grouped. With at least fewest_in_bunches triangles, leaves are as full as possible. Keeps no reference to the mesh. Throws
+  // std::bad_alloc if Embree runs out of memory.
   MeshTree(RTCDevice device, const TriangleMesh& mesh, std::size_t fewest_in_bunches = kManyTriangles);
 
   static bool is_leaf(std::uint32_t child) { return (child & kLeaf) != 0; }
   const MeshNode& node(std::uint32_t child) const { return nodes_[child]; }
   const MeshLeaf& leaf(std::uint32_t child) const { return leaves_[child & ~kLeaf]; }
   std::uint32_t root() const { return root_; }
-  float extent() const { return extent_; }  // m: no coordinate is larger, nor is a side of the box around all
-  // Whether it matters where in a triangle a ray hits: for textures, or colours of vertices.
+  float extent() const { return extent_; }  // m; no coordinate and no side of the overall bounding box is larger
+  // Returns true if the position of a hit in its triangle matters: for textures or vertex colours.
   bool needs_weights() const { return needs_weights_; }
   std::size_t bytes() const { return nodes_.size() * sizeof(MeshNode) + leaves_.size() * sizeof(MeshLeaf); }
 
@@ -49,7 +50,7 @@ class MeshTree {
   struct BuiltNode;
   static constexpr std::uint32_t kLeaf = 0x80000000U;
 
-  // Each returns the number of what it adds.
+  // Each adds a node or leaf and returns its number.
   std::uint32_t take(const Built& built, const TriangleMesh& mesh);
   std::uint32_t take(std::span<const BoxedTriangle> triangles, const TriangleMesh& mesh);
   std::uint32_t add_node();

@@ -16,12 +16,12 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
 using namespace flockstep::HWY_NAMESPACE;  // the wide type
 
-// Embree's numbers without a sign.
+// Reinterprets Embree's unsigned numbers as signed ones.
 HWY_INLINE std::int32_t* as_signed(unsigned int* numbers) { return reinterpret_cast<std::int32_t*>(numbers); }
 
 constexpr std::int32_t kInvalid = -1;  // RTC_INVALID_GEOMETRY_ID
 
-// The numbers that all rays have in common.
+// Sets the fields that are the same for all rays.
 template <class F, class Packet>
 HWY_INLINE void prepare(Packet& packet, std::size_t lane, float near) {
   using I = typename F::Int;
@@ -33,7 +33,7 @@ HWY_INLINE void prepare(Packet& packet, std::size_t lane, float near) {
   I(kInvalid).store(as_signed(packet.hit.instID[0] + lane));
 }
 
-// Writes the hits of a vector of rays that Embree has found no farther than a range.
+// Stores the hits that Embree found for a vector of rays, if they are within the range.
 template <class F, class Packet, class Rays>
 HWY_INLINE void store_hits(Packet& packet, std::size_t lane, F range, std::int32_t first_element, Rays& rays, HitDetails* details,
                            std::size_t ray) {
@@ -51,7 +51,7 @@ HWY_INLINE void store_hits(Packet& packet, std::size_t lane, F range, std::int32
   store(normal.x, details->normal_x);
   store(normal.y, details->normal_y);
   store(normal.z, details->normal_z);
-  // Embree's normals point where the corners go around counterclockwise.
+  // Embree's normals point to the side from which the corners appear counterclockwise.
   const auto direction = Wide3<F>::load(packet.ray.dir_x + lane, packet.ray.dir_y + lane, packet.ray.dir_z + lane);
   const F against = normal.x * direction.x + (normal.y * direction.y + normal.z * direction.z);
   store(value_if(against > 0.0F, I(1)), details->back);
@@ -77,8 +77,8 @@ void trace_packets(RTCScene scene, std::int32_t first_element, Through through, 
           .store(packet.ray.org_x + i, packet.ray.org_y + i, packet.ray.org_z + i);
       F3::load(rays.dir_x + ray, rays.dir_y + ray, rays.dir_z + ray)
           .store(packet.ray.dir_x + i, packet.ray.dir_y + i, packet.ray.dir_z + i);
-      // Embree's rays end before tfar: the next number after the range lets a hit at the range itself count, and the least
-      // normal number, where denormals are zero, one at 0.
+      // Embree's rays end before tfar. The next float after the range lets a hit at the range itself count. For a range of 0
+      // the smallest normal number does, since denormals are zero.
       const F range = F::load(rays.range + ray);
       const F next = bit_cast<F>(bit_cast<I>(range) + 1);
       const F beyond = max(select(range < kInfinity, next, kInfinity), kLeast);
@@ -87,7 +87,7 @@ void trace_packets(RTCScene scene, std::int32_t first_element, Through through, 
     }
     if (const std::size_t left = rays.count - first; left < kSize) {
       std::fill(valid + left, valid + kSize, 0);
-      // On processors without packets of this size Embree ignores `valid`; it leaves out rays that end before they begin.
+      // On processors without packets of this size, Embree ignores `valid`, but it skips rays that end before they begin.
       std::fill(packet.ray.tfar + left, packet.ray.tfar + kSize, -1.0F);
     }
     intersect_packet(valid, scene, buffer, Coherence::none, through);
@@ -120,8 +120,8 @@ HWY_INLINE void trace_tile_by(RTCScene scene, std::int32_t first_element, Throug
   });
   alignas(64) std::int32_t valid[4 * kRows];
   std::fill_n(valid, 4 * kRows, -1);
-  // The rays that fill up the last packets end before they begin. Otherwise what was traced there before could decide which boxes
-  // of Embree's tree the other rays enter.
+  // The rays that fill up the last packets end before they begin. Otherwise distances of earlier rays in their place could
+  // decide which boxes of Embree's tree the other rays enter.
   constexpr std::size_t kStrip = kRows * kTileWidth;
   std::fill(rays.t_hit + rays.count, rays.t_hit + (rays.count + kStrip - 1) / kStrip * kStrip, -1.0F);
   for (std::size_t row = 0; row * kTileWidth < rays.count; row += kRows) {

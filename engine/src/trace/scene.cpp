@@ -24,7 +24,7 @@ namespace {
 
 static_assert(kMaxDirectAnyOrigin <= kMaxDirect && kMaxDirect <= kMaxCandidates);
 
-constexpr float kRounding = 1e-5F;  // of coordinates: bounds are this much wider, so that no rounding hides a hit
+constexpr float kRounding = 1e-5F;  // fraction of coordinates; bounds are widened by this so that rounding does not hide a hit
 
 float squared_distance(const Vec3& center, const Vec3& half) { return (center.cwiseAbs() - half).cwiseMax(0.0F).squaredNorm(); }
 
@@ -35,7 +35,7 @@ void throw_embree_error(RTCDevice device) {
   throw std::runtime_error("Embree failed with error " + std::to_string(static_cast<int>(error)));
 }
 
-// What Embree made, or the reason why it did not.
+// Returns what Embree made, or throws the reason why it failed.
 template <class T>
 T* required(T* made, RTCDevice device) {
   if (made != nullptr) return made;
@@ -48,8 +48,8 @@ struct ReleaseGeometry {
 };
 using Geometry = std::unique_ptr<RTCGeometryTy, ReleaseGeometry>;
 
-// Embree's device, one for all scenes of the process: it is costly, and some thousands of them are more than Embree can make. It
-// goes with the last scene. A forked child cannot use its parent's and makes its own.
+// Returns Embree's device. All scenes of the process share it: a device is expensive, and Embree cannot create thousands of
+// them. It is released with the last scene. A forked child cannot use its parent's device and creates its own.
 std::shared_ptr<RTCDeviceTy> shared_device() {
   static std::mutex mutex;
   static std::weak_ptr<RTCDeviceTy> current;
@@ -64,8 +64,8 @@ std::shared_ptr<RTCDeviceTy> shared_device() {
   return device;
 }
 
-// The filter of triangles with masks: rays that pass through these do not meet them where they are seen through. What becomes of
-// a ray depends on that ray alone.
+// The filter of triangles with masks: rays that pass through masks do not hit the transparent parts. The result of a ray
+// depends only on that ray.
 void pass_through_masks(const RTCFilterFunctionNArguments* args) {
   if (through_of(*args) == Through::nothing) return;
   const auto& masks = *static_cast<const Masks*>(args->geometryUserPtr);
@@ -76,10 +76,10 @@ void pass_through_masks(const RTCFilterFunctionNArguments* args) {
   }
 }
 
-// near: nothing nearer is seen, so what is within it may be seen otherwise than the short cuts have it.
+// near: hits nearer than this are ignored. The hints are not valid if the surface is nearer than this.
 OriginHint hint_in_room(const Shape& room, const std::array<float, 3>& o, float near) {
   const float* const half = room.half_extents;
-  // On a wall the wall itself is seen, at 0, whichever way a ray goes: as of any other solid.
+  // On a wall, every ray hits that wall at distance 0, as with any other solid.
   const bool within = std::abs(o[0]) + near < half[0] && std::abs(o[1]) + near < half[1] && std::abs(o[2]) + near < half[2];
   return within ? OriginHint::in_room : OriginHint::anywhere;
 }
@@ -93,7 +93,7 @@ OriginHint hint_at_solid(const Shape& shape, const std::array<float, 3>& o, floa
 
 }  // namespace
 
-// The shapes by element. Declared before the scene, which reads them to its end.
+// shapes is indexed by element. It is declared before the scene, which reads it until its end.
 struct Scene::EmbreePrimitives {
   std::vector<Shape> shapes;
   EmbreeScene scene;
@@ -121,15 +121,15 @@ Scene::~Scene() = default;
 Scene::EmbreeScene Scene::new_scene() const {
   if (!device_) device_ = shared_device();
   EmbreeScene scene(required(rtcNewScene(device_.get()), device_.get()));
-  // ROBUST: without it rays leak through the edges that triangles share.
+  // ROBUST: without it, rays leak through shared triangle edges.
   rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
   rtcSetSceneBuildQuality(scene.get(), RTC_BUILD_QUALITY_MEDIUM);
   return scene;
 }
 
-// Builds the scene. Embree stops half-way where its callback says no; an exception may not go through it.
+// Builds the scene. The callback stops Embree midway by returning false, since exceptions must not pass through Embree.
 void Scene::commit(RTCScene scene) const {
-  std::exception_ptr interrupted;  // written by this thread alone: on others, poll() does nothing
+  std::exception_ptr interrupted;  // written only by this thread: on others, poll() does nothing
   rtcSetSceneProgressMonitorFunction(
       scene,
       [](void* result, double) {
@@ -145,7 +145,7 @@ void Scene::commit(RTCScene scene) const {
   rtcCommitScene(scene);
   rtcSetSceneProgressMonitorFunction(scene, nullptr, nullptr);
   if (interrupted) {
-    static_cast<void>(rtcGetDeviceError(device_.get()));  // that it was cancelled
+    static_cast<void>(rtcGetDeviceError(device_.get()));  // discards the cancellation error
     std::rethrow_exception(interrupted);
   }
   throw_embree_error(device_.get());
@@ -171,13 +171,13 @@ void Scene::add_primitives(std::span<const Primitive> primitives, std::size_t ma
   };
   is_all_visible_ = std::all_of(shapes_.begin(), shapes_.end(), is_visual);
   if (!is_all_visible_) std::copy_if(shapes_.begin(), shapes_.end(), std::back_inserter(visible_), is_visual);
-  if (traced().size() > max_direct)
-    embree_primitives_ = make_embree_primitives();  // where there are no more, every bundle has few enough, too
+  if (traced().size() > max_direct) embree_primitives_ = make_embree_primitives();  // otherwise, bundles are traced directly
 }
 
 std::unique_ptr<const Scene::EmbreePrimitives> Scene::make_embree_primitives() const {
   auto made = std::make_unique<EmbreePrimitives>();
-  // An empty box keeps rooms out of Embree's tree, where every ray would meet them, and the indices of the others as they are.
+  // An empty box keeps rooms and invisible primitives out of Embree's tree and leaves the other indices unchanged. In the tree,
+  // every ray would hit the rooms.
   for (const NumberedShape& shape : shapes_) {
     made->shapes.push_back(shape.shape);
     made->shapes.back().box_half = Vec3::Constant(-1.0F);
@@ -203,7 +203,7 @@ std::unique_ptr<const Scene::EmbreePrimitives> Scene::make_embree_primitives() c
   rtcSetGeometryIntersectFunction(geometry, primitive_intersect_function());
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(made->scene.get(), geometry);
-  thread_sanitizer::release(made->shapes.data());  // to Embree's builders, and back
+  thread_sanitizer::release(made->shapes.data());  // synchronises with Embree's builder threads
   commit(made->scene.get());
   thread_sanitizer::acquire(made->shapes.data());
   return made;
@@ -230,14 +230,14 @@ void Scene::add_triangles(const World& world) {
   wide_packets_ = rtcGetDeviceProperty(device_.get(), RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) != 0;
 }
 
-// The visible triangles with masks, or the others. Embree reads the mesh where it is. In both geometries all triangles keep their
-// numbers: Embree leaves out those whose vertices it does not find.
+// Attaches the visible triangles with masks, or those without. Embree reads the mesh in place. Triangles keep their numbers in
+// both geometries: Embree skips a triangle with invalid vertex indices.
 void Scene::attach_triangles(const TriangleMesh& mesh, bool masked) {
   const Geometry owned(required(rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE), device_.get()));
   RTCGeometry geometry = owned.get();
   rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh.vertices.data(), 0, sizeof(Vec3),
                              mesh.vertices.size());
-  if (masks_.empty() && mesh.visibility.empty()) {  // all triangles are here
+  if (masks_.empty() && mesh.visibility.empty()) {  // this geometry has all triangles
     rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.triangles.data(), 0,
                                sizeof(mesh.triangles[0]), mesh.triangles.size());
   } else {

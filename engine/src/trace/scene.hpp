@@ -1,10 +1,9 @@
-// trace::Scene: one world as rays meet it, and what can be asked of each kind of thing in it. A Tracer puts the questions
-// together.
+// trace::Scene: one world, prepared for ray tracing, with queries for each kind of geometry. A Tracer combines them.
 //
-// What is not visual is not in it: it keeps its number, and nothing meets it.
+// Elements that are not visual keep their number and are never hit.
 //
-// Primitives are traced directly where few are within reach (see CandidateSet), and by Embree where many are; triangles by
-// Embree, or in tiles of rays by a tree of their own.
+// Primitives are traced directly if few are within range (see CandidateSet), otherwise by Embree. Triangles are traced by
+// Embree, or by a separate tree for tiles of rays.
 #pragma once
 
 #include <algorithm>
@@ -28,50 +27,51 @@
 
 namespace flockstep::trace {
 
-// Called for every element (index into World::primitives(), then primitives().size() + triangle index) near a point.
+// Called for every element near a point. An element is an index into World::primitives(), or primitives().size() + triangle
+// index.
 using NearbyCallback = void (*)(void* context, std::uint32_t element);
-// The same in a search for what is nearest: returns how far (m) the search still has to look.
+// The same in a search for the nearest element: returns the remaining search radius (m).
 using NearerCallback = float (*)(void* context, std::uint32_t element);
 
-// What the rays of one sensor may meet: the shapes whose bounding boxes come within its range. Filled by Scene::gather.
+// The shapes that the rays of one sensor may hit: those whose bounding boxes are within its range. Filled by Scene::gather.
 struct CandidateSet {
   std::array<Candidate, kMaxCandidates> list;
   std::size_t count = 0;
-  bool crowded = false;    // there are more
-  bool triangles = false;  // some are within range
+  bool crowded = false;    // more shapes are in range than fit
+  bool triangles = false;  // some triangles are in range
 };
 
 class Scene {
  public:
-  // Of a world that outlives it. Up to max_direct primitives, rays of any origins are tested against every one.
+  // The world must outlive the scene. Up to max_direct primitives, rays of arbitrary origins are tested against each of them.
   explicit Scene(const World& world, std::pmr::memory_resource& memory = *std::pmr::get_default_resource(),
                  std::size_t max_direct = kMaxDirectAnyOrigin);
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  // Gathers what rays from the origin may meet that see nothing nearer than near_m and nothing beyond range_m. Markers, where
-  // they are seen, are numbered on after the triangles.
+  // Gathers the shapes that rays from the origin may hit between near_m and range_m. Markers are included if `markers` is set;
+  // they are numbered after the triangles.
   void gather(const Vec3& origin, float near_m, float range_m, bool markers, CandidateSet& candidates) const;
 
-  // Each takes what it has that is nearer than the block's t_hit. A ray's result has the same bits in any block, beside any other
-  // rays. Call under FlushDenormals.
-  void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: by Embree wherever prepare_embree() was called
-  void intersect_casters(RayBlock& rays) const;                          // all primitives but the rooms
+  // Each keeps its hits that are nearer than the block's t_hit. A ray's result has the same bits in any block and beside any
+  // other rays. Call under FlushDenormals.
+  void intersect_primitives(RayBlock& rays, bool embree = false) const;  // embree: use Embree if prepare_embree() was called
+  void intersect_casters(RayBlock& rays) const;                          // all primitives except the rooms
   void intersect_markers(RayBlock& rays) const;
-  // Returns how many packets went through Embree. details: null where only distances are of interest.
+  // Returns the number of packets traced by Embree. details: null if only distances are needed.
   std::size_t intersect_triangles(RayBlock& rays, HitDetails* details, Through through = Through::nothing) const;
-  // The same for a camera's tile, through masks. Its bits are those of the tile as a whole: its rows of kTileWidth rays go
-  // through Embree together.
+  // The same for a camera's tile, through masks. Its rows of kTileWidth rays go through Embree together, so a ray's bits can
+  // depend on the rest of the tile.
   std::size_t intersect_triangles(RayBundle& tile, HitDetails& details) const;
 
-  // Builds the tree for tiles of rays, unless it is there: whoever is to call tiles() calls this first. mesh: of the world.
+  // Builds the tree for tiles of rays, unless it exists. Call this before tiles(). mesh: the world's mesh.
   void prepare_tiles(const TriangleMesh& mesh) const;
-  const MeshTree* tiles() const { return tiles_.get(); }                     // null where there are no triangles
-  const Masks* masks() const { return masks_.empty() ? nullptr : &masks_; }  // of them, which cameras see through; null: none
-  // Builds what intersect_primitives() needs to go through Embree where it would not. Rooms are never in it: each ray meets them.
+  const MeshTree* tiles() const { return tiles_.get(); }                     // null before prepare_tiles() or without triangles
+  const Masks* masks() const { return masks_.empty() ? nullptr : &masks_; }  // masks of the triangles, or null
+  // Builds the Embree scene for intersect_primitives(), unless it exists. Rooms are never in it, since every ray hits them.
   void prepare_embree() const;
-  // Whether a LiDAR may meet what is left to Embree: triangles, or more primitives than are traced directly.
+  // Returns true if a LiDAR may need Embree: for triangles, or for more primitives than are traced directly.
   bool may_need_embree() const { return meshes_ || traced().size() > kMaxDirect; }
   std::size_t num_triangles() const { return num_triangles_; }
   std::int32_t first_triangle() const { return static_cast<std::int32_t>(shapes_.size()); }
@@ -79,13 +79,13 @@ class Scene {
   const Shape& shape(std::size_t primitive) const { return shapes_[primitive].shape; }
   std::span<const NumberedShape> markers() const { return markers_; }
 
-  // The broad phase of collision: calls back for each element but rooms whose bounding box comes within radius (m) of center;
-  // may call back for some that do not. Allocates nothing; safe from many threads.
+  // The broad phase of collision: calls back for each element except rooms whose bounding box is within radius (m) of center,
+  // and possibly for some others. Allocates nothing; safe from many threads.
   void for_each_nearby(const Vec3& center, float radius, NearbyCallback callback, void* context) const;
-  // The same, but the radius shrinks to what the callback returns.
+  // The same, but the radius shrinks to the value that the callback returns.
   void for_each_nearer(const Vec3& center, float radius, NearerCallback callback, void* context) const;
 
-  // What every sensor and every motion asks for first. The scene itself has to be in the cache.
+  // Prefetches the data that every sensor and every motion reads first. The scene itself must already be in the cache.
   void prefetch_parts() const {
     tree_.prefetch_parts();
     prefetch(shapes_.data(), std::min(shapes_.size(), std::size_t{2}) * sizeof(NumberedShape));
@@ -97,7 +97,7 @@ class Scene {
   };
   using EmbreeScene = std::unique_ptr<RTCSceneTy, Release>;
 
-  struct EmbreePrimitives;  // all visible primitives but the rooms, for Embree
+  struct EmbreePrimitives;  // all visible primitives except the rooms, for Embree
   EmbreeScene new_scene() const;
   std::unique_ptr<const EmbreePrimitives> make_embree_primitives() const;
   void add_candidate(const Shape& shape, std::int32_t element, const Vec3& origin, CandidateSet& candidates) const;
@@ -109,21 +109,21 @@ class Scene {
   std::span<const NumberedShape> traced() const { return is_all_visible_ ? shapes_ : visible_; }
 
   std::pmr::vector<NumberedShape> shapes_;   // all primitives, in the order of their elements: rooms first
-  std::pmr::vector<NumberedShape> visible_;  // those of them that are visual, where some are not
+  std::pmr::vector<NumberedShape> visible_;  // the visual ones among them; empty if all are
   bool is_all_visible_ = true;
   std::pmr::vector<NumberedShape> markers_;  // start, waypoints, goal
   std::size_t num_rooms_ = 0;
-  ShapeTree tree_;  // of all but the rooms
+  ShapeTree tree_;  // visible primitives except the rooms
   Masks masks_;
-  Vec3 mesh_center_, mesh_half_;                               // m, of the bounding box, a little wider than the triangles
-  mutable std::shared_ptr<RTCDeviceTy> device_;                // null where nothing needs Embree
-  std::unique_ptr<const EmbreePrimitives> embree_primitives_;  // null where there are few
+  Vec3 mesh_center_, mesh_half_;                               // m, bounding box, slightly wider than the triangles
+  mutable std::shared_ptr<RTCDeviceTy> device_;                // null until Embree is needed
+  std::unique_ptr<const EmbreePrimitives> embree_primitives_;  // null if there are few
   std::size_t num_triangles_ = 0;
-  EmbreeScene meshes_;         // all triangles; null without any
-  bool wide_packets_ = false;  // the processor has vectors for packets of 16
+  EmbreeScene meshes_;         // visible triangles; null without any
+  bool wide_packets_ = false;  // the processor supports packets of 16
   mutable std::mutex prepared_mutex_;
-  mutable std::unique_ptr<const EmbreePrimitives> prepared_embree_primitives_;  // likewise until it is prepared
-  mutable std::unique_ptr<const MeshTree> tiles_;                               // null until they are prepared
+  mutable std::unique_ptr<const EmbreePrimitives> prepared_embree_primitives_;  // null until prepared
+  mutable std::unique_ptr<const MeshTree> tiles_;                               // null until prepared
 };
 
 }  // namespace flockstep::trace

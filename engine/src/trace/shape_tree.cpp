@@ -37,7 +37,7 @@ namespace {
 
 HWY_EXPORT(near);
 
-// The bits of a 10-bit number, two zeros between each: one coordinate's share of a Morton code.
+// Puts two zeros between the bits of a 10-bit number: one coordinate's part of a Morton code.
 std::uint32_t spread(std::uint32_t x) {
   x = (x | (x << 16)) & 0x030000FFU;
   x = (x | (x << 8)) & 0x0300F00FU;

@@ -14,8 +14,8 @@
 
 namespace flockstep::trace {
 
-// Up to 16 boxes are one node: a plain list. More are sorted along a space-filling curve and cut into nodes of 16, these into
-// nodes of 16, and so on.
+// Up to 16 boxes are one node: a plain list. More boxes are sorted along a space-filling curve and grouped into nodes of 16.
+// These are grouped into nodes of 16 again, and so on.
 class ShapeTree {
  public:
   static constexpr std::size_t kWidth = 16;
@@ -23,23 +23,23 @@ class ShapeTree {
   struct Node {
     alignas(64) std::array<float, kWidth> center[3];  // m
     alignas(64) std::array<float, kWidth> half[3];    // m
-    std::array<std::uint32_t, kWidth> child;          // a node, or in a leaf the number of a box
+    std::array<std::uint32_t, kWidth> child;          // index of a node, or in a leaf the number of a box
     std::uint32_t count = 0;
     bool leaf = true;
   };
 
-  // numbers: what visit() is told for each box.
+  // numbers: passed to visit(), one for each box.
   ShapeTree(std::span<const Aabb> boxes, std::span<const std::uint32_t> numbers,
             std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
 
   bool empty() const { return nodes_.empty(); }
 
-  // What every search begins with.
+  // Prefetches the root, where every search begins.
   void prefetch_parts() const {
     if (!nodes_.empty()) prefetch(&nodes_.back(), sizeof(Node));
   }
 
-  // Calls visit(number) for each box that comes within radius (m) of the point, in an order that depends on nothing else.
+  // Calls visit(number) for each box within radius (m) of the point. The order depends only on the tree and the arguments.
   // Allocates nothing.
   template <class Visit>
   void for_each_near(const Vec3& point, float radius, Visit&& visit) const {
@@ -61,12 +61,12 @@ class ShapeTree {
   }
 
  private:
-  static constexpr std::size_t kMaxDepth = 8;  // of 16^8 boxes
+  static constexpr std::size_t kMaxDepth = 8;  // enough for 16^8 boxes
 
-  // The children of a node that come within the radius, a bit each.
+  // Returns a bit for each child of the node, set if the child is within the radius.
   static std::uint32_t near(const Node& node, const Vec3& point, float radius);
 
-  std::pmr::vector<Node> nodes_;  // the root is the last
+  std::pmr::vector<Node> nodes_;  // the root is last
 };
 
 }  // namespace flockstep::trace

@@ -19,8 +19,8 @@ void forget_hits(Rays& rays) {
   std::fill_n(rays.element, rays.count, -1);
 }
 
-// Copies what vectors have just written, in pieces that none of them has written in part: others would have to wait until it has
-// left the processor.
+// Copies values that vectors have just stored. Each piece lies within one such store, so the processor can forward it.
+// Otherwise the load would wait until the stores reach the cache.
 void copy_ranges(const float* from, std::size_t count, float* to) {
   constexpr std::size_t kPiece = 4;
   std::size_t i = 0;
@@ -152,8 +152,7 @@ void Tracer::trace_by_embree() {
   std::copy_n(block_.element, bundle_.count, bundle_.element);
 }
 
-// Takes what the triangles have nearer than the bundle's t_hit; its elements are not kept. no_hits_yet: the bundle has met
-// nothing.
+// Replaces the bundle's t_hit by nearer hits on triangles, but not its elements. no_hits_yet: the bundle has no hits.
 void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet) {
   RayBundle& seen = view_bundle_;
   seen.origin = bundle_.origin;
@@ -167,7 +166,7 @@ void Tracer::trace_view(const TileView& view, std::size_t rows, std::size_t widt
     for (std::size_t row = 0; row < rows; ++row) {
       float* const depth = seen.t_hit + row * kTileWidth;
       const float *const ahead = view.ahead + row * kTileWidth, *const found = bundle_.t_hit + row * width;
-      std::fill_n(depth, kTileWidth, -1.0F);  // beside the tile: nothing is nearer
+      std::fill_n(depth, kTileWidth, -1.0F);  // outside the tile: nothing is nearer
       for (std::size_t i = 0; i < width; ++i) depth[i] = std::min(found[i], bundle_.range) * ahead[i];
     }
   }
@@ -197,7 +196,7 @@ void Tracer::note(std::size_t rays, std::size_t packets) {
   if (packets > 0) embree_use_ += {static_cast<std::int64_t>(rays), static_cast<std::int64_t>(packets)};
 }
 
-// Lets the bundle's rays join those that wait, with what they have hit so far.
+// Adds the bundle's rays, with their hits so far, to the waiting ones.
 void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting) {
   for (std::size_t row = 0; row < tile.rows; ++row) {
     for (std::size_t ray = 0; ray < tile.width;) {
@@ -210,7 +209,7 @@ void Tracer::wait(const RayTile& tile, float* ranges, std::size_t stride, Waitin
   }
 }
 
-// Traces what waits and hands out the distances.
+// Traces the waiting rays and writes their distances.
 void Tracer::deliver(Waiting& waiting) {
   if (waiting.rays.count == 0) return;
   if (&waiting == &for_everything_) meet_primitives(waiting.rays);

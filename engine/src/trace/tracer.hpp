@@ -1,8 +1,8 @@
-// Tracer: asks a Scene what the nearest thing along rays is, in the one place where every sensor does. It owns what that takes:
-// what may be met from where the sensor is, the rays on their way, and those that wait to go through Embree together.
+// Tracer: finds the nearest hits of rays in a Scene, for every sensor. It owns the working data: the candidates near the
+// sensor, the rays in progress, and the rays that wait to go through Embree together.
 //
-// Each way of asking ends with the static world and leaves the distances found: things that move are met after that, where the
-// comments say "the static world ends here", by rays whose range that has already shortened.
+// Every query covers only the static world and keeps the distances that it found. Moving objects are tested after that, at the
+// comments "the static world ends here", with the ranges of the rays already shortened.
 #pragma once
 
 #include <array>
@@ -18,45 +18,45 @@
 
 namespace flockstep::trace {
 
-// How rays of a sensor go.
+// The method of tracing a sensor's rays.
 struct TracePolicy {
-  std::size_t tile_triangle_limit = 0;  // triangles of a world up to which they are met in tiles, where they can be
-  bool embree = false;                  // all that Embree can trace it does, primitives too
+  std::size_t tile_triangle_limit = 0;  // triangles; tiles are used in worlds of up to this many
+  bool embree = false;                  // use Embree for everything it can trace, primitives included
 
   friend bool operator==(const TracePolicy&, const TracePolicy&) = default;
 };
-TracePolicy trace_policy_of(TracerKind kind, std::size_t rays);  // of a sensor
+TracePolicy trace_policy_of(TracerKind kind, std::size_t rays);  // rays: of the sensor
 
-// Where a sensor is, how far it sees, and what.
+// Pose and range of a sensor, and the data that it needs.
 struct Viewpoint {
   Vec3 origin;                // m, world frame
   Mat3 rotation;              // sensor to world
-  float near = 0.0F;          // a hit is in [near, range], in lengths of the directions
-  float range;                // likewise
+  float near = 0.0F;          // in lengths of the directions; hits are in [near, range]
+  float range;                // in lengths of the directions
   float longest = 1.0F;       // length of the longest direction
-  bool sees_markers = false;  // numbered on after the triangles
-  AskedDetails asked{};       // of what trace() hits
-  TracePolicy policy{};       // a scene to be traced in tiles is prepared for them
+  bool sees_markers = false;  // markers are visible, numbered after the triangles
+  AskedDetails asked{};       // details of the hits of trace()
+  TracePolicy policy{};       // tiles require Scene::prepare_tiles()
 };
 
-// Rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
+// The rays of a tile as a picture: each is a multiple of (1, u, v) in the tile's frame.
 struct TileView {
-  Mat3 to_sensor;                              // rotation, tile's frame to the sensor's
-  TileAxis u, v;                               // rows of kTileWidth, whatever the tile's width
-  alignas(64) float ahead[kMaxRays] = {};      // length of the direction along the tile's axis; 0 beside the tile
-  alignas(64) float per_ahead[kMaxRays] = {};  // 1 / ahead; likewise
+  Mat3 to_sensor;                              // rotation, tile's to sensor's frame
+  TileAxis u, v;                               // rows of kTileWidth, also for narrower tiles
+  alignas(64) float ahead[kMaxRays] = {};      // length of the direction along the tile's axis; 0 outside the tile
+  alignas(64) float per_ahead[kMaxRays] = {};  // 1 / ahead; 0 outside the tile
 };
 
-// Rays of a sensor that are traced together, since they point much the same way.
+// Rays of a sensor that are traced together, because they point in similar directions.
 struct RayTile {
   const float *x, *y, *z;                     // (rows * width + kRayPadding,) directions, sensor frame, row by row
   std::size_t rows, width;                    // rows * width is at most kMaxRays
-  const Frustum* frustum;                     // that holds them, sensor frame
-  const TileView* view = nullptr;             // if they lie close enough; for enqueue() only
-  const TileAxis *u = nullptr, *v = nullptr;  // of y and z, where x is 1; for trace() in tiles only
+  const Frustum* frustum;                     // contains the directions, sensor frame
+  const TileView* view = nullptr;             // null if the rays spread too far; for enqueue() only
+  const TileAxis *u = nullptr, *v = nullptr;  // axes of y and z if x is 1; for trace() in tiles only
 };
 
-// What has gone through Embree's trees of triangles, shadow rays included.
+// Counts of rays and packets that Embree traced against triangles, shadow rays included.
 struct EmbreeUse {
   std::int64_t rays = 0;
   std::int64_t packets = 0;
@@ -68,40 +68,41 @@ struct EmbreeUse {
   }
 };
 
-// A thread's own; some 60 KB, so make it once. Nothing is allocated while it traces. A ray's result has the same bits beside any
-// other rays, except those of trace(), whose tile is always the same for a pixel. Call under FlushDenormals.
+// Each thread needs its own. It takes about 60 KB, so create it once. Tracing allocates nothing. A ray's result has the same
+// bits beside any other rays. Only in trace() it depends on the ray's tile, which is always the same for a pixel. Call under
+// FlushDenormals.
 class Tracer {
  public:
-  // Settles where a sensor is: from now on trace() and enqueue() are about its rays. Rays that wait are traced first unless
-  // these may join them. The scene outlives what is traced in it.
+  // Sets the sensor for the next calls of trace() and enqueue(). Waiting rays are traced first, unless the new ones can join
+  // them. The scene must outlive the tracing of these rays.
   void set_viewpoint(const Scene& scene, const Viewpoint& viewpoint);
 
-  // Nearest hits of a camera's tile, through masks. Its rows are kTileWidth wide and, up to a multiple of 4 of them, have
-  // directions to be read.
+  // Returns the nearest hits of a camera's tile, through masks. The tile has rows of kTileWidth rays. Its directions must be
+  // readable up to a multiple of 4 rows.
   const RayBundle& trace(const RayTile& tile);
 
-  // Distances of a tile, row by row to ranges, ranges + stride and so on: at once, or by finish() at the latest, where rays go
-  // through Embree and wait until they fill a block with those of other sensors.
+  // Writes the distances of a tile, row by row, to ranges, ranges + stride and so on. Rays for Embree wait until they fill a
+  // block with those of other sensors; finish() traces the rest. All other distances are written at once.
   void enqueue(const RayTile& tile, float* ranges, std::size_t stride);
   void finish();
 
-  // Rays of any origins, to be filled in by the caller: all but t_hit and element of the first `count`, and near.
+  // Rays of arbitrary origins. The caller sets `near` and, for the first `count` rays, everything except t_hit and element.
   RayBlock& block() { return block_; }
-  // Nearest hits of the block.
+  // Finds the nearest hits of the block.
   void trace_block(const Scene& scene);
-  // Whether anything but rooms and markers lies on the rays of the block, through masks: t_hit is finite then.
+  // Tests if anything except rooms and markers lies on the rays of the block, through masks. If so, t_hit is finite.
   void trace_shadows(const Scene& scene);
 
-  // What is known of the hits of the last trace() or trace_block() on triangles.
+  // Details of the last trace() or trace_block(), for hits on triangles.
   const HitDetails& details() const { return details_; }
 
-  // Since the tracer was made. Packets are shared by what waits, so their number depends on the order in which sensors come.
+  // Counts since the tracer was made. Waiting rays share packets, so the number of packets depends on the order of the sensors.
   const EmbreeUse& embree_use() const { return embree_use_; }
 
  private:
-  // Rays of several sensors, with what they have hit so far.
+  // Rays of several sensors, with their hits so far.
   struct Waiting {
-    struct Segment {  // consecutive rays, and where their distances go
+    struct Segment {  // consecutive rays, and the destination of their distances
       float* ranges;
       std::size_t count;
     };
@@ -110,25 +111,25 @@ class Tracer {
     std::size_t num_segments = 0;
   };
 
-  void aim(const RayTile& tile);                                                           // the bundle is of its rays
-  bool is_nothing_near() const { return candidates_.count == 0 && !candidates_.crowded; }  // but triangles
-  bool trace_candidates(const RayTile& tile, bool numbered);                               // false if they are too many
-  void trace_by_embree();                                                                  // what trace_candidates() has not
+  void aim(const RayTile& tile);                                                           // sets the bundle to the tile's rays
+  bool is_nothing_near() const { return candidates_.count == 0 && !candidates_.crowded; }  // except triangles
+  bool trace_candidates(const RayTile& tile, bool numbered);                               // false if there are too many
+  void trace_by_embree();                                                                  // if trace_candidates() failed
   void trace_view(const TileView& view, std::size_t rows, std::size_t width, bool no_hits_yet);
   void meet_primitives(RayBlock& rays) const;
   void meet_triangles(const Scene& scene, RayBlock& rays, HitDetails* details, Through through = Through::nothing);
-  void note(std::size_t rays, std::size_t packets);  // that they went through Embree; no packets: they did not
+  void note(std::size_t rays, std::size_t packets);  // adds to embree_use_ unless packets is 0
   void wait(const RayTile& tile, float* ranges, std::size_t stride, Waiting& waiting);
   void deliver(Waiting& waiting);
 
-  const Scene* scene_ = nullptr;    // that the sensor is in
-  const MeshTree* tree_ = nullptr;  // of its triangles, where they are traced in tiles
+  const Scene* scene_ = nullptr;    // scene of the sensor
+  const MeshTree* tree_ = nullptr;  // tree of its triangles; null if not traced in tiles
   bool sees_markers_ = false;
   AskedDetails asked_;
   TracePolicy policy_;
-  CandidateSet candidates_;  // of the sensor
-  RayBundle bundle_;         // of the tile
-  RayBundle view_bundle_;    // the same in the frame of its view
+  CandidateSet candidates_;  // for the current sensor
+  RayBundle bundle_;         // rays of the current tile
+  RayBundle view_bundle_;    // the same rays in the frame of the tile's view
   HitDetails details_;
   EmbreeUse embree_use_;
   RayBlock block_;

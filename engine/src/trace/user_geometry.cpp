@@ -11,7 +11,7 @@
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::trace::HWY_NAMESPACE {
 
-// The fields of RTCRayHitN are arrays of N; these are their places in it, in units of N.
+// The fields of RTCRayHitN are arrays of N; these are their offsets, in units of N.
 enum Field : std::size_t { org_x, org_y, org_z, t_near, dir_x, dir_y, dir_z, time, t_far, mask, id, flags };
 enum HitField : std::size_t { normal_x = 12, normal_y, normal_z, u, v, prim_id, geom_id };
 
@@ -27,7 +27,7 @@ HWY_INLINE void intersect_lanes(const RTCIntersectFunctionNArguments* args, cons
   found.meet(world_interval<F>(shape, {load(org_x), load(org_y), load(org_z)}, {load(dir_x), load(dir_y), load(dir_z)}), 0,
              load(t_near));
   const F distance = found.metres();
-  // Of two primitives at the same distance the one of the lower index is taken, whichever Embree visits first.
+  // Of two primitives at the same distance the lower index wins, whichever Embree visits first.
   const F nearest = load(t_far);
   const auto own_prim = static_cast<std::int32_t>(args->primID), own_geom = static_cast<std::int32_t>(args->geomID);
   const I prim = I::load_unaligned(ids + prim_id * n), geom = I::load_unaligned(ids + geom_id * n);
