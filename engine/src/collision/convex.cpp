@@ -8,7 +8,8 @@ namespace flockstep::collision {
 
 namespace {
 
-// Nearest point of triangle abc by the Voronoi regions of its features (Ericson, Real-Time Collision Detection, 5.1.5).
+// Returns the nearest point of triangle abc, by the Voronoi regions of its features (Ericson, Real-Time Collision Detection,
+// 5.1.5).
 Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   const Vec3d ab = b - a;
   const Vec3d ac = c - a;

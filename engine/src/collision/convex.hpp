@@ -1,4 +1,4 @@
-// Convex: one solid or triangle of the world, as the narrow phase wants it.
+// Convex: one solid or triangle of the world, in the form that the narrow phase uses.
 #pragma once
 
 #include <array>
@@ -12,14 +12,8 @@ using Vec3d = Eigen::Vector3d;
 using Mat3d = Eigen::Matrix3d;
 
 struct Convex {
-  enum class Kind : std::uint8_t {
-    box,
-    cylinder,
-    capsule,
-    sphere,
-    triangle
-  };  // round ones about local z; flat caps
-      // but for the capsule's
+  // The axis of cylinders and capsules is local z. Cylinders have flat caps.
+  enum class Kind : std::uint8_t { box, cylinder, capsule, sphere, triangle };
 
   Kind kind = Kind::box;
   Vec3d center = Vec3d::Zero();        // m, world frame, the local origin
@@ -31,10 +25,10 @@ struct Convex {
 Convex make_convex(const Primitive& primitive);  // not for rooms, which are hollow
 Convex make_triangle(const Vec3& a, const Vec3& b, const Vec3& c);
 
-// The point farthest along the direction (any length), local frame.
+// Returns the point farthest along the direction (any length), local frame.
 Vec3d support(const Convex& convex, const Vec3d& direction);
 
-// The point nearest to `point`, itself if inside; world frame.
+// Returns the point of the convex nearest to `point`, or `point` itself if it is inside; world frame.
 Vec3d closest_point(const Convex& convex, const Vec3d& point);
 
 }  // namespace flockstep::collision

@@ -1,6 +1,7 @@
 #include "collision/convex_distance.hpp"
 
-// Bullet's GJK and EPA are templates over the shape, so nothing of the library is linked, and nothing outside this file sees it.
+// Bullet's GJK and EPA are templates over the shape. Therefore nothing of the library is linked, and only this file depends on
+// it.
 #define BT_USE_DOUBLE_PRECISION
 #include <BulletCollision/NarrowPhaseCollision/btGjkEpa3.h>
 
@@ -13,19 +14,20 @@ namespace flockstep::collision {
 
 namespace {
 
-// Bullet treats points within 1e-2 of each other as one and distances below 1e-4 as zero, in its own units. In millimetres these
-// are 10 um and 0.1 um.
+// Bullet merges points within 1e-2 of each other and treats distances below 1e-4 as zero, in its own units. In millimetres
+// these are 10 um and 0.1 um.
 constexpr double kUnitsPerMetre = 1000.0;
 constexpr double kRelativeError = 3e-4;
 constexpr double kAbsoluteError = 1e-6;  // m
 constexpr int kMaxRestarts = 8;
 constexpr double kZeroDifference = 1e-9;  // m
-constexpr double kZeroDistance = 1e-4;    // Bullet units; Bullet does not normalise the direction of shorter ones
+constexpr double kZeroDistance = 1e-4;    // Bullet units; Bullet does not normalise shorter directions
 
 btVector3 to_bullet(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
 Vec3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
 
-// Either side of the pair, as Bullet's templates ask for it: a support function and a place. The common frame is the body's.
+// One side of the pair, in the form that Bullet's templates require: a support function and a transform. The common frame is
+// the body's.
 class Side {
  public:
   explicit Side(const Hull& hull) : hull_(&hull), transform_(btMatrix3x3::getIdentity()) {}
@@ -52,7 +54,7 @@ class Side {
 
 }  // namespace flockstep::collision
 
-// Bullet leaves its flag for margins unset and copies it, which is undefined; we have no margins.
+// Bullet copies its uninitialised flag for margins, which is undefined behaviour; we have no margins.
 template <>
 MinkowskiDiff<flockstep::collision::Side>::MinkowskiDiff(const flockstep::collision::Side& a, const flockstep::collision::Side& b)
     : m_convexAPtr(&a), m_convexBPtr(&b), m_enableMargin(false) {}
@@ -90,7 +92,7 @@ Plane supporting_plane(const Convex& obstacle, const Vec3d& normal) {
 
 namespace {
 
-// A point of the hull less one of the obstacle.
+// A point of the hull minus a point of the obstacle.
 struct Difference {
   Vec3d value = Vec3d::Zero();
   Vec3d on_obstacle = Vec3d::Zero();
@@ -103,14 +105,14 @@ Difference farthest_against(const Hull& hull, const Mat3d& rotation, const Vec3d
   return {inner - outer, outer};
 }
 
-// Up to four differences, and the point nearest to zero in what they span.
+// Up to four differences, and the point of their convex hull that is nearest to zero.
 struct Simplex {
   std::array<Difference, 4> corners;
   std::size_t count = 0;
   Vec3d nearest = Vec3d::Zero();
   Vec3d on_obstacle = Vec3d::Zero();
 
-  // Keeps the corners that carry the nearest point. All subsets are tried, so that no flat one misleads.
+  // Keeps the corners that span the nearest point. It tries all subsets, so that a flat one cannot mislead it.
   void reduce() {
     double least = std::numeric_limits<double>::infinity();
     std::array<Difference, 4> kept;
@@ -121,7 +123,7 @@ struct Simplex {
       for (std::size_t i = 0; i < count; ++i) {
         if ((subset >> i & 1U) != 0) chosen[k++] = corners[i];
       }
-      // The weights of the point whose differences to all corners are at right angles to it.
+      // The weights of the point that is perpendicular to its differences to all corners.
       const auto size = static_cast<Eigen::Index>(k);
       Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 5, 5> system(size + 1, size + 1);
       Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 5, 1> right(size + 1);
@@ -141,7 +143,7 @@ struct Simplex {
       bool is_within = true;
       for (Eigen::Index r = 0; r < size; ++r) {
         const Difference& corner = chosen[static_cast<std::size_t>(r)];
-        is_within &= weights[r] >= 0.0;  // false for NaN, too
+        is_within &= weights[r] >= 0.0;  // also false for NaN
         point += weights[r] * corner.value;
         on += weights[r] * corner.on_obstacle;
         sum += weights[r];
@@ -158,8 +160,8 @@ struct Simplex {
   }
 };
 
-// The same search as Bullet's, slower and surer (E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast procedure for computing the
-// distance between complex objects in three-dimensional space", 1988).
+// The same search as Bullet's, slower but more reliable (E. G. Gilbert, D. W. Johnson, S. S. Keerthi, "A fast procedure for
+// computing the distance between complex objects in three-dimensional space", 1988).
 Separation search_surely(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, Vec3d normal) {
   constexpr int kSteps = 100;
   Separation best;
@@ -175,7 +177,7 @@ Separation search_surely(const Hull& hull, const Mat3d& rotation, const Vec3d& p
     simplex.corners[simplex.count++] = corner;
     simplex.reduce();
     const double distance = simplex.nearest.norm();
-    if (simplex.count == 0 || simplex.count == 4 || distance < kZeroDifference) break;  // it reaches the other side
+    if (simplex.count == 0 || simplex.count == 4 || distance < kZeroDifference) break;  // overlapping or degenerate
     if (distance < best.distance) {
       best.distance = distance;
       best.point = simplex.on_obstacle;
@@ -188,8 +190,8 @@ Separation search_surely(const Hull& hull, const Mat3d& rotation, const Vec3d& p
 
 }  // namespace
 
-// About one search in a thousand ends early in a flat simplex, as those of other libraries do. The two bounds tell, and another
-// start helps; once in some ten million none does, and the surer search decides.
+// About one search in a thousand ends early in a flat simplex, as in other libraries. The two bounds then disagree, and another
+// start helps. Once in about ten million searches no start helps, and the more reliable search decides.
 Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, const Vec3d& guess) {
   const Side a(hull);
   const Side b(obstacle, rotation, position);
@@ -224,9 +226,9 @@ Separation separate(const Hull& hull, const Mat3d& rotation, const Vec3d& positi
 
 namespace {
 
-// Bullet's search ends a millimetre or so from the least overlap with what is round. From there the normal goes downhill, by
-// steps that shrink where they overshoot: the gradient of the overlap along a normal is the vector between the points that it is
-// taken at.
+// For round obstacles, Bullet's search ends a millimetre or so from the least overlap. From there the normal follows the
+// gradient downhill, by steps that shrink when they overshoot. The gradient of the overlap along a normal is the vector between
+// the two support points.
 Vec3d of_least_overlap(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Convex& obstacle, Vec3d normal) {
   constexpr int kSteps = 60;
   const auto overlap_along = [&](const Vec3d& n) -> Vec3d {

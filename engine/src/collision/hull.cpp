@@ -7,7 +7,8 @@ namespace flockstep::collision {
 
 namespace {
 
-// Four numbers compared at once, which every 64-bit target can; GCC and Clang lower the operators to its instructions.
+// Four numbers compared at once, which every 64-bit target supports. GCC and Clang compile the operators to its vector
+// instructions.
 constexpr int kWidth = 4;
 using Floats = float __attribute__((vector_size(kWidth * sizeof(float))));
 using Ints = std::int32_t __attribute__((vector_size(kWidth * sizeof(std::int32_t))));

@@ -1,4 +1,4 @@
-// Hull: the drone's convex hull, laid out for the one question asked of it: which vertex is farthest along a direction.
+// Hull: the drone's convex hull, laid out for its only query: the vertex farthest along a direction.
 #pragma once
 
 #include <array>
@@ -12,8 +12,8 @@ class Hull {
  public:
   explicit Hull(const DroneModel& drone);
 
-  // Index of a vertex farthest along the direction (body frame, any length). Compared in float32: the vertex may fall short of
-  // the farthest one by 1e-7 m, never more.
+  // Returns the index of a vertex farthest along the direction (body frame, any length). Compares in float32: the vertex may
+  // fall short of the farthest one by at most 1e-7 m.
   int support(const Vec3& direction) const;
 
   Eigen::Vector3d vertex(int index) const {  // m, body frame
@@ -21,11 +21,11 @@ class Hull {
     return {static_cast<double>(x_[i]), static_cast<double>(y_[i]), static_cast<double>(z_[i])};
   }
   int count() const { return count_; }
-  float radius() const { return radius_; }  // m, of the ball about the body origin that holds the hull
+  float radius() const { return radius_; }  // m, of the ball around the body origin that contains the hull
 
  private:
   using Lane = std::array<float, kMaxHullVertices>;
-  // (kMaxHullVertices,) m, body frame; the last vertex is repeated up to the end
+  // (kMaxHullVertices,) m, body frame; padded with the last vertex
   alignas(64) Lane x_;
   alignas(64) Lane y_;
   alignas(64) Lane z_;

@@ -1,4 +1,4 @@
-// Obstacles: a world as the collision stage wants it. Built once per world; immutable, so any number of threads may ask.
+// Obstacles: a world prepared for collision queries. Built once per world; immutable, so any number of threads may query it.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace flockstep::collision {
 
-// The inside of an axis-aligned box; all the rest is solid.
+// The inside of an axis-aligned box; everything outside is solid.
 struct Room {
   std::uint32_t element = 0;
   Aabb inside;  // m
@@ -21,32 +21,34 @@ struct Room {
 
 class Obstacles {
  public:
-  // Of a world and its scene, which outlive it.
+  // The world and its scene must outlive the obstacles.
   Obstacles(const World& world, const trace::Scene& scene, std::pmr::memory_resource& memory = *std::pmr::get_default_resource());
 
   std::span<const Room> rooms() const { return rooms_; }
 
-  // The element (index into World::primitives(), then primitives().size() + triangle index), which is not a room.
+  // Returns the solid or triangle of an element (index into World::primitives(), then primitives().size() + triangle index),
+  // which must not be a room.
   Convex convex(std::uint32_t element) const;
 
-  // Whether nothing comes within radius (m) of center; false may also be said of what comes near.
+  // Returns true if nothing is within radius (m) of center. It tests bounding boxes, so it may return false for obstacles that
+  // are farther away.
   bool is_clear(const Vec3& center, float radius) const;
 
-  // Whether something comes within reach (m) of the point.
+  // Returns true if something is within reach (m) of the point.
   bool touches(const Vec3& point, float reach) const;
 
-  // What every motion asks for first. The obstacles themselves and their scene have to be in the cache.
+  // Prefetches the data that every motion reads first. The obstacles and their scene must already be in the cache.
   void prefetch_parts() const {
     prefetch(rooms_.data(), rooms_.size() * sizeof(Room));
     scene_->prefetch_parts();
   }
 
-  // How far (m) the point is from the nearest solid, triangle or wall, 0 within a solid and outside of a room; `most` where
-  // nothing is nearer than that.
+  // Returns the distance (m) from the point to the nearest solid, triangle or wall. It is 0 inside a solid or outside a room,
+  // and at most `most`.
   float distance(const Vec3& point, float most) const;
 
-  // Calls visit(element) for each element but the rooms whose bounding box comes within radius (m) of center, and perhaps for
-  // some more, in any order.
+  // Calls visit(element), in any order, for each element except rooms whose bounding box is within radius (m) of center, and
+  // possibly for some others.
   template <class Visit>
   void for_each_near(const Vec3& center, float radius, Visit&& visit) const {
     const auto call = [](void* context, std::uint32_t element) {
@@ -59,7 +61,7 @@ class Obstacles {
   const World* world_;
   const trace::Scene* scene_;
   std::pmr::vector<Room> rooms_;
-  std::pmr::vector<Convex> convexes_;  // one per primitive; unused where it is a room
+  std::pmr::vector<Convex> convexes_;  // one per primitive; unused for rooms
 };
 
 }  // namespace flockstep::collision

@@ -1,4 +1,4 @@
-// Path: the motion from one pose to another, in double.
+// Path: the motion from one pose to another, in double precision.
 #pragma once
 
 #include <cmath>
@@ -7,8 +7,8 @@
 
 namespace flockstep::collision {
 
-// The position moves along the segment, the rotation along the shortest arc, both uniformly over time 0 to 1. Since the rotation
-// turns about one axis, which it leaves in place, R(t) = R(0) exp(t angle [axis]) with the axis in the body frame.
+// The position moves along the segment and the rotation along the shortest arc, both uniformly over time 0 to 1. The rotation's
+// axis is constant, so R(t) = R(0) exp(t angle [axis]) with the axis in the body frame.
 struct Path {
   Path(const Pose& from, const Pose& to)
       : start(from.position.cast<double>()),
@@ -17,7 +17,7 @@ struct Path {
         first_matrix(first.toRotationMatrix()) {
     if (from.rotation.coeffs() == to.rotation.coeffs()) return;
     Eigen::Quaterniond turn = first.conjugate() * to.rotation.cast<double>().normalized();
-    if (turn.w() < 0.0) {  // q and -q are the same rotation: the shorter way. Of half a turn (0), as the signs of both have it
+    if (turn.w() < 0.0) {  // q and -q are the same rotation: take the shorter arc; at a half turn (w = 0) the signs decide
       turn.coeffs() = -turn.coeffs();
     }
     const double sine = turn.vec().norm();
@@ -38,12 +38,12 @@ struct Path {
     return first_matrix * Eigen::AngleAxisd(time * angle, axis).toRotationMatrix();
   }
 
-  static constexpr double kLeastSine = 1e-9;  // a smaller turn moves nothing by what a float could tell
+  static constexpr double kLeastSine = 1e-9;  // smaller turns are below the resolution of a float
 
   Eigen::Vector3d start;                            // m, world frame
   Eigen::Vector3d velocity;                         // m per unit of time
   Eigen::Quaterniond first;                         // rotation at time 0
-  Eigen::Matrix3d first_matrix;                     // the same
+  Eigen::Matrix3d first_matrix;                     // the same as a matrix
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit, body frame
   double angle = 0.0;                               // rad per unit of time, in [0, pi]
 };

@@ -15,19 +15,19 @@ namespace flockstep::collision {
 namespace {
 
 constexpr double kTouching = 1e-6;      // m; hulls closer than this overlap
-constexpr double kResolution = 2e-6;    // m; how near to its target gap an advance ends
-constexpr double kSlack = 1e-5;         // m; what a hull that rests may lose of its gap before that counts as pressing
-constexpr double kGain = 2e-6;          // m; more than two searches for the same gap differ by
-constexpr double kFloatStep = 0x1p-23;  // of a coordinate
+constexpr double kResolution = 2e-6;    // m; an advance ends this near to its target gap
+constexpr double kSlack = 1e-5;         // m; a hull at rest may lose this much of its gap before it counts as pressing
+constexpr double kGain = 2e-6;          // m; exceeds the difference between two searches for the same gap
+constexpr double kFloatStep = 0x1p-23;  // fraction of a coordinate
 constexpr int kBallTurns = 4;
 constexpr double kBallStep = 0.1;  // m; the path's nearest point is good enough if it moves by less
 constexpr int kPlaneSteps = 4;
 constexpr int kMaxAdvances = 1000;
 constexpr int kRewinds = 24;  // halvings of the time: 10 m to a micrometre
 
-// How far the hull stays away, for coordinates of the size of this motion's.
+// The distances that the hull keeps, for coordinates as large as in this motion.
 struct Margins {
-  double rounding;  // m, of a pose on its way into float32
+  double rounding;  // m, error of a pose rounded to float32
   double standoff;  // m
   double slack;     // m
 
@@ -38,16 +38,16 @@ struct Margins {
     slack = kSlack + rounding;
   }
 
-  double resting() const { return standoff + slack; }  // a smaller gap at the start is that of a hull at rest
-  // No motion ends nearer, whatever came before: rounding a pose at the standoff costs less than half of it.
+  double resting() const { return standoff + slack; }  // a hull with a smaller gap at the start is at rest
+  // No sequence of motions ends nearer than this: rounding a pose at the standoff costs less than half of it.
   double floor() const { return 0.5 * standoff; }
 };
 
-// What lies between hull and obstacle at one time.
+// The separation of hull and obstacle at one time.
 struct Clearance {
   bool overlapping = false;
   Plane plane;
-  double gap = 0.0;             // m, from the plane to the hull; less than 0 where the hull reaches through
+  double gap = 0.0;             // m, from the plane to the hull; negative if the hull reaches through it
   Vec3d point = Vec3d::Zero();  // m, on the obstacle
 };
 
@@ -78,13 +78,13 @@ class Mover {
     return {s.overlapping, s.plane, s.gap, s.point};
   }
 
-  // Until when, from `time` on, the hull surely stays `target` (m) away from the plane; 1 at the latest.
+  // Returns a time up to which, from `time` on, the hull is certain to stay `target` (m) away from the plane; at most 1.
   //
-  // With a = gap of a vertex x beyond the target and b = its speed along the normal n now, and since a point that turns at rate w
-  // about an axis at distance d accelerates by w^2 d, its gap after t is at least a + b t - k t^2 / 2, k = w^2 d |n across the
-  // axis|. This is linear in x, so one support query finds the vertex that is worst after t; and concave in t, so a vertex that
-  // is fine now and after t is fine between. Cut t to the root of the worst vertex until none is left. Each vertex cuts once at
-  // most.
+  // For a vertex x, let a be its gap beyond the target and b its current speed along the normal n. A point that turns at rate w
+  // about an axis at distance d accelerates by w^2 d. So the gap after t is at least a + b t - k t^2 / 2 with
+  // k = w^2 d |cross(n, axis)|. This bound is linear in x, so one support query finds the worst vertex after t. It is concave
+  // in t, so a vertex that is clear now and after t is clear in between. Cut t to the root of the worst vertex until no vertex
+  // is left. Each vertex cuts at most once.
   double clear_until(const Plane& plane, double time, double target) const {
     const Vec3d normal = path_.matrix(time).transpose() * plane.normal;
     const Vec3d turning = path_.angle * normal.cross(path_.axis);
@@ -106,13 +106,13 @@ class Mover {
     return time + t;
   }
 
-  // Conservative advancement (B. Mirtich, "Impulse-based Dynamic Simulation of Rigid Body Systems", 1996, 2.3), over planes that
-  // separate. `now` is what lies between at the start, not less than the floor, and clearance(time, guess) what lies there at a
-  // time. Contacts after `limit` need not be found.
+  // Conservative advancement (B. Mirtich, "Impulse-based Dynamic Simulation of Rigid Body Systems", 1996, 2.3), over separating
+  // planes. `now` is the clearance at the start, with a gap of at least the floor. clearance(time, guess) returns the clearance
+  // at a time. Contacts after `limit` may be missed.
   template <class ClearanceAt>
   Touch first_touch(Clearance now, const ClearanceAt& clearance, const Margins& margins, double limit) const {
-    // A hull that starts at the standoff, where an earlier motion left it, must not come much nearer, but may stay. What it may
-    // lose ends at the floor, so that many motions lose no more than one.
+    // A hull that starts at the standoff, where an earlier motion left it, may stay but must not come much nearer. It can lose
+    // gap only down to the floor, so that many motions lose no more than one.
     const Clearance first = now;
     const bool resting = first.gap < margins.resting();
     const double target = resting ? std::max(first.gap - margins.slack, margins.floor()) : margins.standoff;
@@ -135,8 +135,8 @@ class Mover {
     return rewind(clearance, first, now, time);
   }
 
-  // The touch of a hull that starts nearer than the floor, or inside: it may fly the whole motion if that ends no nearer to the
-  // plane than it began, and `gain` farther away, and lies no nearer on the way; otherwise it stays.
+  // Returns the touch of a hull that starts inside, or nearer than the floor. It may fly the whole motion if it ends at least
+  // `gain` farther from the plane than it began and never comes nearer on the way; otherwise it stays.
   Touch leave(const Clearance& first, double gain) const {
     const bool inside = first.overlapping || first.gap <= kTouching;
     Touch touch{true, inside, 0.0, first.plane.normal, first.point};
@@ -154,9 +154,9 @@ class Mover {
   }
 
  private:
-  // The touch of a hull that rested: at a time up to `time` when the gap was no smaller than at first. Convex bodies that only
-  // translate approach ever faster, so there the hull has been pressing from the start. One that turns may rest on a line or a
-  // face, all of whose points are as near: the point is the one that came nearest, at the time of `now`.
+  // Returns the touch of a hull that rested. Its time is at most `time`, and the gap was then no smaller than at first. Convex
+  // bodies that only translate approach ever faster, so such a hull has been pressing from the start. A hull that turns may
+  // rest on a line or a face whose points are all equally near. Its point is the one that came nearest, at the time of `now`.
   template <class ClearanceAt>
   Touch rewind(const ClearanceAt& clearance, const Clearance& first, const Clearance& now, double time) const {
     if (path_.angle == 0.0) return {true, false, 0.0, first.plane.normal, first.point};
@@ -182,7 +182,7 @@ Plane wall_plane(const Room& room, int axis, bool low) {
              : Plane{-Vec3d::Unit(axis), -static_cast<double>(room.inside.max[axis])};
 }
 
-// Where the hull is nearest to the wall: the middle of the vertices that are.
+// Returns the point of the wall nearest to the hull: the mean of the nearest vertices, projected onto the wall.
 Vec3d point_on_wall(const Hull& hull, const Mat3d& rotation, const Vec3d& position, const Plane& wall) {
   const Vec3d normal = rotation.transpose() * wall.normal;
   double least = std::numeric_limits<double>::infinity();
@@ -199,7 +199,7 @@ Vec3d point_on_wall(const Hull& hull, const Mat3d& rotation, const Vec3d& positi
   return point - (wall.normal.dot(point) - wall.offset) * wall.normal;
 }
 
-// One sweep's search for the first of all contacts. The answer does not depend on the order in which obstacles come.
+// The search of one sweep for the first of all contacts. The result does not depend on the order of the obstacles.
 class Search {
  public:
   Search(const Hull& hull, const Pose& from, const Pose& to)
@@ -210,7 +210,7 @@ class Search {
         middle_(0.5F * (from.position + to.position)),
         reach_(hull.radius() + 0.5F * (to.position - from.position).norm() + static_cast<float>(2.0 * margins_.resting())) {}
 
-  // The ball that holds the hull all the way.
+  // The ball that contains the hull during the whole motion.
   const Vec3& middle() const { return middle_; }
   float reach() const { return reach_; }
 
@@ -244,7 +244,7 @@ class Search {
     take(mover().first_touch(*start, clearance, margins_, first_.time), element);
   }
 
-  // Tests for a contact: meet() without the point and without the way out of an obstacle.
+  // Tests for a contact: like meet(), but without the point and without the way out of an obstacle.
   bool is_touched(const Convex& obstacle) {
     const std::optional<Approach> approach = approach_of_ball(obstacle);
     if (!approach) return false;
@@ -264,7 +264,7 @@ class Search {
     const Touch& shown = inside_.hit ? inside_ : first_;
     contact.hit = true;
     contact.inside = inside_.hit;
-    // A motion that leads away and is cut short has not been shown to: a straight one does, if it got far enough.
+    // leave() checks whole motions only. If one is cut short, only a straight one that got far enough is known to lead away.
     const bool is_shown = std::isinf(least_gain_) || first_.time == 1.0 ||
                           (mover_->path().angle == 0.0 && first_.time * least_gain_ >= kGain + margins_.rounding);
     const double time = is_shown ? first_.time : 0.0;
@@ -276,7 +276,7 @@ class Search {
   }
 
  private:
-  // Most motions meet nothing and never need it.
+  // Created on first use: most motions hit nothing and never need it.
   const Mover& mover() {
     if (!mover_) mover_.emplace(hull_, from_, to_);
     return *mover_;
@@ -298,7 +298,7 @@ class Search {
     }
   }
 
-  // By how much the hull is inside at a time, and which way is out.
+  // Returns the depth of the hull inside the obstacle at a time, and the way out.
   Clearance way_out(const Convex& obstacle, double time) {
     const Path& path = mover().path();
     const Penetration out = penetrate(hull_, path.matrix(time), path.position(time), obstacle);
@@ -306,22 +306,22 @@ class Search {
     return {true, plane, mover().gap(plane, time), out.point};
   }
 
-  // Whether a motion that leads away from the plane ends deeper inside, by the same measure as at the start, so that no sequence
-  // of motions leads deeper by what the measure may be wrong. It measures nothing outside.
+  // Returns true if a motion that leads away from the plane ends deeper inside. The depth is measured as at the start, so that
+  // the error of the measure cannot add up over many motions. It is not measured outside.
   bool ends_deeper(const Convex& obstacle, const Clearance& start) {
     if (mover().gap(start.plane, 1.0) > 0.0) return false;
     if (mover().clearance(obstacle, 1.0, start.plane.normal).gap > 0.0) return false;
     return way_out(obstacle, 1.0).gap < start.gap;
   }
 
-  // A place of the body's origin on its way, and the obstacle's point nearest to it.
+  // A position of the body's origin on its path, and the obstacle's point nearest to it.
   struct Approach {
     Vec3d center;
     Vec3d nearest;
   };
 
-  // Nothing if a plane keeps the ball around the hull clear of the obstacle all the way. Nearest points of way and obstacle are
-  // found by turns.
+  // Returns nothing if a plane keeps the ball around the hull clear of the obstacle all the way. It finds the nearest points of
+  // path and obstacle alternately.
   std::optional<Approach> approach_of_ball(const Convex& obstacle) const {
     const Vec3d start = from_.position.cast<double>();
     const Vec3d way = to_.position.cast<double>() - start;
@@ -329,7 +329,7 @@ class Search {
     double time = 0.5;
     Approach found{start + time * way, closest_point(obstacle, start + time * way)};
     for (int turn = 0; turn < kBallTurns; ++turn) {
-      const Vec3d apart = found.center - found.nearest;  // the plane's normal but for its length
+      const Vec3d apart = found.center - found.nearest;  // the plane's normal, not normalised
       const double before = apart.dot(start - found.nearest);
       const double after = before + apart.dot(way);
       if (std::min(before, after) > apart.norm() * (static_cast<double>(hull_.radius()) + margins_.resting())) {
@@ -343,12 +343,12 @@ class Search {
     return found;
   }
 
-  // What lies between at the start, seen by a plane that stays good for long; nothing if it is good for the whole motion. Most
-  // often a few steps towards the nearest points of hull and obstacle find one (M. Frank and P. Wolfe, "An algorithm for
-  // quadratic programming", 1956, along the hull's farthest vertices), at a tenth of the cost of a full search.
+  // Returns the clearance at the start from a plane that separates for long, or nothing if it separates for the whole motion.
+  // Usually a few steps towards the nearest points of hull and obstacle find such a plane (M. Frank and P. Wolfe, "An algorithm
+  // for quadratic programming", 1956, along the hull's farthest vertices), at a tenth of the cost of a full search.
   std::optional<Clearance> clearance_at_start(const Convex& obstacle, const Approach& approach) {
     const Mat3d rotation = mover().path().matrix(0.0);
-    Vec3d point = approach.center;  // of the hull
+    Vec3d point = approach.center;  // on the hull
     Vec3d nearest = approach.nearest;
     std::optional<Clearance> best;
     double best_until = 0.0;
@@ -403,11 +403,11 @@ class Search {
   Vec3 middle_;
   float reach_;  // m
   std::optional<Mover> mover_;
-  Touch first_;  // that ends the motion
+  Touch first_;  // ends the motion
   std::uint32_t element_ = 0;
-  // Of all that the hull starts nearer to than the floor: by how much the motion leads away, m.
+  // Smallest distance (m) by which the motion leads away from the obstacles that start nearer than the floor.
   double least_gain_ = std::numeric_limits<double>::infinity();
-  Touch inside_;  // of the obstacles that the hull is in at the start
+  Touch inside_;  // lowest element among the obstacles that contain the hull at the start
   std::uint32_t inside_element_ = 0;
 };
 

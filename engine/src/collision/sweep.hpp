@@ -1,4 +1,4 @@
-// The swept hull: continuous collision of one moving convex hull against a world.
+// The swept hull: continuous collision detection of one moving convex hull against a world.
 #pragma once
 
 #include <cstdint>
@@ -10,34 +10,35 @@
 
 namespace flockstep::collision {
 
-// Where a motion ended.
+// The result of a motion.
 struct Contact {
   bool hit = false;            // something was touched, or the motion began in penetration
   bool inside = false;         // the motion began in penetration; it was flown only if it led out, never deeper
-  float fraction = 1.0F;       // of the motion that was flown, in [0, 1]
+  float fraction = 1.0F;       // fraction of the motion that was flown, in [0, 1]
   Vec3 point = Vec3::Zero();   // m, world frame, on the obstacle's surface; 0 without a hit
   Vec3 normal = Vec3::Zero();  // unit, world frame, from the obstacle towards the drone; 0 without a hit
 };
 
-// The hull stops this far (m) from what it hits, and a few float32 steps of its coordinates more, so that its rounded pose is
-// free. However often it moves after that, it never comes nearer than half of this: that depends on the place alone, not on the
-// motions before.
+// The hull stops this far (m) from an obstacle, plus a few float32 steps of its coordinates, so that its rounded pose is free.
+// Further motions, however many, never bring it nearer than half of this: the limit depends only on the place and not on
+// earlier motions.
 inline constexpr double kStandoff = 1e-4;
 
-// Position moves along the segment from `from` to `to`, rotation along the shortest arc, both uniformly in time.
+// Moves the position along the segment from `from` to `to` and the rotation along the shortest arc, both uniformly in time.
 Pose interpolate(const Pose& from, const Pose& to, float fraction);
 
-// Sweeps the hull; on a hit the pose interpolated at `fraction` is the last free one. A hull that rests at the standoff may leave
-// or slide along; pressed further it is hit at fraction 0. One that is nearer than a motion would have left it, or inside, may
-// move away; point and normal are then those of the way out. Of several first contacts the element of least index is reported.
-// Allocates nothing; a function of its arguments alone.
+// Sweeps the hull. On a hit, the pose interpolated at `fraction` is the last free one. A hull that rests at the standoff may
+// leave or slide along; if it is pressed further, it is hit at fraction 0. A hull that is inside, or nearer than a motion would
+// have left it, may move away; point and normal are then those of the way out. Of several first contacts the element with the
+// lowest index is reported. Allocates nothing; the result depends only on the arguments.
 Contact sweep(const Obstacles& obstacles, const Hull& hull, const Pose& from, const Pose& to);
 
-// True if a sweep finds no contact with the walls of rooms and with these elements, and the hull does not begin inside of one.
+// Returns true if a sweep finds no contact with the walls of rooms or with these elements, and the hull does not begin inside
+// one of them.
 bool is_clear(const Obstacles& obstacles, std::span<const std::uint32_t> elements, const Hull& hull, const Pose& from,
               const Pose& to);
 
-// True if the hull at this pose touches or penetrates anything: a sweep from here would begin inside.
+// Returns true if the hull at this pose touches or penetrates anything: a sweep from here would begin inside.
 bool overlaps(const Obstacles& obstacles, const Hull& hull, const Pose& pose);
 
 }  // namespace flockstep::collision
