@@ -1,10 +1,9 @@
-// Numbers side by side: Wide (floats or integers), WideMask (which of them) and Wide3 (vectors of three). Formulas read as they
-// do for one number, and a scalar operand stands for itself in every lane. Included once per SIMD target (Highway's
-// foreach_target).
+// SIMD types: Wide (floats or integers), WideMask (a mask of lanes) and Wide3 (vectors of three). Formulas look the same as for
+// single numbers, and a scalar operand applies to every lane. Included once per SIMD target (by Highway's foreach_target).
 //
-// Every operation rounds correctly and none is contracted, so each lane has the same bits on every target.
+// Every operation is correctly rounded and none are contracted, so each lane has the same bits on every target.
 //
-// GCC compiles a constructor that it makes itself for the least target, so members of these types have no default initialisers.
+// GCC compiles implicit constructors for the baseline target, so members of these types have no default initialisers.
 #if defined(FLOCKSTEP_BASE_WIDE_INL_HPP) == defined(HWY_TARGET_TOGGLE)
 #ifdef FLOCKSTEP_BASE_WIDE_INL_HPP
 #undef FLOCKSTEP_BASE_WIDE_INL_HPP
@@ -22,7 +21,7 @@ HWY_BEFORE_NAMESPACE();
 namespace flockstep::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// The vectors of a value. An array of one costs GCC copies through memory.
+// The vectors of a value. The case of one vector is special, because GCC copies an array of one through memory.
 template <class V, std::size_t kCount>
 struct Parts {
   V parts[kCount];
@@ -36,7 +35,7 @@ struct Parts<V, 1> {
   HWY_INLINE const V& operator[](std::size_t) const { return only; }
 };
 
-// Computes each of them without a loop, for which GCC would keep them in memory.
+// Computes each part without a loop; in a loop, GCC would keep the parts in memory.
 #define FLOCKSTEP_PART(number, expression) \
   if constexpr (number < kParts) {         \
     constexpr std::size_t p = number;      \
@@ -55,7 +54,7 @@ struct Parts<V, 1> {
   FLOCKSTEP_PART(7, expression)                 \
   return result
 
-// The lanes for which something holds. D: Highway's tag of signed integers, also for masks of floats of that size.
+// A mask of lanes. D: Highway's tag of signed integers, also for masks of floats of that size.
 template <class D, std::size_t kParts_>
 struct WideMask {
   static constexpr std::size_t kParts = kParts_, kLanes = hn::MaxLanes(D());
@@ -83,7 +82,7 @@ struct WideMask {
     }
     return true;
   }
-  // A bit for each lane, the first lane's the lowest.
+  // Returns one bit per lane; the first lane is the lowest bit.
   friend HWY_INLINE std::uint32_t bits(WideMask mask) {
     static_assert(kLanes <= 16 && kLanes * kParts <= 32);
     std::uint32_t result = 0;
@@ -96,7 +95,7 @@ struct WideMask {
   }
 };
 
-// Numbers in kParts vectors of Highway's tag D. They go by value: by reference, GCC would keep some in memory.
+// Numbers in kParts vectors of Highway's tag D. Pass them by value: by reference, GCC would keep some in memory.
 template <class D, std::size_t kParts_ = 1>
 struct Wide {
   using Tag = D;
@@ -107,7 +106,7 @@ struct Wide {
   Parts<hn::Vec<D>, kParts> part;
 
   Wide() = default;
-  HWY_INLINE Wide(T x) {  // implicit: scalars are operands
+  HWY_INLINE Wide(T x) {  // implicit, so that scalars can be operands
     for (std::size_t p = 0; p < kParts; ++p) part[p] = hn::Set(D(), x);
   }
 
@@ -130,20 +129,20 @@ struct Wide {
   friend HWY_INLINE Wide operator*(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Mul(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator/(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Div(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator-(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Neg(a.part[p])); }
-  // A NaN as the first operand gives the second.
+  // If the first operand is NaN, the result is the second.
   friend HWY_INLINE Wide min(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Min(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide max(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::Max(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide abs(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Abs(a.part[p])); }
   friend HWY_INLINE Wide sqrt(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Sqrt(a.part[p])); }
   friend HWY_INLINE Wide floor(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Floor(a.part[p])); }
   friend HWY_INLINE Wide round(Wide a) { FLOCKSTEP_EACH_PART(Wide, hn::Round(a.part[p])); }
-  // copy_sign: the first number's magnitude with the second's sign. flip_sign: the first number, negated if the second is
-  // negative.
+  // copy_sign: the magnitude of the first number with the sign of the second. flip_sign: the first number, negated if the
+  // second is negative.
   friend HWY_INLINE Wide copy_sign(Wide a, Wide sign) { FLOCKSTEP_EACH_PART(Wide, hn::CopySign(a.part[p], sign.part[p])); }
   friend HWY_INLINE Wide flip_sign(Wide a, Wide sign) {
     FLOCKSTEP_EACH_PART(Wide, hn::Xor(a.part[p], hn::And(sign.part[p], hn::SignBit(D()))));
   }
-  // Integers; saturated sums and differences of small ones.
+  // For integers; saturated sums and differences only for small ones.
   friend HWY_INLINE Wide saturated_add(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::SaturatedAdd(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide saturated_sub(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::SaturatedSub(a.part[p], b.part[p])); }
   friend HWY_INLINE Wide operator&(Wide a, Wide b) { FLOCKSTEP_EACH_PART(Wide, hn::And(a.part[p], b.part[p])); }
@@ -165,7 +164,7 @@ struct Wide {
   friend HWY_INLINE Wide select(Mask mask, Wide yes, Wide no) {
     FLOCKSTEP_EACH_PART(Wide, hn::IfThenElse(hn::RebindMask(D(), mask.part[p]), yes.part[p], no.part[p]));
   }
-  // With 0 for the other value.
+  // The other lanes are 0.
   friend HWY_INLINE Wide value_if(Mask mask, Wide a) {
     FLOCKSTEP_EACH_PART(Wide, hn::IfThenElseZero(hn::RebindMask(D(), mask.part[p]), a.part[p]));
   }
@@ -183,14 +182,14 @@ struct Wide {
   using MaskTag = hn::RebindToSigned<D>;
 };
 
-// One vector of floats, of the target's width but of at most kMost lanes. A loop over an array takes steps of kCount.
+// One vector of floats, with the target's width but at most kMost lanes. A loop over an array advances by kCount.
 template <std::size_t kMost>
 using WideUpTo = Wide<hn::CappedTag<float, kMost>>;
-// Exactly kCount floats, in as many vectors as they need.
+// Exactly kCount floats (a power of two), in as many vectors as needed.
 template <std::size_t kCount>
-using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;  // a power of two
+using WideOf = Wide<hn::CappedTag<float, kCount>, kCount / hn::MaxLanes(hn::CappedTag<float, kCount>())>;
 
-// Floats to integers, rounded towards 0, and back; also to numbers of another size, in as many lanes.
+// Converts floats to integers, rounded towards 0, and back; also to numbers of another size, with the same number of lanes.
 template <class To, class D, std::size_t kParts>
 HWY_INLINE To convert(Wide<D, kParts> a) {
   static_assert(To::kParts == kParts && To::kLanes == Wide<D, kParts>::kLanes);
@@ -219,7 +218,7 @@ HWY_INLINE Result shift_right(Wide<D, kParts> a) {
 #undef FLOCKSTEP_EACH_PART
 #undef FLOCKSTEP_PART
 
-// F: a Wide.
+// A vector of three Wide values of type F.
 template <class F>
 struct Wide3 {
   F x, y, z;
@@ -236,7 +235,7 @@ struct Wide3 {
     z.store(to_z);
   }
 
-  // Rows lie side by side: x, y, z, x, y, z, ...
+  // The rows are contiguous: x, y, z, x, y, z, ...
   static HWY_INLINE Wide3 load_rows(const typename F::T* rows) {
     Wide3 v;
     for (std::size_t p = 0; p < F::kParts; ++p) {
@@ -264,7 +263,7 @@ struct Wide3 {
   }
 };
 
-// m: a matrix as m(row, column).
+// Returns m v. m: a matrix, read as m(row, column).
 template <class Matrix, class F>
 HWY_INLINE Wide3<F> rotate(const Matrix& m, const Wide3<F>& v) {
   const auto row = [&](int i) HWY_ATTR { return F(m(i, 0)) * v.x + F(m(i, 1)) * v.y + F(m(i, 2)) * v.z; };
