@@ -11,7 +11,7 @@
 namespace flockstep {
 namespace {
 
-constexpr std::int64_t kMostCounted = std::int64_t{1} << 62;  // so that counting on cannot overflow
+constexpr std::int64_t kMostCounted = std::int64_t{1} << 62;  // leaves headroom for increments
 
 const char* text_of(Values allowed) {
   switch (allowed) {

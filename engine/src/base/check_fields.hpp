@@ -13,7 +13,7 @@
 
 namespace flockstep {
 
-// Throw std::invalid_argument if the value is not allowed. `name` is the field's in the message.
+// Throw std::invalid_argument if the value is not allowed. The message uses `name` as the field's name.
 void check_number(float value, const Limits& limits, const std::string& name);
 void check_number(double value, const Limits& limits, const std::string& name);
 void check_number(int value, const Limits& limits, const std::string& name);
@@ -21,10 +21,10 @@ void check_number(std::uint64_t value, const Limits& limits, const std::string& 
 void check_text(const std::string& text, Form form, const std::string& name);
 void check_quaternion(const std::array<float, 4>& quat_wxyz, const std::string& name);
 
-// For messages: "an integer in [1, 8192]", "a finite number > 0", "a number within +-100".
+// Describes the allowed numbers in a message: "an integer in [1, 8192]", "a finite number > 0", "a number within +-100".
 std::string expected_number(const Limits& limits, bool is_integer);
 
-// A field's value. Has a configuration within it validate itself.
+// Checks the value of one field. A nested configuration validates itself.
 template <class Value>
 void check_value(const Value& value, const FieldInfo& info, const std::string& name) {
   if constexpr (std::is_same_v<Value, std::string>) {
@@ -44,7 +44,7 @@ void check_each(const Values& values, const FieldInfo& info, const std::string& 
   for (std::size_t i = 0; i < values.size(); ++i) {
     const FieldInfo one = info.of_element(i);
     if constexpr (std::is_arithmetic_v<typename Values::value_type>) {
-      if (one.limits.contain(values[i])) continue;  // a pattern has many beams: no name for each
+      if (one.limits.contain(values[i])) continue;  // a pattern has many beams: do not build a name for each
     }
     check_value(values[i], one, name + '[' + std::to_string(i) + ']');
   }
@@ -61,8 +61,8 @@ void check_value(const std::array<Value, kSize>& values, const FieldInfo& info, 
   check_each(values, info, name);
 }
 
-// Throws std::invalid_argument naming the first field whose value is not allowed, what was expected and what came. The prefix
-// stands before each name: "lidar.". Rules that compare fields with each other are left to validate().
+// Throws std::invalid_argument that names the first field with an invalid value, the expected values and the actual one. The
+// prefix precedes each field name, for example "lidar.". validate() checks the rules that compare fields with each other.
 template <HasFields Config>
 void check_fields(const Config& config, const std::string& prefix) {
   for_each_field(config, [&](const auto& field, const auto& value) {

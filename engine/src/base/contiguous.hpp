@@ -1,4 +1,4 @@
-// Contiguous: stretches of consecutive indices, so that a loop over them works on one piece of an array.
+// Splits an index list into runs of consecutive indices, so that a loop over a run works on one contiguous part of an array.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace flockstep {
 
-// Calls f(first, count) for each stretch of consecutive indices in an ascending list.
+// Calls f(first, count) for each run of consecutive indices in an ascending list.
 template <class Indices, class F>
 void for_each_contiguous(const Indices& indices, const F& f) {
   const auto* const first = std::data(indices);
@@ -21,7 +21,7 @@ void for_each_contiguous(const Indices& indices, const F& f) {
   }
 }
 
-// Whether any of some flags, bytes, is set.
+// Returns whether any of the flags (bytes) is set.
 inline bool is_any(const std::uint8_t* flags, std::size_t count) {
   std::uint8_t any = 0;
   for (std::size_t i = 0; i < count; ++i) any |= flags[i];

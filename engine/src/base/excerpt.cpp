@@ -6,7 +6,7 @@
 namespace flockstep {
 namespace {
 
-// How many bytes the character at the beginning of the text has; 0 if that is no UTF-8.
+// Returns the length in bytes of the first character of the text; 0 if it is not valid UTF-8.
 std::size_t bytes_of_character(std::string_view text) {
   const auto byte = [&](std::size_t i) { return static_cast<std::uint8_t>(text[i]); };
   const std::uint8_t lead = byte(0);
@@ -16,7 +16,7 @@ std::size_t bytes_of_character(std::string_view text) {
   for (std::size_t i = 1; i < count; ++i) {
     if ((byte(i) & 0xC0U) != 0x80) return 0;
   }
-  // Overlong forms, surrogates, and what lies beyond the last code point.
+  // Rejects overlong forms, surrogates and code points above the last one.
   if ((lead == 0xE0 && byte(1) < 0xA0) || (lead == 0xED && byte(1) > 0x9F) || (lead == 0xF0 && byte(1) < 0x90) ||
       (lead == 0xF4 && byte(1) > 0x8F)) {
     return 0;

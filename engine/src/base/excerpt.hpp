@@ -1,4 +1,4 @@
-// What messages show of text that came from outside: at most so much of it, and always UTF-8.
+// Shortens external text for messages. The result is always valid UTF-8.
 #pragma once
 
 #include <string>
@@ -6,14 +6,14 @@
 
 namespace flockstep {
 
-// The beginning of a text, "..." behind it where something is left out. No character is cut in two; bytes that are not UTF-8 and
-// control characters are shown as "?".
+// Returns the beginning of a text, followed by "..." if something was cut off. Characters are never split. Invalid UTF-8 bytes
+// and control characters are shown as "?".
 std::string excerpt(std::string_view text, std::size_t max_bytes = 60);
 
-// The same in quotes.
+// Returns the excerpt in quotes.
 std::string quoted_excerpt(std::string_view text);
 
-// "1 texture", "2 textures".
+// Returns a count with its noun: "1 texture", "2 textures".
 std::string counted(std::size_t count, const char* singular, const char* plural);
 
 }  // namespace flockstep

@@ -1,4 +1,4 @@
-// The fields of a configuration by their offsets, for code that is not a template and handles them by pointers.
+// Lists the fields of a configuration by offset, for non-template code that accesses them through pointers.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +10,8 @@
 
 namespace flockstep {
 
-// Returns make(name, info, offset, std::type_identity<Value>()) for each field, in their order. The offset is in bytes from the
-// beginning of the configuration.
+// Returns make(name, info, offset, std::type_identity<Value>()) for each field, in declaration order. The offset is in bytes
+// from the beginning of the configuration.
 template <class Entry, class Config, class Make>
 std::vector<Entry> list_fields(const Make& make) {
   static_assert(lists_every_field<Config>());

@@ -3,7 +3,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "base/finite.cpp"
 #include <hwy/foreach_target.h>
-// Highway's own headers come after foreach_target.
+// Highway requires its other headers after foreach_target.
 #include <hwy/highway.h>
 
 #include <cmath>
@@ -14,8 +14,8 @@
 HWY_BEFORE_NAMESPACE();
 namespace flockstep::HWY_NAMESPACE {
 
-// A number times 0 is 0, but for an infinity and a NaN, which give a NaN, and that stays in the sum. Two sums, since each waits
-// for its last.
+// A finite number times 0 is 0; an infinity or a NaN times 0 is NaN, and a NaN stays in the sum. Two sums are kept because each
+// addition waits for the previous one.
 template <class T>
 bool all_finite(std::span<const T> values) {
   using F = Wide<hn::ScalableTag<T>>;
@@ -33,7 +33,7 @@ bool all_finite(std::span<const T> values) {
     add(first + F::kCount, other_sum);
   }
   if (first + F::kCount <= values.size()) add(first, sum);
-  add(values.size() - F::kCount, other_sum);  // the rest, and some once more
+  add(values.size() - F::kCount, other_sum);  // the remaining values; overlaps values already added
   return all(sum + other_sum == T{0});
 }
 

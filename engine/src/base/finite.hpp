@@ -1,4 +1,4 @@
-// Whether numbers are finite.
+// Tests whether all numbers are finite.
 #pragma once
 
 #include <span>

@@ -17,7 +17,7 @@ FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
 FlushDenormals::~FlushDenormals() { _mm_setcsr(saved_); }
 #elif defined(__aarch64__)
 FlushDenormals::FlushDenormals() {
-  constexpr std::uint64_t kFlushToZero = 1U << 24U;  // of operands and results
+  constexpr std::uint64_t kFlushToZero = 1U << 24U;  // applies to operands and results
   std::uint64_t control = 0;
   asm volatile("mrs %0, fpcr" : "=r"(control));
   saved_ = static_cast<unsigned int>(control);

@@ -1,9 +1,9 @@
-// FlushDenormals: how a thread calculates with the smallest numbers.
+// FlushDenormals: a scope in which a thread treats denormal numbers as zero.
 #pragma once
 
 namespace flockstep {
 
-// Denormals as zero on this thread for as long as this lives: Embree asks for it.
+// Treats denormals as zero on this thread for the lifetime of the object. Embree requires this.
 class FlushDenormals {
  public:
   FlushDenormals();

@@ -1,5 +1,5 @@
-// Hash: 64 bits of whatever it is fed, for telling worlds and configurations apart and finding damaged bytes. It is XXH64, which
-// reads eight bytes at a time in four independent lanes.
+// Hash: a 64-bit hash that identifies worlds and configurations and detects corrupt bytes. It uses XXH64, which reads eight
+// bytes at a time in four independent lanes.
 // Source: Y. Collet, "xxHash fast digest algorithm", specification 0.2.0, https://github.com/Cyan4973/xxHash/blob/dev/doc.
 #pragma once
 
@@ -19,7 +19,7 @@
 
 namespace flockstep {
 
-static_assert(std::endian::native == std::endian::little);  // the hash is defined on little-endian words
+static_assert(std::endian::native == std::endian::little);  // XXH64 is defined on little-endian words
 
 inline std::uint64_t xxh64(std::span<const std::byte> bytes, std::uint64_t seed) {
   constexpr std::uint64_t kPrime1 = 0x9E3779B185EBCA87U, kPrime2 = 0xC2B2AE3D27D4EB4FU, kPrime3 = 0x165667B19E3779F9U,
@@ -51,22 +51,23 @@ inline std::uint64_t xxh64(std::span<const std::byte> bytes, std::uint64_t seed)
   return hash ^ (hash >> 32U);
 }
 
-// The hash of a sequence of values: each is hashed with the hash so far as its seed. Since a hash depends on the number of its
-// bytes too, what one list loses at its end and the next gains at its beginning does not cancel out.
+// Hashes a sequence of values. The hash so far is the seed for the next value. A hash also depends on the number of bytes, so
+// moving a value from the end of one list to the beginning of the next changes it.
 class Hash {
  public:
   std::uint64_t value() const { return value_; }
 
   void add(std::span<const std::byte> bytes) { value_ = xxh64(bytes, value_); }
   void add(std::string_view text) { add(std::as_bytes(std::span(text))); }
-  // The values' bytes, all of which have to mean something: padding would make equal values differ.
+  // Adds the bytes of the values. Types with padding are not allowed, because equal values could then have different hashes.
   template <class T>
   void add(std::span<const T> values) {
     static_assert(std::is_arithmetic_v<T> || std::is_enum_v<T>);
     add(std::as_bytes(values));
   }
 
-  // A number, an enumeration, a string, an array, a list, an optional; of a struct, each field that decides what a step does.
+  // Adds a number, an enumeration, a string, an array, a list or an optional. For a struct, adds each field that affects the
+  // result of a step.
   template <class T>
   void add(const T& value) {
     if constexpr (std::is_arithmetic_v<T> || std::is_enum_v<T>) {

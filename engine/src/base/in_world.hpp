@@ -1,4 +1,4 @@
-// How messages say where the world ends.
+// Describes the coordinate limit of the world in messages.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace flockstep {
 
-// in_world("finite coordinates") is "finite coordinates within +-1e+06 m".
+// For example, in_world("finite coordinates") returns "finite coordinates within +-1e+06 m".
 inline std::string in_world(const char* what) { return std::string(what) + ' ' + within(kMaxCoordinate).text() + " m"; }
 
 }  // namespace flockstep

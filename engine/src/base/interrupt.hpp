@@ -1,4 +1,4 @@
-// Interrupt: how long work is stopped half-way, such as by Ctrl-C. Whoever calls the work says what to look at; the work polls.
+// Interrupt: stops long work early, for example on Ctrl-C. The caller sets a check, and the work polls it.
 #pragma once
 
 #include <chrono>
@@ -9,19 +9,21 @@ class Interrupt {
  public:
   using Check = void (*)();
 
-  // While this lives, poll() on this thread calls check now and then. What check throws ends the work. They nest.
+  // While this object exists, poll() on this thread calls check from time to time. An exception from check ends the work.
+  // Interrupts can be nested.
   explicit Interrupt(Check check) : before_(current()) { current() = {check, Clock::time_point()}; }
   ~Interrupt() { current() = before_; }
   Interrupt(const Interrupt&) = delete;
   Interrupt& operator=(const Interrupt&) = delete;
 
-  // For loops that may take long, once every some microseconds: it reads the clock. On other threads than the caller's it does
-  // nothing, but on those of Workers it ends the call once the caller's has ended.
+  // Call this in long loops every few microseconds; it reads the clock. It does nothing on threads without a check. On the
+  // threads of Workers it stops their part of a call once the call has been cancelled.
   static void poll() {
     Polled& polled = current();
     if (polled.check == nullptr) return;
     const Clock::time_point now = Clock::now();
-    if (polled.next == Clock::time_point()) polled.next = now + kPause;  // not before: calls that never poll are many and short
+    if (polled.next == Clock::time_point())
+      polled.next = now + kPause;  // set on the first poll: most calls are short and never poll
     if (now < polled.next) return;
     polled.check();
     polled.next = Clock::now() + kPause;

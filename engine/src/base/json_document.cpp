@@ -15,7 +15,7 @@
 namespace flockstep::json {
 namespace {
 
-constexpr std::size_t kMaxDepth = 32;  // of arrays and objects in one another; a scene has 5
+constexpr std::size_t kMaxDepth = 32;  // nesting of arrays and objects; a scene has 5
 
 std::string escaped(std::string_view key) {
   std::string token;
@@ -31,7 +31,7 @@ std::string escaped(std::string_view key) {
   return token;
 }
 
-// Writes a value as JSON until the text is long enough for a message.
+// Writes a value as JSON and stops once the text is long enough for a message.
 void append(const Json& value, std::string& text) {
   constexpr std::size_t kEnough = 200;
   const auto list = [&](char open, char close, const auto& append_item) {
@@ -64,7 +64,7 @@ void append(const Json& value, std::string& text) {
       source + ": not valid JSON: " + excerpt(prefix_end == what.npos ? what : what.substr(prefix_end + 2), kMaxReason));
 }
 
-// The characters of a text, for a parser that may take long over them.
+// Iterator over the characters of a text that polls for interrupts, because parsing may take long.
 class Characters {
  public:
   using iterator_category = std::input_iterator_tag;
@@ -91,7 +91,8 @@ class Characters {
   const char* at_;
 };
 
-// Frees a value, the innermost first: Json's own destructor takes memory to do so, and ends the process where there is none.
+// Frees a value, innermost parts first. Json's own destructor allocates memory for this, and terminates the process if that
+// fails.
 void take_apart(Json& value) noexcept {
   if (auto* const array = value.get_ptr<Json::array_t*>()) {
     for (Json& item : *array) take_apart(item);
@@ -167,8 +168,8 @@ const Json& require_array(const JsonField& field, const char* expected) {
   return field.value;
 }
 
-// Makes a document of what the parser reads. Unlike Json's own: no field is repeated, which JSON leaves open and is a mistake
-// here, and nothing is nested deeper than recursion can follow.
+// Builds a document from parser events. Unlike nlohmann's own builder it rejects repeated fields, which JSON allows but which
+// are mistakes here, and nesting too deep for recursion.
 class DocumentBuilder final : public nlohmann::json_sax<Json> {
  public:
   DocumentBuilder(Document& document, std::initializer_list<std::string_view> ordered) : document_(document) {
@@ -202,7 +203,7 @@ class DocumentBuilder final : public nlohmann::json_sax<Json> {
   }
 
  private:
-  // Puts a value where the parser stands: at the end of an array, in a field of an object, or as the whole document.
+  // Stores a value at the parser's position: at the end of an array, in a field of an object, or as the whole document.
   template <class Value>
   Json& place(Value&& value) {
     if (open_.empty()) return document_.root_ = std::forward<Value>(value);
@@ -230,9 +231,9 @@ class DocumentBuilder final : public nlohmann::json_sax<Json> {
   }
 
   Document& document_;
-  std::vector<Json*> open_;                      // the arrays and objects that the parser is in
-  Json* field_ = nullptr;                        // of the innermost object, whose key has been read
-  std::vector<std::string>* ordered_ = nullptr;  // where the keys of the outermost field's object are kept, if they are
+  std::vector<Json*> open_;                      // arrays and objects around the parser's position
+  Json* field_ = nullptr;                        // field of the innermost object whose key was read last
+  std::vector<std::string>* ordered_ = nullptr;  // key order of the current top-level object, null if not kept
 };
 
 std::unique_ptr<const Document> Document::parse(const std::string& text, std::string source,

@@ -1,4 +1,4 @@
-// A JSON document from outside, read with care: refusals name the source, the place in it, what was expected and what came.
+// Reads untrusted JSON documents. Error messages name the source, the place in it, the expected value and the actual one.
 #pragma once
 
 #include <array>
@@ -18,10 +18,10 @@
 
 namespace flockstep::json {
 
-using Json = nlohmann::json;  // finds a key among many in no time, and forgets their order
+using Json = nlohmann::json;  // finds keys fast, does not keep their order
 
-// The way to a value of the document: what a message names it by, and only then written as text. Keys outlive it: they are the
-// document's or the program's own.
+// Path to a value in the document, for messages; it becomes text only when a message needs it. Its keys are views of strings
+// that the document or the program owns.
 class Path {
  public:
   Path operator/(std::string_view key) const { return with({key, 0}); }
@@ -31,7 +31,7 @@ class Path {
 
  private:
   struct Step {
-    std::string_view key;  // without data where the step is an index
+    std::string_view key;  // null data if the step is an index
     std::size_t index = 0;
   };
 
@@ -41,19 +41,19 @@ class Path {
     return longer;
   }
 
-  static constexpr std::size_t kMaxSteps = 8;  // as a texture's offset in glTF has
+  static constexpr std::size_t kMaxSteps = 8;  // enough for a texture's offset in glTF
   std::array<Step, kMaxSteps> steps_{};
   std::size_t depth_ = 0;
 };
 
-// A value of the document and the place it has there.
+// A value and its path in the document.
 struct JsonField {
   const Json& value;
   Path path;
   const std::string& source;
 };
 
-// The value as JSON, as much of it as a message shows.
+// Returns the value as JSON, shortened for a message.
 std::string excerpt_of(const Json& value);
 
 // "source: /place/of/the/field"
@@ -66,29 +66,30 @@ template <class Got>
   flockstep::refuse(name_of(field), expected, got);
 }
 
-// An element of an array, and fields of an object.
+// Access an element of an array, or a field of an object.
 JsonField child(const JsonField& parent, std::size_t index);
 JsonField child(const JsonField& parent, std::string_view key, const Json& value);
 std::optional<JsonField> find(const JsonField& object, std::string_view key);
 JsonField require(const JsonField& object, std::string_view key);
 
-// Says of a field that the object may not have it, and which may be meant.
+// Reports an unknown field, with the list of known ones and the most similar name.
 [[noreturn]] void refuse_unknown(const JsonField& object, std::string_view key, std::span<const std::string_view> known);
 
-// Refuse what is no object, and fields that are not known.
+// Reject values that are not objects or have unknown fields, and values that are not arrays.
 void check_object(const JsonField& field, std::initializer_list<std::string_view> known);
 const Json& require_array(const JsonField& field, const char* expected);
 
-// For writing: the double with the fewest digits that reads back as this value; a sum or difference of float32 may need more than
-// float32 digits.
+// Returns the double with the fewest digits that rounds to the same float32 as the value. Returns a value that is not a float32
+// unchanged, such as a sum or difference that needs more digits.
 double shortest(double value);
 
 class Document {
  public:
-  // source names the text in messages. Of the objects under the keys `ordered`, the order of keys is kept.
+  // `source` names the text in messages. For the objects under the top-level keys in `ordered`, the order of their keys is
+  // kept.
   static std::unique_ptr<const Document> parse(const std::string& text, std::string source,
                                                std::initializer_list<std::string_view> ordered = {});
-  explicit Document(std::string source) : source_(std::move(source)) {}  // an empty one
+  explicit Document(std::string source) : source_(std::move(source)) {}  // an empty document
   ~Document();
   Document(const Document&) = delete;
   Document& operator=(const Document&) = delete;

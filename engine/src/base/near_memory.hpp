@@ -1,5 +1,5 @@
-// NearMemory: keeps side by side what is read together, so that it lies in few pages of memory. A processor remembers where some
-// thousands of pages are (its TLB), and a step in a thousand worlds used to read more.
+// NearMemory: stores data that is read together side by side, so that it occupies few memory pages. The processor's TLB covers
+// a few thousand pages; without this, a step in a thousand worlds touched more.
 #pragma once
 
 #include <array>
@@ -11,10 +11,11 @@
 
 namespace flockstep {
 
-// Takes what fits in the order in which it comes; the rest goes to the heap. Room is not used again. Not for two threads at once.
+// Serves allocations in order from a fixed buffer until it is full, then from the heap. Freed space is not reused. Not
+// thread-safe.
 class NearMemory final : public std::pmr::memory_resource {
  public:
-  // An object, and what it allocates by the memory resource that it is told last.
+  // Deleter for an object that make_near() created.
   template <class T>
   struct Delete {
     NearMemory* memory;
@@ -41,12 +42,12 @@ class NearMemory final : public std::pmr::memory_resource {
   }
   bool do_is_equal(const memory_resource& other) const noexcept override { return this == &other; }
 
-  static constexpr std::size_t kRoom = 7 * 1024;  // bytes; the scene and the obstacles of a playground take some 6,000
+  static constexpr std::size_t kRoom = 7 * 1024;  // bytes; scene and obstacles of a playground take about 6,000
   alignas(64) std::array<std::byte, kRoom> room_;
   std::size_t used_ = 0;
 };
 
-// An object in the memory, and with it what it allocates: it is told the memory last.
+// Creates an object in the memory. The object receives the memory as its last constructor argument, for its own allocations.
 template <class T, class... Args>
 NearMemory::Pointer<T> make_near(NearMemory& memory, Args&&... args) {
   void* const place = memory.allocate(sizeof(T), alignof(T));

@@ -11,10 +11,10 @@ struct Match {
   std::size_t in_a, in_b, length;
 };
 
-// The longest common substring; of several, the one that is first in a, then in b.
+// Finds the longest common substring. On ties, the first one in a wins, then the first one in b.
 Match longest_match(std::string_view a, std::string_view b) {
   Match best{0, 0, 0};
-  std::vector<std::size_t> lengths(b.size() + 1), next(b.size() + 1);  // of matches that end before b[j]
+  std::vector<std::size_t> lengths(b.size() + 1), next(b.size() + 1);  // lengths of matches that end before b[j]
   for (std::size_t i = 0; i < a.size(); ++i) {
     for (std::size_t j = 0; j < b.size(); ++j) {
       const std::size_t length = next[j + 1] = a[i] == b[j] ? lengths[j] + 1 : 0;

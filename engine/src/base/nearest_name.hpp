@@ -1,4 +1,4 @@
-// Finds the name that a misspelt one probably means.
+// Finds the most likely intended name for a misspelt one.
 #pragma once
 
 #include <span>
@@ -7,15 +7,16 @@
 
 namespace flockstep {
 
-// The share of characters that two names have in common, from 0 to 1, after J. W. Ratcliff and J. A. Obershelp: twice the length
-// of their longest common substring, and of those to its left and right in turn, over the length of both. The same number as
-// ratio() of Python's difflib.SequenceMatcher for names of less than 200 characters.
+// Returns the share of characters that two names have in common, in [0, 1], by the method of J. W. Ratcliff and J. A.
+// Obershelp: twice the length of their longest common substring, and recursively of those to its left and right, over the total
+// length of both names. For names of less than 200 characters the result equals ratio() of Python's difflib.SequenceMatcher.
 double name_similarity(std::string_view a, std::string_view b);
 
-// The known name that is most similar; empty if none has a similarity of 0.6 or more, or if the name is longer than any name is.
+// Returns the most similar known name. Returns an empty string if no similarity reaches 0.6, or if the name is longer than 100
+// characters.
 std::string_view nearest_name(std::string_view name, std::span<const std::string_view> known);
 
-// For the end of a message: ". Did you mean frame_skip?", or nothing.
+// Returns a suffix for a message, such as ". Did you mean frame_skip?", or an empty string.
 std::string did_you_mean(std::string_view name, std::span<const std::string_view> known);
 
 }  // namespace flockstep

@@ -22,10 +22,10 @@ inline std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> coun
   return counter;
 }
 
-// Uniform in [0, 1): the top 24 bits, so that every value is exact in float32.
+// Returns a uniform number in [0, 1) from the top 24 bits, so that every value is exact in float32.
 inline float uniform01(std::uint32_t bits) { return static_cast<float>(bits >> 8U) * 0x1p-24F; }
 
-// Two independent standard normal numbers from two words (Box and Muller, 1958).
+// Returns two independent standard normal numbers from two words (Box and Muller, 1958).
 inline std::array<float, 2> normal_pair(const std::array<std::uint32_t, 4>& bits) {
   const double radius = std::sqrt(-2.0 * std::log((bits[0] + 1.0) * 0x1p-32));
   const double angle = 2.0 * std::numbers::pi * (bits[1] * 0x1p-32);

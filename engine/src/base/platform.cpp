@@ -47,7 +47,7 @@ double physical_memory() {
   return GlobalMemoryStatusEx(&status) ? static_cast<double>(status.ullTotalPhys) : 0.0;
 }
 #else
-// Kept until a fork, since every call on a batch wants it and a system call costs as much as a step of four envs.
+// Cached until a fork, because every call on a batch needs it and a system call costs as much as a step of four envs.
 long process_id() {
   static std::atomic<long> kept{0};
   static const bool is_told_of_forks = pthread_atfork(nullptr, nullptr, [] { kept.store(0, std::memory_order_relaxed); }) == 0;
@@ -65,7 +65,7 @@ double physical_memory() {
 
 namespace {
 
-// Loads a shared library for as long as the process lives. Returns why it cannot be, or nothing.
+// Loads a shared library and never unloads it. Returns the error, or an empty string.
 #if defined(_WIN32)
 constexpr const char* kEgl = "libEGL.dll";
 constexpr const char* kOpenGl[] = {"opengl32.dll"};
@@ -101,7 +101,7 @@ namespace {
   refuse("path", "a shared library", '\'' + library + "' (" + why + ')');
 }
 
-// A name without a folder would be looked up where the system has its libraries.
+// The system searches a name without a folder in its library path, hence the absolute path.
 std::string absolute(const std::string& library) { return std::filesystem::absolute(library).string(); }
 
 void require_regular_file(const std::string& library) {
@@ -112,7 +112,7 @@ void require_regular_file(const std::string& library) {
 }
 
 #if defined(__linux__)
-// An ELF file of which parts are read.
+// Reads parts of an ELF file.
 class ElfFile {
  public:
   explicit ElfFile(const std::string& library) : library_(library), file_(library, std::ios::binary | std::ios::ate) {
@@ -122,7 +122,7 @@ class ElfFile {
 
   std::uint64_t size() const { return size_; }
 
-  // Refuses what is not whole within the file.
+  // Throws if the range is not entirely within the file.
   template <class T>
   std::vector<T> read(std::uint64_t offset, std::uint64_t count) {
     if (count > size_) refuse_library(library_, "it is cut short");
@@ -143,7 +143,7 @@ class ElfFile {
   std::uint64_t size_ = 0;
 };
 
-// The text at an address of a library that is loaded.
+// Returns the text at a symbol's address.
 std::optional<std::string> text_at(ElfFile& file, const std::vector<Elf64_Phdr>& segments, const Elf64_Sym& symbol) {
   for (const Elf64_Phdr& segment : segments) {
     if (segment.p_type != PT_LOAD || symbol.st_value < segment.p_vaddr) continue;
@@ -231,7 +231,7 @@ double address_space_left() {
   rlimit limit{};
   if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return std::numeric_limits<double>::infinity();
   std::ifstream file("/proc/self/statm");
-  double pages = 0.0;  // in use
+  double pages = 0.0;  // pages in use
   file >> pages;
   return static_cast<double>(limit.rlim_cur) - pages * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
@@ -242,7 +242,7 @@ int physical_cores() {
   if (sched_getaffinity(0, sizeof(allowed), &allowed) != 0) {
     return logical_processors();
   }
-  std::set<std::string> cores;  // siblings of one core name the same list
+  std::set<std::string> cores;  // hyperthreads of one core have the same list
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
     if (!CPU_ISSET(static_cast<std::size_t>(cpu), &allowed)) continue;
     const std::string number = std::to_string(cpu);

@@ -1,4 +1,4 @@
-// What differs between operating systems.
+// Operating system specifics.
 #pragma once
 
 #include <optional>
@@ -6,37 +6,38 @@
 
 namespace flockstep {
 
-// Whether the processor has the instructions that the engine is compiled for: on x86-64 those of x86-64-v2, with SSE4.2.
+// Returns whether the processor has the instructions that the engine is compiled for: on x86-64 those of x86-64-v2, including
+// SSE4.2.
 bool has_instructions();
 
 long process_id();
 
-// Physical cores among the processors this process may run on; at least 1.
+// Returns the number of physical cores among the processors that this process may run on; at least 1.
 int physical_cores();
 
-// Processors this process may run on; at least 1.
+// Returns the number of processors that this process may run on; at least 1.
 int logical_processors();
 
-// The memory of the machine, in bytes; 0 where it cannot be told.
+// Returns the machine's physical memory in bytes; 0 if unknown.
 double physical_memory();
 
-// How much more address space this process may take, in bytes; infinity where nothing limits it (ulimit -v).
+// Returns the address space that this process may still allocate, in bytes; infinity if it is not limited (ulimit -v).
 double address_space_left();
 
-// Hands the memory that has been freed back to the system, which the allocator keeps otherwise: some milliseconds, for when much
-// has been.
+// Returns freed memory, which the allocator otherwise keeps, to the system. It takes some milliseconds, so call it after
+// freeing much memory.
 void give_back_freed_memory();
 
-// Loads EGL and OpenGL for as long as the process lives. Returns why they cannot be, or nothing.
+// Loads EGL and OpenGL and never unloads them. Returns the error, or an empty string.
 std::string gl_load_error();
 
-// The text that a shared library exports under this name, a `const char name[]`; nothing if it exports none. Where libraries are
-// ELF files it is read from the file, and nothing of the library runs. Throws std::invalid_argument if the file is not a whole
-// shared library: a system may end the process that loads part of one.
+// Returns the text that a shared library exports under this name, a `const char name[]`; nothing if it exports none. On Linux
+// the text is read from the ELF file, and no code of the library runs. Throws std::invalid_argument if the file is not a
+// complete shared library, because loading a truncated one can crash the process.
 std::optional<std::string> exported_text(const std::string& library, const char* name);
 
-// A function of a shared library, which stays loaded for as long as the process lives. Throws std::invalid_argument where there
-// is no such library or function.
+// Returns a function of a shared library, which is never unloaded. Throws std::invalid_argument if the library or the function
+// does not exist.
 void* load_function(const std::string& library, const char* name);
 
 }  // namespace flockstep

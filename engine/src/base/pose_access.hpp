@@ -1,4 +1,4 @@
-// Poses in arrays, in which quaternions are (w, x, y, z).
+// Access to poses in arrays. Quaternions are (w, x, y, z).
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-// Prefetch: asks for memory before it is needed, so that nobody waits for it.
+// Prefetches memory into the cache before it is needed.
 #pragma once
 
 #include <hwy/cache_control.h>
@@ -7,7 +7,7 @@
 
 namespace flockstep {
 
-// The cache lines of some bytes; no more than the first of them.
+// Prefetches the cache lines of a range of bytes, at most the first eight.
 inline void prefetch(const void* first, std::size_t bytes) {
   constexpr std::size_t kLine = 64, kMost = 8 * kLine;
   const char* const from = static_cast<const char*>(first);

@@ -1,5 +1,5 @@
-// Random numbers: counter-based, keyed by (env seed, drone in the env, episode, stream, index). They depend on nothing else, and
-// drawing needs no state.
+// Counter-based random numbers, keyed by (env seed, drone in the env, episode, stream, index). They depend on nothing else and
+// need no state.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 namespace flockstep {
 
-// Streams of the engine have the top bit set; a user's are below.
+// The engine's streams have the top bit set; user streams have it clear.
 enum class Stream : std::uint32_t {
   position_noise = 0x80000000U,
   orientation_noise,
@@ -23,15 +23,15 @@ enum class Stream : std::uint32_t {
   imu_noise,
 };
 
-// The stream of an instrument that is not listed above: a hash of the name (FNV-1a), with the top bit set.
+// Returns the stream of an instrument that is not listed above: a hash of its name (FNV-1a) with the top bit set.
 constexpr Stream stream_named(std::string_view name) {
   std::uint32_t hash = 2166136261U;
   for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 16777619U;
   return static_cast<Stream>(hash | 0x80000000U);
 }
 
-// member: the number of the drone in its env, below 2^20. It takes the upper bits of the episode, which no env reaches: the
-// numbers of the first drone are those of its env.
+// `member` is the number of the drone in its env, below 2^20. It is mixed into the upper bits of the episode, which no episode
+// number reaches. The first drone has the same numbers as its env.
 inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episode, std::uint32_t stream, std::uint32_t index,
                                          std::uint32_t member = 0) {
   const auto e = static_cast<std::uint64_t>(episode);
@@ -39,7 +39,7 @@ inline std::array<std::uint32_t, 4> draw(std::uint64_t seed, std::int64_t episod
                     {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32U)});
 }
 
-// Whose random numbers: an env's, or those of one of its drones.
+// Key of an env's or a drone's random numbers.
 struct RandomKey {
   EnvIndex env;
   std::uint32_t member = 0;
@@ -51,14 +51,14 @@ struct RandomKey {
   }
 };
 
-// number: below 2^15, of an instrument that shares the stream with others of its kind.
+// `number`, below 2^15, distinguishes instruments of one kind that share a stream.
 inline std::array<std::uint32_t, 4> draw(const State& state, RandomKey key, Stream stream, std::uint32_t index,
                                          std::uint32_t number = 0) {
   return draw(state.seed[key.env], state.episode[key.env], static_cast<std::uint32_t>(stream) ^ (number << 16U), index,
               key.member);
 }
 
-// The index-th of the numbers of a user's stream, uniform in [0, 1).
+// Returns number `index` of a user stream, uniform in [0, 1).
 inline float draw_uniform(const State& state, RandomKey key, std::uint32_t stream, std::uint32_t index) {
   return uniform01(draw(state.seed[key.env], state.episode[key.env], stream, index / 4, key.member)[index % 4]);
 }

@@ -1,4 +1,4 @@
-// Refusing bad input: one sentence that names the field, what was expected and what came.
+// Rejects bad input with one sentence that names the field, the expected value and the actual one.
 #pragma once
 
 #include <cmath>

@@ -5,7 +5,7 @@
 #include <cstddef>
 
 namespace flockstep {
-// IEC 61966-2-1
+// Source: IEC 61966-2-1
 float linear_of_srgb(double value) {
   return static_cast<float>(value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4));
 }
@@ -20,7 +20,7 @@ const std::array<float, 256>& srgb_to_linear() {
 }
 
 std::uint8_t linear_to_srgb(float linear) {
-  static const std::array<float, 255> ends = [] {  // of the values that a byte stands for
+  static const std::array<float, 255> ends = [] {  // upper ends of the linear intervals of the bytes
     std::array<float, 255> table;
     for (std::size_t i = 0; i < table.size(); ++i) table[i] = linear_of_srgb((static_cast<double>(i) + 0.5) / 255.0);
     return table;

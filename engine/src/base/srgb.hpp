@@ -1,4 +1,4 @@
-// Bytes of sRGB and linear values.
+// Converts between sRGB and linear values.
 #pragma once
 
 #include <array>
@@ -6,13 +6,13 @@
 
 namespace flockstep {
 
-// The linear value in [0, 1] of one of sRGB in [0, 1].
+// Returns the linear value in [0, 1] of an sRGB value in [0, 1].
 float linear_of_srgb(double value);
 
-// The linear value in [0, 1] of each byte.
+// Returns the linear value in [0, 1] of each sRGB byte.
 const std::array<float, 256>& srgb_to_linear();
 
-// The byte whose value is nearest, as sRGB measures it; of values beyond [0, 1] the last one.
+// Returns the nearest sRGB byte, measured in sRGB. Values outside [0, 1] are clamped.
 std::uint8_t linear_to_srgb(float linear);
 
 }  // namespace flockstep

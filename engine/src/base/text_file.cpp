@@ -18,7 +18,7 @@ namespace {
   throw std::invalid_argument(path.string() + ": cannot " + what + ": " + std::strerror(errno));
 }
 
-// A pipe or a device may have no end, and must not be replaced by a file.
+// Rejects pipes and devices: they may be endless, and a file must not replace them.
 void require_regular(const std::filesystem::path& path, const std::string& what) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);
@@ -50,7 +50,7 @@ void write_text_file(const std::filesystem::path& path, const std::string& kind,
   error.clear();
   const std::filesystem::path place = is_link ? std::filesystem::weakly_canonical(path, error) : path;
   if (error) throw std::invalid_argument(path.string() + ": cannot write " + kind + ": " + error.message());
-  std::filesystem::path beside = place;  // under a name that no other process or thread has at this moment
+  std::filesystem::path beside = place;  // unique among all running processes and threads
   beside += "." + std::to_string(process_id()) + "-" + std::to_string(reinterpret_cast<std::uintptr_t>(&error)) + ".part";
   try {
     errno = 0;

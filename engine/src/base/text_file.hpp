@@ -1,4 +1,4 @@
-// Whole files as text.
+// Reads and writes whole files as text.
 #pragma once
 
 #include <cstddef>
@@ -8,19 +8,19 @@
 
 namespace flockstep {
 
-inline constexpr std::streamoff kMaxFileBytes = std::streamoff{1} << 30;                                // larger ones are refused
-inline constexpr std::size_t kMaxReadBytes = std::size_t{4} * static_cast<std::size_t>(kMaxFileBytes);  // of those one file names
+inline constexpr std::streamoff kMaxFileBytes = std::streamoff{1} << 30;  // larger files are rejected
+inline constexpr std::size_t kMaxReadBytes =
+    std::size_t{4} * static_cast<std::size_t>(kMaxFileBytes);  // total of the files that one file references
 
-// kind says in messages what the file was taken for ("a scene file"). Throw std::invalid_argument naming the file and the cause:
-// it is missing, a folder or a device, or too large. A file is written beside its place and then renamed, so that it is there as
-// a whole or as it was before.
+// `kind` describes the file in messages ("a scene file"). Throw std::invalid_argument that names the file and the cause: it is
+// missing, a folder, a device or too large. Writing is atomic: the text goes to a temporary file, which is then renamed.
 std::string read_text_file(const std::filesystem::path& path, const std::string& kind);
 void write_text_file(const std::filesystem::path& path, const std::string& kind, const std::string& text);
 
-// ".obj" of a/b.OBJ.
+// Returns the extension in lower case: ".obj" for a/b.OBJ.
 std::string extension_of(const std::filesystem::path& path);
 
-// Whether a path is that of a folder or of what is in it, links followed. What does not exist is taken by its name.
+// Returns whether a path is the folder itself or lies in it. Links are resolved; paths that do not exist are compared by name.
 bool is_below(const std::filesystem::path& path, const std::filesystem::path& folder);
 
 }  // namespace flockstep

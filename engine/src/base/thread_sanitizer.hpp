@@ -1,6 +1,6 @@
-// Handing memory from thread to thread through a library without instrumentation (oneTBB, Embree): the thread sanitizer does not
-// see how it synchronises and would call every such access a race. These tell it, and do nothing in other builds. What is
-// released at an address before is seen by whoever acquires there after.
+// Annotations for memory that is passed between threads through uninstrumented libraries (oneTBB, Embree). The thread sanitizer
+// cannot observe their synchronization and would report each such access as a race. A release at an address happens before a
+// later acquire at the same address. In other builds these functions do nothing.
 #pragma once
 
 #if defined(__has_feature)

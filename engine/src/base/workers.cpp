@@ -21,24 +21,24 @@
 namespace flockstep {
 namespace {
 
-// The arenas that batches have given back, for those that come next: oneTBB keeps some kilobytes of every arena that has run
-// anything, for as long as the process lives. And how many threads oneTBB may have: as many as the largest batch asked for, where
-// that is more than it takes for the machine. One of each for the process, as oneTBB itself is.
+// Keeps the arenas of closed batches for reuse, because oneTBB keeps some kilobytes of every used arena for the lifetime of the
+// process. Also raises oneTBB's thread limit to the largest number that a batch requested, if that exceeds oneTBB's default.
+// There is one instance per process, as for oneTBB itself.
 class Arenas {
  public:
   struct Arena {
     int num_threads;
-    long owner;  // the process that made it
+    long owner;  // id of the process that created it
     std::unique_ptr<tbb::task_arena> tbb;
   };
 
   static Arenas& of_process() {
-    static Arenas& arenas = *std::make_unique<Arenas>().release();  // for ever: when it would go, oneTBB may have gone
+    static Arenas& arenas = *std::make_unique<Arenas>().release();  // never destroyed: oneTBB may be gone at exit
     return arenas;
   }
 
   Arena take(int num_threads) {
-    // Where another thread has the lock, a new one will do. To wait for it could take for ever, in a child of a fork().
+    // If another thread holds the lock, create a new arena. Waiting could block forever in a child of a fork().
     const std::unique_lock lock(mutex_, std::try_to_lock);
     if (lock) {
       if (owner_ != process_id()) forget();
@@ -51,7 +51,7 @@ class Arenas {
         free_.pop_back();
         return arena;
       }
-      free_.reserve(++made_);  // so that no give_back() has to allocate
+      free_.reserve(++made_);  // so that give_back() never allocates
     }
     return {num_threads, process_id(), std::make_unique<tbb::task_arena>(num_threads)};
   }
@@ -71,7 +71,7 @@ class Arenas {
     allowed_ = threads;
   }
 
-  // In a child of a fork() the threads of its parent's arenas are gone, and to end one could wait for them.
+  // In a child of a fork() the threads of the parent's arenas no longer exist, and destroying an arena could wait for them.
   static void abandon(Arena& arena) noexcept { static_cast<void>(arena.tbb.release()); }
   void forget() {
     std::for_each(free_.begin(), free_.end(), abandon);
@@ -87,7 +87,8 @@ class Arenas {
   std::optional<tbb::global_control> control_;
 };
 
-// Ends a call on another thread than the caller's. oneTBB passes on the exception that cancelled the calls, and drops this one.
+// Ends a call on a thread other than the caller's. oneTBB rethrows the exception that caused the cancellation and drops this
+// one.
 struct Cancelled {};
 void throw_if_cancelled() {
   if (tbb::is_current_task_group_canceling()) throw Cancelled();
@@ -109,7 +110,7 @@ Workers::Workers(int num_threads) : num_threads_(num_threads), arena_(std::make_
 Workers::~Workers() = default;
 
 void Workers::run(std::size_t count, Call f, const void* call) {
-  if (count <= 1 || num_threads_ == 1) {  // not worth, or not able, to wake anyone
+  if (count <= 1 || num_threads_ == 1) {  // nothing to parallelize
     for (std::size_t i = 0; i < count; ++i) {
       if (i > 0) Interrupt::poll();
       const FlushDenormals flush;
@@ -118,7 +119,7 @@ void Workers::run(std::size_t count, Call f, const void* call) {
     return;
   }
   const std::thread::id caller = std::this_thread::get_id();
-  static const char forked = 0;  // static: before a task has acquired it, it may read nothing of this frame
+  static const char forked = 0;  // static: before the acquire, a task may not read this frame
   const char joined = 0;
   thread_sanitizer::release(&forked);
   arena_->taken.tbb->execute([&] {
@@ -128,7 +129,7 @@ void Workers::run(std::size_t count, Call f, const void* call) {
           thread_sanitizer::acquire(&forked);
           {
             const FlushDenormals flush;
-            std::optional<Interrupt> interrupt;  // the caller has its own, if any
+            std::optional<Interrupt> interrupt;  // the caller already has one, if any
             if (std::this_thread::get_id() != caller) interrupt.emplace(throw_if_cancelled);
             const auto thread = static_cast<std::size_t>(tbb::this_task_arena::current_thread_index());
             for (std::size_t i = range.begin(); i != range.end(); ++i) f(call, i, thread);

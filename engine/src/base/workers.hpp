@@ -1,5 +1,5 @@
-// Workers: the threads of one batch, in an arena of their own. There are as many as it asks for, also where the machine has fewer
-// processors.
+// Workers: the threads of one batch, in a separate arena. The number of threads is the requested one, even if the machine has
+// fewer processors.
 #pragma once
 
 #include <cstddef>
@@ -16,9 +16,9 @@ class Workers {
 
   int num_threads() const { return num_threads_; }
 
-  // Calls f(index, thread) for every index in [0, count), in no particular order; thread is in [0, num_threads), the index
-  // for per-thread data. Denormals are zero. If f throws, or the caller is interrupted (see Interrupt), some calls are left out
-  // and the exception is passed on; calls on other threads end at their next poll.
+  // Calls f(index, thread) for every index in [0, count), in no particular order. `thread` is in [0, num_threads) and indexes
+  // per-thread data. Denormals are treated as zero. If f throws or the caller is interrupted (see Interrupt), the remaining
+  // calls are skipped and the exception is rethrown; calls on other threads end at their next poll.
   template <class F>
   void run(std::size_t count, const F& f) {
     run(
