@@ -22,8 +22,7 @@ class Interrupt {
     Polled& polled = current();
     if (polled.check == nullptr) return;
     const Clock::time_point now = Clock::now();
-    if (polled.next == Clock::time_point())
-      polled.next = now + kPause;  // set on the first poll: most calls are short and never poll
+    if (polled.next == Clock::time_point()) polled.next = now + kPause;  // not set earlier: most calls are short and never poll
     if (now < polled.next) return;
     polled.check();
     polled.next = Clock::now() + kPause;

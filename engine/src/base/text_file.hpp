@@ -8,9 +8,9 @@
 
 namespace flockstep {
 
-inline constexpr std::streamoff kMaxFileBytes = std::streamoff{1} << 30;  // larger files are rejected
-inline constexpr std::size_t kMaxReadBytes =
-    std::size_t{4} * static_cast<std::size_t>(kMaxFileBytes);  // total of the files that one file references
+// Larger files are rejected. The second limit is for the total of all files that one file names.
+inline constexpr std::streamoff kMaxFileBytes = std::streamoff{1} << 30;
+inline constexpr std::size_t kMaxReadBytes = std::size_t{4} * static_cast<std::size_t>(kMaxFileBytes);
 
 // `kind` describes the file in messages ("a scene file"). Throw std::invalid_argument that names the file and the cause: it is
 // missing, a folder, a device or too large. Writing is atomic: the text goes to a temporary file, which is then renamed.

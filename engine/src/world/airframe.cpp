@@ -12,7 +12,7 @@
 namespace flockstep {
 namespace {
 
-constexpr double kLeastLever = 0.01;  // of a rotor's arm: how far the rotors must be from turning the body about no axis
+constexpr double kLeastLever = 0.01;  // least scaled determinant of the allocation
 
 using Triple = Airframe::Triple;
 
@@ -24,7 +24,7 @@ std::string text_of(const Triple& values) {
   return text.str();
 }
 
-// How force and torque follow from the thrusts of the rotors: thrust, then torque about x, y, z.
+// Maps rotor thrusts to total thrust, then torque about x, y and z.
 Eigen::Matrix4d allocation(const Airframe& frame) {
   Eigen::Matrix4d map;
   for (std::size_t i = 0; i < kRotors; ++i) {
@@ -69,7 +69,7 @@ void Airframe::validate() const {
   require(min_speed_radps < max_speed_radps, "rotors min_speed_radps", "a number below max_speed_radps", min_speed_radps);
   require(thrust_n[2] >= 0.0, "rotors thrust_n[2]", "a number >= 0", thrust_n[2]);
   require(max_thrust() > 0.0, "rotors thrust_n", "a thrust at full speed", max_thrust());
-  const double vertex = thrust_n[2] > 0.0 ? -thrust_n[1] / (2.0 * thrust_n[2]) : -1.0;  // where the parabola turns
+  const double vertex = thrust_n[2] > 0.0 ? -thrust_n[1] / (2.0 * thrust_n[2]) : -1.0;  // rad/s, vertex of the parabola
   require(vertex <= min_speed_radps || thrust_at(vertex) == 0.0, "rotors thrust_n", "a thrust that grows with the speed",
           "one that is least at " + std::to_string(vertex) + " rad/s");
   require(thrust_n[2] > 0.0 || thrust_n[1] > 0.0, "rotors thrust_n", "a thrust that grows with the speed", "one that does not");
@@ -77,8 +77,8 @@ void Airframe::validate() const {
   require(thrust_to_weight() > 1.0, "rotors", "a thrust-to-weight above 1, to hover", thrust_to_weight());
   require(static_cast<double>(kRotors) * thrust_at(min_speed_radps) < mass_kg * kGravity, "rotors min_speed_radps",
           "a speed at which it sinks", min_speed_radps);
-  // Scaled by arm and torque ratio, the allocation of an X or plus frame has a determinant of 16; of one that cannot turn about
-  // some axis, 0.
+  // Scaled by arm and torque ratio, the allocation of an X or plus frame has determinant 16; that of a frame that cannot turn
+  // about some axis has determinant 0.
   double arm = 0.0;
   for (const Triple& p : position_m) arm = std::max({arm, std::abs(p[0]), std::abs(p[1])});
   const double scale = arm * arm * torque_ratio_m;
@@ -89,7 +89,7 @@ void Airframe::validate() const {
 Airframe Airframe::scaled(double size, double mass) const {
   require(std::isfinite(size) && size > 0.0, "size", "a finite number > 0", size);
   require(std::isfinite(mass) && mass > 0.0, "mass", "a finite number > 0", mass);
-  const double time = std::sqrt(size);  // and velocities
+  const double time = std::sqrt(size);  // also the factor for velocities
   Airframe other = *this;
   other.mass_kg *= mass;
   for (double& j : other.inertia_kgm2) j *= mass * size * size;
@@ -104,7 +104,7 @@ Airframe Airframe::scaled(double size, double mass) const {
   other.lag_down_s *= time;
   other.radius_m *= size;
   other.rotor_inertia_kgm2 *= mass * size * size;
-  for (double& k : other.rotor_drag) k *= mass;  // over a speed of a rotor and one of the air
+  for (double& k : other.rotor_drag) k *= mass;  // per rotor speed and air speed
   other.rotor_lift *= mass / size;
   for (double& k : other.linear_drag) k *= mass / time;
   for (double& k : other.quadratic_drag) k *= mass / size;

@@ -10,7 +10,7 @@
 namespace flockstep {
 namespace {
 
-// The structures are taken apart by structured bindings: one that gains a field does not compile here until the field is hashed.
+// Structs are unpacked with structured bindings, so that a new field does not compile here until it is hashed.
 
 void add(Hash& hash, const Vec3& v) { hash.add(std::span<const float>(v.data(), 3)); }
 
@@ -29,7 +29,7 @@ void add(Hash& hash, const Material& material) {
   hash.add(name);
   hash.add(std::span<const float>(base_color));
   hash.add(semantic);
-  // Worlds without what came later keep the hash that snapshots of theirs hold.
+  // Later additions are hashed only if used, so that older worlds keep the hash that their snapshots store.
   if (texture) hash.add(*texture);
   if (emissive != Material().emissive) hash.add(std::span<const float>(emissive));
   if (alpha_cutoff != 0.0F) hash.add(alpha_cutoff);
@@ -90,7 +90,7 @@ void add(Hash& hash, const Light& light) {
     hash.add(std::span<const float>(*triple));
   }
   hash.add(gamma);
-  if (sun_radius_deg == 0.0F && sun_glow == 0.0F) return;  // keeps the hash of before there were these
+  if (sun_radius_deg == 0.0F && sun_glow == 0.0F) return;  // older worlds keep their hash
   hash.add(sun_radius_deg);
   hash.add(sun_glow);
 }

@@ -1,4 +1,4 @@
-// The hash by which one tells whether two worlds have the same content.
+// Hash that identifies worlds with the same content.
 #pragma once
 
 #include <cstdint>
@@ -7,9 +7,8 @@
 
 namespace flockstep {
 
-// Of every byte of every field but the scene's name: a scene that was loaded from elsewhere, or is called otherwise, is the same
-// world to all that is simulated and drawn. The names of its materials count, since programs look materials up by them. Expects
-// the canonical form, in which descriptions that mean the same are the same.
+// Hashes every byte of every field except the scene's name, which affects neither simulation nor rendering. Material names
+// count, because programs look materials up by name. Expects the canonical form, in which equivalent descriptions are equal.
 std::uint64_t content_hash(const SceneDescription& description);
 
 }  // namespace flockstep

@@ -12,12 +12,13 @@ namespace flockstep {
 
 namespace {
 
-// Corners of a hull flatter than this (m, in any direction) are refused: its volume would drown in rounding.
+// m. Flatter hulls are rejected, because rounding errors would dominate their volume.
 constexpr double kMinThickness = 1e-4;
 
 constexpr float kMaxHullReach = 100.0F;  // m; float32 resolves 10 um at this distance
 
-// The extent of the points in their thinnest direction, bounded from above: of the normals of all planes through three points.
+// Returns an upper bound of the points' extent in their thinnest direction: the least extent along the normals of all planes
+// through three points.
 double thickness(std::span<const Vec3> points) {
   double thinnest = std::numeric_limits<double>::infinity();
   bool spans_a_plane = false;
@@ -28,7 +29,7 @@ double thickness(std::span<const Vec3> points) {
         const Eigen::Vector3d ij = points[j].cast<double>() - origin;
         const Eigen::Vector3d ik = points[k].cast<double>() - origin;
         const Eigen::Vector3d normal = ij.cross(ik);
-        if (normal.norm() <= 1e-9 * std::max(ij.squaredNorm(), ik.squaredNorm())) continue;  // on a line
+        if (normal.norm() <= 1e-9 * std::max(ij.squaredNorm(), ik.squaredNorm())) continue;  // collinear
         spans_a_plane = true;
         const Eigen::Vector3d unit = normal.normalized();
         double low = 0.0;
@@ -63,7 +64,7 @@ DroneModel::DroneModel(std::vector<Vec3> hull, std::optional<Airframe> airframe,
   for (const Vec3& vertex : hull_) {
     extents_.min = extents_.min.cwiseMin(vertex);
     extents_.max = extents_.max.cwiseMax(vertex);
-    // Rounded up, so that the ball really holds the hull.
+    // Rounded up, so that the ball contains the hull.
     const float distance = std::nextafter(static_cast<float>(vertex.cast<double>().norm()), std::numeric_limits<float>::max());
     radius_ = std::max(radius_, distance);
   }

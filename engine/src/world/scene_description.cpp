@@ -27,7 +27,7 @@ std::string text(const Vec3& v) {
 
 std::string element(const char* list, std::size_t index) { return std::string(list) + '[' + std::to_string(index) + ']'; }
 
-// object: a function that returns its name.
+// `object` is a function that returns the object's name.
 template <class Name>
 void check_values(const Name& object, const SceneKey& key, std::span<const float> values) {
   for (const float value : values) {
@@ -51,8 +51,8 @@ void check_material(const std::string& field, std::size_t index, std::size_t cou
   if (index >= count) refuse(field, "an index below " + std::to_string(count), std::to_string(index));
 }
 
-// A room is what its corners in double precision give, since a scene file has these: where centre and half extents are of very
-// different sizes, the last bits of one of them are not.
+// Recomputes a room from its corners in double precision, because a scene file stores corners. If centre and half extents
+// differ much in size, their last bits do not survive that conversion.
 void take_corners(const std::string& field, Primitive& room) {
   const Eigen::Vector3d center = room.center.cast<double>(), half = room.half_extents.cast<double>();
   const Eigen::Vector3d low = center - half, high = center + half;
@@ -74,7 +74,7 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   if (primitive.kind == PrimitiveKind::room) take_corners(field, primitive);
   const bool is_flat = primitive.kind == PrimitiveKind::plane || primitive.kind == PrimitiveKind::disc;
   if (is_flat && half.z() != 0.0F) refuse(field + ".half_extents", "thickness 0", text(half));
-  if (is_flat) primitive.half_extents.z() = 0.0F;  // as which -0 is written
+  if (is_flat) primitive.half_extents.z() = 0.0F;  // replaces -0
   if (!(half.head(is_flat ? 2 : 3).minCoeff() >= static_cast<float>(keys::kSizes.least))) {
     refuse(field + ".half_extents", "sizes " + at_least(keys::kSizes.least).text() + " m", text(half));
   }
@@ -92,7 +92,7 @@ void check_primitive(const std::string& field, Primitive& primitive, std::size_t
   primitive.rotation = unit_quaternion(wxyz);
 
   const bool is_identity = q.w() == 1.0F && q.vec().isZero(0.0F);
-  if (is_identity) primitive.rotation = Quat::Identity();  // without any -0
+  if (is_identity) primitive.rotation = Quat::Identity();  // replaces -0
   switch (primitive.kind) {
     case PrimitiveKind::room:
       if (!is_identity) refuse(field + ".rotation", "the identity for a room", text(q.vec()));
@@ -185,7 +185,7 @@ void check_mesh(TriangleMesh& mesh, std::size_t num_materials) {
   }
 }
 
-// The same triangles as a scene file has them: object after object, each with vertices of its own, which keep their order.
+// Returns the triangles in the order of a scene file: object by object, each with its own vertices in their original order.
 TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   std::vector<std::size_t> order(mesh.triangles.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -200,7 +200,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   ordered.materials.reserve(mesh.triangles.size());
   ordered.objects.reserve(mesh.triangles.size());
   std::vector<std::int32_t> used;                            // by the current object
-  std::vector<std::int32_t> moved(mesh.vertices.size(), 0);  // where its vertices have gone
+  std::vector<std::int32_t> moved(mesh.vertices.size(), 0);  // new indices of its vertices
   for (auto first = order.begin(); first != order.end();) {
     const std::uint16_t object = mesh.objects[*first];
     const auto last = std::find_if(first, order.end(), [&](std::size_t i) { return mesh.objects[i] != object; });
@@ -239,7 +239,7 @@ TriangleMesh ordered_by_object(const TriangleMesh& mesh) {
   return ordered;
 }
 
-// Drones have to fly around something.
+// Requires something solid, for drones to fly around.
 void check_solid(const SceneDescription& description) {
   const auto is_one = [](const Primitive& primitive) { return is_solid(primitive.visibility); };
   if (std::any_of(description.primitives.begin(), description.primitives.end(), is_one)) return;
@@ -292,7 +292,7 @@ void check_materials(const std::vector<Material>& materials, std::size_t num_tex
   }
 }
 
-// Rounding a unit vector to float32 moves its squared norm by at most 2^-23 (2^-24 relative in each component).
+// Rounding a unit vector to float32 changes its squared norm by at most 2^-23 (2^-24 relative in each component).
 template <int kSize>
 Eigen::Matrix<float, kSize, 1> unit(const Eigen::Matrix<double, kSize, 1>& vector) {
   constexpr double kRounding = 1.2e-7;
@@ -348,7 +348,7 @@ Quat unit_quaternion(const Eigen::Vector4d& wxyz) {
 }
 
 Vec3 unit_direction(const Eigen::Vector3d& direction) {
-  constexpr double kTiny = 1e-100;  // the squares of what is shorter underflow
+  constexpr double kTiny = 1e-100;  // squares of shorter vectors underflow
   const double longest = direction.cwiseAbs().maxCoeff();
   return unit<3>(longest < kTiny ? Eigen::Vector3d(direction / longest) : direction);
 }

@@ -1,4 +1,4 @@
-// The rules every scene obeys, wherever it came from.
+// Rules for every scene, independent of its source.
 #pragma once
 
 #include <array>
@@ -12,66 +12,72 @@
 
 namespace flockstep {
 
-// Sizes below this are refused: their squares are still far from underflow.
+// Smaller sizes are rejected. Their squares are still far from underflow.
 inline constexpr double kMinSize = 1e-6;  // m
-// Corners of rooms, which may be half a float32 step from where they were read.
+// Limit for corners of rooms, which may differ from the values in the file by half a float32 step.
 inline constexpr double kMaxCorner = kMaxCoordinate + 0.125;  // m
-// How far the norm of a quaternion may be from 1 before it is taken for a mistake rather than for rounding.
+// Tolerance for the norm of a quaternion. Larger deviations from 1 are mistakes, not rounding.
 inline constexpr double kQuaternionTolerance = 1e-3;
 
-// Two times the area over the longest side squared, below which a triangle has no usable normal in float32.
+// Twice the area over the squared longest side. A triangle below this ratio has no usable normal in float32.
 inline constexpr double kDegenerateRatio = 1e-7;
 
-// So many that the semantic id of the last, its index plus 1, stays below those of the markers.
+// The semantic id of the last material, its index plus 1, stays below those of the markers.
 inline constexpr std::size_t kMaxMaterials = kSemanticStart - 1;
-// Their numbers are 16 bits wide.
+// Objects and textures have 16-bit indices.
 inline constexpr std::size_t kMaxObjects = 65536;
 inline constexpr std::size_t kMaxTextures = 65536;
 inline constexpr int kMaxTexturePx = 16384;
 
-// From so many triangles of a world on, what each takes in memory counts for more than a few milliseconds here and there.
+// Worlds with at least this many triangles return freed memory to the system; for them, memory matters more than a few
+// milliseconds.
 inline constexpr std::size_t kManyTriangles = std::size_t{1} << 18U;
 
-// See Lighting::tint.
+// Allowed tints; see Lighting::tint.
 inline constexpr Limits kTints = between(0.0, 10.0);
 
-// True if the corners are the same point, on a line, or so nearly that the normal is rounding noise.
+// Returns true if the corners coincide, are collinear, or are so close to that that the normal is rounding noise.
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
 
-// "2 triangles without an area", which a reader has left out.
+// Describes triangles that a reader dropped: "2 triangles without an area".
 std::string words_of_flat(std::size_t count);
 
-// (w, x, y, z) as a unit quaternion in float32; a quaternion that is already unit in float32 keeps its bits, so that writing and
-// reading it again changes nothing. The norm must be within kQuaternionTolerance of 1.
+// Returns (w, x, y, z) as a unit quaternion in float32. A quaternion that is already unit in float32 keeps its bits, so that
+// writing and reading it again changes nothing. The norm must be within kQuaternionTolerance of 1.
 Quat unit_quaternion(const Eigen::Vector4d& wxyz);
 
-// A direction, which must not be 0, as a unit vector in float32; one that is already unit in float32 keeps its bits.
+// Returns a direction, which must not be 0, as a unit vector in float32. A vector that is already unit in float32 keeps its
+// bits.
 Vec3 unit_direction(const Eigen::Vector3d& direction);
 
-// Throws std::invalid_argument naming the marker, what was expected and what came.
+// Throws std::invalid_argument that names the marker, the expected value and the actual one.
 void check_markers(const Markers& markers);
 
-// Throws likewise; the direction to the sun becomes unit.
+// Normalizes the direction to the sun. Throws std::invalid_argument like check_markers().
 void check_light(Light& light);
 
-// Multiplies base colours; see Lighting. Throws likewise.
+// Multiplies base colours by tints; see Lighting. Throws std::invalid_argument like check_markers().
 void apply_tint(std::span<const std::array<float, 3>> tint, std::vector<Material>& materials);
 
-// Brings a description into the one form the engine relies on: primitives ordered by kind (stable), rooms as their corners give
-// them, quaternions and the sun's direction unit, one material index and one object number per triangle, and the triangles of
-// each object together, in the order of the objects, with vertices that are theirs alone and all used; uv where a material has a
-// texture; and memory for one vertex more, because Embree, which is given the vertices where they are, reads four numbers of the
-// last one. Descriptions in that form come out as they are. Throws std::invalid_argument naming the field, what was expected and
-// what came.
+// Converts a description to the canonical form that the engine relies on:
+// - primitives are sorted by kind (stable), and rooms match their corners;
+// - quaternions and the sun's direction are unit;
+// - each triangle has a material index and an object number;
+// - triangles are grouped by object, in the order of the objects; no vertex is unused or shared between objects;
+// - there are uv if a material has a texture;
+// - there is memory for one more vertex, because Embree uses the vertices in place and reads four numbers of the last one.
+// A canonical description is returned unchanged. Throws std::invalid_argument that names the field, the expected value and the
+// actual one.
 SceneDescription canonical(SceneDescription description);
 
-// What of a world is solid, of one material, and that visual, too; without markers and light.
+// Returns the solid parts of a world, all with material 0 and visible, without markers and light.
 SceneDescription solids_of(const World& world);
 
-// Goes on with the colours of a mesh's vertices, or begins with them: `count` vertices were added last, and have these or none.
+// Appends vertex colours for the `count` vertices that were added last. If `colors` is empty but the mesh has colours, they are
+// white.
 void append_colors(std::span<const std::array<float, 3>> colors, std::size_t count, TriangleMesh& mesh);
 
-// The smallest axis-aligned box around a primitive.
+// Returns the smallest axis-aligned box around a primitive.
 Aabb bounds(const Primitive& primitive);
 
 }  // namespace flockstep

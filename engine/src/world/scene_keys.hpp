@@ -1,5 +1,5 @@
-// The keys of a scene file. Type, limits, unit, default and meaning of each are written here and nowhere else: the reader and the
-// checks of a SceneDescription use these lists, and bindings/scene_keys.py makes scenes/schema.json and the table of
+// The keys of scene files. This is the only place for each key's type, limits, unit, default and meaning: the reader and the
+// checks of a SceneDescription use these lists, and bindings/scene_keys.py generates scenes/schema.json and the table of
 // docs/conventions.md from them.
 #pragma once
 
@@ -26,9 +26,9 @@ enum class ValueKind : std::uint8_t {
   number,         //
   integer,        //
   index,          // an integer >= 0
-  direction,      // numbers, not all of them 0
+  direction,      // numbers, not all 0
   choice,         // one of a few texts
-  object,         // with its own keys
+  object,         // nested keys
 };
 template <>
 struct EnumNames<ValueKind> {
@@ -36,7 +36,7 @@ struct EnumNames<ValueKind> {
                                      "integer",  "index",   "direction", "choice",        "object"};
 };
 
-// The number of values that a key holds.
+// Number of values that a key holds.
 enum class ValueCount : std::uint8_t { one, list, by_name };
 template <>
 struct EnumNames<ValueCount> {
@@ -47,34 +47,34 @@ struct SceneKey {
   std::string_view name;
   std::string_view meaning;  // a sentence
   ValueKind kind = ValueKind::number;
-  Limits limits;                         // of each number
-  bool or_zero = false;                  // 0 is allowed besides
-  std::size_t size = 0;                  // length of the array that a value is; 0: a value is not an array
+  Limits limits;                         // limits of each number
+  bool or_zero = false;                  // 0 is allowed in addition to the limits
+  std::size_t size = 0;                  // array length of a value; 0: not an array
   ValueCount count = ValueCount::one;    //
-  std::size_t most = 0;                  // values of a list or a map; 0: any number
+  std::size_t most = 0;                  // largest size of a list or a map; 0: no limit
   std::string_view unit;                 //
-  std::string (*usual)() = nullptr;      // the default as JSON; null: there is none
-  bool is_required = false;              // with `alternative`: if another key of the same alternative is there
-  std::uint8_t alternative = 0;          // keys of exactly one alternative of an object may be there; 0: of none
-  std::span<const SceneKey> keys;        // of an object
-  std::span<const char* const> choices;  // of a choice
+  std::string (*usual)() = nullptr;      // default as JSON; null: no default
+  bool is_required = false;              // with `alternative`: required if another key of it is present
+  std::uint8_t alternative = 0;          // only keys of one alternative may be present; 0: no alternative
+  std::span<const SceneKey> keys;        // keys of an object
+  std::span<const char* const> choices;  // names of a choice
 };
 
 inline constexpr int kSceneVersion = 1;
 
-// For SceneKey::usual.
+// Formats values for SceneKey::usual.
 std::string as_json(const std::string& text);
 std::string as_json(float value);
 std::string as_json(const std::array<float, 3>& values);
 std::string as_json(const std::array<TextureWrap, 2>& wrap);
 
-// All keys, as a JSON array of objects.
+// Returns all keys as a JSON array of objects.
 std::string scene_keys_as_json();
 
-// "a number in [1, 4]", "0 or a number in [0.1, 45]", or of an array "numbers in [0, 1]".
+// Describes the allowed values: "a number in [1, 4]", "0 or a number in [0.1, 45]", or "numbers in [0, 1]" for an array.
 std::string text_of_values(const SceneKey& key);
 
-// True if a float32 may be the rounded value of a number that the key allows.
+// Returns true if the float32 can be the rounded value of an allowed number.
 constexpr bool allows(const SceneKey& key, float value) {
   const Limits& limits = key.limits;
   return (value >= static_cast<float>(limits.least) && value <= static_cast<float>(limits.greatest)) ||
@@ -89,7 +89,7 @@ constexpr SceneKey list_of(std::string_view name, std::string_view meaning, std:
 }
 
 constexpr SceneKey light_color(std::string_view name, std::string_view meaning, std::string (*usual)()) {
-  constexpr Limits kBrightness = between(0.0, 100.0);  // brighter than a picture shows, and far from overflow
+  constexpr Limits kBrightness = between(0.0, 100.0);  // brighter than images can show, and far from overflow
   return {.name = name, .meaning = meaning, .limits = kBrightness, .size = 3, .usual = usual};
 }
 
@@ -99,7 +99,7 @@ inline constexpr Limits kLengths = between(2.0 * kMinSize, 2.0 * kMaxCoordinate)
 inline constexpr Limits kCorners = within(kMaxCorner);
 inline constexpr Limits kShares = between(0.0, 1.0);
 
-// Keys that several objects have.
+// Keys of several objects
 inline constexpr SceneKey kCenter{
     .name = "center", .meaning = "x, y, z.", .limits = kCoordinates, .size = 3, .unit = "m", .is_required = true};
 inline constexpr SceneKey kRadius{.name = "radius", .meaning = "The radius.", .limits = kSizes, .unit = "m", .is_required = true};
@@ -307,7 +307,7 @@ inline constexpr SceneKey kGamma{
     }};
 inline constexpr SceneKey kSunRadius{.name = "sun_radius_deg",
                                      .meaning = "Radius of the sun's disc in the sky; 0: no disc. The real sun's is 0.27.",
-                                     .limits = between(0.1, 45.0),  // directions in float32 can show the least
+                                     .limits = between(0.1, 45.0),  // the least is resolvable by float32 directions
                                      .or_zero = true,
                                      .unit = "deg",
                                      .usual = [] { return as_json(Light().sun_radius_deg); }};
@@ -369,7 +369,7 @@ inline constexpr std::array kSceneKeys{kVersion, kSchema,  kName,     kTextures,
 
 }  // namespace keys
 
-// The colours and numbers of a Light, with their keys.
+// Members of a Light and their keys.
 struct LightColor {
   const SceneKey& key;
   std::array<float, 3> Light::* member;

@@ -44,7 +44,7 @@ class Patch {
   TriangleMesh& mesh_;
 };
 
-// The angle whose arc of radius r rises r (1 - cos(angle / 2)) = error above its chord: 1 - cos(x) = 2 sin^2(x / 2).
+// Returns the angle whose arc of radius r rises r (1 - cos(angle / 2)) = error above its chord: 1 - cos(x) = 2 sin^2(x / 2).
 double arc_within(double radius, double error) { return 4.0 * std::asin(std::sqrt(std::min(error / (2.0 * radius), 0.5))); }
 
 int parts(double whole, double part, int least) { return std::max(least, static_cast<int>(std::ceil(whole / part))); }
@@ -70,7 +70,7 @@ void add_cylinder(Patch patch, double radius, double half_height, double chord_e
   const int sides = parts(2.0 * std::numbers::pi, arc_within(radius, chord_error), 8);
   const std::int32_t bottom = patch.vertex({0.0, 0.0, -half_height});
   const std::int32_t top = patch.vertex({0.0, 0.0, half_height});
-  const std::int32_t rim = top + 1;  // then bottom and top of each side in turn
+  const std::int32_t rim = top + 1;  // bottom and top vertex of each side in turn
   for (int i = 0; i < sides; ++i) {
     const double angle = 2.0 * std::numbers::pi * i / sides;
     patch.vertex({radius * std::cos(angle), radius * std::sin(angle), -half_height});
@@ -95,9 +95,9 @@ void add_disc(Patch patch, double radius, double chord_error) {
   for (int i = 0; i < sides; ++i) patch.triangle(middle, middle + 1 + i, middle + 1 + (i + 1) % sides);
 }
 
-// Two half balls about (0, 0, -+middle), and what lies between them; a ball if middle is 0. Rings of latitude: a cell of equal
-// steps in latitude and longitude is a planar trapezoid inscribed in a circle; the circle is widest at the equator, where its
-// angular radius is the cell's half diagonal, step / sqrt(2).
+// Adds two half balls around (0, 0, -+middle) and the cylinder between them; a ball if middle is 0. In rings of latitude, a
+// cell of equal steps in latitude and longitude is a planar trapezoid inscribed in a circle. The circle is widest at the
+// equator, where its angular radius is half the cell's diagonal, step / sqrt(2).
 void add_capsule(Patch patch, double radius, double middle, double chord_error) {
   const double step = arc_within(radius, chord_error) / std::numbers::sqrt2;
   const int half_rings = parts(std::numbers::pi / 2.0, step, 2);
@@ -131,7 +131,7 @@ void add_capsule(Patch patch, double radius, double middle, double chord_error) 
   }
 }
 
-constexpr double kMaxTriangles = 1e8;  // of a tessellation: some 4 GB
+constexpr double kMaxTriangles = 1e8;  // about 4 GB
 
 std::string rounded(double value) {
   std::ostringstream text;
@@ -139,7 +139,7 @@ std::string rounded(double value) {
   return text.str();
 }
 
-// About how many triangles a primitive becomes, as a double: they may be more than an int counts.
+// Estimates the number of triangles of a primitive, as a double because it may exceed the range of int.
 double triangles_of(const Primitive& primitive, double chord_error) {
   constexpr double kTurn = 2.0 * std::numbers::pi;
   const double radius = primitive.half_extents.x();
@@ -152,7 +152,7 @@ double triangles_of(const Primitive& primitive, double chord_error) {
     case PrimitiveKind::sphere:
     case PrimitiveKind::capsule: {
       const double sides = std::max(8.0, std::numbers::sqrt2 * kTurn / arc);
-      return sides * sides;  // rings: half as many, two triangles a cell
+      return sides * sides;  // half as many rings as sides, two triangles a cell
     }
     default:
       return 12.0;

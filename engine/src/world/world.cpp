@@ -26,7 +26,8 @@ Aabb bounds_of(const SceneDescription& description) {
 
 World::World(SceneDescription description, std::vector<std::string> ignored)
     : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {
-  if (description_.mesh.triangles.size() >= kManyTriangles) give_back_freed_memory();  // of the file and its readers, too
+  if (description_.mesh.triangles.size() >= kManyTriangles)
+    give_back_freed_memory();  // includes memory of the file and its readers
 }
 
 World::World(std::shared_ptr<const World> world, const Lighting& lighting)
