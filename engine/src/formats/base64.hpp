@@ -1,4 +1,4 @@
-// Base64 (RFC 4648): bytes within JSON.
+// Decodes Base64 (RFC 4648), as used for bytes in JSON.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@ namespace flockstep {
 
 std::string base64_of(std::string_view bytes);
 
-// Padding may be missing. Throws std::invalid_argument naming the source where a character is none of base64's 64.
+// Padding is optional. Throws std::invalid_argument that names the source if a character is not in the base64 alphabet.
 std::string bytes_of_base64(std::string_view text, const std::string& source);
 
 }  // namespace flockstep

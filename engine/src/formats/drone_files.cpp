@@ -11,7 +11,7 @@
 namespace flockstep {
 namespace {
 
-// The frames that ship with flockstep: name and text of each file of drones/, in the order of their names.
+// The bundled airframes: name and text of each file in drones/, sorted by name.
 struct Bundled {
   std::string_view name, text;
 };

@@ -19,7 +19,7 @@ using Triple = Airframe::Triple;
 constexpr int kDroneVersion = 1;
 constexpr const char* kDroneKey = "flockstep_drone";
 
-// Numbers are checked for their meaning by Airframe::validate().
+// Airframe::validate() checks the ranges of the numbers.
 double finite(const JsonField& field) {
   if (!field.value.is_number()) refuse(field, "a number");
   const double value = field.value.get<double>();
@@ -51,7 +51,7 @@ Spin spin(const JsonField& field) {
   refuse(field, "\"ccw\" or \"cw\", seen from above");
 }
 
-// What a frame that is like no other has to say.
+// Requires the keys of a frame that is not based on another one.
 void require_all(const JsonField& object, std::initializer_list<const char*> keys) {
   for (const char* const key : keys) require(object, key);
 }
@@ -86,7 +86,7 @@ void read_rotors(const JsonField& field, Airframe& frame, bool is_new) {
   read_to(frame.rotor_lift, field, "lift_n_per_mps2");
 }
 
-// An eight-sided prism that fills a box about the origin but for its upright edges, of which a quarter of each side is cut off.
+// Returns a box around the origin as an eight-sided prism: its upright edges are cut off by a quarter of each side.
 std::vector<Vec3> prism(const Triple& size) {
   std::vector<Vec3> hull;
   for (const double z : {-0.5, 0.5}) {
@@ -100,7 +100,7 @@ std::vector<Vec3> prism(const Triple& size) {
   return hull;
 }
 
-// Of `like`, the hull where the file has none of its own.
+// Returns the hull of the file, or else that of `like`.
 std::vector<Vec3> read_hull(const JsonField& root, const std::optional<DroneModel>& like) {
   const auto size = find(root, "size_m");
   const auto points = find(root, "hull_m");
@@ -151,7 +151,7 @@ std::optional<DroneModel> read_like(const JsonField& root) {
 std::optional<Airframe> read_airframe(const JsonField& root, const std::optional<DroneModel>& like) {
   const bool is_new = !like || !like->airframe();
   const auto has = [&](const char* key) { return find(root, key).has_value(); };
-  if (is_new && !has("mass_kg") && !has("inertia_kgm2") && !has("rotors") && !has("drag")) return std::nullopt;  // a hull alone
+  if (is_new && !has("mass_kg") && !has("inertia_kgm2") && !has("rotors") && !has("drag")) return std::nullopt;  // only a hull
   Airframe frame = is_new ? Airframe() : *like->airframe();
   if (is_new) require_all(root, {"mass_kg", "inertia_kgm2", "rotors"});
   read_to(frame.mass_kg, root, "mass_kg");

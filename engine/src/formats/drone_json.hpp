@@ -1,4 +1,4 @@
-// Drone files: the JSON that docs/add-a-drone.md describes, read into and written from a DroneModel.
+// Reads and writes drone files: DroneModels as the JSON that docs/add-a-drone.md describes.
 #pragma once
 
 #include <string>
@@ -7,11 +7,11 @@
 
 namespace flockstep {
 
-// source names the text in error messages.
-// Throws std::invalid_argument: source, place of the offending field, what was expected, what came.
+// `source` names the text in error messages.
+// Throws std::invalid_argument with the source, the path of the offending field, the expected value and the actual one.
 DroneModel read_drone(const std::string& text, const std::string& source);
 
-// Every number is written so that it reads back equal.
+// Writes every number such that it reads back equal.
 std::string write_drone(const DroneModel& drone);
 
 }  // namespace flockstep

@@ -36,7 +36,7 @@ std::string written(const Vec3d& v) {
   return out.str();
 }
 
-// An accessor's elements, which the model has within its buffers.
+// Elements of an accessor; the model guarantees that they lie within its buffers.
 class Elements {
  public:
   Elements(const GltfModel& model, std::size_t accessor)
@@ -75,7 +75,7 @@ class Elements {
 
  private:
   template <class T>
-  static T as(const char* at) {  // which may lie anywhere
+  static T as(const char* at) {  // may be unaligned
     T value;
     std::memcpy(&value, at, sizeof value);
     return value;
@@ -87,12 +87,12 @@ class Elements {
   }
 
   const GltfAccessor& accessor_;
-  std::size_t size_;  // of a component, in bytes
+  std::size_t size_;  // bytes of a component
   std::size_t stride_ = 0;
   const char* first_ = nullptr;
 };
 
-// KHR_texture_transform: scaled, then turned counter-clockwise as the image is seen, then moved.
+// KHR_texture_transform: scale, then turn counter-clockwise as seen in the image, then move.
 struct UvTransform {
   Eigen::Matrix2d turn;
   Vec2d offset;
@@ -103,19 +103,19 @@ struct UvTransform {
   }
 };
 
-// From the file's axes to the world's, and nothing more.
+// Rotation from the file's axes to the world's.
 const Eigen::Affine3d& upright() {
   static const Eigen::Affine3d kUpright = placement({}, UpAxis::y);
   return kUpright;
 }
 
-// A point where a transform takes it. Turned upright alone it keeps all its bits, a -0 included.
+// Returns the transformed point. A point that is only turned upright keeps all its bits, including -0.
 Vec3d applied(const Eigen::Affine3d& place, const Vec3d& point) {
   if (place.matrix() == upright().matrix()) return {point.x(), -point.z(), point.y()};
   return place * point;
 }
 
-// What of a surface stays the same however it is cut into triangles and these are listed.
+// Properties of a surface that do not depend on its triangulation or the order of triangles.
 struct Extent {
   Vec3d min = Vec3d::Constant(std::numeric_limits<double>::infinity());
   Vec3d max = -min;
@@ -130,7 +130,7 @@ struct Extent {
   }
 
   bool is_about(const Extent& other) const {
-    constexpr double kTolerance = 1e-3;  // more than quantization rounds
+    constexpr double kTolerance = 1e-3;  // larger than quantization errors
     const Vec3d size = other.max - other.min;
     const Vec3d most = kTolerance * (size + Vec3d::Constant(kTolerance * size.maxCoeff()));
     return ((min - other.min).cwiseAbs().array() <= most.array()).all() &&
@@ -175,7 +175,7 @@ class GltfReader {
 
   std::string field(const char* list, std::size_t index) const { return source_ + ": /" + list + '/' + std::to_string(index); }
 
-  // A node's own word comes before that of those above it.
+  // A node's own flags take precedence over inherited ones.
   static Visibility visibility_of(const GltfNode& node, Visibility inherited) {
     if (node.visual_only == true) return Visibility::visual;
     if (node.collision_only == true) return Visibility::solid;
@@ -191,7 +191,7 @@ class GltfReader {
     return model_.scene ? model_.scenes[*model_.scene].extras : kNone;
   }
 
-  // They are in the world's frame: from there to the file's, and where the options put that.
+  // Extras are in the world frame. They are transformed to the file's frame and then placed as the options say.
   void read_scene_extras() {
     if (!scene_extras()) return;
     is_ours_ = true;
@@ -199,7 +199,7 @@ class GltfReader {
     scene().name = model_.scenes[*model_.scene].name;
     scene().light = light;
     scene().markers = markers;
-    for (std::size_t i = 0; i < model_.textures.size(); ++i) texture_of(i);  // those that no material has, too
+    for (std::size_t i = 0; i < model_.textures.size(); ++i) texture_of(i);  // includes textures without a material
     if (place_.matrix() == upright().matrix()) return;
     const Eigen::Affine3d place = place_ * upright().inverse();
     scene().markers.radius = static_cast<float>(markers.radius * options_.scale);
@@ -213,7 +213,8 @@ class GltfReader {
     sun = {direction.x(), direction.y(), direction.z()};
   }
 
-  // Of a node whose extras call its mesh a primitive; false where the mesh is another one, or the node makes another of it.
+  // Reads a node whose extras declare its mesh a primitive. Returns false if the mesh is not that primitive, or if the node's
+  // transform turns it into another shape.
   bool read_primitive_of(const GltfNode& node, std::size_t index, bool is_root, const Eigen::Affine3d& place, int semantic,
                          Visibility visibility) {
     const std::size_t mesh = *node.mesh;
@@ -221,7 +222,7 @@ class GltfReader {
     if (model_.meshes[mesh].size() != 1 || !is_tessellation(mesh, primitive)) return false;
 
     Vec3d scale;
-    if (is_root && options_.up != UpAxis::z && !node.matrix) {  // bit by bit
+    if (is_root && options_.up != UpAxis::z && !node.matrix) {  // keeps every bit
       const auto& [q, s] = std::tie(node.rotation, node.scale);
       if (q) primitive.rotation = unit_quaternion({(*q)[3], (*q)[0], -(*q)[2], (*q)[1]});
       scale = s ? Vec3d(Vec3d((*s)[0], (*s)[2], (*s)[1]).cwiseAbs()) : Vec3d::Ones();
@@ -232,7 +233,7 @@ class GltfReader {
       if (!(scale.minCoeff() > 0.0)) return false;
       axes.array().rowwise() /= scale.transpose().array();
       if (!(axes.transpose() * axes).isIdentity(kRounding)) return false;
-      if (axes.determinant() < 0.0) axes.col(0) *= -1.0;  // all of them are symmetric
+      if (axes.determinant() < 0.0) axes.col(0) *= -1.0;  // all primitives are symmetric
       const Eigen::Quaterniond q = Eigen::Quaterniond(axes).normalized();
       primitive.rotation = unit_quaternion({q.w(), q.x(), q.y(), q.z()});
     }
@@ -246,19 +247,19 @@ class GltfReader {
     if (!fits) refuse(field("nodes", index), in_world("a primitive") + ", of sizes >= 1e-06 m", written(center));
     primitive.center = center.cast<float>();
     primitive.material = material_of(model_.meshes[mesh][0].material, semantic);
-    // A room is what it is.
+    // Rooms are always visible and solid.
     primitive.visibility = primitive.kind == PrimitiveKind::room ? Visibility::full : visibility;
     scene().primitives.push_back(primitive);
     return true;
   }
 
-  // False where a scale makes an egg of a ball, or the rotation is none that a room can have.
+  // Returns false if the scale distorts a round primitive, or if a room has a rotation that is not a multiple of 90 degrees.
   static bool take_size(Primitive& primitive, Vec3d scale) {
     const auto is_even = [&](int a, int b) { return std::abs(scale[a] - scale[b]) <= kRounding * scale[a]; };
     switch (primitive.kind) {
       case PrimitiveKind::room: {
         const Eigen::Matrix3d axes = primitive.rotation.toRotationMatrix().cast<double>().cwiseAbs();
-        if (!(axes.cwiseProduct(axes) - axes).isZero(kRounding)) return false;  // each is 0 or 1
+        if (!(axes.cwiseProduct(axes) - axes).isZero(kRounding)) return false;  // all entries are 0 or 1
         if (!primitive.rotation.coeffs().isApprox(Quat::Identity().coeffs(), 0.0F)) {
           scale = axes * scale;
           primitive.rotation = Quat::Identity();
@@ -283,7 +284,7 @@ class GltfReader {
     return true;
   }
 
-  // Whether a mesh is still what has been written for a primitive.
+  // Returns whether a mesh is still the tessellation that was written for the primitive.
   bool is_tessellation(std::size_t mesh, const Primitive& primitive) {
     const auto& half = primitive.half_extents;
     const auto [known, is_new] = tessellations_.try_emplace({primitive.kind, half.x(), half.z()});
@@ -328,7 +329,7 @@ class GltfReader {
     return static_cast<std::uint16_t>(scene().materials.size() - 1);
   }
 
-  // Material i of the file, with the class of a node where that has one.
+  // Adds material i of the file, with the semantic of the node if it has one.
   std::uint16_t add_material(std::size_t i, int semantic) {
     const GltfMaterial& given = model_.materials[i];
     Material material;
@@ -351,7 +352,7 @@ class GltfReader {
     if (found != materials_.end()) return found->second;
     if (material) return add_material(*material, semantic);
     const std::uint16_t index =
-        push_material(Material{"", {1.0F, 1.0F, 1.0F}, static_cast<std::uint16_t>(semantic)}, "default");  // glTF's own
+        push_material(Material{"", {1.0F, 1.0F, 1.0F}, static_cast<std::uint16_t>(semantic)}, "default");  // glTF's default
     materials_.emplace(std::pair(material, semantic), index);
     return index;
   }
@@ -369,7 +370,7 @@ class GltfReader {
     return found->second;
   }
 
-  // An image with other borders is a texture of its own.
+  // The same image with other wrap modes is a separate texture.
   Texture image_of(std::size_t index) {
     const GltfImage& given = model_.images[index];
     Texture texture;
@@ -395,9 +396,9 @@ class GltfReader {
 
   struct Placed {
     std::size_t node;
-    Eigen::Affine3d place;  // of its parent
-    int semantic;           // that it inherits, 0 for none
-    Visibility visibility;  // likewise, full for none
+    Eigen::Affine3d place;  // transform of the parent
+    int semantic;           // inherited; 0: none
+    Visibility visibility;  // inherited; full: none
     bool is_root;
   };
 
@@ -414,7 +415,7 @@ class GltfReader {
         if (!is_child[i]) roots.push_back(i);
       }
     }
-    // Each node is met once, so that the tree is one, and neither its depth nor a circle in it matters.
+    // Each node may be visited only once. This rejects cycles, and depth does not matter because there is no recursion.
     std::vector<bool> is_met(model_.nodes.size(), false);
     std::vector<Placed> open;
     const auto push = [&](const std::vector<std::size_t>& nodes, const Eigen::Affine3d& place, int semantic,
@@ -446,7 +447,7 @@ class GltfReader {
 
   Eigen::Affine3d transform_of(const GltfNode& node, std::size_t index) const {
     if (node.matrix) {
-      const Eigen::Matrix4d matrix = Eigen::Map<const Eigen::Matrix4d>(node.matrix->data());  // column by column
+      const Eigen::Matrix4d matrix = Eigen::Map<const Eigen::Matrix4d>(node.matrix->data());  // column-major
       if (!matrix.row(3).isApprox(Eigen::RowVector4d(0, 0, 0, 1), 1e-6)) {
         refuse(field("nodes", index) + "/matrix", "0, 0, 0, 1 as the last row", "another");
       }
@@ -456,7 +457,7 @@ class GltfReader {
     if (const auto& t = node.translation) place.translation() = Vec3d((*t)[0], (*t)[1], (*t)[2]);
     if (const auto& given = node.rotation) {
       const Eigen::Quaterniond q((*given)[3], (*given)[0], (*given)[1], (*given)[2]);
-      constexpr double kTolerance = 0.01;  // exporters round, and it is made unit
+      constexpr double kTolerance = 0.01;  // exporters round; normalized below
       require(std::abs(q.norm() - 1.0) <= kTolerance, field("nodes", index) + "/rotation", "a quaternion of norm 1", q.norm());
       place.rotate(q.normalized());
     }
@@ -471,7 +472,7 @@ class GltfReader {
       const Vec3d towards = place.linear() * Vec3d::UnitZ();  // a light shines along its -z
       if (!(towards.norm() > 0.0)) refuse(field("nodes", index), "a light with a direction", "one scaled to nothing");
       const Vec3d unit = towards.normalized();
-      // Extras have every bit of it, but a node that has been turned since has the last word.
+      // Extras store the exact direction. If the node has been rotated since, the node's direction is used.
       const auto& known = scene().light.sun_direction;
       const bool is_known = is_ours_ && (unit - Vec3d(known[0], known[1], known[2])).norm() <= 1e-4;
       if (++suns_ == 1 && !is_known)
@@ -506,7 +507,7 @@ class GltfReader {
     waypoints_.push_back({number, point()});
   }
 
-  // By their numbers, and as the nodes come where these are equal.
+  // Sorts waypoints by number. Equal numbers keep the order of the nodes.
   void order_waypoints() {
     std::stable_sort(waypoints_.begin(), waypoints_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     for (const auto& [number, point] : waypoints_) scene().markers.waypoints.push_back(point);
@@ -514,7 +515,7 @@ class GltfReader {
 
   // -------------------------------------------------------------------------------------------------------- meshes
 
-  // A mesh of a node, an object.
+  // The mesh of a node; it becomes an object.
   struct Shown {
     std::size_t mesh, node;
     Eigen::Affine3d place;
@@ -526,7 +527,8 @@ class GltfReader {
     return primitive.mode == GltfMode::triangles ? num_corners / 3 : std::max<std::size_t>(num_corners, 2) - 2;
   }
 
-  // Of each mesh, one for a primitive that has none: its part in what many nodes that show it cost.
+  // Adds the triangles of a mesh to the total and checks the limit. Each mesh counts one more, and a primitive without
+  // triangles counts as one, so that many nodes with empty meshes reach the limit as well.
   void count_triangles(std::size_t mesh) {
     if (triangles_of_.empty()) count_all_triangles();
     num_triangles_ += triangles_of_[mesh];
@@ -544,7 +546,7 @@ class GltfReader {
     }
   }
 
-  // A primitive of a mesh, of glTF's primitives.
+  // A glTF primitive of a mesh.
   struct Part {
     const GltfPrimitive* primitive;
     std::vector<std::uint32_t> corners;
@@ -552,7 +554,7 @@ class GltfReader {
     std::optional<std::size_t> uv, colors;  // accessors
   };
 
-  // Many primitives may share their accessors: of these, the vertices that are used, and the number of the first in the world.
+  // Vertices of primitives that share accessors: the used indices, and the world index of the first.
   struct Vertices {
     std::vector<std::uint32_t> used;
     std::int32_t first = -1;
@@ -564,7 +566,7 @@ class GltfReader {
     require(objects_ < kMaxObjects, field("nodes", shown.node), "at most 65536 objects", "a number beyond");
     const auto object = static_cast<std::uint16_t>(objects_++);
 
-    // Of what flockstep has written, primitives of the same accessors have the same vertices, and so they were.
+    // In files that flockstep wrote, primitives with the same accessors shared their vertices in the original world.
     std::vector<Part> parts;
     using Owner = std::optional<std::size_t>;
     std::map<std::tuple<std::size_t, Owner, Owner, Owner>, Vertices> vertices;
@@ -601,8 +603,8 @@ class GltfReader {
     if (!extras.order.empty()) put_in_order(extras.order, first, begins);
   }
 
-  // The triangles from the first on, which begin part by part. An order that is of other parts, since somebody has edited the
-  // mesh, means nothing.
+  // Restores the original order of the triangles from `first` on; `begins` has the first triangle of each part. If the mesh has
+  // been edited and the order does not fit its parts, does nothing.
   void put_in_order(const std::vector<std::uint32_t>& order, std::size_t first, std::vector<std::size_t> begins) {
     TriangleMesh& mesh = scene().mesh;
     std::vector<std::size_t> ends(begins.begin() + (begins.empty() ? 0 : 1), begins.end());
@@ -631,7 +633,7 @@ class GltfReader {
     return Elements(model_, accessor);
   }
 
-  // Of each triangle, its three corners as numbers of vertices.
+  // Returns the vertex indices of the three corners of each triangle.
   std::vector<std::uint32_t> corners_of(const GltfPrimitive& primitive, std::size_t num_vertices) {
     std::optional<Elements> indices;
     if (primitive.indices) {
@@ -671,7 +673,7 @@ class GltfReader {
     return primitive.material ? model_.materials[*primitive.material] : kNone;
   }
 
-  // Where in its texture each vertex of a primitive is: the accessor.
+  // Returns the accessor of a primitive's texture coordinates.
   std::optional<std::size_t> uv_of(const GltfPrimitive& primitive, std::size_t num_vertices) const {
     const auto found = primitive.attributes.find("TEXCOORD_" + std::to_string(surface_of(primitive).tex_coord));
     if (found == primitive.attributes.end()) return std::nullopt;
@@ -681,7 +683,7 @@ class GltfReader {
     return found->second;
   }
 
-  // The colour of each vertex of a primitive: the accessor. Alpha is not read.
+  // Returns the accessor of a primitive's vertex colours. Alpha is ignored.
   std::optional<std::size_t> colors_of(const GltfPrimitive& primitive, std::size_t num_vertices) const {
     const auto found = primitive.attributes.find("COLOR_0");
     if (found == primitive.attributes.end()) return std::nullopt;
@@ -749,19 +751,19 @@ class GltfReader {
   GltfFiles& files_;
   const LoadOptions& options_;
   Eigen::Affine3d place_;
-  bool is_ours_ = false;  // the default scene has extras of flockstep's
+  bool is_ours_ = false;  // the default scene has flockstep extras
   GltfFile file_;
   UnusedNames material_names_, texture_names_;
-  std::map<std::pair<std::optional<std::size_t>, int>, std::uint16_t> materials_;  // and the class of a node, 0 for none
+  std::map<std::pair<std::optional<std::size_t>, int>, std::uint16_t> materials_;  // with the semantic of a node; 0: none
   std::map<std::pair<std::size_t, std::array<TextureWrap, 2>>, std::uint16_t> textures_;
   std::vector<std::pair<std::uint32_t, Vec3>> waypoints_;
   std::vector<std::size_t> triangles_of_;  // by mesh
-  std::map<std::size_t, Extent> extents_;  // of meshes
+  std::map<std::size_t, Extent> extents_;  // by mesh
   std::map<std::tuple<PrimitiveKind, float, float>, Extent> tessellations_;
   std::vector<Shown> shown_;
   std::size_t pixels_left_ = kMaxScenePixels;
   std::size_t objects_ = 0, num_triangles_ = 0, dropped_ = 0, suns_ = 0, reshaped_ = 0;
-  static constexpr double kRounding = 1e-5;  // of transforms and what other programs make of them
+  static constexpr double kRounding = 1e-5;  // tolerance for transforms that other programs changed
 };
 
 }  // namespace

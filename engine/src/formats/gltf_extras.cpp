@@ -30,7 +30,8 @@ std::uint32_t integer(const JsonField& field, double most) {
   return static_cast<std::uint32_t>(value);
 }
 
-// The float32 of a length or radius, times a factor. Files hold float32 values, which may be rounded below the least one.
+// Returns a length or radius, times a factor, as float32. Files hold float32 values, which rounding may have put just below the
+// limit.
 float size_of(const JsonField& field, const SceneKey& key, double factor) {
   const double size = field.value.is_number() ? field.value.get<double>() : 0.0;
   const double least = key.limits.least, greatest = key.limits.greatest;
@@ -128,8 +129,8 @@ OrderedJson write_gltf_extras(const GltfSceneExtras& extras) {
 }
 
 TriangleMesh gltf_tessellation(const Primitive& primitive) {
-  constexpr float kChordError = 0.01F;  // of the radius: balls of 32 by 16 cells
-  // Of radius 1, and then scaled: a chord error has a least length.
+  constexpr float kChordError = 0.01F;  // relative to the radius: balls have 32 by 16 cells
+  // Tessellates with radius 1 and then scales, because the chord error has a lower limit.
   Primitive unit = primitive;
   const float radius = primitive.half_extents.x();
   unit.half_extents /= radius;

@@ -1,5 +1,5 @@
-// What flockstep puts into the `extras` of a glTF file, under "flockstep": that of which glTF has no word. With it a saved world
-// loads back equal; without it, the file is what any viewer shows of it.
+// Flockstep's entries in the `extras` of a glTF file, under "flockstep": everything that glTF itself cannot express. With them
+// a saved world loads back equal. Without them, the file contains what any viewer shows.
 #pragma once
 
 #include <cstdint>
@@ -14,38 +14,39 @@ namespace flockstep {
 
 inline constexpr const char* kGltfExtras = "flockstep";
 
-// Beside it in the extras of nodes, true or false: what the node and all below it are there for.
+// Other boolean keys in the extras of nodes. They apply to the node and its descendants.
 inline constexpr const char* kGltfVisual = "visual_only";
 inline constexpr const char* kGltfSolid = "collision_only";
 
-// Of a node with a mesh, one of the two:
+// Extras of a node with a mesh: either a primitive or an object.
 struct GltfNodeExtras {
-  // The primitive that the mesh is gltf_tessellation() of, in the node's frame with z up. Half extents are 1 (0 across a plane or
-  // a disc), so that the node's scale is its size; only capsules, whose shape a scale changes, have their own.
+  // The primitive whose gltf_tessellation() the mesh is, in the node's frame with z up. Half extents are 1 (0 across a plane or
+  // a disc), so that the node's scale is the primitive's size. Only capsules, whose shape a scale changes, have their own half
+  // extents.
   std::optional<Primitive> primitive;
-  // The number that TriangleMesh::objects has for the mesh. Its primitives of glTF share vertices then, and all keep their uv.
+  // The object's number in TriangleMesh::objects. The glTF primitives of such a mesh share vertices, and all keep their uv.
   std::optional<std::uint16_t> object;
-  // Of which of its primitives, and how many at a time, the triangles of the mesh come: first, number, next, number, ... Empty
-  // where they come primitive by primitive.
+  // The order of the mesh's triangles, as runs from its glTF primitives: primitive, count, primitive, count, ... Empty if they
+  // are ordered primitive by primitive.
   std::vector<std::uint32_t> order;
 };
 
-// Of the default scene.
+// Extras of the default scene.
 struct GltfSceneExtras {
   Light light;
-  Markers markers;  // radius and spawn box alone: the others are nodes
+  Markers markers;  // only radius and spawn box; other markers are nodes
 };
 
-// `extras` is the field of that name of a node or a scene. Throw std::invalid_argument naming the field, what was expected and
-// what came; what is not under kGltfExtras may be anything.
+// `extras` is the field of that name of a node or a scene. Everything outside kGltfExtras is ignored. Throw
+// std::invalid_argument that names the field, the expected value and the actual one.
 GltfNodeExtras read_gltf_node_extras(const json::JsonField& extras);
 std::optional<GltfSceneExtras> read_gltf_scene_extras(const json::JsonField& extras);
 
 nlohmann::ordered_json write_gltf_extras(const GltfNodeExtras& extras);
 nlohmann::ordered_json write_gltf_extras(const GltfSceneExtras& extras);
 
-// Of a primitive of such extras, which has about a thousand triangles at most. The reader compares, so it must not change: a
-// primitive of older files would be taken for a mesh that somebody has edited.
+// Returns the mesh of a primitive in extras, with at most about a thousand triangles. The reader compares meshes with this, so
+// it must not change: otherwise primitives of older files would be treated as edited meshes.
 TriangleMesh gltf_tessellation(const Primitive& primitive);
 
 }  // namespace flockstep

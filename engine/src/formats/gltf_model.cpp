@@ -25,10 +25,10 @@ namespace {
 using json::JsonField;
 
 constexpr std::uint64_t kMaxCount = 1U << 31U;
-constexpr std::uint64_t kMaxBufferBytes = static_cast<std::uint64_t>(kMaxFileBytes);  // of all buffers together
-constexpr double kMaxNumber = 1e30;  // of transforms: their products stay far from overflow for some levels, and are checked
+constexpr std::uint64_t kMaxBufferBytes = static_cast<std::uint64_t>(kMaxFileBytes);  // total of all buffers
+constexpr double kMaxNumber = 1e30;  // limit in transforms: products are far from overflow for some levels, and checked
 
-// What a file may require and is read.
+// Supported extensions that a file may require.
 constexpr std::array<std::string_view, 5> kExtensions{"KHR_texture_transform", "KHR_materials_unlit",
                                                       "KHR_materials_emissive_strength", "KHR_lights_punctual",
                                                       "KHR_mesh_quantization"};
@@ -71,7 +71,7 @@ std::size_t size_of(const JsonField& parent, std::string_view key) {
 
 // ------------------------------------------------------------------------------------------------------------ document
 
-// Reads the document into a model, list by list: each refers to those before it.
+// Reads the document into a model, list by list. Each list refers only to earlier ones.
 class Reader {
  public:
   Reader(const JsonField& root, std::optional<std::string_view> chunk, GltfFiles& files)
@@ -98,7 +98,7 @@ class Reader {
     each("scenes", [this](const JsonField& field) { out_.scenes.push_back(scene_of(field)); });
     out_.scene = find_index(root_, "scene", "scenes");
     note_rest();
-    each("buffers", [this](const JsonField& field) { read_buffer(field); });  // once the rest is known to be good
+    each("buffers", [this](const JsonField& field) { read_buffer(field); });  // after everything else has been checked
     return std::move(out_);
   }
 
@@ -164,7 +164,7 @@ class Reader {
 
   static int semantic_in(const JsonField& object) {
     const std::optional<JsonField> extras = find(object, "extras");
-    if (!extras || !extras->value.is_object()) return 0;  // they may be anything
+    if (!extras || !extras->value.is_object()) return 0;  // extras may be any value
     const std::optional<JsonField> field = find(*extras, keys::kSemantic.name);
     return field ? static_cast<int>(integer(*field, static_cast<std::uint64_t>(keys::kSemantic.limits.least),
                                             static_cast<std::uint64_t>(keys::kSemantic.limits.greatest)))
@@ -210,7 +210,7 @@ class Reader {
     buffer_lengths_.push_back(integer(length, 1, kMaxBufferBytes));
   }
 
-  // Whether buffer `number` is the binary part of a .glb file.
+  // Returns whether buffer `number` is the binary chunk of a .glb file.
   bool is_chunk(const JsonField& field, std::size_t number) const {
     return number == 0 && chunk_.has_value() && !field.value.contains("uri");
   }
@@ -223,7 +223,7 @@ class Reader {
     } else {
       const JsonField uri = require(field, "uri");
       std::string file = files_.read(text(uri), name_of(uri), "a buffer");
-      if (file.size() > length) file = file.substr(0, length);  // in new memory: only what is used is kept
+      if (file.size() > length) file = file.substr(0, length);  // in new memory: keeps only the used part
       bytes = *out_.files.emplace_back(std::make_unique<const std::string>(std::move(file)));
     }
     if (bytes.size() < length) refuse(field, std::to_string(length) + " bytes, as byteLength says", bytes.size());
@@ -251,7 +251,7 @@ class Reader {
     const JsonField component = require(field, "componentType");
     const std::uint64_t type =
         integer(component, static_cast<std::uint64_t>(GltfComponent::int8), static_cast<std::uint64_t>(GltfComponent::float32));
-    constexpr std::uint64_t kInt32 = 5124;  // which glTF has not
+    constexpr std::uint64_t kInt32 = 5124;  // not allowed in glTF
     if (type == kInt32) refuse(component, "a component type of glTF");
     accessor.component = static_cast<GltfComponent>(type);
     constexpr std::array<std::string_view, 7> kShapes{"SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4"};
@@ -317,7 +317,7 @@ class Reader {
     read_alpha(field, surface, material);
     const auto extensions = find_object(field, "extensions");
     material.is_unlit = extensions && find_object(*extensions, "KHR_materials_unlit");
-    if (!material.is_unlit) read_emission(field, surface, extensions, material);  // else it emits nothing of its own
+    if (!material.is_unlit) read_emission(field, surface, extensions, material);  // unlit materials emit nothing
     if (!surface) return material;
     material.base_color = base_color_in(*surface);
     if (const auto texture = find_object(*surface, "baseColorTexture")) read_base_texture(*texture, material);
@@ -344,8 +344,8 @@ class Reader {
     material.tex_coord = integer_or(*given, "texCoord", material.tex_coord, 0, kMaxTexCoord);
   }
 
-  // A mask cuts where the alpha of the base colour is below the cutoff. That alpha is the factor's times the texture's; ours is
-  // the texture's alone, so the cutoff is divided by the factor's.
+  // A mask cuts if the alpha of the base colour is below the cutoff. In glTF that alpha is the factor's times the texture's;
+  // here it is only the texture's, so the cutoff is divided by the factor's alpha.
   void read_alpha(const JsonField& field, const std::optional<JsonField>& surface, GltfMaterial& material) {
     const auto mode = find(field, "alphaMode");
     if (!mode || text(*mode) == "OPAQUE") return;
@@ -364,7 +364,7 @@ class Reader {
     material.alpha_cutoff = cutoff / factor;
   }
 
-  // Emission is multiplied by the texture of the base colour: what a file has by another is not read.
+  // Emission is multiplied by the base colour texture. Emission by another texture is ignored.
   void read_emission(const JsonField& field, const std::optional<JsonField>& surface, const std::optional<JsonField>& extensions,
                      GltfMaterial& material) {
     std::array<double, 3> emissive =
@@ -419,7 +419,7 @@ class Reader {
     return primitive;
   }
 
-  // Which lights of the file are directional.
+  // Finds the directional lights of the file.
   void find_suns() {
     const auto extensions = find_object(root_, "extensions");
     const auto punctual = extensions ? find_object(*extensions, "KHR_lights_punctual") : std::nullopt;
@@ -474,7 +474,7 @@ class Reader {
     for (const auto& [key, flag] : {std::pair(kGltfVisual, &node.visual_only), std::pair(kGltfSolid, &node.collision_only)}) {
       const auto given = find(*extras, key);
       if (!given) continue;
-      // What is exported from a box to tick comes as a number.
+      // Some exporters write checkboxes as numbers.
       const bool is_number = given->value.is_number() && (given->value == 0 || given->value == 1);
       if (!given->value.is_boolean() && !is_number) refuse(*given, "true or false");
       *flag = is_number ? given->value == 1 : given->value.get<bool>();
@@ -510,7 +510,7 @@ class Reader {
   }
 
   static constexpr std::uint64_t kMaxTexCoord = 15;
-  static constexpr const char* kMarker = "marker";  // in the extras of nodes
+  static constexpr const char* kMarker = "marker";  // key in the extras of nodes
 
   JsonField root_;
   std::optional<std::string_view> chunk_;
@@ -518,7 +518,7 @@ class Reader {
   GltfModel out_;
   std::uint64_t total_bytes_ = 0;
   std::vector<std::uint64_t> buffer_lengths_;
-  std::vector<std::array<TextureWrap, 2>> wraps_;  // of samplers
+  std::vector<std::array<TextureWrap, 2>> wraps_;  // by sampler
   std::vector<bool> is_sun_;
   std::size_t morphed_ = 0, lines_ = 0, lamps_ = 0, transparent_ = 0, textures_without_image_ = 0;
   std::size_t normal_maps_ = 0, occluded_ = 0, glowing_ = 0, hidden_ = 0;
@@ -528,10 +528,10 @@ class Reader {
 
 struct Glb {
   std::string_view json;
-  std::optional<std::string_view> chunk;  // of binary data
+  std::optional<std::string_view> chunk;  // binary data
 };
 
-// The parts of a .glb file, of which the lengths are checked.
+// Splits a .glb file into its chunks and checks their lengths.
 Glb parts_of_glb(std::string_view bytes, const std::string& source) {
   const auto number = [&](std::size_t at) {
     std::uint32_t value = 0;
@@ -560,7 +560,7 @@ Glb parts_of_glb(std::string_view bytes, const std::string& source) {
   return parts;
 }
 
-// %20 and the like.
+// Decodes percent-encoded characters such as %20.
 std::string decoded(std::string_view uri) {
   std::string path;
   for (std::size_t i = 0; i < uri.size(); ++i) {

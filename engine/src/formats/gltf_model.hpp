@@ -1,4 +1,4 @@
-// glTF 2.0 files, checked: what is read of them, with every index in range.
+// A validated glTF 2.0 file: the supported parts, with every index in range.
 #pragma once
 
 #include <array>
@@ -18,16 +18,17 @@
 
 namespace flockstep {
 
-// "start", "goal", "waypoint" or "waypoint." and a number.
+// Returns true for "start", "goal", "waypoint" and "waypoint." followed by a number.
 bool is_gltf_marker(std::string_view name);
 
-// The files that a glTF file names: embedded, or beside it.
+// Reads the files that a glTF file references: embedded ones, and ones in its folder.
 class GltfFiles {
  public:
   GltfFiles(std::string source, std::filesystem::path folder, MeshFiles files)
       : source_(std::move(source)), folder_(std::move(folder)), files_(files) {}
 
-  // What a uri is of, a base64 data: or a relative path. `field` names it in messages, `kind` says what the file was taken for.
+  // Returns the content of a uri: base64 data: or a relative path. `field` names the uri in messages, `kind` describes the
+  // file.
   std::string read(const std::string& uri, const std::string& field, const std::string& kind);
 
  private:
@@ -39,7 +40,7 @@ class GltfFiles {
 
 struct GltfView {
   std::size_t buffer, offset, length;
-  std::size_t stride;  // bytes; 0: elements follow one another
+  std::size_t stride;  // bytes; 0: elements are contiguous
 };
 
 enum class GltfComponent : std::uint16_t {
@@ -57,7 +58,7 @@ struct GltfAccessor {
   GltfShape shape;
   bool is_normalized = false;
   std::size_t count = 0, offset = 0;
-  std::optional<std::size_t> view;  // none: zeros, or sparse, which is not read
+  std::optional<std::size_t> view;  // none: all zero or sparse, not supported
 
   std::size_t component_bytes() const;
   std::size_t element_bytes() const;
@@ -65,7 +66,7 @@ struct GltfAccessor {
 
 struct GltfImage {
   std::string name;
-  std::optional<std::size_t> view;  // or else
+  std::optional<std::size_t> view;  // alternative to uri
   std::string uri;
 };
 
@@ -82,10 +83,10 @@ struct GltfTextureTransform {
 
 struct GltfMaterial {
   std::string name;
-  int semantic = 0;  // in `extras`, as in a scene file; 0: none
+  int semantic = 0;  // from `extras`, as in a scene file; 0: none
   std::array<double, 4> base_color{1.0, 1.0, 1.0, 1.0};
   std::array<double, 3> emissive{0.0, 0.0, 0.0};
-  std::optional<double> alpha_cutoff;  // of the texture's alpha
+  std::optional<double> alpha_cutoff;  // threshold for the texture's alpha
   bool is_unlit = false;
   std::optional<std::size_t> texture;
   std::uint64_t tex_coord = 0;
@@ -97,18 +98,18 @@ enum class GltfMode : std::uint8_t { triangles = 4, strip = 5, fan = 6 };
 struct GltfPrimitive {
   GltfMode mode = GltfMode::triangles;
   std::optional<std::size_t> indices, material;
-  std::map<std::string, std::size_t> attributes;  // accessors: POSITION, and where it has them COLOR_0 and TEXCOORD_n
+  std::map<std::string, std::size_t> attributes;  // accessors: POSITION, optionally COLOR_0 and TEXCOORD_n
 };
 
 struct GltfNode {
   std::vector<std::size_t> children;
   std::optional<std::size_t> mesh;
-  std::optional<std::array<double, 16>> matrix;  // column by column
+  std::optional<std::array<double, 16>> matrix;  // column-major
   std::optional<std::array<double, 3>> translation, scale;
   std::optional<std::array<double, 4>> rotation;  // x, y, z, w
   bool has_sun = false;                           // a directional light
-  int semantic = 0;                               // in `extras`; 0: none
-  std::string marker;                             // one that is_gltf_marker(), or empty
+  int semantic = 0;                               // from `extras`; 0: none
+  std::string marker;                             // valid for is_gltf_marker(), or empty
   std::optional<bool> visual_only, collision_only;
   GltfNodeExtras extras;
 };
@@ -119,10 +120,10 @@ struct GltfScene {
   std::optional<GltfSceneExtras> extras;
 };
 
-// Every index is in range, and what an accessor with a view spans lies in it. Of what is not read here (skins, animations, morph
-// targets, cameras, all extensions but a few) nothing is left.
+// All indices are in range, and accessors with a view lie within it. Unsupported content (skins, animations, morph targets,
+// cameras, most extensions) is dropped.
 struct GltfModel {
-  std::vector<std::string_view> buffers;  // of `files`, or of the bytes that the model was read from
+  std::vector<std::string_view> buffers;  // views of `files`, or of the bytes that the model was read from
   std::vector<std::unique_ptr<const std::string>> files;
   std::vector<GltfView> views;
   std::vector<GltfAccessor> accessors;
@@ -132,12 +133,13 @@ struct GltfModel {
   std::vector<std::vector<GltfPrimitive>> meshes;
   std::vector<GltfNode> nodes;
   std::vector<GltfScene> scenes;
-  std::optional<std::size_t> scene;  // the default one
-  std::vector<std::string> ignored;  // what the file has and is not read, in words
+  std::optional<std::size_t> scene;  // the default scene
+  std::vector<std::string> ignored;  // descriptions of ignored content
 };
 
-// `bytes` is a .gltf or .glb file, which its first bytes tell; they have to outlive the model.
-// Throws std::invalid_argument naming the source, the JSON pointer of the offending field, what was expected and what came.
+// `bytes` is a .gltf or .glb file, recognized by its first bytes. It must outlive the model.
+// Throws std::invalid_argument that names the source, the JSON pointer of the offending field, the expected value and the
+// actual one.
 GltfModel read_gltf_model(const std::string& bytes, const std::string& source, GltfFiles& files);
 
 }  // namespace flockstep

@@ -28,10 +28,10 @@ namespace {
 using OrderedJson = nlohmann::ordered_json;
 using Triangle = std::array<std::int32_t, 3>;
 
-// Of glTF.
+// Constants of glTF
 constexpr int kUnsignedShort = 5123, kUnsignedInt = 5125, kFloat = 5126;  // component types
-constexpr int kVertices = 34962, kIndices = 34963;                        // what a buffer view is for
-constexpr std::size_t kMaxShortVertices = 65535;                          // the last index of 16 bits means something else
+constexpr int kVertices = 34962, kIndices = 34963;                        // targets of buffer views
+constexpr std::size_t kMaxShortVertices = 65535;                          // index 65535 is reserved
 constexpr const char* kLights = "KHR_lights_punctual";
 constexpr const char* kStrength = "KHR_materials_emissive_strength";
 
@@ -40,14 +40,14 @@ int wrap_mode(TextureWrap wrap) {
   return kModes[static_cast<std::size_t>(wrap)];
 }
 
-// With y up: to (x, z, -y), which moves bits and changes none but a sign.
+// Converts to y up, as (x, z, -y). This is exact: it only moves values and flips a sign.
 Vec3 to_file(const Vec3& v) { return {v.x(), v.z(), -v.y()}; }
 
 OrderedJson in_file(const Vec3& v) {
   return OrderedJson::array({json::shortest(v.x()), json::shortest(v.y()), json::shortest(v.z())});
 }
 
-// A list of the document, as text: many objects of JSON would take many times the memory.
+// A list of the document, as text. JSON objects would take many times the memory.
 class List {
  public:
   std::size_t add(const OrderedJson& item) {
@@ -67,7 +67,7 @@ std::string_view raw_bytes(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
 }
 
-std::string word(std::size_t value) {  // of 32 bits, the least byte first
+std::string word(std::size_t value) {  // 32 bits, little-endian
   std::string bytes;
   for (unsigned i = 0; i < 4; ++i) bytes += static_cast<char>(value >> (8 * i) & 0xffU);
   return bytes;
@@ -111,7 +111,7 @@ class GltfWriter {
             "one that needs more");
   }
 
-  // target 0: of no attribute and no indices.
+  // target 0: neither attributes nor indices.
   std::size_t view(std::string_view bytes, int target) {
     Interrupt::poll();
     require_size(bytes_.size() + bytes.size());
@@ -142,7 +142,7 @@ class GltfWriter {
     return accessor(raw_bytes(copy), kVertices, kFloat, "VEC2", copy.size());
   }
 
-  // Of triangles of which the first vertex has the number `first`.
+  // Adds the indices of triangles. `first` is the number of their first vertex.
   std::size_t indices(std::span<const Triangle> triangles, std::size_t first, std::size_t num_vertices) {
     std::vector<std::uint16_t> narrow;
     std::vector<std::uint32_t> wide;
@@ -177,7 +177,8 @@ class GltfWriter {
     }
   }
 
-  // Triangles, planes and discs are hit from both sides; solids from without, and a room from within, so that one sees into it.
+  // Triangles, planes and discs are two-sided. Solids show their outside; a room shows its inside, so that one can look into
+  // it.
   void write_materials() {
     std::vector<bool> is_double(world_.materials.size(), false);
     for (const std::uint16_t material : world_.mesh.materials) is_double[material] = true;
@@ -197,7 +198,7 @@ class GltfWriter {
         material["alphaCutoff"] = json::shortest(alpha_cutoff);
       }
       if (emissive != Material().emissive) {
-        // Factors are at most 1; a power of two takes the rest, so that no bit is lost.
+        // Factors are at most 1, so the strength holds a power of two. This loses no bits.
         float strength = 1.0F;
         while (*std::max_element(emissive.begin(), emissive.end()) > strength) strength *= 2.0F;
         material["emissiveFactor"] = in_file(Vec3(emissive.data()) / strength);
@@ -233,7 +234,7 @@ class GltfWriter {
     nodes_.add(node);
   }
 
-  // The mesh of all primitives of a shape and a material.
+  // Returns the mesh that all primitives with this shape and material share.
   std::size_t tessellation(const Primitive& primitive, std::uint16_t material) {
     const Vec3& half = primitive.half_extents;
     const auto [shape, is_new_shape] = shapes_.try_emplace({primitive.kind, half.x(), half.z()});
@@ -248,7 +249,7 @@ class GltfWriter {
     const auto [known, is_new] = tessellations_.try_emplace({position, material}, meshes_.size());
     if (!is_new) return known->second;
     OrderedJson attributes = {{"POSITION", position}};
-    if (world_.materials[material].texture) {  // primitives show no texture; glTF has it shown, and wants to know where
+    if (world_.materials[material].texture) {  // glTF requires uv for the texture, which primitives do not show
       if (!uv) uv = texture_coordinates(std::vector<std::array<float, 2>>(num_vertices));
       attributes["TEXCOORD_0"] = *uv;
     }
@@ -265,7 +266,7 @@ class GltfWriter {
 
   // ------------------------------------------------------------------------------------------------------------ meshes
 
-  // One for each object; their triangles, and the vertices of these, lie one after another.
+  // Writes one mesh per object. An object's triangles and their vertices are contiguous.
   void write_meshes() {
     const TriangleMesh& mesh = world_.mesh;
     for (std::size_t first = 0, first_vertex = 0; first < mesh.triangles.size();) {
@@ -281,7 +282,7 @@ class GltfWriter {
     }
   }
 
-  // The triangles [first, last), whose vertices are [first_vertex, last_vertex): a primitive of glTF for each material.
+  // Writes the triangles [first, last) with the vertices [first_vertex, last_vertex), as one glTF primitive per material.
   void write_mesh(std::size_t first, std::size_t last, std::size_t first_vertex, std::size_t last_vertex) {
     const TriangleMesh& mesh = world_.mesh;
     const std::size_t num_vertices = last_vertex - first_vertex;
@@ -341,19 +342,19 @@ class GltfWriter {
     if (markers.goal) write("goal", *markers.goal);
   }
 
-  // It shines along its node's -z.
+  // The light shines along its node's -z.
   void write_sun() {
     const auto& direction = world_.light.sun_direction;
     const Eigen::Vector3d towards = to_file(Vec3(direction.data())).cast<double>().normalized();
-    // From +z to there, about the cross product of the two; to -z, about any axis that is square to it. (FromTwoVectors() brings
-    // a singular value decomposition along, a tenth of what this folder takes to compile.)
+    // Rotates +z to the sun around the cross product of the two, or by half a turn around x if the sun is at -z.
+    // (FromTwoVectors() would pull in a singular value decomposition, a tenth of this folder's compile time.)
     const bool is_opposite = towards.z() < -1.0 + 1e-12;
     const Eigen::Quaterniond q = is_opposite ? Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0)
                                              : Eigen::Quaterniond(1.0 + towards.z(), -towards.y(), towards.x(), 0.0).normalized();
     nodes_.add({{"name", "sun"}, {"rotation", {q.x(), q.y(), q.z(), q.w()}}, {"extensions", {{kLights, {{"light", 0}}}}}});
   }
 
-  // A surface of colour c that faces the sun shows c * sun_color, and by glTF c / pi * intensity * color.
+  // A surface of colour c that faces the sun shows c * sun_color here, and c / pi * intensity * color in glTF.
   OrderedJson sun() const {
     const auto& sun_color = world_.light.sun_color;
     const double most = *std::max_element(sun_color.begin(), sun_color.end());
@@ -402,7 +403,7 @@ class GltfWriter {
   std::string bytes_;
   List nodes_, meshes_, materials_, textures_, images_, samplers_, accessors_, views_;
   std::size_t num_triangles_ = 0;
-  bool has_strength_ = false;  // of emission
+  bool has_strength_ = false;  // emission strength is used
   std::map<PrimitiveKind, std::size_t> num_primitives_;
   std::map<std::array<TextureWrap, 2>, std::size_t> sampler_of_;
   std::map<std::tuple<PrimitiveKind, float, float>, Shape> shapes_;

@@ -1,4 +1,4 @@
-// glTF 2.0 files written: what any viewer shows, and in `extras` the rest, so that gltf.hpp reads an equal world.
+// Writes glTF 2.0 files: everything that viewers show, and the rest in `extras`, so that gltf.hpp reads an equal world.
 #pragma once
 
 #include <cstddef>
@@ -10,12 +10,12 @@
 
 namespace flockstep {
 
-// JSON with everything embedded as base64 (.gltf), or in a chunk of bytes behind it (.glb).
+// JSON with all data embedded as base64 (.gltf), or with a binary chunk (.glb).
 enum class GltfForm : std::uint8_t { text, binary };
 
-// Takes a description as canonical() leaves it. A primitive is a node that places and scales its tessellation, a mesh of the
-// world one that has its triangles; markers are nodes by their names. What parse_gltf() would refuse for its size is refused:
-// throws std::invalid_argument naming the source, what was expected and what came.
+// Expects a canonical() description. A primitive becomes a node that places and scales its tessellation, an object a node with
+// a mesh, and a marker a named node. Worlds too large for parse_gltf() are rejected: throws std::invalid_argument that names
+// the source, the expected value and the actual one.
 std::string write_gltf(const SceneDescription& description, GltfForm form, const std::string& source,
                        std::size_t max_bytes = static_cast<std::size_t>(kMaxFileBytes));
 

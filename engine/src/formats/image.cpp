@@ -19,8 +19,8 @@
 namespace flockstep {
 namespace {
 
-// More pixels to a byte of the file than either format can pack: a header that promises more is refused before memory is asked
-// for. PNG: 8 pixels to a byte, a thousandfold by deflate. JPEG: blocks of 64 pixels, two bits each at the least.
+// Upper bound of the compression of both formats. Headers that claim more are rejected before memory is allocated. PNG: 8
+// pixels per byte, times about a thousand by deflate. JPEG: blocks of 64 pixels with at least two bits each.
 constexpr std::size_t kMaxPixelsPerByte = 8 * 1040;
 
 void check_size(std::size_t width, std::size_t height, std::size_t file_bytes, std::size_t max_pixels,
@@ -37,15 +37,15 @@ void check_size(std::size_t width, std::size_t height, std::size_t file_bytes, s
 
 // ------------------------------------------------------------------------------------------------------------------- PNG
 
-// libpng tells of errors by longjmp, which must pass over nothing that has a destructor. So what it calls and what calls it keep
-// their state here, and the functions that set the jump have no such locals.
+// libpng reports errors by longjmp, which must not skip destructors. Therefore the callbacks and their callers keep their state
+// here, and functions that call setjmp have no locals with destructors.
 struct Png {
   png_structp png = nullptr;
   png_infop info = nullptr;
   std::array<char, 128> error{};
-  const std::uint8_t* at = nullptr;  // what is still to be read
+  const std::uint8_t* at = nullptr;  // remaining input
   std::size_t left = 0;
-  std::string* out = nullptr;  // where to write
+  std::string* out = nullptr;  // output
 
   [[noreturn]] static void fail(png_structp png, png_const_charp message) {
     auto* const self = static_cast<Png*>(png_get_error_ptr(png));
@@ -65,7 +65,7 @@ struct Png {
     try {
       self->out->append(reinterpret_cast<const char*>(from), size);
     } catch (...) {
-      self->error[0] = '\0';  // no memory
+      self->error[0] = '\0';  // out of memory
     }
     if (self->error[0] == '\0') png_longjmp(png, 1);
   }
@@ -88,7 +88,7 @@ struct PngReader : Png {
     if (setjmp(png_jmpbuf(png)) != 0) return false;
     png_set_read_fn(png, static_cast<Png*>(this), read);
     png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
-    png_set_user_limits(png, 0x7fffffff, 0x7fffffff);  // so that it is our refusal that names the size
+    png_set_user_limits(png, 0x7fffffff, 0x7fffffff);  // so that our own check reports the size
     png_set_chunk_cache_max(png, 64);
     png_set_chunk_malloc_max(png, std::size_t{1} << 24U);
     png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, nullptr, 0);
@@ -174,7 +174,7 @@ Image decode_jpeg(std::span<const std::uint8_t> file, const std::string& source,
     refuse(source, "a JPEG file of grey or of red, green and blue", "one of inks");
   Image image{width, height,
               std::vector<std::uint8_t>(std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height))};
-  // What is missing from a file that is cut short would be grey, with a warning.
+  // Without these flags, missing parts of a truncated file would become grey with only a warning.
   constexpr int kFlags = TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS;
   if (tjDecompress2(decoder.get(), file.data(), file.size(), image.rgba.data(), width, 0, height, TJPF_RGBA, kFlags) != 0) {
     damaged();

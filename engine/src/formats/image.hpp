@@ -1,4 +1,4 @@
-// Images from outside: PNG and JPEG read with care into the pixels of a texture, and PNG written.
+// Decodes untrusted PNG and JPEG images into the pixels of a texture, and encodes PNG.
 #pragma once
 
 #include <cstddef>
@@ -11,19 +11,19 @@ namespace flockstep {
 
 struct Image {
   int width_px = 0, height_px = 0;
-  std::vector<std::uint8_t> rgba;  // row by row from the top: 4 width_px height_px bytes
+  std::vector<std::uint8_t> rgba;  // rows from top to bottom: 4 width_px height_px bytes
 };
 
-// Of all images of a scene together: one of kMaxTexturePx to a side, or many smaller ones. A gigabyte as rgba.
+// Limit for all images of a scene together: one with sides of kMaxTexturePx, or many smaller ones. This is a gigabyte as rgba.
 inline constexpr std::size_t kMaxScenePixels = std::size_t{1} << 28;
 
-// A PNG or JPEG file's pixels; which of the two it is, its first bytes tell. Grey, palettes and 16 bits come out as 8 bits of
-// red, green, blue and alpha, and what a file says of its colour space is not asked. The header is looked at before anything is
-// decoded: the sides are at most kMaxTexturePx, and the pixels at most max_pixels.
-// Throws std::invalid_argument naming the source, also of a file that is cut short or damaged.
+// Decodes a PNG or JPEG file, recognized by its first bytes. Grey, palette and 16-bit images become 8 bits of red, green, blue
+// and alpha; colour space information is ignored. The header is checked before decoding: sides are at most kMaxTexturePx, and
+// the number of pixels is at most max_pixels.
+// Throws std::invalid_argument that names the source, also for truncated or damaged files.
 Image decode_image(std::span<const std::uint8_t> file, const std::string& source, std::size_t max_pixels = kMaxScenePixels);
 
-// The bytes of a PNG file, which decode_image() reads back equal, the colours of transparent pixels included.
+// Returns a PNG file that decode_image() reads back equal, including the colours of transparent pixels.
 std::string encode_png(int width_px, int height_px, std::span<const std::uint8_t> rgba);
 
 }  // namespace flockstep

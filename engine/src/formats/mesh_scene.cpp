@@ -19,7 +19,7 @@
 namespace flockstep {
 namespace {
 
-// The colours of vertices are all there is to see of a mesh without a material.
+// Without a material, the base colour must not change the vertex colours.
 Material default_material(const TriangleMesh& mesh) {
   Material material{"default"};
   if (!mesh.colors.empty()) material.base_color = {1.0F, 1.0F, 1.0F};

@@ -1,4 +1,4 @@
-// Scenes that are a mesh file and nothing else.
+// Loads scenes from single mesh files.
 #pragma once
 
 #include <filesystem>
@@ -9,12 +9,12 @@
 
 namespace flockstep {
 
-// An OBJ file with the materials and textures that it names, placed as the options say. Triangles without an area are dropped.
-// What the file has and is not read is added to `ignored`, in words.
-// Throws std::invalid_argument naming the file, the line, what was expected and what came.
+// Loads an OBJ file with its materials and textures, placed as the options say. Triangles without an area are dropped.
+// Descriptions of ignored content are added to `ignored`.
+// Throws std::invalid_argument that names the file, the line, the expected value and the actual one.
 SceneDescription load_obj_scene(const std::filesystem::path& path, const LoadOptions& options, std::vector<std::string>& ignored);
 
-// Likewise a PLY file, all of one material.
+// Loads a PLY file in the same way, with a single material.
 SceneDescription load_ply_scene(const std::filesystem::path& path, const LoadOptions& options, std::vector<std::string>& ignored);
 
 }  // namespace flockstep

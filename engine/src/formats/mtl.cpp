@@ -20,10 +20,10 @@
 namespace flockstep {
 namespace {
 
-// A name that scene files can hold, too, which are UTF-8.
+// Makes a name valid for scene files, which are UTF-8.
 std::string shown_name(std::string_view name) { return excerpt(name, 200); }
 
-// "2 files that are missing (a.mtl, b.png)".
+// Lists names after their count: "2 files that are missing (a.mtl, b.png)".
 std::string list_of(const std::set<std::string>& names, const char* singular, const char* plural) {
   constexpr std::size_t kShown = 3;
   std::string text = counted(names.size(), singular, plural);
@@ -61,15 +61,15 @@ struct ObjMaterials::Definition {
 struct ObjMaterials::Library {
   std::filesystem::path path;
   std::vector<Definition> definitions;
-  std::map<std::string, std::size_t, std::less<>> by_name;  // the first of each
+  std::map<std::string, std::size_t, std::less<>> by_name;  // first definition of each name
 
-  // `most` is how many definitions it may have.
+  // `most` is the maximum number of definitions.
   void read(std::string_view text, std::size_t most);
 };
 
 namespace {
 
-// One number stands for three. Nothing where they are not within the limits.
+// Parses a colour. A single number is used for all three channels. Returns nothing if a number is outside the limits.
 std::optional<std::array<float, 3>> color_of(std::string_view words, const Limits& limits) {
   std::array<float, 3> color{};
   words = trimmed(words);
@@ -83,7 +83,7 @@ std::optional<std::array<float, 3>> color_of(std::string_view words, const Limit
   return color;
 }
 
-// The name of the file is the rest of the line behind the options.
+// Parses a texture statement: options, then the file name, which is the rest of the line.
 TextureUse texture_of(std::string_view rest) {
   constexpr std::array<std::string_view, 11> kWithWords{"-blendu",     "-blendv",  "-boost", "-bm",     "-cc",  "-clamp",
                                                         "-colorspace", "-imfchan", "-mm",    "-texres", "-type"};
@@ -102,7 +102,7 @@ TextureUse texture_of(std::string_view rest) {
     } else if (std::find(kWithWords.begin(), kWithWords.end(), option) != kWithWords.end()) {
       const std::string_view word = next_word(behind);
       if (option == "-clamp") use.is_clamped = word != "off";
-      if (option == "-mm") next_word(behind);  // has two
+      if (option == "-mm") next_word(behind);  // has two numbers
     } else {
       use.file = trimmed(rest);
       return use;
@@ -179,7 +179,7 @@ ObjMaterials::ObjMaterials(SceneDescription& scene, std::filesystem::path folder
 
 ObjMaterials::~ObjMaterials() = default;
 
-// A file that may be read, and is there.
+// Returns the path of a file if it exists and may be read.
 std::optional<std::filesystem::path> ObjMaterials::find(std::string name, const std::filesystem::path& folder) {
   std::replace(name.begin(), name.end(), '\\', '/');
   if (name.find('\0') != name.npos) name.clear();
@@ -194,7 +194,7 @@ std::optional<std::filesystem::path> ObjMaterials::find(std::string name, const 
   return std::nullopt;
 }
 
-// Names of files may have spaces in them, and may be several behind one mtllib.
+// Finds the libraries of the mtllib lines. A line may have several file names, and names may contain spaces.
 std::vector<const ObjMaterials::Library*> ObjMaterials::libraries_of(const ObjNames& names, const std::filesystem::path& folder) {
   std::vector<const Library*> found;
   for (const std::string& line : names.libraries) {
@@ -261,7 +261,7 @@ std::uint16_t ObjMaterials::add(Material material, const std::string& source) {
 }
 
 std::uint16_t ObjMaterials::add(const Definition& definition, const std::filesystem::path& library, std::size_t& pixels_left) {
-  // What emits is multiplied by the texture of the colour, or by none where there is none.
+  // Emission is multiplied by the colour texture, so it is kept only if it has the same texture, or if both have none.
   const bool is_same = definition.emission_texture == definition.texture.file;
   const bool emits = definition.emission != std::array<float, 3>{} || !definition.emission_texture.empty();
   transparent_ += definition.opacity != 1.0F || definition.has_opacity_texture ? 1U : 0U;

@@ -1,4 +1,4 @@
-// Wavefront MTL files: the materials of OBJ files, and their textures.
+// Reads Wavefront MTL files: materials and textures of OBJ files.
 #pragma once
 
 #include <cstddef>
@@ -19,27 +19,27 @@
 
 namespace flockstep {
 
-// Adds the materials and textures that mesh files name to a scene. A file that is missing is not read; neither is one outside of
-// a folder, unless all may be.
+// Adds the materials and textures of mesh files to a scene. Missing files are skipped, and so are files outside the folder
+// unless `files` allows them.
 class ObjMaterials {
  public:
-  // A name that the scene has by now means that material of the scene.
+  // Names of materials that the scene already has refer to those materials.
   ObjMaterials(SceneDescription& scene, std::filesystem::path folder, MeshFiles files);
   ~ObjMaterials();
 
-  // The numbers of materials of an OBJ file: what its libraries say of each name, or grey. default_material is asked for that of
-  // faces without a name. pixels_left of all textures are counted down.
-  // Throws std::invalid_argument naming the file, the line, what was expected and what came.
+  // Returns the material numbers of an OBJ file's names: materials from its libraries, or grey. default_material() returns the
+  // number for faces without a name. The pixels of new textures are subtracted from pixels_left.
+  // Throws std::invalid_argument that names the file, the line, the expected value and the actual one.
   std::vector<std::uint16_t> numbers(const ObjNames& names, const std::filesystem::path& obj,
                                      const std::function<std::uint16_t()>& default_material, std::size_t& pixels_left);
 
-  // A material under its name, or one with a number behind it where that is taken. source is what messages name.
+  // Adds a material. If its name is taken, a number is appended to it. `source` is for messages.
   std::uint16_t add(Material material, const std::string& source);
 
-  // From now on materials of files that are called so get a number behind their name.
+  // Reserves a name. Later materials of files with this name get a number appended.
   void take(const std::string& name) { material_names_.take(name); }
 
-  // What has not been read, in words.
+  // Describes the ignored content.
   std::vector<std::string> ignored() const;
 
  private:
@@ -58,7 +58,7 @@ class ObjMaterials {
   SceneDescription& scene_;
   std::filesystem::path folder_;
   MeshFiles files_;
-  std::map<std::string, std::uint16_t> own_;  // of the scene
+  std::map<std::string, std::uint16_t> own_;  // materials of the scene
   UnusedNames material_names_, texture_names_;
   std::map<std::filesystem::path, std::unique_ptr<const Library>> libraries_;
   std::map<Place, std::uint16_t> defined_;

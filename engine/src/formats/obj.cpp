@@ -28,7 +28,7 @@ namespace {
 
 constexpr long kMaxIndex = std::numeric_limits<std::int32_t>::max();
 
-// Of a vt line: the second number may be missing, and counts upwards.
+// Parses a vt line. The second number may be missing. v increases upwards.
 std::array<float, 2> uv_of(std::string_view line) {
   std::array<double, 2> uv{};
   for (std::size_t axis = 0; axis < 2; ++axis) {
@@ -103,7 +103,7 @@ class ObjReader {
       if (!is_good) refuse("three finite coordinates after v", line_);
       coordinate = static_cast<float>(value);
     }
-    // Three more numbers are a colour; one more is a weight.
+    // Three extra numbers are a colour, a single one is a weight.
     std::array<float, 3> color{};
     std::size_t count = 0;
     bool is_color = true;
@@ -126,7 +126,7 @@ class ObjReader {
     corners_.clear();
     for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest)) {
       const std::string_view vertex = word.substr(0, word.find('/'));
-      long index = 0;  // from 1, or counted back from the last vertex so far when negative
+      long index = 0;  // from 1; negative values count back from the last vertex so far
       if (!parse_number(vertex, index)) refuse("vertex indices after f", line_);
       if (index == 0 || index > num_vertices || index < -num_vertices) {
         refuse("a vertex index within the " + std::to_string(num_vertices) + " vertices so far", word);
@@ -151,7 +151,7 @@ class ObjReader {
     for (const CornerTriple& triangle : cut_polygon(points_)) add(triangle);
   }
 
-  // A triangle of the face's corners.
+  // Adds a triangle of the face's corners.
   void add(const CornerTriple& triangle) {
     const Corner &a = corners_[triangle[0]], &b = corners_[triangle[1]], &c = corners_[triangle[2]];
     TriangleMesh& mesh = out_.mesh;
@@ -164,7 +164,7 @@ class ObjReader {
     mesh.objects.push_back(object_);
   }
 
-  // Objects and materials are numbered by their first faces.
+  // Numbers objects and materials in the order of their first faces.
   void number_names() {
     const auto number = [](auto& numbers, std::string_view name) {
       const auto known = numbers.find(name);
@@ -185,7 +185,7 @@ class ObjReader {
     has_new_name_ = false;
   }
 
-  // Each vertex gets the uv of its first corner; corners with another uv get a copy of the vertex.
+  // Each vertex gets the uv of its first corner. Corners with another uv get a copy of the vertex.
   void give_uv() {
     TriangleMesh& mesh = out_.mesh;
     constexpr std::int32_t kUnused = kNoUv - 1;
@@ -227,7 +227,7 @@ class ObjReader {
   std::string_view line_, object_name_, material_name_;
   std::size_t number_ = 0, num_lines_ = 0;
   std::vector<std::array<float, 2>> uv_;                                 // of vt lines
-  std::vector<std::array<std::int32_t, 3>> uv_of_corners_;               // of triangles, in uv_; none in a file without vt
+  std::vector<std::array<std::int32_t, 3>> uv_of_corners_;               // indices into uv_ by triangle; empty without vt
   std::map<std::string, std::size_t, std::less<>> objects_, materials_;  // by name
   std::uint16_t object_ = 0, material_ = 0;                              // of the next face
   bool has_new_name_ = true;

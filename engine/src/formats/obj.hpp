@@ -1,4 +1,4 @@
-// Wavefront OBJ files.
+// Reads Wavefront OBJ files.
 #pragma once
 
 #include <filesystem>
@@ -11,23 +11,23 @@
 
 namespace flockstep {
 
-// What a file says of the materials of its faces.
+// The names that a file gives for the materials of its faces.
 struct ObjNames {
-  std::vector<std::string> materials;  // by the first face of each; "" for faces before any usemtl
-  std::vector<std::string> libraries;  // what its mtllib lines say
+  std::vector<std::string> materials;  // in the order of first use; "" for faces before any usemtl
+  std::vector<std::string> libraries;  // contents of the mtllib lines
 };
 
 struct ObjMesh {
   TriangleMesh mesh;  // materials: indices into names.materials
   ObjNames names;
-  std::vector<std::string> ignored;  // what the file has and is not read, in words
+  std::vector<std::string> ignored;  // descriptions of ignored content
 };
 
-// Polygons are triangulated. Each `o` is an object, or each `g` in a file without `o`; where a name comes again, its object goes
-// on, and names of what is there for collision alone (solid_names.hpp) say so. Colours behind a vertex's coordinates are taken
-// for sRGB. wants_uv is asked once, when all names are known: if so, vt become uv, and a vertex whose faces have different ones
-// there becomes several; a corner without one, or with one that is no number within +-1e6, has (0, 0). Throws
-// std::invalid_argument naming the file and the line; `source` is what messages call the text.
+// Polygons are triangulated. Each `o` starts an object, or each `g` in a file without `o`. A repeated name continues its
+// object. Names with collision-only prefixes (solid_names.hpp) make collision-only objects. Colours after vertex coordinates
+// are sRGB. wants_uv is called once after all names are known. If it returns true, vt become uv, and a vertex that has
+// different vt in different faces is duplicated; a corner without vt, or with one that is not within +-1e6, gets (0, 0).
+// `source` names the text in messages. Throws std::invalid_argument that names the file and the line.
 using WantsUv = std::function<bool(const ObjNames&)>;
 inline bool without_uv(const ObjNames&) { return false; }
 ObjMesh parse_obj(std::string_view text, const std::string& source, const WantsUv& wants_uv = without_uv);

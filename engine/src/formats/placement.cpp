@@ -45,7 +45,7 @@ SceneDescription placed(SceneDescription description, const LoadOptions& options
     primitive.center = point(primitive.center);
     for (float& half : primitive.half_extents) half = size(half);
     if (!is_turned || primitive.kind == PrimitiveKind::sphere) continue;
-    if (primitive.kind == PrimitiveKind::room) {  // stays parallel to the axes
+    if (primitive.kind == PrimitiveKind::room) {  // rooms stay axis-aligned
       std::swap(primitive.half_extents.y(), primitive.half_extents.z());
     } else {
       const Eigen::Quaterniond rotation = upright * primitive.rotation.cast<double>();

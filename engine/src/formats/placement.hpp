@@ -1,4 +1,4 @@
-// Where a file's points come to in the world.
+// Places the points of a file in the world.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -7,16 +7,17 @@
 
 namespace flockstep {
 
-// Throws std::invalid_argument naming the option.
+// Throws std::invalid_argument that names the invalid option.
 void check_placement(const LoadOptions& options);
 
-// From the file's coordinates to the world's, by a rotation, a scale and a translation. usual: the format's own axis, y or z.
+// Returns the transform from the file's coordinates to the world's: rotation, scale and translation. `usual` is the default up
+// axis of the format, y or z.
 Eigen::Affine3d placement(const LoadOptions& options, UpAxis usual);
 
-// Whether the options move anything of a file with z up.
+// Returns whether the options change anything in a file with z up.
 bool moves(const LoadOptions& options);
 
-// A description of a file with z up, as the options want it.
+// Transforms the description of a file with z up as the options say.
 SceneDescription placed(SceneDescription description, const LoadOptions& options);
 
 }  // namespace flockstep

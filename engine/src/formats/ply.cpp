@@ -56,7 +56,7 @@ const PlyType* ply_type(std::string_view name) {
 struct PlyProperty {
   std::string_view name;
   const PlyType* type = nullptr;
-  const PlyType* count = nullptr;  // of a list
+  const PlyType* count = nullptr;  // length type of a list
 };
 
 struct PlyElement {
@@ -90,7 +90,7 @@ class PlyReader {
  private:
   // ------------------------------------------------------------------------------------------------------------- header
 
-  // Lines end as the first one does, since the first byte behind the header may be anything.
+  // All header lines end like the first one, because the first byte after the header may have any value.
   std::string_view next_header_line() {
     const std::size_t at = rest_.find(ending_);
     if (at == rest_.npos) refuse(source_, "a header that ends with end_header", "one that is cut short");
@@ -108,7 +108,7 @@ class PlyReader {
     next_header_line();
 
     bool has_form = false;
-    std::size_t size = 0;  // elements and properties
+    std::size_t size = 0;  // total of elements and properties
     for (;;) {
       Interrupt::poll();
       const std::string_view line = next_header_line();
@@ -164,7 +164,7 @@ class PlyReader {
       require(element.name != "tristrips", field, "faces", "strips of triangles, which are not read");
       require(element.name != "vertex" || element.count <= std::numeric_limits<std::int32_t>::max(), field,
               "at most 2147483647 of them", element.count);
-      // Before anything is made room for.
+      // Checked before memory is allocated.
       std::size_t least = 0;
       for (const PlyProperty& property : element.properties) {
         least += form_ == PlyForm::text ? 2 : (property.count ? property.count : property.type)->size;  // a digit and a space
@@ -203,7 +203,7 @@ class PlyReader {
     return type.read(bytes.data());
   }
 
-  // Each takes a byte at least, so that there are never more than the file has bytes.
+  // Reads the length of a list. Each item has at least a byte, so a length is at most the number of bytes left.
   std::size_t length(const PlyProperty& list, const std::string& field) {
     const double value = number(*list.count, field);
     if (!(value >= 0.0 && value <= static_cast<double>(rest_.size()) && value == std::floor(value))) {
@@ -229,7 +229,7 @@ class PlyReader {
 
   // ------------------------------------------------------------------------------------------------- vertices and faces
 
-  // Which property is which of x, y, z, red, green, blue.
+  // Returns which of x, y, z, red, green, blue the property is.
   static std::optional<std::size_t> channel(const PlyProperty& property) {
     constexpr std::array<std::array<std::string_view, 3>, 6> kNames{{{"x", "x", "x"},
                                                                      {"y", "y", "y"},
@@ -283,7 +283,7 @@ class PlyReader {
   }
 
   static double linear_color(double value, const PlyType& type) {
-    if (!(value > 0.0)) return 0.0;  // nor where it is no number
+    if (!(value > 0.0)) return 0.0;  // also for NaN
     if (type.name == "uchar") return srgb_to_linear()[static_cast<std::size_t>(std::min(value, 255.0))];
     const double most = type.is_whole ? (type.name == "ushort" ? 65535.0 : 255.0) : 1.0;
     return linear_of_srgb(std::min(value / most, 1.0));
@@ -327,7 +327,7 @@ class PlyReader {
     }
   }
 
-  // Into triangles, when all vertices are known.
+  // Cuts faces into triangles, once all vertices are known.
   void cut() {
     TriangleMesh& mesh = out_.mesh;
     const auto most = std::max_element(corners_.begin(), corners_.end());
@@ -358,7 +358,7 @@ class PlyReader {
   PlyForm form_ = PlyForm::text;
   std::vector<PlyElement> elements_;
   std::set<std::string_view> ignored_;
-  std::vector<std::uint16_t> lengths_;  // of faces, in corners
+  std::vector<std::uint16_t> lengths_;  // corners per face
   std::vector<std::int32_t> corners_;
   std::size_t num_triangles_ = 0;
   PlyMesh out_;

@@ -1,4 +1,4 @@
-// PLY files, of text or binary.
+// Reads PLY files, text or binary.
 #pragma once
 
 #include <filesystem>
@@ -11,13 +11,14 @@
 namespace flockstep {
 
 struct PlyMesh {
-  TriangleMesh mesh;                 // vertices, triangles, and colours where the file has any
-  std::vector<std::string> ignored;  // what the file has and is not read, in words
+  TriangleMesh mesh;                 // vertices, triangles, and colours if the file has any
+  std::vector<std::string> ignored;  // descriptions of ignored content
 };
 
-// Polygons are cut into triangles as those of OBJ files are. Colours of vertices are taken for sRGB: of whole numbers of 16 bits
-// without a sign 65535 is the most, of others 255, of other numbers 1.
-// Throws std::invalid_argument naming the source, the element, what was expected and what came: also where there are no faces.
+// Polygons are triangulated as in OBJ files. Vertex colours are sRGB. Their maximum is 65535 for unsigned 16-bit integers, 255
+// for other integers, and 1 for floats.
+// Throws std::invalid_argument that names the source, the element, the expected value and the actual one; also if there are no
+// faces.
 PlyMesh parse_ply(std::string_view bytes, const std::string& source);
 PlyMesh load_ply(const std::filesystem::path& path);
 

@@ -35,13 +35,13 @@ class Polygon {
     triangles.reserve(left_.size() - 2);
     std::size_t at = 0;
     std::size_t tried = 0;                      // since the last ear
-    std::size_t patience = 400 * left_.size();  // tests left: bounds the time that a hostile polygon takes
+    std::size_t patience = 400 * left_.size();  // tests left, bounds the time for hostile polygons
     while (left_.size() > 3) {
       const std::size_t count = left_.size();
       if (count > 100) Interrupt::poll();
       if (at >= count) at -= count;
       const CornerTriple ear{left_[at], left_[(at + 1) % count], left_[(at + 2) % count]};
-      // A polygon that touches or crosses itself may have no ear in the first rounds.
+      // Polygons that touch or cross themselves may have no ear by the strict tests of the first rounds.
       const std::size_t round = patience > 0 ? tried / count : std::max<std::size_t>(tried / count, 3);
       const auto is_ear = [&] {
         if (const double area = turn(ear[0], ear[1], ear[2]); area <= 0.0) return area == 0.0 || round > 3;
@@ -66,12 +66,13 @@ class Polygon {
  private:
   Eigen::Vector3d point(std::size_t corner) const { return corners_[corner].cast<double>(); }
 
-  // Positive if the triangle turns as the polygon does, 0 if it has no area.
+  // Returns a positive value if the triangle has the polygon's orientation, 0 if it has no area.
   double turn(std::size_t a, std::size_t b, std::size_t c) const {
     return (point(b) - point(a)).cross(point(c) - point(a)).dot(normal_);
   }
 
-  // Corners where the cut begins or ends do not count: the two sides of a bridge to a hole touch there.
+  // Returns whether no other corner lies in the ear. Corners at the ends of the cut do not count, because the two sides of a
+  // bridge to a hole touch there.
   bool is_empty(const CornerTriple& ear, bool with_edges) const {
     const auto [a, b, c] = ear;
     const double least = with_edges ? 0.0 : std::numeric_limits<double>::min();
@@ -82,9 +83,9 @@ class Polygon {
     return true;
   }
 
-  // tinyobjloader, which earlier versions read OBJ files with, took an ear later if its first edge runs round the origin against
-  // the ear's direction, seen along the axis that the first bend is nearest to. That order, in its float32, keeps the triangles
-  // of convex polygons.
+  // Earlier versions read OBJ files with tinyobjloader. It postponed an ear whose first edge runs around the origin against the
+  // ear's direction, seen along the axis nearest to the first bend. Keeping that order, with its float32 arithmetic, keeps the
+  // triangles of convex polygons unchanged.
   bool comes_later(const CornerTriple& ear) const {
     const auto [u, v] = axes_;
     const Vec3 &a = corners_[ear[0]], &b = corners_[ear[1]], &c = corners_[ear[2]];

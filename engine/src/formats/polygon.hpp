@@ -1,4 +1,4 @@
-// Polygons of mesh files.
+// Triangulates polygons of mesh files.
 #pragma once
 
 #include <array>
@@ -10,13 +10,13 @@
 
 namespace flockstep {
 
-inline constexpr std::size_t kMaxCorners = 1000;  // of a face: cutting it into triangles takes their number squared
+inline constexpr std::size_t kMaxCorners = 1000;  // limit per face, because triangulation takes quadratic time
 
-// Indices of a triangle's corners among those of its polygon.
+// Indices of a triangle's corners in its polygon.
 using CornerTriple = std::array<std::size_t, 3>;
 
-// Cuts a polygon of 3 to kMaxCorners corners into triangles, two fewer than corners, which run in the polygon's direction. Quads
-// are cut at the shorter diagonal that is inside, larger polygons by ear clipping. They may be concave.
+// Cuts a polygon of 3 to kMaxCorners corners into triangles with the polygon's orientation, two fewer than it has corners.
+// Quads are cut at the shorter interior diagonal, larger polygons by ear clipping. Polygons may be concave.
 std::vector<CornerTriple> cut_polygon(std::span<const Vec3> corners);
 
 }  // namespace flockstep

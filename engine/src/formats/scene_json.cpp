@@ -30,7 +30,7 @@ namespace {
 
 using json::JsonField;
 
-constexpr const char* kDefault = "default";  // a material that is there without being listed
+constexpr const char* kDefault = "default";  // material that exists without being listed
 
 class SceneReader {
  public:
@@ -73,7 +73,7 @@ class SceneReader {
     return std::move(scene_);
   }
 
-  // What has not been read of the files that it names.
+  // Describes the ignored content of referenced files.
   std::vector<std::string> ignored() const {
     std::vector<std::string> all = file_materials_ ? file_materials_->ignored() : std::vector<std::string>();
     all.insert(all.end(), ignored_.begin(), ignored_.end());
@@ -81,7 +81,7 @@ class SceneReader {
   }
 
  private:
-  // Files written before the project had its present name.
+  // Reports files written before the project was renamed.
   void refuse_older_name() const {
     if (!root_.value.is_object() || root_.value.contains(keys::kVersion.name)) return;
     for (const auto& [key, value] : root_.value.items()) {
@@ -104,7 +104,7 @@ class SceneReader {
     }
   }
 
-  // The values of a key by their names, in the order of the file.
+  // Reads the named values of a key in the order of the file.
   void for_each_name(const SceneKey& key, std::span<const std::string> names,
                      void (SceneReader::*read)(const std::string& name, const JsonField& field)) {
     const std::optional<JsonField> map = find(root_, key);
@@ -151,7 +151,7 @@ class SceneReader {
     }
   }
 
-  // Of a file that the scene names.
+  // Returns the path of a file that the scene references.
   std::filesystem::path path_of(const JsonField& file, const char* expected) const {
     if (!file.value.is_string()) refuse(file, expected);
     std::filesystem::path path = base_dir_ / file.value.get<std::string>();
@@ -217,7 +217,7 @@ class SceneReader {
                                           .material = material_of(field)});
   }
 
-  // A vertical cylinder that stands on the floor of the room and reaches its ceiling, unless z says otherwise.
+  // Reads a pillar: a vertical cylinder from the floor to the ceiling of the room, unless z is given.
   void read_pillar(const JsonField& field) {
     const auto [x, y] = pair(require(field, keys::kPillarCenter), keys::kPillarCenter, "an array of 2 numbers (x, y)");
     const float radius = radius_of(field);
@@ -281,7 +281,7 @@ class SceneReader {
                                           .visibility = visibility_of(field)});
   }
 
-  // Appends a mesh, from a file or given inline, scaled, then rotated, then moved.
+  // Appends a mesh from a file or given inline. It is scaled, rotated and then moved.
   void read_mesh(const JsonField& field) {
     const auto object = static_cast<std::uint16_t>(scene_.mesh.visibility.size());
     const bool has_file = find(field, keys::kMeshFile).has_value();
@@ -318,7 +318,7 @@ class SceneReader {
       }
       mesh.triangles.push_back(triangle);
     }
-    if (!part.uv.empty()) {  // which begin with this part, or go on with it: parts before it may have had none
+    if (!part.uv.empty()) {  // earlier parts may have no uv
       mesh.uv.resize(static_cast<std::size_t>(first_vertex));
       mesh.uv.insert(mesh.uv.end(), part.uv.begin(), part.uv.end());
     } else if (!mesh.uv.empty()) {
@@ -334,7 +334,7 @@ class SceneReader {
     }
   }
 
-  // materials: of the scene, where the mesh names none; else there are none.
+  // Reads a mesh file. The result's materials are scene indices if the mesh has no "material", otherwise they are empty.
   TriangleMesh read_mesh_file(const JsonField& field) {
     const JsonField file = require(field, keys::kMeshFile);
     const std::filesystem::path path = path_of(file, "the path of an OBJ or PLY file");

@@ -1,4 +1,4 @@
-// Scene files: the JSON that scenes/schema.json describes, read into and written from a SceneDescription.
+// Reads and writes scene files: SceneDescriptions as the JSON that scenes/schema.json describes.
 #pragma once
 
 #include <filesystem>
@@ -11,17 +11,18 @@
 
 namespace flockstep {
 
-// source names the text in error messages; base_dir is the scene's folder. What its mesh files have and is not read is added to
-// `ignored`, in words.
-// Throws std::invalid_argument: source, JSON pointer of the offending field, what was expected, what came.
+// `source` names the text in error messages; `base_dir` is the scene's folder. Descriptions of ignored content of mesh files
+// are added to `ignored`.
+// Throws std::invalid_argument with the source, the JSON pointer of the offending field, the expected value and the actual one.
 SceneDescription parse_scene(const std::string& text, const std::string& source, const std::filesystem::path& base_dir,
                              MeshFiles files = MeshFiles::in_folder, std::vector<std::string>* ignored = nullptr);
 
-// Takes a description as canonical() leaves it. Numbers are written so that reading them again gives the same float32 bits, a
-// mesh for each object (an empty one for a number that no triangle has), and of the light only what is not the default.
+// Expects a canonical() description. Numbers read back with the same float32 bits. Each object becomes a mesh, which is empty
+// if no triangle has that object number. Of the light, only values that differ from the defaults are written.
 std::string write_scene(const SceneDescription& description);
 
-// Parts of a scene file, in its words, for other formats that hold them. Of the light, what is not the default is written.
+// Read and write parts of a scene file, for other formats that embed them. Of the light, only values that differ from the
+// defaults are written.
 Markers read_markers(const json::JsonField& field);
 Light read_light(const json::JsonField& field);
 nlohmann::ordered_json write_markers(const Markers& markers);

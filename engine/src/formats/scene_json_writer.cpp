@@ -17,7 +17,7 @@
 namespace flockstep {
 namespace {
 
-using OrderedJson = nlohmann::ordered_json;  // keeps the order of keys, and searches them one by one
+using OrderedJson = nlohmann::ordered_json;  // keeps the order of keys, with linear search
 
 constexpr const auto& kWraps = EnumNames<TextureWrap>::kNames;
 
@@ -29,7 +29,7 @@ OrderedJson numbers(const Vec3& v) { return numbers(Vec3d(v.cast<double>())); }
 
 OrderedJson numbers(const std::array<float, 3>& v) { return numbers(Vec3(v[0], v[1], v[2])); }
 
-// As text, since an object of OrderedJson with many keys takes their number squared to build.
+// Writes text directly, because building an OrderedJson object takes quadratic time in the number of keys.
 std::string write_materials(const SceneDescription& description) {
   std::string text = "{";
   for (const Material& material : description.materials) {
@@ -55,8 +55,8 @@ std::string write_textures(const std::vector<Texture>& textures) {
   return text + '}';
 }
 
-// Halves of sums and differences of the corners must give the room's centre and half extents again: their digits are cut short
-// only if they still do.
+// The reader computes the room's centre and half extents from half sums and differences of the corners. The corners' digits are
+// shortened only if this still gives the same values.
 OrderedJson write_room(const Primitive& room, const std::string& material) {
   const Vec3d center = room.center.cast<double>();
   const Vec3d half = room.half_extents.cast<double>();
@@ -121,7 +121,7 @@ void write_primitive(OrderedJson& document, const Primitive& primitive, const st
   document[kLists[static_cast<std::size_t>(primitive.kind)]].push_back(std::move(object));
 }
 
-// The triangles [first, last), whose vertices are [first_vertex, last_vertex).
+// Writes the triangles [first, last) with the vertices [first_vertex, last_vertex).
 OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t last, std::size_t first_vertex,
                        std::size_t last_vertex, const std::vector<Material>& materials) {
   OrderedJson object = {
@@ -133,7 +133,7 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
       uv.push_back(OrderedJson::array({json::shortest(mesh.uv[i][0]), json::shortest(mesh.uv[i][1])}));
     }
   }
-  // Vertex colours of a mesh; white ones are left out.
+  // Vertex colours are omitted if all are white.
   const auto is_white = [](const std::array<float, 3>& color) { return color == std::array{1.0F, 1.0F, 1.0F}; };
   const auto colors = std::span(mesh.colors)
                           .subspan(mesh.colors.empty() ? 0 : first_vertex, mesh.colors.empty() ? 0 : last_vertex - first_vertex);
@@ -157,7 +157,7 @@ OrderedJson write_mesh(const TriangleMesh& mesh, std::size_t first, std::size_t 
   return object;
 }
 
-// One for each object; their triangles, and the vertices of these, lie one after another.
+// Writes one mesh per object. An object's triangles and their vertices are contiguous.
 OrderedJson write_meshes(const TriangleMesh& mesh, const std::vector<Material>& materials) {
   OrderedJson meshes = OrderedJson::array();
   std::size_t first = 0;
@@ -177,7 +177,7 @@ OrderedJson write_meshes(const TriangleMesh& mesh, const std::vector<Material>& 
   return meshes;
 }
 
-// One line per top-level field, and per element where a field is a list of objects.
+// Writes one line per top-level field, and one per element of a list of objects.
 std::string format(const OrderedJson& document, const SceneDescription& description) {
   std::string text = "{";
   const char* separator = "\n";

@@ -1,4 +1,5 @@
-// Values of a scene file, refused unless their keys allow them; see scene_keys.hpp. Refusals throw std::invalid_argument.
+// Reads values of a scene file and checks them against their keys; see scene_keys.hpp. Invalid values throw
+// std::invalid_argument.
 #pragma once
 
 #include <array>
@@ -12,9 +13,9 @@
 
 namespace flockstep {
 
-using Vec3d = Eigen::Vector3d;  // numbers are rounded to float32 once, after all arithmetic
+using Vec3d = Eigen::Vector3d;  // rounded to float32 once, after all arithmetic
 
-// Refuses anything but an object, and fields that are not listed.
+// Rejects values that are not objects, and unknown fields.
 void check_keys(const json::JsonField& field, std::span<const SceneKey> keys);
 
 inline std::optional<json::JsonField> find(const json::JsonField& object, const SceneKey& key) {
@@ -31,32 +32,32 @@ inline double number(const json::JsonField& field, const SceneKey& key) {
   return value;
 }
 
-// Half of a length.
+// Returns half of a length.
 float half_of(const json::JsonField& field, const SceneKey& key);
 Vec3d vec3(const json::JsonField& field, const SceneKey& key);
 Vec3 point(const json::JsonField& field, const SceneKey& key);
-// expected: what is to be an array of two numbers.
+// `expected` describes the array of two numbers in messages.
 std::array<double, 2> pair(const json::JsonField& field, const SceneKey& key, const char* expected);
 std::array<float, 3> color(const json::JsonField& field, const SceneKey& key);
-// A number that JSON Schema calls an integer: 7 or 7.0.
+// Reads an integer as in JSON Schema: 7 or 7.0.
 std::uint16_t integer(const json::JsonField& field, const SceneKey& key);
 
-// The value of a key of an object, if it is there.
+// Reads the value of a key if the object has it.
 void read_to(float& value, const json::JsonField& object, const SceneKey& key);
 void read_to(std::array<float, 3>& value, const json::JsonField& object, const SceneKey& key);
 void read_to(std::optional<Vec3>& value, const json::JsonField& object, const SceneKey& key);
 
-Quat rotation_of(const json::JsonField& object);  // the identity if it has none
+Quat rotation_of(const json::JsonField& object);  // identity if missing
 Visibility visibility_of(const json::JsonField& object);
 std::array<TextureWrap, 2> wrap_of(const json::JsonField& field);
 
 struct Box3d {
   Vec3d min, max;
 };
-// Reads an object with these two keys; each side has at least the given length.
+// Reads an object with these two keys. Each side must have at least the given length.
 Box3d box_of(const json::JsonField& object, const SceneKey& min, const SceneKey& max, double least_side);
 
-// The geometry that a mesh lists by vertices, triangles, uv and colors.
+// Reads the geometry of a mesh given inline by vertices, triangles, uv and colors.
 TriangleMesh inline_mesh_of(const json::JsonField& mesh);
 
 }  // namespace flockstep

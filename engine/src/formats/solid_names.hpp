@@ -1,11 +1,11 @@
-// Names by which other programs tell what is there for collision alone.
+// Recognizes names that other programs use for collision-only objects.
 #pragma once
 
 #include <string_view>
 
 namespace flockstep {
 
-// As Unreal and Godot have them.
+// Conventions of Unreal and Godot.
 inline bool is_solid_name(std::string_view name) {
   for (const std::string_view prefix : {"UBX_", "UCP_", "USP_", "UCX_"}) {
     if (name.starts_with(prefix)) return true;

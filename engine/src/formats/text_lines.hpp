@@ -1,4 +1,4 @@
-// Lines, words and numbers of text files.
+// Splits text files into lines, words and numbers.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace flockstep {
 
-// The next line of a text, which it is removed from. Lines end with \n, \r\n or \r.
+// Removes the next line from the text and returns it. Lines end with \n, \r\n or \r.
 inline std::string_view next_line(std::string_view& text) {
   const auto end = std::find_if(text.begin(), text.end(), [](char c) { return c == '\n' || c == '\r'; });
   const std::string_view line(text.begin(), end);
@@ -18,7 +18,7 @@ inline std::string_view next_line(std::string_view& text) {
   return line;
 }
 
-// The next word of a line, which it is removed from; empty at the end.
+// Removes the next word from the line and returns it; empty at the end.
 inline std::string_view next_word(std::string_view& line) {
   const auto is_space = [](char c) { return c == ' ' || c == '\t'; };
   const auto begin = std::find_if_not(line.begin(), line.end(), is_space);
@@ -27,17 +27,17 @@ inline std::string_view next_word(std::string_view& line) {
   return {begin, end};
 }
 
-// Without the spaces around it.
+// Returns the text without surrounding spaces and tabs.
 inline std::string_view trimmed(std::string_view text) {
   constexpr std::string_view kSpace = " \t";
   text.remove_prefix(std::min(text.find_first_not_of(kSpace), text.size()));
   return text.substr(0, text.find_last_not_of(kSpace) + 1);
 }
 
-// Whether a word is a number, and nothing else, that fits.
+// Parses a word that consists of exactly one number. Returns false if it does not, or if the number does not fit the type.
 template <class Number>
 bool parse_number(std::string_view word, Number& value) {
-  if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);  // which from_chars does not take
+  if (word.size() > 1 && word[0] == '+' && word[1] != '-') word.remove_prefix(1);  // from_chars does not accept +
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
   return error == std::errc() && end == word.data() + word.size();
 }

@@ -1,4 +1,4 @@
-// Names that are all different, for materials and textures of files that repeat theirs.
+// Makes names of materials and textures unique for files that repeat them.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@ namespace flockstep {
 
 class UnusedNames {
  public:
-  // The wanted name, which is used from now on, or one with a number behind it where it has been used before.
+  // Returns the wanted name, with a number appended if it is already in use, and marks the result as used.
   std::string take(const std::string& wanted) {
     std::string name = wanted;
     for (std::size_t& number = numbers_.try_emplace(wanted, 1).first->second; !used_.insert(name).second;) {
@@ -21,7 +21,7 @@ class UnusedNames {
 
  private:
   std::set<std::string> used_;
-  std::map<std::string, std::size_t> numbers_;  // the last suffix of each
+  std::map<std::string, std::size_t> numbers_;  // last suffix of each
 };
 
 }  // namespace flockstep

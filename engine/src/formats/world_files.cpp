@@ -1,4 +1,4 @@
-// World files: which format has which suffix.
+// Maps file extensions to world file formats.
 #include <array>
 #include <filesystem>
 #include <memory>
@@ -21,7 +21,7 @@ namespace flockstep {
 namespace {
 
 using Path = std::filesystem::path;
-using Ignored = std::vector<std::string>;  // what a file has and is not read, in words
+using Ignored = std::vector<std::string>;  // descriptions of ignored content
 
 constexpr const char* kSceneFile = "a scene file";
 constexpr const char* kGltfFile = "a glTF file";
@@ -46,12 +46,12 @@ std::string gltf_binary(const SceneDescription& scene, const Path& path) {
   return write_gltf(scene, GltfForm::binary, path.string());
 }
 
-// A new format is a file that reads it and a line here.
+// To add a format, write a file that reads it and add a line here.
 struct Format {
   std::string_view suffix;
   SceneDescription (*load)(const Path& path, const LoadOptions& options, Ignored& ignored);
-  const char* kind = nullptr;  // what messages about a file that is written call it
-  std::string (*write)(const SceneDescription& scene, const Path& path) = nullptr;  // null: worlds are not saved in it
+  const char* kind = nullptr;                                                       // name of written files in messages
+  std::string (*write)(const SceneDescription& scene, const Path& path) = nullptr;  // null: read-only format
 };
 constexpr std::array kFormats{
     Format{".json", &load_scene_file, kSceneFile, &scene_file},
@@ -64,7 +64,7 @@ constexpr std::array kFormats{
 bool can_load(const Format&) { return true; }
 bool can_save(const Format& format) { return format.write != nullptr; }
 
-// The format of a path. Throws std::invalid_argument if no format has its suffix.
+// Returns the format of a path. Throws std::invalid_argument if no format has its suffix.
 const Format& format_of(const Path& path, bool (*can)(const Format&)) {
   const std::string suffix = extension_of(path);
   std::vector<std::string_view> suffixes;

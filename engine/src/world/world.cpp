@@ -26,8 +26,7 @@ Aabb bounds_of(const SceneDescription& description) {
 
 World::World(SceneDescription description, std::vector<std::string> ignored)
     : description_(canonical(std::move(description))), ignored_(std::move(ignored)), bounds_(bounds_of(description_)) {
-  if (description_.mesh.triangles.size() >= kManyTriangles)
-    give_back_freed_memory();  // includes memory of the file and its readers
+  if (description_.mesh.triangles.size() >= kManyTriangles) give_back_freed_memory();  // the readers have freed much
 }
 
 World::World(std::shared_ptr<const World> world, const Lighting& lighting)
