@@ -18,10 +18,10 @@ SceneDescription parse_scene(const std::string& text, const std::string& source,
                              MeshFiles files = MeshFiles::in_folder, std::vector<std::string>* ignored = nullptr);
 
 // Expects a canonical() description. Numbers read back with the same float32 bits. Each object becomes a mesh, which is empty
-// if no triangle has that object number. Of the light, only values that differ from the defaults are written.
+// if no triangle has that object number. Only light values that differ from the defaults are written.
 std::string write_scene(const SceneDescription& description);
 
-// Read and write parts of a scene file, for other formats that embed them. Of the light, only values that differ from the
+// Read and write parts of a scene file, for other formats that embed them. Only light values that differ from the
 // defaults are written.
 Markers read_markers(const json::JsonField& field);
 Light read_light(const json::JsonField& field);

@@ -1,4 +1,4 @@
-// Draws: the random numbers that a world is made of.
+// Draws: random numbers for generating worlds.
 #pragma once
 
 #include <array>
@@ -15,16 +15,16 @@ using Vec3d = Eigen::Vector3d;
 // Uniform numbers keyed by (purpose, seed, attempt).
 class Draws {
  public:
-  // Keep these apart from other users of the same seed.
+  // Purposes, which separate the numbers from other uses of the same seed.
   static constexpr std::uint32_t kPlayground = 0x706C6179, kForest = 0x666F7265, kOffice = 0x6F666669, kWarehouse = 0x77617265,
                                  kCity = 0x63697479, kPlaces = 0x706C6163;
 
   Draws(std::uint32_t purpose, std::uint64_t seed, std::uint32_t attempt) : purpose_(purpose), seed_(seed), attempt_(attempt) {}
 
   double uniform(double low, double high) { return low + (high - low) * static_cast<double>(uniform01(bits())); }
-  // One of 0 to count - 1.
+  // Returns an integer in [0, count - 1].
   int below(int count) { return static_cast<int>(uniform(0.0, count)); }
-  // y is drawn first; two calls as arguments of one would come in the order of the compiler's choice.
+  // Draws y first. Two calls as arguments of one function would have an unspecified order.
   Vec2d point(const Vec2d& low, const Vec2d& high) {
     const double y = uniform(low.y(), high.y());
     return {uniform(low.x(), high.x()), y};

@@ -21,8 +21,8 @@ namespace flockstep {
 namespace {
 
 constexpr std::uint32_t kDrawsAtOnce = 64;
-constexpr std::uint32_t kMaxDraws = 100'000;  // in a row without a place
-constexpr std::size_t kMaxFarPlaces = 1000;   // in a row that are not reachable
+constexpr std::uint32_t kMaxDraws = 100'000;  // draws in a row without a place
+constexpr std::size_t kMaxFarPlaces = 1000;   // unreachable places in a row
 
 Aabb drawn_box(const World& world, const FreePlacesConfig& config) {
   if (config.box) return *config.box;
@@ -41,7 +41,7 @@ void check(const FreePlacesConfig& config) {
   require((config.box->min.array() <= config.box->max.array()).all(), "box", "its least corner first", "one with min > max");
 }
 
-// The free places of a world, one after the other.
+// Finds free places of a world one by one.
 class Places {
  public:
   Places(const World& world, const DroneModel& drone, const FreePlacesConfig& config)
@@ -70,7 +70,7 @@ class Places {
   enum Reason : std::uint8_t { nothing_below, behind, no_room };
   struct Candidate {
     Vec3 place;
-    float again;  // uniform in [0, 1): how high, if the place is too high
+    float again;  // uniform in [0, 1): new height if the place is too high
   };
 
   void draw() {
@@ -104,7 +104,8 @@ class Places {
     }
   }
 
-  // Keeps the candidates that see no triangle from behind, straight down or up, and for which keep(candidate, range) holds.
+  // Keeps a candidate if a ray straight down (up = -1) or up (up = 1) hits no back face of a triangle, and keep(candidate,
+  // range) returns true.
   template <class Keep>
   void look(std::vector<Candidate>& candidates, float up, const Keep& keep) {
     std::vector<float> origins;
@@ -156,7 +157,7 @@ class Places {
   std::uint32_t drawn_ = 0;
   std::array<std::size_t, 3> refused_{};  // since the last place, by Reason
   std::vector<Vec3> found_;
-  std::size_t taken_ = 0;  // of them
+  std::size_t taken_ = 0;  // number of places taken from found_
 };
 
 void require_place(const World& world, const DroneModel& drone, const Vec3& place) {
@@ -191,7 +192,7 @@ std::vector<Vec3> free_places(const World& world, const DroneModel& drone, std::
 Markers drawn_markers(const World& world, const DroneModel& drone, const FreePlacesConfig& config,
                       std::optional<float> distance_m) {
   constexpr int kStarts = 20;  // some may lie in small closed spaces
-  constexpr int kGoals = 50;   // of each
+  constexpr int kGoals = 50;   // per start
   check(config);
   if (distance_m) require_not_negative(*distance_m, "distance_m");
   if (config.reachable_from) require_place(world, drone, *config.reachable_from);

@@ -10,7 +10,7 @@ namespace flockstep {
 namespace {
 
 constexpr double kMargin = 1e-3;           // m
-constexpr double kMarginOfSize = 0x1p-20;  // of the largest coordinate: the sweep's standoff grows with it, eight times slower
+constexpr double kMarginOfSize = 0x1p-20;  // per m of the largest coordinate: 8 times the growth of the sweep's standoff
 
 double margin_in(const World& world) {
   const float largest = world.bounds().min.cwiseAbs().cwiseMax(world.bounds().max.cwiseAbs()).maxCoeff();
@@ -53,9 +53,9 @@ FreeSpace::Obstacle FreeSpace::obstacle(std::uint32_t element, const collision::
   return obstacle;
 }
 
-// Tests the boxes around drone and obstacle first. Then a plane through the obstacle's point nearest to the center, at a right
-// angle to the line between them, which has the obstacle on one side: the hull has to stay on the other one at the place of the
-// box that is worst.
+// Tests the boxes around drone and obstacle first. Then uses a plane through the obstacle's point nearest to the box's center,
+// perpendicular to the line between the two. The obstacle is on one side of it; the hull must stay on the other side at the
+// worst place of the box.
 bool FreeSpace::is_apart(const Obstacle& obstacle, const collision::Convex& convex, const Box& box) const {
   const Eigen::Array3d low = obstacle.taken.min.array().cast<double>() - box.half;
   const Eigen::Array3d high = obstacle.taken.max.array().cast<double>() + box.half;

@@ -12,10 +12,10 @@ namespace flockstep {
 namespace {
 
 constexpr double kMaxBlocks = 1 << 25;
-constexpr std::size_t kFew = 1000;  // obstacles near a cell; more are found anew for each sweep, near its motion only
+constexpr std::size_t kFew = 1000;  // obstacles per cell; above this, each sweep queries those near its motion
 
 struct Extent {
-  Eigen::Array3d below = Eigen::Array3d::Zero();  // cells from the start down to the region's end, along each axis
+  Eigen::Array3d below = Eigen::Array3d::Zero();  // cells from the start to the region's lower end
   Eigen::Array3d above = Eigen::Array3d::Zero();
 };
 
@@ -37,7 +37,8 @@ Extent extent_of(const Aabb& region, const Vec3& start, float cell, bool is_flat
 
 }  // namespace
 
-// Obstacles that may touch the drone in a block, and lists of them: each list follows that of the larger box it was taken from.
+// Obstacles that may touch the drone in a block, and lists of them. Each list follows the list of the larger box that it was
+// filtered from.
 struct Lattice::Filling {
   std::vector<collision::Convex> obstacles;
   std::vector<std::uint32_t> lists;
@@ -90,7 +91,8 @@ std::int32_t Lattice::node_of(const Cell& cell) {
   return 1 + number * static_cast<std::int32_t>(kCells) + static_cast<std::int32_t>(index_in_block(cell - place * kAside));
 }
 
-// Whole blocks first, then their eighths, and so on: a small box asks only the obstacles that are not apart from the larger one.
+// Tests the whole block first, then its eighths, and so on. A smaller box tests only the obstacles that are not apart from the
+// larger one.
 void Lattice::fill(Block& block) const {
   const FreeSpace::Box whole = box_of(block.first, kAside);
   Filling filling;
@@ -108,7 +110,8 @@ FreeSpace::Box Lattice::box_of(const Cell& first, int aside) const {
   return {origin_.cast<double>() + static_cast<double>(cell_) * middle.matrix(), half};
 }
 
-// `begin`: of the list of obstacles that are not apart from the next larger box, up to the end of the lists.
+// `begin` is the start of the list of obstacles that are not apart from the next larger box; it extends to the end of the
+// lists.
 void Lattice::open_cells(Block& block, const Cell& first, int aside, std::size_t begin, Filling& filling) const {
   const FreeSpace::Box box = box_of(first, aside);
   const std::size_t end = filling.lists.size();
@@ -155,12 +158,12 @@ bool Lattice::is_clear_in(const Cell& cell, const Vec3& from, const Vec3& to) {
 }
 
 bool Lattice::is_clear(const Vec3& from, const Vec3& to) {
-  // In cells: cell i is from i to i + 1.
+  // Units are cells; cell i spans i to i + 1.
   const Eigen::Array3d begin = (from - origin_).cast<double>().array() / cell_ + start_.cast<double>() + 0.5;
   const Eigen::Array3d along = (to - from).cast<double>().array() / cell_;
   Cell cell = begin.floor().cast<int>();
   const Cell step = along.sign().cast<int>();
-  Eigen::Array3d crossing;  // time at which the next cell begins along each axis
+  Eigen::Array3d crossing;  // time at which the motion enters the next cell along each axis
   for (int axis = 0; axis < 3; ++axis) {
     const double border = cell[axis] + (step[axis] > 0 ? 1 : 0);
     crossing[axis] = step[axis] == 0 ? std::numeric_limits<double>::infinity() : (border - begin[axis]) / along[axis];

@@ -1,4 +1,5 @@
-// Lattice: the places of one planner search, a start's multiples of a cell size, and which cells around them are open.
+// Lattice: the grid of one planner search. It has positions at multiples of a cell size around the start, and records which
+// cells are open.
 #pragma once
 
 #include <array>
@@ -11,29 +12,29 @@
 
 namespace flockstep {
 
-// Memory is taken in blocks of cells, as the search comes to them. A cell is open if the drone fits at every place in it, so a
-// straight motion through open cells needs no sweep. Of other cells it is known which obstacles are near enough to be touched.
+// Memory is allocated in blocks of cells as the search reaches them. A cell is open if the drone fits at every position in it,
+// so a straight motion through open cells needs no sweep. For other cells, the obstacles near enough to be touched are stored.
 class Lattice {
  public:
   using Cell = Eigen::Array3i;
 
   struct Node {
-    float cost = std::numeric_limits<float>::infinity();  // m, from the start over the parent
+    float cost = std::numeric_limits<float>::infinity();  // m, path length from the start through the parent
     std::int32_t parent = -1;                             // -1: none yet
-    bool is_closed = false;                               // expanded, or the drone does not fit: final
-    bool is_checked = false;                              // the way from the parent is known to be clear
+    bool is_closed = false;                               // final: expanded, or the drone does not fit
+    bool is_checked = false;                              // the motion from the parent is known to be clear
   };
 
-  static constexpr std::int32_t kGoal = 0;  // the one node that need not be on the lattice
+  static constexpr std::int32_t kGoal = 0;  // the only node that may be off the lattice
   static constexpr std::size_t kMaxCells = 1 << 25;
 
-  // is_flat: one layer, at the height of the start. Throws std::invalid_argument, and so does a search that reaches more than
-  // kMaxCells, if the cells are too small for the region.
+  // With is_flat there is one layer, at the height of the start. Throws std::invalid_argument if the cells are too small for
+  // the region; so does a search that reaches more than kMaxCells.
   Lattice(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float cell, bool is_flat);
 
-  // How many cells a lattice would have.
+  // Returns the number of cells that a lattice would have.
   static double count(const Aabb& region, const Vec3& start, float cell, bool is_flat);
-  // Whether its blocks can be listed; the constructor refuses cells that are too small for that.
+  // Returns whether a lattice with these cells is possible. The constructor throws if it is not.
   static bool fits(const Aabb& region, const Vec3& start, float cell, bool is_flat);
 
   std::int32_t start() { return node_of(start_); }
@@ -42,10 +43,11 @@ class Lattice {
   }
   Vec3 position(std::int32_t node) const;
 
-  // True if the drone can fly straight from one place to another, or fits if they are the same.
+  // Returns true if the drone can fly straight from one place to the other. If they are equal, returns whether the drone fits
+  // there.
   bool is_clear(const Vec3& from, const Vec3& to);
 
-  // Calls visit(node) for the nodes one step away along every axis, and the goal if it is as near.
+  // Calls visit(node) for the nodes at most one step away along every axis, and for the goal if it is as close.
   template <class Visit>
   void for_each_neighbour(std::int32_t node, const Visit& visit) {
     const Cell center = node == kGoal ? goal_cell_ : cell_of(node);
@@ -66,7 +68,8 @@ class Lattice {
   static constexpr int kAside = 8;  // cells of a block along each axis
   static constexpr std::size_t kCells = kAside * kAside * kAside;
 
-  // The obstacles that can be touched in a cell: none if it is open; many, or a range of its block's lists.
+  // The obstacles that the drone can touch in a cell: none if it is open; many if too many to list; otherwise a range of the
+  // block's lists.
   struct Near {
     enum class Kind : std::uint8_t { none, few, many };
     Kind kind = Kind::many;
@@ -78,7 +81,7 @@ class Lattice {
     std::array<Node, kCells> nodes;
     std::array<Near, kCells> near;
     std::vector<FreeSpace::Obstacle> obstacles;  // near the block
-    std::vector<std::uint32_t> lists;            // of obstacles, cell by cell
+    std::vector<std::uint32_t> lists;            // indices of obstacles, cell by cell
   };
   struct Filling;
 
@@ -89,21 +92,21 @@ class Lattice {
   Cell cell_of(std::int32_t node) const;
   void fill(Block& block) const;
   bool is_clear_in(const Cell& cell, const Vec3& from, const Vec3& to);
-  FreeSpace::Box box_of(const Cell& first, int aside) const;  // of a cube of cells
+  FreeSpace::Box box_of(const Cell& first, int aside) const;  // box of a cube of cells
   void open_cells(Block& block, const Cell& first, int aside, std::size_t begin, Filling& filling) const;
 
   const FreeSpace& space_;
-  Vec3 origin_;  // m, of the start
+  Vec3 origin_;  // m, start position
   Vec3 goal_;    // m
   float cell_;   // m
   Cell start_ = Cell::Zero();
   Cell size_ = Cell::Ones();
-  Cell goal_cell_ = Cell::Zero();  // the nearest
+  Cell goal_cell_ = Cell::Zero();  // cell nearest to the goal
   Cell blocks_aside_;
-  std::vector<std::int32_t> numbers_;  // of the blocks in their places, -1 where none is yet
+  std::vector<std::int32_t> numbers_;  // block numbers by position; -1: not allocated
   std::vector<std::unique_ptr<Block>> blocks_;
   Node goal_node_;
-  std::vector<std::uint32_t> touchable_;  // elements; scratch
+  std::vector<std::uint32_t> touchable_;  // scratch: elements
 };
 
 }  // namespace flockstep

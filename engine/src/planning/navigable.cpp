@@ -23,7 +23,7 @@ bool has_room(const World& world) {
   return !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
 }
 
-// Where markers may be: a room holds them; without one the sky is open.
+// Returns the space for markers: the bounds of the world, without an upper end if there is no room.
 Aabb marked_space(const World& world) {
   Aabb box = world.bounds();
   if (!has_room(world)) box.max.z() = static_cast<float>(kMaxCoordinate);

@@ -1,4 +1,4 @@
-// Requirements of tasks on a world.
+// Checks that a world suits a task.
 #pragma once
 
 #include <string>
@@ -9,16 +9,16 @@
 
 namespace flockstep {
 
-// Throws std::invalid_argument naming the world and the marker unless start and goal are there, every marker lies within the
-// bounds of the world, or above it where there is no room, and the drone at the start and in every corner of the spawn box
-// (level, facing +x) touches nothing.
+// Requires that start and goal exist; that every marker lies within the bounds of the world, or above it if there is no room;
+// and that the drone, level and facing +x, touches nothing at the start and in every corner of the spawn box. Throws
+// std::invalid_argument that names the world and the marker.
 void require_navigable(const World& world, const DroneModel& drone);
 
-// Throws std::invalid_argument naming the world and `place`, such as "markers.goal", unless the point lies in open_space() and
-// the drone touches nothing there, level and facing +x.
+// Requires that the point lies in open_space() and that the drone, level and facing +x, touches nothing there. Throws
+// std::invalid_argument that names the world and `place`, such as "markers.goal".
 void require_free(const World& world, const DroneModel& drone, const std::string& place, const Vec3& point);
 
-// The space that drones may be in: the room, or without one everything within kMaxCoordinate.
+// Returns the space for drones: the room, or everything within kMaxCoordinate if there is no room.
 Aabb open_space(const World& world);
 
 }  // namespace flockstep

@@ -1,10 +1,10 @@
-// Lazy Theta*: A* on a grid in which a node's parent may be any node with a clear straight way to it, not only a neighbour, and
-// that way is checked only once a node is expanded. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning
-// and path length analysis in 3D", AAAI 2010. A way is clear if the sweep of the drone's hull through the true world says so.
-//
-// Grids from coarse to fine: a coarse one finds the right corridor for a small part of the work, and pulling its path taut makes
-// up for its cells. A finer grid is searched only for a path that is shorter than the one already found, and only if that search
-// is small; or until there is a path at all.
+// Lazy Theta*: A* on a grid in which a node's parent may be any node with a clear straight motion to it, not only a neighbour.
+// That motion is checked only when the node is expanded. A motion is clear if a sweep of the drone's hull through the exact
+// world hits nothing. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning and path length analysis in
+// 3D", AAAI 2010.
+// Grids are searched from coarse to fine. A coarse grid finds the right corridor for a small part of the work, and pulling its
+// path taut makes up for its large cells. Once there is a path, a finer grid is searched only for a shorter path, and only if
+// that search is small.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -28,11 +28,11 @@ namespace {
 using Path = std::vector<Vec3>;
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr double kCoarsest = 1 << 14;        // cells of the coarsest grid, at least
-constexpr double kMaxBetter = 1 << 18;       // cells in which a shorter path is searched for, at most
-constexpr std::size_t kMaxAtGoal = 1 << 15;  // nodes of a search from the goal for a way out of where it lies
-constexpr float kStraightEnough = 1.01F;     // of the straight distance: no shorter path is searched for
-constexpr float kWorthIt = 0.995F;           // of the length of the path so far: what a shorter one has to have at most
+constexpr double kCoarsest = 1 << 14;        // least number of cells of the coarsest grid
+constexpr double kMaxBetter = 1 << 18;       // most cells in a search for a shorter path
+constexpr std::size_t kMaxAtGoal = 1 << 15;  // most nodes in the search for an exit from the goal
+constexpr float kStraightEnough = 1.01F;     // times the straight distance: short enough, stop
+constexpr float kWorthIt = 0.995F;           // times the current length: required of a shorter path
 
 double length_of(const Path& path) {
   double length = 0.0;
@@ -40,12 +40,12 @@ double length_of(const Path& path) {
   return length;
 }
 
-// How near to the goals the searches have come.
+// Reports the progress of the searches towards the goals.
 class Reporter {
  public:
   Reporter(const Progress& progress, std::size_t legs) : progress_(progress), legs_(static_cast<double>(legs)) {}
 
-  // A search comes to a node whose straight distance from the goal is this share of the start's.
+  // Call this for each visited node. `share_left` is its straight distance to the goal over that of the start.
   void visit(float share_left) {
     Interrupt::poll();
     within_leg_ = std::max(within_leg_, 1.0 - static_cast<double>(share_left));
@@ -65,21 +65,21 @@ class Reporter {
   std::size_t visited_ = 0;
 };
 
-// A search on one lattice. It ends with a path, or without one that is shorter than `bound` (m).
+// A search on one lattice. It returns a path, or nothing if there is no path shorter than `bound` (m).
 class Search {
  public:
   Search(Lattice& lattice, float bound, Reporter& reporter) : lattice_(lattice), bound_(bound), reporter_(reporter) {}
 
   std::optional<Path> run() { return run(lattice_.start(), Lattice::kGoal, std::numeric_limits<std::size_t>::max()); }
 
-  // True if the goal lies in a space that is closed: a search from there has no node left, and it took few.
+  // Returns true if the goal lies in a small closed space: a search from the goal runs out of nodes early.
   bool is_goal_shut_in() {
     const bool is_found = run(Lattice::kGoal, lattice_.start(), kMaxAtGoal).has_value();
     return !is_found && open_.empty();
   }
 
  private:
-  using Entry = std::pair<float, std::int32_t>;  // least length of a path through this node; ties go to the lower index
+  using Entry = std::pair<float, std::int32_t>;  // least path length through this node; ties go to the lower index
 
   std::optional<Path> run(std::int32_t start, std::int32_t end, std::size_t most) {
     end_ = lattice_.position(end);
@@ -119,7 +119,8 @@ class Search {
     if (least < bound_) open_.emplace(least, node);
   }
 
-  // True if the way from the parent is clear. Otherwise the node waits with another parent, or is closed if nothing fits there.
+  // Returns true if the motion from the parent is clear. Otherwise the node gets another parent and is queued again, or is
+  // closed if the drone does not fit there.
   bool check(std::int32_t node, const Vec3& here) {
     Lattice::Node& entry = lattice_.at(node);
     if (node != Lattice::kGoal && !lattice_.is_clear(here, here)) {
@@ -131,7 +132,7 @@ class Search {
       entry.is_checked = true;
       return true;
     }
-    // Of the expanded neighbours with a clear way here, the one with the cheapest path becomes the parent.
+    // The new parent is the expanded neighbour with the shortest path among those with a clear motion to this node.
     std::array<Entry, 27> candidates;
     std::size_t count = 0;
     lattice_.for_each_neighbour(node, [&](std::int32_t neighbour) {
@@ -170,7 +171,7 @@ class Search {
   std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open_;
 };
 
-// Leaves out every corner that the drone can cut.
+// Removes every corner that the drone can cut.
 Path without_detours(Lattice& lattice, const Path& path) {
   Path shorter{path.front()};
   for (std::size_t i = 0; i + 1 < path.size();) {
@@ -182,11 +183,11 @@ Path without_detours(Lattice& lattice, const Path& path) {
   return shorter;
 }
 
-// Pulls the path taut: each corner moves towards its neighbours and towards the line between them as far as it can. All three
-// shorten the path; together they let a corner slide along what it touches.
+// Pulls the path taut: each corner moves as far as possible towards its two neighbours and towards the line between them. Each
+// of the three moves shortens the path; together they let a corner slide along an obstacle.
 void pull_taut(Lattice& lattice, Path& path) {
   constexpr int kRounds = 4;
-  constexpr float kLargestStep = 0.5F;  // of the way
+  constexpr float kLargestStep = 0.5F;  // fraction of the way
   constexpr float kSmallestStep = 0.01F;
   for (int round = 0; round < kRounds; ++round) {
     for (std::size_t i = 1; i + 1 < path.size(); ++i) {
@@ -205,8 +206,8 @@ void pull_taut(Lattice& lattice, Path& path) {
   }
 }
 
-// True if no obstacle can be passed above or below: a room in which all others are upright and reach from floor to ceiling. Then
-// the shortest path, seen from above, is the shortest path in the plane.
+// Returns true if no obstacle can be passed above or below: a room in which all obstacles are upright and reach from floor to
+// ceiling. Then the shortest path, seen from above, is the shortest path in the plane.
 bool is_full_height(const World& world) {
   constexpr float kTolerance = 1e-3F;  // m
   if (!world.triangles().triangles.empty() || world.primitives().empty()) return false;
@@ -229,7 +230,7 @@ Path shortened(Lattice& lattice, const Path& path) {
   return taut;
 }
 
-// Climbs or sinks evenly along a path in the plane; nullopt if something is touched on the way.
+// Adds an even climb or descent to a path in the plane; nullopt if the drone then touches something.
 std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
   const float start_z = path.front().z();
   const auto length = static_cast<float>(length_of(path));
@@ -244,7 +245,7 @@ std::optional<Path> lifted(const FreeSpace& space, Path path, float goal_z) {
   return path;
 }
 
-// Cuts a leg that is clear piece by piece until each part is clear in one sweep, too.
+// Splits a leg until the drone can fly each part in one clear sweep. The leg is known to be clear in pieces.
 void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) {
   const Vec3 from = path.back();
   if (cuts > 0 && !space.is_free_leg(from, to)) {
@@ -255,7 +256,7 @@ void add_leg(const FreeSpace& space, Path& path, const Vec3& to, int cuts = 10) 
   }
 }
 
-// Cells of a lattice over all places on paths of at most this length: the part of the region within an ellipsoid.
+// Estimates the lattice cells that paths of at most this length can reach: those of the region within an ellipsoid.
 double cells_within(const Aabb& region, const Vec3& start, const Vec3& goal, double length, double cell, bool is_flat) {
   const double straight = static_cast<double>((goal - start).norm());
   const double half_width = 0.5 * std::sqrt(std::max(length * length - straight * straight, 0.0));
@@ -265,7 +266,7 @@ double cells_within(const Aabb& region, const Vec3& start, const Vec3& goal, dou
   return std::min(4.0 / 3.0 * std::numbers::pi * 0.5 * length * half_width * half_width, area * size.z()) / (cell * cell * cell);
 }
 
-// On grids from coarse to fine.
+// Searches on grids from coarse to fine.
 std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec3& start, const Vec3& goal, float finest,
                            bool is_flat, Reporter& reporter) {
   float cell = finest;
@@ -278,7 +279,7 @@ std::optional<Path> search(const FreeSpace& space, const Aabb& region, const Vec
     Lattice lattice(space, region, start, goal, cell, is_flat);
     const std::optional<Path> found = Search(lattice, bound, reporter).run();
     if (!found && is_first && cell > finest &&
-        Lattice::fits(region, start, finest, is_flat)) {  // before finer grids are searched for what is not there
+        Lattice::fits(region, start, finest, is_flat)) {  // avoids searching finer grids in vain
       Lattice fine(space, region, start, goal, finest, is_flat);
       if (Search(fine, kInfinity, reporter).is_goal_shut_in()) return std::nullopt;
     }
@@ -322,7 +323,7 @@ std::optional<std::vector<Vec3>> plan(const World& world, const DroneModel& dron
   check(start, goals, cell_m);
   const FreeSpace space(world, drone);
   const bool full_height = is_full_height(world);
-  // Without a room around it, wide enough to fly around everything.
+  // Without a room, the region is wide enough to fly around everything.
   const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
   const float margin = has_room ? 0.0F : 2.0F * drone.radius() + 2.0F * cell_m;
   Eigen::AlignedBox3f region(world.bounds().min.array() - margin, world.bounds().max.array() + margin);

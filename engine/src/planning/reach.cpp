@@ -1,5 +1,5 @@
-// Two greedy searches by turns, one from each end. In the open they meet after few steps; a small closed space ends them soon,
-// whichever end lies in it.
+// Alternates between two greedy searches, one from each end. In open space they meet after a few steps. If either end lies in a
+// small closed space, its search ends soon.
 #include "planning/reach.hpp"
 
 #include <algorithm>
@@ -13,14 +13,14 @@ namespace flockstep {
 namespace {
 
 constexpr std::size_t kMaxNodes = 4'000'000;
-constexpr int kNodeBits = 21;  // of each coordinate of a node
+constexpr int kNodeBits = 21;  // per coordinate of a node
 constexpr std::int64_t kNodesAside = 1 << (kNodeBits - 1);
 
 }  // namespace
 
 Reach::Reach(const World& world, const DroneModel& drone, const Vec3& from, const Aabb& box, float cell_m)
     : obstacles_(prepared(world).obstacles()), hull_(drone), from_(from), cell_(cell_m) {
-  // Without a room around the world, wide enough to fly around everything.
+  // Without a room, the region is wide enough to fly around everything.
   const bool has_room = !world.primitives().empty() && world.primitives().front().kind == PrimitiveKind::room;
   const float margin = has_room ? 0.0F : 2.0F * drone.radius() + 2.0F * cell_m;
   region_ = Eigen::AlignedBox3f(world.bounds().min.array() - margin, world.bounds().max.array() + margin);
@@ -32,7 +32,7 @@ bool Reach::includes(const Vec3& place) {
   if (is_clear(from_, place)) return true;
   const Step end = search(place);
   for (const std::uint64_t key : searched_) {
-    if (end == Step::goes_on) nodes_.erase(key);  // nothing is known of them
+    if (end == Step::goes_on) nodes_.erase(key);  // undecided
     if (end == Step::met) nodes_[key] = reached;
     if (end == Step::closed) nodes_[key] = closed_off;
   }
@@ -42,7 +42,7 @@ bool Reach::includes(const Vec3& place) {
   return end == Step::met;
 }
 
-// Whether the two ends met, one of them lies in a space that is closed, or the nodes did not suffice.
+// Returns whether the two searches met, one of them ran out of nodes (closed), or the node limit was reached (goes_on).
 Reach::Step Reach::search(const Vec3& place) {
   for (Entry& entry : open_[reached]) entry.first = (position(node_of(entry.second)) - place).norm();
   std::make_heap(open_[reached].begin(), open_[reached].end(), std::greater<>());

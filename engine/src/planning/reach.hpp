@@ -1,5 +1,5 @@
-// Reach: which places a drone can fly to from one, without saying how. plan() says how, and takes memory for every cell of a
-// world.
+// Reach: finds which places a drone can reach from a given one, without a path. plan() returns a path, but needs memory for
+// every cell of a world.
 #pragma once
 
 #include <array>
@@ -14,23 +14,23 @@
 
 namespace flockstep {
 
-// Keeps what it has found out from place to place, so that many are asked for at little more than the cost of one.
+// Keeps its results between queries, so that many queries cost little more than one.
 class Reach {
  public:
-  // The world outlives it. box: in which all places lie.
+  // The world must outlive this object. All queried places must lie in `box`.
   Reach(const World& world, const DroneModel& drone, const Vec3& from, const Aabb& box, float cell_m);
 
-  // True if the drone, level and facing +x, can fly to a place straight, or by straight steps of cell_m along the axes on a
-  // lattice through `from`, and then straight from one of the eight nodes around the place. Says false, too, where some million
-  // nodes do not suffice.
+  // Returns true if the drone, level and facing +x, can fly straight to the place; or can fly by steps of cell_m along the axes
+  // on a lattice through `from` and then straight from one of the eight nodes around the place. Also returns false if the
+  // search exceeds a few million nodes.
   bool includes(const Vec3& place);
 
  private:
   using Node = Eigen::Array<std::int64_t, 3, 1>;
-  enum Part : std::uint8_t { reached, searched, closed_off };  // from the first place, from the one asked for, from neither
+  enum Part : std::uint8_t { reached, searched, closed_off };  // reached from `from`, from the queried place, or neither
   enum class Step : std::uint8_t { goes_on, met, closed };
-  using Entry = std::pair<float, std::uint64_t>;  // how far from the other end; ties go to the lower key
-  using Open = std::vector<Entry>;                // a heap, the nearest at the top
+  using Entry = std::pair<float, std::uint64_t>;  // m, distance to the other end; ties go to the lower key
+  using Open = std::vector<Entry>;                // min-heap by distance
 
   static std::uint64_t key_of(const Node& node);
   static Node node_of(std::uint64_t key);
@@ -46,8 +46,8 @@ class Reach {
   float cell_;  // m
   Eigen::AlignedBox3f region_;
   std::unordered_map<std::uint64_t, Part> nodes_;
-  std::array<Open, 2> open_;             // of reached and searched
-  std::vector<std::uint64_t> searched_;  // all nodes of this part
+  std::array<Open, 2> open_;             // for reached and searched
+  std::vector<std::uint64_t> searched_;  // all nodes of the part `searched`
 };
 
 }  // namespace flockstep

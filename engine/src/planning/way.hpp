@@ -1,4 +1,4 @@
-// Whether a drone can fly a way, which generated worlds promise.
+// Tests paths, to guarantee that generated worlds are solvable.
 #pragma once
 
 #include <span>
@@ -8,7 +8,7 @@
 
 namespace flockstep {
 
-// Straight from point to point, level, facing +x, touching nothing.
+// Returns whether the drone, level and facing +x, can fly straight from point to point without touching anything.
 bool is_free_way(const World& world, const collision::Hull& hull, std::span<const Vec3> points);
 
 }  // namespace flockstep

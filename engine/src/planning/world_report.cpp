@@ -14,7 +14,7 @@
 namespace flockstep {
 namespace {
 
-// For each vertex, the first one in the order of coordinates that lies at the same place.
+// Returns for each vertex the first vertex in coordinate order with the same position.
 std::vector<std::uint32_t> welded(const std::vector<Vec3>& vertices) {
   std::vector<std::uint32_t> order(vertices.size());
   std::iota(order.begin(), order.end(), 0U);

@@ -31,7 +31,7 @@ const trace::Scene& PreparedWorld::scene() const {
 
 const collision::Obstacles& PreparedWorld::obstacles() const {
   if (world_.original() != nullptr) return prepared(*world_.original()).obstacles();
-  const trace::Scene& visible = scene();  // first, in any case: see memory_
+  const trace::Scene& visible = scene();  // always first; see memory_
   return once(obstacles_, [&] {
     const auto is_full = [](const auto& thing) { return thing.visibility == Visibility::full; };
     const bool is_same =

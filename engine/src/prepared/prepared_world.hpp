@@ -1,4 +1,4 @@
-// PreparedWorld: what the stages make of one world. The world itself knows nothing of them.
+// PreparedWorld: data structures that the stages derive from a world. The world does not depend on them.
 #pragma once
 
 #include <memory>
@@ -19,20 +19,20 @@ namespace render {
 class Shading;
 }
 
-// Each part is built on first need, by whichever thread comes first while the others wait. A batch asks for what it needs when
-// it is made, so that nothing is built in the middle of a step. A world that only looks other than its original has the parts
-// of that one but for what depends on the look.
+// Each part is built on first use by one thread, while others wait for it. A batch requests its parts when it is created, so
+// that nothing is built during a step. A world that differs from its original only in appearance shares all parts of the
+// original that do not depend on appearance.
 class PreparedWorld {
  public:
-  explicit PreparedWorld(const World& world);  // which outlives it
+  explicit PreparedWorld(const World& world);  // must outlive this object
   ~PreparedWorld();
   PreparedWorld(const PreparedWorld&) = delete;
   PreparedWorld& operator=(const PreparedWorld&) = delete;
 
   const World& world() const { return world_; }
-  const trace::Scene& scene() const;              // as rays meet it: what is visual
-  const collision::Obstacles& obstacles() const;  // as a moving drone meets it: what is solid
-  // As cameras see it, or as those see it that show shadows.
+  const trace::Scene& scene() const;              // for rays: visible objects
+  const collision::Obstacles& obstacles() const;  // for collisions: solid objects
+  // For cameras; with shadows, for cameras that show shadows.
   const render::Shading& shading(bool shadows = false) const;
 
  private:
@@ -47,16 +47,18 @@ class PreparedWorld {
   const T& once(Part<T, Pointer>& part, const Build& build) const;
 
   const World& world_;
-  // What every step reads; of a small world, all of it. One thread at a time is here: obstacles wait for the scene.
+  // Data that every step reads; it holds all of a small world. Only one thread at a time allocates here, because obstacles are
+  // built after the scene.
   mutable NearMemory memory_;
-  mutable NearPart<trace::Scene> scene_;  // the others point to it
-  mutable Part<World> solids_;            // where not all is solid, and as rays meet it
+  mutable NearPart<trace::Scene> scene_;  // the other parts refer to it
+  mutable Part<World> solids_;            // used if not everything is both solid and visible
   mutable Part<trace::Scene> solid_scene_;
   mutable NearPart<collision::Obstacles> obstacles_;
   mutable Part<render::Shading> shading_;
 };
 
-// The one of this world: made on first need and kept by the world, so that all batches share it. Thread-safe.
+// Returns the PreparedWorld of this world. It is created on first use and kept by the world, so that all batches share it.
+// Thread-safe.
 const PreparedWorld& prepared(const World& world);
 
 }  // namespace flockstep

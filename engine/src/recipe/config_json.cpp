@@ -45,13 +45,13 @@ std::string element(const std::string& path, std::size_t index) { return path + 
   refuse(path, expected, excerpt(name) + did_you_mean(name, known));
 }
 
-// How values of one type are written and read.
+// Writes and reads values of one type.
 struct ValueType {
   OrderedJson (*write)(const void* value, const std::string& path);
   void (*read)(const Json& json, const FieldInfo& info, const std::string& path, void* value);
 };
 
-// A field of a configuration. Only what depends on its type is a template: each takes the compiler some time.
+// A field of a configuration. Only type-dependent code is a template, because each instance costs compile time.
 struct Member {
   std::string_view name;
   const FieldInfo* info;
@@ -63,7 +63,7 @@ using Members = std::vector<Member>;
 template <class Config>
 const Members& members_of();
 
-// True for a struct of bools.
+// Returns true for a struct of bools.
 template <class Config>
 consteval bool are_all_bools() {
   return std::apply([]<class... Values>(const FieldPointer<Config, Values>&...) { return (std::is_same_v<Values, bool> && ...); },
@@ -334,7 +334,7 @@ TaskConfig read_task(const Json& json) {
   for_each_task([&]<class Config>(std::type_identity<Config>) {
     if (name != Config::kName) return;
     Config config;
-    if constexpr (std::is_same_v<Config, NavigationConfig>) {  // the defaults of its other fields follow what it observes
+    if constexpr (std::is_same_v<Config, NavigationConfig>) {  // the other defaults depend on the observation
       if (fields.contains("observation")) {
         read_config(Json{{"observation", fields["observation"]}}, "task", config);
         config = NavigationConfig::observing(config.observation);
@@ -344,7 +344,7 @@ TaskConfig read_task(const Json& json) {
     task = std::move(config);
   });
   if (!std::holds_alternative<std::monostate>(task)) return task;
-  // Ids have a namespace, as Gymnasium's do: "mine/ReachHeight-v0". Anything else is a misspelt name.
+  // Ids have a namespace, as in Gymnasium: "mine/ReachHeight-v0". Anything else is a misspelt name.
   std::vector<std::string_view> names;
   for_each_task([&]<class Config>(std::type_identity<Config>) { names.emplace_back(Config::kName); });
   require(name.find('/') != std::string::npos, "task.name",

@@ -28,7 +28,7 @@ std::vector<std::string_view> names_of_members() {
   return names;
 }
 
-// The members of an object except some.
+// Returns an object without the members of these names.
 Json without(const Json& object, std::initializer_list<const char*> names) {
   Json rest = object;
   for (const char* const name : names) rest.erase(name);
@@ -46,10 +46,10 @@ std::vector<std::string> read_worlds(const Json& json) {
   return worlds;
 }
 
-// Throws if a path is not allowed. The folder of the bundled scenes always is.
+// Throws if a path is not allowed. Paths in the folder of the bundled scenes are always allowed.
 void check_path(const char* field, const std::string& path, const RecipeAccess& access) {
   if (access.allows_files) return;
-  std::error_code failed;  // of a name too long, or a loop of links
+  std::error_code failed;  // name too long, or a loop of links
   const std::filesystem::path folder = std::filesystem::weakly_canonical(access.scenes, failed);
   bool is_inside = !access.scenes.empty() && !failed;
   if (is_inside) {

@@ -39,9 +39,9 @@ constexpr std::array<SceneGenerator, 7> kGenerators{
     SceneGenerator{"guided_warehouse", [](std::uint64_t seed) { return warehouse({.seed = seed, .waypoints = true}); }},
 };
 
-constexpr std::uint64_t kMostSeeds = 100'000;  // of a range
+constexpr std::uint64_t kMostSeeds = 100'000;  // seeds in a range
 
-// A number of 1 to 18 digits.
+// Parses a number of 1 to 18 digits.
 std::optional<std::uint64_t> number_of(std::string_view text) {
   std::uint64_t number = 0;
   const bool has_digits =
@@ -51,7 +51,7 @@ std::optional<std::uint64_t> number_of(std::string_view text) {
   return number;
 }
 
-// "forest/seed-7" or "forest/seed-0..99".
+// A generated scene or a range of them: "forest/seed-7" or "forest/seed-0..99".
 struct Seeded {
   const SceneGenerator* generator;
   std::uint64_t first, last;
@@ -94,7 +94,7 @@ std::span<const SceneGenerator> scene_generators() { return kGenerators; }
 std::vector<std::string> scene_names(const std::filesystem::path& folder) {
   std::vector<std::string> names;
   for (const GeneratedScene& scene : kGenerated) names.emplace_back(scene.name);
-  std::error_code ignored;  // of a folder that is missing or cannot be read: it has no scenes
+  std::error_code ignored;  // a missing or unreadable folder has no scenes
   for (const auto& group : std::filesystem::directory_iterator(folder, ignored)) {
     if (!group.is_directory(ignored)) continue;
     for (const auto& file : std::filesystem::directory_iterator(group.path(), ignored)) {

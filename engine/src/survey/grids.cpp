@@ -14,8 +14,8 @@ namespace flockstep {
 namespace {
 
 constexpr double kMaxGridCells = 1 << 27;
-constexpr double kWider = 1e-3;      // of a cell, as much as its edge counts as longer
-constexpr double kUncovered = 1e-4;  // of a cell: a box this little longer than whole cells has no more of them
+constexpr double kWider = 1e-3;      // fraction of a cell by which its edge is enlarged
+constexpr double kUncovered = 1e-4;  // fraction of a cell: a smaller excess of the box gets no extra cell
 
 CellGrid grid_over(const World& world, float cell_m, const std::optional<Aabb>& given) {
   require(cell_m >= 1e-3F && cell_m <= 100.0F, "cell_m", "a number in [0.001, 100]", cell_m);
@@ -42,13 +42,13 @@ std::size_t place_of(const CellGrid& grid, const Eigen::Array3i& cell) {
   return (at(cell.x()) * at(grid.size[1]) + at(cell.y())) * at(grid.size[2]) + at(cell.z());
 }
 
-// The middle of a cube of cells.
+// Returns the center of a cube of cells.
 Vec3 middle_of(const CellGrid& grid, const Eigen::Array3i& first, int side) {
   const Eigen::Array3d cells = first.cast<double>() + 0.5 * side;
   return (grid.origin.cast<double>().array() + static_cast<double>(grid.cell_m) * cells).cast<float>();
 }
 
-// More (m) than float32 takes away from, or adds to, a coordinate in the grid.
+// Returns an upper bound (m) of the float32 rounding error of coordinates in the grid.
 double rounding(const CellGrid& grid) {
   const Vec3 end = middle_of(grid, {grid.size[0], grid.size[1], grid.size[2]}, 0);
   return 0x1p-22 * static_cast<double>(std::max(grid.origin.cwiseAbs().maxCoeff(), end.cwiseAbs().maxCoeff()));
@@ -64,7 +64,7 @@ DroneModel cube(float half) {
   return DroneModel(std::move(corners));
 }
 
-// Fills the cells of ever smaller cubes, and stops where a cube holds nothing.
+// Fills occupied cells by recursive subdivision of cubes. It stops at cubes without obstacles.
 class Occupier {
  public:
   Occupier(const World& world, OccupancyGrid& out)
@@ -86,7 +86,7 @@ class Occupier {
       for (int part = 0; part < 8; ++part) fill(first + side / 2 * Eigen::Array3i(part & 1, part >> 1 & 1, part >> 2), side / 2);
       return;
     }
-    // The ball within the cell decides most cells, and all that are deep in a solid, of which a hull would look for the way out.
+    // The inscribed ball decides most cells, including all deep inside a solid. There, a hull test would search for a way out.
     const bool is_occupied =
         static_cast<double>(distance) <= half || collision::overlaps(obstacles_, hull_, Pose{.position = middle});
     out_.occupied[place_of(grid, first)] = is_occupied ? 1 : 0;
@@ -95,7 +95,7 @@ class Occupier {
  private:
   const collision::Obstacles& obstacles_;
   OccupancyGrid& out_;
-  double widening_;  // m, of cells to each side
+  double widening_;  // m, added on each side of a cell
   collision::Hull hull_;
 };
 
@@ -115,7 +115,7 @@ DistanceGrid distance(const World& world, float cell_m, const std::optional<Aabb
   const CellGrid& grid = out.grid;
   const collision::Obstacles& obstacles = prepared(world).obstacles();
   out.distance_m.reserve(number_of_cells(grid));
-  // The distance grows by no more than a cell from one to the next, so that a search need not look farther than that.
+  // The distance changes by at most a cell between neighbours, which limits each search.
   const auto step = static_cast<float>(1.001 * static_cast<double>(grid.cell_m) + 4.0 * rounding(grid));
   for (int i = 0; i < grid.size[0]; ++i) {
     for (int j = 0; j < grid.size[1]; ++j) {

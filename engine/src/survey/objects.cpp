@@ -15,7 +15,7 @@ ObjectList objects(const World& world) {
   }
   const TriangleMesh& mesh = world.triangles();
   const std::size_t num_primitives = world.primitives().size();
-  for (std::size_t first = 0; first < mesh.triangles.size();) {  // a world has its triangles in the order of their objects
+  for (std::size_t first = 0; first < mesh.triangles.size();) {  // triangles are sorted by object
     Interrupt::poll();
     Eigen::AlignedBox3f box;
     std::int32_t material = mesh.materials[first];

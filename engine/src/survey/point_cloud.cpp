@@ -1,7 +1,7 @@
-// Points over surfaces: every so much area, counted through all triangles, has one. The triangles come in the order of a
-// space-filling curve, so that the points of small ones are spread as evenly. Those of one triangle are spread over it by the
-// triangular van der Corput sequence, which cuts it into four, these into four, and takes them by turns. Source: K. Basu, A. B.
-// Owen, "Low discrepancy constructions in the triangle", SIAM Journal on Numerical Analysis 53, 2015.
+// Distributes points evenly over surfaces: one point per spacing squared of area, accumulated over all triangles. Triangles are
+// visited along a space-filling curve, so that points are also even over many small triangles. Points within a triangle follow
+// the triangular van der Corput sequence, which recursively cuts a triangle into four and visits the parts in turn. Source: K.
+// Basu, A. B. Owen, "Low discrepancy constructions in the triangle", SIAM Journal on Numerical Analysis 53, 2015.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -19,10 +19,10 @@ namespace {
 
 using Corners = std::array<Eigen::Vector3d, 3>;
 
-constexpr double kMaxPoints = 5e7;  // some 1.5 GB
+constexpr double kMaxPoints = 5e7;  // about 1.5 GB
 
 Eigen::Vector3d point_of_sequence(std::uint64_t index, Corners t) {
-  for (; index != 0; index /= 4) {  // the middle part and the three at the corners; the middle of the middle is the middle
+  for (; index != 0; index /= 4) {  // the middle part, then the three corners; the middle of the middle is the middle
     const Corners halves{(t[1] + t[2]) / 2.0, (t[2] + t[0]) / 2.0, (t[0] + t[1]) / 2.0};
     const std::uint64_t part = index % 4;
     if (part == 0) {
@@ -35,7 +35,7 @@ Eigen::Vector3d point_of_sequence(std::uint64_t index, Corners t) {
   return (t[0] + t[1] + t[2]) / 3.0;
 }
 
-// The bits of a 21-bit number, two zeros between each: one coordinate's share of a Morton code.
+// Inserts two zeros between the bits of a 21-bit number: one coordinate's part of a Morton code.
 std::uint64_t spread_out(std::uint64_t x) {
   x = (x | (x << 32U)) & 0x001F00000000FFFFU;
   x = (x | (x << 16U)) & 0x001F0000FF0000FFU;
@@ -44,7 +44,7 @@ std::uint64_t spread_out(std::uint64_t x) {
   return (x | (x << 2U)) & 0x1249249249249249U;
 }
 
-// The triangles in the order of the curve through their middles, which fills the cube around the world.
+// Returns the triangles ordered along a curve through their centers; the curve fills the cube around the world.
 std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bounds) {
   const double cells_per_m = 0x1p21 / std::max(1e-6, static_cast<double>((bounds.max - bounds.min).maxCoeff()));
   std::vector<std::pair<std::uint64_t, std::uint32_t>> order;
@@ -66,7 +66,7 @@ std::vector<std::uint32_t> along_curve(const TriangleMesh& mesh, const Aabb& bou
   return triangles;
 }
 
-// What is not visual.
+// Drops triangles of objects that are not visible.
 void drop_hidden(const World& world, TriangleMesh& mesh, std::vector<std::int32_t>& objects) {
   const auto primitives = world.primitives();
   const std::vector<Visibility>& visibility = world.triangles().visibility;
@@ -110,7 +110,7 @@ PointCloud point_cloud(const World& world, float spacing_m) {
   }
 
   PointCloud cloud;
-  double passed = 0.5;  // points' worth of area, the halves at both ends of the way included
+  double passed = 0.5;  // area in points; starts half a point in, to be centred
   for (const std::uint32_t i : along_curve(mesh, world.bounds())) {
     Interrupt::poll();
     const Corners at = corners(i);

@@ -18,7 +18,7 @@ namespace {
 
 using Vec3d = Eigen::Vector3d;
 
-// The outward normal of a primitive's surface at (or numerically near) a point of it.
+// Returns the outward normal of a primitive's surface at (or numerically near) a point on it.
 Vec3d surface_normal(const Primitive& primitive, const Vec3d& point) {
   const Eigen::Matrix3d rotation = primitive.rotation.cast<double>().toRotationMatrix();
   const Vec3d local = rotation.transpose() * (point - primitive.center.cast<double>());
@@ -35,7 +35,7 @@ Vec3d surface_normal(const Primitive& primitive, const Vec3d& point) {
     const Vec3d normal = cap ? Vec3d(0, 0, std::copysign(1.0, local.z())) : Vec3d(local.x() / radial, local.y() / radial, 0);
     return rotation * normal;
   }
-  int face = 0;  // the one whose plane is nearest
+  int face = 0;  // face whose plane is nearest
   ((local.cwiseAbs() - half).cwiseAbs()).minCoeff(&face);
   Vec3d normal = Vec3d::Zero();
   normal[face] = std::copysign(1.0, local[face]);
@@ -109,10 +109,10 @@ RayHits raycast(const World& world, std::span<const float> origins, std::span<co
       const Vec3d origin(origins[3 * ray], origins[3 * ray + 1], origins[3 * ray + 2]);
       const Vec3d direction = unit[ray].cast<double>();
       const bool is_primitive = element < world.primitives().size();
-      const std::size_t triangle = element - world.primitives().size();  // else
+      const std::size_t triangle = element - world.primitives().size();  // for triangles
       Vec3d normal = is_primitive ? surface_normal(world.primitives()[element], origin + rays.t_hit[i] * direction)
                                   : triangle_normal(world.triangles(), triangle);
-      if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are seen from both sides
+      if (normal.dot(direction) > 0.0) normal = -normal;  // surfaces are two-sided
       hits.t_hit[ray] = rays.t_hit[i];
       hits.normal[ray] = normal.cast<float>();
       if (!is_primitive) {
