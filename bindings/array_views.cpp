@@ -27,7 +27,7 @@ py::dtype dtype_of(const ArrayView& array) {
 
 namespace {
 
-// The array as a document has it: "(N, 3)".
+// Returns the shape as documents show it: "(N, 3)".
 std::string shape_text(const ArrayInfo& info) {
   std::string text = std::string("(") + name_of(info.rows);
   if (info.per != Per::row) text += std::string(", ") + name_of(info.per);
@@ -35,7 +35,7 @@ std::string shape_text(const ArrayInfo& info) {
   return text + (text.find(',') == std::string::npos ? ",)" : ")");
 }
 
-// For the stub and the documents' table.
+// Returns the description of an array for the stub and the tables in the documents.
 py::dict description_of(const ArrayView& array) {
   py::dict entry;
   entry["name"] = array.name;

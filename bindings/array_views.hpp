@@ -1,4 +1,4 @@
-// Properties that view the arrays of a struct, made from its list.
+// Adds properties that view the arrays of a struct, based on its list of fields.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -16,7 +16,7 @@ namespace flockstep::bindings {
 
 namespace py = pybind11;
 
-// The arrays that a property reads, and the object that keeps their memory alive.
+// The arrays that a property reads, and the object that owns their memory.
 template <class Arrays>
 struct Viewed {
   const Arrays& arrays;
@@ -24,7 +24,7 @@ struct Viewed {
   ItemShape items = {};
 };
 
-// The shape of a view, without an allocation: every step makes some views.
+// The shape of a view. It does not allocate, because every step creates some views.
 struct ViewShape {
   std::array<py::ssize_t, 4> sizes{};
   std::size_t dimensions = 1;
@@ -35,7 +35,7 @@ struct ViewShape {
 ViewShape shape_of(const ArrayView& array);
 py::dtype dtype_of(const ArrayView& array);
 
-// What add_array() adds for arrays of any struct: one function that is bound costs the compiler a tenth of a second.
+// Type-erased Viewed, so that add_array() is not a template: each bound function costs a tenth of a second of compile time.
 struct AnyViewed {
   const void* arrays;
   py::object owner;
@@ -44,17 +44,17 @@ struct AnyViewed {
 using GetArrays = AnyViewed (*)(const py::object& self, const char* name);
 using ViewArray = ArrayView (*)(const void* arrays, const ItemShape& items);
 
-// Adds a property for an array, and its description to the list cls._arrays. `listed` is the array of an empty struct.
+// Adds a property for an array, and adds its description to the list cls._arrays. `listed` is the array of an empty struct.
 void add_array(const py::object& cls, const ArrayView& listed, ViewArray view, GetArrays get);
 
-// The array at an index of the list.
+// Returns the array at an index of the list.
 template <HasFields Arrays, std::size_t kIndex>
 ArrayView view_at(const void* arrays, const ItemShape& items) {
   constexpr auto kEntry = std::get<kIndex>(Arrays::fields());
   return view_of(kEntry, static_cast<const Arrays*>(arrays)->*kEntry.member, items);
 }
 
-// Adds a property for each array of the list that is not internal. kGet throws if the object has no such array.
+// Adds a property for each non-internal array of the list. kGet throws if the object has no such array.
 template <HasFields Arrays, Viewed<Arrays> (*kGet)(const py::object& self, const char* name)>
 void add_arrays(const py::object& cls) {
   const GetArrays get = [](const py::object& self, const char* name) -> AnyViewed {

@@ -1,4 +1,4 @@
-// Arrays across the boundary: checked spans in, views out.
+// Converts arrays between Python and C++: checked spans in, views out.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -27,13 +27,13 @@ using Shape = std::vector<py::ssize_t>;
 
 inline std::string text_of(const Shape& shape) { return std::string(py::str(py::tuple(py::cast(shape)))); }
 
-// An array argument as contiguous T, or nothing for None. Kinds are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.
+// An array argument as contiguous T; empty for None. `kinds` are NumPy's: 'b' bool, 'i' and 'u' integer, 'f' float.
 template <class T>
 class Input {
   using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
  public:
-  // A -1 in the shape allows any length there.
+  // -1 in the shape allows any length in that dimension.
   Input(const py::object& object, const char* field, const Shape& shape, const char* kinds, const char* kinds_text) {
     if (object.is_none()) return;
     const py::array any = read(object, field, kinds_text);
@@ -73,12 +73,12 @@ class Input {
   static py::array read(const py::object& object, const char* field, const char* kinds_text) {
     try {
       return py::array(object);
-    } catch (const py::error_already_set& error) {  // such as that a tensor requires grad
+    } catch (const py::error_already_set& error) {  // for example, a tensor that requires grad
       const std::string why = py::str(error.value());
       refuse(field, std::string("an array of ") + kinds_text, std::string(py::str(py::type::of(object))) + " (" + why + ")");
     }
   }
-  // A double too large for float32 would become infinite, with NumPy's warning and no name.
+  // Otherwise a double beyond float32's range would become infinite, with a NumPy warning that does not name the field.
   static void require_float_range(const char* field, const py::array_t<double, py::array::c_style | py::array::forcecast>& wide) {
     for (py::ssize_t i = 0; i < wide.size(); ++i) {
       const double value = wide.data()[i];
@@ -88,7 +88,7 @@ class Input {
     }
   }
 
-  // NumPy would keep the low bits of an integer that T has no room for.
+  // Otherwise NumPy would truncate integers beyond T's range to their low bits.
   template <class Wide>
   static void require_integer_range(const char* field, const py::array_t<Wide, py::array::c_style | py::array::forcecast>& wide) {
     if constexpr (std::is_same_v<Wide, T>) return;
@@ -112,13 +112,13 @@ Input<T> integers(const py::object& object, const char* field, const Shape& shap
   return {object, field, shape, "iu", "integers"};
 }
 
-// A bool mask as bytes.
+// Returns a bool mask as bytes.
 inline Input<std::uint8_t> flags(const py::object& object, const char* field, py::ssize_t n) {
   return {object, field, {n}, "b", "bool"};
 }
 
-// A view of memory that `owner` keeps alive. Every step makes some, so NumPy is called directly: py::array_t would first work out
-// strides and flags that NumPy works out again.
+// Returns a view of memory that `owner` keeps alive. Every step creates some views, so this calls NumPy directly: py::array_t
+// would compute strides and flags that NumPy computes again.
 inline py::object view(const py::object& owner, py::dtype dtype, const void* data, std::span<const py::ssize_t> shape,
                        bool writable = false) {
   using Api = py::detail::npy_api;
@@ -143,7 +143,7 @@ py::array_t<T> view(const py::object& owner, const Stored* data, std::initialize
   return view<T>(owner, data, std::span(shape.begin(), shape.size()), writable);
 }
 
-// Points as an (R, 3) array.
+// Returns points as an (R, 3) array.
 inline py::array_t<float> rows(std::span<const Vec3> points) {
   py::array_t<float> array({static_cast<py::ssize_t>(points.size()), py::ssize_t{3}});
   float* out = array.mutable_data();

@@ -33,7 +33,7 @@ py::ssize_t num_drones(const Batch& batch) { return batch.config().num_drones();
 py::ssize_t num_envs(const Batch& batch) { return batch.config().num_envs; }
 Shape n_by(const Batch& batch, py::ssize_t columns) { return {num_drones(batch), columns}; }
 
-// Deleting a batch waits for its threads.
+// Releases the interpreter lock, because deleting a batch waits for its threads.
 struct Released {
   void operator()(Batch* batch) const {
     const py::gil_scoped_release release;
@@ -41,7 +41,7 @@ struct Released {
   }
 };
 
-// A sequence of configurations; where one_will_do, also a single one, or None.
+// Converts a sequence of configurations; if one_will_do, also a single one or None.
 template <class Config>
 std::vector<Config> configs_of(const py::object& given, const char* name, bool one_will_do) {
   const std::string type = py::str(py::type::of<Config>().attr("__name__"));
@@ -57,7 +57,7 @@ std::vector<Config> configs_of(const py::object& given, const char* name, bool o
   return configs;
 }
 
-// Arguments are taken as they come: what pybind11 says of a wrong one names all but that.
+// Takes all arguments as py::object, because pybind11's error for a wrong argument names every other one as well.
 std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, const py::object& num_drones, const py::object& lidar,
                                             const py::object& pose_sensor, const py::object& imu, const py::object& task,
                                             const py::object& drone, const py::object& cameras, const py::object& backend,
@@ -95,7 +95,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   const Worlds worlds = pool ? Worlds() : worlds_argument(given_worlds);
   require(!pool || !index.given(), "world_index", "none with a WorldPool: each episode draws its world", "some");
   std::unique_ptr<Task> own_task = make_task(task);
-  auto batch = released([&] {  // worlds are prepared for tracing, backends timed
+  auto batch = released([&] {  // prepares worlds for tracing, times backends
     auto made =
         pool ? std::make_unique<Batch>(config, std::move(*pool), std::move(own_task), model)
              : std::make_unique<Batch>(config, Batch::Worlds(worlds.begin(), worlds.end()), std::move(own_task), model, index);
@@ -105,7 +105,7 @@ std::unique_ptr<Batch, Released> make_batch(const py::object& given_worlds, cons
   return batch;
 }
 
-// A batch from a recipe; worlds and task, unless None, instead of those that it names.
+// Creates a batch from a recipe. `given_worlds` and `task` replace those of the recipe unless they are None.
 std::unique_ptr<Batch, Released> batch_from_recipe(const Recipe& recipe, const py::object& given_worlds, const py::object& task,
                                                    bool allow_files) {
   const RecipeAccess access{.scenes = py::module_::import("flockstep.scenes").attr("directory")().cast<std::filesystem::path>(),
@@ -134,7 +134,7 @@ std::string counted(std::int64_t count, const std::string& noun) {
   return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
 }
 
-// The contact of a batch's last move, which it keeps alive: its arrays are views.
+// Contact of a batch's last move. Keeps the batch alive, because its arrays are views.
 struct ContactView {
   py::object owner;
 
@@ -165,10 +165,10 @@ const TaskSpec& spec_of(const Batch& batch) {
   return batch.task()->spec();
 }
 
-// Rows of actions, observations and rewards.
+// Returns the number of rows of actions, observations and rewards.
 py::ssize_t num_rows(const Batch& batch) { return spec_of(batch).row == Row::drone ? num_drones(batch) : num_envs(batch); }
 
-// A view of an array whose type is known at run time alone.
+// Returns a view of an array whose type is known only at run time.
 py::array typed_view(const py::object& self, const std::byte* data, DType type, const Shape& shape, bool writable = false) {
   switch (type) {
     case DType::boolean:
@@ -186,7 +186,7 @@ py::array typed_view(const py::object& self, const std::byte* data, DType type, 
   }
 }
 
-// An observation: the array of its only field, or a dict of the arrays of several.
+// Returns the observation: the array of its only field, or a dict of arrays if there are several.
 auto observation_view(std::vector<Buffer> Outputs::* member, bool writable = false) {
   return [member, writable](const py::object& self) -> py::object {
     const auto& batch = self.cast<const Batch&>();
@@ -205,7 +205,7 @@ auto observation_view(std::vector<Buffer> Outputs::* member, bool writable = fal
   };
 }
 
-// Views of the arrays of the batch's task, by their names.
+// Collects views of the arrays of the batch's task by name.
 class TaskArrays final : public ArrayVisitor {
  public:
   explicit TaskArrays(const py::object& owner) : owner_(owner), batch_(owner.cast<const Batch&>()) {}
@@ -213,7 +213,7 @@ class TaskArrays final : public ArrayVisitor {
     if (!type) return;
     const auto count = static_cast<py::ssize_t>(bytes.size() / flockstep::size_of(*type));
     const py::ssize_t n = num_rows(batch_);
-    // With the rows of the task if they divide it.
+    // Two-dimensional if the task's rows divide the count.
     const Shape shape = count == n || count % n != 0 || count == 0 ? Shape{count} : Shape{n, count / n};
     arrays[py::str(std::string(name))] = typed_view(owner_, bytes.data(), *type, shape);
   }
@@ -255,7 +255,7 @@ py::array_t<float> random(const Batch& batch, std::uint32_t stream, int count) {
   return numbers;
 }
 
-// What the arrays' properties read.
+// Getters for the arrays' properties.
 Viewed<State> state_arrays(const py::object& self, const char*) { return {self.cast<const Batch&>().state(), self}; }
 Viewed<FlightState> flight_arrays(const py::object& self, const char*) {
   const auto& batch = self.cast<const Batch&>();

@@ -12,7 +12,7 @@
 namespace flockstep::bindings {
 namespace {
 
-// One camera of a batch, which it keeps alive: its images are views.
+// One camera of a batch. Keeps the batch alive, because its images are views.
 struct CameraView {
   py::object owner;
   std::size_t index;

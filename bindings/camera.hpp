@@ -1,4 +1,4 @@
-// batch.camera(name): a view of one camera of a batch.
+// Implements batch.camera(name), which returns a view of one camera of a batch.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -8,7 +8,7 @@
 
 namespace flockstep::bindings {
 
-// Throws ValueError where the batch has no camera of that name.
+// Throws ValueError if the batch has no camera with that name.
 pybind11::object camera_view(const pybind11::object& batch, const std::optional<std::string>& name);
 
 }  // namespace flockstep::bindings

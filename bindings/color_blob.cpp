@@ -9,17 +9,17 @@
 namespace flockstep::bindings {
 namespace {
 
-// Images that a caller gives, (..., H, W, 3) or (..., 3, H, W).
+// Images from the caller, (..., H, W, 3) or (..., 3, H, W).
 struct Images {
   py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast> pixels;
-  Shape leading;  // the dimensions before those of an image
+  Shape leading;  // dimensions before those of an image
   int width, height;
   ImageLayout layout;
 
   std::size_t values() const { return 3 * static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
   std::size_t count() const { return static_cast<std::size_t>(pixels.size()) / values(); }
   std::span<const std::uint8_t> operator[](std::size_t i) const { return {pixels.data() + i * values(), values()}; }
-  // The shape of an array that has this for each image.
+  // Returns the shape of an array with one item of shape `of_image` per image.
   Shape shape(std::initializer_list<py::ssize_t> of_image) const {
     Shape shape = leading;
     shape.insert(shape.end(), of_image);
@@ -46,7 +46,7 @@ Images images_of(const py::array& images, const std::string& layout, const char*
           .layout = chw ? ImageLayout::chw : ImageLayout::hwc};
 }
 
-// The boxes of a colour in some images: an array of the leading shape for each number.
+// Bounding boxes of a colour in some images: for each quantity an array with the leading shape.
 struct Blobs {
   py::array_t<bool> found;
   py::array_t<std::int32_t> x, y, width, height;

@@ -1,4 +1,4 @@
-// The configurations, made from their lists of fields.
+// Python classes for the configurations, generated from their lists of fields.
 #include "config.hpp"
 
 #include <pybind11/numpy.h>
@@ -29,7 +29,7 @@ namespace {
 
 std::string class_name(const py::object& self) { return py::str(py::type::of(self).attr("__name__")); }
 
-// The shortest decimal number that is this float32. Python's own repr is the shortest that is the same double:
+// Returns the shortest decimal number that reads as this float32. Python's own repr is the shortest for the double:
 // 0.05000000074505806.
 py::object shortest(float value) {
   if (!std::isfinite(value)) return py::float_(static_cast<double>(value));
@@ -56,18 +56,18 @@ py::str shown(const std::array<float, kSize>& values) {
   return shown_list(values);
 }
 
-// How Python sees a field of some type. Nothing reads or writes fields that are only described.
+// Conversions between Python and a field of one type. Fields that are only described are never read or written.
 struct FieldType {
   std::string (*stub)();
-  py::str (*show)(const void* field);  // as repr() prints it
+  py::str (*show)(const void* field);  // for repr()
   py::object (*read)(const void* field) = nullptr;
-  void (*write)(void* field, const py::object& value, const char* name) = nullptr;  // as from_python()
+  void (*write)(void* field, const py::object& value, const char* name) = nullptr;  // like from_python()
 };
 template <class Value, bool kIsDescribedOnly>
 constexpr FieldType field_type() {
   FieldType type{[] { return StubType<Value>::of(); },
                  [](const void* field) { return shown(*static_cast<const Value*>(field)); }};
-  if constexpr (!kIsDescribedOnly) {  // what reads and writes takes the compiler longest
+  if constexpr (!kIsDescribedOnly) {  // these take most of the compile time
     type.read = [](const void* field) -> py::object { return to_python(*static_cast<const Value*>(field)); };
     type.write = [](void* field, const py::object& value, const char* name) {
       *static_cast<Value*>(field) = from_python<Value>(value, name);
@@ -92,7 +92,7 @@ std::vector<ConfigField> fields_of() {
       });
 }
 
-// The values that a field may have: ">= 0", "in [6, 200], in [1.5, 100]" of each element, or the rule of its form.
+// Describes the allowed values of a field: ">= 0", "in [6, 200], in [1.5, 100]" if elements differ, or the rule of its form.
 std::string allowed_values(const FieldInfo& info) {
   if (info.form == Form::plain_name) return "letters, digits, _ and -";
   if (info.form == Form::unit_quaternion) return "a unit quaternion";
@@ -101,7 +101,7 @@ std::string allowed_values(const FieldInfo& info) {
   return text;
 }
 
-// The fields, for stubs, docstrings and documents.
+// Describes the fields for stubs, docstrings and documents.
 py::list described(const std::vector<ConfigField>& fields, const void* defaults) {
   py::list all;
   for (const ConfigField& field : fields) {
@@ -117,7 +117,7 @@ py::list described(const std::vector<ConfigField>& fields, const void* defaults)
   }
   return all;
 }
-// The configuration that a Python object holds.
+// Returns the configuration that a Python object holds.
 char* held_by(const py::object& self, const std::type_info& type) {
   py::detail::type_caster_generic caster(type);
   if (!caster.load(self, false) || caster.value == nullptr)
@@ -125,7 +125,7 @@ char* held_by(const py::object& self, const std::type_info& type) {
   return static_cast<char*>(caster.value);
 }
 
-// Sets fields that are given by their names.
+// Sets the fields given as keywords.
 void set_fields(const py::object& config, const py::kwargs& kwargs) {
   for (const auto& [key, value] : kwargs) {
     if (!py::hasattr(config, key)) {
@@ -136,7 +136,7 @@ void set_fields(const py::object& config, const py::kwargs& kwargs) {
   }
 }
 
-// A keyword-only constructor: every field by its name, unset ones keep their default.
+// Keyword-only constructor: one keyword per field, defaults for the others.
 template <class Config>
 Config from_keywords(const py::kwargs& kwargs) {
   const py::object config = py::cast(Config());
@@ -152,8 +152,8 @@ py::dict state_of(const py::object& self) {
   return state;
 }
 
-// Adds a property for each field. Not a template, since each function that is bound by one costs the compiler a tenth of a
-// second, and there are hundreds of fields.
+// Adds a property for each field. This is not a template, because each function bound in one costs a tenth of a second of
+// compile time, and there are hundreds of fields.
 void add_properties(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
   const py::is_method method(cls);
   const auto property = py::reinterpret_borrow<py::object>(reinterpret_cast<PyObject*>(&PyProperty_Type));
@@ -169,13 +169,13 @@ void add_properties(const py::object& cls, const std::type_info& type, const std
   }
 }
 
-// What every config has but its constructor: its fields, repr, equality by value.
+// Adds everything except the constructor: fields, repr and equality by value.
 void add_fields(const py::object& cls, const std::type_info& type, const std::vector<ConfigField>& fields) {
   add_properties(cls, type, fields);
   py::list names;
   for (const ConfigField& field : fields) names.append(field.name);
   cls.attr("__match_args__") = py::tuple(names);
-  cls.attr("__hash__") = py::none();  // it can change
+  cls.attr("__hash__") = py::none();  // mutable
   const auto add = [&](const char* name, const auto& function) {
     cls.attr(name) = py::cpp_function(function, py::name(name), py::is_method(cls));
   };
@@ -192,7 +192,7 @@ void add_fields(const py::object& cls, const std::type_info& type, const std::ve
   });
 }
 
-// Keywords in, and pickling: Gymnasium copies the keywords of an env.
+// Registers a configuration class with a keyword constructor and pickling, because Gymnasium copies the keywords of an env.
 template <class Config>
 py::class_<Config> register_fields(py::module_& module, const char* name, const char* doc) {
   py::class_<Config> cls(module, name, doc);
@@ -209,7 +209,7 @@ constexpr bool is_one_word(std::string_view name) {
   return !name.empty() && std::ranges::all_of(name, [](char c) { return c >= 'a' && c <= 'z'; });
 }
 
-// "HoverConfig" for the task "hover".
+// Returns the class name of a task's configuration: "HoverConfig" for the task "hover".
 template <class Config>
 std::string class_name_of() {
   static_assert(is_one_word(Config::kName));
@@ -258,7 +258,7 @@ void register_config(py::module_& module) {
     tasks[Config::kName] = cls;
   });
   module.attr("engine_tasks") = tasks;
-  py::dict others;  // which are no classes of Python
+  py::dict others;  // not Python classes
   const auto add = [&]<class Config>(const char* name, const Config& defaults) {
     others[name] = described(fields_of<Config, true>(), &defaults);
   };

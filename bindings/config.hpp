@@ -1,4 +1,4 @@
-// Fields of configurations as properties.
+// Exposes fields of configurations as properties.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -8,7 +8,8 @@
 
 namespace flockstep::bindings {
 
-// Adds a property for each field of the BatchConfig that lies `offset` bytes from the beginning of the C++ object of a class.
+// Adds a property for each field of a BatchConfig that is embedded in the C++ object of a class, `offset` bytes from its
+// beginning.
 void add_batch_fields(const pybind11::object& cls, const std::type_info& type, std::ptrdiff_t offset);
 
 }  // namespace flockstep::bindings

@@ -1,4 +1,4 @@
-// Values of configurations and task specifications across the boundary: enumerations by name, cameras' outputs as names.
+// Converts values of configurations and task specifications. Enumerations and camera outputs are names in Python.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -26,7 +26,8 @@ namespace py = pybind11;
 
 using Names = std::span<const char* const>;
 
-// The place of a name among those of an enumeration. Throws ValueError naming the field, what was expected and what came.
+// Returns the index of a name in an enumeration. Throws ValueError that names the field, the expected names and the actual
+// value.
 inline std::size_t index_of(const std::string& text, Names names, const std::string& field) {
   std::string expected;
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -118,7 +119,7 @@ inline std::string literal(Names names) {
   return "Literal[" + text + "]";
 }
 
-// The type as a stub has it.
+// The type's name in a stub.
 template <class T>
 struct StubType {
   static std::string of() {
@@ -152,7 +153,7 @@ struct StubType<std::array<T, kSize>> {
   static std::string of() { return "Sequence[" + StubType<T>::of() + "]"; }
 };
 
-// The class of a configuration, or else what is given.
+// Returns the class name of a configuration, or `otherwise` for other types.
 template <class T>
 std::string config_name(const std::string& otherwise) {
   if constexpr (HasFields<T>) {
@@ -162,7 +163,7 @@ std::string config_name(const std::string& otherwise) {
   }
 }
 
-// True for a bool, NumPy's included. Python accepts bools as numbers.
+// Returns true for a bool, including NumPy's. Python accepts bools as numbers, so they need a separate check.
 inline bool is_bool(const py::handle& value) { return py::detail::make_caster<bool>().load(value, false); }
 
 template <class T>
@@ -172,7 +173,7 @@ struct IsSequence<std::vector<T>> : std::true_type {};
 template <class T, std::size_t kSize>
 struct IsSequence<std::array<T, kSize>> : std::true_type {};
 
-// The integers that T has room for, as a message says it; empty for other types.
+// Describes the range of an integer type for messages; empty for other types.
 template <class T>
 struct IntegerRange {
   static std::string of() {
@@ -194,7 +195,7 @@ struct IntegerRange<std::optional<T>> : IntegerRange<T> {};
   throw py::type_error(field + ": expected " + expected + got);
 }
 
-// Throws TypeError or ValueError naming the field.
+// Converts a Python value. Throws TypeError or ValueError that names the field.
 template <class T>
 T from_python(const py::handle& value, const std::string& field) {
   if constexpr (std::is_same_v<T, CameraOutputs>) {
@@ -203,7 +204,7 @@ T from_python(const py::handle& value, const std::string& field) {
     return enum_of<T>(from_python<std::string>(value, field), field);
   } else {
     try {
-      if constexpr (std::is_same_v<T, bool>) {  // cast() would ask anything whether it is true
+      if constexpr (std::is_same_v<T, bool>) {  // cast() would accept any object's truth value
         py::detail::make_caster<bool> flag;
         if (!flag.load(value, false)) throw py::cast_error();
         return flag;
@@ -222,7 +223,7 @@ T from_python(const py::handle& value, const std::string& field) {
   }
 }
 
-// An argument that may be of one class alone. Throws TypeError naming it.
+// Returns an argument that must be an instance of T. Throws TypeError that names the argument.
 template <class T>
 T& argument(const py::handle& value, const char* name, const std::string& expected) {
   if (!py::isinstance<T>(value)) {
@@ -239,9 +240,10 @@ std::optional<T> optional_argument(const py::handle& value, const char* name) {
 
 inline std::string type_name(const py::handle& value) { return py::str(py::type::of(value).attr("__name__")); }
 
-// Where in dicts and lists a number is that JSON has no word for, such as "data['drag'][0]"; empty where none is.
+// Returns the place of a non-finite number in nested dicts and lists, such as "data['drag'][0]"; empty if there is none. JSON
+// cannot represent such numbers.
 inline std::string not_finite(const py::handle& value, const std::string& name, int levels = 32) {
-  if (levels == 0) return "";  // a dict may be within itself
+  if (levels == 0) return "";  // a dict may contain itself
   if (py::isinstance<py::float_>(value)) return std::isfinite(value.cast<double>()) ? "" : name;
   std::string found;
   if (py::isinstance<py::dict>(value)) {
@@ -257,7 +259,7 @@ inline std::string not_finite(const py::handle& value, const std::string& name, 
   return found;
 }
 
-// A dict as JSON. Throws ValueError where it holds what JSON has no word for, such as NaN.
+// Returns a dict as JSON. Throws ValueError for values that JSON cannot represent, such as NaN.
 inline std::string json_text(const py::handle& data, const std::string& name) {
   try {
     const auto of_array = py::cpp_function([](const py::object& value) {  // NumPy's arrays and numbers
@@ -273,7 +275,7 @@ inline std::string json_text(const py::handle& data, const std::string& name) {
   }
 }
 
-// The message of Python for a keyword that does not exist, and the keyword that may be meant.
+// Returns Python's message for an unknown keyword, with the most similar known one.
 inline std::string unexpected_keyword(const std::string& callee, const std::string& keyword,
                                       const std::vector<std::string>& known) {
   const std::vector<std::string_view> names(known.begin(), known.end());

@@ -20,13 +20,14 @@ constexpr Document kDocuments[] = {
 #include "documents.inc"  // made of the stub by documents.py
 };
 
-// A C function, out of what a class or module holds it in.
+// Returns the C function inside a method object; null if there is none.
 PyObject* function_of(PyObject* object) {
   if (PyInstanceMethod_Check(object)) object = PyInstanceMethod_GET_FUNCTION(object);
   return PyCFunction_Check(object) ? object : nullptr;
 }
 
-// CPython reads the signature from the docstring's head, down to "--". pybind11 owns the text, as it owns its own: by malloc.
+// CPython reads the signature from the beginning of the docstring, up to "--". The text must be allocated with malloc, because
+// pybind11 frees it.
 void document_function(PyObject* function, std::string_view name, const Document& document) {
   std::string text(name);
   text.append(document.signature).append("\n--\n\n").append(document.text);
@@ -51,9 +52,9 @@ void document(py::module_& module) {
                                  : py::object(module.attr(std::string(document.path.substr(0, dot)).c_str()));
     const std::string name(dot == std::string_view::npos ? document.path : document.path.substr(dot + 1));
     const py::object dict = owner.attr("__dict__");
-    if (!dict.contains(name)) continue;  // a test tells
+    if (!dict.contains(name)) continue;  // a test reports these
     py::object object = dict[name.c_str()];
-    if (py::hasattr(object, "__func__")) object = object.attr("__func__");  // of a static method
+    if (py::hasattr(object, "__func__")) object = object.attr("__func__");  // static method
     if (PyObject* const function = function_of(object.ptr())) {
       document_function(function, name, document);
     } else {

@@ -1,9 +1,9 @@
-"""Turns envs/flockstep/_core.pyi into the docstrings and signatures that the module has at run time.
+"""Converts envs/flockstep/_core.pyi to the docstrings and signatures that the module has at run time.
 
 usage: documents.py _core.pyi documents.inc
 
-A class, property, method or function has its own. A field that a class declares has what the class says of it under
-"Parameters".
+Classes, properties, methods and functions have their own docstrings. The docstring of a field declared in a class comes
+from the section "Parameters" of the class.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ PARAMETERS = re.compile(r"^Parameters\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.MULTIL
 
 
 def entries(docstring: str) -> dict[str, str]:
-    """Return what the section "Parameters" says of each name."""
+    """Return the description of each name in the section "Parameters"."""
     section = PARAMETERS.search(docstring)
     if section is None:
         return {}
@@ -34,7 +34,7 @@ def entries(docstring: str) -> dict[str, str]:
 
 
 def signature(function: ast.FunctionDef) -> str:
-    """Return the arguments without their types, as CPython reads them from the first line of a docstring."""
+    """Return the arguments without types, in the form that CPython reads from the first line of a docstring."""
     arguments = function.args
     for argument in [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]:
         if argument is not None:
@@ -43,12 +43,12 @@ def signature(function: ast.FunctionDef) -> str:
 
 
 def is_decorated(node: ast.FunctionDef, name: str) -> bool:
-    """Return whether @name or @x.name stands above a function."""
+    """Return whether a function has the decorator @name or @x.name."""
     return any(ast.unparse(decorator).split(".")[-1] == name for decorator in node.decorator_list)
 
 
 def documents(tree: ast.Module) -> list[tuple[str, str, str]]:
-    """Return (path, signature, text) of all that the stub names."""
+    """Return (path, signature, text) for everything that the stub documents."""
     found = [("", "", ast.get_docstring(tree) or "")]
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
@@ -75,7 +75,7 @@ def documents(tree: ast.Module) -> list[tuple[str, str, str]]:
 
 
 def main(stub: Path, out: Path) -> None:
-    """Write the table."""
+    """Write the table of documents as a C++ include file."""
     rows = documents(ast.parse(stub.read_text(encoding="utf-8")))
     literal = 'R"doc({})doc"'
     out.write_text(

@@ -11,7 +11,7 @@
 namespace flockstep::bindings {
 namespace {
 
-// One LiDAR of a batch, which it keeps alive: its ranges are views.
+// One LiDAR of a batch. Keeps the batch alive, because its ranges are views.
 struct LidarView {
   py::object owner;
   std::size_t index;

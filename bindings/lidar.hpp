@@ -7,7 +7,7 @@
 
 namespace flockstep::bindings {
 
-// What Batch.lidar returns; the view keeps its batch alive.
+// Implements Batch.lidar(); the returned view keeps its batch alive.
 pybind11::object lidar_view(const pybind11::object& batch, const std::optional<std::string>& name);
 
 }  // namespace flockstep::bindings

@@ -1,4 +1,4 @@
-// The native module flockstep._core: a list of what it registers.
+// The native module flockstep._core. This file lists the parts that it registers.
 #include <pybind11/pybind11.h>
 
 #include "base/platform.hpp"
@@ -23,7 +23,7 @@ void register_batch(pybind11::module_& module);
 void register_recipe(pybind11::module_& module);
 namespace {
 
-// An object that `cls.__new__(cls)` made has no value yet. pybind11 would give it memory that nobody has written.
+// Rejects objects from a plain `cls.__new__(cls)`, which have no value. pybind11 would give them uninitialized memory.
 void refuse_uninitialised_objects(const pybind11::module_& module) {
   for (const auto& [name, item] : pybind11::dict(module.attr("__dict__"))) {
     if (!pybind11::isinstance<pybind11::type>(item)) continue;

@@ -1,4 +1,4 @@
-// Worlds and drones as arguments: Python passes an object, or its name or path.
+// Converts arguments for worlds and drones: Python passes an object, a name or a path.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -11,11 +11,11 @@
 
 namespace flockstep::bindings {
 
-// The worlds that flockstep.scenes.load() returns for an argument called `worlds`.
+// Returns the worlds that flockstep.scenes.load() gives for an argument called `worlds`.
 std::vector<std::shared_ptr<World>> worlds_argument(const pybind11::object& worlds);
-// One world. Throws ValueError if the argument stands for several.
+// Returns a single world. Throws ValueError if the argument stands for several.
 std::shared_ptr<World> world_argument(const pybind11::object& world);
-// A model, or what DroneModel.load() takes; None is DroneModel::quadrotor650().
+// Returns a drone model from a model or an argument of DroneModel.load(); None means DroneModel::quadrotor650().
 DroneModel drone_argument(const pybind11::object& drone);
 
 }  // namespace flockstep::bindings

@@ -24,7 +24,7 @@ py::object plan_path(const py::object& given_world, const py::object& start, con
   if (progress) {
     report = [&progress, next = std::chrono::steady_clock::now()](double share) mutable {
       const auto now = std::chrono::steady_clock::now();
-      if (now < next) return;  // the interpreter lock costs more than the search in between
+      if (now < next) return;  // the interpreter lock costs more than the search between two calls
       next = now + std::chrono::milliseconds(100);
       const py::gil_scoped_acquire acquire;
       (*progress)(share);

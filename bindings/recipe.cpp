@@ -1,4 +1,4 @@
-// Recipes, and the names of scenes that may stand in them.
+// Recipes, and the scene names that they may use.
 #include "flockstep/recipe.hpp"
 
 #include <pybind11/pybind11.h>
@@ -22,7 +22,7 @@
 namespace flockstep::bindings {
 namespace {
 
-// The task as an argument: a configuration, the id of a registered task, or None.
+// Converts a task argument: a configuration, the id of a registered task, or None.
 TaskConfig task_of(const py::object& task) {
   if (task.is_none()) return {};
   if (std::optional<TaskConfig> config = engine_task(task)) return *std::move(config);
@@ -74,7 +74,7 @@ void register_recipe(py::module_& module) {
            [](const Recipe& recipe) { return "Recipe.from_json(" + std::string(py::repr(py::str(recipe.to_json()))) + ")"; })
       .def(py::pickle([](const Recipe& recipe) { return py::str(recipe.to_json()); },
                       [](const py::str& text) { return Recipe::from_json(text); }));
-  cls.attr("__hash__") = py::none();  // it can change
+  cls.attr("__hash__") = py::none();  // mutable
   const Recipe recipe;
   add_batch_fields(cls, typeid(Recipe), reinterpret_cast<const char*>(&recipe.batch) - reinterpret_cast<const char*>(&recipe));
   cls.attr("_attributes") = module.attr("_other_fields")["BatchConfig"];  // for the stub

@@ -1,4 +1,4 @@
-// Work without the interpreter lock, which Ctrl-C ends, and the warnings that a batch leaves.
+// Runs work without the interpreter lock, interruptible by Ctrl-C, and reports warnings of a batch.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -10,20 +10,21 @@
 
 namespace flockstep::bindings {
 
-// Passes on what the batch has to say, as a RuntimeWarning.
+// Issues the batch's pending warnings as RuntimeWarning.
 inline void warn(Batch& batch) {
   for (std::string warning = batch.take_warning(); !warning.empty(); warning = batch.take_warning()) {
     if (PyErr_WarnEx(PyExc_RuntimeWarning, warning.c_str(), 1) != 0) throw pybind11::error_already_set();
   }
 }
 
-// What a signal's handler raises, such as KeyboardInterrupt, ends work that polls. On the main thread alone, as in all of Python.
+// Raises the exceptions of signal handlers, such as KeyboardInterrupt, to end work that polls. As always in Python, handlers
+// run only on the main thread.
 inline void raise_signals() {
   const pybind11::gil_scoped_acquire acquire;
   if (PyErr_CheckSignals() != 0) throw pybind11::error_already_set();
 }
 
-// Returns what f does.
+// Returns the result of f.
 template <class F>
 auto released(const F& f) {
   const pybind11::gil_scoped_release release;

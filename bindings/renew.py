@@ -1,4 +1,4 @@
-"""Writes the files that are made from the module, or checks that they are as it would make them."""
+"""Writes generated files, or checks that they are up to date."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def renew(texts: Mapping[Path, str]) -> None:
-    """Write the files whose text differs. With ``--check`` among the arguments, name them instead, and exit with 1."""
+    """Write the files whose text differs. With ``--check`` on the command line, print their names and exit with 1."""
     stale = [path for path, text in texts.items() if path.read_text(encoding="utf-8") != text]
     if "--check" not in sys.argv:
         for path in stale:

@@ -1,7 +1,7 @@
-"""Writes what scene files may hold, from the module's list of their keys; --check only compares.
+"""Generates the schema and the tables of scene files from the module's list of their keys; --check only compares.
 
-That is ``scenes/schema.json`` and, in ``docs/conventions.md``, the part between "<!-- scene keys -->" and
-"<!-- /scene keys -->". Run it after a change of ``engine/src/world/scene_keys.hpp``, with the module built.
+Writes ``scenes/schema.json`` and the part of ``docs/conventions.md`` between "<!-- scene keys -->" and
+"<!-- /scene keys -->". Run it with the module built after a change of ``engine/src/world/scene_keys.hpp``.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ ABOUT = (
     "are in range, triangles have an area."
 )
 
-Key = dict[str, Any]  # as _core._scene_keys() describes one
+Key = dict[str, Any]  # a key from _core._scene_keys()
 Schema = dict[str, Any]
 
 # -------------------------------------------------------------------------------------------------------------- schema
 
 
 def either(options: Sequence[Sequence[Key]]) -> list[Schema]:
-    """Return a schema for each alternative: its required keys, and none of the other alternatives' keys."""
+    """Return a schema for each alternative: it requires its keys and forbids those of the others."""
     schemas = []
     for option in options:
         others = [{"required": [key["name"]]} for other in options if other is not option for key in other]
@@ -51,7 +51,7 @@ def object_schema(keys: Sequence[Key]) -> Schema:
     numbers = sorted({key["alternative"] for key in keys} - {0})
     if numbers:
         schema["oneOf"] = either([[key for key in keys if key["alternative"] == number] for number in numbers])
-    if {"visible", "solid"} <= {key["name"] for key in keys}:  # a solid is one of them
+    if {"visible", "solid"} <= {key["name"] for key in keys}:  # a solid must be visible or solid
         neither: Schema = {name: {"const": False} for name in ("visible", "solid")}
         schema["not"] = {"required": list(neither), "properties": neither}
     schema["additionalProperties"] = False
@@ -84,7 +84,7 @@ def value_schema(key: Key) -> Schema:
 
 
 def key_schema(key: Key) -> Schema:
-    """Return the schema of all that a key holds."""
+    """Return the schema of the value or values of a key."""
     schema = value_schema(key)
     size, count = key["size"], key["count"]
     if size:
@@ -100,7 +100,7 @@ def key_schema(key: Key) -> Schema:
 
 
 def some_solid(keys: Sequence[Key]) -> list[Schema]:
-    """Return schemas, one of which a scene keeps to: it has a room, or something solid in one of its lists."""
+    """Return schemas, one of which a scene must match: it has a room, or something solid in one of its lists."""
     options: list[Schema] = [{"required": ["room"]}]
     for key in keys:
         names = {inner["name"] for inner in key.get("keys", ())}
@@ -125,12 +125,12 @@ def schema_text(keys: Sequence[Key]) -> str:
 
 
 def plain(number: float) -> float:
-    """Return a whole number as one: 4, not 4.0."""
+    """Return a whole number as an int: 4, not 4.0."""
     return int(number) if number == int(number) else number
 
 
 def written(value: Any, indent: str = "", used: int = 0) -> str:
-    """Return JSON on one line if it fits, otherwise with a line for each item. ``used``: columns taken already."""
+    """Return JSON on one line if it fits, otherwise with a line per item. ``used`` is the number of columns in use."""
     line = json.dumps(value)
     if not isinstance(value, (dict, list)) or len(indent) + used + len(line) < WIDTH:
         return line
@@ -146,12 +146,12 @@ def written(value: Any, indent: str = "", used: int = 0) -> str:
 
 
 def number_text(number: float) -> str:
-    """Return a number as the table has it: 1e-6, 65532."""
+    """Return a number in the format of the tables: 1e-6, 65532."""
     return f"{number:.6g}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def values_text(key: Key) -> str:
-    """Return what a key may hold, in words."""
+    """Describe the allowed values of a key."""
     kind, size = key["kind"], key["size"]
     limits = f" in [{number_text(key['least'])}, {number_text(key['greatest'])}]" if "least" in key else ""
     words = {
@@ -173,7 +173,7 @@ def values_text(key: Key) -> str:
 
 
 def default_text(key: Key, siblings: Sequence[Key]) -> str:
-    """Return what holds for an object without the key."""
+    """Describe the default of a key."""
     if "default" in key:
         return f"`{json.dumps(key['default'])}`"
     if not key["required"]:
@@ -184,7 +184,7 @@ def default_text(key: Key, siblings: Sequence[Key]) -> str:
 
 
 def tables_text(keys: Sequence[Key]) -> str:
-    """Return the tables of docs/conventions.md: the keys of a scene, then those of its objects, each key once."""
+    """Return the tables of docs/conventions.md: the keys of a scene, then the keys of its objects, each listed once."""
     rows: list[tuple[Key, str, list[str]]] = []
 
     def add(owner: str, inner: Sequence[Key]) -> None:
@@ -206,7 +206,7 @@ def tables_text(keys: Sequence[Key]) -> str:
 
 
 def document_text(text: str, keys: Sequence[Key]) -> str:
-    """Return a document with its tables written again."""
+    """Return a document with its tables regenerated."""
     before, rest = text.split(BEGIN)
     _, after = rest.split(END)
     return before + BEGIN + tables_text(keys) + END + after

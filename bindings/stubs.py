@@ -1,10 +1,10 @@
-"""Writes the parts of the stub and of the documents that are made from lists in the engine; --check only compares.
+"""Generates the parts of the stub and the documents that come from lists in the engine; --check only compares.
 
-The parts stand between marks: "# fields of A, B" and "# end of fields" in envs/flockstep/_core.pyi (attributes and
+The parts are between marks: "# fields of A, B" and "# end of fields" in envs/flockstep/_core.pyi (attributes and
 __init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`); "# arrays of A" and "# end of arrays" in
 _core.pyi; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
-fields -->". The section "Parameters" that ends the docstring above "# fields of A" in _core.pyi is made, too. Run it
-after a change of such a list, with the module built, and build again: the module's docstrings are those of the stub.
+fields -->". The section "Parameters" at the end of the docstring above "# fields of A" in _core.pyi is also generated.
+Run it with the module built after a change of such a list, then build again: the module's docstrings come from the stub.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ ARRAY_TYPES = {
     "float64": "_F64",
 }
 Field = dict[str, str]
-OWN_KEYWORDS = ("autoreset_mode", "max_episode_steps", "observation")  # of DroneVectorEnv, spelled out there
+OWN_KEYWORDS = ("autoreset_mode", "max_episode_steps", "observation")  # of DroneVectorEnv, which defines them itself
 
 
 def default_text(value: Any) -> str:
-    """Return a default as a stub has it."""
+    """Return a default in the format of a stub."""
     if isinstance(value, (list, tuple)):
-        # CPython drops a comma before a bracket where it reads a signature from a docstring: no tuple of one.
+        # CPython drops a comma before a bracket in a docstring's signature, so a tuple of one becomes a list.
         return repr(list(value) if len(value) == 1 else tuple(value)).replace("'", '"')
     if isinstance(value, float):
         return repr(float(f"{value:.6g}"))
@@ -49,7 +49,7 @@ def default_text(value: Any) -> str:
 
 
 def folded(line: str) -> list[str]:
-    """Return a line as ruff formats it: a list that is too long has a line for each of its items."""
+    """Return a line as ruff formats it: a list that is too long gets one line per item."""
     found = re.match(r"^( *)(.*Literal\[)(.*)(\].*)$", line)
     if len(line) <= 120 or not found:
         return [line]
@@ -64,12 +64,12 @@ def types_of(config: type[Any]) -> dict[str, str]:
 
 
 def values_text(field: Field) -> str:
-    """Return the values that a field may have, with their unit: "(0, 360] deg"."""
+    """Return the allowed values of a field with their unit: "(0, 360] deg"."""
     return f"{re.sub('^in |(?<=, )in ', '', field['values'])} {field['unit']}".strip()
 
 
 def short_default(field: Field) -> str:
-    """Return the repr of a default; of a configuration only its class."""
+    """Return the repr of a default; for a configuration only its class."""
     return re.sub(r"^(\w+)\(.*\)$", r"\1()", field["default"])
 
 
@@ -106,7 +106,7 @@ def class_body(indent: str, config: type[Any]) -> list[str]:
     """Return the attributes and the __init__ of a configuration."""
     types = types_of(config)
     attributes = [f"{indent}{name}: {text}" for name, text in types.items()]
-    if not hasattr(config, "__match_args__"):  # not made from keywords
+    if not hasattr(config, "__match_args__"):  # no keyword constructor
         return [part for line in attributes for part in folded(line)]
     defaults = config()
     lines = [f"{indent}__match_args__: ClassVar[tuple[str, ...]]", *attributes]
@@ -157,7 +157,7 @@ def array_table(classes: list[type[Any]]) -> list[str]:
 
 
 def with_fields(path: Path) -> str:
-    """Return the text of a Python file with the fields of configurations, and what docstrings say of them."""
+    """Return a Python file's text with the fields of configurations and their docstrings regenerated."""
     text = path.read_text(encoding="utf-8")
     new, end = "", 0
     for match in MARKED.finditer(text):
@@ -174,7 +174,7 @@ def with_fields(path: Path) -> str:
 
 
 def renewed(path: Path) -> str:
-    """Return a file's text with its marked parts written again."""
+    """Return a file's text with its marked parts regenerated."""
 
     def replace_arrays(match: re.Match[str]) -> str:
         indent, name = match.group(1), match.group(2)

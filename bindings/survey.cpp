@@ -1,4 +1,4 @@
-// What a World tells of itself: methods of the class that world.cpp registers.
+// Query methods of World. world.cpp registers the class.
 #include "flockstep/survey.hpp"
 
 #include <pybind11/stl.h>
@@ -75,7 +75,7 @@ py::dict cloud(const World& world, float spacing_m) {
   return result;
 }
 
-// An array of the grid that takes the memory over.
+// Returns a grid as an array that takes ownership of the memory.
 template <class Seen, class T>
 py::array_t<Seen> cells(const CellGrid& grid, std::vector<T>&& values) {
   auto owned = std::make_unique<std::vector<T>>(std::move(values));

@@ -1,4 +1,4 @@
-// Tasks: their specifications, tasks written in Python, and tasks from a shared library.
+// Task specifications, tasks written in Python, and tasks from shared libraries.
 #include "task.hpp"
 
 #include <pybind11/functional.h>
@@ -28,7 +28,7 @@ namespace flockstep {
 namespace bindings {
 namespace {
 
-// One task of a shared library, which ends with FLOCKSTEP_EXPORT_TASK.
+// A task of a shared library that uses FLOCKSTEP_EXPORT_TASK.
 struct NativeTask {
   std::string path;
   Task* (*make)();
@@ -47,8 +47,8 @@ NativeTask load_task(const py::object& given) {
   return {path, reinterpret_cast<Task* (*)()>(load_function(path, "flockstep_make_task"))};
 }
 
-// A task whose methods are Python's. They take and return arrays with the rows of spec().row; the names are those of their
-// caller, flockstep.task.TaskCalls.
+// A task implemented in Python. Its methods take and return arrays with the rows of spec().row. The Python method names are
+// those of flockstep.task.TaskCalls.
 class PythonTask final : public Task {
  public:
   PythonTask(TaskSpec spec, std::string identity, int max_episode_steps, py::object calls)
@@ -63,14 +63,14 @@ class PythonTask final : public Task {
   const TaskSpec& spec() const override { return spec_; }
   TaskDefaults defaults() const override { return {.max_episode_steps = max_episode_steps_}; }
   std::string identity() const override { return identity_; }
-  bool takes(Control) const override { return true; }  // what act() returns has to be what it means
+  bool takes(Control) const override { return true; }  // act() must return setpoints for this control
   bool takes_all_envs_at_once() const override { return true; }
 
   void setup(const TaskContext& context) override {
     is_per_drone_ = spec_.row == Row::drone;
     num_rows_ = is_per_drone_ ? context.num_drones() : context.num_envs();
   }
-  void place(const TaskBlock&) override {}  // Task.reset does both
+  void place(const TaskBlock&) override {}  // Task.reset places and begins
 
   void begin(const TaskBlock& block) override {
     const py::gil_scoped_acquire acquire;
@@ -110,7 +110,7 @@ class PythonTask final : public Task {
       setpoints.target[drone] = {Vec3(p[3 * drone], p[3 * drone + 1], p[3 * drone + 2]), Quat::Identity()};
       const float* const wxyz = (q.empty() ? std::span<const float>(state.quat_wxyz) : q).data() + 4 * drone;
       Quat& rotation = setpoints.target[drone].rotation = Quat(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
-      const float norm = rotation.norm();  // not finite: a bad state, which the batch deals with
+      const float norm = rotation.norm();  // not finite: the batch handles this as a bad state
       if (std::isfinite(norm) && std::abs(norm - 1.0F) > 1e-2F) {
         throw py::value_error("act: expected unit quaternions, got one of norm " + std::to_string(norm) + " in row " +
                               std::to_string(drone));
@@ -177,7 +177,7 @@ class PythonTask final : public Task {
   }
 
  private:
-  // The batch ends the episode of a row with such a value and goes on; the author of the task needs to know which it was.
+  // The batch ends the episode of a row with such a value and continues. This reports the row to the author of the task.
   void report(const std::string& what, std::size_t row, double value) const { calls_->attr("report")(what, row, value); }
 
   // Calls f(row) for each row of the block.
@@ -190,7 +190,7 @@ class PythonTask final : public Task {
     }
   }
 
-  // The number that makes a pose no pose in the world.
+  // Returns the number that makes a pose invalid.
   static double worst_of(const Pose& pose) {
     for (const float x : pose.position) {
       if (!is_in_world(x)) return x;
@@ -231,12 +231,12 @@ class PythonTask final : public Task {
   std::string identity_;
   int max_episode_steps_;
   std::shared_ptr<py::object> calls_;
-  std::string state_;  // as the last snapshot has it
+  std::string state_;  // from the last snapshot
   bool is_per_drone_ = true;
   std::size_t num_rows_ = 0;
 };
 
-// What makes one; a batch has a task of its own.
+// Creates PythonTasks; each batch has its own task.
 struct PythonTaskMaker {
   TaskSpec spec;
   std::string identity;
@@ -253,7 +253,7 @@ Field make_field(const std::string& name, const std::string& dtype, std::vector<
   return {.name = name, .type = enum_of<DType>(dtype, "dtype"), .shape = std::move(shape), .low = {low}, .high = {high}};
 }
 
-// The bounds of a field: one number if they are all the same, otherwise the least and the greatest.
+// Describes the bounds of a field: one number if all are equal, otherwise the least and the greatest.
 std::string describe_bounds(const std::vector<double>& values) {
   const auto [least, greatest] = std::ranges::minmax(values);
   const std::string low = py::repr(py::float_(least));

@@ -1,4 +1,4 @@
-// Tasks across the boundary: what Batch(task=...) takes.
+// Converts tasks for Batch(task=...).
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -12,13 +12,13 @@
 
 namespace flockstep::bindings {
 
-// The configuration of a task of the engine; nothing for other objects.
+// Returns the configuration of an engine task; nothing for other objects.
 std::optional<TaskConfig> engine_task(const pybind11::object& description);
 
-// Their classes, for messages: "one of NavigationConfig, ...".
+// Names the configuration classes of the engine's tasks, for messages: "one of NavigationConfig, ...".
 std::string names_of_task_configs();
 
-// A new task from the configuration of one of the engine, a NativeTask or a PythonTask; null for None.
+// Creates a task from an engine task's configuration, a NativeTask or a PythonTask; null for None.
 std::unique_ptr<Task> make_task(const pybind11::object& description);
 
 }  // namespace flockstep::bindings

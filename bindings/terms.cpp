@@ -1,4 +1,4 @@
-// The engine's terms, for tasks in Python: each a pass over the batch as it is now.
+// The engine's terms for Python tasks. Each term is computed in one pass over the batch's current state.
 #include "terms.hpp"
 
 #include "arrays.hpp"
@@ -25,7 +25,7 @@ const World& world_of(const Batch& batch, std::size_t drone) {
   return *batch.world_of(EnvIndex(drone / static_cast<std::size_t>(batch.config().drones_per_env)));
 }
 
-// The goal of each drone: the waypoint that goal_index names, else the goal marker of its world.
+// Returns the goal of each drone: the waypoint at goal_index, or else the goal marker of its world.
 std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   const Batch& batch = terms.batch();
   const auto n = static_cast<py::ssize_t>(terms.size());
@@ -45,17 +45,17 @@ std::vector<Vec3> goals(const Terms& terms, const py::object& goal_index) {
   return result;
 }
 
-// Returns f(drone) of each, as a new array.
+// Returns f(drone) for each drone as a new array.
 template <class T, class F>
 py::array_t<T> per_drone(const Terms& terms, const F& f) {
-  const std::size_t n = terms.size();  // looked up in Python, once
+  const std::size_t n = terms.size();  // one lookup in Python
   py::array_t<T> array(static_cast<py::ssize_t>(n));
   T* const values = array.mutable_data();
   for (std::size_t drone = 0; drone < n; ++drone) values[drone] = static_cast<T>(f(drone));
   return array;
 }
 
-// What the LiDAR sees, a row of rays for each drone.
+// LiDAR scans, one row of rays for each drone.
 struct Scans {
   explicit Scans(const Batch& batch) {
     batch.require_scan();
@@ -80,7 +80,7 @@ py::array_t<double> goal_distance(const Terms& terms, const py::object& goal_ind
   });
 }
 
-// Where an episode begins by default: the start marker of each env's world.
+// Returns the default start of an episode: the start marker of each env's world.
 py::array_t<float> start(const Terms& terms) {
   const Batch& batch = terms.batch();
   std::vector<Vec3> points;

@@ -4,7 +4,7 @@
 
 namespace flockstep::bindings {
 
-// What Batch.terms returns; it keeps its batch alive.
+// Implements Batch.terms; the returned object keeps its batch alive.
 pybind11::object terms_of(const pybind11::object& batch);
 
 }  // namespace flockstep::bindings

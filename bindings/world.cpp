@@ -14,7 +14,7 @@
 namespace flockstep::bindings {
 namespace {
 
-// Scene names are resolved in Python, which knows where the package keeps its files, and which scenes it makes.
+// Resolves a scene name in Python, where the paths of packaged files and the names of generated scenes are known.
 py::object found(const py::object& source) { return py::module_::import("flockstep.scenes").attr("find")(source); }
 
 UpAxis up_axis(const std::string& name) {
@@ -60,7 +60,7 @@ py::list primitives(const World& world) {
 
 py::tuple triple(const std::array<float, 3>& v) { return py::make_tuple(v[0], v[1], v[2]); }
 
-// The semantic ids are shown as cameras report them.
+// Returns the materials. Semantic ids are those that cameras report.
 py::list materials(const World& world) {
   py::list list;
   for (std::size_t i = 0; i < world.materials().size(); ++i) {
@@ -93,7 +93,7 @@ py::dict light(const World& world) {
 
 using Color = std::optional<std::array<float, 3>>;
 
-// tint: a colour for all materials, or one for each.
+// `tint` is one colour for all materials, or one per material.
 std::shared_ptr<World> with_light(const std::shared_ptr<World>& world, const Color& sun_direction, const Color& sun_color,
                                   const Color& sky_ambient, const Color& ground_ambient, const Color& zenith_color,
                                   const Color& horizon_color, const std::optional<float>& gamma,

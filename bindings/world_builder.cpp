@@ -187,7 +187,7 @@ void register_world_builder(py::module_& module) {
           },
           py::arg("min"), py::arg("max"))
       .def("build", [](const WorldBuilder& b) {
-        const WorldBuilder copy = b;  // another thread may add to it once the interpreter lock is released
+        const WorldBuilder copy = b;  // another thread may modify it after the interpreter lock is released
         return std::const_pointer_cast<World>(released([&] { return copy.build(); }));
       });
 }

@@ -12,7 +12,7 @@ namespace {
 
 namespace py = pybind11;
 
-// The worlds that the threads of flockstep.world_pool.Builds build. It waits in Python, where Ctrl-C ends the wait.
+// Worlds that the threads of flockstep.world_pool.Builds build. The wait for a world is in Python, so that Ctrl-C can end it.
 class Builds final : public WorldSource {
  public:
   explicit Builds(py::object builds)

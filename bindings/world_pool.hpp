@@ -1,4 +1,4 @@
-// Pools of worlds across the boundary: what Batch(worlds=...) takes beside a list.
+// Converts world pools, which Batch(worlds=...) accepts in addition to lists.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -10,7 +10,7 @@
 
 namespace flockstep::bindings {
 
-// The pool that a flockstep.WorldPool describes, for a batch of this configuration; nothing where it is something else.
+// Returns the pool that a flockstep.WorldPool describes, for a batch with this configuration; nothing for other objects.
 std::optional<WorldPool> world_pool(const pybind11::object& worlds, const BatchConfig& config);
 
 }  // namespace flockstep::bindings

@@ -2,6 +2,7 @@
 // That motion is checked only when the node is expanded. A motion is clear if a sweep of the drone's hull through the exact
 // world hits nothing. Source: A. Nash, S. Koenig, C. Tovey, "Lazy Theta*: any-angle path planning and path length analysis in
 // 3D", AAAI 2010.
+//
 // Grids are searched from coarse to fine. A coarse grid finds the right corridor for a small part of the work, and pulling its
 // path taut makes up for its large cells. Once there is a path, a finer grid is searched only for a shorter path, and only if
 // that search is small.

@@ -1,4 +1,5 @@
 // Converts configurations to JSON and back, based on their lists of fields.
+//
 // A configuration is an object with a member for each field, in the order of the list. A list of fields that are all bools,
 // such as CameraOutputs, is an array of the names of the true ones. Enumerations are names, and unset optionals are null. Every
 // float32 is read back with the same bits.
