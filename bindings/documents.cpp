@@ -17,7 +17,7 @@ struct Document {
 };
 
 constexpr Document kDocuments[] = {
-#include "documents.inc"  // made of the stub by documents.py
+#include "documents.inc"  // generated from the stub by documents.py
 };
 
 // Returns the C function inside a method object; null if there is none.

@@ -4,7 +4,8 @@ The parts are between marks: "# fields of A, B" and "# end of fields" in envs/fl
 __init__) and envs/flockstep/vector_env.py (the keywords of `DroneVectorEnv`); "# arrays of A" and "# end of arrays" in
 _core.pyi; in docs/, "<!-- arrays of A, B -->" and "<!-- end of arrays -->", "<!-- fields of A -->" and "<!-- end of
 fields -->". The section "Parameters" at the end of the docstring above "# fields of A" in _core.pyi is also generated.
-Run it with the module built after a change of such a list, then build again: the module's docstrings come from the stub.
+Run it with the module built after a change of such a list, then build again, because the module's docstrings come from
+the stub.
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ Image decode_jpeg(std::span<const std::uint8_t> file, const std::string& source,
     refuse(source, "a JPEG file of grey or of red, green and blue", "one of inks");
   Image image{width, height,
               std::vector<std::uint8_t>(std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height))};
-  // Without these flags, missing parts of a truncated file would become grey with only a warning.
+  // Without TJFLAG_STOPONWARNING, missing parts of a truncated file would become grey with only a warning.
   constexpr int kFlags = TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS;
   if (tjDecompress2(decoder.get(), file.data(), file.size(), image.rgba.data(), width, 0, height, TJPF_RGBA, kFlags) != 0) {
     damaged();
