@@ -20,9 +20,9 @@ inline constexpr const char* kGltfSolid = "collision_only";
 
 // Extras of a node with a mesh: either a primitive or an object.
 struct GltfNodeExtras {
-  // The primitive whose gltf_tessellation() the mesh is, in the node's frame with z up. Half extents are 1 (0 across a plane or
-  // a disc), so that the node's scale is the primitive's size. Only capsules, whose shape a scale changes, have their own half
-  // extents.
+  // The mesh is the gltf_tessellation() of this primitive, in the node's frame with z up. Half extents are 1 (0 across a plane
+  // or a disc), so that the node's scale is the primitive's size. Only capsules have their own half extents, because a scale
+  // changes their shape.
   std::optional<Primitive> primitive;
   // The object's number in TriangleMesh::objects. The glTF primitives of such a mesh share vertices, and all keep their uv.
   std::optional<std::uint16_t> object;

@@ -177,8 +177,8 @@ class GltfWriter {
     }
   }
 
-  // Triangles, planes and discs are two-sided. Solids show their outside; a room shows its inside, so that one can look into
-  // it.
+  // Triangles, planes and discs are two-sided. Solids show their outside. A room shows its inside, so that the view into it is
+  // free.
   void write_materials() {
     std::vector<bool> is_double(world_.materials.size(), false);
     for (const std::uint16_t material : world_.mesh.materials) is_double[material] = true;
